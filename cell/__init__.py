@@ -1,0 +1,1 @@
+"""The contract everybody shares: devices, samples, clocks, errors, motion, journal and results."""

@@ -1,0 +1,249 @@
+"""What a device offers. Small Protocols; drivers implement them, procedures use nothing else.
+
+All quantities are SI; poses are ``RigidTransform`` ``T_a_b`` unless a name ends in ``pose6``.
+"""
+
+from collections.abc import AsyncIterator, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
+
+from cell.poses import Array, from_pose6
+from cell.samples import Stream
+
+
+class DeviceState(StrEnum):
+    """Life of a device as the supervisor drives it."""
+
+    CLOSED = "CLOSED"
+    CONNECTING = "CONNECTING"
+    READY = "READY"
+    DEGRADED = "DEGRADED"
+    RETRYING = "RETRYING"
+    FAULTED = "FAULTED"
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Who a device says it is. Twin serials begin with 9999."""
+
+    model: str
+    serial: str
+    version: str = ""
+    extra: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def is_twin(self) -> bool:
+        return self.serial.startswith("9999")
+
+
+@runtime_checkable
+class Device(Protocol):
+    """Anything with a link. Opening, reconnecting and health are the supervisor's business.
+
+    ``open`` connects once or raises; it never retries. ``wait_lost`` returns the error that ended the link.
+    After an error ``close`` and ``open`` again: drivers never reconnect by themselves.
+    """
+
+    name: str
+
+    async def open(self) -> None: ...
+    async def close(self) -> None: ...
+    async def identify(self) -> Identity: ...
+    async def wait_fresh(self, timeout: float) -> None:
+        """Return when a sample taken after the call has arrived, else ``DEVICE_LOST``."""
+        ...
+
+    async def wait_lost(self) -> Exception:
+        """Block while the link is good; return what broke it."""
+        ...
+
+    def health(self) -> dict[str, Any]:
+        """Plain numbers and texts for status pages."""
+        ...
+
+
+class SafetyMode(IntEnum):
+    """UR safety modes as RTDE reports them."""
+
+    NORMAL = 1
+    REDUCED = 2
+    PROTECTIVE_STOP = 3
+    RECOVERY = 4
+    SAFEGUARD_STOP = 5
+    SYSTEM_EMERGENCY_STOP = 6
+    ROBOT_EMERGENCY_STOP = 7
+    VIOLATION = 8
+    FAULT = 9
+
+
+@dataclass(frozen=True, slots=True)
+class ArmState:
+    """One package of the arm's state stream; SI, base frame."""
+
+    q: Array  # (6,) joint positions, rad
+    qd: Array  # (6,) joint speeds, rad/s
+    tcp_pose6: Array  # (6,) pose of the active TCP in base
+    tcp_speed: Array  # (6,) m/s and rad/s
+    tcp_force: Array  # (6,) N and Nm
+    tcp_offset6: Array  # (6,) active TCP in the flange, as read back from the controller
+    robot_mode: int  # 7 is running
+    safety_mode: int
+    program_running: bool
+    digital_in: int
+    digital_out: int
+    stamp: float  # controller's own clock, s
+
+    @property
+    def T_base_flange(self) -> RigidTransform:
+        return from_pose6(self.tcp_pose6) * from_pose6(self.tcp_offset6).inv()
+
+    @property
+    def at_rest(self) -> bool:
+        """No joint turns faster than 0.002 rad/s (about 1 mm/s at a metre)."""
+        return bool(np.max(np.abs(self.qd)) < 0.002)
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Limits of one move."""
+
+    tcp_m_s: float
+    tcp_m_s2: float
+    joint_rad_s: float
+    joint_rad_s2: float
+
+
+@dataclass(frozen=True)
+class ToolSettings:
+    """What a lease writes into the controller and reads back."""
+
+    T_flange_tool: RigidTransform
+    payload_kg: float
+    centre_of_mass: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class TrajectoryPiece:
+    """Joint polynomials in cell time: ``q(t) = sum_k coefficients[k] (t - t0)^k`` until ``t1``."""
+
+    t0: float
+    t1: float
+    coefficients: Array  # (degree + 1, 6)
+
+
+class MotionPort(Protocol):
+    """The arm's motion side; exists only while a lease does. Every call has a deadline of its own."""
+
+    async def move_joints(self, q: Array, speed: Speed) -> None:
+        """Move in joint space; returns when the *measured* joints agree, else raises."""
+        ...
+
+    async def move_linear(self, T_base_flange: RigidTransform, speed: Speed) -> None:
+        """Move the TCP on a line to where the flange has this pose; returns when measured there."""
+        ...
+
+    async def stream(self, pieces: AsyncIterator[TrajectoryPiece]) -> None:
+        """Follow polynomials as servo set-points; a piece not renewed in time ends in a ramp to rest."""
+        ...
+
+    async def guarded_move(
+        self, T_base_flange: RigidTransform, speed: Speed, max_force_n: float, max_travel_m: float
+    ) -> bool:
+        """Linear move that stops at a force along the way; True when the force ended it."""
+        ...
+
+    async def decelerate(self) -> None:
+        """End whatever moves and decelerate; harmless at rest."""
+        ...
+
+    async def close(self) -> None:
+        """End the motion client; the controller's watchdog takes over if it will not go."""
+        ...
+
+
+class Arm(Device, Protocol):
+    """A six-axis arm: state always, motion only through a port that a lease opens."""
+
+    state: Stream[ArmState]
+
+    def check_movable(self) -> None:
+        """Raise the coded error that forbids motion now (stale, safety, local mode, foreign program)."""
+        ...
+
+    def fault(self) -> Exception | None:
+        """The coded error that the newest package shows, or None."""
+        ...
+
+    async def open_motion(self, tool: ToolSettings) -> MotionPort:
+        """Start the motion client, set and read back TCP and payload. Only a lease calls this."""
+        ...
+
+    async def stop_script(self) -> None:
+        """Stop ladder, step two: end the motion client and make the controller run a stop."""
+        ...
+
+    async def stop_program(self) -> None:
+        """Stop ladder, step three: the dashboard's stop."""
+        ...
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """Pinhole camera with OpenCV's distortion; pixel centres at integer coordinates."""
+
+    width: int
+    height: int
+    K: tuple[float, float, float, float]  # fx, fy, cx, cy
+    dist: tuple[float, ...] = ()
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        fx, fy, cx, cy = self.K
+        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True, slots=True)
+class BoardView:
+    """A detected target in one frame: ``corners[i]`` is the image of target point ``ids[i]``."""
+
+    ids: NDArray[np.int64]  # (n,)
+    corners: Array  # (n, 2) pixels
+    mean_grey: float
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One exposure as the vision child reports it; ``t_exposure`` is the middle of the exposure."""
+
+    seq: int
+    t_exposure: float
+    exposure_s: float
+    intrinsics: Intrinsics
+    board: BoardView | None
+    serial: str
+    colour_file: Path | None = None
+    depth_file: Path | None = None
+
+
+class DepthCamera(Device, Protocol):
+    """A colour and depth camera whose frames are looked at in a child process."""
+
+    frames: Stream[Frame]
+
+    async def set_target(self, target: dict[str, Any] | None) -> None:
+        """Choose the board to look for (a capture set's ``target`` table); None looks for nothing."""
+        ...
+
+    async def capture(self, count: int, folder: Path, stem: str, after: float) -> Sequence[Frame]:
+        """``count`` frames exposed wholly after ``after``, with colour and depth files in ``folder``.
+
+        Files are ``<stem>-<k>.png`` (colour) and ``<stem>-<k>-depth.png`` (16 bit, mm), on disk when this
+        returns. ``DEVICE_LOST`` when frames stop.
+        """
+        ...

@@ -1,0 +1,114 @@
+"""Coded errors: every failure that a person or a PLC can meet has a number, a text and a hint.
+
+The catalogue (``catalogue.toml``) is the single list; the class of an error decides the reaction, so a
+caller never guesses. ``error("ARM_PROTECTIVE_STOP", "safety mode 3")`` makes the right class.
+"""
+
+import tomllib
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cache
+from importlib.resources import files
+
+
+class Reaction(StrEnum):
+    """What the daemon does when an error of this kind reaches it."""
+
+    RETRY = "retry"  # a link or a device: the supervisor tries again
+    ABORT = "abort"  # the job ends
+    LATCH = "latch"  # the job ends and nothing moves before an operator resets
+    INPUT = "input"  # the person at the keyboard has to change something
+    REFUSE = "refuse"  # the request is not possible now; nothing happened
+    INTERNAL = "internal"  # a defect of ours
+
+
+@dataclass(frozen=True)
+class CatalogueEntry:
+    """One line of the catalogue."""
+
+    name: str
+    code: int
+    reaction: Reaction
+    text: str
+    hint: str
+
+
+@cache
+def catalogue() -> dict[str, CatalogueEntry]:
+    """All known errors by name."""
+    raw = tomllib.loads(files("cell").joinpath("catalogue.toml").read_text("utf-8"))
+    return {
+        name: CatalogueEntry(name, int(e["code"]), Reaction(e["reaction"]), e["text"], e["hint"])
+        for name, e in raw.items()
+    }
+
+
+def find_entry(code: str | int) -> CatalogueEntry | None:
+    """The entry for a name or a number, or None."""
+    text = str(code)
+    for entry in catalogue().values():
+        if text.upper() == entry.name or text == str(entry.code):
+            return entry
+    return None
+
+
+class CellError(Exception):
+    """A coded error. ``name`` and ``code`` come from the catalogue, ``detail`` says what was seen."""
+
+    reaction = Reaction.INTERNAL
+
+    def __init__(self, name: str, detail: str = "") -> None:
+        entry = catalogue()[name]
+        self.name, self.code, self.hint, self.detail = name, entry.code, entry.hint, detail
+        super().__init__(f"{entry.text}: {detail}" if detail else entry.text)
+
+    def __reduce__(self) -> tuple[object, tuple[str, str]]:
+        return error, (self.name, self.detail)
+
+    def as_dict(self) -> dict[str, object]:
+        """For journals, results and ``--json``."""
+        return {"code": self.code, "name": self.name, "text": str(self), "hint": self.hint}
+
+
+class RetryError(CellError):
+    """A link or device failed; the supervisor reconnects, a job that used it ends."""
+
+    reaction = Reaction.RETRY
+
+
+class AbortError(CellError):
+    """The job cannot go on."""
+
+    reaction = Reaction.ABORT
+
+
+class LatchError(CellError):
+    """The job ends and motion stays refused until an operator resets."""
+
+    reaction = Reaction.LATCH
+
+
+class InputError(CellError):
+    """A config, file or argument is wrong."""
+
+    reaction = Reaction.INPUT
+
+
+class RefusedError(CellError):
+    """The request cannot be served now; nothing happened."""
+
+    reaction = Reaction.REFUSE
+
+
+class InternalError(CellError):
+    """A defect of the program."""
+
+
+_CLASSES: dict[Reaction, type[CellError]] = {
+    c.reaction: c for c in (RetryError, AbortError, LatchError, InputError, RefusedError, InternalError)
+}
+
+
+def error(name: str, detail: str = "") -> CellError:
+    """The error ``name`` from the catalogue, in the class that its reaction asks for."""
+    return _CLASSES[catalogue()[name].reaction](name, detail)

@@ -1,0 +1,102 @@
+"""Time-stamped readings and the history they live in."""
+
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import islice
+from typing import Generic, TypeVar
+
+from cell.clock import Clock
+from cell.errors import error
+
+T = TypeVar("T")
+
+
+class Quality(StrEnum):
+    """How far a reading can be trusted."""
+
+    GOOD = "good"
+    DEGRADED = "degraded"
+
+
+@dataclass(frozen=True, slots=True)
+class Sample(Generic[T]):
+    """One reading: ``value`` was so at ``t`` (CLOCK_MONOTONIC seconds), give or take ``dt`` seconds."""
+
+    value: T
+    t: float
+    dt: float
+    seq: int
+    quality: Quality = Quality.GOOD
+
+
+class Stream(Generic[T]):
+    """Recent samples of one source, oldest first.
+
+    A new ``epoch`` begins at every reconnect: interpolation and waiting never bridge two epochs.
+    ``gaps`` counts the samples that the source numbered and we did not get.
+    """
+
+    def __init__(self, name: str, clock: Clock, keep: int = 4096) -> None:
+        self.name, self.clock = name, clock
+        self.epoch = 0
+        self.received = 0
+        self.gaps = 0
+        self._samples: deque[Sample[T]] = deque(maxlen=keep)
+        self._listeners: list[Callable[[Sample[T]], None]] = []
+
+    def new_epoch(self) -> None:
+        """Forget the history: the source was reconnected or its meaning changed."""
+        self.epoch += 1
+        self._samples.clear()
+
+    def push(self, sample: Sample[T]) -> None:
+        """Append a sample; ``seq`` and ``t`` must grow within an epoch."""
+        if self._samples:
+            last = self._samples[-1]
+            if sample.seq <= last.seq or sample.t < last.t:
+                raise ValueError(f"{self.name}: sample {sample.seq} does not follow {last.seq}")
+            self.gaps += sample.seq - last.seq - 1
+        self._samples.append(sample)
+        self.received += 1
+        for listener in tuple(self._listeners):
+            listener(sample)
+
+    def subscribe(self, listener: Callable[[Sample[T]], None]) -> Callable[[], None]:
+        """Call ``listener`` on every new sample; the returned function ends that."""
+        self._listeners.append(listener)
+        return lambda: self._listeners.remove(listener)
+
+    def last(self) -> Sample[T] | None:
+        """The newest sample of any age; for display only, decisions use :meth:`latest`."""
+        return self._samples[-1] if self._samples else None
+
+    def latest(self, max_age: float) -> Sample[T]:
+        """The newest sample, if it is at most ``max_age`` seconds old; else ``STALE_DATA``."""
+        if not self._samples:
+            raise error("STALE_DATA", f"{self.name} has given no sample yet")
+        sample = self._samples[-1]
+        age = self.clock.now() - sample.t
+        if age > max_age:
+            raise error("STALE_DATA", f"{self.name}: newest sample is {age:.3f} s old, limit {max_age:.3f} s")
+        return sample
+
+    def between(self, t0: float, t1: float) -> list[Sample[T]]:
+        """The samples with ``t0 <= t <= t1`` of this epoch."""
+        times = [s.t for s in self._samples]
+        return list(islice(self._samples, bisect_left(times, t0), bisect_left(times, t1 + 1e-12)))
+
+    def at(self, t: float, interpolate: Callable[[T, T, float], T], max_bracket: float = 0.1) -> T:
+        """The value at ``t`` by ``interpolate(before, after, fraction)``; never extrapolates."""
+        samples = self._samples
+        i = bisect_left([s.t for s in samples], t)
+        if i < len(samples) and samples[i].t == t:
+            return samples[i].value
+        if i == 0 or i == len(samples):
+            raise error("STALE_DATA", f"{self.name} has no samples on both sides of t={t:.4f} s")
+        a, b = samples[i - 1], samples[i]
+        if b.t - a.t > max_bracket:
+            raise error("STALE_DATA", f"{self.name} has a gap of {b.t - a.t:.3f} s around t={t:.4f} s")
+        return interpolate(a.value, b.value, (t - a.t) / (b.t - a.t))

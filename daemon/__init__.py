@@ -1,0 +1,1 @@
+"""Composition root: configuration, supervision, triggers, control, and the command line."""

@@ -1,0 +1,1 @@
+"""One module or small package per device family; imports only ``cell``."""

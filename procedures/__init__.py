@@ -1,0 +1,1 @@
+"""One module per job, and the path from a data set to a result."""
