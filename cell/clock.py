@@ -41,6 +41,7 @@ class ClockModel:
         self._minima: deque[tuple[float, float]] = deque(maxlen=bins)
         self._last_source: float | None = None
         self._origin = 0.0
+        self._bin_start = 0.0
         self._line = (0.0, 0.0)
         self.resets = 0
 
@@ -58,8 +59,7 @@ class ClockModel:
             self._minima.clear()
             self._origin = source
         self._last_source = source
-        bin_start = self._minima[-1][0] if self._minima else None
-        if bin_start is None or source - self._bin_start >= self._bin_s:
+        if not self._minima or source - self._bin_start >= self._bin_s:
             self._bin_start = source
             self._minima.append((source, offset))
             self._fit()

@@ -1,0 +1,245 @@
+"""The motion lease: the only way to move an arm, and it always ends in a measured standstill."""
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from cell.clock import Clock
+from cell.devices import Arm, ArmState, MotionPort, Speed, ToolSettings, TrajectoryPiece
+from cell.errors import CellError, RefusedError, error
+from cell.poses import Array
+from cell.samples import Sample
+
+MAX_STATE_AGE_S = 0.1
+STANDSTILL_SAMPLES = 5
+STANDSTILL_SPAN_S = 0.04
+
+
+class Guard(Protocol):
+    """What a motion guard checks before anything moves; each check raises a coded error."""
+
+    def check_path_joints(self, q0: Array, q1: Array) -> None: ...
+    def check_path_linear(self, T0: RigidTransform, T1: RigidTransform, q0: Array) -> None: ...
+    def check_setpoint(self, q: Array, qd: Array) -> None: ...
+
+
+class Recorder(Protocol):
+    """Where a lease notes what it did."""
+
+    def note(self, kind: str, **fields: Any) -> None: ...
+
+
+async def measured_standstill(arm: Arm, timeout: float) -> bool:
+    """True once the arm's fresh samples all show rest for a short span; no samples count as moving."""
+    rest_since: float | None = None
+    count = 0
+    done = asyncio.Event()
+    asked = arm.state.clock.now()
+
+    def look(sample: Sample[ArmState]) -> None:
+        nonlocal rest_since, count
+        if sample.t <= asked or not sample.value.at_rest:
+            rest_since, count = None, 0
+            return
+        rest_since = sample.t if rest_since is None else rest_since
+        count += 1
+        if count >= STANDSTILL_SAMPLES and sample.t - rest_since >= STANDSTILL_SPAN_S:
+            done.set()
+
+    unsubscribe = arm.state.subscribe(look)
+    try:
+        async with asyncio.timeout(timeout):
+            await done.wait()
+        return True
+    except TimeoutError:
+        return False
+    finally:
+        unsubscribe()
+
+
+async def run_to_its_end(work: Coroutine[Any, Any, None]) -> None:
+    """Await ``work`` however often we are cancelled meanwhile; the cancel is raised afterwards.
+
+    A plain ``finally: await stop()`` does not survive a second cancel; stopping an arm must.
+    """
+    task = asyncio.create_task(work)
+    cancelled: asyncio.CancelledError | None = None
+    while not task.done():
+        try:
+            await asyncio.wait([task])
+        except asyncio.CancelledError as cancel:
+            cancelled = cancel
+    failure = None if task.cancelled() else task.exception()
+    if failure is not None:
+        raise failure
+    if cancelled is not None:
+        raise cancelled
+
+
+@dataclass
+class MotionBroker:
+    """Lends each arm to one job at a time, and keeps it locked after a fault until someone resets."""
+
+    clock: Clock
+    latched: CellError | None = None
+    _lent: set[str] = field(default_factory=set)
+
+    def lease(
+        self, arm: Arm, guard: Guard, tool: ToolSettings, speed: Speed, recorder: Recorder
+    ) -> "MotionLease":
+        """``async with broker.lease(...) as lease`` gives something that can move the arm."""
+        return MotionLease(self, arm, guard, tool, speed, recorder)
+
+    def acquire(self, arm: Arm) -> None:
+        if self.latched is not None:
+            raise error("MOTION_LATCHED", f"the last fault was: {self.latched}")
+        if arm.name in self._lent:
+            raise error("MOTION_BUSY", arm.name)
+        self._lent.add(arm.name)
+
+    def release(self, arm: Arm) -> None:
+        self._lent.discard(arm.name)
+
+    def latch(self, fault: CellError) -> None:
+        """Refuse motion until :meth:`reset`; the first fault stays."""
+        self.latched = self.latched or fault
+
+    def reset(self) -> None:
+        self.latched = None
+
+
+class MotionLease:
+    """Something that can move the arm, for the length of one ``async with`` block.
+
+    Leaving the block for any reason runs the stop ladder to its end: decelerate (0.5 s), end the motion
+    client and run a stop script (1 s), dashboard stop (2 s), and then lock motion. A step counts only when
+    the measured speed stays under the limit.
+    """
+
+    def __init__(
+        self,
+        broker: MotionBroker,
+        arm: Arm,
+        guard: Guard,
+        tool: ToolSettings,
+        speed: Speed,
+        recorder: Recorder,
+    ) -> None:
+        self._broker, self._arm, self._guard = broker, arm, guard
+        self._tool, self._speed, self._recorder = tool, speed, recorder
+        self._port: MotionPort | None = None
+
+    async def __aenter__(self) -> Self:
+        self._broker.acquire(self._arm)
+        try:
+            self._arm.check_movable()
+        except BaseException:
+            self._broker.release(self._arm)
+            raise
+        self._recorder.note("motion", event="lease", arm=self._arm.name)
+        try:
+            self._port = await self._arm.open_motion(self._tool)
+        except RefusedError:
+            # Nothing was started, so there is nothing of ours to stop; a foreign program stays untouched.
+            self._broker.release(self._arm)
+            raise
+        except BaseException:
+            # The motion client may be half up, so its end is the ladder's business too.
+            await run_to_its_end(self._end())
+            raise
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, exc: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await run_to_its_end(self._end())
+
+    async def move_joints(self, q: Array, speed: Speed | None = None) -> None:
+        """Move in joint space to ``q`` (6,) rad; checked first, believed only when measured there."""
+        target = np.asarray(q, dtype=float)
+        start = self._movable_state()
+        self._guard.check_path_joints(start.q, target)
+        self._recorder.note("motion", event="move_joints", q=[round(float(v), 6) for v in target])
+        await self._live_port().move_joints(target, speed or self._speed)
+
+    async def move_linear(self, T_base_flange: RigidTransform, speed: Speed | None = None) -> None:
+        """Move the tool on a line until the flange has this pose; checked first, measured after."""
+        start = self._movable_state()
+        self._guard.check_path_linear(start.T_base_flange, T_base_flange, start.q)
+        self._recorder.note("motion", event="move_linear", to=[float(v) for v in T_base_flange.translation])
+        await self._live_port().move_linear(T_base_flange, speed or self._speed)
+
+    async def guarded_move(
+        self, T_base_flange: RigidTransform, max_force_n: float, max_travel_m: float
+    ) -> bool:
+        """Linear move that a force ends; True when it did."""
+        start = self._movable_state()
+        self._guard.check_path_linear(start.T_base_flange, T_base_flange, start.q)
+        self._recorder.note("motion", event="guarded_move", max_force_n=max_force_n)
+        return await self._live_port().guarded_move(T_base_flange, self._speed, max_force_n, max_travel_m)
+
+    async def stream(self, pieces: AsyncIterator[TrajectoryPiece]) -> None:
+        """Follow polynomials; both ends of every piece pass the guard before it is sent."""
+        self._movable_state()
+        self._recorder.note("motion", event="stream")
+        await self._live_port().stream(self._guarded(pieces))
+
+    async def _guarded(self, pieces: AsyncIterator[TrajectoryPiece]) -> AsyncIterator[TrajectoryPiece]:
+        async for piece in pieces:
+            powers = np.arange(len(piece.coefficients))
+            for span in np.linspace(0.0, piece.t1 - piece.t0, 5):
+                q = (span**powers) @ piece.coefficients
+                qd = (powers[1:] * span ** powers[:-1]) @ piece.coefficients[1:]
+                self._guard.check_setpoint(q, qd)
+            yield piece
+
+    def _live_port(self) -> MotionPort:
+        if self._port is None:
+            raise error("INTERNAL", "a motion lease was used outside its block")
+        return self._port
+
+    def _movable_state(self) -> ArmState:
+        self._arm.check_movable()
+        return self._arm.state.latest(MAX_STATE_AGE_S).value
+
+    async def _end(self) -> None:
+        port, self._port = self._port, None
+        try:
+            await self._stop_ladder(port)
+        finally:
+            if port is not None:
+                await self._attempt("close", port.close, 3.0)
+            self._broker.release(self._arm)
+
+    async def _stop_ladder(self, port: MotionPort | None) -> None:
+        steps: list[tuple[str, Callable[[], Awaitable[None]] | None, float]] = [
+            ("decelerate", port.decelerate if port is not None else None, 0.5),
+            ("stop script", self._arm.stop_script, 1.0),
+            ("dashboard stop", self._arm.stop_program, 2.0),
+        ]
+        for name, action, budget in steps:
+            if action is None:
+                continue
+            deadline = self._broker.clock.now() + budget
+            await self._attempt(name, action, budget)
+            # A step that used up its budget still gets one look at the arm.
+            if await measured_standstill(self._arm, max(deadline - self._broker.clock.now(), 0.1)):
+                self._recorder.note("motion", event="standstill", after=name)
+                return
+        failure = error("MOTION_NOT_STOPPED", f"{self._arm.name} after every step of the stop ladder")
+        self._broker.latch(failure)
+        self._recorder.note("error", **failure.as_dict())
+        raise failure
+
+    async def _attempt(self, name: str, action: Callable[[], Awaitable[None]], budget: float) -> None:
+        """One step with a deadline; its failure is noted and the next step follows."""
+        try:
+            async with asyncio.timeout(budget):
+                await action()
+        except Exception as exc:
+            self._recorder.note("motion", event="step failed", step=name, why=f"{type(exc).__name__}: {exc}")

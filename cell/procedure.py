@@ -1,0 +1,226 @@
+"""The core that every job shares: states, checkpoints, prompts, and three ways out.
+
+A procedure is one linear coroutine with a state enum, a transition table and a set of checkpoints. The
+:class:`Run` it is given carries everything it may touch: devices by role, values resolved at the start,
+the motion lease, the journal, the run folder, and the worker that computes away from the loop.
+"""
+
+import asyncio
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from contextlib import AbstractAsyncContextManager
+from enum import IntEnum, StrEnum
+from pathlib import Path
+from typing import Any, ClassVar, Protocol, TypeVar
+
+from pydantic import BaseModel
+
+from cell.clock import Clock
+from cell.devices import Arm, DepthCamera, Device
+from cell.errors import error
+from cell.motion import MotionLease
+
+R = TypeVar("R")
+
+
+class PackML(IntEnum):
+    """Operator-facing states; PackML's names and numbers, without a claim of conformity."""
+
+    CLEARING = 1
+    STOPPED = 2
+    STARTING = 3
+    IDLE = 4
+    SUSPENDED = 5
+    EXECUTE = 6
+    STOPPING = 7
+    ABORTING = 8
+    ABORTED = 9
+    HOLDING = 10
+    HELD = 11
+    UNHOLDING = 12
+    SUSPENDING = 13
+    UNSUSPENDING = 14
+    RESETTING = 15
+    COMPLETING = 16
+    COMPLETE = 17
+
+
+class FinishRequested(Exception):
+    """Raised at a checkpoint after ``finish``: keep the data, go on to the end of the job."""
+
+
+class Worker(Protocol):
+    """Computes away from the loop. ``fn`` is a module-level function, arguments can be pickled."""
+
+    async def call(self, fn: Callable[..., R], *args: Any, **kwargs: Any) -> R: ...
+
+
+class Cell(Protocol):
+    """What the daemon injects into a run."""
+
+    clock: Clock
+    worker: Worker
+
+    def device(self, role: str) -> Device:
+        """The device that plays ``role`` in ``[robot]``; ``DEVICE_NOT_READY`` when it is not READY."""
+        ...
+
+    def motion(self, run: "Run") -> AbstractAsyncContextManager[MotionLease]:
+        """The lease on the arm with the run's tool, limits and guard."""
+        ...
+
+
+class Notebook(Protocol):
+    """Where a run writes: a journal on disk."""
+
+    def note(self, kind: str, **fields: Any) -> None: ...
+
+
+class Procedure(ABC):
+    """One job. Subclasses set the class variables and write ``run``."""
+
+    name: ClassVar[str]
+    number: ClassVar[int]
+    Config: ClassVar[type[BaseModel]]
+    State: ClassVar[type[StrEnum]]
+    TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]]
+    CHECKPOINTS: ClassVar[frozenset[Any]]
+    USES: ClassVar[tuple[str, ...]]  # roles of [robot]: "arm", "flange_camera", ...
+
+    def __init__(self, config: Any) -> None:
+        self.config = config
+
+    @abstractmethod
+    async def run(self, run: "Run") -> None:
+        """Do the job; return normally only when it is finished."""
+
+    @abstractmethod
+    async def dry_run(self, run: "Run") -> dict[str, Any]:
+        """The plan without moving anything: a JSON-able list of poses with every check."""
+
+
+class Run:
+    """One execution of a procedure."""
+
+    def __init__(
+        self,
+        run_id: int,
+        procedure: Procedure,
+        cell: Cell,
+        folder: Path,
+        notebook: Notebook,
+        values: Mapping[str, Any],
+        publish: Callable[[], None] = lambda: None,
+        adopted: Path | None = None,
+    ) -> None:
+        self.id, self.procedure, self.cell, self.folder = run_id, procedure, cell, folder
+        self.values, self.adopted = values, adopted
+        self.clock, self.worker = cell.clock, cell.worker
+        self.state: StrEnum | None = None
+        self.packml = PackML.STARTING
+        self.step, self.steps = 0, 0
+        self.prompt: tuple[int, str] | None = None
+        self.result: dict[str, Any] | None = None
+        self.visited: list[tuple[StrEnum | None, StrEnum]] = []
+        self._notebook, self._publish = notebook, publish
+        self._finish = False
+        self._hold_wanted = False
+        self._released = asyncio.Event()
+        self._confirmed = asyncio.Event()
+        self._prompts = 0
+
+    # -- what a procedure calls
+
+    async def enter(self, state: StrEnum, why: str = "", **fields: Any) -> None:
+        """Take the transition to ``state``: checked, written to the journal, published; the pause gate."""
+        allowed = self.procedure.TRANSITIONS.get(self.state, frozenset())
+        if state not in allowed:
+            raise error("INTERNAL", f"{self.procedure.name}: no transition from {self.state} to {state}")
+        self.visited.append((self.state, state))
+        self.state = state
+        self.packml = PackML.EXECUTE
+        self.note("state", state=state.value, why=why, **fields)
+        self._publish()
+        if state in self.procedure.CHECKPOINTS:
+            await self._gate()
+
+    async def ask(self, text: str) -> None:
+        """Hold with the arm at rest until an operator confirms this prompt."""
+        self._prompts += 1
+        prompt_id = self.id % 65536 * 65536 + self._prompts
+        self.prompt = (prompt_id, text)
+        self._confirmed.clear()
+        self.note("operator", event="prompt", prompt=prompt_id, text=text)
+        self._set_packml(PackML.HELD)
+        try:
+            while not self._confirmed.is_set():
+                if self._finish:
+                    raise FinishRequested
+                await self.clock.sleep(0.02)
+        finally:
+            self.prompt = None
+        self._set_packml(PackML.EXECUTE)
+
+    def progress(self, step: int, steps: int) -> None:
+        """How far the job is, for people and registers."""
+        self.step, self.steps = step, steps
+        self._publish()
+
+    def note(self, kind: str, **fields: Any) -> None:
+        """One journal line."""
+        self._notebook.note(kind, **fields)
+
+    def arm(self) -> Arm:
+        """The arm of this cell."""
+        return self.cell.device("arm")  # type: ignore[return-value]
+
+    def camera(self, role: str) -> DepthCamera:
+        """The camera that plays ``role``."""
+        return self.cell.device(role)  # type: ignore[return-value]
+
+    def motion(self) -> AbstractAsyncContextManager[MotionLease]:
+        """``async with run.motion() as lease``: the only way to move."""
+        return self.cell.motion(self)
+
+    # -- what the engine calls
+
+    def confirm(self, prompt_id: int, who: str) -> None:
+        """The operator says that what prompt ``prompt_id`` asked for is done."""
+        if self.prompt is None or self.prompt[0] != prompt_id:
+            waiting = f"prompt {self.prompt[0]} is open" if self.prompt else "no prompt is open"
+            raise error("NOT_NOW", f"prompt {prompt_id} cannot be confirmed, {waiting}")
+        self.note("operator", event="confirm", prompt=prompt_id, who=who)
+        self._confirmed.set()
+
+    def finish(self) -> None:
+        """End at the next checkpoint and keep the data."""
+        self._finish = True
+        self.resume()
+
+    def pause(self) -> None:
+        """Hold at the next checkpoint."""
+        self._hold_wanted = True
+        self._released.clear()
+        self._set_packml(PackML.HOLDING)
+
+    def resume(self) -> None:
+        """Go on after :meth:`pause`."""
+        self._hold_wanted = False
+        self._released.set()
+
+    def _set_packml(self, state: PackML) -> None:
+        self.packml = state
+        self.note("state", packml=state.name)
+        self._publish()
+
+    async def _gate(self) -> None:
+        if self._finish:
+            raise FinishRequested
+        if not self._hold_wanted:
+            return
+        self._set_packml(PackML.HELD)
+        await self._released.wait()
+        self._set_packml(PackML.UNHOLDING)
+        if self._finish:
+            raise FinishRequested
+        self._set_packml(PackML.EXECUTE)
