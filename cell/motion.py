@@ -62,6 +62,24 @@ async def measured_standstill(arm: Arm, timeout: float) -> bool:
         unsubscribe()
 
 
+async def first_arm_fault(arm: Arm) -> Exception:
+    """Block until a package of the arm shows a fault; return its coded error."""
+    seen = asyncio.Event()
+
+    def look(_: Sample[ArmState]) -> None:
+        if arm.fault() is not None:
+            seen.set()
+
+    unsubscribe = arm.state.subscribe(look)
+    try:
+        while (fault := arm.fault()) is None:
+            await seen.wait()
+            seen.clear()
+        return fault
+    finally:
+        unsubscribe()
+
+
 async def run_to_its_end(work: Coroutine[Any, Any, None]) -> None:
     """Await ``work`` however often we are cancelled meanwhile; the cancel is raised afterwards.
 

@@ -85,10 +85,13 @@ class Procedure(ABC):
     State: ClassVar[type[StrEnum]]
     TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]]
     CHECKPOINTS: ClassVar[frozenset[Any]]
-    USES: ClassVar[tuple[str, ...]]  # roles of [robot]: "arm", "flange_camera", ...
 
     def __init__(self, config: Any) -> None:
         self.config = config
+
+    @abstractmethod
+    def uses(self) -> tuple[str, ...]:
+        """Roles of ``[robot]`` that the job needs; it fails when one of them drops."""
 
     @abstractmethod
     async def run(self, run: "Run") -> None:
@@ -126,7 +129,7 @@ class Run:
         self._finish = False
         self._hold_wanted = False
         self._released = asyncio.Event()
-        self._confirmed = asyncio.Event()
+        self._answered = asyncio.Event()
         self._prompts = 0
 
     # -- what a procedure calls
@@ -146,19 +149,20 @@ class Run:
 
     async def ask(self, text: str) -> None:
         """Hold with the arm at rest until an operator confirms this prompt."""
+        if self._finish:
+            raise FinishRequested
         self._prompts += 1
         prompt_id = self.id % 65536 * 65536 + self._prompts
         self.prompt = (prompt_id, text)
-        self._confirmed.clear()
+        self._answered.clear()
         self.note("operator", event="prompt", prompt=prompt_id, text=text)
         self._set_packml(PackML.HELD)
         try:
-            while not self._confirmed.is_set():
-                if self._finish:
-                    raise FinishRequested
-                await self.clock.sleep(0.02)
+            await self._answered.wait()
         finally:
             self.prompt = None
+        if self._finish:
+            raise FinishRequested
         self._set_packml(PackML.EXECUTE)
 
     def progress(self, step: int, steps: int) -> None:
@@ -190,11 +194,12 @@ class Run:
             waiting = f"prompt {self.prompt[0]} is open" if self.prompt else "no prompt is open"
             raise error("NOT_NOW", f"prompt {prompt_id} cannot be confirmed, {waiting}")
         self.note("operator", event="confirm", prompt=prompt_id, who=who)
-        self._confirmed.set()
+        self._answered.set()
 
     def finish(self) -> None:
         """End at the next checkpoint and keep the data."""
         self._finish = True
+        self._answered.set()
         self.resume()
 
     def pause(self) -> None:

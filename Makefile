@@ -1,0 +1,38 @@
+# Each target does its own set-up: a private venv with pinned dependencies. Needs Python 3.11 and make.
+PYTHON ?= python3.11
+ifeq ($(shell command -v $(PYTHON) 2>/dev/null),)
+PYTHON = python3
+endif
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: demo test lint soak bench docs clean
+
+demo: $(VENV)/.ready
+	$(BIN)/cellward demo
+
+test: $(VENV)/.ready lint
+	$(BIN)/pytest
+
+lint: $(VENV)/.ready
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+soak: $(VENV)/.ready
+	$(BIN)/pytest tests/soak -m soak
+
+bench: $(VENV)/.ready
+	$(BIN)/python -m bench
+
+docs: $(VENV)/.ready
+	$(BIN)/python -m daemon.docs
+
+$(VENV)/.ready: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	touch $@
+
+clean:
+	rm -rf $(VENV) demo-out build *.egg-info

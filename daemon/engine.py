@@ -1,0 +1,354 @@
+"""The job engine: one job at a time, three ways out, and exactly one terminal journal entry."""
+
+import asyncio
+import logging
+from collections.abc import Callable, Mapping
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cell.store.ledger import Ledger
+from cell.store.runs import RunFolder, load_run
+from pydantic import ValidationError
+
+from cell.clock import Clock
+from cell.devices import Arm, Device
+from cell.errors import CellError, LatchError, error
+from cell.motion import MotionBroker, MotionLease, first_arm_fault
+from cell.procedure import PackML, Procedure, Run, Worker
+from daemon.arm_setup import lease_settings
+from daemon.config import CellConfig
+from daemon.results import propose_results
+from daemon.supervisor import Supervisor
+from daemon.values import resolve_values
+
+log = logging.getLogger("cellward.engine")
+
+WAITING = {PackML.IDLE, PackML.STOPPED, PackML.ABORTED, PackML.COMPLETE}
+
+
+@dataclass
+class CellContext:
+    """What a run may touch; implements :class:`cell.procedure.Cell`."""
+
+    config: CellConfig
+    clock: Clock
+    worker: Worker
+    supervisor: Supervisor
+    broker: MotionBroker
+
+    def device(self, role: str) -> Device:
+        name = self.config.robot.roles().get(role)
+        if name is None:
+            raise error("DEVICE_NOT_READY", f"[robot] names no device for the role '{role}'")
+        return self.supervisor.ready(name)
+
+    def motion(self, run: Run) -> AbstractAsyncContextManager[MotionLease]:
+        guard, tool, speed = lease_settings(run.values)
+        arm: Arm = self.device("arm")  # type: ignore[assignment]
+        return self.broker.lease(arm, guard, tool, speed, run)
+
+
+class Engine:
+    """Starts, steers and ends jobs; everything outside asks this object."""
+
+    def __init__(
+        self, context: CellContext, ledger: Ledger, jobs: Mapping[str, type[Procedure]], runs: Path
+    ) -> None:
+        self.context, self.ledger, self.jobs, self.runs = context, ledger, jobs, runs
+        self.idle_state = PackML.IDLE
+        self.run: Run | None = None
+        self.last: dict[str, Any] | None = None
+        self.error: CellError | None = None
+        self.warnings = 0
+        self.interrupted: list[str] = []
+        self._task: asyncio.Task[None] | None = None  # the run with its beginning and end
+        self._job: asyncio.Task[None] | None = None  # the procedure alone
+        self._ending: PackML | None = None
+        self._listeners: list[Callable[[], None]] = []
+
+    # -- what outside asks for
+
+    async def start(
+        self,
+        job: str,
+        params: Mapping[str, str],
+        *,
+        dry_run: bool = False,
+        adopt: int | None = None,
+        who: str,
+        channel: str,
+    ) -> dict[str, Any]:
+        """Start a job, or list its plan without moving. Refused with a code, never queued."""
+        if self._task is not None:
+            assert self.run is not None
+            raise error("BUSY", f"{self.run.procedure.name}, run {self.run.id}")
+        procedure = self._make_procedure(job, params)
+        devices = self._devices_of(procedure)
+        if self.context.broker.latched is not None and not dry_run:
+            raise error("MOTION_LATCHED", f"the last fault was: {self.context.broker.latched}")
+        values = resolve_values(self.context.config, self.ledger, self.context.supervisor)
+        conditions = {
+            "config": self.context.config.model_dump(mode="json"),
+            "parameters": dict(params),
+            "job_config": procedure.config.model_dump(mode="json"),
+            "values": values,
+            "identities": self._identities(devices),
+        }
+        adopted = self._adoptable(adopt, procedure, conditions) if adopt is not None else None
+        run_id = self.ledger.next_run_id()
+        folder = await asyncio.to_thread(
+            RunFolder.create, self.runs, job, run_id, conditions, self.context.clock
+        )
+        run = Run(run_id, procedure, self.context, folder.path, folder, values, self._publish, adopted)
+        if dry_run:
+            return await self._dry_run(run, folder)
+        self.run, self.error, self._ending = run, None, None
+        self.ledger.start_run(run_id, job, folder.path.name, who, channel)
+        run.note("operator", event="start", who=who, channel=channel)
+        self._task = asyncio.create_task(self._execute(run, folder, devices), name=f"run {run_id}")
+        self._publish()
+        return {"run_id": run_id, "folder": folder.path.name}
+
+    async def confirm(self, prompt_id: int, who: str) -> None:
+        self._active().confirm(prompt_id, who)
+
+    async def finish(self, who: str) -> None:
+        run = self._active()
+        run.note("operator", event="finish", who=who)
+        run.finish()
+
+    async def abort(self, who: str) -> None:
+        self._end_with(PackML.STOPPING, "abort", who)
+
+    async def halt(self, who: str) -> None:
+        self._end_with(PackML.ABORTING, "halt", who)
+
+    async def pause(self, who: str) -> None:
+        run = self._active()
+        run.note("operator", event="pause", who=who)
+        run.pause()
+
+    async def resume(self, who: str) -> None:
+        run = self._active()
+        run.note("operator", event="resume", who=who)
+        run.resume()
+
+    async def reset(self, who: str) -> None:
+        """Leave Aborted or Stopped; refused while the arm itself still shows a fault."""
+        if self._task is not None:
+            raise error("NOT_NOW", "a job is running; stop it first")
+        name = self.context.config.robot.roles().get("arm")
+        entry = self.context.supervisor.devices.get(name) if name else None
+        fault = entry.device.fault() if entry is not None else None  # type: ignore[attr-defined]
+        if fault is not None:
+            raise error("NOT_NOW", f"the arm still shows: {fault}")
+        self.context.broker.reset()
+        self.error = None
+        self.idle_state = PackML.IDLE
+        log.info("reset by %s", who)
+        self._publish()
+
+    def accept(self, result_id: int, who: str) -> dict[str, Any]:
+        return self.ledger.accept(result_id, who)
+
+    def reject(self, result_id: int, who: str, why: str) -> dict[str, Any]:
+        return self.ledger.reject(result_id, who, why)
+
+    def rollback(self, name: str, who: str) -> dict[str, Any]:
+        return self.ledger.rollback(name, who)
+
+    def subscribe(self, listener: Callable[[], None]) -> Callable[[], None]:
+        """Call ``listener`` after every change; the returned function ends that."""
+        self._listeners.append(listener)
+        return lambda: self._listeners.remove(listener)
+
+    @property
+    def packml(self) -> PackML:
+        if self._task is None or self.run is None:
+            return self.idle_state
+        return self._ending or self.run.packml
+
+    def status(self) -> dict[str, Any]:
+        """Everything a person or a PLC may want to see at a glance."""
+        run = self.run if self._task is not None else None
+        return {
+            "cell": self.context.config.cell.name,
+            "twin": self.context.config.cell.twin,
+            "packml": self.packml.name,
+            "packml_number": int(self.packml),
+            "job": run.procedure.name if run else None,
+            "job_number": run.procedure.number if run else 0,
+            "run_id": run.id if run else None,
+            "state": run.state.value if run and run.state else None,
+            "step": run.step if run else 0,
+            "steps": run.steps if run else 0,
+            "prompt": {"id": run.prompt[0], "text": run.prompt[1]} if run and run.prompt else None,
+            "error": self.error.as_dict() if self.error else None,
+            "latched": self.context.broker.latched is not None,
+            "last_run": self.last,
+            "interrupted": self.interrupted,
+            "devices": self.context.supervisor.status(),
+        }
+
+    async def shutdown(self) -> None:
+        """End a running job as ``halt`` does and wait for its standstill."""
+        if self._task is not None:
+            self._end_with(PackML.ABORTING, "shutdown", "daemon")
+            await asyncio.wait([self._task])
+
+    # -- how a run is made and ends
+
+    def _make_procedure(self, job: str, params: Mapping[str, str]) -> Procedure:
+        cls = self.jobs.get(job)
+        if cls is None:
+            raise error("UNKNOWN_JOB", f"'{job}'; there is {', '.join(sorted(self.jobs))}")
+        section = self.context.config.job_section(job)
+        if unknown := sorted(set(params) - set(cls.Config.model_fields)):
+            raise error("ARGUMENT_INVALID", f"{job} has no parameter '{unknown[0]}'")
+        try:
+            return cls(cls.Config.model_validate({**section, **params}))
+        except ValidationError as exc:
+            first = exc.errors()[0]
+            where = ".".join(str(p) for p in first["loc"])
+            raise error("ARGUMENT_INVALID", f"{job}: {where}: {first['msg']}") from exc
+
+    def _devices_of(self, procedure: Procedure) -> list[str]:
+        """Names of the devices the job uses; refused unless all are READY."""
+        names = [self.context.device(role).name for role in procedure.uses()]
+        if "arm" in procedure.uses():
+            arm: Arm = self.context.device("arm")  # type: ignore[assignment]
+            arm.check_movable()
+        return names
+
+    def _identities(self, devices: list[str]) -> dict[str, Any]:
+        entries = ((name, self.context.supervisor.devices[name].identity) for name in devices)
+        return {name: {"model": i.model, "serial": i.serial} for name, i in entries if i is not None}
+
+    def _adoptable(self, run_id: int, procedure: Procedure, conditions: Mapping[str, Any]) -> Path:
+        """The folder of an earlier run whose finished poses may be taken over."""
+        old = load_run(self.runs, run_id)
+        if old.job != procedure.name:
+            raise error("IDENTITY_DIFFERS", f"run {run_id} was a {old.job}, not a {procedure.name}")
+        for key in ("config", "job_config", "values", "identities"):
+            if old.info.get(key) != conditions[key]:
+                raise error("IDENTITY_DIFFERS", f"'{key}' of run {run_id} is not what it is now")
+        return old.path
+
+    async def _dry_run(self, run: Run, folder: RunFolder) -> dict[str, Any]:
+        plan = await run.procedure.dry_run(run)
+        await asyncio.to_thread(folder.finish, {"outcome": "dry-run"})
+        return {"run_id": run.id, "plan": plan}
+
+    async def _execute(self, run: Run, folder: RunFolder, devices: list[str]) -> None:
+        """Run the procedure to whichever end, then write that end down once."""
+        failure: CellError | None = None
+        job = self._job = asyncio.create_task(run.procedure.run(run), name=run.procedure.name)
+        loss = asyncio.create_task(self._first_fault(devices), name="watch devices")
+        try:
+            limit = getattr(run.procedure.config, "max_duration_s", None)
+            await asyncio.wait([job, loss], timeout=limit, return_when=asyncio.FIRST_COMPLETED)
+            if not job.done():
+                failure = loss.result() if loss.done() else error("CALL_TIMEOUT", f"no end after {limit:g} s")
+                run.note("error", **failure.as_dict())
+                self._ending = PackML.ABORTING
+                job.cancel()
+                self._publish()
+            await asyncio.wait([job])
+            failure = failure or _failure_of(job)
+            # While the data are on disk nothing about them may fail the run silently.
+            if failure is None and not job.cancelled():
+                self._set_ending(PackML.COMPLETING)
+                await propose_results(run, folder, self.ledger)
+        except CellError as exc:
+            failure = exc
+        except Exception as exc:
+            log.exception("run %d", run.id)
+            failure = error("INTERNAL", f"{type(exc).__name__}: {exc}")
+        finally:
+            loss.cancel()
+            await self._close(run, folder, job, failure)
+
+    async def _close(
+        self, run: Run, folder: RunFolder, job: asyncio.Task[None], failure: CellError | None
+    ) -> None:
+        if failure is not None:
+            final, outcome = PackML.ABORTED, "aborted"
+        elif job.cancelled():
+            stopped = self._ending is PackML.STOPPING
+            final, outcome = (PackML.STOPPED, "stopped") if stopped else (PackML.ABORTED, "halted")
+        else:
+            final, outcome = PackML.COMPLETE, "complete"
+        if isinstance(failure, LatchError):
+            self.context.broker.latch(failure)
+        verdict = run.result.get("verdict") if run.result else None
+        end = {
+            "outcome": outcome,
+            "packml": final.name,
+            "verdict": verdict,
+            "error": failure.as_dict() if failure else None,
+        }
+        run.note("state", terminal=True, **end)
+        await asyncio.to_thread(folder.finish, end)
+        self.ledger.end_run(run.id, outcome, verdict)
+        self.last = {"run_id": run.id, "job": run.procedure.name, "result": _summary(run.result), **end}
+        self.error, self.idle_state = failure, final
+        self._task = self._job = self._ending = None
+        level = logging.INFO if failure is None else logging.ERROR
+        log.log(level, "run %d %s: %s", run.id, outcome, failure or verdict or "")
+        self._publish()
+
+    async def _first_fault(self, devices: list[str]) -> CellError:
+        """Block until a device of the job drops or the arm shows a fault."""
+        async with asyncio.TaskGroup() as tasks:
+            watches = [tasks.create_task(self.context.supervisor.first_loss(devices))]
+            watches += [
+                tasks.create_task(first_arm_fault(device))
+                for name in devices
+                if hasattr(device := self.context.supervisor.devices[name].device, "check_movable")
+            ]
+            done, rest = await asyncio.wait(watches, return_when=asyncio.FIRST_COMPLETED)
+            for watch in rest:
+                watch.cancel()
+        lost = done.pop().result()
+        return lost if isinstance(lost, CellError) else error("DEVICE_LOST", f"{type(lost).__name__}: {lost}")
+
+    def _end_with(self, ending: PackML, verb: str, who: str) -> None:
+        run = self._active()
+        assert self._task is not None
+        if self._ending is None:
+            run.note("operator", event=verb, who=who)
+            self._set_ending(ending)
+            if self._job is not None:
+                self._job.cancel()
+
+    def _set_ending(self, state: PackML) -> None:
+        self._ending = state
+        self._publish()
+
+    def _active(self) -> Run:
+        if self._task is None or self.run is None:
+            raise error("NOT_NOW", "no job is running")
+        return self.run
+
+    def _publish(self) -> None:
+        for listener in tuple(self._listeners):
+            listener()
+
+
+def _failure_of(job: asyncio.Task[None]) -> CellError | None:
+    """The coded error that ended a job; None when it returned or was cancelled on request."""
+    if job.cancelled() or (exc := job.exception()) is None:
+        return None
+    if isinstance(exc, CellError):
+        return exc
+    log.error("a job failed in a way nobody foresaw", exc_info=exc)
+    return error("INTERNAL", f"{type(exc).__name__}: {exc}")
+
+
+def _summary(result: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """The part of a result that a status page shows."""
+    if result is None:
+        return None
+    return {k: result.get(k) for k in ("kind", "verdict", "reasons", "result", "uncertainty", "residuals")}

@@ -1,0 +1,81 @@
+"""Is this process fit to keep running? Loop lag, beats of essential tasks, and systemd's watchdog."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from cell.clock import Clock
+
+log = logging.getLogger("cellward.health")
+
+
+@dataclass
+class Beats:
+    """When each essential task last said that it is alive."""
+
+    clock: Clock
+    max_silence_s: float = 2.0
+    _last: dict[str, float] = field(default_factory=dict)
+
+    def beat(self, task: str) -> None:
+        self._last[task] = self.clock.now()
+
+    def retire(self, task: str) -> None:
+        """A task that ended on purpose is no longer expected to beat."""
+        self._last.pop(task, None)
+
+    def silent(self) -> list[str]:
+        """The tasks that have not beaten lately."""
+        now = self.clock.now()
+        return [name for name, t in self._last.items() if now - t > self.max_silence_s]
+
+
+@dataclass
+class LoopLag:
+    """How late the event loop runs: the delay of a periodic wake-up."""
+
+    clock: Clock
+    period_s: float = 0.05
+    last_s: float = 0.0
+    worst_s: float = 0.0
+
+    async def watch(self, beats: Beats, warn_s: float) -> None:
+        """Measure for ever; one log line when the lag passes ``warn_s``, one when it is over."""
+        late = False
+        while True:
+            due = self.clock.now() + self.period_s
+            await self.clock.sleep(self.period_s)
+            self.last_s = max(self.clock.now() - due, 0.0)
+            self.worst_s = max(self.worst_s, self.last_s)
+            beats.beat("loop")
+            if (self.last_s > warn_s) != late:
+                late = not late
+                log.log(
+                    logging.WARNING if late else logging.INFO,
+                    "the event loop is %s: lag %.1f ms",
+                    "late" if late else "in time again",
+                    1e3 * self.last_s,
+                )
+
+
+async def watchdog(
+    beats: Beats, lag: LoopLag, fail_s: float, period_s: float, notify: Callable[[str], None]
+) -> None:
+    """Feed systemd's watchdog while the loop is in time and every essential task beats.
+
+    A lost device is a state, never a reason to be restarted: device tasks beat while they retry.
+    """
+    withheld = False
+    while True:
+        silent = beats.silent()
+        fit = lag.last_s < fail_s and not silent
+        if fit:
+            notify("WATCHDOG=1")
+        if fit == withheld:
+            withheld = not fit
+            if withheld:
+                log.error("watchdog withheld: lag %.3f s, silent tasks %s", lag.last_s, silent or "none")
+            else:
+                log.info("watchdog fed again")
+        await asyncio.sleep(period_s)

@@ -1,0 +1,132 @@
+"""What a PLC may ask for, and what it can read: the engine seen through the register table."""
+
+import logging
+from typing import Any
+
+from cell.clock import Clock
+from cell.errors import CellError, error
+from cell.procedure import PackML
+from cell.store.ledger import Ledger
+from daemon.config import CellConfig
+from daemon.engine import WAITING, Engine
+from daemon.modbus import Command
+from daemon.supervisor import Supervisor
+
+log = logging.getLogger("cellward.plc")
+
+ACCEPTED = 1
+REFUSED = 0x8000
+PROTOCOL_VERSION = 0x0100
+READY, BUSY, DONE, FAULT, WARNING = (1 << i for i in range(5))
+RESULT_VALID, ARM_OK, CAMERA_OK = 1 << 6, 1 << 7, 1 << 8
+STOPPED_BY_SAFETY, TWIN = 1 << 13, 1 << 14
+SAFETY_ERRORS = {"ARM_PROTECTIVE_STOP", "ARM_EMERGENCY_STOP", "ARM_SAFEGUARD_STOP"}
+
+
+class PlcFace:
+    """Turns commands into calls of the engine, and its state into registers."""
+
+    def __init__(
+        self, config: CellConfig, engine: Engine, supervisor: Supervisor, ledger: Ledger, clock: Clock
+    ) -> None:
+        self._config, self._engine, self._supervisor = config, engine, supervisor
+        self._ledger, self._clock = ledger, clock
+        self._started = clock.now()
+        self._acknowledged_run: int | None = None
+
+    async def handle(self, command: Command) -> int:
+        """Carry out one command; the result code says accepted, or refused with the error's number."""
+        who = f"{command.channel} {command.client}"
+        try:
+            await self._carry_out(command, who)
+        except CellError as refusal:
+            log.warning("%s: command %d refused: %s", who, command.code, refusal)
+            return REFUSED | refusal.code
+        return ACCEPTED
+
+    async def _carry_out(self, command: Command, who: str) -> None:
+        engine = self._engine
+        match command.code:
+            case 1:
+                names = {job.number: name for name, job in engine.jobs.items()}
+                if command.job not in names:
+                    raise error("UNKNOWN_JOB", f"number {command.job}")
+                await engine.start(names[command.job], {}, who=who, channel=command.channel)
+            case 2:
+                await engine.finish(who)
+            case 3:
+                await engine.abort(who)
+            case 4:
+                await engine.halt(who)
+            case 5:
+                await engine.pause(who)
+            case 6:
+                await engine.resume(who)
+            case 7:
+                await engine.reset(who)
+            case 8:
+                await self._accept(command.argument_uint32, who)
+            case 9:
+                self._acknowledged_run = engine.last["run_id"] if engine.last else None
+            case 10:
+                await engine.confirm(command.argument_uint32, who)
+            case _:
+                raise error("ARGUMENT_INVALID", f"there is no command {command.code}")
+
+    async def _accept(self, run_id: int, who: str) -> None:
+        if not self._config.modbus.allow_accept:
+            raise error("NOT_ALLOWED", "[modbus] allow_accept is false")
+        for result_id in self._ledger.open_results_of(run_id):
+            self._engine.accept(result_id, who)
+
+    def audit(self, who: str, what: str, accepted: bool, detail: str) -> None:
+        """One line in the ledger for every write from outside."""
+        self._ledger.audit("modbus", who, what, accepted, detail)
+
+    def snapshot(self) -> dict[str, Any]:
+        """The status block by register name."""
+        engine, status = self._engine, self._engine.status()
+        last = engine.last if engine.last and engine.last["run_id"] != self._acknowledged_run else None
+        answer = (last or {}).get("result") or {}
+        found = answer.get("result") or {}
+        prompt = status["prompt"]
+        return {
+            "status": self._bits(status, last),
+            "packml_state": int(engine.packml),
+            "active_job": status["job_number"],
+            "error_code": engine.error.code if engine.error else 0,
+            "warning_bits": 0,
+            "protocol_version": PROTOCOL_VERSION,
+            "config_checksum": self._config.checksum,
+            "run_id": status["run_id"] or (last["run_id"] if last else 0),
+            "step": status["step"],
+            "steps": status["steps"],
+            "prompt_id": prompt["id"] if prompt else 0,
+            "uptime_s": int(self._clock.now() - self._started),
+            "spread_within_m": (found.get("spread_within") or {}).get("t_norm") or 0.0,
+            "spread_across_m": (found.get("spread_across") or {}).get("t_norm") or 0.0,
+        }
+
+    def _bits(self, status: dict[str, Any], last: dict[str, Any] | None) -> int:
+        engine = self._engine
+        waiting = engine.packml in WAITING
+        fault = engine.error is not None or status["latched"]
+        arm, camera = self._ok("arm"), self._ok("flange_camera") or self._ok("fixed_camera")
+        stopped = engine.error is not None and engine.error.name in SAFETY_ERRORS
+        bits = {
+            READY: waiting and not status["latched"] and arm,
+            BUSY: not waiting,
+            DONE: last is not None and engine.packml is PackML.COMPLETE,
+            FAULT: fault,
+            WARNING: bool(last and last.get("verdict") == "warn"),
+            RESULT_VALID: bool(last and (last.get("result") or {}).get("result")),
+            ARM_OK: arm,
+            CAMERA_OK: camera,
+            STOPPED_BY_SAFETY: stopped,
+            TWIN: self._config.cell.twin,
+        }
+        return sum(bit for bit, on in bits.items() if on)
+
+    def _ok(self, role: str) -> bool:
+        name = self._config.robot.roles().get(role)
+        return name is not None and self._supervisor.devices[name].state.value == "READY"

@@ -1,0 +1,188 @@
+"""Device supervision: connecting, identity, loss and reconnection live here and nowhere else."""
+
+import asyncio
+import logging
+import random
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from cell.clock import Clock
+from cell.devices import Device, DeviceState, Identity
+from cell.errors import CellError, error
+from daemon.health import Beats
+
+log = logging.getLogger("cellward.devices")
+
+OPEN_TIMEOUT_S = 20.0
+CLOSE_TIMEOUT_S = 5.0
+FRESH_TIMEOUT_S = 2.0
+FIRST_BACK_OFF_S = 0.25
+LONGEST_BACK_OFF_S = 5.0
+BEAT_S = 0.5
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """What the configuration says about a device's identity."""
+
+    twin: bool
+    serial: str | None = None
+
+    def check(self, device: str, found: Identity) -> None:
+        """Raise ``DEVICE_IDENTITY`` when the device is not the one that is meant."""
+        if self.serial is not None and found.serial != self.serial:
+            raise error(
+                "DEVICE_IDENTITY", f"{device} has serial {found.serial}, the config expects {self.serial}"
+            )
+        if found.is_twin != self.twin:
+            kind = "a twin" if found.is_twin else "real hardware"
+            raise error(
+                "DEVICE_IDENTITY", f"{device} is {kind} but the config says twin = {str(self.twin).lower()}"
+            )
+
+
+class SupervisedDevice:
+    """One device through its life: CONNECTING, READY, and RETRYING with capped back-off and jitter."""
+
+    def __init__(self, device: Device, expect: Expectation, clock: Clock, beats: Beats) -> None:
+        self.device, self.expect = device, expect
+        self.state = DeviceState.CLOSED
+        self.identity: Identity | None = None
+        self.last_error: Exception | None = None
+        self.losses = 0
+        self.changed = asyncio.Event()
+        self._clock, self._beats = clock, beats
+        self._task_name = f"device {device.name}"
+
+    async def run(self) -> None:
+        """Keep the device connected until cancelled; always leaves it closed."""
+        back_off = FIRST_BACK_OFF_S
+        lost_at: float | None = None
+        try:
+            while True:
+                self._set(DeviceState.CONNECTING if lost_at is None else DeviceState.RETRYING)
+                try:
+                    await self._beating(self._connect())
+                except Exception as exc:
+                    self._failed(exc, first=lost_at is None)
+                    lost_at = self._clock.now() if lost_at is None else lost_at
+                else:
+                    self._recovered(lost_at)
+                    back_off = FIRST_BACK_OFF_S
+                    loss = await self._beating(self.device.wait_lost())
+                    self.losses += 1
+                    lost_at = self._clock.now()
+                    self._failed(loss, first=True)
+                await self._beating(self._close())
+                await self._beating(self._clock.sleep(back_off * random.uniform(0.8, 1.2)))
+                back_off = min(2.0 * back_off, LONGEST_BACK_OFF_S)
+        finally:
+            await self._close()
+            self._set(DeviceState.CLOSED)
+            self._beats.retire(self._task_name)
+
+    async def _connect(self) -> None:
+        async with asyncio.timeout(OPEN_TIMEOUT_S):
+            await self.device.open()
+            found = await self.device.identify()
+            self.expect.check(self.device.name, found)
+            await self.device.wait_fresh(FRESH_TIMEOUT_S)
+        self.identity = found
+
+    async def _close(self) -> None:
+        try:
+            async with asyncio.timeout(CLOSE_TIMEOUT_S):
+                await self.device.close()
+        except Exception as exc:
+            log.warning("%s: closing failed: %s: %s", self.device.name, type(exc).__name__, exc)
+
+    def _recovered(self, lost_at: float | None) -> None:
+        self._set(DeviceState.READY)
+        self.last_error = None
+        assert self.identity is not None
+        outage = "" if lost_at is None else f" after {self._clock.now() - lost_at:.1f} s"
+        log.info(
+            "%s: ready%s (%s, serial %s)", self.device.name, outage, self.identity.model, self.identity.serial
+        )
+
+    def _failed(self, exc: Exception, first: bool) -> None:
+        self.last_error = exc
+        refused = isinstance(exc, CellError) and exc.name == "DEVICE_IDENTITY"
+        self._set(DeviceState.FAULTED if refused else DeviceState.RETRYING)
+        if first:
+            log.warning("%s: %s", self.device.name, _reason(exc))
+
+    def _set(self, state: DeviceState) -> None:
+        if state is self.state or (self.state is DeviceState.FAULTED and state is DeviceState.RETRYING):
+            return
+        self.state = state
+        self.changed.set()
+        self.changed = asyncio.Event()
+
+    async def _beating(self, work: Any) -> Any:
+        """Await ``work`` and beat meanwhile: waiting for a device is not being stuck."""
+        task = asyncio.ensure_future(work)
+        try:
+            while not task.done():
+                self._beats.beat(self._task_name)
+                await asyncio.wait([task], timeout=BEAT_S)
+        except BaseException:
+            task.cancel()
+            await asyncio.wait([task], timeout=CLOSE_TIMEOUT_S)
+            raise
+        return task.result()
+
+    def status(self) -> dict[str, Any]:
+        """For status pages and ``cellward status``."""
+        return {
+            "state": self.state.value,
+            "model": self.identity.model if self.identity else None,
+            "serial": self.identity.serial if self.identity else None,
+            "losses": self.losses,
+            "error": _reason(self.last_error) if self.last_error else None,
+            **self.device.health(),
+        }
+
+
+def _reason(exc: Exception) -> str:
+    return f"{exc} ({exc.code}). {exc.hint}" if isinstance(exc, CellError) else f"{type(exc).__name__}: {exc}"
+
+
+class Supervisor:
+    """All devices of the cell."""
+
+    def __init__(self, devices: Iterable[SupervisedDevice]) -> None:
+        self.devices = {d.device.name: d for d in devices}
+
+    def ready(self, name: str) -> Device:
+        """The device, if it can be used now; else ``DEVICE_NOT_READY`` with its last error."""
+        entry = self.devices[name]
+        if entry.state is not DeviceState.READY:
+            why = _reason(entry.last_error) if entry.last_error else entry.state.value
+            raise error("DEVICE_NOT_READY", f"{name}: {why}")
+        return entry.device
+
+    async def first_loss(self, names: Iterable[str]) -> Exception:
+        """Block until one of the devices is no longer READY; return why."""
+        while True:
+            waits = []
+            for name in names:
+                entry = self.devices[name]
+                if entry.state is not DeviceState.READY:
+                    return entry.last_error or error("DEVICE_LOST", f"{name} is {entry.state.value}")
+                waits.append(asyncio.create_task(entry.changed.wait()))
+            try:
+                await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                for wait in waits:
+                    wait.cancel()
+
+    def status(self) -> dict[str, Any]:
+        return {name: entry.status() for name, entry in self.devices.items()}
+
+
+def start_all(supervisor: Supervisor, spawn: Callable[[str, Any], None]) -> None:
+    """Start one task a device through ``spawn(name, coroutine)``."""
+    for name, entry in supervisor.devices.items():
+        spawn(f"device {name}", entry.run())

@@ -1,0 +1,71 @@
+"""One pre-warmed process for solving and planning, so that the loop never computes."""
+
+import asyncio
+import ctypes
+import os
+import signal
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+from typing import Any, TypeVar
+
+from cell.errors import error
+
+R = TypeVar("R")
+_PR_SET_PDEATHSIG = 1
+
+
+def _warm_up() -> None:
+    """Die with the parent, leave signals to it, and import what solving needs before it is needed."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ[name] = "1"  # one BLAS thread: the same data give the same bits
+    import procedures.cone_capture.plan
+    import procedures.solve.hand_eye  # noqa: F401
+
+
+def _ready() -> int:
+    return os.getpid()
+
+
+class ProcessWorker:
+    """Runs module-level functions in its process; a worker that dies is replaced at the next call."""
+
+    def __init__(self) -> None:
+        self._pool: ProcessPoolExecutor | None = None
+
+    async def start(self) -> int:
+        """Start the process and wait until it is warm; returns its pid."""
+        return await self.call(_ready)
+
+    async def call(self, fn: Callable[..., R], *args: Any, **kwargs: Any) -> R:
+        """``fn(*args, **kwargs)`` in the worker; its exceptions come back as they are."""
+        pool = self._pool = self._pool or ProcessPoolExecutor(
+            1, mp_context=get_context("spawn"), initializer=_warm_up
+        )
+        try:
+            return await asyncio.wrap_future(pool.submit(fn, *args, **kwargs))
+        except BrokenProcessPool as exc:
+            self._pool = None
+            pool.shutdown(wait=False)
+            raise error("CHILD_DIED", f"the solver process ended while computing {fn.__name__}") from exc
+
+    async def stop(self) -> None:
+        pool, self._pool = self._pool, None
+        if pool is not None:
+            await asyncio.to_thread(pool.shutdown, wait=True, cancel_futures=True)
+
+
+class InlineWorker:
+    """Computes on the loop; only for the object twin, where time stands still meanwhile."""
+
+    async def call(self, fn: Callable[..., R], *args: Any, **kwargs: Any) -> R:
+        return fn(*args, **kwargs)
+
+    async def start(self) -> int:
+        return os.getpid()
+
+    async def stop(self) -> None:
+        return None

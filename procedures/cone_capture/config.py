@@ -1,0 +1,41 @@
+"""What an integrator can set for a cone-pose capture."""
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class Acceptance(BaseModel):
+    """Limits on the result; within them it may be accepted without a person when ``auto`` is set."""
+
+    model_config = ConfigDict(extra="forbid")
+    max_error_t_m: float = Field(0.0005, gt=0, le=0.1, description="95 % error of X, translation")
+    max_error_r_rad: float = Field(0.0005, gt=0, le=0.1, description="95 % error of X, rotation")
+    auto: bool = Field(False, description="accept a passing result without asking")
+
+
+class ConeCaptureConfig(BaseModel):
+    """``[job.cone-capture]``."""
+
+    model_config = ConfigDict(extra="forbid")
+    target: str = Field(description="name of a [target.NAME] section")
+    setup: Literal["eye-in-hand", "eye-to-hand"] = "eye-in-hand"
+    placements: int = Field(10, ge=1, le=60, description="how often the board is placed anew")
+    poses_per_placement: int = Field(20, ge=4, le=60, multiple_of=2)
+    min_poses_per_placement: int = Field(
+        3, ge=3, le=60, description="a placement with fewer usable poses ends the job"
+    )
+    cone_half_angle_rad: float = Field(0.44, gt=0.1, lt=1.0)
+    distance_m: float = Field(0.5, gt=0.1, lt=3.0, description="camera to board centre")
+    start_pose: str | None = Field(
+        None, description="name of a [poses] entry where each placement starts; else where the arm stands"
+    )
+    settle_s: float = Field(0.3, ge=0.0, le=10.0)
+    frames_per_pose: int = Field(5, ge=1, le=50)
+    retries_per_pose: int = Field(2, ge=0, le=10)
+    min_corners: int = Field(8, ge=4, le=1000, description="board corners a frame must show")
+    max_flange_motion_m: float = Field(0.0001, gt=0, le=0.01, description="while the frames are taken")
+    max_corner_motion_px: float = Field(0.5, gt=0, le=10.0, description="between frames of one pose")
+    seek_timeout_s: float = Field(20.0, gt=0, le=600.0)
+    max_duration_s: float = Field(4 * 3600.0, gt=0)
+    accept: Acceptance = Field(default_factory=lambda: Acceptance())

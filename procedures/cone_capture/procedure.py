@@ -1,0 +1,383 @@
+"""Job ``cone-capture``: camera poses on cones around a board, and the hand-eye result.
+
+For each placement of the board: find it, plan a cone with constant roll, then move, settle and take several
+frames at each pose. Raw data are on disk before anything is solved.
+"""
+
+import asyncio
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from enum import StrEnum
+from typing import Any, ClassVar
+
+import numpy as np
+
+from cell.devices import Arm, ArmState, DepthCamera, Frame
+from cell.errors import AbortError, CellError, RefusedError, error
+from cell.motion import MotionLease, measured_standstill
+from cell.poses import Array, to_pose6
+from cell.procedure import FinishRequested, Procedure, Run
+from cell.samples import Sample
+from procedures.cone_capture.config import ConeCaptureConfig
+from procedures.cone_capture.plan import (
+    PlacementPlan,
+    PlanRequest,
+    View,
+    plan_placement,
+    plan_search,
+    refine_calibration,
+    target_point_count,
+)
+from procedures.cone_capture.record import CaptureRecord, camera_entry, observation_entry
+from procedures.solve.hand_eye import solve_hand_eye
+
+STANDSTILL_TIMEOUT_S = 2.0
+LOST_IN_A_ROW = 3
+SAME_PLACE_PX = 2.0
+
+
+class State(StrEnum):
+    """Where the job is."""
+
+    PREPARE = "prepare"
+    PLACE = "place"
+    START_POSE = "start-pose"
+    SEEK = "seek"
+    SEARCH = "search"
+    PLAN = "plan"
+    MOVE = "move"
+    SETTLE = "settle"
+    CAPTURE = "capture"
+    RETURN = "return"
+    REFINE = "refine"
+    SOLVE = "solve"
+
+
+S = State
+
+
+class ConeCapture(Procedure):
+    """Hand-eye calibration, eye-in-hand or eye-to-hand."""
+
+    name: ClassVar[str] = "cone-capture"
+    number: ClassVar[int] = 1
+    Config = ConeCaptureConfig
+    State = State
+    TRANSITIONS: ClassVar[dict[Any, frozenset[Any]]] = {
+        None: frozenset({S.PREPARE}),
+        S.PREPARE: frozenset({S.PLACE, S.SOLVE}),
+        S.PLACE: frozenset({S.START_POSE, S.SEEK, S.SOLVE}),
+        S.START_POSE: frozenset({S.SEEK, S.SOLVE}),
+        S.SEEK: frozenset({S.SEARCH, S.PLAN, S.PLACE, S.SOLVE}),
+        S.SEARCH: frozenset({S.MOVE, S.PLAN, S.SOLVE}),
+        S.PLAN: frozenset({S.MOVE}),
+        S.MOVE: frozenset({S.SETTLE, S.MOVE, S.RETURN, S.SOLVE}),
+        S.SETTLE: frozenset({S.CAPTURE}),
+        S.CAPTURE: frozenset({S.SETTLE, S.MOVE, S.RETURN, S.SEARCH}),
+        S.RETURN: frozenset({S.REFINE}),
+        S.REFINE: frozenset({S.PLACE, S.SOLVE}),
+        S.SOLVE: frozenset(),
+    }
+    CHECKPOINTS: ClassVar[frozenset[Any]] = frozenset({S.PLACE, S.SEEK, S.MOVE})
+
+    config: ConeCaptureConfig
+
+    def uses(self) -> tuple[str, ...]:
+        return ("arm", self._camera_role)
+
+    @property
+    def _camera_role(self) -> str:
+        return "flange_camera" if self.config.setup == "eye-in-hand" else "fixed_camera"
+
+    async def run(self, run: Run) -> None:
+        capture = _Capture(self.config, run, run.camera(self._camera_role))
+        with suppress(FinishRequested):
+            await capture.take_all()
+        await capture.solve()
+
+    async def dry_run(self, run: Run) -> dict[str, Any]:
+        """The plan from the board as it is seen now, with every check; nothing moves."""
+        capture = _Capture(self.config, run, run.camera(self._camera_role))
+        await capture.camera.set_target(capture.target)
+        frame = await capture.seek()
+        if capture.calibration is None:
+            return {"note": "no nominal pose in [robot]: six small moves come first", "poses": []}
+        plan = await capture.plan(frame)
+        return plan.as_dict()
+
+
+class _Capture:
+    """The data and the devices of one run, and the steps that work on them."""
+
+    def __init__(self, config: ConeCaptureConfig, run: Run, camera: DepthCamera) -> None:
+        self.config, self.run, self.camera = config, run, camera
+        self.arm: Arm = run.arm()
+        self.target: dict[str, Any] = run.values["targets"][config.target]
+        self.points = target_point_count(self.target)
+        self.record = CaptureRecord(run.folder)
+        self.calibration: dict[str, Any] | None = run.values["calibration"][config.setup]
+        self.start_q: Array | None = None
+
+    async def take_all(self) -> None:
+        run, config = self.run, self.config
+        await run.enter(S.PREPARE)
+        await self.camera.set_target(self.target)
+        await self._begin_record()
+        interrupted = self.record.unfinished_placement()
+        while len(self.record.complete) < config.placements:
+            done = len(self.record.complete)
+            await run.enter(S.PLACE, f"placement {done + 1} of {config.placements}")
+            group = self.record.next_group() if interrupted is None else interrupted
+            if interrupted is None and group > 0:
+                await run.ask(self._placement_text(done))
+            await self._take_placement(group, resumed=interrupted is not None)
+            interrupted = None
+
+    async def _take_placement(self, group: int, resumed: bool) -> None:
+        run = self.run
+        async with run.motion() as lease:
+            await self._go_to_start(lease, self.record.placements.get(group))
+            await run.enter(S.SEEK, f"looking for board '{self.config.target}'")
+            frame = await self.seek()
+            if resumed and (wander := self._moved_since(group, frame)) > SAME_PLACE_PX:
+                # Its finished poses stay, as a placement of their own if they are enough.
+                run.note("decision", event="board moved since the interruption", group=group, pixels=wander)
+                await asyncio.to_thread(self.record.complete_placement, group)
+                return
+            if self.calibration is None:
+                await self._search(lease, frame)
+                frame = await self.seek()
+            if not resumed:
+                assert self.start_q is not None
+                board = self._view(frame).board()
+                await asyncio.to_thread(self.record.begin_placement, group, self.start_q.tolist(), board)
+            await run.enter(S.PLAN)
+            plan = await self.plan(frame, self.record.in_group(group))
+            run.note("decision", event="plan", plan=plan.as_dict(), group=group)
+            await self._take_poses(lease, group, plan)
+            await run.enter(S.RETURN)
+            assert self.start_q is not None
+            await lease.move_joints(self.start_q)
+        taken = len(self.record.in_group(group))
+        if taken < self.config.min_poses_per_placement:
+            raise error("CAPTURE_INCOMPLETE", f"placement {group + 1} has {taken} usable poses")
+        await asyncio.to_thread(self.record.complete_placement, group)
+        await run.enter(S.REFINE)
+        await self._refine()
+
+    def _moved_since(self, group: int, frame: Frame) -> float:
+        """RMS pixels between the board as first seen in this placement and now, from the same arm pose."""
+        before = self.record.placements[group]["board"]
+        assert frame.board is not None
+        now = dict(zip(frame.board.ids.tolist(), frame.board.corners, strict=True))
+        pairs = [(uv, now[i]) for i, uv in zip(before["ids"], before["corners"], strict=True) if i in now]
+        if not pairs:
+            return float("inf")
+        return float(np.sqrt(np.mean([np.sum((np.array(a) - b) ** 2) for a, b in pairs])))
+
+    async def _take_poses(self, lease: MotionLease, group: int, plan: PlacementPlan) -> None:
+        run, config = self.run, self.config
+        lost = 0
+        for pose in plan.poses:
+            await run.enter(S.MOVE, f"pose {pose.index + 1} of placement {group + 1}", pose=pose.index)
+            try:
+                await lease.move_joints(np.array(pose.q))
+            except RefusedError as refusal:
+                if refusal.name not in ("MOTION_LIMIT", "MOTION_COLLISION", "MOTION_UNREACHABLE"):
+                    raise
+                run.note("decision", event="pose skipped", pose=pose.index, why=str(refusal))
+                continue
+            taken = await self._take_pose(group, pose.index)
+            lost = 0 if taken else lost + 1
+            if lost >= LOST_IN_A_ROW:
+                raise error("BOARD_NOT_SEEN", f"at {lost} poses in a row, last pose {pose.index + 1}")
+            run.progress(len(self.record.observations), config.placements * config.poses_per_placement)
+
+    async def _take_pose(self, group: int, pose_index: int) -> bool:
+        """Settle and measure one pose, again where it fails; False when it had to be given up."""
+        run, config = self.run, self.config
+        for attempt in range(config.retries_per_pose + 1):
+            await run.enter(S.SETTLE, f"attempt {attempt + 1}")
+            if not await measured_standstill(self.arm, STANDSTILL_TIMEOUT_S):
+                raise error("POSE_UNSTABLE", f"the arm did not come to rest in {STANDSTILL_TIMEOUT_S} s")
+            await run.clock.sleep(config.settle_s)
+            await run.enter(S.CAPTURE)
+            index = self.record.next_index()
+            started = run.clock.now()
+            frames = await self.camera.capture(
+                config.frames_per_pose, run.folder / "images", f"{index:04d}-{attempt}", started
+            )
+            states = self.arm.state.between(started, frames[-1].t_exposure + frames[-1].exposure_s)
+            why = self._fault_of(frames, states)
+            if why is None:
+                usable = [f for f in frames if self._shows_board(f)]
+                entry = observation_entry(index, group, run.folder, usable, states, self.points)
+                entry["planned"] = pose_index
+                await asyncio.to_thread(self.record.add_pose, entry)
+                run.note("decision", event="pose taken", pose=pose_index, index=index, frames=len(usable))
+                return True
+            run.note("decision", event="pose failed", pose=pose_index, attempt=attempt + 1, why=why)
+        return False
+
+    def _shows_board(self, frame: Frame) -> bool:
+        return frame.board is not None and len(frame.board.ids) >= self.config.min_corners
+
+    def _fault_of(self, frames: Sequence[Frame], states: Sequence[Sample[ArmState]]) -> str | None:
+        """Why these frames cannot be used, or None."""
+        seen = [f for f in frames if self._shows_board(f)]
+        if 2 * len(seen) <= len(frames):
+            return f"the board shows in {len(seen)} of {len(frames)} frames"
+        if not states:
+            return "no arm state while the frames were taken"
+        flange = np.array([to_pose6(s.value.T_base_flange)[:3] for s in states])
+        motion = float(np.max(np.linalg.norm(flange - flange.mean(axis=0), axis=1)))
+        if motion > self.config.max_flange_motion_m:
+            return f"the flange moved {1e3 * motion:.3f} mm while the frames were taken"
+        wander = _corner_motion(seen)
+        if wander > self.config.max_corner_motion_px:
+            return f"the board moved {wander:.2f} px between the frames"
+        return None
+
+    async def seek(self) -> Frame:
+        """A fresh frame that shows the board, with the arm at rest; ``BOARD_NOT_SEEN`` after a time."""
+        give_up = self.run.clock.now() + self.config.seek_timeout_s
+        best = 0
+        after = self.run.clock.now()
+        while self.run.clock.now() < give_up:
+            sample = self.camera.frames.last()
+            if sample is not None and sample.t > after:
+                board = sample.value.board
+                best = max(best, 0 if board is None else len(board.ids))
+                if self._shows_board(sample.value):
+                    return sample.value
+            await self.run.clock.sleep(0.02)
+        raise error(
+            "BOARD_NOT_SEEN",
+            f"'{self.config.target}' for {self.config.seek_timeout_s:g} s; at best {best} corners of the "
+            f"{self.config.min_corners} that are needed",
+        )
+
+    async def plan(self, frame: Frame, finished: Sequence[dict[str, Any]] = ()) -> PlacementPlan:
+        """Plan the placement's poses in the worker; poses already finished are left out."""
+        assert self.calibration is not None
+        request = PlanRequest(
+            setup=self.config.setup,
+            values=dict(self.run.values),
+            target=self.target,
+            calibration=self.calibration,
+            view=self._view(frame),
+            poses=self.config.poses_per_placement,
+            min_poses=self.config.min_poses_per_placement,
+            cone_half_angle_rad=self.config.cone_half_angle_rad,
+            distance_m=self.config.distance_m,
+            finished=[(int(o["planned"]), list(o["q"])) for o in finished],
+        )
+        return await self.run.worker.call(plan_placement, request)
+
+    async def _search(self, lease: MotionLease, frame: Frame) -> None:
+        """Six small checked moves find a first X when no nominal one is configured."""
+        run = self.run
+        await run.enter(S.SEARCH, "no nominal pose is configured: six small moves find it")
+        start = self.arm.state.latest(0.1).value
+        moves = await run.worker.call(plan_search, dict(run.values), self._view(frame))
+        views = [self._view(frame)]
+        for i, q in enumerate(moves):
+            await run.enter(S.MOVE, f"search move {i + 1} of {len(moves)}")
+            await lease.move_joints(np.array(q))
+            await run.enter(S.SETTLE)
+            await run.clock.sleep(self.config.settle_s)
+            await run.enter(S.CAPTURE)
+            with suppress(AbortError):  # a search move may lose the board
+                views.append(self._view(await self.seek()))
+        await run.enter(S.SEARCH, f"{len(views)} views")
+        await lease.move_joints(start.q)
+        self.calibration = await run.worker.call(
+            refine_calibration, self.config.setup, self.target, views, None
+        )
+        run.note("decision", event="first estimate", **self.calibration)
+
+    async def _refine(self) -> None:
+        """A better X for the next placement's plan; the plan can live without it."""
+        if self.calibration is None:
+            return
+        views = [
+            View.from_observation(o, self.record.header["camera"])
+            for o in self.record.observations
+            if o["group"] == self.record.observations[-1]["group"]
+        ]
+        try:
+            self.calibration = await self.run.worker.call(
+                refine_calibration, self.config.setup, self.target, views, self.calibration
+            )
+        except CellError as exc:
+            self.run.note("decision", event="not refined", why=str(exc))
+        else:
+            self.run.note("decision", event="refined", **self.calibration)
+
+    async def _go_to_start(self, lease: MotionLease, interrupted: Mapping[str, Any] | None) -> None:
+        if interrupted is not None:
+            self.start_q = np.array(interrupted["start_q"])
+        elif self.config.start_pose is not None:
+            self.start_q = np.array(self.run.values["poses"][self.config.start_pose])
+        elif self.start_q is None:
+            self.start_q = self.arm.state.latest(0.1).value.q
+        await self.run.enter(S.START_POSE)
+        await lease.move_joints(self.start_q)
+
+    async def _begin_record(self) -> None:
+        frame = await self._any_frame()
+        header: dict[str, Any] = {
+            "setup": self.config.setup,
+            "camera": camera_entry(frame.intrinsics),
+            "target": self.target,
+            "robot": self.run.values["robot"],
+        }
+        adopted = None
+        if self.run.adopted is not None:
+            adopted = await asyncio.to_thread(CaptureRecord.read, self.run.adopted)
+            self.run.note("decision", event="adopted", poses=len(adopted.observations))
+        await asyncio.to_thread(self.record.begin, header, adopted)
+
+    async def _any_frame(self) -> Frame:
+        async with asyncio.timeout(5.0):
+            while (sample := self.camera.frames.last()) is None:
+                await self.run.clock.sleep(0.02)
+        return sample.value
+
+    def _view(self, frame: Frame) -> View:
+        state = self.arm.state.latest(0.1).value
+        assert frame.board is not None
+        return View(
+            q=[float(v) for v in state.q],
+            T_base_flange=[float(v) for v in to_pose6(state.T_base_flange)],
+            ids=[int(i) for i in frame.board.ids],
+            corners=[[float(u), float(v)] for u, v in frame.board.corners],
+            camera=camera_entry(frame.intrinsics),
+        )
+
+    def _placement_text(self, group: int) -> str:
+        what = "Move the board" if self.config.setup == "eye-in-hand" else "Remount the board on the flange"
+        return (
+            f"Placement {group + 1} of {self.config.placements}: {what} to another place with another tilt, "
+            "in view of the camera, then confirm."
+        )
+
+    async def solve(self) -> None:
+        """Write the data set, solve it in the worker, and leave the result to be proposed."""
+        run = self.run
+        await run.enter(S.SOLVE, f"{len(self.record.observations)} poses")
+        if not self.record.observations:
+            raise error("CAPTURE_INCOMPLETE", "no pose was finished")
+        path = await asyncio.to_thread(self.record.write_data_set)
+        run.note("solve", event="started", observations=len(self.record.observations))
+        run.result = await run.worker.call(solve_hand_eye, path)
+
+
+def _corner_motion(frames: Sequence[Frame]) -> float:
+    """RMS wander in pixels of the corners common to all frames, against their mean; 0 with one frame."""
+    boards = [f.board for f in frames if f.board is not None]
+    common = set.intersection(*(set(b.ids.tolist()) for b in boards))
+    if len(boards) < 2 or not common:
+        return 0.0
+    stack = np.stack([b.corners[[b.ids.tolist().index(i) for i in sorted(common)]] for b in boards])
+    return float(np.sqrt(np.mean(np.sum((stack - stack.mean(axis=0)) ** 2, axis=2))))

@@ -1,0 +1,95 @@
+"""What every test is held to: nothing leaks, and nothing blocks the event loop."""
+
+import asyncio
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+DATA = Path(os.environ.get("CELLWARD_DATA", Path(__file__).parents[2] / "shared" / "data"))
+
+
+@pytest.fixture(scope="session")
+def data_folder() -> Path:
+    """The folder of public data sets with real images, or a skip."""
+    if not DATA.is_dir():
+        pytest.skip(f"no folder of real data sets at {DATA}; set CELLWARD_DATA")
+    return DATA
+
+
+def _on_loop() -> bool:
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return False
+    return True
+
+
+def _refusing(name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+    def guarded(*args: Any, **kwargs: Any) -> Any:
+        if _on_loop():
+            raise AssertionError(f"{name} blocks the event loop")
+        return call(*args, **kwargs)
+
+    return guarded
+
+
+@pytest.fixture(autouse=True)
+def _nothing_blocks_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(time, "sleep", _refusing("time.sleep", time.sleep))
+    monkeypatch.setattr(os, "fsync", _refusing("os.fsync", os.fsync))
+
+
+@pytest.fixture(autouse=True)
+def _nothing_leaks(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A task, thread, socket or child that outlives its test fails it."""
+    leaked_tasks: list[str] = []
+    cancel_all = asyncio.runners._cancel_all_tasks  # type: ignore[attr-defined]
+
+    def record(loop: asyncio.AbstractEventLoop) -> None:
+        leaked_tasks.extend(repr(t) for t in asyncio.all_tasks(loop))
+        cancel_all(loop)
+
+    monkeypatch.setattr(asyncio.runners, "_cancel_all_tasks", record)
+    me = psutil.Process()
+    threads, children, sockets = _threads(), _children(me), _sockets(me)
+    yield
+    assert not leaked_tasks, f"tasks left behind: {leaked_tasks}"
+    for what, before, now in (
+        ("threads", threads, _threads),
+        ("children", children, lambda: _children(me)),
+        ("sockets", sockets, lambda: _sockets(me)),
+    ):
+        deadline = time.monotonic() + 2.0
+        while (left := now() - before) and time.monotonic() < deadline:
+            threading.Event().wait(0.02)
+        assert not left, f"{what} left behind: {left}"
+
+
+def _threads() -> set[str]:
+    return {f"{t.name}#{t.ident}" for t in threading.enumerate()}
+
+
+def _children(me: psutil.Process) -> set[str]:
+    found = set()
+    for child in me.children(recursive=True):
+        try:
+            if child.status() != psutil.STATUS_ZOMBIE and not _is_tracker(child):
+                found.add(f"{child.pid} {' '.join(child.cmdline())[:80]}")
+        except psutil.NoSuchProcess:
+            continue
+    return found
+
+
+def _is_tracker(child: psutil.Process) -> bool:
+    """multiprocessing keeps one tracker process for the life of the interpreter."""
+    return "resource_tracker" in " ".join(child.cmdline())
+
+
+def _sockets(me: psutil.Process) -> set[str]:
+    return {f"fd {c.fd} {c.laddr} -> {c.raddr}" for c in me.net_connections(kind="all")}
