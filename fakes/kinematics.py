@@ -1,0 +1,206 @@
+"""The twin's own arm kinematics: product of exponentials, from UR's published lengths.
+
+``T_base_flange(q) = exp(S1 q1) ... exp(S6 q6) M`` with the screw axes ``S`` seen in the base while all
+joints are at zero, and the flange's home pose ``M`` (Lynch and Park, Modern Robotics, chapter 4). The
+solver that judges the twin composes link by link; the two meet only in a test.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from cell.poses import Array
+
+JOINTS = 6
+
+# d1, a2, a3, d4, d5, d6 in metres, as Universal Robots publishes them.
+_LENGTHS: dict[str, tuple[float, float, float, float, float, float]] = {
+    "ur3": (0.1519, -0.24365, -0.21325, 0.11235, 0.08535, 0.0819),
+    "ur5": (0.089159, -0.425, -0.39225, 0.10915, 0.09465, 0.0823),
+    "ur10": (0.1273, -0.612, -0.5723, 0.163941, 0.1157, 0.0922),
+    "ur3e": (0.15185, -0.24355, -0.2132, 0.13105, 0.08535, 0.0921),
+    "ur5e": (0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996),
+    "ur10e": (0.1807, -0.6127, -0.57155, 0.17415, 0.11985, 0.11655),
+    "ur16e": (0.1807, -0.4784, -0.36, 0.17415, 0.11985, 0.11655),
+    "ur20": (0.2363, -0.8620, -0.7287, 0.2010, 0.1593, 0.1543),
+    "ur30": (0.2363, -0.6370, -0.5037, 0.2010, 0.1593, 0.1543),
+}
+_TWISTS = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
+
+MODELS = tuple(_LENGTHS)
+
+
+class UnreachableError(ValueError):
+    """No joint angles near the given ones reach a pose."""
+
+
+def _zeros() -> tuple[float, ...]:
+    return (0.0,) * JOINTS
+
+
+@dataclass(frozen=True)
+class LinkDeltas:
+    """Deviations of the links from the drawing, as UR's calibration reports them (rad and m, six each)."""
+
+    delta_theta: tuple[float, ...] = field(default_factory=_zeros)
+    delta_d: tuple[float, ...] = field(default_factory=_zeros)
+    delta_a: tuple[float, ...] = field(default_factory=_zeros)
+    delta_alpha: tuple[float, ...] = field(default_factory=_zeros)
+
+    def __post_init__(self) -> None:
+        for name, values in vars(self).items():
+            if len(values) != JOINTS:
+                raise ValueError(f"{name} needs {JOINTS} numbers, one per joint; got {len(values)}")
+
+    def __add__(self, other: "LinkDeltas") -> "LinkDeltas":
+        sums = (
+            tuple(float(x + y) for x, y in zip(a, b, strict=True))
+            for a, b in zip(vars(self).values(), vars(other).values(), strict=True)
+        )
+        return LinkDeltas(*sums)
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Sequence[float]]) -> "LinkDeltas":
+        """From ``{"delta_theta": [...], ...}``; keys that are missing are zero."""
+        return cls(**{name: tuple(float(v) for v in row) for name, row in values.items()})
+
+
+@dataclass(frozen=True)
+class Chain:
+    """A serial arm of revolute joints.
+
+    ``screws`` is (6, 6), one row per joint: the axis' moment ``-w x p`` (m), then its direction ``w``,
+    in the base with all joints at zero. ``M`` is the home pose ``T_base_flange(0)`` as a 4x4 matrix.
+    """
+
+    screws: Array
+    M: Array
+    _hats: Array = field(init=False, repr=False, compare=False)
+    _squares: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        hats = np.zeros((len(self.screws), 4, 4))
+        hats[:, :3, :3] = skew(self.screws[:, 3:])
+        hats[:, :3, 3] = self.screws[:, :3]
+        object.__setattr__(self, "_hats", hats)
+        object.__setattr__(self, "_squares", hats @ hats)
+
+    def matrix(self, q: ArrayLike) -> Array:
+        """``T_base_flange`` as a 4x4 matrix for ``q`` (6,) rad, or (n, 4, 4) for (n, 6)."""
+        e = self._exponentials(q)
+        out: Array = e[..., 0, :, :]
+        for i in range(1, JOINTS):
+            out = out @ e[..., i, :, :]
+        return out @ self.M
+
+    def forward(self, q: ArrayLike) -> RigidTransform:
+        """``T_base_flange`` for ``q`` (6,) or (n, 6) rad."""
+        return RigidTransform.from_matrix(self.matrix(q))
+
+    def jacobian(self, q: ArrayLike, p_flange: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+        """Geometric Jacobian (6, 6) in the base: rows are velocity (m/s) of the point ``p_flange`` and
+        angular velocity (rad/s) per joint speed."""
+        e = self._exponentials(q)
+        before = np.eye(4)
+        out = np.empty((6, JOINTS))
+        for i, screw in enumerate(self.screws):
+            R, p = before[:3, :3], before[:3, 3]
+            w = R @ screw[3:]
+            out[3:, i] = w
+            out[:3, i] = R @ screw[:3] + _cross(p, w)
+            before = before @ e[i]
+        flange = before @ self.M
+        point = flange[:3, :3] @ np.asarray(p_flange, dtype=float) + flange[:3, 3]
+        out[:3] += np.cross(out[3:].T, point).T
+        return out
+
+    def inverse(self, T_base_flange: RigidTransform, q_near: ArrayLike, tolerance: float = 1e-10) -> Array:
+        """Joint angles (6,) rad that reach the pose, found from ``q_near`` by damped Newton steps.
+
+        Stays on the branch of ``q_near``. The damping follows Levenberg and Marquardt, so a start near a
+        singularity slows down instead of leaping. Raises :class:`UnreachableError`.
+        """
+        goal = T_base_flange.as_matrix()
+        q = np.array(q_near, dtype=float)
+        gap = _gap(goal, self.matrix(q))
+        damping = 1e-6
+        for _ in range(100):
+            if np.max(np.abs(gap)) < tolerance:
+                return q
+            J = self.jacobian(q)
+            step = J.T @ np.linalg.solve(J @ J.T + damping * np.eye(6), gap)
+            step *= min(1.0, 0.5 / max(float(np.max(np.abs(step))), 1e-12))
+            candidate = q + step
+            new_gap = _gap(goal, self.matrix(candidate))
+            if new_gap @ new_gap < gap @ gap:
+                q, gap, damping = candidate, new_gap, max(damping / 10.0, 1e-14)
+            else:
+                damping *= 10.0
+                if damping > 1e3:
+                    break
+        raise UnreachableError(
+            f"no joints near the start reach the pose: {np.linalg.norm(gap[:3]) * 1e3:.3f} mm and "
+            f"{np.linalg.norm(gap[3:]):.2e} rad are left"
+        )
+
+    def _exponentials(self, q: ArrayLike) -> Array:
+        """exp of each screw, (..., 6, 4, 4). For axes without pitch hat^3 = -hat closes the series."""
+        angles = np.asarray(q, dtype=float)[..., None, None]
+        out: Array = np.eye(4) + np.sin(angles) * self._hats + (1.0 - np.cos(angles)) * self._squares
+        return out
+
+
+def skew(v: Array) -> Array:
+    """Cross product matrices (..., 3, 3) of ``v`` (..., 3)."""
+    out = np.zeros((*v.shape[:-1], 3, 3))
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out
+
+
+def chain(model: str, deltas: LinkDeltas | None = None) -> Chain:
+    """The arm ``model`` ("ur10e", ...) with its links off the drawing by ``deltas``.
+
+    The deltas are folded into where the axes lie at zero; joint angles keep their meaning.
+    """
+    if model not in _LENGTHS:
+        raise ValueError(f"unknown arm model {model!r}; known are {', '.join(MODELS)}")
+    d1, a2, a3, d4, d5, d6 = _LENGTHS[model]
+    deltas = deltas or LinkDeltas()
+    d = np.array([d1, 0.0, 0.0, d4, d5, d6]) + deltas.delta_d
+    a = np.array([0.0, a2, a3, 0.0, 0.0, 0.0]) + deltas.delta_a
+    alpha = np.array(_TWISTS) + deltas.delta_alpha
+    screws = np.empty((JOINTS, 6))
+    here = RigidTransform.identity()
+    for i in range(JOINTS):
+        axis = here.rotation.as_matrix()[:, 2]
+        screws[i] = [*np.cross(here.translation, axis), *axis]
+        turn = RigidTransform.from_components(
+            [0.0, 0.0, d[i]], Rotation.from_rotvec([0, 0, deltas.delta_theta[i]])
+        )
+        reach = RigidTransform.from_components([a[i], 0.0, 0.0], Rotation.from_rotvec([alpha[i], 0, 0]))
+        here = here * turn * reach
+    return Chain(screws, here.as_matrix())
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def _gap(goal: Array, reached: Array) -> Array:
+    """Position difference (m) and rotation vector (rad) from ``reached`` to ``goal``, in the base."""
+    out = np.empty(6)
+    out[:3] = goal[:3, 3] - reached[:3, 3]
+    R = goal[:3, :3] @ reached[:3, :3].T
+    sine = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    size = float(np.linalg.norm(sine))
+    cosine = 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
+    if cosine < -0.5:  # near a half turn the sine alone loses the axis
+        out[3:] = Rotation.from_matrix(R).as_rotvec()
+    else:
+        out[3:] = sine * (np.arctan2(size, cosine) / size if size > 1e-12 else 1.0)
+    return out
