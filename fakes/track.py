@@ -69,7 +69,9 @@ class Track:
 
     def load(self, segments: list[Segment]) -> None:
         """Become a copy of the track whose :meth:`snapshot` this is."""
-        self._segments, self._starts = list(segments), [s.t0 for s in segments]
+        self._segments, self._starts = [], []
+        for segment in segments:
+            self.append(segment)
 
     # -- commands; each returns the time at which the arm is at rest
 

@@ -1,0 +1,272 @@
+"""A scenario: what the twin's world truly is, where its fakes listen, and which faults happen when."""
+
+import difflib
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from cell.errors import error
+from fakes._toml import to_toml
+from fakes.kinematics import MODELS, LinkDeltas
+
+SCHEMA = "cellward.scenario/1"
+
+Six = Annotated[list[float], Field(min_length=6, max_length=6)]
+Three = Annotated[list[float], Field(min_length=3, max_length=3)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Links(_Strict):
+    """Deviations of the arm's links, rad and m, as UR's calibration lists them."""
+
+    delta_theta: Six = [0.0] * 6
+    delta_d: Six = [0.0] * 6
+    delta_a: Six = [0.0] * 6
+    delta_alpha: Six = [0.0] * 6
+
+    def deltas(self) -> LinkDeltas:
+        return LinkDeltas.from_mapping(self.model_dump())
+
+
+class ArmTruth(_Strict):
+    """The robot: what its controller believes, and how far the true one is from that."""
+
+    model: str
+    serial: str = Field(
+        default="99991100001", pattern=r"^9999\d+$", description="twin serials begin with 9999"
+    )
+    version: str = "5.12.4"
+    q_start: Six
+    factory: Links = Links()
+    error: Links = Links()
+    repeatability_t_m: float = Field(
+        default=0.0, ge=0, le=0.01, description="sigma per axis, new at each standstill"
+    )
+    repeatability_r_rad: float = Field(default=0.0, ge=0, le=0.01)
+
+    @model_validator(mode="after")
+    def _known_model(self) -> Self:
+        if self.model not in MODELS:
+            raise ValueError(f"model {self.model!r} is not known; known are {', '.join(MODELS)}")
+        return self
+
+
+class ToolTruth(_Strict):
+    """What is mounted on the flange."""
+
+    name: str = "gripper"
+    T_flange_tool: Six = [0.0, 0.0, 0.18, 0.0, 0.0, 0.0]
+    radius_m: float = Field(default=0.03, gt=0, le=0.5)
+    payload_kg: float = Field(default=1.2, ge=0, le=50)
+
+
+class CameraTruth(_Strict):
+    """The camera and where it truly is; ``nominal`` is what the drawing says of the same pose."""
+
+    serial: str = Field(
+        default="99992200001", pattern=r"^9999\d+$", description="twin serials begin with 9999"
+    )
+    width: int = Field(default=1280, ge=64, le=8192)
+    height: int = Field(default=800, ge=64, le=8192)
+    K: Annotated[list[float], Field(min_length=4, max_length=4)]
+    dist: list[float] = []
+    T_flange_camera: Six | None = None
+    T_base_camera: Six | None = None
+    nominal: Six
+    noise_px: float = Field(default=0.05, ge=0, le=10)
+    exposure_s: float = Field(default=0.008, gt=0, le=1)
+    period_s: float = Field(default=0.1, gt=0, le=10)
+    latency_s: float = Field(default=0.03, ge=0, le=1, description="from mid exposure to delivery")
+    grey: float = Field(default=120.0, ge=0, le=255)
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        if (self.T_flange_camera is None) == (self.T_base_camera is None):
+            raise ValueError("give either T_flange_camera (eye-in-hand) or T_base_camera (eye-to-hand)")
+        if len(self.dist) not in (0, 4, 5, 8, 12, 14):
+            raise ValueError(f"dist has {len(self.dist)} entries; OpenCV's models have 0, 4, 5, 8, 12 or 14")
+        return self
+
+
+class Placement(_Strict):
+    """Where the operator puts the target: in the base, or on the flange when the camera is fixed."""
+
+    T_base_target: Six | None = None
+    T_flange_target: Six | None = None
+
+
+class Obstacle(_Strict):
+    """An elastic half-space that pushes the tool's tip back along ``normal``."""
+
+    point: Three
+    normal: Three
+    stiffness_n_m: float = Field(default=20000.0, gt=0)
+
+
+class WorldTruth(_Strict):
+    """``[world]``."""
+
+    seed: int = Field(default=1, ge=0)
+    arm: ArmTruth
+    tool: ToolTruth = ToolTruth()
+    camera: CameraTruth
+    target: dict[str, Any]
+    placement: list[Placement] = Field(min_length=1)
+    obstacle: list[Obstacle] = []
+
+    @property
+    def eye_in_hand(self) -> bool:
+        return self.camera.T_flange_camera is not None
+
+    @property
+    def camera_mount(self) -> list[float]:
+        """The camera's true pose in what carries it: the flange, or the base."""
+        return self.camera.T_flange_camera or self.camera.T_base_camera or []
+
+    @property
+    def target_mounts(self) -> list[list[float]]:
+        """The target's true poses in what carries it: the base, or the flange."""
+        return [p.T_base_target or p.T_flange_target or [] for p in self.placement]
+
+    @model_validator(mode="after")
+    def _placements_fit_the_setup(self) -> Self:
+        wanted, other = ("T_base_target", "T_flange_target")[:: 1 if self.eye_in_hand else -1]
+        for i, placement in enumerate(self.placement):
+            if getattr(placement, wanted) is None or getattr(placement, other) is not None:
+                raise ValueError(f"placement {i} needs {wanted}, and only that, with this camera mounting")
+        return self
+
+
+class FakeAddresses(_Strict):
+    """``[fakes]``: where the wire face listens. Loopback only: the twin is not for a network."""
+
+    bind: str = Field(default="127.0.0.2", pattern=r"^127\.\d+\.\d+\.\d+$")
+    frames_socket: str = "frames.sock"
+
+
+class FaultEntry(_Strict):
+    """``[[fault]]``: ``kind`` happens to ``device`` ``when_s`` seconds after the twin's start."""
+
+    device: Literal["arm", "camera"]
+    kind: str
+    when_s: float = Field(ge=0)
+    args: dict[str, Any] = {}
+
+
+class CellSettings(_Strict):
+    """``[cell]``: what the generated cell.toml says beyond the truth."""
+
+    name: str = "twin"
+    poses: dict[str, Six] = {}
+    limits: dict[str, Any] = {
+        "speed_m_s": 0.25,
+        "accel_m_s2": 0.5,
+        "joint_speed_rad_s": 0.8,
+        "workspace": [{"min": [-1.3, -1.3, 0.0], "max": [1.3, 1.3, 1.6]}],
+    }
+    job: dict[str, dict[str, Any]] = {}
+
+
+class Scenario(_Strict):
+    """A whole scenario file."""
+
+    schema_: Literal["cellward.scenario/1"] = Field(alias="schema")
+    world: WorldTruth
+    fakes: FakeAddresses = FakeAddresses()
+    fault: list[FaultEntry] = []
+    cell: CellSettings = CellSettings()
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Scenario":
+        """Read a scenario file; a bare name like ``hand_eye`` is one of the shipped scenarios."""
+        source = Path(path)
+        shipped = files("fakes").joinpath("scenarios", f"{path}.toml")
+        if not source.suffix and shipped.is_file():
+            text = shipped.read_text("utf-8")
+        elif source.is_file():
+            text = source.read_text("utf-8")
+        else:
+            raise error("FILE_MISSING", f"scenario {path} is neither a file nor a shipped scenario")
+        return cls.parse(text, str(path))
+
+    @classmethod
+    def parse(cls, text: str, name: str = "scenario") -> "Scenario":
+        """Parse and check TOML text; ``CONFIG_INVALID`` lists every finding."""
+        try:
+            return cls.model_validate(tomllib.loads(text))
+        except tomllib.TOMLDecodeError as exc:
+            raise error("CONFIG_INVALID", f"{name} is not TOML: {exc}") from exc
+        except ValidationError as exc:
+            raise error("CONFIG_INVALID", f"{name}: " + "; ".join(_findings(exc))) from exc
+
+    def cell_toml(
+        self,
+        arm: dict[str, Any],
+        camera: dict[str, Any],
+        state_dir: str,
+        control_socket: str,
+        modbus: dict[str, Any] | None = None,
+        overrides: dict[str, Any] | None = None,
+    ) -> str:
+        """A ready cell.toml for this twin (FORMATS.md section 2).
+
+        ``arm`` and ``camera`` are the device tables, driver and address included; ``modbus`` its section;
+        ``overrides`` are further top-level tables that replace generated ones of the same name.
+        """
+        world, role = self.world, "flange_camera" if self.world.eye_in_hand else "fixed_camera"
+        nominal = "T_flange_camera_nominal" if self.world.eye_in_hand else "T_base_camera_nominal"
+        tool = world.tool.model_dump(include={"name", "T_flange_tool", "radius_m"})
+        robot = {
+            "arm": "arm",
+            role: "camera",
+            nominal: world.camera.nominal,
+            "model": world.arm.model,
+            "payload_kg": world.tool.payload_kg,
+            "tool": tool,
+        }
+        tables: dict[str, Any] = {
+            "schema": 1,
+            "cell": {
+                "name": self.cell.name,
+                "twin": True,
+                "state_dir": state_dir,
+                "control_socket": control_socket,
+            },
+            "robot": robot,
+            "limits": self.cell.limits,
+            "poses": self.cell.poses or {"home": world.arm.q_start},
+            "device": {
+                "arm": {**arm, "expect_serial": world.arm.serial},
+                "camera": {**camera, "expect_serial": world.camera.serial},
+            },
+            "target": {"board": world.target},
+        }
+        if modbus is not None:
+            tables["modbus"] = modbus
+        if self.cell.job:
+            tables["job"] = self.cell.job
+        return to_toml({**tables, **(overrides or {})})
+
+
+def _findings(exc: ValidationError) -> list[str]:
+    """One sentence a finding, with the place, and the nearest known key for an unknown one."""
+    out = []
+    for item in exc.errors():
+        where = ".".join(str(p) for p in item["loc"])
+        if item["type"] == "extra_forbidden":
+            near = difflib.get_close_matches(str(item["loc"][-1]), _known_keys(), n=1)
+            out.append(f"{where} is not a known key" + (f", did you mean {near[0]}?" if near else ""))
+        else:
+            out.append(f"{where}: {item['msg']}")
+    return out
+
+
+def _known_keys() -> set[str]:
+    models = [*_Strict.__subclasses__()]
+    return {info.alias or name for model in models for name, info in model.model_fields.items()}
