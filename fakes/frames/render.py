@@ -1,0 +1,255 @@
+"""True images: colour and aligned depth of a flat target, for a pinhole camera with lens distortion.
+
+Pixel centres are at integer coordinates, in the image, in the texture and on the supersampled canvas:
+canvas index = ``ss x + (ss - 1)/2``. The plate is warped by its homography onto an ideal (undistorted)
+canvas and from there through a constant map onto the distorted one, each time only where the plate is;
+averaging ``ss x ss`` pixels gives the image. Forgetting one of the half pixels biases corners by 0.25 px.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
+
+from cell.devices import Intrinsics
+from cell.poses import Array
+from fakes.frames.plates import Image, Plate
+
+Depth = NDArray[np.uint16]
+
+_SS = 2  # supersampling; 4 costs twice as much for 5 % less corner noise
+_NEAREST_M = 0.03  # a plate that comes nearer, or passes behind the camera, is not drawn
+_PAD = 4  # px around the plate's rim, for interpolation and blur
+_PAPER, _INK = 1.75, 0.22  # brightness of white and black relative to the background's mean
+_NOISE_FRAMES = 4
+
+
+@dataclass(frozen=True)
+class Optics:
+    """Everything about the camera beside its pose. Grey levels are of 255."""
+
+    intrinsics: Intrinsics
+    grey: float = 120.0  # mean of the background at normal exposure
+    noise_grey: float = 2.0
+    blur_px: float = 0.7
+    background_m: float = 1.5
+    depth_noise_mm: float = 1.0
+    seed: int = 1
+
+
+@dataclass(frozen=True)
+class Picture:
+    """``colour`` (h, w, 3) BGR and ``depth`` (h, w) in mm, 0 = invalid, aligned to it."""
+
+    colour: Image
+    depth: Depth
+
+
+class Renderer:
+    """Draws one plate as one camera sees it; holds buffers, so one instance per thread."""
+
+    def __init__(self, optics: Optics, plate: Plate) -> None:
+        self.optics, self.plate = optics, plate
+        camera = optics.intrinsics
+        self._size = (camera.width, camera.height)
+        self._rng = np.random.default_rng(optics.seed)
+        self._K, self._dist = camera.matrix, np.asarray(camera.dist, dtype=float)
+        self._rays = _ray_grid(self._size, self._K, self._dist, ss=1)
+        self._lens = _Lens(self._size, self._K, self._dist) if self._dist.any() else None
+        self._background = _background(self._size, optics.grey, self._rng)
+        self._noise = [
+            self._rng.normal(0.0, optics.noise_grey, (camera.height, camera.width, 3))
+            .round()
+            .astype(np.int16)
+            for _ in range(_NOISE_FRAMES)
+        ]
+        self._depth_noise = [
+            self._rng.normal(0.0, optics.depth_noise_mm, (camera.height, camera.width)).astype(np.float32)
+            for _ in range(_NOISE_FRAMES)
+        ]
+
+    def render(self, poses: Sequence[RigidTransform | None], gain: float = 1.0) -> Picture:
+        """The picture for ``T_camera_target`` at equal steps through the exposure (one for a camera at rest).
+
+        ``gain`` is the exposure relative to normal. ``None``, a plate seen from behind, and one partly
+        behind the camera leave the background. Depth is taken at the middle pose.
+        """
+        grey = self._background.copy()
+        looks = [view for pose in poses if pose is not None and (view := self._look(pose)) is not None]
+        if looks:
+            self._paint(grey, looks)
+        return Picture(self._expose(grey, gain), self._depth(looks[len(looks) // 2] if looks else None))
+
+    def _look(self, T_camera_target: RigidTransform) -> "_View | None":
+        """Where the plate is in the image, or None when its front is not wholly before the camera."""
+        rim = np.ascontiguousarray(T_camera_target.apply(self.plate.outline()))
+        inward = T_camera_target.rotation.apply(np.cross(self.plate.right, self.plate.down))
+        if rim[:, 2].min() < _NEAREST_M or inward @ rim[0] <= 0.0:
+            return None
+        if np.abs(rim[:, :2] / rim[:, 2:]).max() > 3.0:
+            return None  # far outside, where the distortion polynomial folds back
+        pixels = cv2.projectPoints(rim, np.zeros(3), np.zeros(3), self._K, self._dist)[0].reshape(-1, 2)
+        ideal = (rim[:, :2] / rim[:, 2:]) @ np.diag([self._K[0, 0], self._K[1, 1]]) + self._K[:2, 2]
+        box = _clip(pixels, (0, 0, *self._size))
+        ideal_box = _clip(ideal, self._lens.bounds) if self._lens else box
+        if box is None or ideal_box is None:
+            return None
+        return _View(T_camera_target, inward, rim[0], pixels, box, ideal_box)
+
+    def _paint(self, grey: Image, looks: Sequence["_View"]) -> None:
+        """Draw the plate into ``grey``, the mean over the views of a moving camera."""
+        x0 = min(v.box[0] for v in looks)
+        y0 = min(v.box[1] for v in looks)
+        x1 = max(v.box[2] for v in looks)
+        y1 = max(v.box[3] for v in looks)
+        region = grey[y0:y1, x0:x1]
+        total = np.zeros(region.shape, np.float32)
+        for view in looks:
+            cv2.accumulate(self._composed(region, view, (x0, y0, x1, y1)), total)
+        mean = cv2.convertScaleAbs(total, alpha=1.0 / len(looks))
+        if self.optics.blur_px > 0.0:
+            mean = cv2.GaussianBlur(mean, (0, 0), self.optics.blur_px)
+        region[:] = mean
+
+    def _composed(self, region: Image, view: "_View", box: tuple[int, int, int, int]) -> Image:
+        """``region`` of the background with the plate over it."""
+        x0, y0, x1, y1 = box
+        big = self._warped(view, box)
+        small = cv2.resize(big, (x1 - x0, y1 - y0), interpolation=cv2.INTER_AREA)
+        white = min(self.optics.grey * _PAPER, 250.0)
+        black = self.optics.grey * _INK
+        small = cv2.convertScaleAbs(small, alpha=(white - black) / 255.0, beta=black)
+        composed: Image = cv2.copyTo(small, view.mask(box), region.copy())
+        return composed
+
+    def _warped(self, view: "_View", box: tuple[int, int, int, int]) -> Image:
+        """The texture on the supersampled canvas, cut to ``box`` (image pixels)."""
+        level = self._level(view)
+        texture = self.plate.levels[level]
+        pose = view.T_camera_target
+        plane = pose.rotation.as_matrix() @ self.plate.texture_to_target(level)
+        plane[:, 2] += pose.translation
+        to_canvas = _to_canvas(self._K) @ plane
+        x0, y0, x1, y1 = box if self._lens is None else view.ideal_box
+        shift = np.array([[1.0, 0.0, -_SS * x0], [0.0, 1.0, -_SS * y0], [0.0, 0.0, 1.0]])
+        canvas = None if self._lens is None else self._lens.window(view.ideal_box)
+        size = (_SS * (x1 - x0), _SS * (y1 - y0))
+        drawn = cv2.warpPerspective(
+            texture, shift @ to_canvas, size, dst=canvas, borderMode=cv2.BORDER_REPLICATE
+        )
+        return drawn if self._lens is None else self._lens.bend(box)
+
+    def _level(self, view: "_View") -> int:
+        """The texture whose pixels are about as large as the canvas's, at the plate's middle."""
+        rim = view.T_camera_target.apply(self.plate.outline(1))
+        depth = float(rim[:, 2].mean())
+        canvas_px_per_m = _SS * float(self._K[0, 0]) / depth
+        ratio = 1.0 / (self.plate.m_per_px * canvas_px_per_m)
+        return int(np.clip(round(np.log2(max(ratio, 1e-3))), 0, len(self.plate.levels) - 1))
+
+    def _expose(self, grey: Image, gain: float) -> Image:
+        noise = self._noise[self._rng.integers(_NOISE_FRAMES)]
+        if gain != 1.0:
+            grey = cv2.convertScaleAbs(grey, alpha=gain)
+        colour: Image = cv2.add(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), noise, dtype=cv2.CV_8U)
+        return colour
+
+    def _depth(self, view: "_View | None") -> Depth:
+        """Plane depth ``z = (n . p)/(n . ray)`` in mm where the plate is, the background elsewhere."""
+        noise = self._depth_noise[self._rng.integers(_NOISE_FRAMES)]
+        depth = cv2.add(noise, 1000.0 * self.optics.background_m)
+        if view is not None:
+            x0, y0, x1, y1 = view.box
+            n = view.inward.astype(np.float32)
+            slope = cv2.transform(self._rays[y0:y1, x0:x1], n[None, :])
+            plane = cv2.divide(1000.0 * float(view.inward @ view.point), slope)
+            plane = cv2.add(plane, noise[y0:y1, x0:x1])
+            cv2.copyTo(plane, view.mask(view.box), depth[y0:y1, x0:x1])
+        rounded: Depth = cv2.add(cv2.max(depth, 0.0), 0.5).astype(np.uint16)
+        return rounded
+
+
+@dataclass(frozen=True)
+class _View:
+    T_camera_target: RigidTransform
+    inward: Array  # (3,) plate normal, away from the viewer, in the camera
+    point: Array  # (3,) a point of the plate's plane, in the camera
+    rim: Array  # (n, 2) pixels
+    box: tuple[int, int, int, int]  # x0, y0, x1, y1
+    ideal_box: tuple[int, int, int, int]
+
+    def mask(self, box: tuple[int, int, int, int]) -> Image:
+        """255 where the plate is, cut to ``box``."""
+        x0, y0, x1, y1 = box
+        mask = np.zeros((y1 - y0, x1 - x0), np.uint8)
+        points = ((self.rim - [x0, y0]) * 16).round().astype(np.int32)
+        cv2.fillPoly(mask, [points], 255, shift=4)
+        return mask
+
+
+class _Lens:
+    """The constant way from the distorted canvas to the ideal one, which is the larger of the two."""
+
+    def __init__(self, size: tuple[int, int], K: Array, dist: Array) -> None:
+        ideal = cv2.transform(_ray_grid(size, K, dist, _SS), _to_canvas(K)[:2])
+        low = np.floor(ideal.min(axis=(0, 1)) / _SS).astype(int) - _PAD
+        high = np.ceil(ideal.max(axis=(0, 1)) / _SS).astype(int) + _PAD
+        self.bounds = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))  # image pixels
+        ideal -= (_SS * low).astype(np.float32)
+        self._maps = cv2.convertMaps(ideal, None, cv2.CV_16SC2)
+        self._canvas = np.zeros(_SS * (high - low)[::-1], np.uint8)
+
+    def window(self, box: tuple[int, int, int, int]) -> Image:
+        """The part of the ideal canvas under ``box`` (image pixels), to draw into."""
+        x0, y0, x1, y1 = (_SS * (k - origin) for k, origin in zip(box, self.bounds[:2] * 2, strict=True))
+        return self._canvas[y0:y1, x0:x1]
+
+    def bend(self, box: tuple[int, int, int, int]) -> Image:
+        """What the lens makes of the ideal canvas, cut to ``box`` (image pixels)."""
+        x0, y0, x1, y1 = (_SS * k for k in box)
+        maps = [np.ascontiguousarray(m[y0:y1, x0:x1]) for m in self._maps]
+        bent: Image = cv2.remap(
+            self._canvas, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        return bent
+
+
+def _clip(pixels: Array, bounds: tuple[int, int, int, int]) -> tuple[int, int, int, int] | None:
+    low = np.maximum(np.floor(pixels.min(axis=0)) - _PAD, bounds[:2]).astype(int)
+    high = np.minimum(np.ceil(pixels.max(axis=0)) + _PAD + 1, bounds[2:]).astype(int)
+    if np.any(high - low < 2 * _PAD):
+        return None
+    return int(low[0]), int(low[1]), int(high[0]), int(high[1])
+
+
+def _to_canvas(K: Array) -> Array:
+    half = (_SS - 1) / 2
+    return np.array([[_SS, 0.0, half], [0.0, _SS, half], [0.0, 0.0, 1.0]]) @ K
+
+
+def _ray_grid(size: tuple[int, int], K: Array, dist: Array, ss: int) -> NDArray[np.float32]:
+    """Undistorted rays (x/z, y/z, 1) of every canvas pixel, shape (ss h, ss w, 3)."""
+    width, height = size[0] * ss, size[1] * ss
+    u, v = np.meshgrid((np.arange(width) - (ss - 1) / 2) / ss, (np.arange(height) - (ss - 1) / 2) / ss)
+    pixels = np.stack([u, v], axis=-1).reshape(-1, 1, 2)
+    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 20, 1e-8)
+    xy = (
+        cv2.undistortPointsIter(pixels, K, dist, None, None, criteria)
+        if dist.any()
+        else ((pixels - K[:2, 2]) / [K[0, 0], K[1, 1]])
+    )
+    xy = xy.reshape(height, width, 2).astype(np.float32)
+    return np.dstack([xy, np.ones((height, width), np.float32)])
+
+
+def _background(size: tuple[int, int], mean: float, rng: np.random.Generator) -> Image:
+    """A cluttered wall: blobs of several sizes, nothing that looks like a target."""
+    width, height = size
+    wall = np.full((height, width), mean, np.float32)
+    for cell_px, amplitude in ((160, 22.0), (40, 12.0), (12, 5.0)):
+        coarse = rng.normal(0.0, amplitude, (height // cell_px + 2, width // cell_px + 2)).astype(np.float32)
+        wall += cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
+    return np.clip(wall, 0, 255).astype(np.uint8)
