@@ -20,6 +20,8 @@ from fakes.scenario import Obstacle, Scenario, WorldTruth
 from fakes.segments import Segment
 from fakes.track import Track
 
+Message = tuple[Any, ...]  # what keeps a mirror in step; picklable
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -65,6 +67,18 @@ class Operator:
         """Where the target is at ``t``, or None."""
         return self._where[max(bisect_right(self._times, t) - 1, 0)]
 
+    def history(self) -> list[tuple[float, int | None]]:
+        """All changes, oldest first."""
+        return list(zip(self._times, self._where, strict=True))
+
+    def load(self, history: list[tuple[float, int | None]]) -> None:
+        """Become a copy of the operator whose :meth:`history` this is."""
+        self._times, self._where = [t for t, _ in history], [where for _, where in history]
+
+    def follow(self, t: float, placement: int | None) -> None:
+        """Do at ``t`` what the operator of the mirrored world did."""
+        self._put(placement, t)
+
     def _put(self, placement: int | None, t: float) -> None:
         keep = max(bisect_right(self._times, t), 1)
         self._times[keep:], self._where[keep:] = [t], [placement]
@@ -84,6 +98,12 @@ class _Repeatability:
             self._moves.pop()
         if segment.settles:
             self._moves.append((segment.t0, segment.t_end))
+
+    def moves(self) -> list[tuple[float, float]]:
+        return list(self._moves)
+
+    def load(self, moves: list[tuple[float, float]]) -> None:
+        self._moves = deque(moves, maxlen=self._moves.maxlen)
 
     def at(self, t: float) -> Array:
         """Deviation (6,), translation first, m and rad, in the flange."""
@@ -127,6 +147,27 @@ class World:
     def from_scenario(cls, scenario: Scenario, t0: float = 0.0) -> "World":
         """The world of ``scenario`` as it stands at ``t0`` seconds on the twin's clock."""
         return cls(scenario.world, t0)
+
+    def mirror_to(self, send: Callable[[Message], None]) -> None:
+        """Hand ``send`` the state, and from then on every change: with :meth:`apply` another world follows."""
+        segments = self.track.snapshot()
+        send(("state", segments, self._repeatability.moves(), self.operator.history()))
+        self.track.listeners.append(lambda segment: send(("segment", segment)))
+        self.operator.listeners.append(lambda t, placement: send(("placement", t, placement)))
+
+    def apply(self, message: Message) -> None:
+        """Follow one message of another world's :meth:`mirror_to`."""
+        match message:
+            case ("segment", segment):
+                self.track.append(segment)
+            case ("placement", t, placement):
+                self.operator.follow(t, placement)
+            case ("state", segments, moves, history):
+                self.track.load(segments)
+                self._repeatability.load(moves)
+                self.operator.load(history)
+            case _:
+                raise ValueError(f"a world does not know the message {message[0]!r}")
 
     def believed_flange(self, t: float) -> RigidTransform:
         """``T_base_flange`` as the controller computes it."""
