@@ -149,7 +149,7 @@ class World:
         return cls(scenario.world, t0)
 
     def mirror_to(self, send: Callable[[Message], None]) -> None:
-        """Hand ``send`` the state, and from then on every change: with :meth:`apply` another world follows."""
+        """Hand ``send`` the state and then every change; by :meth:`apply` another world follows."""
         segments = self.track.snapshot()
         send(("state", segments, self._repeatability.moves(), self.operator.history()))
         self.track.listeners.append(lambda segment: send(("segment", segment)))
