@@ -1,0 +1,259 @@
+"""The lease ends in measured standstill, whatever happens to the one who holds it."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform
+
+from cell.devices import ArmState, Speed, ToolSettings
+from cell.errors import CellError, error
+from cell.motion import MotionBroker, MotionLease
+from cell.samples import Sample, Stream
+from fakes.object.clock import VirtualClock
+from fakes.object.loop import run_virtual
+
+SPEED = Speed(0.25, 0.5, 0.8, 2.0)
+TOOL = ToolSettings(RigidTransform.identity(), 1.0)
+TARGET = np.ones(6)
+
+
+@dataclass
+class ScriptedArm:
+    """Moves at a constant speed until one of the steps in ``obeys`` reaches it."""
+
+    obeys: set[str] = field(default_factory=lambda: {"decelerate"})
+    name: str = "arm"
+    silent: bool = False
+    refusal: CellError | None = None
+    hang: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self.clock = VirtualClock()
+        self.state: Stream[ArmState] = Stream("arm", self.clock)
+        self.moving = False
+        self.asked: list[str] = []
+
+    async def sample_for_ever(self) -> None:
+        seq = 0
+        while True:
+            if not self.silent:
+                qd = np.full(6, 0.3 if self.moving else 0.0)
+                zero = np.zeros(6)
+                state = ArmState(zero, qd, zero, zero, zero, zero, 7, 1, True, 0, 0, 0.0)
+                self.state.push(Sample(state, self.clock.now(), 0.001, seq))
+                seq += 1
+            await asyncio.sleep(0.01)
+
+    def check_movable(self) -> None:
+        if self.refusal is not None:
+            raise self.refusal
+
+    async def open_motion(self, tool: ToolSettings) -> "ScriptedArm":
+        await self._step("open")
+        return self
+
+    async def move_joints(self, q: Any, speed: Speed) -> None:
+        self.moving = True
+        await asyncio.sleep(3600.0)
+
+    async def decelerate(self) -> None:
+        await self._step("decelerate")
+
+    async def stop_script(self) -> None:
+        await self._step("stop_script")
+
+    async def stop_program(self) -> None:
+        await self._step("stop_program")
+
+    async def close(self) -> None:
+        await self._step("close")
+
+    async def _step(self, name: str) -> None:
+        self.asked.append(name)
+        if name in self.hang:
+            await asyncio.sleep(3600.0)
+        if name in self.obeys:
+            self.moving = False
+
+
+class OpenGuard:
+    def check_path_joints(self, q0: Any, q1: Any) -> None: ...
+    def check_path_linear(self, T0: Any, T1: Any, q0: Any) -> None: ...
+    def check_setpoint(self, q: Any, qd: Any) -> None: ...
+
+
+@dataclass
+class Notes:
+    lines: list[dict[str, Any]] = field(default_factory=list)
+
+    def note(self, kind: str, **fields: Any) -> None:
+        self.lines.append({"kind": kind, **fields})
+
+    def standstill_after(self) -> list[str]:
+        return [n["after"] for n in self.lines if n.get("event") == "standstill"]
+
+
+@dataclass
+class Bench:
+    arm: ScriptedArm
+    broker: MotionBroker
+    notes: Notes
+
+    def lease(self) -> MotionLease:
+        return self.broker.lease(self.arm, OpenGuard(), TOOL, SPEED, self.notes)  # type: ignore[arg-type]
+
+    async def drive(self) -> None:
+        async with self.lease() as lease:
+            await lease.move_joints(TARGET)
+
+
+@asynccontextmanager
+async def bench_with(arm: ScriptedArm) -> AsyncIterator[Bench]:
+    feed = asyncio.create_task(arm.sample_for_ever())
+    await asyncio.sleep(0.05)
+    try:
+        yield Bench(arm, MotionBroker(arm.clock), Notes())
+    finally:
+        feed.cancel()
+        await asyncio.wait([feed])
+
+
+def cancel_times(count: int) -> Callable[[Bench], Any]:
+    async def scenario(bench: Bench) -> None:
+        task = asyncio.create_task(bench.drive())
+        await asyncio.sleep(0.5)
+        assert bench.arm.moving
+        for _ in range(count):
+            task.cancel()
+            await asyncio.sleep(0.001)
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    return scenario
+
+
+async def time_out(bench: Bench) -> None:
+    with pytest.raises(TimeoutError):
+        async with asyncio.timeout(0.5):
+            await bench.drive()
+
+
+async def failing_sibling(bench: Bench) -> None:
+    async def fail() -> None:
+        await asyncio.sleep(0.5)
+        raise error("DEVICE_LOST", "camera")
+
+    with pytest.raises(ExceptionGroup):
+        async with asyncio.TaskGroup() as group:
+            group.create_task(bench.drive())
+            group.create_task(fail())
+
+
+async def error_in_the_block(bench: Bench) -> None:
+    with pytest.raises(ZeroDivisionError):
+        async with bench.lease():
+            bench.arm.moving = True
+            raise ZeroDivisionError
+
+
+ENDS = {
+    "one cancel": cancel_times(1),
+    "two cancels": cancel_times(2),
+    "three cancels": cancel_times(3),
+    "time-out": time_out,
+    "failing sibling": failing_sibling,
+    "error": error_in_the_block,
+}
+
+
+@pytest.mark.parametrize("end", ENDS)
+@pytest.mark.parametrize("obeys", ["decelerate", "stop_script", "stop_program"])
+def test_every_end_reaches_standstill_on_the_first_step_that_works(end: str, obeys: str) -> None:
+    async def main() -> None:
+        async with bench_with(ScriptedArm({obeys})) as bench:
+            await ENDS[end](bench)
+            assert not bench.arm.moving
+            assert len(bench.notes.standstill_after()) == 1
+            assert bench.arm.asked[-1] == "close"
+            assert bench.broker.latched is None
+
+    run_virtual(main())
+
+
+def test_a_step_that_hangs_is_given_up_and_the_next_one_follows() -> None:
+    async def main() -> None:
+        arm = ScriptedArm({"stop_program"}, hang={"decelerate", "stop_script", "close"})
+        async with bench_with(arm) as bench:
+            start = arm.clock.now()
+            with pytest.raises(TimeoutError):
+                async with asyncio.timeout(0.1):
+                    await bench.drive()
+            assert bench.notes.standstill_after() == ["dashboard stop"]
+            assert arm.clock.now() - start < 8.0
+
+    run_virtual(main())
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_no_standstill_or_no_samples_lock_motion(silent: bool) -> None:
+    async def main() -> None:
+        arm = ScriptedArm(set() if not silent else {"decelerate"})
+        async with bench_with(arm) as bench:
+
+            async def go_dark() -> None:
+                await asyncio.sleep(0.2)
+                arm.silent = silent
+
+            dark = asyncio.create_task(go_dark())
+            with pytest.raises(CellError, match="No standstill"):
+                async with asyncio.timeout(0.5):
+                    await bench.drive()
+            await dark
+            with pytest.raises(CellError, match="locked after a fault"):
+                await bench.drive()
+            bench.broker.reset()
+            assert bench.broker.latched is None
+
+    run_virtual(main())
+
+
+@pytest.mark.parametrize("name", ["ARM_PROGRAM_RUNNING", "ARM_LOCAL_MODE"])
+def test_a_refused_lease_touches_nothing_on_the_robot(name: str) -> None:
+    async def main() -> None:
+        arm = ScriptedArm(refusal=error(name))
+        async with bench_with(arm) as bench:
+            with pytest.raises(CellError) as refusal:
+                await bench.drive()
+            assert refusal.value.name == name
+            assert arm.asked == []
+            arm.refusal = None
+            await cancel_times(1)(bench)
+
+    run_virtual(main())
+
+
+def test_a_client_that_never_comes_up_is_stopped_too() -> None:
+    async def main() -> None:
+        arm = ScriptedArm({"stop_script"}, hang={"open"})
+        async with bench_with(arm) as bench:
+            with pytest.raises(TimeoutError):
+                async with asyncio.timeout(1.0):
+                    await bench.drive()
+            assert "stop_script" in arm.asked
+            assert bench.notes.standstill_after() == ["stop script"]
+
+    run_virtual(main())
+
+
+def test_the_arm_is_lent_to_one_at_a_time() -> None:
+    async def main() -> None:
+        async with bench_with(ScriptedArm()) as bench, bench.lease():
+            with pytest.raises(CellError, match="already lent"):
+                await bench.drive()
+
+    run_virtual(main())
