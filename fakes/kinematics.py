@@ -162,18 +162,25 @@ def skew(v: Array) -> Array:
     return out
 
 
+def dh_parameters(model: str, deltas: LinkDeltas | None = None) -> tuple[Array, Array, Array, Array]:
+    """Denavit-Hartenberg ``theta, d, a, alpha`` (6,) of the arm ``model``, rad and m, drawing plus ``deltas``."""
+    if model not in _LENGTHS:
+        raise ValueError(f"unknown arm model {model!r}; known are {', '.join(MODELS)}")
+    d1, a2, a3, d4, d5, d6 = _LENGTHS[model]
+    deltas = deltas or LinkDeltas()
+    d: Array = np.array([d1, 0.0, 0.0, d4, d5, d6]) + deltas.delta_d
+    a: Array = np.array([0.0, a2, a3, 0.0, 0.0, 0.0]) + deltas.delta_a
+    alpha: Array = np.array(_TWISTS) + deltas.delta_alpha
+    return np.array(deltas.delta_theta), d, a, alpha
+
+
 def chain(model: str, deltas: LinkDeltas | None = None) -> Chain:
     """The arm ``model`` ("ur10e", ...) with its links off the drawing by ``deltas``.
 
     The deltas are folded into where the axes lie at zero; joint angles keep their meaning.
     """
-    if model not in _LENGTHS:
-        raise ValueError(f"unknown arm model {model!r}; known are {', '.join(MODELS)}")
-    d1, a2, a3, d4, d5, d6 = _LENGTHS[model]
     deltas = deltas or LinkDeltas()
-    d = np.array([d1, 0.0, 0.0, d4, d5, d6]) + deltas.delta_d
-    a = np.array([0.0, a2, a3, 0.0, 0.0, 0.0]) + deltas.delta_a
-    alpha = np.array(_TWISTS) + deltas.delta_alpha
+    _, d, a, alpha = dh_parameters(model, deltas)
     screws = np.empty((JOINTS, 6))
     here = RigidTransform.identity()
     for i in range(JOINTS):
