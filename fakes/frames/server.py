@@ -1,0 +1,251 @@
+"""The frame server: rendered exposures of the world on a unix stream socket (FORMATS.md section 7).
+
+Exposures lie on a fixed grid of CLOCK_MONOTONIC and are drawn only while somebody is connected. Each
+client has a thread and a slot for one frame: a newer frame replaces one that was not yet begun to be sent,
+so a slow reader loses frames and ``seq`` shows it, but no frame waits behind others.
+"""
+
+import contextlib
+import json
+import os
+import signal
+import socket
+import struct
+import threading
+import time
+from multiprocessing.connection import Connection
+
+import cv2
+import numpy as np
+
+from fakes.faults import Fault
+from fakes.frames.faults import FrameFaults
+from fakes.frames.plates import make_plate
+from fakes.frames.render import Optics, Picture, Renderer
+from fakes.scenario import Scenario
+from fakes.world import Message, World
+
+# The world's changes come through a pipe; a scene is looked at when those up to its time have arrived.
+_MIRROR_LAG_S = 0.012
+_BLUR_FROM_RAD = 0.0004  # a third of a pixel: below that a moving camera's exposure is one instant
+_SUB_EXPOSURES = 3
+_JUNK = bytes(range(256)) * 64
+
+
+def serve_frames(socket_path: str, scenario_path: str, connection: Connection) -> None:
+    """Entry point of the twin's camera process; returns when the other end of ``connection`` closes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the twin ends us in order
+    cv2.setNumThreads(1)
+    scenario = Scenario.load(scenario_path)
+    server = FrameServer(World.from_scenario(scenario, time.monotonic()), socket_path)
+    mirror = threading.Thread(target=_follow, args=(server, connection), name="mirror", daemon=True)
+    mirror.start()
+    try:
+        server.run()
+    finally:
+        server.close()
+
+
+def _follow(server: "FrameServer", connection: Connection) -> None:
+    try:
+        while True:
+            server.handle(connection.recv())
+    except (EOFError, OSError):
+        server.stop()
+
+
+class FrameServer:
+    """Listens at once; :meth:`run` exposes and sends until :meth:`stop`."""
+
+    def __init__(self, world: World, socket_path: str) -> None:
+        self.world, self.faults = world, FrameFaults()
+        self.exposures = 0
+        camera = world.config.camera
+        self._camera = camera
+        self._renderer = Renderer(
+            Optics(world.intrinsics, grey=camera.grey, seed=world.config.seed), make_plate(world.target)
+        )
+        self._lock = threading.Lock()  # of the world, the faults and the list of clients
+        self._stopping = threading.Event()
+        self._clients: list[_Client] = []
+        self._connected = threading.Event()
+        self._last: bytes | None = None
+        self._path = socket_path
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(socket_path)
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._listener.bind(socket_path)
+        self._listener.listen(8)
+        self._listener.settimeout(0.1)
+        self._acceptor = threading.Thread(target=self._accept, name="frames accept", daemon=True)
+        self._acceptor.start()
+
+    def handle(self, message: Message) -> None:
+        """Take one message of the twin: a fault, or a change of the world."""
+        with self._lock:
+            match message:
+                case ("fault", name, arguments):
+                    self.faults.begin(Fault(name), arguments)
+                case ("clear",):
+                    self.faults.clear()
+                case _:
+                    self.world.apply(message)
+
+    def stop(self) -> None:
+        """Make :meth:`run` return."""
+        self._stopping.set()
+        self._connected.set()
+
+    def close(self) -> None:
+        """End all connections and threads, and remove the socket."""
+        self.stop()
+        self._acceptor.join()
+        self._listener.close()
+        self._cut()
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(self._path)
+
+    def run(self) -> None:
+        """Expose on the grid, as long as somebody looks."""
+        period = self._camera.period_s
+        origin = time.monotonic()
+        while not self._stopping.is_set():
+            self._connected.wait(0.05)
+            self.faults.die_if_told()
+            if self.faults.take_cut():
+                self._cut()
+            if not self._living_clients():
+                self._connected.clear()
+                continue
+            seq = int((time.monotonic() - origin) / period) + 1
+            self._expose(seq, origin + seq * period)
+
+    def _expose(self, seq: int, t: float) -> None:
+        """Wait for the exposure around ``t`` to end, draw it, and hand it over after the camera's latency."""
+        self._wait_until(t + max(0.5 * self._camera.exposure_s, _MIRROR_LAG_S))
+        picture = self._picture(t)
+        self._wait_until(t + self._camera.latency_s + self.faults.delay_s)
+        data = self._encoded(seq, t + self.faults.jump_s, picture)
+        if self.faults.silent:
+            return
+        if self.faults.freeze and self._last is not None:
+            data = self._last
+        self._last = data
+        for client in self._living_clients():
+            client.offer(_JUNK if self.faults.junk else data)
+        self.exposures += 1
+
+    def _picture(self, t: float) -> Picture:
+        half = 0.5 * self._camera.exposure_s
+        times = [t]
+        with self._lock:
+            if self._moves(t - half, t + half):
+                times = list(np.linspace(t - half, t + half, _SUB_EXPOSURES))
+            poses = [None if self.faults.lost_board else self.world.scene(k).T_camera_target for k in times]
+        return self._renderer.render(poses, self.faults.gain)
+
+    def _moves(self, t0: float, t1: float) -> bool:
+        """Whether the target moves visibly in the image between the two times."""
+        a, b = (self.world.scene(t).T_camera_target for t in (t0, t1))
+        if a is None or b is None:
+            return False
+        turn = (a.rotation.inv() * b.rotation).magnitude()
+        shift = np.linalg.norm(a.translation - b.translation) / max(a.translation[2], 0.1)
+        return bool(turn + shift > _BLUR_FROM_RAD)
+
+    def _encoded(self, seq: int, t: float, picture: Picture) -> bytes:
+        camera = self._camera
+        header = json.dumps(
+            {
+                "seq": seq,
+                "t_exposure": t,
+                "exposure_s": camera.exposure_s,
+                "width": camera.width,
+                "height": camera.height,
+                "K": camera.K,
+                "dist": camera.dist,
+                "colour": "bgr8",
+                "depth": "u16mm",
+                "serial": self.faults.serial or camera.serial,
+            }
+        ).encode()
+        colour, depth = picture.colour.tobytes(), picture.depth.astype("<u2", copy=False).tobytes()
+        return b"".join((struct.pack("<I", len(header)), header, colour, depth))
+
+    def _accept(self) -> None:
+        while not self._stopping.is_set():
+            try:
+                connection, _ = self._listener.accept()
+            except TimeoutError:
+                continue
+            if self.faults.refuse:
+                connection.close()
+                continue
+            with self._lock:
+                self._clients.append(_Client(connection))
+            self._connected.set()
+
+    def _living_clients(self) -> list["_Client"]:
+        with self._lock:
+            self._clients = [c for c in self._clients if c.alive]
+            return list(self._clients)
+
+    def _cut(self) -> None:
+        with self._lock:
+            clients, self._clients = self._clients, []
+        for client in clients:
+            client.close()
+
+    def _wait_until(self, t: float) -> None:
+        self._stopping.wait(max(t - time.monotonic(), 0.0))
+
+
+class _Client:
+    """One reader: a thread that sends the newest frame there is."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self.alive = True
+        self._connection = connection
+        self._slot: bytes | None = None
+        self._filled = threading.Condition()
+        self._thread = threading.Thread(target=self._send, name="frames client", daemon=True)
+        self._thread.start()
+
+    def offer(self, data: bytes) -> None:
+        """Make ``data`` what is sent next, in place of anything that still waits."""
+        with self._filled:
+            self._slot = data
+            self._filled.notify()
+
+    def close(self) -> None:
+        """End the connection and the thread."""
+        self.alive = False
+        with contextlib.suppress(OSError):
+            self._connection.shutdown(socket.SHUT_RDWR)
+        with self._filled:
+            self._filled.notify()
+        self._thread.join()
+
+    def _send(self) -> None:
+        with self._connection:
+            try:
+                while (data := self._next()) is not None:
+                    self._connection.sendall(data)
+            except OSError:
+                pass  # the reader went away
+            self.alive = False
+
+    def _next(self) -> bytes | None:
+        with self._filled:
+            while self._slot is None:
+                if not self.alive or self._peer_closed():
+                    return None
+                self._filled.wait(0.2)
+            data, self._slot = self._slot, None
+            return data
+
+    def _peer_closed(self) -> bool:
+        try:
+            return self._connection.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT) == b""
+        except BlockingIOError:
+            return False
