@@ -1,0 +1,1 @@
+"""A UR controller on the wire: RTDE, dashboard, script port and primary port over one simulated arm."""

@@ -1,0 +1,170 @@
+"""The arm as programs command it: a track, the believed kinematics and the active tool.
+
+The controller plans and reports with the kinematics it believes in. Where the flange truly is, is the
+world's business; only the joints are common to both.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import RigidTransform
+
+from cell.poses import Array, from_pose6, to_pose6
+from fakes.kinematics import Chain, UnreachableError
+from fakes.track import Track
+from fakes.ur.runtime import ScriptError, Steps
+
+HALT_RAD_S2 = 6.0  # how hard the arm brakes when its program ends
+JOINT_LIMIT = 2.0 * np.pi  # +- 360 degrees
+ZERO6 = (0.0,) * 6
+
+
+@dataclass
+class Tool:
+    """TCP and payload as set by the program."""
+
+    offset6: tuple[float, ...] = ZERO6
+    payload: float = 0.0
+    centre_of_gravity: tuple[float, ...] = (0.0, 0.0, 0.0)
+    inertia: tuple[float, ...] = ZERO6
+
+    @property
+    def T_flange_tcp(self) -> RigidTransform:
+        return from_pose6(self.offset6)
+
+
+class Arm:
+    """Motion primitives; times are the controller cycle's own time (s on the twin's clock)."""
+
+    def __init__(self, track: Track, believed: Chain, tool: Tool) -> None:
+        self.track, self.believed, self.tool = track, believed, tool
+        self.t = 0.0  # the present cycle
+        self.halts = 0  # grows whenever something other than the program stops the arm
+        self.speed_fraction = 1.0
+
+    def moving(self, t: float) -> bool:
+        """True while a joint turns or a planned move is not finished."""
+        return self.track.is_moving(t)
+
+    def halt(self, t: float, decel: float = HALT_RAD_S2) -> None:
+        """Brake, whoever commanded the motion; a paused program continues its move later."""
+        self.halts += 1
+        if self.moving(t):
+            self.track.stop_linear(t, decel)
+
+    # -- kinematics as the controller believes them
+
+    def pose6(self, q: ArrayLike, offset6: ArrayLike | None = None) -> Array:
+        """TCP pose in the base for ``q``, with the active tool or another."""
+        tool = self.tool.T_flange_tcp if offset6 is None else from_pose6(offset6)
+        return to_pose6(self.believed.forward(q) * tool)
+
+    def inverse(self, pose6: ArrayLike, q_near: ArrayLike | None = None) -> Array:
+        """Joints for a TCP pose near ``q_near`` (default: now); a script error when there are none."""
+        near = self.track.at(self.t)[0] if q_near is None else q_near
+        try:
+            q = self.believed.inverse(from_pose6(pose6) * self.tool.T_flange_tcp.inv(), near)
+        except UnreachableError as exc:
+            raise ScriptError(
+                f"get_inverse_kin: unable to find an inverse kinematics solution: {exc}"
+            ) from None
+        return q
+
+    def tcp_speed(self, q: Array, qd: Array) -> Array:
+        """Velocity of the TCP in the base, (6,) m/s and rad/s."""
+        return self.believed.jacobian(q, self.tool.offset6[:3]) @ qd
+
+    def within_limits(self, q: ArrayLike) -> bool:
+        """Whether every joint lies inside its range."""
+        return bool(np.all(np.abs(np.asarray(q)) <= JOINT_LIMIT))
+
+    # -- blocking motion: one ``next`` per control cycle until the arm is there
+
+    def move_joints(self, q: ArrayLike, v: float, a: float) -> Steps:
+        """movej to joints."""
+        goal = _finite(q)
+        if not self.within_limits(goal):
+            raise ScriptError("movej: target joints are outside the joint limits")
+
+        def start() -> float:
+            return self.track.start_joint_move(self.t, goal, _positive(v) * self.speed_fraction, _positive(a))
+
+        yield from self._until(start)
+
+    def move_linear(self, pose6: ArrayLike, v: float, a: float) -> Steps:
+        """movel of the TCP to a pose."""
+        goal = from_pose6(_finite(pose6))
+
+        def start() -> float:
+            try:
+                return self.track.start_linear_move(
+                    self.t,
+                    self.believed,
+                    goal,
+                    self.tool.T_flange_tcp,
+                    _positive(v) * self.speed_fraction,
+                    _positive(a),
+                )
+            except UnreachableError as exc:
+                raise ScriptError(f"movel: {exc}") from None
+
+        yield from self._until(start)
+
+    def stop(self, decel: float, linear: bool) -> Steps:
+        """stopj (rad/s^2) or stopl (m/s^2): brake and wait for standstill."""
+        if self.moving(self.t):
+            brake = self.track.stop_linear if linear else self.track.stop_joint
+            brake(self.t, _positive(decel))
+            while self.moving(self.t):
+                yield
+
+    def _until(self, start: Callable[[], float]) -> Steps:
+        """Wait for a planned move; one that was halted meanwhile is planned anew from where the arm is."""
+        halts = self.halts
+        end = start()
+        while self.t < end:
+            yield
+            if self.halts != halts:
+                halts, end = self.halts, start()
+
+    # -- motion that is renewed every cycle
+
+    def speed_joints(self, qd: ArrayLike, a: float) -> None:
+        """speedj: towards joint speeds."""
+        self.track.speed_joints(self.t, _finite(qd), _positive(a))
+
+    def speed_linear(self, xd: ArrayLike, a: float) -> None:
+        """speedl: towards a TCP velocity in the base; ``a`` in m/s^2 along the strongest direction."""
+        q, qd = self.track.at(self.t)
+        J = self.believed.jacobian(q, self.tool.offset6[:3])
+        wanted = _finite(xd)
+        step = wanted - J @ qd
+        change = float(np.max(np.abs(step)))
+        limit = _positive(a) * 0.002
+        if change > limit:
+            wanted = J @ qd + step * (limit / change)
+        try:
+            speeds = np.linalg.solve(J, wanted)
+        except np.linalg.LinAlgError:
+            raise ScriptError("speedl: the arm is at a singularity") from None
+        # Joint acceleration is bounded by the TCP's, so the joints may follow within the cycle.
+        self.track.speed_joints(self.t, speeds, max(float(np.max(np.abs(speeds - qd))) / 0.002, 1.0))
+
+    def servo(self, q: ArrayLike, dt: float) -> None:
+        """servoj: be at ``q`` in ``dt`` seconds."""
+        self.track.servo(self.t, _finite(q), max(dt, 0.002))
+
+
+def _finite(values: ArrayLike) -> Array:
+    out = np.asarray(values, dtype=float)
+    if out.shape != (6,) or not np.all(np.isfinite(out)):
+        raise ScriptError("a motion target needs six finite numbers")
+    return out
+
+
+def _positive(value: float) -> float:
+    if not 0.0 < value < float("inf"):
+        raise ScriptError(f"speeds and accelerations are positive, not {value:g}")
+    return value

@@ -1,0 +1,36 @@
+"""Builds a controller from a scenario's world, or a plain one."""
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from fakes.scenario import Scenario
+from fakes.ur.controller import Controller
+from fakes.ur.robot import Identity
+from fakes.world import World
+
+BUILD_NUMBER = 1101534
+
+
+def parse_version(text: str) -> tuple[int, int, int, int]:
+    """``5.12.4`` or ``5.12.4.1101534``; a missing build number is filled in."""
+    parts = [int(part) for part in text.split(".")]
+    major, minor, bugfix, build = (*parts, 0, 0, 0)[:4]
+    return major, minor, bugfix, build or BUILD_NUMBER
+
+
+def controller_for(world: World, bind: str) -> Controller:
+    """The controller of the arm in ``world``."""
+    arm = world.config.arm
+    identity = Identity(arm.model, arm.serial, parse_version(arm.version), arm.factory.deltas())
+    return Controller(bind, identity, world.track, world.believed, world.contact_force)
+
+
+def build_controller(bind: str, scenario: Scenario | None, settings: Mapping[str, Any]) -> Controller:
+    """A controller on ``bind``; ``settings`` replace identity fields when there is no scenario."""
+    if scenario is not None:
+        return controller_for(World.from_scenario(scenario, time.monotonic()), bind)
+    values = dict(settings)
+    if isinstance(values.get("version"), str):
+        values["version"] = parse_version(values["version"])
+    return Controller(bind, Identity(**values))

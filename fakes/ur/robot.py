@@ -1,0 +1,249 @@
+"""One controller's state: arm, safety, program runner, I/O, registers and identity.
+
+The servers look at it and command it; it knows nothing of sockets. Its time is that of the control cycle,
+so the stamp in a package and the joints beside it belong together whatever the load of the machine.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import RigidTransform
+
+from cell.poses import Array
+from fakes.kinematics import Chain, LinkDeltas
+from fakes.track import Track
+from fakes.ur.arm import Arm, Tool
+from fakes.ur.inputs import InputOutput, Inputs
+from fakes.ur.runtime import Program, Runtime, ScriptError, Steps
+from fakes.ur.safety import RobotMode, Safety, SafetyMode
+
+ContactForce = Callable[[float, RigidTransform], Array]
+PROTECTIVE_DECEL = 10.0
+EMERGENCY_DECEL = 20.0
+
+
+def no_contact(t: float, T_flange_tcp: RigidTransform) -> Array:
+    """A world in which nothing touches the tool."""
+    return np.zeros(6)
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Who the controller says it is. Twin serials begin with 9999."""
+
+    model: str = "ur10e"
+    serial: str = "99991100001"
+    version: tuple[int, int, int, int] = (5, 12, 4, 1101534)
+    deltas: LinkDeltas = field(default_factory=LinkDeltas)
+
+    @property
+    def rate(self) -> float:
+        """Control cycles per second: 500 on the e-series and newer, 125 on CB3."""
+        return 500.0 if self.version[0] > 3 else 125.0
+
+
+@dataclass
+class Instant:
+    """What one control cycle reports; costly values are computed when a recipe asks for them."""
+
+    robot: "Robot"
+    t: float
+    stamp: float
+    _q: Array
+    _qd: Array
+
+    @cached_property
+    def q(self) -> list[float]:
+        return [float(x) for x in self._q]
+
+    @cached_property
+    def qd(self) -> list[float]:
+        return [float(x) for x in self._qd]
+
+    @cached_property
+    def qdd(self) -> list[float]:
+        before = self.robot.arm.track.at(self.t - 1.0 / self.robot.rate)[1]
+        return [float(x) for x in (self._qd - before) * self.robot.rate]
+
+    @cached_property
+    def tcp_pose6(self) -> list[float]:
+        return [float(x) for x in self.robot.arm.pose6(self._q)]
+
+    @cached_property
+    def tcp_speed(self) -> list[float]:
+        if not np.any(self._qd):
+            return [0.0] * 6
+        return [float(x) for x in self.robot.arm.tcp_speed(self._q, self._qd)]
+
+    @cached_property
+    def tcp_force(self) -> list[float]:
+        return [float(x) for x in self.robot.contact_force(self.t)]
+
+    @cached_property
+    def raw_wrench(self) -> list[float]:
+        """The sensor's own reading: in the flange, tool weight not compensated (the tool weighs nothing)."""
+        turn = self.robot.arm.believed.forward(self._q).rotation.inv()
+        force = self.tcp_force
+        return [float(x) for x in (*turn.apply(force[:3]), *turn.apply(force[3:]))]
+
+    @cached_property
+    def force_scalar(self) -> float:
+        return float(np.linalg.norm(self.tcp_force[:3]))
+
+
+class Robot:
+    """The controller without its servers."""
+
+    def __init__(
+        self,
+        identity: Identity,
+        track: Track,
+        believed: Chain,
+        now: Callable[[], float],
+        contact: ContactForce = no_contact,
+    ) -> None:
+        self.identity, self.now, self._contact = identity, now, contact
+        self.tool = Tool()
+        self.arm = Arm(track, believed, self.tool)
+        self.safety = Safety()
+        self.io = InputOutput()
+        self.registers: dict[str, float] = {}
+        self.inputs = Inputs(self.registers, self.io)
+        self.runtime = Runtime(self.arm.moving, self.arm.halt, self._program_event)
+        self.remote = True
+        self.loaded_program = ""
+        self.loaded: Callable[[], Program] | None = None
+        self.boot_time = now()
+        self.clock_offset = 0.0
+        self.on_program: list[Callable[[str, str, ScriptError | None], None]] = []
+        self.on_message: list[Callable[[str], None]] = []
+        self._secondary: list[Steps] = []
+
+    @property
+    def rate(self) -> float:
+        return self.identity.rate
+
+    @property
+    def robot_status_bits(self) -> int:
+        playing = self.runtime.program is not None
+        return int(self.safety.powered) | int(playing) << 1 | 1 << 3
+
+    def step(self, t: float) -> Instant:
+        """One control cycle at ``t``."""
+        self.arm.t = t
+        self.arm.speed_fraction = max(self.io.speed_fraction, 0.01)
+        self.safety.step(t)
+        if self.inputs.watchdog_expired(t) and self.runtime.active:
+            self.say("RTDE watchdog: an input came too late, program stopped")
+            self.runtime.stop(t)
+        if self.safety.may_move:
+            self.runtime.step(t)
+            self._step_secondary()
+        else:
+            self.runtime.settle(t)
+        return self.instant(t)
+
+    def instant(self, t: float) -> Instant:
+        """The state at ``t`` with the controller's own stamp: seconds since its boot."""
+        q, qd = self.arm.track.at(t)
+        return Instant(self, t, t - self.boot_time + self.clock_offset, q, qd)
+
+    def contact_force(self, t: float | None = None) -> Array:
+        """Force and moment on the TCP in the base, (6,), N and Nm."""
+        return self._contact(self.arm.t if t is None else t, self.tool.T_flange_tcp)
+
+    # -- what programs set
+
+    def set_tcp(self, pose6: ArrayLike) -> None:
+        """Make ``pose6`` the TCP in the flange."""
+        self.tool.offset6 = tuple(float(x) for x in np.asarray(pose6, dtype=float))
+
+    def set_payload(self, mass: float, centre: Sequence[float]) -> None:
+        """Payload in kg; a null centre of gravity keeps the one before, as the script does."""
+        self.tool.payload = mass
+        if any(centre):
+            self.tool.centre_of_gravity = tuple(centre)
+
+    def set_watchdog(self, name: str, frequency: float) -> None:
+        """Stop the program when input ``name`` is not written at least ``frequency`` times a second."""
+        self.inputs.arm_watchdog(name, frequency, self.arm.t)
+
+    def say(self, text: str) -> None:
+        """A text message for whoever listens on the primary port."""
+        for listener in tuple(self.on_message):
+            listener(text)
+
+    # -- programs
+
+    def start(self, program: Program) -> bool:
+        """Replace the running program; False when the arm may not move."""
+        if not self.safety.may_move:
+            return False
+        self.inputs.disarm_watchdog()
+        self.runtime.start(program, self.now())
+        return True
+
+    def start_secondary(self, steps: Steps) -> None:
+        """Run ``steps`` beside the main program."""
+        self._secondary.append(steps)
+
+    def _step_secondary(self) -> None:
+        for steps in tuple(self._secondary):
+            try:
+                next(steps)
+            except StopIteration:
+                self._secondary.remove(steps)
+            except ScriptError as exc:
+                self._secondary.remove(steps)
+                self._program_event("EXCEPTION", "secondary", exc)
+
+    def _program_event(self, event: str, name: str, failure: ScriptError | None) -> None:
+        if event == "STOPPED":
+            self.inputs.disarm_watchdog()
+        for listener in tuple(self.on_program):
+            listener(event, name, failure)
+
+    # -- stops
+
+    def protective_stop(self) -> None:
+        """Brake hard; the program is paused."""
+        t = self.now()
+        self.safety.stop(SafetyMode.PROTECTIVE_STOP, t)
+        self.runtime.pause(t)
+        self.arm.halt(t, PROTECTIVE_DECEL)
+
+    def safeguard_stop(self) -> None:
+        """Brake; the program is paused and can go on when the guard is closed."""
+        t = self.now()
+        self.safety.stop(SafetyMode.SAFEGUARD_STOP, t)
+        self.runtime.pause(t)
+        self.arm.halt(t)
+
+    def emergency_stop(self) -> None:
+        """Brake, end the program, switch the drives off."""
+        t = self.now()
+        self.runtime.stop(t)
+        self.arm.halt(t, EMERGENCY_DECEL)
+        self.safety.stop(SafetyMode.ROBOT_EMERGENCY_STOP, t)
+
+    def power_off(self) -> None:
+        """End the program and switch the drives off."""
+        t = self.now()
+        self.runtime.stop(t)
+        self.arm.halt(t, EMERGENCY_DECEL)
+        self.safety.power_off()
+
+    def reboot(self, identity: Identity) -> None:
+        """Start afresh: registers, tool and stamps are as after power-up, the arm is off."""
+        self.power_off()
+        self.identity = identity
+        self.registers.clear()
+        self.inputs.disarm_watchdog()
+        self.tool.offset6, self.tool.payload = (0.0,) * 6, 0.0
+        self._secondary.clear()
+        self.safety.release(*SafetyMode)
+        self.safety.robot_mode = RobotMode.POWER_OFF
+        self.boot_time, self.clock_offset = self.now(), 0.0

@@ -1,0 +1,33 @@
+"""The controller's true state as plain values, for tests and for ``cellward-twin truth``."""
+
+from typing import Any
+
+from fakes.ur.controller import Controller
+
+
+def controller_state(controller: Controller) -> dict[str, Any]:
+    """JSON-able snapshot; lengths in m, angles in rad, times in s."""
+    robot = controller.robot
+    now = robot.instant(robot.now())
+    program = robot.runtime.program
+    return {
+        "q": now.q,
+        "qd": now.qd,
+        "tcp_pose": now.tcp_pose6,
+        "tcp_offset": list(robot.tool.offset6),
+        "payload_kg": robot.tool.payload,
+        "moving": robot.arm.moving(now.t),
+        "robot_mode": robot.safety.robot_mode.name,
+        "safety_mode": robot.safety.mode.name,
+        "runtime_state": robot.runtime.state.name,
+        "program": program.name if program is not None else None,
+        "remote": robot.remote,
+        "serial": robot.identity.serial,
+        "stamp": now.stamp,
+        "cycles": controller.ticker.cycles,
+        "lost_cycles": controller.ticker.lost,
+        "rtde_clients": len(controller.rtde.connections),
+        "owned_inputs": sorted(controller.rtde.ownership.owners),
+        "digital_out": robot.io.digital_out,
+        "registers": {k: v for k, v in robot.registers.items() if v},
+    }

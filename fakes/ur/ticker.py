@@ -1,0 +1,71 @@
+"""Wakes the loop at absolute deadlines by a timerfd: epoll's own timeout is rounded to milliseconds."""
+
+import asyncio
+import ctypes
+import os
+from collections.abc import Callable
+
+_CLOCK_MONOTONIC = 1
+_TFD_NONBLOCK = os.O_NONBLOCK
+_TFD_CLOEXEC = os.O_CLOEXEC
+_TFD_TIMER_ABSTIME = 1
+MOST_CATCH_UP = 100  # cycles made up for after a stall; older ones are lost, as on an overloaded controller
+
+
+class _Timespec(ctypes.Structure):
+    _fields_ = (("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long))
+
+
+class _Itimerspec(ctypes.Structure):
+    _fields_ = (("interval", _Timespec), ("value", _Timespec))
+
+
+def _timespec(seconds: float) -> _Timespec:
+    whole = int(seconds)
+    return _Timespec(whole, round((seconds - whole) * 1e9))
+
+
+class Ticker:
+    """Calls ``cycle(t)`` for every ``t = start + k / rate``, in order, each at or soon after its time."""
+
+    def __init__(self, rate: float, cycle: Callable[[float], None], now: Callable[[], float]) -> None:
+        self._period, self._cycle, self._now = 1.0 / rate, cycle, now
+        self._origin, self._count = 0.0, 0
+        self._fd = -1
+        self.cycles = self.lost = 0
+
+    def start(self) -> None:
+        """Begin with the running loop."""
+        libc = ctypes.CDLL(None, use_errno=True)
+        self._fd = libc.timerfd_create(_CLOCK_MONOTONIC, _TFD_NONBLOCK | _TFD_CLOEXEC)
+        if self._fd < 0:
+            raise OSError(ctypes.get_errno(), "timerfd_create")
+        self._origin, self._count = self._now(), 1
+        spec = _Itimerspec(_timespec(self._period), _timespec(self._due))
+        if libc.timerfd_settime(self._fd, _TFD_TIMER_ABSTIME, ctypes.byref(spec), None) != 0:
+            raise OSError(ctypes.get_errno(), "timerfd_settime")
+        asyncio.get_running_loop().add_reader(self._fd, self._wake)
+
+    def stop(self) -> None:
+        """End; harmless when not started."""
+        if self._fd >= 0:
+            asyncio.get_running_loop().remove_reader(self._fd)
+            os.close(self._fd)
+            self._fd = -1
+
+    @property
+    def _due(self) -> float:
+        return self._origin + self._count * self._period
+
+    def _wake(self) -> None:
+        os.read(self._fd, 8)
+        now = self._now()
+        behind = int((now - self._due) / self._period)
+        if behind > MOST_CATCH_UP:
+            self.lost += behind
+            self._count += behind
+        while self._due <= now and self._fd >= 0:
+            due = self._due
+            self._count += 1
+            self.cycles += 1
+            self._cycle(due)

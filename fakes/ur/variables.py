@@ -1,0 +1,172 @@
+"""The RTDE variables this controller knows: name, type, first PolyScope version, and how to read one.
+
+Names and types are those of the public RTDE guide. A name that the selected version does not have is
+answered with ``NOT_FOUND``, as the real controller does.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from fakes.ur import wire
+
+if TYPE_CHECKING:
+    from fakes.ur.robot import Instant, Robot
+
+Value = float | tuple[float, ...] | list[float]
+Reader = Callable[["Robot", "Instant"], Value]
+Version = tuple[int, int]
+
+ZERO3 = (0.0, 0.0, 0.0)
+ZERO6 = (0.0,) * 6
+DOUBLE_REGISTERS = INT_REGISTERS = 48
+BIT_REGISTERS = 128
+
+
+@dataclass(frozen=True)
+class Output:
+    """One output variable; the e-series has it from version ``since`` on."""
+
+    type: str
+    read: Reader
+    since: Version = (3, 2)
+
+
+def _constant(value: Value) -> Reader:
+    return lambda robot, now: value
+
+
+def _outputs() -> Iterator[tuple[str, Output]]:
+    yield "timestamp", Output("DOUBLE", lambda r, s: s.stamp)
+    for side in ("target", "actual"):
+        yield f"{side}_q", Output("VECTOR6D", lambda r, s: s.q)
+        yield f"{side}_qd", Output("VECTOR6D", lambda r, s: s.qd)
+        yield f"{side}_current", Output("VECTOR6D", _constant(ZERO6))
+        yield f"{side}_TCP_pose", Output("VECTOR6D", lambda r, s: s.tcp_pose6)
+        yield f"{side}_TCP_speed", Output("VECTOR6D", lambda r, s: s.tcp_speed)
+    yield "target_qdd", Output("VECTOR6D", lambda r, s: s.qdd)
+    yield "target_moment", Output("VECTOR6D", _constant(ZERO6))
+    yield "actual_current_window", Output("VECTOR6D", _constant(ZERO6))
+    yield "actual_current_as_torque", Output("VECTOR6D", _constant(ZERO6), (5, 23))
+    yield "joint_control_output", Output("VECTOR6D", _constant(ZERO6))
+    yield "actual_TCP_force", Output("VECTOR6D", lambda r, s: s.tcp_force)
+    yield "tcp_force_scalar", Output("DOUBLE", lambda r, s: s.force_scalar)
+    yield "ft_raw_wrench", Output("VECTOR6D", lambda r, s: s.raw_wrench, (5, 9))
+    yield "tcp_offset", Output("VECTOR6D", lambda r, s: r.tool.offset6, (5, 15))
+    yield "payload", Output("DOUBLE", lambda r, s: r.tool.payload, (5, 6))
+    yield "payload_cog", Output("VECTOR3D", lambda r, s: r.tool.centre_of_gravity, (5, 6))
+    yield "payload_inertia", Output("VECTOR6D", lambda r, s: r.tool.inertia, (5, 11))
+    yield from _states()
+    yield from _electrical()
+    yield from _registers()
+
+
+def _states() -> Iterator[tuple[str, Output]]:
+    yield "robot_mode", Output("INT32", lambda r, s: r.safety.robot_mode)
+    yield "joint_mode", Output("VECTOR6INT32", lambda r, s: r.safety.joint_modes)
+    yield "safety_mode", Output("INT32", lambda r, s: r.safety.mode)
+    yield "safety_status", Output("INT32", lambda r, s: r.safety.mode, (5, 4))
+    yield "runtime_state", Output("UINT32", lambda r, s: r.runtime.state)
+    yield "robot_status_bits", Output("UINT32", lambda r, s: r.robot_status_bits)
+    yield "safety_status_bits", Output("UINT32", lambda r, s: r.safety.status_bits)
+    yield "speed_scaling", Output("DOUBLE", lambda r, s: r.io.speed_fraction)
+    yield "target_speed_fraction", Output("DOUBLE", lambda r, s: r.io.speed_fraction)
+    yield "actual_momentum", Output("DOUBLE", _constant(0.0))
+    yield "actual_execution_time", Output("DOUBLE", _constant(0.4))
+    yield "elbow_position", Output("VECTOR3D", _constant(ZERO3))
+    yield "elbow_velocity", Output("VECTOR3D", _constant(ZERO3))
+    yield "actual_tool_accelerometer", Output("VECTOR3D", _constant((0.0, 0.0, 9.81)))
+
+
+def _electrical() -> Iterator[tuple[str, Output]]:
+    yield "joint_temperatures", Output("VECTOR6D", _constant((30.0,) * 6))
+    yield "actual_main_voltage", Output("DOUBLE", _constant(48.0))
+    yield "actual_robot_voltage", Output("DOUBLE", lambda r, s: 48.0 if r.safety.powered else 0.0)
+    yield "actual_robot_current", Output("DOUBLE", lambda r, s: 1.2 if r.safety.powered else 0.0)
+    yield "actual_joint_voltage", Output("VECTOR6D", _constant((48.0,) * 6))
+    yield "actual_digital_input_bits", Output("UINT64", lambda r, s: r.io.digital_in)
+    yield "actual_digital_output_bits", Output("UINT64", lambda r, s: r.io.digital_out)
+    yield "analog_io_types", Output("UINT32", _constant(0))
+    for k in (0, 1):
+        yield f"standard_analog_input{k}", Output("DOUBLE", _constant(0.0))
+        yield f"standard_analog_output{k}", Output("DOUBLE", lambda r, s, k=k: r.io.analog_out[k])
+        yield f"tool_analog_input{k}", Output("DOUBLE", _constant(0.0))
+    yield "io_current", Output("DOUBLE", _constant(0.0))
+    yield "tool_mode", Output("UINT32", _constant(253))
+    yield "tool_analog_input_types", Output("UINT32", _constant(0))
+    yield "tool_output_voltage", Output("INT32", _constant(0))
+    yield "tool_output_current", Output("DOUBLE", _constant(0.0))
+    yield "tool_temperature", Output("DOUBLE", _constant(30.0))
+
+
+def _registers() -> Iterator[tuple[str, Output]]:
+    def value(name: str) -> Reader:
+        return lambda r, s: r.registers.get(name, 0)
+
+    for way in ("output", "input"):
+        for k in range(INT_REGISTERS):
+            yield (name := f"{way}_int_register_{k}"), Output("INT32", value(name))
+            yield (name := f"{way}_double_register_{k}"), Output("DOUBLE", value(name))
+        for k in range(BIT_REGISTERS):
+            yield (name := f"{way}_bit_register_{k}"), Output("BOOL", value(name))
+        for low, high in ((0, 31), (32, 63)):
+            bits = [f"{way}_bit_register_{k}" for k in range(low, high + 1)]
+            yield f"{way}_bit_registers{low}_to_{high}", Output("UINT32", _bit_word(bits))
+
+
+def _bit_word(names: list[str]) -> Reader:
+    return lambda r, s: sum(1 << k for k, name in enumerate(names) if r.registers.get(name, 0))
+
+
+OUTPUTS: dict[str, Output] = dict(_outputs())
+
+INPUTS: dict[str, str] = {
+    "speed_slider_mask": "UINT32",
+    "speed_slider_fraction": "DOUBLE",
+    "standard_digital_output_mask": "UINT8",
+    "standard_digital_output": "UINT8",
+    "configurable_digital_output_mask": "UINT8",
+    "configurable_digital_output": "UINT8",
+    "tool_digital_output_mask": "UINT8",
+    "tool_digital_output": "UINT8",
+    "standard_analog_output_mask": "UINT8",
+    "standard_analog_output_type": "UINT8",
+    "standard_analog_output_0": "DOUBLE",
+    "standard_analog_output_1": "DOUBLE",
+    "external_force_torque": "VECTOR6D",
+    "input_bit_registers0_to_31": "UINT32",
+    "input_bit_registers32_to_63": "UINT32",
+    **{f"input_bit_register_{k}": "BOOL" for k in range(64, BIT_REGISTERS)},
+    **{f"input_int_register_{k}": "INT32" for k in range(INT_REGISTERS)},
+    **{f"input_double_register_{k}": "DOUBLE" for k in range(DOUBLE_REGISTERS)},
+}
+
+
+def output(name: str, version: Version) -> Output | None:
+    """The output variable ``name`` of PolyScope ``version``, or None when that version lacks it."""
+    found = OUTPUTS.get(name)
+    return found if found is not None and version >= _since(found, version) else None
+
+
+def _since(variable: Output, version: Version) -> Version:
+    """First version on this branch: CB3 (3.x) got the newer variables under other numbers."""
+    return _CB3_SINCE.get(variable.since, variable.since) if version[0] == 3 else variable.since
+
+
+_CB3_SINCE: dict[Version, Version] = {(5, 6): (3, 11), (5, 11): (3, 15), (5, 9): (99, 0)}
+
+
+class OutputRecipe:
+    """The variables one client subscribed to, compiled to a single ``struct.pack``."""
+
+    def __init__(self, names: list[str], version: Version) -> None:
+        self.variables = [output(name, version) for name in names]
+        self.types = [v.type if v is not None else wire.NOT_FOUND for v in self.variables]
+        self.valid = bool(names) and wire.NOT_FOUND not in self.types
+        if self.valid:
+            self._readers = [v.read for v in self.variables if v is not None]
+            self._struct = wire.Layout(tuple(self.types)).struct
+
+    def pack(self, robot: "Robot", now: "Instant") -> bytes:
+        """The values at ``now``, without recipe id and header."""
+        return self._struct.pack(*wire.flatten([read(robot, now) for read in self._readers]))
