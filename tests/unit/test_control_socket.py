@@ -1,0 +1,339 @@
+"""The control socket and its client, on a real unix socket with a stand-in engine."""
+
+import asyncio
+import json
+import os
+import socket
+import stat
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cell.errors import CellError, error
+from daemon.control import ControlServer
+from daemon.control_client import ControlClient
+
+
+class RecordingEngine:
+    """Remembers what it was asked; refuses what its test tells it to refuse."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[str, Any]] = []
+        self.refuse: CellError | Exception | None = None
+        self.state = "IDLE"
+        self.listeners: list[Callable[[], None]] = []
+
+    def status(self) -> dict[str, Any]:
+        return {"packml": self.state}
+
+    async def start(
+        self,
+        job: str,
+        params: Mapping[str, str],
+        *,
+        dry_run: bool = False,
+        adopt: int | None = None,
+        who: str,
+        channel: str,
+    ) -> dict[str, Any]:
+        await self._ask("start", job, dict(params), dry_run, adopt, who, channel)
+        return {"plan": []} if dry_run else {"run_id": 7}
+
+    async def _ask(self, *what: Any) -> None:
+        if self.refuse is not None:
+            raise self.refuse
+        self.asked.append(what)
+
+    async def confirm(self, prompt_id: int, who: str) -> None:
+        await self._ask("confirm", prompt_id, who)
+
+    async def finish(self, who: str) -> None:
+        await self._ask("finish", who)
+
+    async def abort(self, who: str) -> None:
+        await self._ask("abort", who)
+
+    async def halt(self, who: str) -> None:
+        await self._ask("halt", who)
+
+    async def pause(self, who: str) -> None:
+        await self._ask("pause", who)
+
+    async def resume(self, who: str) -> None:
+        await self._ask("resume", who)
+
+    async def reset(self, who: str) -> None:
+        await self._ask("reset", who)
+
+    def accept(self, result_id: int, who: str) -> dict[str, Any]:
+        return {"accepted": result_id, "who": who}
+
+    def reject(self, result_id: int, who: str, why: str) -> dict[str, Any]:
+        return {"rejected": result_id, "why": why}
+
+    def rollback(self, name: str, who: str) -> dict[str, Any]:
+        return {"rolled_back": name}
+
+    def subscribe(self, listener: Callable[[], None], /) -> Callable[[], None]:
+        self.listeners.append(listener)
+        return lambda: self.listeners.remove(listener)
+
+    def change(self, state: str) -> None:
+        self.state = state
+        for listener in tuple(self.listeners):
+            listener()
+
+
+@pytest.fixture
+def engine() -> RecordingEngine:
+    return RecordingEngine()
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "control.sock"
+
+
+def serving(path: Path, engine: RecordingEngine, use: Callable[[], Any]) -> Any:
+    """Run the blocking ``use`` in a thread beside a server; its value."""
+
+    async def scenario() -> Any:
+        server = ControlServer(path, engine)
+        await server.start()
+        try:
+            return await asyncio.wait_for(asyncio.to_thread(use), 20)
+        finally:
+            await server.stop()
+
+    return asyncio.run(scenario())
+
+
+def test_every_method_reaches_the_engine_with_the_name_of_who_asked(
+    engine: RecordingEngine, path: Path
+) -> None:
+    def use() -> list[Any]:
+        with ControlClient(path) as subject:
+            started = subject.call("start", job="cone-capture", params={"settle_s": "0.5"}, adopt=3)
+            for verb in ("finish", "abort", "halt", "pause", "resume", "reset"):
+                assert subject.call(verb) is None
+            subject.call("confirm", prompt_id=65537)
+            return [
+                started,
+                subject.call("accept", result_id=4),
+                subject.call("reject", result_id=5, why="board was loose"),
+                subject.call("rollback", name="T_flange_camera"),
+            ]
+
+    started, accepted, rejected, rolled_back = serving(path, engine, use)
+    who = f"(uid {os.getuid()})"
+    assert engine.asked[0][:5] == ("start", "cone-capture", {"settle_s": "0.5"}, False, 3)
+    assert engine.asked[0][6] == "control"
+    assert all(who in str(call) for call in engine.asked)
+    assert [call[0] for call in engine.asked[1:]] == [
+        "finish", "abort", "halt", "pause", "resume", "reset", "confirm",
+    ]  # fmt: skip
+    assert started == {"run_id": 7}
+    assert (accepted["accepted"], rejected["why"]) == (4, "board was loose")
+    assert rolled_back == {"rolled_back": "T_flange_camera"}
+
+
+def test_a_refusal_arrives_as_the_same_error_with_its_hint(engine: RecordingEngine, path: Path) -> None:
+    engine.refuse = error("BUSY", "cone-capture, run 6")
+
+    def use() -> CellError:
+        with ControlClient(path) as subject, pytest.raises(CellError) as caught:
+            subject.call("start", job="cone-capture")
+        return caught.value
+
+    raised = serving(path, engine, use)
+    assert type(raised) is type(engine.refuse)
+    assert (raised.code, str(raised), raised.hint) == (6001, str(engine.refuse), engine.refuse.hint)
+
+
+def test_an_unforeseen_failure_is_an_internal_error_and_the_server_goes_on(
+    engine: RecordingEngine, path: Path
+) -> None:
+    engine.refuse = ZeroDivisionError("division by zero")
+
+    def use() -> tuple[str, Any]:
+        with ControlClient(path) as subject:
+            with pytest.raises(CellError) as caught:
+                subject.call("halt")
+            return caught.value.name, subject.call("status")
+
+    assert serving(path, engine, use) == ("INTERNAL", {"packml": "IDLE"})
+
+
+@pytest.mark.parametrize(
+    ("request_line", "told"),
+    [
+        (b"{]\n", "not JSON"),
+        (b"[1]\n", "not an object"),
+        (b'{"id": 1, "method": "explode"}\n', "no method 'explode'"),
+        (b'{"id": 1, "method": "confirm"}\n', "needs 'prompt_id'"),
+        (b'{"id": 1, "method": "confirm", "params": {"prompt_id": "7"}}\n', "'prompt_id' is not of type int"),
+        (b'{"id": 1, "method": "confirm", "params": {"prompt_id": true}}\n', "is not of type int"),
+        (b'{"id": 1, "method": "start", "params": [1]}\n', "not an object"),
+        (b"x" * (1 << 20) + b"xxx\n", "longer than"),
+    ],
+)
+def test_a_malformed_request_is_refused_in_a_sentence(
+    engine: RecordingEngine, path: Path, request_line: bytes, told: str
+) -> None:
+    def use() -> dict[str, Any]:
+        with socket.socket(socket.AF_UNIX) as raw:
+            raw.settimeout(5)
+            raw.connect(str(path))
+            raw.sendall(request_line)
+            with raw.makefile("rb") as lines:
+                return json.loads(lines.readline())
+
+    reply = serving(path, engine, use)
+    assert reply["error"]["name"] == "ARGUMENT_INVALID"
+    assert told in reply["error"]["text"]
+
+
+def test_the_socket_is_for_its_owner_and_group_only_and_gone_after_the_stop(
+    engine: RecordingEngine, path: Path
+) -> None:
+    mode = serving(path, engine, lambda: stat.S_IMODE(path.stat().st_mode))
+    assert mode == 0o660
+    assert list(path.parent.iterdir()) == []
+
+
+def test_the_socket_file_of_a_killed_daemon_is_replaced(engine: RecordingEngine, path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as dead:
+        dead.bind(str(path))
+
+    def use() -> Any:
+        with ControlClient(path) as subject:
+            return subject.call("status")
+
+    assert serving(path, engine, use) == {"packml": "IDLE"}
+
+
+def test_a_second_daemon_is_refused_and_the_first_one_keeps_its_socket(
+    engine: RecordingEngine, path: Path
+) -> None:
+    async def scenario() -> Any:
+        first, second = ControlServer(path, engine), ControlServer(path, engine)
+        await first.start()
+        try:
+            with pytest.raises(CellError, match="Another daemon") as caught:
+                await second.start()
+            await second.stop()
+            with await asyncio.to_thread(ControlClient, path) as client:
+                answer = await asyncio.to_thread(client.call, "status")
+            return caught.value.name, answer
+        finally:
+            await first.stop()
+
+    assert asyncio.run(scenario()) == ("DAEMON_RUNNING", {"packml": "IDLE"})
+
+
+@pytest.mark.parametrize("make", [Path.touch, lambda p: p.mkdir()])
+def test_an_ordinary_file_in_the_place_of_the_socket_is_never_removed(
+    engine: RecordingEngine, path: Path, make: Callable[[Path], Any]
+) -> None:
+    make(path)
+    with pytest.raises(CellError, match="not a socket"):
+        serving(path, engine, lambda: None)
+    assert path.exists()
+
+
+def test_a_path_too_long_for_a_unix_socket_is_said(engine: RecordingEngine, tmp_path: Path) -> None:
+    path = tmp_path / ("x" * 120)
+    with pytest.raises(CellError, match="107 bytes"):
+        serving(path, engine, lambda: None)
+
+
+def test_watch_sends_the_status_now_and_after_a_change(engine: RecordingEngine, path: Path) -> None:
+    async def scenario() -> list[Any]:
+        server = ControlServer(path, engine)
+        await server.start()
+        loop = asyncio.get_running_loop()
+
+        def use() -> list[Any]:
+            seen = []
+            with ControlClient(path) as subject:
+                for status in subject.watch():
+                    seen.append(status["packml"])
+                    if len(seen) == 1:
+                        loop.call_soon_threadsafe(engine.change, "EXECUTE")
+                    if "EXECUTE" in seen:
+                        return seen
+            return seen
+
+        try:
+            return await asyncio.wait_for(asyncio.to_thread(use), 20)
+        finally:
+            await server.stop()
+
+    assert asyncio.run(scenario()) == ["IDLE", "EXECUTE"]
+
+
+def test_a_storm_of_changes_reaches_a_watcher_at_a_limited_rate(engine: RecordingEngine, path: Path) -> None:
+    async def scenario() -> int:
+        server = ControlServer(path, engine)
+        await server.start()
+        reader, writer = await asyncio.open_unix_connection(path)
+        try:
+            writer.write(b'{"id": 1, "method": "watch"}\n')
+            for i in range(300):
+                engine.change(str(i))
+                await asyncio.sleep(0.002)
+            await asyncio.sleep(0.3)
+            return len((await reader.read(1 << 20)).splitlines())
+        finally:
+            writer.close()
+            await server.stop()
+
+    assert 2 <= asyncio.run(scenario()) <= 8
+
+
+def test_a_watcher_that_goes_away_is_unsubscribed(engine: RecordingEngine, path: Path) -> None:
+    async def scenario() -> list[Any]:
+        server = ControlServer(path, engine)
+        await server.start()
+        try:
+            _, writer = await asyncio.open_unix_connection(path)
+            writer.write(b'{"id": 1, "method": "watch"}\n')
+            await _until(lambda: bool(engine.listeners))
+            writer.close()
+            await _until(lambda: not engine.listeners)
+            return engine.listeners
+        finally:
+            await server.stop()
+
+    assert asyncio.run(scenario()) == []
+
+
+async def _until(condition: Callable[[], bool]) -> None:
+    for _ in range(500):
+        if condition():
+            return
+        await asyncio.sleep(0.01)
+    raise AssertionError("not within 5 s")
+
+
+def test_stop_ends_a_connection_that_still_waits(engine: RecordingEngine, path: Path) -> None:
+    async def scenario() -> bytes:
+        server = ControlServer(path, engine)
+        await server.start()
+        reader, writer = await asyncio.open_unix_connection(path)
+        writer.write(b'{"id": 1, "method": "watch"}\n')
+        await reader.readline()
+        await server.stop()
+        rest = await asyncio.wait_for(reader.read(), 5)
+        writer.close()
+        return rest
+
+    assert b"error" not in asyncio.run(scenario())
+
+
+def test_a_client_without_a_daemon_says_where_it_looked(path: Path) -> None:
+    with pytest.raises(CellError, match=str(path)) as caught:
+        ControlClient(path)
+    assert caught.value.name == "DAEMON_UNREACHABLE"
