@@ -54,6 +54,11 @@ class Arm:
         if self.moving(t):
             self.track.stop_linear(t, decel)
 
+    @property
+    def q(self) -> Array:
+        """Joints in the present cycle, rad."""
+        return self.track.at(self.t)[0]
+
     # -- kinematics as the controller believes them
 
     def pose6(self, q: ArrayLike, offset6: ArrayLike | None = None) -> Array:
@@ -63,13 +68,11 @@ class Arm:
 
     def inverse(self, pose6: ArrayLike, q_near: ArrayLike | None = None) -> Array:
         """Joints for a TCP pose near ``q_near`` (default: now); a script error when there are none."""
-        near = self.track.at(self.t)[0] if q_near is None else q_near
+        near = self.q if q_near is None else q_near
         try:
             q = self.believed.inverse(from_pose6(pose6) * self.tool.T_flange_tcp.inv(), near)
         except UnreachableError as exc:
-            raise ScriptError(
-                f"get_inverse_kin: unable to find an inverse kinematics solution: {exc}"
-            ) from None
+            raise ScriptError(f"get_inverse_kin: no inverse kinematics solution: {exc}") from None
         return q
 
     def tcp_speed(self, q: Array, qd: Array) -> Array:

@@ -6,11 +6,12 @@ control cycle, blocking commands block the loop, "threads" run beside it.
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cell.poses import from_pose6, to_pose6
 from fakes.ur.interpreter import CYCLE_S, Interpreter
@@ -171,7 +172,6 @@ class ControlProgram:
 
     def _command_table(self) -> dict[int, Callable[[], Steps | None]]:
         r, arm, robot = self._registers, self._arm, self._robot
-        q_now = lambda: arm.track.at(arm.t)[0]  # noqa: E731
         out = r.vector_out
         return {
             1: lambda: self._start_or_run(arm.move_joints(r.vector_in(0), r.double_in(6), r.double_in(7))),
@@ -192,28 +192,28 @@ class ControlProgram:
             25: lambda: r.int_out(1, int(self._touches(r.vector_in(0)))),
             26: lambda: out([CYCLE_S]),
             27: lambda: out(arm.track.at(arm.t - CYCLE_S * r.int_in(1))[0]),
-            28: lambda: out(arm.pose6(q_now())),
+            28: lambda: out(arm.pose6(arm.q)),
             29: lambda: robot.set_tcp(r.vector_in(0)),
             30: lambda: out(arm.inverse(r.vector_in(0), r.vector_in(6))),
             31: robot.protective_stop,
             33: lambda: self._stop(linear=True),
             34: lambda: self._stop(linear=False),
             35: lambda: robot.set_watchdog(f"input_int_register_{self._offset}", r.double_in(0)),
-            36: lambda: r.int_out(1, int(self._reachable(r.vector_in(0), q_now()))),
+            36: lambda: r.int_out(1, int(self._reachable(r.vector_in(0), arm.q))),
             37: lambda: r.int_out(1, int(arm.within_limits(r.vector_in(0)))),
             38: lambda: out([0.0] * 6),
             39: lambda: out(to_pose6(from_pose6(r.vector_in(0)) * from_pose6(r.vector_in(6)))),
             40: lambda: out(robot.tool.offset6),
             41: self._begin_jog,
             42: self._stop_jog,
-            43: lambda: out(arm.pose6(q_now())),
+            43: lambda: out(arm.pose6(arm.q)),
             44: lambda: out(arm.pose6(r.vector_in(0), r.vector_in(6))),
             45: lambda: self._start_or_run(self._follow_path()),
             46: lambda: out(arm.inverse(r.vector_in(0))),
             47: lambda: r.int_out(1, int(not arm.moving(arm.t))),
             51: self._until_contact,
-            58: lambda: out(arm.pose6(q_now(), [0.0] * 6)),
-            60: lambda: r.int_out(1, int(self._reachable(r.vector_in(0), q_now()))),
+            58: lambda: out(arm.pose6(arm.q, [0.0] * 6)),
+            60: lambda: r.int_out(1, int(self._reachable(r.vector_in(0), arm.q))),
             61: lambda: r.int_out(1, int(self._reachable(r.vector_in(0), r.vector_in(6)))),
             62: self._watch_contact,
             63: self._unwatch_contact,
@@ -221,7 +221,7 @@ class ControlProgram:
             65: lambda: robot.set_payload(r.double_in(0), [r.double_in(k) for k in (1, 2, 3)]),
         }
 
-    def _reachable(self, pose6: Sequence[float], q_near: Sequence[float]) -> bool:
+    def _reachable(self, pose6: ArrayLike, q_near: ArrayLike) -> bool:
         try:
             return self._arm.within_limits(self._arm.inverse(pose6, q_near))
         except ScriptError:
@@ -247,7 +247,7 @@ class ControlProgram:
     def _begin_jog(self) -> None:
         r, arm = self._registers, self._arm
         feature = int(r.double_in(6))
-        q = arm.track.at(arm.t)[0]
+        q = arm.q
         frame = {1: arm.pose6(q), 2: np.array([r.double_in(8 + k) for k in range(6)])}.get(feature)
         turn = from_pose6(frame if frame is not None else [0.0] * 6).rotation
         xd = r.vector_in(0)
@@ -263,10 +263,10 @@ class ControlProgram:
 
     # -- contact
 
-    def _touches(self, direction: Sequence[float]) -> bool:
+    def _touches(self, direction: ArrayLike) -> bool:
         """Whether something pushes against motion along ``direction``; any direction when it is null."""
-        force = np.asarray(self._robot.contact_force()[:3])
-        along = np.asarray(direction[:3])
+        force = np.asarray(self._robot.contact_force())[:3]
+        along = np.asarray(direction, dtype=float)[:3]
         length = float(np.linalg.norm(along))
         pushed = float(np.linalg.norm(force)) if length < 1e-10 else float(-force @ along) / length
         return pushed > CONTACT_FORCE_N
@@ -280,7 +280,7 @@ class ControlProgram:
         while not self._touches(direction if any(direction) else xd):
             self._arm.speed_linear(xd, accel)
             yield
-        touched = self._arm.track.at(self._arm.t)[0]
+        touched = self._arm.q
         yield from self._arm.stop(CONTACT_DECEL, linear=True)
         yield from self._arm.move_linear(self._arm.pose6(touched), 0.25, 1.2)
 

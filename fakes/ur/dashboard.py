@@ -24,17 +24,19 @@ _UNLOCK_EARLY = (
     "before unlocking"
 )
 _READING = frozenset(
-    [
-        "running",
-        "robotmode",
-        "programstate",
-        "polyscopeversion",
-        "version",
-        "safetymode",
-        "safetystatus",
-        "quit",
-    ]
-    + ["get loaded program", "get serial number", "get robot model", "is in remote control", "isprogramsaved"]
+    {
+        *(
+            "running",
+            "robotmode",
+            "programstate",
+            "polyscopeversion",
+            "version",
+            "safetymode",
+            "safetystatus",
+        ),
+        *("get loaded program", "get serial number", "get robot model", "is in remote control"),
+        *("isprogramsaved", "version", "quit"),
+    }
 )
 
 

@@ -183,7 +183,7 @@ class PrimaryServer:
 
 
 class TextConnection(asyncio.Protocol):
-    """A client of a text port; on the primary port it also receives messages, on the script port it does not."""
+    """A client of a text port; only one of the primary port is greeted and gets messages."""
 
     def __init__(self, server: PrimaryServer, open_links: set[Link], greeting: bool) -> None:
         self._server, self._open_links, self._greeting = server, open_links, greeting

@@ -9,6 +9,7 @@ import multiprocessing
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +29,7 @@ REPLY_TIMEOUT_S = 5.0
 class ControllerHandle:
     """The running child: inject faults, ask for the truth, know its pid."""
 
-    def __init__(
-        self, process: "multiprocessing.process.BaseProcess", connection: "Connection[Any, Any]"
-    ) -> None:
+    def __init__(self, process: BaseProcess, connection: "Connection[Any, Any]") -> None:
         self._process, self._connection = process, connection
 
     @property

@@ -1,6 +1,7 @@
 """The control program's view of the general purpose registers, with the client's offset."""
 
-from collections.abc import Sequence
+import numpy as np
+from numpy.typing import ArrayLike
 
 
 class Registers:
@@ -22,6 +23,6 @@ class Registers:
     def int_out(self, index: int, value: int) -> None:
         self._values[f"output_int_register_{index + self._offset}"] = value
 
-    def vector_out(self, values: Sequence[float], index: int = 0) -> None:
-        for k, value in enumerate(values):
+    def vector_out(self, values: ArrayLike, index: int = 0) -> None:
+        for k, value in enumerate(np.asarray(values, dtype=float)):
             self._values[f"output_double_register_{index + k + self._offset}"] = float(value)

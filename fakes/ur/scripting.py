@@ -1,7 +1,7 @@
 """What arrives on the text ports: whole programs, single lines, and the controller's own commands."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from fakes.ur.control_script import ControlProgram, recognise
@@ -51,7 +51,7 @@ class ScriptPort:
 
     def __init__(self, robot: "Robot") -> None:
         self._robot = robot
-        self._commands = {
+        self._commands: dict[str, Callable[[], object]] = {
             "power on": lambda: robot.safety.power_on(robot.now()),
             "power off": robot.power_off,
             "set robotmode run": lambda: robot.safety.brake_release(robot.now()),

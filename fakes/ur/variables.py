@@ -89,7 +89,7 @@ def _electrical() -> Iterator[tuple[str, Output]]:
     yield "analog_io_types", Output("UINT32", _constant(0))
     for k in (0, 1):
         yield f"standard_analog_input{k}", Output("DOUBLE", _constant(0.0))
-        yield f"standard_analog_output{k}", Output("DOUBLE", lambda r, s, k=k: r.io.analog_out[k])
+        yield f"standard_analog_output{k}", Output("DOUBLE", _analog_output(k))
         yield f"tool_analog_input{k}", Output("DOUBLE", _constant(0.0))
     yield "io_current", Output("DOUBLE", _constant(0.0))
     yield "tool_mode", Output("UINT32", _constant(253))
@@ -97,6 +97,10 @@ def _electrical() -> Iterator[tuple[str, Output]]:
     yield "tool_output_voltage", Output("INT32", _constant(0))
     yield "tool_output_current", Output("DOUBLE", _constant(0.0))
     yield "tool_temperature", Output("DOUBLE", _constant(30.0))
+
+
+def _analog_output(k: int) -> Reader:
+    return lambda r, s: r.io.analog_out[k]
 
 
 def _registers() -> Iterator[tuple[str, Output]]:
