@@ -1,0 +1,320 @@
+"""A Universal Robots arm as ``cell.devices.Arm``: state always, motion only while a lease holds a port."""
+
+import asyncio
+import socket
+from typing import Any
+
+from cell.clock import Clock
+from cell.devices import ArmState, Identity, ToolSettings
+from cell.errors import CellError, error
+from cell.motion import run_to_its_end
+from cell.poses import Array
+from cell.samples import Sample, Stream
+from drivers.ur.config import UrConfig
+from drivers.ur.dashboard import Dashboard, dashboard
+from drivers.ur.feed import NAMES, STOPPED, StateFeed, available
+from drivers.ur.kinematics import describe
+from drivers.ur.motion import UrMotion
+from drivers.ur.motion_client import MotionClient
+from drivers.ur.primary import PrimaryLink, Six
+from drivers.ur.rtde_link import RtdeLink, open_socket
+
+SCRIPT_PORT = 30003
+STOP_SCRIPT = b"def cellward_stop():\n  stopj(4.0)\nend\n"
+SILENCE_CHECK_S = 0.01
+REMOTE_POLL_S = 0.2
+DASHBOARD_DEADLINE_S = 1.0
+# After the TCP was set, the primary port may still report the old one from its queue.
+TCP_SETTLE_S = 0.5
+
+
+class UrArm:
+    """One arm. Reconnecting is the supervisor's business: after an error ``close`` and ``open`` again."""
+
+    Config = UrConfig
+
+    def __init__(self, name: str, config: UrConfig, clock: Clock) -> None:
+        self.name = name
+        self.state: Stream[ArmState] = Stream(name, clock)
+        self.feed = StateFeed(self.state, clock, config.rtde_frequency_hz, config.time_offset_s)
+        self.lost: CellError | None = error("DEVICE_LOST", f"{name} is not connected")
+        self._config, self._clock = config, clock
+        self._link: RtdeLink | None = None
+        self._primary: PrimaryLink | None = None
+        self._port: UrMotion | None = None
+        self._remote: bool | None = None
+        self._dashboard_error = ""
+        self._version = ""
+        self._tcp_set_at = -1e9
+        self._tcp_in_packages = False
+        self._lost_future: asyncio.Future[CellError] | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    async def open(self) -> None:
+        """Connect the state stream, the primary port and the dashboard; the robot's program is untouched."""
+        await self.close()
+        self.lost = None
+        self._lost_future = asyncio.get_running_loop().create_future()
+        try:
+            await self._connect()
+        except BaseException:
+            await self.close()
+            raise
+        for work, what in ((self._watch_silence(), "silence"), (self._watch_remote(), "remote control")):
+            self._tasks.add(asyncio.create_task(work, name=f"{self.name} {what}"))
+
+    async def close(self) -> None:
+        """End motion and every connection."""
+        port, self._port = self._port, None
+        if port is not None:
+            await run_to_its_end(port.close())
+        tasks, self._tasks = self._tasks, set()
+        for task in tasks:
+            task.cancel()
+        if tasks:
+            await asyncio.wait(tasks, timeout=2.0)
+        if self._link is not None:
+            self._link.close()
+        if self._primary is not None:
+            await self._primary.close()
+        self._link = self._primary = None
+        self._remote = None
+        self._lose(error("DEVICE_LOST", f"{self.name} was closed"))
+
+    async def identify(self) -> Identity:
+        """Serial, model and PolyScope version; ``DEVICE_IDENTITY`` when the config expects another.
+
+        ``extra["kinematics"]``: the arm's own DH rows, their check sums and, as ``calibration``, the deltas
+        to the drawing of the model.
+        """
+        self._require_link()
+        async with dashboard(self._config.host, self._config.connect_timeout_s) as link:
+            facts = await link.facts(DASHBOARD_DEADLINE_S)
+        assert self._primary is not None
+        found = await self._primary.wait_kinematics(self._config.connect_timeout_s)
+        for what, expected, seen in (
+            ("serial", self._config.expect_serial, facts.serial),
+            ("model", self._config.model, facts.model),
+        ):
+            if expected is not None and expected != seen:
+                raise error(
+                    "DEVICE_IDENTITY",
+                    f"{self.name} at {self._config.host} has {what} {seen}, expected {expected}",
+                )
+        extra = {"kinematics": describe(facts.model, found), "urcontrol": self._version}
+        return Identity(facts.model, facts.serial, facts.version, extra)
+
+    async def wait_fresh(self, timeout: float) -> None:
+        """Return when a sample taken after the call has arrived, else ``DEVICE_LOST``."""
+        self._require_link()
+        asked = self._clock.now()
+        fresh = asyncio.Event()
+
+        def look(sample: Sample[ArmState]) -> None:
+            if sample.t > asked:
+                fresh.set()
+
+        undo = self.state.subscribe(look)
+        try:
+            async with asyncio.timeout(timeout):
+                await fresh.wait()
+        except TimeoutError:
+            raise self.lost or error(
+                "DEVICE_LOST", f"{self.name} gave no fresh state in {timeout:g} s; the last is {self._age()}"
+            ) from None
+        finally:
+            undo()
+
+    async def wait_lost(self) -> Exception:
+        """Block while the link is good; return what broke it."""
+        if self._lost_future is None:
+            return self._require_error()
+        return await asyncio.shield(self._lost_future)
+
+    def health(self) -> dict[str, Any]:
+        """Plain numbers and texts for status pages."""
+        fault = self.fault()
+        silence = self.feed.silence()
+        return {
+            "connected": self.lost is None,
+            "stale": silence > self._config.stale_after_s,
+            "age_s": silence if self.lost is None else None,
+            "packages": self.state.received,
+            "gaps": self.state.gaps,
+            "repeated": self.feed.repeated,
+            "reboots": self.feed.reboots,
+            "epoch": self.state.epoch,
+            "remote_control": self._remote,
+            "dashboard": self._dashboard_error or "ok",
+            "messages": self._link.messages if self._link is not None else 0,
+            "fault": None if fault is None else str(fault),
+            "motion_child": self._port.client.pid if self._port is not None else None,
+        }
+
+    def check_movable(self) -> None:
+        """Raise the coded error that forbids motion now (stale, safety, local mode, foreign program)."""
+        self._require_link()
+        assert self._link is not None
+        # What the kernel holds already is not silence, however late the loop comes to it.
+        self._link.drain()
+        self._require_link()
+        if self.feed.silence() > self._config.stale_after_s:
+            raise error("STALE_DATA", f"{self.name}: the newest state is {self._age()}")
+        fault = self.fault()
+        if fault is not None:
+            raise fault
+        if self._remote is None:
+            raise error(
+                "ARM_NOT_READY",
+                f"the dashboard does not tell whether {self.name} is in remote control"
+                f" ({self._dashboard_error or 'not asked yet'})",
+            )
+        ours = self._port is not None and self._port.owns_program
+        if self.feed.runtime_state != STOPPED and not ours:
+            raise error("ARM_PROGRAM_RUNNING", f"{self.name} has runtime state {self.feed.runtime_state}")
+
+    def fault(self) -> CellError | None:
+        """The coded error that the newest package shows, or None."""
+        if self.lost is not None:
+            return self.lost
+        finding = self.feed.finding
+        if finding is not None:
+            return error(finding.name, f"{self.name}: {finding.detail}")
+        if self._remote is False:
+            return error("ARM_LOCAL_MODE", f"the dashboard of {self.name} says so")
+        return None
+
+    async def open_motion(self, tool: ToolSettings) -> UrMotion:
+        """Start the motion child, set and read back TCP and payload. Only a lease calls this.
+
+        Refused with ``ARM_PROGRAM_RUNNING``, ``ARM_LOCAL_MODE``, ``ARM_REGISTER_CONFLICT`` and the errors of
+        :meth:`check_movable` before anything of ours runs on the arm.
+        """
+        if self._port is not None:
+            raise error("MOTION_BUSY", f"{self.name} has a motion client already")
+        self.check_movable()
+        await self._ask_permission()
+        port = UrMotion(self, await MotionClient.start(self._clock), tool, self._config)
+        self._port = port
+        try:
+            await port.prepare()
+        except BaseException:
+            await run_to_its_end(port.close())
+            raise
+        return port
+
+    async def stop_script(self) -> None:
+        """Stop ladder, step two: end the motion child and make the controller run a stop."""
+        if self._port is not None:
+            self._port.client.kill()
+        sock = await open_socket(self._config.host, SCRIPT_PORT, 0.5)
+        try:
+            await asyncio.get_running_loop().sock_sendall(sock, STOP_SCRIPT)
+            await _read_for(sock, 0.1)
+        finally:
+            sock.close()
+
+    async def stop_program(self) -> None:
+        """Stop ladder, step three: the dashboard's stop, on a connection of its own."""
+        async with dashboard(self._config.host, DASHBOARD_DEADLINE_S) as link:
+            await link.stop(DASHBOARD_DEADLINE_S)
+
+    async def _connect(self) -> None:
+        config, timeout = self._config, self._config.connect_timeout_s
+        self._primary = await PrimaryLink.connect(config.host, self._take_tcp, self._lose, timeout)
+        self._link = await RtdeLink.connect(config.host, self._clock, self._lose, timeout)
+        version = await self._link.controller_version(timeout)
+        self._version = ".".join(str(n) for n in version)
+        recipe = await self._link.setup_outputs(NAMES, config.rtde_frequency_hz, timeout)
+        if "NOT_FOUND" in recipe.types:
+            recipe = await self._link.setup_outputs(available(recipe), config.rtde_frequency_hz, timeout)
+        self.feed.begin(recipe)
+        self._tcp_in_packages = "tcp_offset" in recipe.names
+        await self._link.start(self.feed.take, timeout)
+        await self.wait_fresh(timeout)
+        await self._ask_remote()
+
+    def _take_tcp(self, offset6: Six) -> None:
+        settling = self._clock.now() - self._tcp_set_at < TCP_SETTLE_S
+        if not self._tcp_in_packages and not settling:
+            self.feed.set_tcp(offset6)
+
+    def tcp_read_back(self, offset6: Array) -> None:
+        """The motion port set the TCP and read it back."""
+        self._tcp_set_at = self._clock.now()
+        self.feed.set_tcp(offset6)
+
+    def motion_closed(self) -> None:
+        """The motion port ended, by its lease or by our close."""
+        self._port = None
+
+    async def _ask_permission(self) -> None:
+        """The two questions that only the dashboard answers, asked right before the script is uploaded."""
+        async with dashboard(self._config.host, self._config.connect_timeout_s) as link:
+            if not await link.in_remote_control(DASHBOARD_DEADLINE_S):
+                raise error("ARM_LOCAL_MODE", f"the dashboard of {self.name} says so")
+            answer = await link.ask("running", DASHBOARD_DEADLINE_S)
+        if "true" in answer.lower():
+            raise error("ARM_PROGRAM_RUNNING", f"the dashboard of {self.name} says '{answer}'")
+
+    async def _ask_remote(self) -> None:
+        async with dashboard(self._config.host, self._config.connect_timeout_s) as link:
+            self._remote = await link.in_remote_control(DASHBOARD_DEADLINE_S)
+
+    async def _watch_silence(self) -> None:
+        while self.lost is None:
+            assert self._link is not None
+            self._link.drain()
+            if self.feed.silence() > self._config.lost_after_s:
+                self._lose(error("DEVICE_LOST", f"{self.name} is silent: the newest state is {self._age()}"))
+            await self._clock.sleep(SILENCE_CHECK_S)
+
+    async def _watch_remote(self) -> None:
+        """Ask for the mode switch a few times a second; a deaf dashboard forbids motion, but not reading."""
+        link: Dashboard | None = None
+        try:
+            while self.lost is None:
+                try:
+                    if link is None:
+                        link = await Dashboard.connect(self._config.host, DASHBOARD_DEADLINE_S)
+                    self._remote = await link.in_remote_control(DASHBOARD_DEADLINE_S)
+                    self._dashboard_error = ""
+                except CellError as exc:
+                    link, self._remote, self._dashboard_error = None, None, str(exc)
+                await self._clock.sleep(REMOTE_POLL_S)
+        finally:
+            if link is not None:
+                link.close()
+
+    def _lose(self, failure: CellError) -> None:
+        """The link is gone: say so once, and end motion, which nobody can watch any more."""
+        if self.lost is not None:
+            return
+        self.lost = failure
+        if self._lost_future is not None and not self._lost_future.done():
+            self._lost_future.set_result(failure)
+        if self._link is not None:
+            self._link.close()
+        if self._port is not None:
+            self._port.client.kill()
+
+    def _require_link(self) -> None:
+        if self.lost is not None:
+            raise self.lost
+
+    def _require_error(self) -> CellError:
+        return self.lost or error("DEVICE_LOST", f"{self.name} was never opened")
+
+    def _age(self) -> str:
+        return f"{self.feed.silence():.3f} s old"
+
+
+async def _read_for(sock: socket.socket, seconds: float) -> None:
+    """Closing with unread data would reset the connection, and the script could be lost with it."""
+    loop = asyncio.get_running_loop()
+    try:
+        async with asyncio.timeout(seconds):
+            while await loop.sock_recv(sock, 65536):
+                pass
+    except TimeoutError:
+        return

@@ -1,0 +1,35 @@
+"""What ``cell.toml`` may say about a Universal Robots arm."""
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class UrConfig(BaseModel):
+    """Keys of a device with ``driver = "ur"``. The defaults suit an e-series arm."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    host: str = Field(min_length=1, description="Address of the controller; the ports are UR's own")
+    expect_serial: str | None = Field(default=None, description="Serial number that the controller must have")
+    model: str | None = Field(default=None, description="Arm model that must be found, e.g. ur10e")
+    rtde_frequency_hz: float = Field(default=500.0, ge=10.0, le=500.0, description="125 for CB3 controllers")
+    time_offset_s: float = Field(
+        default=0.0,
+        ge=-0.1,
+        le=0.1,
+        description="Added to the arm's stamps; the one-way delay, which only a job can measure",
+    )
+    connect_timeout_s: float = Field(default=3.0, gt=0.0, le=30.0)
+    stale_after_s: float = Field(default=0.02, gt=0.0, le=1.0, description="Older state forbids motion")
+    lost_after_s: float = Field(default=0.1, gt=0.0, le=5.0, description="Silence that ends the link")
+    joint_tolerance_rad: float = Field(default=0.001, gt=0.0, le=0.05)
+    position_tolerance_m: float = Field(default=0.0005, gt=0.0, le=0.01)
+    rotation_tolerance_rad: float = Field(default=0.001, gt=0.0, le=0.05)
+    stop_decel_m_s2: float = Field(default=5.0, gt=0.0, le=50.0)
+    follow_decel_rad_s2: float = Field(
+        default=8.0, gt=0.0, le=40.0, description="Ramp at the end of a stream"
+    )
+    servo_lookahead_s: float = Field(default=0.05, ge=0.03, le=0.2)
+    servo_gain: float = Field(default=500.0, ge=100.0, le=2000.0)
+    watchdog_min_hz: float = Field(
+        default=10.0, ge=5.0, le=50.0, description="The controller stops the arm when kicks come slower"
+    )

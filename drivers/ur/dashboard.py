@@ -1,0 +1,121 @@
+"""The dashboard server: one text line each way, on a connection of our own so that a stop never queues."""
+
+import asyncio
+import re
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+
+from cell.errors import error
+
+PORT = 29999
+
+
+@dataclass(frozen=True)
+class RobotFacts:
+    """What the dashboard says about the robot."""
+
+    serial: str
+    model: str
+    version: str
+
+
+class Dashboard:
+    """A connected dashboard. Every question has a deadline; a late answer ends the connection."""
+
+    def __init__(self, host: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._host, self._reader, self._writer = host, reader, writer
+        self._turn = asyncio.Lock()
+
+    @classmethod
+    async def connect(cls, host: str, timeout: float) -> "Dashboard":
+        """Connect and read the greeting; ``DEVICE_UNREACHABLE`` when either fails in ``timeout`` seconds."""
+        writer: asyncio.StreamWriter | None = None
+        try:
+            async with asyncio.timeout(timeout):
+                reader, writer = await asyncio.open_connection(host, PORT, limit=4096)
+                greeting = await reader.readline()
+                if not greeting.startswith(b"Connected"):
+                    raise error("PROTOCOL_VIOLATION", f"{host}:{PORT} greets with {greeting[:60]!r}")
+                return cls(host, reader, writer)
+        except (OSError, TimeoutError, ValueError) as exc:
+            _abort(writer)
+            raise error("DEVICE_UNREACHABLE", f"dashboard at {host}:{PORT}: {_reason(exc, timeout)}") from exc
+        except BaseException:
+            _abort(writer)
+            raise
+
+    async def ask(self, command: str, timeout: float) -> str:
+        """Send one line, return the answering line. ``CALL_TIMEOUT`` or ``DEVICE_LOST`` close the link."""
+        try:
+            async with asyncio.timeout(timeout), self._turn:
+                self._writer.write(command.encode("ascii") + b"\n")
+                await self._writer.drain()
+                answer = await self._reader.readline()
+        except TimeoutError:
+            # The late answer would be taken for the next question's.
+            self.close()
+            raise error(
+                "CALL_TIMEOUT", f"dashboard '{command}' on {self._host} after {timeout:g} s"
+            ) from None
+        except (OSError, ValueError) as exc:
+            self.close()
+            raise error("DEVICE_LOST", f"dashboard on {self._host}: {exc}") from exc
+        except asyncio.CancelledError:
+            self.close()
+            raise
+        if not answer.endswith(b"\n"):
+            self.close()
+            raise error("DEVICE_LOST", f"dashboard on {self._host} closed the connection")
+        return answer.decode("utf-8", "replace").strip()
+
+    async def in_remote_control(self, timeout: float) -> bool:
+        """True in remote control, and on controllers that do not know the question (before 5.6)."""
+        answer = (await self.ask("is in remote control", timeout)).lower()
+        return "true" in answer or "could not understand" in answer
+
+    async def facts(self, timeout: float) -> RobotFacts:
+        """Serial number, model (``ur10e``) and PolyScope version (``5.12.4``)."""
+        serial = await self.ask("get serial number", timeout)
+        model = await self.ask("get robot model", timeout)
+        answer = await self.ask("PolyscopeVersion", timeout)
+        found = re.search(r"(\d+)\.(\d+)\.(\d+)", answer)
+        if found is None:
+            raise error("PROTOCOL_VIOLATION", f"PolyscopeVersion answered {answer!r}")
+        return RobotFacts(serial, model_name(model, int(found[1])), found[0])
+
+    async def stop(self, timeout: float) -> None:
+        """Stop the program on the robot; ``CALL_TIMEOUT`` when it says anything but ``Stopped``."""
+        answer = await self.ask("stop", timeout)
+        if not answer.lower().startswith("stopped"):
+            raise error("CALL_TIMEOUT", f"dashboard stop on {self._host} answered {answer!r}")
+
+    def close(self) -> None:
+        """Drop the connection at once."""
+        _abort(self._writer)
+
+
+@asynccontextmanager
+async def dashboard(host: str, timeout: float) -> AsyncIterator[Dashboard]:
+    """A short-lived connection for one question, so that it never waits behind another."""
+    link = await Dashboard.connect(host, timeout)
+    try:
+        yield link
+    finally:
+        link.close()
+
+
+def model_name(answer: str, major: int) -> str:
+    """Our name of a model: an e-series controller calls a UR10e ``UR10``."""
+    name = answer.strip().lower().replace(" ", "")
+    old_sizes = {"ur3", "ur5", "ur7", "ur10", "ur12", "ur16"}
+    return name + "e" if major >= 5 and name in old_sizes else name
+
+
+def _abort(writer: asyncio.StreamWriter | None) -> None:
+    if writer is not None:
+        writer.transport.abort()
+
+
+def _reason(exc: Exception, timeout: float) -> str:
+    return f"no greeting in {timeout:g} s" if isinstance(exc, TimeoutError) else str(exc)

@@ -1,0 +1,360 @@
+"""The arm's motion port: moves given to the motion child, believed only when the state stream agrees."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from typing import Any, Protocol
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from cell.clock import Clock
+from cell.devices import ArmState, Speed, ToolSettings, TrajectoryPiece
+from cell.errors import CellError, error
+from cell.poses import Array, from_pose6, to_pose6
+from cell.samples import Sample
+from drivers.ur.config import UrConfig
+from drivers.ur.feed import STOPPED, StateFeed
+from drivers.ur.framing import Message
+from drivers.ur.motion_child import BEAT_LIMIT_S
+from drivers.ur.motion_client import MotionClient
+from drivers.ur.watch import REST_SAMPLES, ArmView, Judge, Watch, joints_judge, pose_judge
+
+OPEN_DEADLINE_S = 8.0  # the client itself waits 5 s for its script to start
+CALL_DEADLINE_S = 0.5
+STOP_DEADLINE_S = 0.3
+END_DEADLINE_S = 0.8
+START_MARGIN_S = 3.0
+MAX_START_STEP_RAD = 0.05
+
+
+class MotionArm(ArmView, Protocol):
+    """What the port needs of the arm that opened it."""
+
+    feed: StateFeed
+
+    async def stop_program(self) -> None: ...
+    def tcp_read_back(self, offset6: Array) -> None: ...
+    def motion_closed(self) -> None: ...
+
+
+class UrMotion:
+    """Implements ``cell.devices.MotionPort`` on one motion child. Calls must not overlap."""
+
+    def __init__(self, arm: MotionArm, client: MotionClient, tool: ToolSettings, config: UrConfig) -> None:
+        self.client = client
+        self.owns_program = False
+        self._arm, self._tool, self._config = arm, tool, config
+        self._clock: Clock = client.clock
+        self._stop_following_program = arm.state.subscribe(self._note_program)
+
+    async def prepare(self) -> None:
+        """Upload the script, set the watchdog, the TCP and the payload, and see them in force."""
+        try:
+            await self.client.call(
+                "open", OPEN_DEADLINE_S, host=self._config.host, watchdog_hz=self._config.watchdog_min_hz
+            )
+        except CellError as exc:
+            raise open_failure(exc) from exc
+        await self._until(lambda s: s.value.program_running, 1.0, "the control script's start")
+        self.owns_program = True
+        await self._set_tool()
+
+    async def move_joints(self, q: Array, speed: Speed) -> None:
+        """Joint move; returns when the measured joints rest at ``q`` (6,) rad."""
+        target = _finite(q, (6,), "joint target")
+        start = self._newest().value
+        leading = float(np.max(np.abs(target - start.q)))
+        limit = self._duration(leading, speed.joint_rad_s, speed.joint_rad_s2)
+        judge = joints_judge(target, self._config.joint_tolerance_rad, self._clock.now())
+        await self._move(
+            "move_joints",
+            {"q": target.tolist(), "speed": speed.joint_rad_s, "accel": speed.joint_rad_s2},
+            judge,
+            limit,
+        )
+
+    async def move_linear(self, T_base_flange: RigidTransform, speed: Speed) -> None:
+        """Linear move of the TCP; returns when the measured TCP rests where the flange has this pose."""
+        T_base_tcp = T_base_flange * self._tool.T_flange_tool
+        await self._linear(T_base_tcp, speed, self._pose_judge(T_base_tcp))
+
+    async def guarded_move(
+        self, T_base_flange: RigidTransform, speed: Speed, max_force_n: float, max_travel_m: float
+    ) -> bool:
+        """Linear move of at most ``max_travel_m``, ended by ``max_force_n``; True when the force ended it.
+
+        The force is the length of the TCP force's change since the start, so a bias does not count. The stop
+        is sent from within the sample that shows it.
+        """
+        recent = self._arm.state.between(self._clock.now() - 0.05, self._clock.now())
+        if not recent:
+            raise error("STALE_DATA", "no force reading in the last 50 ms before a guarded move")
+        bias = np.mean([s.value.tcp_force[:3] for s in recent], axis=0)
+        T_base_tcp = _shortened(
+            from_pose6(recent[-1].value.tcp_pose6), T_base_flange * self._tool.T_flange_tool, max_travel_m
+        )
+        arrived = self._pose_judge(T_base_tcp)
+
+        def judge(sample: Sample[ArmState]) -> Any:
+            if np.linalg.norm(sample.value.tcp_force[:3] - bias) >= max_force_n:
+                self.client.post("stop", decel=self._config.stop_decel_m_s2)
+                return "force"
+            return arrived(sample)
+
+        touched: bool = await self._linear(T_base_tcp, speed, judge) == "force"
+        if touched:
+            await self._until_at_rest(2.0)
+        return touched
+
+    async def stream(self, pieces: AsyncIterator[TrajectoryPiece]) -> None:
+        """Follow polynomials until they end; returns at measured rest on the last set-point.
+
+        Pieces are asked for when the current one ends within 100 ms. The child follows a piece to its end
+        only while our beat goes on. ``MOTION_WATCHDOG`` when a piece came too late and the arm was ramped to
+        rest, ``MOTION_LIMIT`` when the first piece does not begin where the arm is.
+        """
+        config = self._config
+        with Watch(self._arm, self.client, lambda sample: None) as watch:
+            undo = self.client.subscribe(lambda event: _note_end(watch, event))
+            try:
+                await self.client.call(
+                    "follow",
+                    CALL_DEADLINE_S,
+                    horizon_s=BEAT_LIMIT_S,
+                    ramp=config.follow_decel_rad_s2,
+                    lookahead=config.servo_lookahead_s,
+                    gain=config.servo_gain,
+                    decel=config.stop_decel_m_s2,
+                )
+                last = await self._send_pieces(pieces, watch)
+                self.client.post("finish")
+                left = max(last.t1 - self._clock.now(), 0.0) if last is not None else 0.0
+                end = await watch.outcome(left + START_MARGIN_S, "following")
+            except BaseException:
+                self._stop_now()
+                raise
+            finally:
+                undo()
+        if end != "done":
+            raise error("MOTION_WATCHDOG", f"following ended early: {end}")
+        if last is not None:
+            await self._believe(last)
+
+    async def decelerate(self) -> None:
+        """Ask for a stop; a child that does not answer is killed, so that the watchdog stops the arm."""
+        if not self.client.ended.is_set():
+            await self.client.call("stop", STOP_DEADLINE_S, decel=self._config.stop_decel_m_s2)
+
+    async def close(self) -> None:
+        """End our script and the child. A program that someone else started meanwhile is left alone."""
+        try:
+            if not self.client.ended.is_set():
+                await self.client.call("end", END_DEADLINE_S)
+        except CellError:
+            self.client.kill()
+        finally:
+            await self.client.finish(0.3)
+            try:
+                await self._see_program_ended()
+            finally:
+                self._stop_following_program()
+                self._arm.motion_closed()
+
+    async def _see_program_ended(self) -> None:
+        """A script that is paused (after a protective stop) or hangs on is stopped by the dashboard."""
+        if self._arm.lost is not None or not self.owns_program:
+            return
+        try:
+            await self._until(lambda s: not self.owns_program, 0.3, "the end of the control script")
+        except CellError:
+            if self.owns_program:
+                await self._arm.stop_program()
+                await self._until(lambda s: not self.owns_program, 1.0, "the end of the control script")
+
+    async def _set_tool(self) -> None:
+        tcp = to_pose6(self._tool.T_flange_tool)
+        centre = list(self._tool.centre_of_mass)
+        if not any(centre):
+            # The control script reads exactly zero as "keep the present centre of mass".
+            centre[2] = 1e-6
+        read = await self.client.call(
+            "tool", CALL_DEADLINE_S, tcp=tcp.tolist(), mass=self._tool.payload_kg, cog=centre
+        )
+        found = np.asarray(read, dtype=float)
+        if found.shape != (6,) or not _same_pose(found, tcp):
+            raise error("ARM_NOT_AT_TARGET", f"the TCP was set to {tcp.round(5)}, read back {found.round(5)}")
+        self._arm.tcp_read_back(found)
+        wanted = self._tool.payload_kg
+        await self._until(lambda s: self._payload_is(wanted), 0.5, f"a payload of {wanted:g} kg")
+
+    def _payload_is(self, wanted_kg: float) -> bool:
+        """True also for controllers that do not report it."""
+        payload = self._arm.feed.payload
+        return payload is None or abs(payload[0] - wanted_kg) < 1e-3
+
+    def _pose_judge(self, T_base_tcp: RigidTransform) -> Judge:
+        c = self._config
+        return pose_judge(T_base_tcp, c.position_tolerance_m, c.rotation_tolerance_rad, self._clock.now())
+
+    async def _linear(self, T_base_tcp: RigidTransform, speed: Speed, judge: Judge) -> Any:
+        pose = _finite(to_pose6(T_base_tcp), (6,), "pose target")
+        start = from_pose6(self._newest().value.tcp_pose6)
+        travel = float(np.linalg.norm(pose[:3] - start.translation))
+        turn = float((start.rotation.inv() * T_base_tcp.rotation).magnitude())
+        # A turn on the spot is bound by the same number in rad/s.
+        limit = self._duration(travel + turn, speed.tcp_m_s, speed.tcp_m_s2)
+        return await self._move(
+            "move_linear",
+            {"pose": pose.tolist(), "speed": speed.tcp_m_s, "accel": speed.tcp_m_s2},
+            judge,
+            limit,
+        )
+
+    async def _move(self, do: str, arguments: dict[str, Any], judge: Judge, limit_s: float) -> Any:
+        with Watch(self._arm, self.client, judge) as watch:
+            try:
+                accepted = await self.client.call(do, CALL_DEADLINE_S, **arguments)
+                if not accepted and not watch.over:
+                    watch.end(error("ARM_SCRIPT_DIED", f"the control script did not accept {do}"))
+                return await watch.outcome(limit_s, do)
+            except BaseException:
+                self._stop_now()
+                raise
+
+    def _duration(self, distance: float, speed: float, accel: float) -> float:
+        """Twice the time of a trapezoidal profile under the speed slider, and a margin for the start."""
+        scale = max(self._arm.feed.speed_fraction, 0.01)
+        return START_MARGIN_S + 2.0 * (distance / (speed * scale) + speed / accel)
+
+    def _stop_now(self) -> None:
+        """Best effort without waiting; whoever holds the lease runs the whole stop ladder."""
+        try:
+            self.client.post("stop", decel=self._config.stop_decel_m_s2)
+        except CellError:
+            self.client.kill()
+
+    async def _send_pieces(
+        self, pieces: AsyncIterator[TrajectoryPiece], watch: Watch
+    ) -> TrajectoryPiece | None:
+        last: TrajectoryPiece | None = None
+        iterator = aiter(pieces)
+        while not watch.over:
+            pull = asyncio.ensure_future(anext(iterator, None))
+            try:
+                if not await watch.first(pull):
+                    break
+                piece = pull.result()
+            finally:
+                if not pull.done():
+                    pull.cancel()
+                    await asyncio.wait([pull])
+            if piece is None:
+                break
+            self._send_piece(piece, first=last is None)
+            last = piece
+            while not watch.over and (left := last.t1 - BEAT_LIMIT_S - self._clock.now()) > 0.0:
+                await self._clock.sleep(min(left, 0.02))
+        return last
+
+    def _send_piece(self, piece: TrajectoryPiece, first: bool) -> None:
+        rows = np.asarray(piece.coefficients, dtype=float)
+        if rows.ndim != 2 or rows.shape[1] != 6 or not np.isfinite(rows).all() or not piece.t1 > piece.t0:
+            raise error(
+                "ARGUMENT_INVALID", f"a trajectory piece of shape {rows.shape} over {piece.t1 - piece.t0} s"
+            )
+        if first:
+            step = float(np.max(np.abs(rows[0] - self._newest().value.q)))
+            if step > MAX_START_STEP_RAD:
+                raise error("MOTION_LIMIT", f"the trajectory begins {step:.3f} rad from where the arm is")
+        self.client.post("piece", t0=piece.t0, t1=piece.t1, coefficients=rows.tolist())
+
+    async def _believe(self, last: TrajectoryPiece) -> None:
+        """Following ended as planned; now the measured joints have to say the same."""
+        span = last.t1 - last.t0
+        target = np.polynomial.polynomial.polyval(span, np.asarray(last.coefficients, dtype=float))
+        # An end speed other than zero ends in a ramp, which goes on beyond the last set-point.
+        speed = np.polynomial.polynomial.polyval(
+            span, np.polynomial.polynomial.polyder(np.asarray(last.coefficients, dtype=float))
+        )
+        peak = float(np.max(np.abs(speed)))
+        target = target + speed * peak / (2.0 * self._config.follow_decel_rad_s2)
+        judge = joints_judge(target, 5.0 * self._config.joint_tolerance_rad, self._clock.now())
+        with Watch(self._arm, self.client, judge) as watch:
+            await watch.outcome(2.0, "coming to rest after following")
+
+    async def _until_at_rest(self, timeout: float) -> None:
+        count = 0
+
+        def judge(sample: Sample[ArmState]) -> bool | None:
+            nonlocal count
+            count = count + 1 if sample.value.at_rest else 0
+            return True if count >= REST_SAMPLES else None
+
+        with Watch(self._arm, self.client, judge) as watch:
+            await watch.outcome(timeout, "the stop after contact")
+
+    async def _until(self, holds: Any, timeout: float, what: str) -> None:
+        """Wait for a sample for which ``holds``; ``CALL_TIMEOUT`` otherwise."""
+        seen = asyncio.Event()
+
+        def look(sample: Sample[ArmState]) -> None:
+            if holds(sample):
+                seen.set()
+
+        undo = self._arm.state.subscribe(look)
+        try:
+            async with asyncio.timeout(timeout):
+                await seen.wait()
+        except TimeoutError:
+            raise error("CALL_TIMEOUT", f"{what} was not seen in {timeout:g} s") from None
+        finally:
+            undo()
+
+    def _note_program(self, sample: Sample[ArmState]) -> None:
+        """Ours until it is seen stopped once; whatever runs after that is someone else's."""
+        if self._arm.feed.runtime_state == STOPPED:
+            self.owns_program = False
+
+    def _newest(self) -> Sample[ArmState]:
+        return self._arm.state.latest(self._config.lost_after_s)
+
+
+def open_failure(exc: CellError) -> CellError:
+    """The coded error behind what the native client said when its interface did not open."""
+    text = exc.detail
+    if "already in use" in text:
+        return error("ARM_REGISTER_CONFLICT", text)
+    if "remote control" in text:
+        return error("ARM_LOCAL_MODE", text)
+    return exc
+
+
+def _note_end(watch: Watch, event: Message) -> None:
+    if event["event"] == "followed":
+        watch.end(event["end"])
+
+
+def _same_pose(a: Array, b: Array) -> bool:
+    """Equal within a micrometre and a microradian, whichever of its two rotation vectors each uses."""
+    difference = from_pose6(a).inv() * from_pose6(b)
+    return bool(np.linalg.norm(difference.translation) < 1e-6 and difference.rotation.magnitude() < 1e-6)
+
+
+def _finite(values: Array, shape: tuple[int, ...], what: str) -> Array:
+    array = np.asarray(values, dtype=float)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise error("ARGUMENT_INVALID", f"{what} needs {shape[0]} finite numbers, got {array}")
+    return array
+
+
+def _shortened(start: RigidTransform, end: RigidTransform, max_travel_m: float) -> RigidTransform:
+    """The point of the straight move from ``start`` to ``end`` after at most ``max_travel_m``."""
+    step = end.translation - start.translation
+    travel = float(np.linalg.norm(step))
+    if travel <= max_travel_m:
+        return end
+    part = max_travel_m / travel
+    turn = (start.rotation.inv() * end.rotation).as_rotvec()
+    return RigidTransform.from_components(
+        start.translation + part * step, start.rotation * Rotation.from_rotvec(part * turn)
+    )

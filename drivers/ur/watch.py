@@ -1,0 +1,172 @@
+"""Watching a motion on the arm's own state stream until it succeeds or something forbids it to go on."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Any, Protocol, Self
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from cell.devices import ArmState
+from cell.errors import CellError, error
+from cell.poses import Array
+from cell.samples import Sample, Stream
+from drivers.ur.framing import Message
+from drivers.ur.motion_client import MotionClient
+
+REST_SAMPLES = 5
+# A move that has not left its start, or rests elsewhere, for this long is not going to arrive.
+STUCK_S = 1.0
+
+Judge = Callable[[Sample[ArmState]], Any]
+
+
+_GONE = object()  # the script or the child ended; why is found out afterwards
+
+
+class ArmView(Protocol):
+    """What a watch needs of the arm: its stream, its coded fault, and the error that ended its link."""
+
+    state: Stream[ArmState]
+    lost: CellError | None
+
+    def fault(self) -> CellError | None: ...
+
+
+class Watch:
+    """Judges every sample while a motion is under way.
+
+    ``judge`` returns None to go on, or the outcome. Faults, the end of the control script, a lost link and a
+    dead child end the watch with their coded error. Use as a context manager around the motion.
+    """
+
+    def __init__(self, arm: ArmView, client: MotionClient, judge: Judge) -> None:
+        self._arm, self._client, self._judge = arm, client, judge
+        self._outcome: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
+        self._script_gone = False
+        self._undo: list[Callable[[], None]] = []
+
+    def __enter__(self) -> Self:
+        self._undo = [self._arm.state.subscribe(self._look), self._client.subscribe(self._hear)]
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        for undo in self._undo:
+            undo()
+        self._outcome.cancel()
+
+    async def outcome(self, timeout: float, what: str) -> Any:
+        """Wait for the judge's verdict; the coded error otherwise, ``CALL_TIMEOUT`` after ``timeout``."""
+        try:
+            async with asyncio.timeout(timeout):
+                verdict = await asyncio.shield(self._outcome)
+        except TimeoutError:
+            raise error("CALL_TIMEOUT", f"{what} did not end in {timeout:.1f} s") from None
+        if verdict is _GONE:
+            raise await self._why_gone()
+        if isinstance(verdict, CellError):
+            raise verdict
+        return verdict
+
+    async def first(self, work: asyncio.Future[Any]) -> bool:
+        """Wait for ``work`` or for the end of the watch; True when ``work`` was done first."""
+        await asyncio.wait([work, self._outcome], return_when=asyncio.FIRST_COMPLETED)
+        return work.done() and not self._outcome.done()
+
+    @property
+    def over(self) -> bool:
+        return self._outcome.done()
+
+    def end(self, verdict: Any) -> None:
+        """Settle the outcome unless it is settled."""
+        if not self._outcome.done():
+            self._outcome.set_result(verdict)
+
+    def _look(self, sample: Sample[ArmState]) -> None:
+        if self._outcome.done():
+            return
+        fault = self._arm.fault()
+        if fault is not None:
+            self.end(fault)
+        elif not sample.value.program_running:
+            self.end(_GONE)
+        else:
+            verdict = self._judge(sample)
+            if verdict is not None:
+                self.end(verdict)
+
+    def _hear(self, message: Message) -> None:
+        if message["event"] == "died":
+            self.end(_GONE)
+
+    async def _why_gone(self) -> CellError:
+        """The script ended, or the child did. Events that explain it may be a few milliseconds behind."""
+        await asyncio.sleep(0.02)
+        fault = self._arm.lost or self._arm.fault()
+        if fault is not None:
+            return fault
+        if self._client.withheld:
+            return error("MOTION_WATCHDOG", "the daemon's beat was late, so the watchdog was not kicked")
+        if self._client.ended.is_set():
+            return self._client.death()
+        return error("ARM_SCRIPT_DIED", "no program is running on the arm any more")
+
+
+class _Arrival:
+    """At rest at the target for a few samples; or at rest elsewhere for too long."""
+
+    def __init__(self, started: float) -> None:
+        self._resting_since = started
+        self._arrived = 0
+
+    def judge(
+        self, sample: Sample[ArmState], there: Callable[[ArmState], bool], away: Callable[[ArmState], str]
+    ) -> Any:
+        state = sample.value
+        if not state.at_rest:
+            self._resting_since, self._arrived = sample.t, 0
+            return None
+        if there(state):
+            self._arrived += 1
+            return True if self._arrived >= REST_SAMPLES else None
+        self._arrived = 0
+        if sample.t - self._resting_since > STUCK_S:
+            return error("ARM_NOT_AT_TARGET", away(state))
+        return None
+
+
+def joints_judge(target: Array, tolerance_rad: float, started: float) -> Judge:
+    """True once the measured joints rest within ``tolerance_rad`` of ``target`` (6,)."""
+    arrival = _Arrival(started)
+
+    def distance(state: ArmState) -> float:
+        return float(np.max(np.abs(state.q - target)))
+
+    def away(state: ArmState) -> str:
+        return f"the joints rest {distance(state):.4f} rad from their target, allowed {tolerance_rad:g} rad"
+
+    return lambda sample: arrival.judge(sample, lambda s: distance(s) <= tolerance_rad, away)
+
+
+def pose_judge(T_base_tcp: RigidTransform, tolerance_m: float, tolerance_rad: float, started: float) -> Judge:
+    """True once the measured TCP rests within both tolerances of ``T_base_tcp``."""
+    arrival = _Arrival(started)
+    p, R = T_base_tcp.translation, T_base_tcp.rotation
+
+    def errors(state: ArmState) -> tuple[float, float]:
+        turn = (R.inv() * Rotation.from_rotvec(state.tcp_pose6[3:])).magnitude()
+        return float(np.linalg.norm(state.tcp_pose6[:3] - p)), float(turn)
+
+    def there(state: ArmState) -> bool:
+        if np.linalg.norm(state.tcp_pose6[:3] - p) > tolerance_m:
+            return False
+        return errors(state)[1] <= tolerance_rad
+
+    def away(state: ArmState) -> str:
+        distance, turn = errors(state)
+        return (
+            f"the TCP rests {distance * 1e3:.2f} mm and {turn:.4f} rad from its target, "
+            f"allowed {tolerance_m * 1e3:.2f} mm and {tolerance_rad:g} rad"
+        )
+
+    return lambda sample: arrival.judge(sample, there, away)
