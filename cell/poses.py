@@ -19,7 +19,7 @@ _TRANSLATION_FIRST = [3, 4, 5, 0, 1, 2]
 
 def from_pose6(pose: ArrayLike) -> RigidTransform:
     """``T_a_b`` from ``[x, y, z, rx, ry, rz]``; shape (6,) or (n, 6), metres and radians."""
-    p = np.asarray(pose, dtype=float)
+    p = np.array(pose, dtype=float)  # a copy: SciPy refuses read-only arrays
     if p.shape[-1:] != (6,):
         raise ValueError(f"a pose has 6 numbers x, y, z, rx, ry, rz; got shape {p.shape}")
     return RigidTransform.from_components(p[..., :3], Rotation.from_rotvec(p[..., 3:]))

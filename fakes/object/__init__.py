@@ -1,0 +1,23 @@
+"""The object face of the twin: drivers and a clock on virtual time, named in a config.
+
+``fakes.object:ObjectArm`` and ``fakes.object:ObjectCamera`` are drivers, ``fakes.object:VirtualClock`` is
+their clock, and ``run_virtual`` runs a coroutine on the loop that all of them live on.
+"""
+
+from fakes.object.arm import ObjectArm
+from fakes.object.camera import ObjectCamera
+from fakes.object.clock import VirtualClock
+from fakes.object.loop import DeadlockError, VirtualTimeLoop, run_virtual
+from fakes.object.registry import ObjectCell, cell_of, world_of
+
+__all__ = [
+    "DeadlockError",
+    "ObjectArm",
+    "ObjectCamera",
+    "ObjectCell",
+    "VirtualClock",
+    "VirtualTimeLoop",
+    "cell_of",
+    "run_virtual",
+    "world_of",
+]

@@ -1,0 +1,143 @@
+"""A stream that makes its samples when somebody looks.
+
+A source at 100 Hz costs nothing while nobody reads it. As soon as a listener subscribes a timer keeps the
+stream filled; otherwise a reader gets exactly the samples that would have been there by now.
+"""
+
+import asyncio
+from collections.abc import Callable
+from typing import TypeVar
+
+from cell.clock import Clock
+from cell.samples import Sample, Stream
+
+T = TypeVar("T")
+
+BACKFILL = 200  # a reader after a long pause gets so many samples, not the whole pause
+
+
+class LazyStream(Stream[T]):
+    """``make(t, tick)`` gives the value at a tick; a sample can be read ``delay_s`` after its ``t``."""
+
+    def __init__(
+        self,
+        name: str,
+        clock: Clock,
+        period_s: float,
+        make: Callable[[float, int], T],
+        dt: float,
+        delay_s: float = 0.0,
+        keep: int = 4096,
+    ) -> None:
+        super().__init__(name, clock, keep)
+        self.period_s = period_s
+        self._make, self._dt, self._delay_s = make, dt, delay_s
+        self._origin = 0.0
+        self._tick = 0
+        self._seq = 0
+        self._running = False
+        self._silent = False
+        self._filling = False
+        self._timer: asyncio.TimerHandle | None = None
+
+    # -- the source's side
+
+    def start(self, silent: bool = False) -> None:
+        """A new connection: a new epoch, first sample now unless the source is silent."""
+        self.new_epoch()
+        self._origin, self._tick = self.clock.now(), 0
+        self._running, self._silent = True, silent
+        self._keep_filled()
+
+    def stop(self) -> None:
+        """The connection ended; what was read stays readable."""
+        self.fill()
+        self._running = False
+        self._cancel_timer()
+
+    def silence(self) -> None:
+        """No samples from now on, though the connection stands."""
+        self.fill()
+        self._silent = True
+        self._cancel_timer()
+
+    def resume(self) -> None:
+        """Samples again; those of the silence are a gap."""
+        if self._silent:
+            self._silent = False
+            missed = max(self._due() - self._tick, 0)
+            self._tick, self._seq = self._tick + missed, self._seq + missed
+            self._keep_filled()
+
+    def skip(self, count: int) -> None:
+        """Lose the next ``count`` samples; the numbering shows it."""
+        self.fill()
+        self._tick += count
+        self._seq += count
+
+    def fill(self) -> None:
+        """Make every sample that is due."""
+        if self._filling or self._silent or not self._running:
+            return
+        self._filling = True
+        try:
+            due = self._due()
+            if not self._listeners:
+                self._tick = max(self._tick, due - BACKFILL)
+            while self._tick < due:
+                t = self._origin + self._tick * self.period_s
+                self.push(Sample(self._make(t, self._tick), t, self._dt, self._seq))
+                self._tick, self._seq = self._tick + 1, self._seq + 1
+        finally:
+            self._filling = False
+
+    def _due(self) -> int:
+        """How many ticks are over by now."""
+        age = self.clock.now() - self._delay_s - self._origin
+        return int(age / self.period_s + 1e-6) + 1 if age >= -1e-9 else 0
+
+    # -- the reader's side
+
+    def subscribe(self, listener: Callable[[Sample[T]], None]) -> Callable[[], None]:
+        self.fill()
+        unsubscribe = super().subscribe(listener)
+        self._keep_filled()
+
+        def end() -> None:
+            unsubscribe()
+            if not self._listeners:
+                self._cancel_timer()
+
+        return end
+
+    def last(self) -> Sample[T] | None:
+        self.fill()
+        return super().last()
+
+    def latest(self, max_age: float) -> Sample[T]:
+        self.fill()
+        return super().latest(max_age)
+
+    def between(self, t0: float, t1: float) -> list[Sample[T]]:
+        self.fill()
+        return super().between(t0, t1)
+
+    def at(self, t: float, interpolate: Callable[[T, T, float], T], max_bracket: float = 0.1) -> T:
+        self.fill()
+        return super().at(t, interpolate, max_bracket)
+
+    def _keep_filled(self) -> None:
+        wanted = self._running and not self._silent and self._listeners
+        if wanted and self._timer is None:
+            wait = self._origin + self._tick * self.period_s + self._delay_s - self.clock.now()
+            self._timer = asyncio.get_running_loop().call_later(max(wait, 0.0), self._on_timer)
+
+    def _on_timer(self) -> None:
+        self._timer = None
+        self.fill()
+        self._keep_filled()
+
+    def _cancel_timer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None

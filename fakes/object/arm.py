@@ -1,0 +1,154 @@
+"""The arm of the object face: the driver's Protocol attached straight to the world."""
+
+from dataclasses import replace
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from cell.clock import Clock
+from cell.devices import ArmState, Identity, ToolSettings
+from cell.errors import error
+from cell.poses import to_pose6
+from fakes.object._lazy import LazyStream
+from fakes.object._plant import ObjectDevice
+from fakes.object.controller import Controller, Program
+from fakes.object.motion import ObjectMotionPort
+from fakes.object.registry import cell_of
+from fakes.segments import Segment
+
+OPEN_TIMEOUT_S = 1.0
+
+
+class ObjectArmConfig(BaseModel):
+    """Keys of a device with ``driver = "fakes.object:ObjectArm"``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    driver: str = "fakes.object:ObjectArm"
+    scenario: str = Field(description="scenario file, or the name of a shipped one")
+    expect_serial: str | None = None
+    state_period_s: float = Field(default=0.01, ge=0.002, le=0.02)
+    stale_after_s: float = Field(default=0.05, gt=0, le=1)
+    lost_after_s: float = Field(default=0.1, gt=0, le=5)
+    joint_tolerance_rad: float = Field(default=0.001, gt=0, le=0.05)
+
+
+class ObjectArm(ObjectDevice):
+    """``cell.devices.Arm`` on virtual time. State samples are made when somebody looks at them."""
+
+    Config = ObjectArmConfig
+
+    def __init__(self, name: str, config: ObjectArmConfig, clock: Clock) -> None:
+        self._cell = cell_of(config.scenario, clock)
+        self.controller: Controller = self._cell.controller
+        super().__init__(name, clock, self.controller, config.lost_after_s)
+        self.config = config
+        self.world = self.controller.world
+        self.state: LazyStream[ArmState] = LazyStream(
+            f"{name}.state", clock, config.state_period_s, self._state_at, dt=0.001
+        )
+        self.stream = self.state
+        self._resting: tuple[Segment, tuple[object, ...], ArmState] | None = None
+
+    async def open(self) -> None:
+        """Connect; ``DEVICE_UNREACHABLE`` while the controller refuses."""
+        await super().open()
+        self._cell.start()
+
+    async def identify(self) -> Identity:
+        self._check_open()
+        arm = self.world.config.arm
+        return Identity(arm.model, self.controller.serial, arm.version)
+
+    def fault(self) -> Exception | None:
+        """The coded error that the newest package shows, or None."""
+        sample = self.state.last()
+        if sample is None:
+            return None
+        return self.controller.safety_error(sample.value.robot_mode, sample.value.safety_mode)
+
+    def check_movable(self) -> None:
+        """Raise the coded error that forbids motion now."""
+        self._check_open()
+        self.state.latest(self.config.stale_after_s)
+        trouble = self.fault() or self.controller.obstacle()
+        if trouble is not None:
+            raise trouble
+        if self.controller.program is Program.FOREIGN:
+            raise error("ARM_PROGRAM_RUNNING", f"a program that is not ours runs on {self.name}")
+
+    async def open_motion(self, tool: ToolSettings) -> ObjectMotionPort:
+        """Start our script, set TCP and payload; refused while the arm may not move."""
+        self.check_movable()
+        if not self.controller.registers_free:
+            raise error("ARM_REGISTER_CONFLICT", f"another client holds the registers of {self.name}")
+        await self.clock.sleep(0.05)
+        self.check_movable()
+        run = self.controller.start_ours()
+        before = self.controller.T_flange_tcp
+        self.controller.T_flange_tcp = tool.T_flange_tool
+        self.controller.payload_kg = tool.payload_kg
+        if not np.allclose(to_pose6(before), to_pose6(tool.T_flange_tool), rtol=0.0, atol=1e-9):
+            self.state.new_epoch()
+        port = ObjectMotionPort(self, run)
+        await self.wait_fresh(OPEN_TIMEOUT_S)
+        return port
+
+    async def stop_script(self) -> None:
+        """End the motion client and make the controller run a stop."""
+        await self._stop_over_another_link()
+
+    async def stop_program(self) -> None:
+        """The dashboard's stop."""
+        await self._stop_over_another_link()
+
+    def inject(self, kind: str, **arguments: object) -> None:
+        """Begin a fault of the controller or of the link, by its name in the vocabulary."""
+        self.controller.inject(kind, arguments)
+
+    async def _stop_over_another_link(self) -> None:
+        # These go over ports of their own, so they work while the state link is down.
+        self.controller.check_reachable()
+        await self.clock.sleep(0.01)
+        self.controller.stop_program()
+
+    def _check_open(self) -> None:
+        if self.lost is not None:
+            raise error(self.lost.name, self.lost.detail)
+
+    def _state_at(self, t: float, _tick: int) -> ArmState:
+        c, track = self.controller, self.world.track
+        segment = track.segment_at(t)
+        modes = (c.robot_mode, c.safety_mode, c.program, id(c.T_flange_tcp))
+        if self._resting is not None and self._resting[:2] == (segment, modes):
+            return replace(self._resting[2], stamp=c.stamp(t))
+        state = self._measure(t)
+        if t >= segment.t_end:
+            self._resting = (segment, modes, state)
+        return state
+
+    def _measure(self, t: float) -> ArmState:
+        c = self.controller
+        q, qd = self.world.track.at(t)
+        tcp_offset6 = to_pose6(c.T_flange_tcp)
+        tcp_pose6 = to_pose6(self.world.believed.forward(q) * c.T_flange_tcp)
+        tcp_speed = np.zeros(6)
+        if np.any(qd):
+            tcp_speed = self.world.believed.jacobian(q, tcp_offset6[:3]) @ qd
+        force = self.world.contact_force(t, c.T_flange_tcp)
+        for array in (q, qd, tcp_offset6, tcp_pose6, tcp_speed, force):
+            array.flags.writeable = False
+        return ArmState(
+            q=q,
+            qd=qd,
+            tcp_pose6=tcp_pose6,
+            tcp_speed=tcp_speed,
+            tcp_force=force,
+            tcp_offset6=tcp_offset6,
+            robot_mode=c.robot_mode,
+            safety_mode=int(c.safety_mode),
+            program_running=c.program is not Program.NONE,
+            digital_in=0,
+            digital_out=0,
+            stamp=c.stamp(t),
+        )

@@ -1,0 +1,94 @@
+"""The camera of the object face: corners straight from the world, no images and no files."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from cell.clock import Clock
+from cell.devices import Frame, Identity
+from cell.errors import error
+from fakes.object._lazy import LazyStream
+from fakes.object._plant import ObjectDevice
+from fakes.object.registry import cell_of
+
+
+class ObjectCameraConfig(BaseModel):
+    """Keys of a device with ``driver = "fakes.object:ObjectCamera"``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    driver: str = "fakes.object:ObjectCamera"
+    scenario: str = Field(description="scenario file, or the name of a shipped one")
+    expect_serial: str | None = None
+    lost_after_s: float = Field(default=1.0, gt=0, le=10)
+
+
+class ObjectCamera(ObjectDevice):
+    """``cell.devices.DepthCamera`` on virtual time; ``Frame.colour_file`` and ``depth_file`` are None."""
+
+    Config = ObjectCameraConfig
+
+    def __init__(self, name: str, config: ObjectCameraConfig, clock: Clock) -> None:
+        self._cell = cell_of(config.scenario, clock)
+        self.head = self._cell.camera
+        super().__init__(name, clock, self.head, config.lost_after_s)
+        self.config = config
+        self.world = self._cell.world
+        truth = self.world.config.camera
+        self.frames: LazyStream[Frame] = LazyStream(
+            f"{name}.frames",
+            clock,
+            truth.period_s,
+            self._expose,
+            dt=truth.exposure_s / 2.0,
+            delay_s=truth.exposure_s / 2.0 + truth.latency_s,
+            keep=512,
+        )
+        self.stream = self.frames
+        self._target: dict[str, Any] | None = None
+
+    async def open(self) -> None:
+        """Connect; ``DEVICE_UNREACHABLE`` while the camera refuses."""
+        await super().open()
+        self._cell.start()
+
+    async def identify(self) -> Identity:
+        if self.lost is not None:
+            raise error(self.lost.name, self.lost.detail)
+        return Identity("object-camera", self.head.serial)
+
+    async def set_target(self, target: dict[str, Any] | None) -> None:
+        """Look for this board from now on."""
+        self.frames.fill()
+        self._target = None if target is None else dict(target)
+
+    async def capture(self, count: int, folder: Path, stem: str, after: float) -> Sequence[Frame]:
+        """``count`` frames exposed wholly after ``after``; this face writes no files."""
+        frames: list[Frame] = []
+        while len(frames) < count:
+            if self.lost is not None:
+                raise error(self.lost.name, f"{self.lost.detail}, {len(frames)} of {count} frames taken")
+            frames = [
+                sample.value
+                for sample in self.frames.between(after, self.clock.now())
+                if sample.value.t_exposure - sample.value.exposure_s / 2.0 >= after
+            ][:count]
+            if len(frames) < count:
+                await self.wait_change(self.frames.period_s / 2.0)
+        return frames
+
+    def inject(self, kind: str, **arguments: object) -> None:
+        """Begin a fault of the camera, by its name in the vocabulary."""
+        self.head.inject(kind, arguments)
+
+    def _expose(self, t: float, tick: int) -> Frame:
+        return Frame(
+            seq=tick,
+            t_exposure=t,
+            exposure_s=self.world.config.camera.exposure_s,
+            intrinsics=self.world.intrinsics,
+            board=self.head.view(t, round(t / self.frames.period_s), self._target),
+            serial=self.head.serial,
+        )

@@ -1,0 +1,204 @@
+"""The motion port of the object face: the documented promises of ``MotionPort`` in virtual time."""
+
+import asyncio
+import weakref
+from collections.abc import AsyncIterator, Awaitable
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from cell.devices import Speed, TrajectoryPiece
+from cell.errors import CellError, error
+from cell.poses import Array, log_xi
+from fakes.kinematics import UnreachableError
+
+if TYPE_CHECKING:
+    from fakes.object.arm import ObjectArm
+
+T = TypeVar("T")
+
+STOP_DECEL_M_S2 = 5.0
+FORCE_PERIOD_S = 0.002
+MAX_STREAM_STEP_RAD = 0.02
+
+
+class ObjectMotionPort:
+    """One run of our control script. After any fault it is dead; the next lease opens another."""
+
+    def __init__(self, arm: "ObjectArm", run: int) -> None:
+        self._arm, self._run = arm, run
+        self._controller, self._world, self._clock = arm.controller, arm.world, arm.clock
+        self._dead: CellError | None = None
+        # Whoever drops the port without closing it stops kicking the watchdog.
+        self._left = weakref.finalize(self, arm.controller.abandon, run)
+
+    async def move_joints(self, q: Array, speed: Speed) -> None:
+        """Returns when the measured joints agree, else raises the fault or ``ARM_NOT_AT_TARGET``."""
+        await self._enter()
+        now = self._clock.now()
+        self._world.track.start_joint_move(now, q, speed.joint_rad_s, speed.joint_rad_s2)
+        await self._until_rest()
+        await self._check_joints(np.asarray(q, dtype=float))
+
+    async def move_linear(self, T_base_flange: RigidTransform, speed: Speed) -> None:
+        """Returns when the flange is measured there, else raises."""
+        await self._enter()
+        self._start_linear(T_base_flange, speed)
+        await self._until_rest()
+        await self._check_flange(T_base_flange)
+
+    async def guarded_move(
+        self, T_base_flange: RigidTransform, speed: Speed, max_force_n: float, max_travel_m: float
+    ) -> bool:
+        """True when the force ended it, False at the target or at the travel limit."""
+        await self._enter()
+        track = self._world.track
+        start = self._world.believed_flange(self._clock.now())
+        self._start_linear(T_base_flange, speed)
+        while track.end_time > self._clock.now():
+            now = self._clock.now()
+            touched = self._force(now) >= max_force_n
+            gone = np.linalg.norm(self._world.believed_flange(now).translation - start.translation)
+            if touched or gone >= max_travel_m:
+                track.stop_linear(now, STOP_DECEL_M_S2)
+                await self._until_rest()
+                return touched
+            await self._watched(self._clock.sleep(FORCE_PERIOD_S))
+        await self._check_flange(T_base_flange)
+        return False
+
+    async def stream(self, pieces: AsyncIterator[TrajectoryPiece]) -> None:
+        """Follow polynomials; when they end the arm ramps to rest, then this returns."""
+        await self._enter()
+        track = self._world.track
+        source = aiter(pieces)
+        while (piece := await self._watched(anext(source, None))) is not None:
+            start = max(piece.t0, self._clock.now())
+            if start >= piece.t1:
+                continue
+            ahead = (start - piece.t0) ** np.arange(len(piece.coefficients)) @ piece.coefficients
+            step = float(np.max(np.abs(ahead - track.at(start)[0])))
+            if step > MAX_STREAM_STEP_RAD:
+                raise error("MOTION_LIMIT", f"a set-point of the stream jumps by {step:.3f} rad")
+            track.follow(start, piece.t1, piece.t0, piece.coefficients)
+        await self._until_rest()
+
+    async def decelerate(self) -> None:
+        """End whatever moves and brake; harmless at rest, ``DEVICE_LOST`` without a link."""
+        await self._perhaps_hang()
+        if self._arm.lost is not None:
+            raise error(self._arm.lost.name, self._arm.lost.detail)
+        if self._controller.runs(self._run):
+            self._controller.settle_past()
+            self._world.track.stop_linear(self._clock.now(), STOP_DECEL_M_S2)
+            self._controller.announce()
+
+    async def close(self) -> None:
+        """End our script."""
+        await self._perhaps_hang()
+        self._left.detach()
+        self._dead = self._dead or error("INTERNAL", "a motion port was used after it was closed")
+        if self._arm.lost is not None:
+            self._controller.abandon(self._run)
+        else:
+            self._controller.settle_past()
+            self._controller.end_ours(self._run)
+            self._controller.announce()
+
+    # -- what can go wrong
+
+    async def _enter(self) -> None:
+        await self._perhaps_hang()
+        self._raise_trouble()
+        self._controller.settle_past()
+
+    async def _perhaps_hang(self) -> None:
+        if self._controller.hanging_calls > 0:
+            self._controller.hanging_calls -= 1
+            await asyncio.Event().wait()
+
+    def _raise_trouble(self) -> None:
+        self._dead = self._dead or self._trouble()
+        if self._dead is not None:
+            raise error(self._dead.name, self._dead.detail)
+
+    def _trouble(self) -> CellError | None:
+        """What ended this run of the script, or makes it blind."""
+        if self._arm.lost is not None:
+            return self._arm.lost
+        sample = self._arm.state.last()
+        limit = self._arm.config.stale_after_s
+        if sample is not None and self._clock.now() - sample.t > limit:
+            return error("STALE_DATA", f"{self._arm.name}: no state for more than {limit:g} s")
+        if self._controller.died_of is not None:
+            return self._controller.died_of
+        if not self._controller.runs(self._run):
+            return error("ARM_SCRIPT_DIED", f"{self._arm.name}: the program was stopped")
+        return None
+
+    async def _until_rest(self) -> None:
+        """Wait while the arm is planned to move; faults come out at once."""
+        while (left := self._world.track.end_time - self._clock.now()) > 0.0:
+            self._raise_trouble()
+            await self._arm.wait_change(min(left, self._blind_limit()))
+        self._raise_trouble()
+
+    async def _watched(self, work: Awaitable[T]) -> T:
+        """Await ``work``; a fault ends the wait and comes out instead."""
+        task = asyncio.ensure_future(work)
+        try:
+            while True:
+                self._raise_trouble()
+                if task.done():
+                    return task.result()
+                change = asyncio.ensure_future(self._arm.wait_change(self._blind_limit()))
+                try:
+                    await asyncio.wait({task, change}, return_when=asyncio.FIRST_COMPLETED)
+                finally:
+                    change.cancel()
+        finally:
+            task.cancel()
+
+    def _blind_limit(self) -> float:
+        """How long to wait at most before looking again; short only while the state is silent."""
+        return self._arm.config.stale_after_s if self._controller.silent else float("inf")
+
+    # -- motion and its proof
+
+    def _start_linear(self, T_base_flange: RigidTransform, speed: Speed) -> None:
+        T_flange_tcp = self._controller.T_flange_tcp
+        try:
+            self._world.track.start_linear_move(
+                self._clock.now(),
+                self._world.believed,
+                T_base_flange * T_flange_tcp,
+                T_flange_tcp,
+                speed.tcp_m_s,
+                speed.tcp_m_s2,
+            )
+        except UnreachableError as exc:
+            self._controller.inject("script-death")
+            raise error("ARM_SCRIPT_DIED", f"no inverse kinematics: {exc}") from exc
+
+    def _force(self, t: float) -> float:
+        return float(np.linalg.norm(self._world.contact_force(t, self._controller.T_flange_tcp)[:3]))
+
+    async def _check_joints(self, q: Array) -> None:
+        measured = await self._measured_joints()
+        off = float(np.max(np.abs(measured - q)))
+        if off > self._arm.config.joint_tolerance_rad:
+            raise error("ARM_NOT_AT_TARGET", f"{self._arm.name}: a joint is {off:.4f} rad off")
+
+    async def _check_flange(self, T_base_flange: RigidTransform) -> None:
+        measured = self._world.believed.forward(await self._measured_joints())
+        gap = log_xi(T_base_flange.inv() * measured)
+        off_t, off_r = float(np.linalg.norm(gap[:3])), float(np.linalg.norm(gap[3:]))
+        if off_t > 0.0005 or off_r > 0.001:
+            detail = f"{self._arm.name}: flange is {off_t * 1e3:.2f} mm and {off_r:.4f} rad off"
+            raise error("ARM_NOT_AT_TARGET", detail)
+
+    async def _measured_joints(self) -> Array:
+        """Joints of a sample taken after the end of the motion."""
+        await self._watched(self._clock.sleep(self._arm.config.state_period_s))
+        return self._arm.state.latest(self._arm.config.stale_after_s).value.q
