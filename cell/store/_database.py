@@ -1,0 +1,77 @@
+"""Opening the ledger's database: durable, one schema version, and a corrupt file set aside."""
+
+import sqlite3
+from pathlib import Path
+
+from cell.errors import error
+from cell.store.files import set_aside
+
+SCHEMA_VERSION = 1
+_SCHEMA = """
+CREATE TABLE state (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE runs (
+    run_id INTEGER PRIMARY KEY, job TEXT NOT NULL, folder TEXT NOT NULL, who TEXT NOT NULL,
+    channel TEXT NOT NULL, started REAL NOT NULL, ended REAL, outcome TEXT, verdict TEXT);
+CREATE TABLE calibrations (
+    id INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL, state TEXT NOT NULL, version INTEGER,
+    value TEXT NOT NULL, result TEXT NOT NULL, run_id INTEGER NOT NULL, config_value TEXT NOT NULL,
+    proposed REAL NOT NULL, decided REAL, who TEXT, why TEXT, UNIQUE (name, version));
+CREATE INDEX calibrations_by_name ON calibrations (name, state);
+CREATE TABLE audit (
+    id INTEGER PRIMARY KEY AUTOINCREMENT, at REAL NOT NULL, channel TEXT NOT NULL, who TEXT NOT NULL,
+    what TEXT NOT NULL, accepted INTEGER NOT NULL, detail TEXT NOT NULL);
+CREATE TABLE trends (name TEXT NOT NULL, t REAL NOT NULL, value REAL NOT NULL);
+CREATE INDEX trends_by_name ON trends (name, t);
+CREATE TABLE items (
+    id INTEGER PRIMARY KEY AUTOINCREMENT, run_id INTEGER NOT NULL, item INTEGER NOT NULL, t REAL NOT NULL,
+    outcome TEXT NOT NULL, detail TEXT NOT NULL);
+CREATE INDEX items_by_run ON items (run_id);
+"""
+
+
+def open_database(path: Path) -> tuple[sqlite3.Connection, bool, Path | None]:
+    """The connection, whether the database is new, and where a corrupt predecessor was set aside.
+
+    ``FILE_UNREADABLE`` for a database of a newer program: that one is intact and is left alone.
+    """
+    aside: Path | None = None
+    if path.exists() and not _intact(path):
+        aside = set_aside(path)
+        for suffix in ("-wal", "-shm"):
+            if (extra := path.with_name(path.name + suffix)).exists():
+                set_aside(extra)
+    connection = _connect(path)
+    try:
+        version = int(connection.execute("PRAGMA user_version").fetchone()[0])
+        if version > SCHEMA_VERSION:
+            raise error("FILE_UNREADABLE", f"{path}: schema {version}, this program knows {SCHEMA_VERSION}")
+        connection.execute("PRAGMA journal_mode = WAL")
+        connection.execute("PRAGMA synchronous = FULL")
+        if version == 0:
+            connection.executescript(f"BEGIN; {_SCHEMA} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;")
+    except BaseException:
+        connection.close()
+        raise
+    return connection, version == 0, aside
+
+
+def _connect(path: Path) -> sqlite3.Connection:
+    """Autocommit; transactions are begun explicitly. The ledger's lock serialises the threads."""
+    try:
+        connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False, timeout=10.0)
+    except sqlite3.Error as exc:
+        raise error("DISK_FAILED", f"{path}: {exc}") from exc
+    connection.row_factory = sqlite3.Row
+    return connection
+
+
+def _intact(path: Path) -> bool:
+    connection = _connect(path)
+    try:
+        return bool(connection.execute("PRAGMA quick_check(1)").fetchone()[0] == "ok")
+    except sqlite3.OperationalError as exc:
+        raise error("DISK_FAILED", f"{path}: {exc}") from exc
+    except sqlite3.DatabaseError:
+        return False
+    finally:
+        connection.close()

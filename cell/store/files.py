@@ -1,0 +1,155 @@
+"""Files that are whole or absent: atomic replacement, honest reading, and setting corrupt ones aside."""
+
+import errno
+import json
+import math
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cell.errors import error
+
+MAX_JSON_BYTES = 256 * 2**20
+
+
+@contextmanager
+def disk_errors(path: Path) -> Iterator[None]:
+    """Turn the operating system's complaints while writing ``path`` into coded errors."""
+    try:
+        yield
+    except OSError as exc:
+        name = "DISK_FULL" if exc.errno in (errno.ENOSPC, errno.EDQUOT) else "DISK_FAILED"
+        raise error(name, f"{path}: {exc.strerror or exc}") from exc
+
+
+def write_atomic(path: Path, content: bytes | str) -> None:
+    """Replace ``path`` by ``content``: a reader sees the old file or the new one, also after a power cut.
+
+    Temporary name, fsync, rename, fsync of the folder. ``DISK_FULL`` or ``DISK_FAILED`` leave the old file.
+    """
+    data = content.encode("utf-8") if isinstance(content, str) else content
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    with disk_errors(path):
+        try:
+            with temporary.open("wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(path)
+        except BaseException:
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
+            raise
+        sync_folder(path.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names in ``folder`` durable."""
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def read_json(path: Path, max_bytes: int = MAX_JSON_BYTES) -> Any:
+    """The JSON value in ``path``; ``FILE_MISSING`` or ``FILE_UNREADABLE`` say in one sentence what is wrong.
+
+    NaN and infinities are refused: the data formats write null instead.
+    """
+    try:
+        size = path.stat().st_size
+        if size > max_bytes:
+            raise error("FILE_UNREADABLE", f"{path}: {size} bytes, more than the limit of {max_bytes}")
+        return json.loads(path.read_text("utf-8"), parse_constant=_refuse_constant)
+    except FileNotFoundError:
+        raise error("FILE_MISSING", str(path)) from None
+    except OSError as exc:
+        raise error("FILE_UNREADABLE", f"{path}: {exc.strerror or exc}") from exc
+    except json.JSONDecodeError as exc:
+        raise error("FILE_UNREADABLE", f"{path}:{exc.lineno}: not JSON: {exc.msg}") from exc
+    except UnicodeDecodeError as exc:
+        raise error("FILE_UNREADABLE", f"{path}: not UTF-8 text at byte {exc.start}") from exc
+    except (ValueError, RecursionError) as exc:
+        raise error("FILE_UNREADABLE", f"{path}: {exc}") from exc
+
+
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"{name} is not allowed, write null")
+
+
+def to_json(value: Any, indent: int | None = None) -> str:
+    """JSON of plain, numpy, path and enum values; a number that is not finite becomes null."""
+    return json.dumps(plain(value), indent=indent, allow_nan=False, ensure_ascii=False)
+
+
+def plain(value: Any) -> Any:
+    """``value`` made of nothing but dict, list, str, int, float, bool and None."""
+    if isinstance(value, Enum):
+        return plain(value.value)
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(item) for item in value]
+    return str(value)
+
+
+def set_aside(path: Path) -> Path:
+    """Move a file that cannot be read out of the way, keeping it; returns its new name."""
+    number = 1
+    while (target := path.with_name(f"{path.name}.corrupt-{number}")).exists():
+        number += 1
+    with disk_errors(path):
+        path.rename(target)
+        sync_folder(path.parent)
+    return target
+
+
+class AppendFile:
+    """A file that only grows by whole pieces: a write that fails half-way is cut off again.
+
+    Without that, the piece written after a full disk has been cleared would follow half a piece.
+    """
+
+    def __init__(self, path: Path, keep: int | None = None) -> None:
+        """Open ``path`` for appending, made if absent; with ``keep``, cut to that many bytes first."""
+        self.path = path
+        with disk_errors(path):
+            self._handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+            if keep is not None:
+                os.ftruncate(self._handle, keep)
+            self._end = os.lseek(self._handle, 0, os.SEEK_END)
+
+    def append(self, data: bytes) -> None:
+        """Write all of ``data`` to the operating system, or nothing; ``DISK_FULL``, ``DISK_FAILED``."""
+        with disk_errors(self.path):
+            try:
+                rest = memoryview(data)
+                while rest:
+                    rest = rest[os.write(self._handle, rest) :]
+            except OSError:
+                os.ftruncate(self._handle, self._end)
+                os.lseek(self._handle, self._end, os.SEEK_SET)
+                raise
+        self._end += len(data)
+
+    def sync(self) -> None:
+        """Everything appended so far is on the disk when this returns."""
+        with disk_errors(self.path):
+            os.fsync(self._handle)
+
+    def close(self) -> None:
+        if self._handle >= 0:
+            os.close(self._handle)
+            self._handle = -1

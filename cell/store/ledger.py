@@ -1,0 +1,303 @@
+"""The ledger: run numbers, calibration versions, audit, trends and small state, in one SQLite file.
+
+A calibration is *proposed*, *accepted* by someone, *committed* as a new version, and can be rolled back. The
+effective value is the committed version, else the configured value. A version remembers the configured value
+it replaced; if that was edited since, the two contradict each other until someone accepts or rolls back.
+"""
+
+import json
+import sqlite3
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from threading import RLock
+from typing import Any
+
+from cell.errors import error
+from cell.store._database import open_database
+from cell.store.files import to_json
+from cell.store.runs import highest_run_id
+
+MAX_RUN_ID = 2**32 - 1
+OPEN_STATES = ("proposed", "accepted")
+
+
+@dataclass(frozen=True)
+class Effective:
+    """The value in effect; ``version`` is None when it is the configured one."""
+
+    value: Any
+    version: int | None
+    conflict: bool
+    result_id: int | None = None
+
+
+class Ledger:
+    """Every method is one durable transaction and may be called from any thread."""
+
+    def __init__(self, path: Path, wall: Callable[[], float] = time.time) -> None:
+        """Open or make ``path``. A corrupt file is set aside: ``aside`` names it, and it is to be reported.
+
+        A new ledger goes on numbering behind the folders in ``runs`` beside it.
+        """
+        self.path, self._wall = path, wall
+        self._lock = RLock()
+        self._configured: dict[str, Any] = {}
+        self._db, new, self.aside = open_database(path)
+        if new and (highest := highest_run_id(path.parent / "runs")):
+            self.set_state("run_id", highest)
+
+    def close(self) -> None:
+        with self._lock:
+            self._db.close()
+
+    # -- runs
+
+    def next_run_id(self) -> int:
+        """A number from 1 that no run had before (uint32, as the registers carry it)."""
+        with self._transaction():
+            run_id = int(self.get_state("run_id", 0)) + 1
+            if run_id > MAX_RUN_ID:
+                raise error("INTERNAL", "the run numbers are used up")
+            self.set_state("run_id", run_id)
+        return run_id
+
+    def start_run(self, run_id: int, job: str, folder: str, who: str, channel: str) -> None:
+        with self._transaction() as db:
+            db.execute(
+                "INSERT INTO runs (run_id, job, folder, who, channel, started) VALUES (?, ?, ?, ?, ?, ?)",
+                (run_id, job, folder, who, channel, self._wall()),
+            )
+
+    def end_run(self, run_id: int, outcome: str, verdict: str | None) -> None:
+        """Write how a run ended; a run that a set-aside ledger knew and this one does not is no error."""
+        with self._transaction() as db:
+            db.execute(
+                "UPDATE runs SET ended = ?, outcome = ?, verdict = ? WHERE run_id = ?",
+                (self._wall(), outcome, verdict, run_id),
+            )
+
+    def runs(self, limit: int = 100) -> list[dict[str, Any]]:
+        """The newest runs first."""
+        return self._rows("SELECT * FROM runs ORDER BY run_id DESC LIMIT ?", limit)
+
+    # -- calibrations
+
+    def propose(
+        self, name: str, value: Any, result: Mapping[str, Any], run_id: int, config_value: Any
+    ) -> int:
+        """Offer ``value`` for ``name``; returns the result's number. Nothing changes until it is accepted."""
+        self._configured[name] = json.loads(to_json(config_value))
+        with self._transaction() as db:
+            cursor = db.execute(
+                "INSERT INTO calibrations (name, state, value, result, run_id, config_value, proposed)"
+                " VALUES (?, 'proposed', ?, ?, ?, ?, ?)",
+                (name, to_json(value), to_json(result), run_id, to_json(config_value), self._wall()),
+            )
+        assert cursor.lastrowid is not None
+        return cursor.lastrowid
+
+    def accept(self, result_id: int, who: str, commit: bool = True) -> dict[str, Any]:
+        """Accept a result, and commit it as the version in effect unless ``commit`` is False.
+
+        Accepting the version that is in effect confirms it against a configured value that was edited.
+        ``NOT_FOUND``, or ``NOT_NOW`` when the result was rejected or superseded.
+        """
+        with self._transaction() as db:
+            row = self._result(result_id)
+            if row["state"] not in (*OPEN_STATES, "committed", "rolled-back"):
+                raise error("NOT_NOW", f"result {result_id} ({row['name']}) is {row['state']}")
+            state = row["state"] if row["state"] == "committed" else "accepted"
+            db.execute(
+                "UPDATE calibrations SET state = ?, who = ?, decided = ?, config_value = ? WHERE id = ?",
+                (state, who, self._wall(), self._known_config(row), result_id),
+            )
+            return self.commit(result_id) if commit else self._result(result_id)
+
+    def commit(self, result_id: int) -> dict[str, Any]:
+        """Make an accepted result the version in effect; ``NOT_NOW`` when nobody accepted it."""
+        with self._transaction() as db:
+            row = self._result(result_id)
+            if row["state"] == "accepted":
+                name = row["name"]
+                last = db.execute("SELECT MAX(version) FROM calibrations WHERE name = ?", (name,)).fetchone()
+                db.execute(
+                    "UPDATE calibrations SET state = 'superseded' WHERE name = ? AND state = 'committed'",
+                    (name,),
+                )
+                db.execute(
+                    "UPDATE calibrations SET state = 'committed', version = ? WHERE id = ?",
+                    ((last[0] or 0) + 1, result_id),
+                )
+            elif row["state"] != "committed":
+                raise error("NOT_NOW", f"result {result_id} ({row['name']}) is {row['state']}, not accepted")
+            return self._result(result_id)
+
+    def reject(self, result_id: int, who: str, why: str) -> dict[str, Any]:
+        """Turn a proposed or accepted result down; ``NOT_NOW`` once it is committed."""
+        with self._transaction() as db:
+            row = self._result(result_id)
+            if row["state"] not in OPEN_STATES:
+                raise error("NOT_NOW", f"result {result_id} ({row['name']}) is {row['state']}")
+            db.execute(
+                "UPDATE calibrations SET state = 'rejected', who = ?, why = ?, decided = ? WHERE id = ?",
+                (who, why, self._wall(), result_id),
+            )
+            return self._result(result_id)
+
+    def rollback(self, name: str, who: str) -> dict[str, Any]:
+        """Go back to the version before, or to the configured value when there is none.
+
+        A version before that replaced another configured value than today's is passed over: it would only
+        contradict the configuration again. Returns what is in effect now.
+        """
+        with self._transaction() as db:
+            row = self._committed(name)
+            if row is None:
+                raise error("NOT_NOW", f"{name} has no committed version")
+            configured = self._configured.get(name, row["config_value"])
+            self._set_rolled_back(row["id"], who)
+            for before in self._rows(
+                "SELECT * FROM calibrations WHERE name = ? AND state = 'superseded' ORDER BY version DESC",
+                name,
+            ):
+                if json.loads(before["config_value"]) == configured:
+                    db.execute("UPDATE calibrations SET state = 'committed' WHERE id = ?", (before["id"],))
+                    break
+                self._set_rolled_back(before["id"], who)
+            now = self.effective(name, configured)
+        return {"name": name, "version": now.version, "value": now.value, "rolled_back": row["version"]}
+
+    def effective(self, name: str, config_value: Any) -> Effective:
+        """The committed version of ``name``, else ``config_value`` (None when the config has none)."""
+        with self._lock:
+            self._configured[name] = json.loads(to_json(config_value))
+            row = self._committed(name)
+            if row is None:
+                return Effective(config_value, None, False)
+            conflict = row["config_value"] != self._configured[name]
+            return Effective(row["value"], row["version"], conflict, row["id"])
+
+    def open_results_of(self, run_id: int) -> list[int]:
+        """The results of a run that wait for a decision."""
+        rows = self._rows(
+            "SELECT id FROM calibrations WHERE run_id = ? AND state IN (?, ?) ORDER BY id",
+            run_id,
+            *OPEN_STATES,
+        )
+        return [int(row["id"]) for row in rows]
+
+    def results(self, name: str | None = None, limit: int = 100) -> list[dict[str, Any]]:
+        """Calibrations of every state, newest first, without the full result documents."""
+        rows = self._rows(
+            "SELECT id, name, state, version, value, run_id, config_value, proposed, decided, who, why"
+            " FROM calibrations WHERE ?1 IS NULL OR name = ?1 ORDER BY id DESC LIMIT ?2",
+            name,
+            limit,
+        )
+        return [_decoded(row) for row in rows]
+
+    def result(self, result_id: int) -> dict[str, Any]:
+        """One calibration with its full result document; ``NOT_FOUND``."""
+        return self._result(result_id)
+
+    # -- audit, state, trends, items
+
+    def audit(self, channel: str, who: str, what: str, accepted: bool, detail: str = "") -> None:
+        """One line for a write from outside that was carried out or refused."""
+        with self._transaction() as db:
+            db.execute(
+                "INSERT INTO audit (at, channel, who, what, accepted, detail) VALUES (?, ?, ?, ?, ?, ?)",
+                (self._wall(), channel, who, what, int(accepted), detail),
+            )
+
+    def audit_lines(self, limit: int = 100) -> list[dict[str, Any]]:
+        """The newest audit lines first."""
+        rows = self._rows("SELECT * FROM audit ORDER BY id DESC LIMIT ?", limit)
+        return [{**row, "accepted": bool(row["accepted"])} for row in rows]
+
+    def get_state(self, key: str, default: Any = None) -> Any:
+        """A small value that survives a restart, such as a channel's acknowledged sequence."""
+        rows = self._rows("SELECT value FROM state WHERE key = ?", key)
+        return json.loads(rows[0]["value"]) if rows else default
+
+    def set_state(self, key: str, value: Any) -> None:
+        with self._transaction() as db:
+            db.execute(
+                "INSERT INTO state (key, value) VALUES (?, ?)"
+                " ON CONFLICT (key) DO UPDATE SET value = excluded.value",
+                (key, to_json(value)),
+            )
+
+    def add_trend(self, name: str, t: float, value: float) -> None:
+        """One point of a health number; ``t`` is wall time in seconds, for it spans restarts."""
+        with self._transaction() as db:
+            db.execute("INSERT INTO trends (name, t, value) VALUES (?, ?, ?)", (name, t, value))
+
+    def trend(self, name: str, limit: int = 1000) -> list[tuple[float, float]]:
+        """The newest ``limit`` points of a health number, oldest first."""
+        rows = self._rows("SELECT t, value FROM trends WHERE name = ? ORDER BY t DESC LIMIT ?", name, limit)
+        return [(row["t"], row["value"]) for row in reversed(rows)]
+
+    def add_item(self, run_id: int, item: int, t: float, outcome: str, detail: Mapping[str, Any]) -> None:
+        """What became of one item on the belt; ``t`` in cell time."""
+        with self._transaction() as db:
+            db.execute(
+                "INSERT INTO items (run_id, item, t, outcome, detail) VALUES (?, ?, ?, ?, ?)",
+                (run_id, item, t, outcome, to_json(detail)),
+            )
+
+    def items(self, run_id: int) -> list[dict[str, Any]]:
+        """The items of a run in the order they were written."""
+        rows = self._rows("SELECT item, t, outcome, detail FROM items WHERE run_id = ? ORDER BY id", run_id)
+        return [{**row, "detail": json.loads(row["detail"])} for row in rows]
+
+    # -- inside
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        """All or nothing; a method called inside another one's transaction joins it."""
+        with self._lock:
+            if self._db.in_transaction:
+                yield self._db
+                return
+            try:
+                self._db.execute("BEGIN IMMEDIATE")
+                yield self._db
+                self._db.execute("COMMIT")
+            except sqlite3.OperationalError as exc:
+                name = "DISK_FULL" if exc.sqlite_errorcode == sqlite3.SQLITE_FULL else "DISK_FAILED"
+                raise error(name, f"{self.path}: {exc}") from exc
+            finally:
+                if self._db.in_transaction:
+                    self._db.execute("ROLLBACK")
+
+    def _rows(self, query: str, *values: Any) -> list[dict[str, Any]]:
+        with self._lock:
+            return [dict(row) for row in self._db.execute(query, values).fetchall()]
+
+    def _result(self, result_id: int) -> dict[str, Any]:
+        rows = self._rows("SELECT * FROM calibrations WHERE id = ?", result_id)
+        if not rows:
+            raise error("NOT_FOUND", f"result {result_id}")
+        return _decoded(rows[0])
+
+    def _committed(self, name: str) -> dict[str, Any] | None:
+        rows = self._rows("SELECT * FROM calibrations WHERE name = ? AND state = 'committed'", name)
+        return _decoded(rows[0]) if rows else None
+
+    def _known_config(self, row: Mapping[str, Any]) -> str:
+        """The configured value of today if this process told it, else the one the result remembers."""
+        return to_json(self._configured.get(row["name"], row["config_value"]))
+
+    def _set_rolled_back(self, result_id: int, who: str) -> None:
+        self._db.execute(
+            "UPDATE calibrations SET state = 'rolled-back', who = ?, decided = ? WHERE id = ?",
+            (who, self._wall(), result_id),
+        )
+
+
+def _decoded(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: json.loads(v) if k in ("value", "result", "config_value") else v for k, v in row.items()}

@@ -1,0 +1,172 @@
+"""Run folders: ``<utc>_<job>_<id>`` with everything that is needed to solve the run again."""
+
+import re
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from cell.clock import Clock, MonotonicClock
+from cell.errors import CellError, error
+from cell.store.files import disk_errors, read_json, sync_folder, to_json, write_atomic
+from cell.store.journal import Journal, read_journal
+
+RUN_SCHEMA = "cellward.run/1"
+END_SCHEMA = "cellward.end/1"
+JOURNAL_FILE = "journal.jsonl"
+_NAME = re.compile(r"(?P<utc>\d{8}T\d{6}Z)_(?P<job>[a-z0-9][a-z0-9-]*)_(?P<id>\d+)")
+
+
+@dataclass
+class RunFolder:
+    """One run on disk. ``info`` is ``run.json``: config, versions, identities, calibrations in effect."""
+
+    path: Path
+    run_id: int
+    job: str
+    info: dict[str, Any]
+    _clock: Clock = field(default_factory=MonotonicClock, repr=False)
+    _wall: Callable[[], float] = field(default=time.time, repr=False)
+    _journal: Journal | None = field(default=None, repr=False)
+
+    @classmethod
+    def create(
+        cls,
+        runs: Path,
+        job: str,
+        run_id: int,
+        info: Mapping[str, Any],
+        clock: Clock,
+        wall: Callable[[], float] = time.time,
+    ) -> "RunFolder":
+        """A new folder below ``runs`` with ``run.json`` and an open journal, both durable."""
+        now = datetime.fromtimestamp(wall(), UTC)
+        path = runs / f"{now:%Y%m%dT%H%M%SZ}_{job}_{run_id}"
+        if _NAME.fullmatch(path.name) is None or not 0 < run_id < 2**32:
+            raise error("INTERNAL", f"'{path.name}' is no name for a run folder")
+        with disk_errors(path):
+            path.mkdir(mode=0o750, parents=True)
+        begun = {"schema": RUN_SCHEMA, "run_id": run_id, "job": job, "started": now.isoformat(), **info}
+        write_atomic(path / "run.json", to_json(begun, indent=1))
+        journal = Journal(path / JOURNAL_FILE, clock, wall)
+        journal.sync()
+        with disk_errors(path):
+            sync_folder(path)
+            sync_folder(runs)
+        return cls(path, run_id, job, begun, clock, wall, journal)
+
+    def note(self, kind: str, **fields: Any) -> None:
+        """One journal line: a single short write, allowed on an event loop."""
+        self._open_journal().append(kind, **fields)
+
+    def write_result(self, result: Mapping[str, Any]) -> None:
+        """``result.json``, whole or absent."""
+        write_atomic(self.path / "result.json", to_json(result, indent=1))
+
+    def finish(self, end: Mapping[str, Any]) -> None:
+        """Write ``end.json``, the last file of a run; its absence means that the run was interrupted."""
+        journal = self._open_journal()
+        try:
+            journal.sync()
+            ended = datetime.fromtimestamp(self._wall(), UTC).isoformat()
+            write_atomic(
+                self.path / "end.json", to_json({"schema": END_SCHEMA, "ended": ended, **end}, indent=1)
+            )
+        finally:
+            self.close()
+
+    def mark_interrupted(self) -> dict[str, Any]:
+        """Write the end that a killed daemon could not; returns it.
+
+        If the journal already has its terminal line, only ``end.json`` was missing and that line is the end.
+        """
+        last = next((line for line in reversed(self.read_journal()) if line.get("terminal")), None)
+        if last is None:
+            failure = error("RUN_INTERRUPTED", f"run {self.run_id} ({self.job}) has no end")
+            end = {
+                "outcome": "interrupted",
+                "packml": "ABORTED",
+                "verdict": None,
+                "error": failure.as_dict(),
+            }
+            self.note("state", terminal=True, **end)
+        else:
+            end = {k: v for k, v in last.items() if k not in ("seq", "t", "kind", "terminal")}
+        self.finish(end)
+        return end
+
+    def read_journal(self) -> list[dict[str, Any]]:
+        """All whole lines of the journal; none when a kill came before its first."""
+        path = self.path / JOURNAL_FILE
+        return read_journal(path) if path.exists() else []
+
+    def read_result(self) -> dict[str, Any] | None:
+        return self._read_optional("result.json")
+
+    def read_end(self) -> dict[str, Any] | None:
+        return self._read_optional("end.json")
+
+    def close(self) -> None:
+        """Close the journal; done by :meth:`finish`."""
+        if self._journal is not None:
+            self._journal.close()
+            self._journal = None
+
+    def _open_journal(self) -> Journal:
+        if self._journal is None:
+            self._journal = Journal(self.path / JOURNAL_FILE, self._clock, self._wall)
+        return self._journal
+
+    def _read_optional(self, name: str) -> dict[str, Any] | None:
+        path = self.path / name
+        if not path.exists():
+            return None
+        content = read_json(path)
+        if not isinstance(content, dict):
+            raise error("FILE_UNREADABLE", f"{path}: a JSON object was expected")
+        return content
+
+
+def list_runs(runs: Path) -> list[RunFolder]:
+    """All runs, oldest first; a run whose ``run.json`` cannot be read has ``info["unreadable"]``."""
+    found = []
+    for path in runs.iterdir() if runs.is_dir() else ():
+        match = _NAME.fullmatch(path.name)
+        if match is not None and path.is_dir():
+            found.append(_from_disk(path, int(match["id"]), match["job"]))
+    return sorted(found, key=lambda run: (run.path.name[:16], run.run_id))
+
+
+def interrupted_runs(runs: Path) -> list[RunFolder]:
+    """The runs without an ``end.json``: their daemon was killed, or could not write."""
+    return [run for run in list_runs(runs) if not (run.path / "end.json").exists()]
+
+
+def load_run(runs: Path, run_id: int) -> RunFolder:
+    """The run with this number; ``NOT_FOUND``, or ``FILE_UNREADABLE`` with the reason."""
+    for path in sorted(runs.glob(f"*_{run_id}"), reverse=True):
+        match = _NAME.fullmatch(path.name)
+        if match is not None and int(match["id"]) == run_id:
+            run = _from_disk(path, run_id, match["job"])
+            if "unreadable" in run.info:
+                raise error("FILE_UNREADABLE", run.info["unreadable"])
+            return run
+    raise error("NOT_FOUND", f"run {run_id} in {runs}")
+
+
+def highest_run_id(runs: Path) -> int:
+    """The greatest number a folder below ``runs`` carries, 0 when there is none."""
+    names = (_NAME.fullmatch(path.name) for path in runs.iterdir()) if runs.is_dir() else ()
+    return max((int(match["id"]) for match in names if match is not None), default=0)
+
+
+def _from_disk(path: Path, run_id: int, job: str) -> RunFolder:
+    try:
+        info = read_json(path / "run.json")
+        if not isinstance(info, dict) or info.get("schema") != RUN_SCHEMA:
+            raise error("FILE_UNREADABLE", f"{path / 'run.json'}: schema '{RUN_SCHEMA}' was expected")
+    except CellError as exc:
+        info = {"unreadable": exc.detail}
+    return RunFolder(path, run_id, job, info)
