@@ -163,7 +163,7 @@ def skew(v: Array) -> Array:
 
 
 def dh_parameters(model: str, deltas: LinkDeltas | None = None) -> tuple[Array, Array, Array, Array]:
-    """Denavit-Hartenberg ``theta, d, a, alpha`` (6,) of the arm ``model``, rad and m, drawing plus ``deltas``."""
+    """Denavit-Hartenberg ``theta, d, a, alpha`` (6,), rad and m: the drawing of ``model`` plus ``deltas``."""
     if model not in _LENGTHS:
         raise ValueError(f"unknown arm model {model!r}; known are {', '.join(MODELS)}")
     d1, a2, a3, d4, d5, d6 = _LENGTHS[model]

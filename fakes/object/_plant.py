@@ -128,7 +128,7 @@ class ObjectDevice:
         self._lost_after_s = lost_after_s
         self._lost_event = asyncio.Event()
         self._lost_event.set()
-        self._change = asyncio.Event()
+        self._change: asyncio.Future[None] | None = None
         self._loss_timer: asyncio.TimerHandle | None = None
 
     async def open(self) -> None:
@@ -191,16 +191,19 @@ class ObjectDevice:
 
     def on_change(self) -> None:
         """Wake everybody who waits for something of this device."""
-        self._change.set()
-        self._change = asyncio.Event()
+        change, self._change = self._change, None
+        if change is not None and not change.done():
+            change.set_result(None)
+
+    def next_change(self) -> asyncio.Future[None]:
+        """A future that is done at the next change; shared, so nobody may cancel it."""
+        if self._change is None:
+            self._change = asyncio.get_running_loop().create_future()
+        return self._change
 
     async def wait_change(self, timeout: float = inf) -> None:
         """Return at the next change, or after ``timeout`` seconds."""
-        try:
-            async with asyncio.timeout(None if timeout == inf else timeout):
-                await self._change.wait()
-        except TimeoutError:
-            return
+        await asyncio.wait({self.next_change()}, timeout=None if timeout == inf else timeout)
 
     def health(self) -> dict[str, Any]:
         """Plain numbers and texts for status pages."""

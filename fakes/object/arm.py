@@ -1,6 +1,7 @@
 """The arm of the object face: the driver's Protocol attached straight to the world."""
 
 from dataclasses import replace
+from weakref import ref
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -48,6 +49,7 @@ class ObjectArm(ObjectDevice):
             f"{name}.state", clock, config.state_period_s, self._state_at, dt=0.001
         )
         self.stream = self.state
+        self._port: ref[ObjectMotionPort] | None = None
         self._resting: tuple[Segment, tuple[object, ...], ArmState] | None = None
 
     async def open(self) -> None:
@@ -56,29 +58,39 @@ class ObjectArm(ObjectDevice):
         self._cell.start()
 
     async def identify(self) -> Identity:
+        """Who the controller is; ``DEVICE_IDENTITY`` when the config expects another serial."""
         self._check_open()
-        arm = self.world.config.arm
-        return Identity(arm.model, self.controller.serial, arm.version)
+        arm, serial, expected = self.world.config.arm, self.controller.serial, self.config.expect_serial
+        if expected is not None and serial != expected:
+            raise error("DEVICE_IDENTITY", f"{self.name} has serial {serial}, expected {expected}")
+        calibration = {k: list(v) for k, v in arm.factory.model_dump().items()}
+        return Identity(arm.model, serial, arm.version, {"kinematics": {"calibration": calibration}})
 
     def fault(self) -> Exception | None:
         """The coded error that the newest package shows, or None."""
+        if self.lost is not None:
+            return self.lost
         sample = self.state.last()
         if sample is None:
             return None
-        return self.controller.safety_error(sample.value.robot_mode, sample.value.safety_mode)
+        c = self.controller
+        shown = c.safety_error(sample.value.robot_mode, sample.value.safety_mode)
+        return shown or (None if c.remote else error("ARM_LOCAL_MODE", self.name))
 
     def check_movable(self) -> None:
         """Raise the coded error that forbids motion now."""
         self._check_open()
         self.state.latest(self.config.stale_after_s)
-        trouble = self.fault() or self.controller.obstacle()
-        if trouble is not None:
-            raise trouble
+        fault = self.fault()
+        if fault is not None:
+            raise fault
         if self.controller.program is Program.FOREIGN:
             raise error("ARM_PROGRAM_RUNNING", f"a program that is not ours runs on {self.name}")
 
     async def open_motion(self, tool: ToolSettings) -> ObjectMotionPort:
         """Start our script, set TCP and payload; refused while the arm may not move."""
+        if self._port is not None and (port := self._port()) is not None and not port.closed:
+            raise error("MOTION_BUSY", f"{self.name} has a motion client already")
         self.check_movable()
         if not self.controller.registers_free:
             raise error("ARM_REGISTER_CONFLICT", f"another client holds the registers of {self.name}")
@@ -92,6 +104,7 @@ class ObjectArm(ObjectDevice):
             self.state.new_epoch()
         port = ObjectMotionPort(self, run)
         await self.wait_fresh(OPEN_TIMEOUT_S)
+        self._port = ref(port)
         return port
 
     async def stop_script(self) -> None:

@@ -76,12 +76,6 @@ class Controller(Plant):
             return error("ARM_REBOOTED" if self.rebooted else "ARM_NOT_READY", seen)
         return None
 
-    def obstacle(self) -> CellError | None:
-        """The coded error that forbids motion by the controller's own state, or None."""
-        if not self.remote:
-            return error("ARM_LOCAL_MODE", self.name)
-        return self.safety_error(self.robot_mode, self.safety_mode)
-
     # -- programs
 
     def start_ours(self) -> int:

@@ -3,10 +3,11 @@
 import asyncio
 import weakref
 from collections.abc import AsyncIterator, Awaitable
+from math import inf
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from cell.devices import Speed, TrajectoryPiece
 from cell.errors import CellError, error
@@ -20,7 +21,8 @@ T = TypeVar("T")
 
 STOP_DECEL_M_S2 = 5.0
 FORCE_PERIOD_S = 0.002
-MAX_STREAM_STEP_RAD = 0.02
+MAX_STREAM_STEP_RAD = 0.05
+LATE_S = 0.01
 
 
 class ObjectMotionPort:
@@ -32,6 +34,11 @@ class ObjectMotionPort:
         self._dead: CellError | None = None
         # Whoever drops the port without closing it stops kicking the watchdog.
         self._left = weakref.finalize(self, arm.controller.abandon, run)
+
+    @property
+    def closed(self) -> bool:
+        """True once :meth:`close` was called."""
+        return not self._left.alive
 
     async def move_joints(self, q: Array, speed: Speed) -> None:
         """Returns when the measured joints agree, else raises the fault or ``ARM_NOT_AT_TARGET``."""
@@ -53,36 +60,52 @@ class ObjectMotionPort:
     ) -> bool:
         """True when the force ended it, False at the target or at the travel limit."""
         await self._enter()
-        track = self._world.track
-        start = self._world.believed_flange(self._clock.now())
-        self._start_linear(T_base_flange, speed)
-        while track.end_time > self._clock.now():
-            now = self._clock.now()
-            touched = self._force(now) >= max_force_n
-            gone = np.linalg.norm(self._world.believed_flange(now).translation - start.translation)
-            if touched or gone >= max_travel_m:
-                track.stop_linear(now, STOP_DECEL_M_S2)
+        now = self._clock.now()
+        start, bias = self._world.believed_flange(now), self._force(now)
+        goal = _shortened(start, T_base_flange, max_travel_m)
+        self._start_linear(goal, speed)
+        while self._world.track.end_time > now:
+            if np.linalg.norm(self._force(now) - bias) >= max_force_n:
+                self._world.track.stop_linear(now, STOP_DECEL_M_S2)
                 await self._until_rest()
-                return touched
+                return True
             await self._watched(self._clock.sleep(FORCE_PERIOD_S))
-        await self._check_flange(T_base_flange)
+            now = self._clock.now()
+        await self._check_flange(goal)
         return False
 
     async def stream(self, pieces: AsyncIterator[TrajectoryPiece]) -> None:
-        """Follow polynomials; when they end the arm ramps to rest, then this returns."""
+        """Follow polynomials; when they end the arm ramps to rest, then this returns.
+
+        ``MOTION_WATCHDOG`` when a piece came too late and the arm was ramped to rest, ``MOTION_LIMIT`` when
+        a piece does not begin where the arm is.
+        """
         await self._enter()
-        track = self._world.track
-        source = aiter(pieces)
-        while (piece := await self._watched(anext(source, None))) is not None:
-            start = max(piece.t0, self._clock.now())
-            if start >= piece.t1:
-                continue
-            ahead = (start - piece.t0) ** np.arange(len(piece.coefficients)) @ piece.coefficients
-            step = float(np.max(np.abs(ahead - track.at(start)[0])))
-            if step > MAX_STREAM_STEP_RAD:
-                raise error("MOTION_LIMIT", f"a set-point of the stream jumps by {step:.3f} rad")
-            track.follow(start, piece.t1, piece.t0, piece.coefficients)
+        source, ends = aiter(pieces), inf
+        while (piece := await self._next_piece(source, ends)) is not None:
+            self._follow(piece)
+            ends = piece.t1
         await self._until_rest()
+
+    async def _next_piece(
+        self, source: AsyncIterator[TrajectoryPiece], ends: float
+    ) -> TrajectoryPiece | None:
+        try:
+            async with asyncio.timeout(None if ends == inf else ends + LATE_S - self._clock.now()):
+                return await self._watched(anext(source, None))
+        except TimeoutError:
+            await self._until_rest()
+            raise error("MOTION_WATCHDOG", "no piece of the stream followed in time") from None
+
+    def _follow(self, piece: TrajectoryPiece) -> None:
+        start = max(piece.t0, self._clock.now())
+        if start >= piece.t1:
+            return
+        ahead = (start - piece.t0) ** np.arange(len(piece.coefficients)) @ piece.coefficients
+        step = float(np.max(np.abs(ahead - self._world.track.at(start)[0])))
+        if step > MAX_STREAM_STEP_RAD:
+            raise error("MOTION_LIMIT", f"a set-point of the stream jumps by {step:.3f} rad")
+        self._world.track.follow(start, piece.t1, piece.t0, piece.coefficients)
 
     async def decelerate(self) -> None:
         """End whatever moves and brake; harmless at rest, ``DEVICE_LOST`` without a link."""
@@ -148,21 +171,23 @@ class ObjectMotionPort:
         """Await ``work``; a fault ends the wait and comes out instead."""
         task = asyncio.ensure_future(work)
         try:
-            while True:
+            while not task.done():
                 self._raise_trouble()
-                if task.done():
-                    return task.result()
-                change = asyncio.ensure_future(self._arm.wait_change(self._blind_limit()))
-                try:
-                    await asyncio.wait({task, change}, return_when=asyncio.FIRST_COMPLETED)
-                finally:
-                    change.cancel()
+                limit = self._blind_limit()
+                await asyncio.wait(
+                    {task, self._arm.next_change()},
+                    timeout=None if limit == inf else limit,
+                    return_when=asyncio.FIRST_COMPLETED,
+                )
+            return task.result()
         finally:
-            task.cancel()
+            if not task.done():
+                task.cancel()
+                await asyncio.wait({task})
 
     def _blind_limit(self) -> float:
         """How long to wait at most before looking again; short only while the state is silent."""
-        return self._arm.config.stale_after_s if self._controller.silent else float("inf")
+        return self._arm.config.stale_after_s if self._controller.silent else inf
 
     # -- motion and its proof
 
@@ -181,8 +206,8 @@ class ObjectMotionPort:
             self._controller.inject("script-death")
             raise error("ARM_SCRIPT_DIED", f"no inverse kinematics: {exc}") from exc
 
-    def _force(self, t: float) -> float:
-        return float(np.linalg.norm(self._world.contact_force(t, self._controller.T_flange_tcp)[:3]))
+    def _force(self, t: float) -> Array:
+        return self._world.contact_force(t, self._controller.T_flange_tcp)[:3]
 
     async def _check_joints(self, q: Array) -> None:
         measured = await self._measured_joints()
@@ -202,3 +227,14 @@ class ObjectMotionPort:
         """Joints of a sample taken after the end of the motion."""
         await self._watched(self._clock.sleep(self._arm.config.state_period_s))
         return self._arm.state.latest(self._arm.config.stale_after_s).value.q
+
+
+def _shortened(start: RigidTransform, goal: RigidTransform, longest_m: float) -> RigidTransform:
+    """``goal``, or the pose on the way to it after ``longest_m``."""
+    way = goal.translation - start.translation
+    length = float(np.linalg.norm(way))
+    if length <= longest_m:
+        return goal
+    part = longest_m / length
+    turn = Rotation.from_rotvec(part * (start.rotation.inv() * goal.rotation).as_rotvec())
+    return RigidTransform.from_components(start.translation + part * way, start.rotation * turn)
