@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cell.store.ledger import Ledger
-from cell.store.runs import RunFolder, load_run
 from pydantic import ValidationError
 
 from cell.clock import Clock
@@ -17,6 +15,8 @@ from cell.devices import Arm, Device
 from cell.errors import CellError, LatchError, error
 from cell.motion import MotionBroker, MotionLease, first_arm_fault
 from cell.procedure import PackML, Procedure, Run, Worker
+from cell.store.ledger import Ledger
+from cell.store.runs import RunFolder, load_run
 from daemon.arm_setup import lease_settings
 from daemon.config import CellConfig
 from daemon.results import propose_results
@@ -63,6 +63,7 @@ class Engine:
         self.error: CellError | None = None
         self.warnings = 0
         self.interrupted: list[str] = []
+        self._starting = False
         self._task: asyncio.Task[None] | None = None  # the run with its beginning and end
         self._job: asyncio.Task[None] | None = None  # the procedure alone
         self._ending: PackML | None = None
@@ -81,31 +82,38 @@ class Engine:
         channel: str,
     ) -> dict[str, Any]:
         """Start a job, or list its plan without moving. Refused with a code, never queued."""
-        if self._task is not None:
-            assert self.run is not None
-            raise error("BUSY", f"{self.run.procedure.name}, run {self.run.id}")
+        if self._task is not None or self._starting:
+            raise error("BUSY", f"{self.run.procedure.name}, run {self.run.id}" if self.run else job)
+        self._starting = True
+        try:
+            return await self._start(job, params, dry_run, adopt, who, channel)
+        finally:
+            self._starting = False
+
+    async def _start(
+        self, job: str, params: Mapping[str, str], dry_run: bool, adopt: int | None, who: str, channel: str
+    ) -> dict[str, Any]:
         procedure = self._make_procedure(job, params)
         devices = self._devices_of(procedure)
-        if self.context.broker.latched is not None and not dry_run:
-            raise error("MOTION_LATCHED", f"the last fault was: {self.context.broker.latched}")
-        values = resolve_values(self.context.config, self.ledger, self.context.supervisor)
+        context = self.context
+        if context.broker.latched is not None and not dry_run:
+            raise error("MOTION_LATCHED", f"the last fault was: {context.broker.latched}")
+        values = await asyncio.to_thread(resolve_values, context.config, self.ledger, context.supervisor)
         conditions = {
-            "config": self.context.config.model_dump(mode="json"),
+            "config": context.config.model_dump(mode="json"),
             "parameters": dict(params),
             "job_config": procedure.config.model_dump(mode="json"),
             "values": values,
             "identities": self._identities(devices),
         }
         adopted = self._adoptable(adopt, procedure, conditions) if adopt is not None else None
-        run_id = self.ledger.next_run_id()
-        folder = await asyncio.to_thread(
-            RunFolder.create, self.runs, job, run_id, conditions, self.context.clock
-        )
-        run = Run(run_id, procedure, self.context, folder.path, folder, values, self._publish, adopted)
+        run_id = await asyncio.to_thread(self.ledger.next_run_id)
+        folder = await asyncio.to_thread(RunFolder.create, self.runs, job, run_id, conditions, context.clock)
+        run = Run(run_id, procedure, context, folder.path, folder, values, self._publish, adopted)
         if dry_run:
             return await self._dry_run(run, folder)
+        await asyncio.to_thread(self.ledger.start_run, run_id, job, folder.path.name, who, channel)
         self.run, self.error, self._ending = run, None, None
-        self.ledger.start_run(run_id, job, folder.path.name, who, channel)
         run.note("operator", event="start", who=who, channel=channel)
         self._task = asyncio.create_task(self._execute(run, folder, devices), name=f"run {run_id}")
         self._publish()
@@ -150,14 +158,14 @@ class Engine:
         log.info("reset by %s", who)
         self._publish()
 
-    def accept(self, result_id: int, who: str) -> dict[str, Any]:
-        return self.ledger.accept(result_id, who)
+    async def accept(self, result_id: int, who: str) -> dict[str, Any]:
+        return await asyncio.to_thread(self.ledger.accept, result_id, who)
 
-    def reject(self, result_id: int, who: str, why: str) -> dict[str, Any]:
-        return self.ledger.reject(result_id, who, why)
+    async def reject(self, result_id: int, who: str, why: str) -> dict[str, Any]:
+        return await asyncio.to_thread(self.ledger.reject, result_id, who, why)
 
-    def rollback(self, name: str, who: str) -> dict[str, Any]:
-        return self.ledger.rollback(name, who)
+    async def rollback(self, name: str, who: str) -> dict[str, Any]:
+        return await asyncio.to_thread(self.ledger.rollback, name, who)
 
     def subscribe(self, listener: Callable[[], None]) -> Callable[[], None]:
         """Call ``listener`` after every change; the returned function ends that."""
@@ -291,7 +299,7 @@ class Engine:
         }
         run.note("state", terminal=True, **end)
         await asyncio.to_thread(folder.finish, end)
-        self.ledger.end_run(run.id, outcome, verdict)
+        await asyncio.to_thread(self.ledger.end_run, run.id, outcome, verdict)
         self.last = {"run_id": run.id, "job": run.procedure.name, "result": _summary(run.result), **end}
         self.error, self.idle_state = failure, final
         self._task = self._job = self._ending = None

@@ -1,5 +1,6 @@
 """What a PLC may ask for, and what it can read: the engine seen through the register table."""
 
+import asyncio
 import logging
 from typing import Any
 
@@ -76,8 +77,8 @@ class PlcFace:
     async def _accept(self, run_id: int, who: str) -> None:
         if not self._config.modbus.allow_accept:
             raise error("NOT_ALLOWED", "[modbus] allow_accept is false")
-        for result_id in self._ledger.open_results_of(run_id):
-            self._engine.accept(result_id, who)
+        for result_id in await asyncio.to_thread(self._ledger.open_results_of, run_id):
+            await self._engine.accept(result_id, who)
 
     def audit(self, who: str, what: str, accepted: bool, detail: str) -> None:
         """One line in the ledger for every write from outside."""

@@ -20,7 +20,7 @@ async def propose_results(run: Run, folder: RunFolder, ledger: Ledger) -> None:
         return
     await asyncio.to_thread(folder.write_result, run.result)
     await _write_report(run)
-    _propose(run, ledger)
+    await asyncio.to_thread(_propose, run, ledger)
 
 
 async def _write_report(run: Run) -> None:

@@ -56,7 +56,7 @@ def robot_spec(config: CellConfig, supervisor: Supervisor) -> dict[str, Any]:
     arm = supervisor.devices.get(config.robot.roles().get("arm", ""))
     spec = dict(config.robot.robot_spec())
     if arm is not None and arm.identity is not None and "calibration" not in spec:
-        factory = arm.identity.extra.get("calibration")
+        factory = arm.identity.extra.get("kinematics", {}).get("calibration")
         if factory is not None:
             spec["calibration"] = factory
     return spec
