@@ -194,7 +194,7 @@ class UrArm:
             raise error("MOTION_BUSY", f"{self.name} has a motion client already")
         self.check_movable()
         await self._ask_permission()
-        port = UrMotion(self, await MotionClient.start(self._clock), tool, self._config)
+        port = UrMotion(self, MotionClient.start(self._clock), tool, self._config)
         self._port = port
         try:
             await port.prepare()

@@ -109,7 +109,6 @@ class StateFeed:
         """The active TCP was read back; a change starts a new epoch: older flange poses do not compare."""
         offset = np.array(offset6, dtype=float)
         if not np.allclose(offset, self.tcp_offset6, rtol=0.0, atol=1e-9):
-            offset.flags.writeable = False
             self.tcp_offset6 = offset
             self.stream.new_epoch()
 
@@ -120,7 +119,6 @@ class StateFeed:
         block = np.frombuffer(payload, ">f8", self._doubles, 1).astype(np.float64)
         if not np.isfinite(block).all():
             raise error("PROTOCOL_VIOLATION", "data package with numbers that are not finite")
-        block.flags.writeable = False
         stamp = float(block[0])
         if self._origin is None:
             self._note_reboot(stamp, arrival)

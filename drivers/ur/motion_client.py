@@ -3,6 +3,7 @@
 import asyncio
 import os
 import socket
+import subprocess
 import sys
 from collections import deque
 from collections.abc import Callable
@@ -21,43 +22,47 @@ GRACE_S = 0.2
 class MotionClient:
     """One child process. It is never restarted: after a failure a new client is made."""
 
-    def __init__(self, clock: Clock, process: asyncio.subprocess.Process, pipe: socket.socket) -> None:
+    def __init__(self, clock: Clock, process: subprocess.Popen[bytes], pipe: socket.socket) -> None:
+        assert process.stdout is not None
         self.clock, self.pid = clock, process.pid
         self.withheld = False
         self.ended = asyncio.Event()
-        self._process, self._pipe = process, pipe
+        self._process, self._pipe, self._stdout = process, pipe, process.stdout
         self._loop = asyncio.get_running_loop()
         self._unframer = Unframer()
         self._replies: dict[int, asyncio.Future[Any]] = {}
         self._next_id = 1
         self._turn = asyncio.Lock()
-        self._output: deque[str] = deque(maxlen=20)
+        self._output: deque[bytes] = deque(maxlen=8)
         self._listeners: list[Callable[[Message], None]] = []
-        self._tasks = [
-            asyncio.create_task(self._beat(), name="motion child beat"),
-            asyncio.create_task(self._read_output(), name="motion child output"),
-            asyncio.create_task(self._watch_process(), name="motion child watch"),
-        ]
+        os.set_blocking(self._stdout.fileno(), False)
+        # The kernel tells the end of the process through a descriptor, so no thread has to wait for it.
+        self._pidfd = os.pidfd_open(process.pid)
+        self._loop.add_reader(self._pidfd, self._on_exit)
+        self._loop.add_reader(self._stdout.fileno(), self._read_output)
         self._loop.add_reader(pipe.fileno(), self._on_readable)
+        self._beating = asyncio.create_task(self._beat(), name=f"beat for motion child {process.pid}")
 
     @classmethod
-    async def start(cls, clock: Clock) -> "MotionClient":
-        """Start the child process; nothing is connected yet."""
+    def start(cls, clock: Clock) -> "MotionClient":
+        """Start the child process; nothing is connected yet. Call it on the event loop."""
         ours, theirs = socket.socketpair()
+        ours.setblocking(False)
+        command = [
+            sys.executable,
+            "-P",
+            "-m",
+            "drivers.ur.motion_child",
+            str(theirs.fileno()),
+            str(os.getpid()),
+        ]
         try:
-            ours.setblocking(False)
-            process = await asyncio.create_subprocess_exec(
-                *(
-                    sys.executable,
-                    "-P",
-                    "-m",
-                    "drivers.ur.motion_child",
-                    str(theirs.fileno()),
-                    str(os.getpid()),
-                ),
-                stdin=asyncio.subprocess.DEVNULL,
-                stdout=asyncio.subprocess.PIPE,
-                stderr=asyncio.subprocess.STDOUT,
+            process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                bufsize=0,
                 pass_fds=[theirs.fileno()],
                 env=_environment(),
             )
@@ -101,7 +106,7 @@ class MotionClient:
 
     def death(self) -> CellError:
         """Why the child is of no use any more."""
-        said = " / ".join(self._output)
+        said = b"".join(self._output).decode("utf-8", "replace").strip()[-500:].replace("\n", " / ")
         return error(
             "CHILD_DIED",
             f"motion child {self.pid}, exit {self._process.returncode}" + (f": {said}" if said else ""),
@@ -109,21 +114,20 @@ class MotionClient:
 
     def kill(self) -> None:
         """End the child at once; the controller's watchdog stops the arm."""
-        if self._process.returncode is None:
-            self._process.kill()
+        self._process.kill()
 
     async def finish(self, timeout: float) -> None:
         """Wait for the child to go by itself, else kill it; then let go of everything."""
         try:
             async with asyncio.timeout(timeout):
-                await self._process.wait()
+                await self.ended.wait()
         except TimeoutError:
             self.kill()
+            await self.ended.wait()  # SIGKILL is not refused
         finally:
             self.kill()
-            self._close_pipe()
-            self._tasks[0].cancel()
-            await asyncio.wait(self._tasks, timeout=2.0)
+            self._beating.cancel()
+            await asyncio.wait([self._beating], timeout=1.0)
 
     def _send(self, message: Message) -> None:
         try:
@@ -142,6 +146,8 @@ class MotionClient:
             raise error("CHILD_DIED", f"motion child {self.pid} does not read its pipe")
 
     def _on_readable(self) -> None:
+        if self._pipe.fileno() < 0:
+            return
         try:
             data = self._pipe.recv(65536)
             messages = self._unframer.feed(data)
@@ -150,6 +156,7 @@ class MotionClient:
         except (OSError, ValueError):
             data, messages = b"", []
         if not data:
+            # The process is leaving, or talks nonsense; either way its end will be reported.
             self._loop.remove_reader(self._pipe.fileno())
             self.kill()
             return
@@ -178,15 +185,28 @@ class MotionClient:
         except CellError:
             self.kill()
 
-    async def _read_output(self) -> None:
-        assert self._process.stdout is not None
-        while line := await self._process.stdout.readline():
-            self._output.append(line.decode("utf-8", "replace").strip()[:300])
+    def _read_output(self) -> None:
+        """What the native client prints; kept for the error when the child dies."""
+        try:
+            data = os.read(self._stdout.fileno(), 4096)
+        except BlockingIOError:
+            return
+        if data:
+            self._output.append(data)
+        else:
+            self._loop.remove_reader(self._stdout.fileno())
 
-    async def _watch_process(self) -> None:
-        await self._process.wait()
-        self.ended.set()
+    def _on_exit(self) -> None:
+        if self._process.poll() is None:
+            return
+        self._loop.remove_reader(self._pidfd)
+        os.close(self._pidfd)
+        self._on_readable()  # its last answer may still be in the pipe
+        self._read_output()
+        self._loop.remove_reader(self._stdout.fileno())
+        self._stdout.close()
         self._close_pipe()
+        self.ended.set()
         for reply in self._replies.values():
             if not reply.done():
                 reply.set_exception(self.death())
