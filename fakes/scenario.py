@@ -179,6 +179,7 @@ class Scenario(_Strict):
     schema_: Literal["cellward.scenario/1"] = Field(alias="schema")
     world: WorldTruth
     fakes: FakeAddresses = FakeAddresses()
+    operator: Literal["manual", "auto"] = "manual"  # auto: moves the target on when a job gives the arm back
     fault: list[FaultEntry] = []
     cell: CellSettings = CellSettings()
 

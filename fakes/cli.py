@@ -1,0 +1,156 @@
+"""``cellward-twin``: the twin of a cell, its faults, its truth and its operator."""
+
+import asyncio
+import json
+import signal
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from cell.errors import CellError, Reaction
+from fakes.control import ask, default_folder
+from fakes.lifetime import die_with_parent
+from fakes.serve import Twin, TwinOptions, serve
+
+EXIT_BAD_INPUT, EXIT_UNREACHABLE, EXIT_REFUSED, EXIT_INTERNAL = 2, 3, 4, 5
+_EXIT_CODES = {
+    Reaction.INPUT: EXIT_BAD_INPUT,
+    Reaction.RETRY: EXIT_UNREACHABLE,
+    Reaction.ABORT: EXIT_UNREACHABLE,
+    Reaction.REFUSE: EXIT_REFUSED,
+    Reaction.LATCH: EXIT_REFUSED,
+    Reaction.INTERNAL: EXIT_INTERNAL,
+}
+
+app = typer.Typer(help="The twin of a cell on real protocols.", add_completion=False, no_args_is_help=True)
+operator_app = typer.Typer(help="What the operator does in the running twin.", no_args_is_help=True)
+app.add_typer(operator_app, name="operator")
+out, err = Console(), Console(stderr=True)
+
+Folder = Annotated[
+    Path,
+    typer.Option(
+        "--out", help="Folder of the twin's sockets and its cell.toml.", default_factory=default_folder
+    ),
+]
+
+
+@app.callback(invoke_without_command=True)
+def twin(
+    context: typer.Context,
+    folder: Folder,
+    scenario: Annotated[str | None, typer.Option(help="Scenario file, or the name of a shipped one.")] = None,
+    bind: Annotated[str | None, typer.Option(help="Loopback address of the arm, e.g. 127.0.0.2.")] = None,
+    operator: Annotated[str, typer.Option(help="manual, or auto: moves the target on by itself.")] = "manual",
+    with_parent: Annotated[bool, typer.Option(help="End when the starting process ends.")] = False,
+) -> None:
+    """Serve the twin of SCENARIO until Ctrl-C or SIGTERM."""
+    if context.invoked_subcommand is not None:
+        return
+    if scenario is None:
+        raise typer.BadParameter("a scenario is needed", param_hint="--scenario")
+    if bind is not None and not _is_loopback(bind):
+        raise typer.BadParameter(f"{bind} is not a loopback address 127.x.y.z", param_hint="--bind")
+    if operator not in ("manual", "auto"):
+        raise typer.BadParameter(f"{operator} is neither manual nor auto", param_hint="--operator")
+    if with_parent:
+        die_with_parent(signal.SIGTERM)
+    asyncio.run(_serve(TwinOptions(scenario, folder, bind, operator == "auto")))
+
+
+@app.command()
+def fault(
+    name: Annotated[str, typer.Argument(help="Fault, or clear; 'list' shows what each device can show.")],
+    folder: Folder,
+    arguments: Annotated[list[str] | None, typer.Argument(help="key=value, e.g. for_s=2")] = None,
+    device: Annotated[str, typer.Option(help="arm or camera")] = "arm",
+) -> None:
+    """Inject a fault into the running twin."""
+    if name == "list":
+        for owner, names in ask(folder, {"do": "faults"}).items():
+            out.print(f"{owner}: {', '.join(names)}")
+        return
+    args = dict(_key_value(text) for text in arguments or [])
+    ask(folder, {"do": "fault", "device": device, "kind": name, "args": args})
+
+
+@app.command()
+def truth(
+    folder: Folder,
+    as_json: Annotated[bool, typer.Option("--json", help="Everything, as JSON.")] = False,
+) -> None:
+    """Print what is truly so in the running twin."""
+    value: dict[str, Any] = ask(folder, {"do": "truth"})
+    if as_json:
+        sys.stdout.write(json.dumps(value) + "\n")
+        return
+    for key, entry in value.items():
+        out.print(f"[bold]{key}[/bold]: {json.dumps(entry)}", highlight=False, soft_wrap=True)
+
+
+@operator_app.command()
+def place(
+    placement: Annotated[int, typer.Argument(help="Placement of the target, counted from 1.", min=1)],
+    folder: Folder,
+) -> None:
+    """Put the target at a placement."""
+    ask(folder, {"do": "operator", "place": placement})
+
+
+@operator_app.command("next")
+def place_next(folder: Folder) -> None:
+    """Put the target at the next placement, after the last at the first."""
+    out.print(f"placement {ask(folder, {'do': 'operator', 'next': True})}")
+
+
+@operator_app.command()
+def remove(folder: Folder) -> None:
+    """Take the target out of the cell."""
+    ask(folder, {"do": "operator", "remove": True})
+
+
+async def _serve(options: TwinOptions) -> None:
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)
+    await serve(options, stop, _announce)
+
+
+def _announce(twin: Twin) -> None:
+    for name, address in twin.addresses().items():
+        out.print(f"{name:14} {address}", highlight=False, soft_wrap=True)
+    out.print(f"{'config':14} {twin.cell_toml}", highlight=False, soft_wrap=True)
+    out.print("ready", highlight=False)
+
+
+def _is_loopback(address: str) -> bool:
+    parts = address.split(".")
+    return len(parts) == 4 and parts[0] == "127" and all(p.isdigit() and int(p) < 256 for p in parts)
+
+
+def _key_value(text: str) -> tuple[str, Any]:
+    key, sign, value = text.partition("=")
+    if not sign or not key:
+        raise typer.BadParameter(f"{text!r} is not key=value")
+    try:
+        return key, float(value)
+    except ValueError:
+        return key, value
+
+
+def main() -> None:
+    """Entry point; a coded error becomes one sentence on stderr and an exit code."""
+    try:
+        app()
+    except CellError as exc:
+        err.print(f"{exc.code} {exc}", highlight=False, soft_wrap=True)
+        err.print(exc.hint, highlight=False, soft_wrap=True)
+        raise SystemExit(_EXIT_CODES[exc.reaction]) from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,196 @@
+"""The twin of a cell: one world, the fakes that show it on real protocols, and a ready cell.toml."""
+
+import asyncio
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cell.errors import error
+from fakes.auto_operator import AutomaticOperator
+from fakes.control import SOCKET_NAME, make_private, serve_control
+from fakes.faults import Switchboard
+from fakes.frames.faults import CameraFaults
+from fakes.mirror import FrameProcess
+from fakes.scenario import Scenario
+from fakes.ur import dashboard, primary, rtde
+from fakes.ur.build import controller_for
+from fakes.ur.controller import SCRIPT_PORT
+from fakes.ur.injection import ControllerFaults
+from fakes.ur.state import controller_state
+from fakes.world import World
+
+START_TIMEOUT_S = 20.0
+CAMERA_RESTART_S = 2.0
+MODBUS_PORT = 5020
+UNIX_PATH_LIMIT = 107
+
+
+@dataclass(frozen=True)
+class TwinOptions:
+    """What the command line decides."""
+
+    scenario: str
+    folder: Path
+    bind: str | None = None
+    automatic_operator: bool = False
+
+
+class Twin:
+    """``async with Twin(options)``: everything listens inside the block, nothing is left after it."""
+
+    def __init__(self, options: TwinOptions) -> None:
+        self.scenario = Scenario.load(options.scenario)
+        self.folder = options.folder.absolute()
+        self.bind = options.bind or self.scenario.fakes.bind
+        self.frames_socket = self.folder / self.scenario.fakes.frames_socket
+        if len(str(self.frames_socket)) > UNIX_PATH_LIMIT:
+            raise error("ARGUMENT_INVALID", f"{self.frames_socket} is too long a path; use a shorter --out")
+        self.world = World.from_scenario(self.scenario, time.monotonic())
+        self.controller = controller_for(self.world, self.bind)
+        self._arm_faults = ControllerFaults(self.controller)
+        self._scenario_name = options.scenario
+        self._camera = self._new_camera()
+        self.switchboard = Switchboard()
+        self.switchboard.devices["arm"] = self._arm_faults
+        self.switchboard.devices["camera"] = CameraFaults(lambda message: self._camera.send(message))
+        if options.automatic_operator or self.scenario.operator == "auto":
+            self._operator = AutomaticOperator(self.controller.robot, self.world.operator)
+        self._control: asyncio.Server | None = None
+        self._timers: list[asyncio.TimerHandle] = []
+
+    async def __aenter__(self) -> "Twin":
+        make_private(self.folder)
+        self._control = await serve_control(self.folder, self._handle)
+        self.cell_toml.unlink(missing_ok=True)  # whoever waits for it must not find an old one
+        try:
+            await self._start_devices()
+        except BaseException:
+            await self.__aexit__()
+            raise
+        self._write_cell_toml()
+        loop = asyncio.get_running_loop()
+        for fault in self.scenario.fault:
+            self._timers.append(
+                loop.call_later(fault.when_s, self.switchboard.inject, fault.device, fault.kind, fault.args)
+            )
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        for timer in self._timers:
+            timer.cancel()
+        self._arm_faults.close()
+        if self._camera.alive:
+            asyncio.get_running_loop().remove_reader(self._camera.sentinel)
+        await asyncio.to_thread(self._camera.stop)
+        await self.controller.stop()
+        if self._control is not None:
+            self._control.close()
+        (self.folder / SOCKET_NAME).unlink(missing_ok=True)
+
+    @property
+    def cell_toml(self) -> Path:
+        """The configuration with which a daemon finds this twin."""
+        return self.folder / "cell.toml"
+
+    def addresses(self) -> dict[str, str]:
+        """What listens where, by name."""
+        ports = {
+            "RTDE": rtde.PORT,
+            "dashboard": dashboard.PORT,
+            "script": SCRIPT_PORT,
+            "primary": primary.PORT,
+        }
+        return {
+            **{f"arm {name}": f"{self.bind}:{port}" for name, port in ports.items()},
+            "camera frames": f"frames+unix://{self.frames_socket}",
+        }
+
+    def truth(self) -> dict[str, Any]:
+        """The world's truth and the arm's state now."""
+        now = self.controller.now()
+        return {
+            **self.world.truth(),
+            "placement": self.world.operator.placement_at(now),
+            "arm": controller_state(self.controller),
+        }
+
+    async def _start_devices(self) -> None:
+        try:
+            await self.controller.start()
+        except OSError as exc:
+            raise error("DEVICE_UNREACHABLE", f"the twin cannot listen on {self.bind}: {exc}") from exc
+        self._watch_camera()
+        async with asyncio.timeout(START_TIMEOUT_S):
+            while not self.frames_socket.exists():
+                if not self._camera.alive:
+                    raise error("CHILD_DIED", "the frame server ended while it started")
+                await asyncio.sleep(0.02)
+
+    # -- the camera's process
+
+    def _new_camera(self) -> FrameProcess:
+        return FrameProcess(str(self.frames_socket), self._scenario_name, self.world)
+
+    def _watch_camera(self) -> None:
+        self.frames_socket.unlink(missing_ok=True)
+        self._camera.start()
+        asyncio.get_running_loop().add_reader(self._camera.sentinel, self._camera_ended)
+
+    def _camera_ended(self) -> None:
+        """Somebody puts a dead camera right, after a while."""
+        loop = asyncio.get_running_loop()
+        loop.remove_reader(self._camera.sentinel)
+        self._camera.stop()
+        self._camera = self._new_camera()
+        self._timers.append(loop.call_later(CAMERA_RESTART_S, self._watch_camera))
+
+    # -- requests of the control socket
+
+    async def _handle(self, request: dict[str, Any]) -> Any:
+        match request:
+            case {"do": "fault", "device": str(device), "kind": str(kind), "args": dict(args)}:
+                self.switchboard.inject(device, kind, args)
+                return None
+            case {"do": "faults"}:
+                return {name: sorted(d.offers()) for name, d in self.switchboard.devices.items()}
+            case {"do": "truth"}:
+                return self.truth()
+            case {"do": "operator", "place": int(number)}:
+                # People count placements from one.
+                self.world.operator.confirm(number - 1, self.controller.now())
+                return number
+            case {"do": "operator", "next": True}:
+                return self.world.operator.move_on(self.controller.now()) + 1
+            case {"do": "operator", "remove": True}:
+                self.world.operator.remove(self.controller.now())
+                return None
+            case _:
+                raise error("ARGUMENT_INVALID", f"a twin does not know the request {str(request)[:100]}")
+
+    def _write_cell_toml(self) -> None:
+        draft = self.cell_toml.with_suffix(".new")
+        draft.write_text(self._config_text(), "utf-8")
+        draft.rename(self.cell_toml)
+
+    def _config_text(self) -> str:
+        return self.scenario.cell_toml(
+            arm={"driver": "ur", "host": self.bind},
+            camera={"driver": "oak", "source": f"frames+unix://{self.frames_socket}"},
+            state_dir=str(self.folder / "state"),
+            control_socket=str(self.folder / "cellward.sock"),
+            modbus={
+                "bind": f"{self.bind}:{MODBUS_PORT}",
+                "allow_write": True,
+                "allow_clients": ["127.0.0.1"],
+                "allow_accept": True,
+            },
+        )
+
+
+async def serve(options: TwinOptions, stop: asyncio.Event, ready: Callable[[Twin], None]) -> None:
+    """Run a twin until ``stop`` is set; ``ready`` is called when everything listens."""
+    async with Twin(options) as twin:
+        ready(twin)
+        await stop.wait()
