@@ -4,7 +4,7 @@ import asyncio
 import weakref
 from collections.abc import AsyncIterator, Awaitable
 from math import inf
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -174,10 +174,9 @@ class ObjectMotionPort:
             while not task.done():
                 self._raise_trouble()
                 limit = self._blind_limit()
+                waits: set[asyncio.Future[Any]] = {task, self._arm.next_change()}
                 await asyncio.wait(
-                    {task, self._arm.next_change()},
-                    timeout=None if limit == inf else limit,
-                    return_when=asyncio.FIRST_COMPLETED,
+                    waits, timeout=None if limit == inf else limit, return_when=asyncio.FIRST_COMPLETED
                 )
             return task.result()
         finally:

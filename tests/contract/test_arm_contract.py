@@ -1,0 +1,292 @@
+"""What every arm promises, on every face: state, identity, motion that is believed only when measured."""
+
+import asyncio
+import itertools
+from collections.abc import AsyncIterator, Callable, Coroutine
+from typing import Any
+
+import numpy as np
+import pytest
+import ur_analytic_ik
+from wire_faces import Face, Rig, arm_faces
+
+from cell.devices import Arm, ArmState, MotionPort, Speed, ToolSettings, TrajectoryPiece
+from cell.errors import CellError
+from cell.motion import measured_standstill
+from cell.poses import from_pose6, log_xi, to_pose6
+
+TOOL = ToolSettings(from_pose6([0.0, 0.0, 0.18, 0.0, 0.0, 0.0]), 1.2)
+SPEED = Speed(tcp_m_s=0.25, tcp_m_s2=1.0, joint_rad_s=1.0, joint_rad_s2=3.0)
+AWAY = np.array([0.25, -0.1, 0.15, 0.1, -0.2, 0.3])
+
+Scene = Callable[[Rig[Arm]], Coroutine[Any, Any, Any]]
+
+
+@pytest.fixture(params=arm_faces())
+def face(request: pytest.FixtureRequest) -> Face[Arm]:
+    return request.param
+
+
+@pytest.fixture
+def subject(face: Face[Arm]) -> Callable[[Scene], Any]:
+    """Runs a scene with an open arm on this face."""
+
+    def play(scene: Scene) -> Any:
+        async def whole() -> Any:
+            async with face.rig() as rig:
+                return await scene(rig)
+
+        return face.run(whole())
+
+    return play
+
+
+def state(rig: Rig[Arm]) -> ArmState:
+    return rig.device.state.latest(0.1).value
+
+
+async def failure_of(work: Coroutine[Any, Any, Any]) -> str:
+    """The catalogue name of the error that ``work`` ends with."""
+    try:
+        await work
+    except CellError as exc:
+        return exc.name
+    return "no error"
+
+
+async def start_far_move(rig: Rig[Arm], port: MotionPort) -> "asyncio.Task[str]":
+    """A slow move, well on its way when this returns."""
+    slow = Speed(0.1, 0.5, 0.3, 1.0)
+    task = asyncio.create_task(failure_of(port.move_joints(state(rig).q + AWAY, slow)))
+    await rig.clock.sleep(0.4)
+    assert not state(rig).at_rest
+    return task
+
+
+def test_a_twin_says_that_it_is_one_and_keeps_its_identity(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: Rig[Arm]) -> None:
+        found = await rig.device.identify()
+        assert found.is_twin
+        assert found.model == "ur10e"
+        assert (await rig.device.identify()) == found
+
+    subject(scene)
+
+
+def test_state_arrives_in_order_on_our_clock_and_without_gaps(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: Rig[Arm]) -> None:
+        start = rig.clock.now()
+        await rig.clock.sleep(0.3)
+        samples = rig.device.state.between(start, rig.clock.now())
+        assert len(samples) >= 10
+        assert all(a.t <= b.t and a.seq < b.seq for a, b in itertools.pairwise(samples))
+        stamps = [s.value.stamp for s in samples]
+        assert np.ptp([s.t - stamp for s, stamp in zip(samples, stamps, strict=True)]) < 0.05
+        assert rig.clock.now() - samples[-1].t < 0.1
+
+    subject(scene)
+
+
+def test_the_flange_pose_is_that_of_the_published_kinematics(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: Rig[Arm]) -> None:
+        seen = state(rig)
+        reference = ur_analytic_ik.ur10e.forward_kinematics(*seen.q)
+        assert np.allclose(seen.T_base_flange.as_matrix(), reference, atol=1e-6)
+
+    subject(scene)
+
+
+def test_a_resting_arm_is_movable_and_shows_no_fault(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: Rig[Arm]) -> None:
+        rig.device.check_movable()
+        assert rig.device.fault() is None
+        assert state(rig).at_rest
+        assert not state(rig).program_running
+        assert await measured_standstill(rig.device, 2.0)
+
+    subject(scene)
+
+
+def test_opening_motion_sets_the_tool_and_closing_it_ends_the_program(
+    subject: Callable[[Scene], Any],
+) -> None:
+    async def scene(rig: Rig[Arm]) -> None:
+        flange = state(rig).T_base_flange
+        port = await rig.device.open_motion(TOOL)
+        seen = state(rig)
+        assert np.allclose(seen.tcp_offset6, to_pose6(TOOL.T_flange_tool), atol=1e-6)
+        assert np.allclose(log_xi(flange.inv() * seen.T_base_flange), 0.0, atol=1e-6)
+        assert seen.program_running
+        assert await failure_of(rig.device.open_motion(TOOL)) == "MOTION_BUSY"
+        await port.close()
+        await rig.clock.sleep(0.3)
+        assert not state(rig).program_running
+
+    subject(scene)
+
+
+def test_a_joint_move_returns_when_the_measured_joints_agree(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: Rig[Arm]) -> None:
+        port = await rig.device.open_motion(TOOL)
+        goal = state(rig).q + AWAY
+        await port.move_joints(goal, SPEED)
+        assert np.max(np.abs(state(rig).q - goal)) < 0.001
+        assert np.max(np.abs(rig.world.track.at(rig.clock.now())[0] - goal)) < 0.001
+        await port.close()
+
+    subject(scene)
+
+
+def test_a_linear_move_keeps_the_tool_on_the_line(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: Rig[Arm]) -> None:
+        port = await rig.device.open_motion(TOOL)
+        start, began = state(rig), rig.clock.now()
+        goal = start.T_base_flange * from_pose6([0.06, -0.04, -0.1, 0.0, 0.2, 0.1])
+        await port.move_linear(goal, SPEED)
+        assert np.max(np.abs(log_xi(goal.inv() * state(rig).T_base_flange))) < 0.001
+        tips = np.array([s.value.tcp_pose6[:3] for s in rig.device.state.between(began, rig.clock.now())])
+        way = (goal * TOOL.T_flange_tool).translation - start.tcp_pose6[:3]
+        off = np.cross(tips - start.tcp_pose6[:3], way / np.linalg.norm(way))
+        assert len(tips) > 10
+        assert np.max(np.linalg.norm(off, axis=1)) < 2e-4
+        await port.close()
+
+    subject(scene)
+
+
+def test_a_stream_of_polynomials_is_followed_and_ends_at_rest(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: Rig[Arm]) -> None:
+        port = await rig.device.open_motion(TOOL)
+        q0 = state(rig).q
+        total, change = 1.0, 0.5 * AWAY
+
+        async def pieces() -> AsyncIterator[TrajectoryPiece]:
+            begin = rig.clock.now() + 0.1
+            coefficients = np.array([q0, 0 * q0, 3 * change / total**2, -2 * change / total**3])
+            for t in np.arange(0.0, total, 0.1):
+                yield TrajectoryPiece(begin + t, begin + t + 0.1, _shifted(coefficients, t))
+
+        await port.stream(pieces())
+        assert np.max(np.abs(state(rig).q - q0 - change)) < 0.003
+        assert await measured_standstill(rig.device, 2.0)
+        await port.close()
+
+    subject(scene)
+
+
+def _shifted(coefficients: np.ndarray, t: float) -> np.ndarray:
+    """The same cubic with its origin moved to ``t``."""
+    c0, c1, c2, c3 = coefficients
+    return np.array(
+        [c0 + c1 * t + c2 * t**2 + c3 * t**3, c1 + 2 * c2 * t + 3 * c3 * t**2, c2 + 3 * c3 * t, c3]
+    )
+
+
+def test_decelerating_ends_a_move_short_of_its_target(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: Rig[Arm]) -> None:
+        port = await rig.device.open_motion(TOOL)
+        await port.decelerate()
+        goal = state(rig).q + AWAY
+        moving = await start_far_move(rig, port)
+        await port.decelerate()
+        assert await measured_standstill(rig.device, 1.0)
+        assert await moving == "ARM_NOT_AT_TARGET"
+        assert np.max(np.abs(state(rig).q - goal)) > 0.05
+        await port.close()
+
+    subject(scene)
+
+
+@pytest.mark.parametrize("step", ["stop_script", "stop_program"])
+def test_each_step_of_the_stop_ladder_stops_a_moving_arm(subject: Callable[[Scene], Any], step: str) -> None:
+    async def scene(rig: Rig[Arm]) -> None:
+        port = await rig.device.open_motion(TOOL)
+        moving = await start_far_move(rig, port)
+        await getattr(rig.device, step)()
+        assert await measured_standstill(rig.device, 1.5)
+        assert await moving != "no error"
+        await port.close()
+
+    subject(scene)
+
+
+@pytest.mark.parametrize(
+    ("fault", "named"),
+    [
+        ("protective-stop", {"ARM_PROTECTIVE_STOP"}),
+        ("emergency-stop", {"ARM_EMERGENCY_STOP"}),
+        ("safeguard-stop", {"ARM_SAFEGUARD_STOP"}),
+        ("local-mode", {"ARM_LOCAL_MODE", "ARM_SCRIPT_DIED"}),
+        ("script-death", {"ARM_SCRIPT_DIED"}),
+        ("foreign-program", {"ARM_PROGRAM_RUNNING", "ARM_SCRIPT_DIED"}),
+        ("silence", {"STALE_DATA", "DEVICE_LOST"}),
+        ("drop", {"DEVICE_LOST"}),
+    ],
+)
+def test_a_fault_ends_a_move_with_its_own_error_and_the_arm_comes_to_rest(
+    subject: Callable[[Scene], Any], face: Face[Arm], fault: str, named: set[str]
+) -> None:
+    if fault in face.lacks:
+        pytest.skip(f"the {face.name} face has no {fault}")
+
+    async def scene(rig: Rig[Arm]) -> None:
+        port = await rig.device.open_motion(TOOL)
+        moving = await start_far_move(rig, port)
+        await rig.inject(fault)
+        assert await moving in named
+        await failure_of(port.decelerate())
+        await failure_of(port.close())
+        await rig.clock.sleep(0.8)
+        assert not np.any(rig.world.track.at(rig.clock.now())[1])
+
+    subject(scene)
+
+
+@pytest.mark.parametrize(
+    ("fault", "named"),
+    [
+        ("protective-stop", "ARM_PROTECTIVE_STOP"),
+        ("emergency-stop", "ARM_EMERGENCY_STOP"),
+        ("safeguard-stop", "ARM_SAFEGUARD_STOP"),
+        ("local-mode", "ARM_LOCAL_MODE"),
+        ("foreign-program", "ARM_PROGRAM_RUNNING"),
+        ("register-in-use", "ARM_REGISTER_CONFLICT"),
+    ],
+)
+def test_motion_is_refused_while_the_arm_may_not_move_and_granted_again_afterwards(
+    subject: Callable[[Scene], Any], face: Face[Arm], fault: str, named: str
+) -> None:
+    if fault in face.lacks:
+        pytest.skip(f"the {face.name} face has no {fault}")
+
+    async def scene(rig: Rig[Arm]) -> None:
+        before = state(rig).q
+        await rig.inject(fault)
+        await rig.clock.sleep(0.5)
+        assert await failure_of(rig.device.open_motion(TOOL)) == named
+        assert np.allclose(state(rig).q, before, atol=1e-4)
+        await rig.inject("clear")
+        await rig.clock.sleep(0.5)
+        port = await rig.device.open_motion(TOOL)
+        await port.close()
+
+    subject(scene)
+
+
+def test_a_dropped_link_is_told_and_can_be_opened_again(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: Rig[Arm]) -> None:
+        waiting = asyncio.create_task(rig.device.wait_lost())
+        await rig.clock.sleep(0.05)
+        epoch = rig.device.state.epoch
+        await rig.inject("drop")
+        async with asyncio.timeout(3.0):
+            assert getattr(await waiting, "name", None) == "DEVICE_LOST"
+        with pytest.raises(CellError):
+            rig.device.check_movable()
+        await rig.device.close()
+        await rig.device.open()
+        await rig.device.wait_fresh(2.0)
+        assert rig.device.state.epoch > epoch
+        rig.device.check_movable()
+
+    subject(scene)
