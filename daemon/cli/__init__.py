@@ -1,0 +1,28 @@
+"""The command ``cellward``: what people type. Results go to stdout, messages to stderr.
+
+Exit codes: 0 ok; 1 finished with verdict fail, or a job that did not complete; 2 bad input or usage; 3 device
+or daemon unreachable; 4 refused; 5 internal error. A person never sees a traceback.
+"""
+
+import os
+import sys
+
+
+def main() -> int:
+    """Run one command line; returns the exit code."""
+    # Before numpy is imported: with one BLAS thread the same data give the same bits (replay).
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ[name] = "1"
+    from daemon.cli.app import app
+    from daemon.cli.failures import reported
+
+    with reported() as failure:
+        try:
+            app(prog_name="cellward")
+        except SystemExit as leaving:
+            return leaving.code if isinstance(leaving.code, int) else int(leaving.code is not None)
+    return failure.exit_code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

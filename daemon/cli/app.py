@@ -1,0 +1,45 @@
+"""The table of commands. Command modules import heavy things inside their functions: start-up is short."""
+
+import typer
+
+from daemon.cli import calibrations, check, demo, history, jobs, offline, setup
+
+app = typer.Typer(
+    name="cellward",
+    help="Keeps a robot cell true: calibration jobs with their uncertainty. "
+    "It supervises; it is not a safety function.",
+    epilog="Exit codes: 0 ok, 1 verdict fail or job not completed, 2 bad input, "
+    "3 device or daemon unreachable, 4 refused, 5 internal error.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+PANELS = {
+    "Start here": (demo.demo, setup.init, check.check, setup.run),
+    "Jobs": (
+        jobs.status,
+        jobs.watch,
+        jobs.start,
+        jobs.confirm,
+        jobs.finish,
+        jobs.abort,
+        jobs.halt,
+        jobs.pause,
+        jobs.resume,
+        jobs.reset,
+    ),
+    "Runs": (history.runs, history.show, history.report, history.compare, history.replay, jobs.adopt),
+    "Calibrations": (
+        calibrations.results,
+        calibrations.accept,
+        calibrations.reject,
+        calibrations.rollback,
+    ),
+    "Without a cell": (offline.solve, setup.explain),
+}
+
+for panel, commands in PANELS.items():
+    for command in commands:
+        app.command(rich_help_panel=panel)(command)
+app.add_typer(setup.config_app, name="config", rich_help_panel="Without a cell")

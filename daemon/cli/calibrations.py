@@ -1,0 +1,78 @@
+"""Commands about calibration results: what is proposed, what is in effect, and the decisions on them."""
+
+from typing import Annotated, Any
+
+import typer
+
+from daemon.cli.jobs import connect
+from daemon.cli.options import ConfigOption, JsonOption, cell_paths
+from daemon.cli.output import local_time, out, out_json, say, table
+
+ResultArgument = Annotated[
+    int, typer.Argument(help="The number that 'cellward results' shows.", show_default=False)
+]
+
+
+def results(
+    name: Annotated[
+        str | None, typer.Argument(help="Only this calibration, for instance T_flange_camera.")
+    ] = None,
+    config: ConfigOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Proposed, committed and earlier calibrations, newest first."""
+    paths = cell_paths(config)
+    found: list[dict[str, Any]] = []
+    if paths.ledger.exists():  # opening would make it
+        from cell.store.ledger import Ledger
+
+        ledger = Ledger(paths.ledger)
+        try:
+            found = ledger.results(name)
+        finally:
+            ledger.close()
+    if as_json:
+        out_json(found)
+    elif not found:
+        say("There are no results yet; a finished job proposes one.")
+    else:
+        columns = ("result", "calibration", "state", "version", "run", "proposed", "decided by", "why")
+        out(table(columns, (_row(entry) for entry in found)))
+        if waiting := [entry for entry in found if entry["state"] == "proposed"]:
+            say(f"To decide: cellward accept {waiting[0]['id']}, or cellward reject {waiting[0]['id']}.")
+
+
+def _row(entry: dict[str, Any]) -> list[Any]:
+    keys = ("id", "name", "state", "version", "run_id")
+    return [*(entry[k] for k in keys), local_time(entry["proposed"]), entry["who"], entry["why"]]
+
+
+def accept(result: ResultArgument, config: ConfigOption = None) -> None:
+    """Accept a result: it becomes the version in effect, from the next job on."""
+    with connect(config) as daemon:
+        entry = daemon.call("accept", result_id=result)
+    say(f"{entry['name']} version {entry['version']} is in effect from the next job on.")
+
+
+def reject(
+    result: ResultArgument,
+    why: Annotated[str, typer.Option("--why", help="The reason, kept with the result.")] = "",
+    config: ConfigOption = None,
+) -> None:
+    """Reject a result; the version in effect stays."""
+    with connect(config) as daemon:
+        entry = daemon.call("reject", result_id=result, why=why)
+    say(f"Result {result} ({entry['name']}) is rejected; nothing else changed.")
+
+
+def rollback(
+    name: Annotated[
+        str, typer.Argument(help="The calibration, for instance T_flange_camera.", show_default=False)
+    ],
+    config: ConfigOption = None,
+) -> None:
+    """Go back to the version before, or to the configured value when there is none."""
+    with connect(config) as daemon:
+        entry = daemon.call("rollback", name=name)
+    now = f"version {entry['version']}" if entry["version"] is not None else "the configured value"
+    say(f"{name}: {now} is in effect from the next job on.")

@@ -1,0 +1,29 @@
+"""``cellward demo``: the whole thing on a twin."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cell.errors import error
+
+JOBS = ("cone-capture",)
+
+
+def demo(
+    job: Annotated[list[str] | None, typer.Option("--job", help="Only this job; may be repeated.")] = None,
+    fast: Annotated[
+        bool, typer.Option("--fast", help="In one process on a virtual clock, without any protocol.")
+    ] = False,
+    output: Annotated[Path, typer.Option("--out", help="Folder for the demo's files.")] = Path("demo-out"),
+) -> None:
+    """Start a twin and the daemon, run the jobs by a Modbus trigger, show the results beside the truth."""
+    if unknown := sorted(set(job or ()) - set(JOBS)):
+        raise error("UNKNOWN_JOB", f"the demo has no job '{unknown[0]}'; it has {', '.join(JOBS)}")
+    if fast:
+        from daemon.demo.fast import run_fast
+
+        raise typer.Exit(run_fast(output.absolute()))
+    from daemon.demo.wire import run_wire
+
+    raise typer.Exit(run_wire(output.absolute()))

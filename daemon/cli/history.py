@@ -1,0 +1,159 @@
+"""Commands that read the run folders; none of them needs the daemon."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from cell.errors import error
+from daemon.cli.failures import FAILED
+from daemon.cli.options import ConfigOption, JsonOption, cell_paths
+from daemon.cli.output import local_time, out, out_json, say, table
+
+RunArgument = Annotated[int, typer.Argument(help="The number of a run.", show_default=False)]
+
+
+def load(config: Path | None, run_id: int) -> Any:
+    """The folder of a run; ``NOT_FOUND``."""
+    from cell.store.runs import load_run
+
+    return load_run(cell_paths(config).runs, run_id)
+
+
+def result_of(run: Any) -> dict[str, Any]:
+    """The result of a run, or ``NOT_FOUND`` that says why there is none."""
+    result: dict[str, Any] | None = run.read_result()
+    if result is None:
+        end = run.read_end()
+        how = "was interrupted" if end is None else f"ended {end['outcome']}"
+        raise error("NOT_FOUND", f"run {run.run_id} ({run.job}) {how} and has no result")
+    return result
+
+
+def runs(
+    limit: Annotated[int, typer.Option("--limit", "-n", min=1, help="How many of the newest.")] = 20,
+    config: ConfigOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """The runs of this cell, newest last."""
+    from cell.store.runs import list_runs
+
+    found = [_row(run) for run in list_runs(cell_paths(config).runs)[-limit:]]
+    if as_json:
+        out_json(found)
+    elif not found:
+        say("There are no runs yet; 'cellward start cone-capture' makes one.")
+    else:
+        columns = ("run", "job", "started", "outcome", "verdict")
+        rows = ([r["run_id"], r["job"], local_time(r["started"]), r["outcome"], r["verdict"]] for r in found)
+        out(table(columns, rows))
+
+
+def _row(run: Any) -> dict[str, Any]:
+    end = _end_or_reason(run)
+    return {
+        "run_id": run.run_id,
+        "job": run.job,
+        "started": run.info.get("started"),
+        "outcome": end.get("outcome"),
+        "verdict": end.get("verdict"),
+        "folder": str(run.path),
+    }
+
+
+def _end_or_reason(run: Any) -> Mapping[str, Any]:
+    """The end of a run; one that cannot be read is listed with its reason and hides no other run."""
+    from cell.errors import CellError
+
+    if "unreadable" in run.info:
+        return {"outcome": f"unreadable: {run.info['unreadable']}"}
+    try:
+        end: dict[str, Any] | None = run.read_end()
+    except CellError as exc:
+        return {"outcome": f"unreadable: {exc.detail}"}
+    return end or {"outcome": "running or interrupted"}
+
+
+def show(run: RunArgument, config: ConfigOption = None, as_json: JsonOption = False) -> None:
+    """One run: its journal as a timeline, how it ended, its result."""
+    folder = load(config, run)
+    journal, end, result = folder.read_journal(), folder.read_end(), folder.read_result()
+    if as_json:
+        out_json({"run": folder.info, "journal": journal, "end": end, "result": result})
+        return
+    from daemon.cli.journal_text import timeline
+    from daemon.cli.result_text import result_text
+
+    out(f"run {run}: {folder.job}, started {local_time(folder.info.get('started'))}")
+    out(f"folder  {folder.path}")
+    out(timeline(journal))
+    if result is not None:
+        out(result_text(result))
+    if end is None:
+        out("no end: the run goes on, or it was interrupted (the next start of the daemon says which)")
+    else:
+        verdict = f", verdict {end['verdict']}" if end.get("verdict") else ""
+        out(f"ended {local_time(end.get('ended'))}: {end['outcome']}{verdict}")
+        if failure := end.get("error"):
+            out(f"  {failure['text']} ({failure['code']})\n  {failure['hint']}")
+
+
+def report(
+    run: RunArgument,
+    open_it: Annotated[bool, typer.Option("--open/--no-open", help="Show it in a browser.")] = False,
+    rebuild: Annotated[bool, typer.Option("--rebuild", help="Draw it again from result.json.")] = False,
+    config: ConfigOption = None,
+) -> None:
+    """Print where the report of a run is; it is drawn when it is missing."""
+    folder = load(config, run)
+    path: Path = folder.path / "report.html"
+    if rebuild or not path.exists():
+        write_report(result_of(folder), folder.path, path)
+    out(str(path))
+    if open_it:
+        typer.launch(path.as_uri())
+
+
+def write_report(result: Mapping[str, Any], folder: Path, path: Path) -> None:
+    """Draw the report of ``folder`` to ``path``."""
+    from procedures.report import write_report as draw
+
+    draw(folder, path)
+
+
+def replay(run: RunArgument, config: ConfigOption = None, as_json: JsonOption = False) -> None:
+    """Solve the data of a run again; exit code 1 when the answer differs by more than 1e-9 (relative)."""
+    from daemon.cli.replay import TOLERANCE, differences
+
+    folder = load(config, run)
+    recorded = result_of(folder)
+    data = folder.path / "capture.json"
+    if not data.exists():
+        raise error("NOT_FOUND", f"run {run} ({folder.job}) has no capture.json to solve")
+    from daemon.cli.offline import solve_data
+
+    again = solve_data("hand-eye", data, (recorded.get("inputs") or {}).get("method"))
+    found = differences(recorded, again)
+    if as_json:
+        out_json({"run_id": run, "same": not found, "tolerance": TOLERANCE, "differences": found})
+    elif found:
+        out(f"run {run} does not replay:")
+        out(table(("where", "recorded", "now"), ([d["where"], d["recorded"], d["now"]] for d in found)))
+    else:
+        out(f"run {run} replays: every figure is within {TOLERANCE:g} of what was recorded")
+    if found:
+        raise typer.Exit(FAILED)
+
+
+def compare(
+    first: RunArgument, second: RunArgument, config: ConfigOption = None, as_json: JsonOption = False
+) -> None:
+    """The difference of two hand-eye results, against their uncertainties."""
+    from daemon.cli.compare import compare_results, comparison_text
+
+    found = compare_results(*(result_of(load(config, number)) for number in (first, second)))
+    if as_json:
+        out_json({"runs": [first, second], **found.as_dict()})
+    else:
+        out(comparison_text(found, f"run {first}", f"run {second}"))

@@ -1,0 +1,77 @@
+"""Commands around the configuration and the daemon itself: init, run, check, explain, config."""
+
+from dataclasses import asdict
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cell.errors import catalogue, error, find_entry
+from daemon.cli.options import ConfigOption, JsonOption, config_path
+from daemon.cli.output import out, out_json, say
+
+config_app = typer.Typer(help="About cell.toml.", no_args_is_help=True)
+
+
+def init(
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Write to this file; an existing one is kept.")
+    ] = None,
+) -> None:
+    """Write a commented cell.toml to start from."""
+    from daemon.config import init_text
+
+    if output is None:
+        out(init_text().rstrip())
+        return
+    try:
+        with output.open("x", encoding="utf-8") as file:
+            file.write(init_text())
+    except FileExistsError:
+        raise error("ARGUMENT_INVALID", f"{output} exists; it is not overwritten") from None
+    except OSError as exc:
+        raise error("ARGUMENT_INVALID", f"{output} cannot be written: {exc.strerror or exc}") from exc
+    say(f"{output} is written. Edit the addresses, then: cellward check --config {output}")
+
+
+def run(config: ConfigOption = None) -> None:
+    """The daemon, in the foreground; systemd starts it so."""
+    from daemon.app import main
+
+    raise typer.Exit(main(config_path(config)))
+
+
+def explain(
+    code: Annotated[str, typer.Argument(help="A number or a name, for instance 3001.", show_default=False)],
+    as_json: JsonOption = False,
+) -> None:
+    """What an error code means, and what to do."""
+    entry = find_entry(code)
+    if entry is None:
+        names = [e.name for e in catalogue().values()] + [str(e.code) for e in catalogue().values()]
+        near = get_close_matches(code.upper(), names, n=1)
+        meant = f", did you mean {near[0]}?" if near else ""
+        raise error("ARGUMENT_INVALID", f"there is no error '{code}'{meant}")
+    if as_json:
+        out_json({**asdict(entry), "reaction": entry.reaction.value})
+    else:
+        out(f"{entry.code} {entry.name}: {entry.text}.\n{entry.hint}\n{_REACTIONS[entry.reaction.value]}")
+
+
+_REACTIONS = {
+    "retry": "The daemon tries again by itself; a job that used the device ends.",
+    "abort": "The job ends with the arm at rest.",
+    "latch": "The job ends and nothing moves before 'cellward reset'.",
+    "input": "Nothing happened; the input has to be mended.",
+    "refuse": "Nothing happened; the request can be repeated when the condition is gone.",
+    "internal": "This should not happen; please report it.",
+}
+
+
+@config_app.command()
+def schema(as_json: JsonOption = False) -> None:
+    """Every key of cell.toml with its type, bounds and meaning."""
+    from daemon.config import config_schema
+
+    out_json(config_schema())

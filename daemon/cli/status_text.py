@@ -1,0 +1,61 @@
+"""The daemon's status in words."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from daemon.cli.output import table
+
+
+def status_text(status: Mapping[str, Any]) -> str:
+    """The whole status, with what can be done about it."""
+    lines = [f"{status['cell']}{' (twin)' if status.get('twin') else ''}: {status['packml']}"]
+    if status.get("job"):
+        lines.append(f"job       {job_text(status)}")
+    if prompt := status.get("prompt"):
+        lines += [f"prompt    {prompt['text']}", f"          then: cellward confirm {prompt['id']}"]
+    if failure := status.get("error"):
+        lines += [f"error     {failure['text']} ({failure['code']})", f"          {failure['hint']}"]
+    if status.get("latched"):
+        lines.append("motion    locked after a fault; clear the cause, then: cellward reset")
+    if last := status.get("last_run"):
+        lines.append(f"last run  {_last_run(last)}")
+    lines += [f"          run {r} was interrupted; cellward adopt {r}" for r in status.get("interrupted", [])]
+    lines += ["", table(("device", "state", "model", "serial", "error"), _devices(status))]
+    return "\n".join(lines)
+
+
+def job_text(status: Mapping[str, Any]) -> str:
+    """The job, its state and how far it is."""
+    steps = f", {status['step']} of {status['steps']}" if status.get("steps") else ""
+    return f"{status['job']}, run {status['run_id']}: {status.get('state') or 'starting'}{steps}"
+
+
+def change_line(status: Mapping[str, Any]) -> str:
+    """The status on one line; equal lines mean that nothing worth telling changed."""
+    parts = [status["packml"]]
+    if status.get("job"):
+        parts.append(job_text(status))
+    if prompt := status.get("prompt"):
+        parts.append(f"prompt {prompt['id']}: {prompt['text']}")
+    if failure := status.get("error"):
+        parts.append(f"error {failure['code']}: {failure['text']}")
+    parts += [
+        f"{name} {device['state']}"
+        for name, device in status.get("devices", {}).items()
+        if device["state"] != "READY"
+    ]
+    return " | ".join(parts)
+
+
+def _last_run(last: Mapping[str, Any]) -> str:
+    text = f"{last['run_id']} ({last['job']}): {last['outcome']}"
+    if last.get("verdict"):
+        text += f", verdict {last['verdict']}"
+    return f"{text}; cellward show {last['run_id']}"
+
+
+def _devices(status: Mapping[str, Any]) -> list[tuple[Any, ...]]:
+    return [
+        (name, device["state"], device.get("model"), device.get("serial"), device.get("error"))
+        for name, device in status.get("devices", {}).items()
+    ]
