@@ -6,12 +6,13 @@ world's business; only the joints are common to both.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
-from cell.poses import Array, from_pose6, to_pose6
+from cell.poses import Array, from_pose6
 from fakes.kinematics import Chain, UnreachableError
 from fakes.track import Track
 from fakes.ur.runtime import ScriptError, Steps
@@ -32,7 +33,13 @@ class Tool:
 
     @property
     def T_flange_tcp(self) -> RigidTransform:
-        return from_pose6(self.offset6)
+        return _transform(self.offset6)
+
+
+@lru_cache(maxsize=8)
+def _transform(pose6: tuple[float, ...]) -> RigidTransform:
+    """A tool is asked for in every cycle and hardly ever changes."""
+    return from_pose6(pose6)
 
 
 class Arm:
@@ -63,8 +70,9 @@ class Arm:
 
     def pose6(self, q: ArrayLike, offset6: ArrayLike | None = None) -> Array:
         """TCP pose in the base for ``q``, with the active tool or another."""
-        tool = self.tool.T_flange_tcp if offset6 is None else from_pose6(offset6)
-        return to_pose6(self.believed.forward(q) * tool)
+        tool = (self.tool.T_flange_tcp if offset6 is None else from_pose6(offset6)).as_matrix()
+        pose = self.believed.matrix(q) @ tool
+        return np.concatenate([pose[:3, 3], Rotation.from_matrix(pose[:3, :3]).as_rotvec()])
 
     def inverse(self, pose6: ArrayLike, q_near: ArrayLike | None = None) -> Array:
         """Joints for a TCP pose near ``q_near`` (default: now); a script error when there are none."""

@@ -57,37 +57,37 @@ class Instant:
 
     @cached_property
     def q(self) -> list[float]:
-        return [float(x) for x in self._q]
+        return self._q.tolist()
 
     @cached_property
     def qd(self) -> list[float]:
-        return [float(x) for x in self._qd]
+        return self._qd.tolist()
 
     @cached_property
     def qdd(self) -> list[float]:
         before = self.robot.arm.track.at(self.t - 1.0 / self.robot.rate)[1]
-        return [float(x) for x in (self._qd - before) * self.robot.rate]
+        return ((self._qd - before) * self.robot.rate).tolist()
 
     @cached_property
     def tcp_pose6(self) -> list[float]:
-        return [float(x) for x in self.robot.arm.pose6(self._q)]
+        return (self.robot.arm.pose6(self._q)).tolist()
 
     @cached_property
     def tcp_speed(self) -> list[float]:
         if not np.any(self._qd):
             return [0.0] * 6
-        return [float(x) for x in self.robot.arm.tcp_speed(self._q, self._qd)]
+        return (self.robot.arm.tcp_speed(self._q, self._qd)).tolist()
 
     @cached_property
     def tcp_force(self) -> list[float]:
-        return [float(x) for x in self.robot.contact_force(self.t)]
+        return (self.robot.contact_force(self.t)).tolist()
 
     @cached_property
     def raw_wrench(self) -> list[float]:
         """The sensor's own reading: in the flange, tool weight not compensated (the tool weighs nothing)."""
-        turn = self.robot.arm.believed.forward(self._q).rotation.inv()
-        force = self.tcp_force
-        return [float(x) for x in (*turn.apply(force[:3]), *turn.apply(force[3:]))]
+        turn = self.robot.arm.believed.matrix(self._q)[:3, :3].T
+        force = np.array(self.tcp_force)
+        return [*(turn @ force[:3]).tolist(), *(turn @ force[3:]).tolist()]
 
     @cached_property
     def force_scalar(self) -> float:
