@@ -1,0 +1,80 @@
+"""Serial chains in standard Denavit-Hartenberg form, for many joint vectors at a time.
+
+A link is ``Rz(theta) Tz(d) Tx(a) Rx(alpha)`` (Denavit and Hartenberg 1955; the convention in which
+Universal Robots publishes its arms), and ``theta`` is the joint angle plus a constant. Matrices are plain
+4x4 arrays here: a chain is evaluated thousands of times while a plan is made.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cell.poses import Array
+
+
+@dataclass(frozen=True, eq=False)
+class DhChain:
+    """``theta``, ``d``, ``a``, ``alpha``: (j,) each, rad and m; joint i turns about z of frame i - 1."""
+
+    theta: Array
+    d: Array
+    a: Array
+    alpha: Array
+
+    def frames(self, Q: Array) -> Array:
+        """(n, j + 1, 4, 4): the base and the frame after every joint, for ``Q`` (n, j) rad."""
+        links = self._links(Q)
+        out = np.empty((len(Q), links.shape[1] + 1, 4, 4))
+        out[:, 0] = np.eye(4)
+        for i in range(links.shape[1]):
+            np.matmul(out[:, i], links[:, i], out=out[:, i + 1])
+        return out
+
+    def jacobians(self, frames: Array) -> Array:
+        """(n, 6, j): the last frame's velocity (m/s) over its angular velocity (rad/s), in the base.
+
+        Column i of a revolute joint is ``z x (p_end - p)`` over ``z`` (Siciliano et al., Robotics, 3.1.3).
+        """
+        z = frames[:, :-1, :3, 2]
+        arm = frames[:, -1:, :3, 3] - frames[:, :-1, :3, 3]
+        out = np.empty((len(frames), 6, z.shape[1]))
+        out[:, :3] = np.cross(z, arm).swapaxes(1, 2)
+        out[:, 3:] = z.swapaxes(1, 2)
+        return out
+
+    def _links(self, Q: Array) -> Array:
+        angle = Q + self.theta
+        ct, st = np.cos(angle), np.sin(angle)
+        ca, sa = np.cos(self.alpha), np.sin(self.alpha)
+        out = np.zeros((*Q.shape, 4, 4))
+        out[..., 0, 0], out[..., 0, 1], out[..., 0, 2], out[..., 0, 3] = ct, -st * ca, st * sa, self.a * ct
+        out[..., 1, 0], out[..., 1, 1], out[..., 1, 2], out[..., 1, 3] = st, ct * ca, -ct * sa, self.a * st
+        out[..., 2, 1], out[..., 2, 2], out[..., 2, 3] = sa, ca, self.d
+        out[..., 3, 3] = 1.0
+        return out
+
+
+def pose_gap(goal: Array, reached: Array) -> Array:
+    """(n, 6): what takes ``reached`` (n, 4, 4) to ``goal`` (n, 4, 4), in the base: metres, rotation vector.
+
+    The rotation vector is exact up to a half turn, where its axis comes from the symmetric part.
+    """
+    out = np.empty((len(reached), 6))
+    out[:, :3] = goal[:, :3, 3] - reached[:, :3, 3]
+    R = goal[:, :3, :3] @ reached[:, :3, :3].swapaxes(1, 2)
+    sine = 0.5 * np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
+    size = np.linalg.norm(sine, axis=1)
+    cosine = 0.5 * (np.trace(R, axis1=1, axis2=2) - 1.0)
+    angle = np.arctan2(size, cosine)
+    scale = np.where(size > 1e-12, angle / np.maximum(size, 1e-300), 1.0)
+    out[:, 3:] = sine * scale[:, None]
+    for k in np.flatnonzero((size <= 1e-6) & (cosine < 0.0)):
+        out[k, 3:] = angle[k] * _half_turn_axis(R[k])
+    return out
+
+
+def _half_turn_axis(R: Array) -> Array:
+    """Axis of a rotation by almost pi: the dominant column of (R + R^T)/2 + I, up to sign."""
+    columns = 0.5 * (R + R.T) + np.eye(3)
+    column: Array = columns[:, int(np.argmax(np.diag(columns)))]
+    return column / np.linalg.norm(column)

@@ -1,0 +1,63 @@
+"""Inverse kinematics: Newton steps from good starts, and which of the turns of a joint to take."""
+
+import numpy as np
+
+from calibration.kinematics.chain import DhChain, pose_gap
+from cell.poses import Array
+
+TOLERANCE = 1e-10  # m and rad: far below what an arm resolves, far above rounding
+_STEPS = 30
+_MAX_STEP = 0.5  # rad; a start near a singularity must slow down instead of leaping
+_SAME = 1e-6  # rad; two solutions closer than this are one
+
+
+def polish(chain: DhChain, goal: Array, starts: Array) -> Array:
+    """(k, 6): where Newton's method takes the ``starts`` (m, 6); those that miss ``goal`` (4, 4) are left out.
+
+    Damped least squares (Nakamura and Hanafusa 1986) with a damping that vanishes with the error: it stays
+    finite at singular starts and converges quadratically.
+    """
+    q = np.array(starts, dtype=float).reshape(-1, 6)
+    goals = np.broadcast_to(goal, (len(q), 4, 4))
+    for step in range(_STEPS + 1):
+        frames = chain.frames(q)
+        gap = pose_gap(goals, frames[:, -1])
+        error = np.max(np.abs(gap), axis=1)
+        if step == _STEPS or bool(np.all(error < TOLERANCE)):
+            break
+        J = chain.jacobians(frames)
+        Jt = J.swapaxes(1, 2)
+        damping = np.minimum(1e-3, error**2)[:, None, None] + 1e-15
+        dq = (Jt @ np.linalg.solve(J @ Jt + damping * np.eye(6), gap[:, :, None]))[:, :, 0]
+        largest = np.max(np.abs(dq), axis=1, keepdims=True)
+        q = q + dq * np.minimum(1.0, _MAX_STEP / np.maximum(largest, 1e-12))
+    found: Array = q[error < TOLERANCE]
+    return found
+
+
+def nearest_turns(q: Array, q_near: Array, limits: Array) -> Array | None:
+    """``q`` (6,) with each angle shifted by full turns to be closest to ``q_near`` within ``limits`` (6, 2).
+
+    None when an angle has no turn inside its limits.
+    """
+    turn = 2.0 * np.pi
+    low = np.ceil((limits[:, 0] - q) / turn - 1e-12)
+    high = np.floor((limits[:, 1] - q) / turn + 1e-12)
+    if np.any(low > high):
+        return None
+    shifted: Array = q + turn * np.clip(np.round((q_near - q) / turn), low, high)
+    return np.clip(shifted, limits[:, 0], limits[:, 1])
+
+
+def distinct(solutions: list[Array]) -> list[Array]:
+    """The solutions without repetitions, full turns not counted."""
+    kept: list[Array] = []
+    for q in solutions:
+        if all(np.max(np.abs(_wrapped(q - other))) > _SAME for other in kept):
+            kept.append(q)
+    return kept
+
+
+def _wrapped(angle: Array) -> Array:
+    wrapped: Array = (angle + np.pi) % (2.0 * np.pi) - np.pi
+    return wrapped

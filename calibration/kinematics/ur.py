@@ -1,0 +1,164 @@
+"""A UR arm: published or factory-calibrated kinematics behind the ``ArmModel`` Protocol."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+import ur_analytic_ik
+from scipy.spatial.transform import RigidTransform
+
+from calibration.kinematics.chain import DhChain
+from calibration.kinematics.inverse import distinct, nearest_turns, polish
+from calibration.kinematics.ur_models import ALPHA, JOINT_LIMITS, UR_MODELS, LinkRadii, UrModel
+from cell.arm_model import Capsule, LinkShape
+from cell.poses import Array
+
+
+def _zeros() -> Array:
+    return np.zeros(6)
+
+
+@dataclass(frozen=True, eq=False)
+class DhDeltas:
+    """What a factory calibration adds to the published DH table, (6,) each, rad and m.
+
+    ``delta_d`` of joints 2 and 3 may be hundreds of metres of opposite sign: their axes are almost parallel,
+    so the common normal can lie anywhere along them. Magnitudes say nothing about validity.
+    """
+
+    delta_theta: Array = field(default_factory=_zeros)
+    delta_d: Array = field(default_factory=_zeros)
+    delta_a: Array = field(default_factory=_zeros)
+    delta_alpha: Array = field(default_factory=_zeros)
+
+
+class UrArm:
+    """One arm of Universal Robots. ``name`` is a key of ``UR_MODELS``; ``deltas`` None is the drawing."""
+
+    def __init__(self, name: str, deltas: DhDeltas | None = None) -> None:
+        model = UR_MODELS[name]
+        self._name, self._model = name, model
+        self._nominal = DhChain(np.zeros(6), model.d, model.a, ALPHA)
+        self.calibrated = deltas is not None
+        self._chain = self._nominal if deltas is None else _shifted(self._nominal, deltas)
+        self._closed_form = getattr(ur_analytic_ik, name)
+        self._links = _link_shapes(model.radii)
+        self._reach = _reach_after(model)
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    @property
+    def chain(self) -> DhChain:
+        """The DH chain in use, factory deltas included."""
+        return self._chain
+
+    @property
+    def joint_limits(self) -> Array:
+        return JOINT_LIMITS.copy()
+
+    @property
+    def links(self) -> Sequence[LinkShape]:
+        return self._links
+
+    @property
+    def reach_after(self) -> Array:
+        return self._reach.copy()
+
+    def forward(self, q: Array) -> RigidTransform:
+        return RigidTransform.from_matrix(self._chain.frames(_rows(q))[0, -1])
+
+    def forward_many(self, Q: Array) -> RigidTransform:
+        return RigidTransform.from_matrix(self._chain.frames(_rows(Q))[:, -1])
+
+    def jacobian(self, q: Array) -> Array:
+        J: Array = self._chain.jacobians(self._chain.frames(_rows(q)))[0]
+        return J
+
+    def link_ends(self, Q: Array) -> Array:
+        """Capsule ends from the *published* lengths.
+
+        Frames 2 and 3 of a calibrated chain can lie hundreds of metres away along parallel axes; the metal
+        is where the drawing has it, within a few millimetres.
+        """
+        model = self._model
+        frames = self._nominal.frames(_rows(Q))
+        origin, z1 = frames[..., :3, 3], frames[:, 1, :3, 2]
+        upper, fore = model.shoulder_offset * z1, model.elbow_offset * z1
+        points = [
+            origin[:, 0],
+            origin[:, 1],
+            origin[:, 1] + upper,
+            origin[:, 2] + upper,
+            origin[:, 2] + fore,
+            origin[:, 3] + fore,
+            origin[:, 4],
+            origin[:, 5],
+            origin[:, 6],
+        ]
+        return np.stack([np.stack(pair, axis=1) for pair in pairwise(points)], axis=1)
+
+    def capsules(self, q: Array) -> list[Capsule]:
+        ends = self.link_ends(_rows(q))[0]
+        return [Capsule(p[0], p[1], s.radius_m, s.name) for p, s in zip(ends, self._links, strict=True)]
+
+    def inverse(self, T_base_flange: RigidTransform, q_near: Array) -> Array | None:
+        near = np.asarray(q_near, dtype=float)
+        # The hint is a start too: next to a singular pose the closed form picks an arbitrary wrist angle.
+        candidates = [
+            turned
+            for q in self._solutions(T_base_flange, near[None])
+            if (turned := nearest_turns(q, near, JOINT_LIMITS)) is not None
+        ]
+        return min(candidates, key=lambda q: float(np.linalg.norm(q - near)), default=None)
+
+    def inverse_all(self, T_base_flange: RigidTransform) -> list[Array]:
+        found = self._solutions(T_base_flange, np.empty((0, 6)))
+        turned = [nearest_turns(q, np.zeros(6), JOINT_LIMITS) for q in found]
+        return [q for q in turned if q is not None]
+
+    def _solutions(self, T_base_flange: RigidTransform, more_starts: Array) -> list[Array]:
+        """Closed form for the published arm (Ostermeier and Jonas, ur-analytic-ik), polished on this one."""
+        goal = np.ascontiguousarray(T_base_flange.as_matrix())
+        starts = np.array(self._closed_form.inverse_kinematics(goal), dtype=float).reshape(-1, 6)
+        starts = np.concatenate([more_starts, starts])
+        return distinct(list(polish(self._chain, goal, starts))) if len(starts) else []
+
+
+def _rows(q: Array) -> Array:
+    return np.asarray(q, dtype=float).reshape(-1, 6)
+
+
+def _shifted(nominal: DhChain, deltas: DhDeltas) -> DhChain:
+    return DhChain(
+        nominal.theta + deltas.delta_theta,
+        nominal.d + deltas.delta_d,
+        nominal.a + deltas.delta_a,
+        nominal.alpha + deltas.delta_alpha,
+    )
+
+
+def _link_shapes(radii: LinkRadii) -> tuple[LinkShape, ...]:
+    """In the order of :meth:`UrArm.link_ends`."""
+    return (
+        LinkShape("base", radii.base, 0),
+        LinkShape("shoulder", radii.shoulder, 1),
+        LinkShape("upper arm", radii.upper_arm, 2),
+        LinkShape("elbow", radii.upper_arm, 2),
+        LinkShape("forearm", radii.forearm, 3),
+        LinkShape("wrist 1", radii.wrist, 3),
+        LinkShape("wrist 2", radii.wrist, 4),
+        LinkShape("wrist 3", radii.wrist, 5),
+    )
+
+
+def _reach_after(model: UrModel) -> Array:
+    """(6,) m: an upper bound, the sum of the lengths that follow each joint."""
+    wrist3 = abs(model.d6)
+    wrist2 = wrist3 + abs(model.d5)
+    wrist1 = wrist2 + abs(model.d4)
+    elbow = wrist1 + abs(model.a3) + abs(model.elbow_offset)
+    shoulder = elbow + abs(model.a2) + abs(model.shoulder_offset)
+    return np.array([shoulder, shoulder, elbow, wrist1, wrist2, wrist3])
