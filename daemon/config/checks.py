@@ -1,0 +1,131 @@
+"""What no single section can say: units that look wrong, names that lead nowhere, contradictions."""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from daemon.config.findings import Findings, did_you_mean
+from daemon.config.locate import Path
+from daemon.config.models import ROLES, is_loopback
+
+MAX_LENGTH_M = 20.0
+MAX_ANGLE_RAD = 4.0 * math.pi
+
+
+def check_units(raw: Mapping[str, Any], findings: Findings) -> None:
+    """Numbers that only make sense in millimetres or degrees, and numbers that are none."""
+    for path, value in _numbers(raw):
+        names = [p for p in path if isinstance(p, str)]
+        key = names[-1] if names else ""
+        if not math.isfinite(value):
+            findings.add(path, f"should be a finite number, not {value}")
+        elif _is_length(path, key) and abs(value) > MAX_LENGTH_M:
+            findings.add(path, f"{value:g} m is probably millimetres; lengths are in metres")
+        elif _is_angle(path, key, names) and abs(value) > MAX_ANGLE_RAD:
+            findings.add(path, f"{value:g} rad is probably degrees; angles are in radians")
+
+
+def check_names(raw: Mapping[str, Any], findings: Findings) -> None:
+    """Roles name devices, jobs name targets and poses."""
+    devices, targets, poses = (_table(raw, key) for key in ("device", "target", "poses"))
+    for role, name in _table(raw, "robot").items():
+        if role in ROLES and isinstance(name, str) and name not in devices:
+            findings.add(("robot", role), f"there is no [device.{name}]{did_you_mean(name, devices)}")
+    for job, section in _table(raw, "job").items():
+        for key, name in section.items() if isinstance(section, dict) else ():
+            if key == "target" and isinstance(name, str) and name not in targets:
+                findings.add(("job", job, key), f"there is no [target.{name}]{did_you_mean(name, targets)}")
+            if key.endswith("_pose") and isinstance(name, str) and name not in poses:
+                findings.add(("job", job, key), f"there is no '{name}' in [poses]{did_you_mean(name, poses)}")
+
+
+def check_contradictions(raw: Mapping[str, Any], findings: Findings) -> None:
+    """Settings that exclude each other, and settings that can hardly be meant."""
+    _check_twin(raw, findings)
+    _check_faces(raw, findings)
+    _check_limits(raw, findings)
+
+
+def _check_twin(raw: Mapping[str, Any], findings: Findings) -> None:
+    cell = _table(raw, "cell")
+    twin = cell.get("twin", False)
+    for name, section in _table(raw, "device").items():
+        serial = section.get("expect_serial") if isinstance(section, dict) else None
+        if isinstance(serial, str) and isinstance(twin, bool) and serial.startswith("9999") != twin:
+            what = "is a twin's" if serial.startswith("9999") else "is not a twin's (those begin with 9999)"
+            findings.add(
+                ("device", name, "expect_serial"), f"'{serial}' {what}, but cell.twin is {str(twin).lower()}"
+            )
+    if cell.get("clock") is not None and twin is not True:
+        findings.add(("cell", "clock"), "another clock is only possible with twin = true")
+
+
+def _check_faces(raw: Mapping[str, Any], findings: Findings) -> None:
+    modbus, http = _table(raw, "modbus"), _table(raw, "http")
+    if modbus.get("allow_write") is True and not modbus.get("allow_clients"):
+        findings.warn(("modbus", "allow_write"), "allow_clients is empty, so nobody can write")
+    certificate, key = http.get("tls_certificate"), http.get("tls_key")
+    if (certificate is None) != (key is None):
+        present = "tls_key" if certificate is None else "tls_certificate"
+        findings.add(("http", present), "tls_certificate and tls_key are needed together")
+    bind = http.get("bind")
+    if isinstance(bind, str) and certificate is None and not _loopback(bind):
+        findings.add(("http", "bind"), f"'{bind}' can be reached from outside, which needs tls_certificate")
+
+
+def _check_limits(raw: Mapping[str, Any], findings: Findings) -> None:
+    limits = _table(raw, "limits")
+    if raw.get("robot", {}) and _table(raw, "robot").get("arm") and not limits.get("workspace"):
+        findings.warn(("limits",), "no workspace is given, so only the arm's reach bounds the tool")
+    if limits.get("allow_job_override") is True:
+        return
+    for job, section in _table(raw, "job").items():
+        wanted = section.get("limits") if isinstance(section, dict) else None
+        for key, high in wanted.items() if isinstance(wanted, dict) else ():
+            allowed = limits.get(key)
+            if _is_number(high) and _is_number(allowed) and high > allowed:
+                findings.warn(
+                    ("job", job, "limits", key),
+                    f"{high:g} is above {allowed:g} of [limits], and allow_job_override is false",
+                )
+
+
+def _numbers(value: Any, path: Path = ()) -> Iterator[tuple[Path, float]]:
+    if _is_number(value):
+        yield path, value
+    elif isinstance(value, dict):
+        for key, item in value.items():
+            yield from _numbers(item, (*path, key))
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            yield from _numbers(item, (*path, index))
+
+
+def _is_length(path: Path, key: str) -> bool:
+    """Keys in metres, boxes, points, and the first three numbers of a pose."""
+    if key.startswith("T_"):
+        return path[-1] in (0, 1, 2)
+    return (key.endswith("_m") and not key.endswith("_per_m")) or key in ("min", "max")
+
+
+def _is_angle(path: Path, key: str, names: list[str]) -> bool:
+    """Keys in radians, joints, and the last three numbers of a pose."""
+    if key.startswith("T_"):
+        return path[-1] in (3, 4, 5)
+    return key.endswith("_rad") or names[0] == "poses"
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _loopback(bind: str) -> bool:
+    try:
+        return is_loopback(bind)
+    except ValueError:
+        return True  # the model has already said what is wrong with it
+
+
+def _table(raw: Mapping[str, Any], key: str) -> dict[str, Any]:
+    value = raw.get(key)
+    return value if isinstance(value, dict) else {}

@@ -1,0 +1,34 @@
+"""Device drivers by name. A driver is imported only when a cell names it."""
+
+import importlib
+from collections.abc import Mapping
+from difflib import get_close_matches
+from typing import Any
+
+from pydantic import BaseModel
+
+DRIVERS: dict[str, str] = {
+    "ur": "drivers.ur:UrArm",
+    "oak": "drivers.oak:OakCamera",
+}
+
+
+def driver_class(name: str, drivers: Mapping[str, str] = DRIVERS) -> Any:
+    """The class behind a short name, or behind ``package.module:Class``.
+
+    ``LookupError`` with a sentence when there is no such driver, when it cannot be imported, or when the
+    class carries no ``Config`` model.
+    """
+    target = drivers.get(name, name)
+    module, colon, attribute = target.partition(":")
+    if not colon:
+        near = get_close_matches(name, drivers, n=1)
+        hint = f"did you mean '{near[0]}'?" if near else f"there is {', '.join(sorted(drivers))}"
+        raise LookupError(f"there is no driver '{name}', {hint}")
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as exc:
+        raise LookupError(f"driver '{name}' cannot be loaded: {exc}") from exc
+    if not (isinstance(getattr(found, "Config", None), type) and issubclass(found.Config, BaseModel)):
+        raise LookupError(f"driver '{name}' has no Config model, so it is no driver")
+    return found

@@ -1,0 +1,245 @@
+"""From the text of ``cell.toml`` to a checked configuration, or to everything that is wrong with it."""
+
+import binascii
+import stat
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, Field, SerializeAsAny, ValidationError, create_model
+
+from cell.errors import CellError, error
+from cell.store.files import read_json, to_json
+from daemon.config.checks import check_contradictions, check_names, check_units
+from daemon.config.drivers import DRIVERS, driver_class
+from daemon.config.findings import ConfigInvalid, Findings, did_you_mean, with_detail
+from daemon.config.locate import locate
+from daemon.config.models import (
+    ROLES,
+    UR_MODELS,
+    CanSection,
+    CellSection,
+    DeviceSection,
+    FixedSections,
+    HttpSection,
+    LimitsSection,
+    ModbusSection,
+    RobotSection,
+    SupervisorSection,
+)
+from daemon.config.targets import TARGETS
+
+MAX_BYTES = 2**20
+
+
+class Robot(RobotSection):
+    """``[robot]`` with its names resolved."""
+
+    spec: dict[str, Any] = Field(default_factory=dict, description="the ROBOT of the data formats")
+    devices: dict[str, str] = Field(default_factory=dict, description="device by role")
+
+    def roles(self) -> dict[str, str]:
+        """The device that plays each role; a role nobody was named for goes to the device of its name."""
+        return dict(self.devices)
+
+    def robot_spec(self) -> dict[str, Any]:
+        """The ROBOT of the data formats that ``model`` names."""
+        return dict(self.spec)
+
+
+class CellConfig(BaseModel):
+    """The effective configuration of one cell. Immutable; the program never writes it back."""
+
+    model_config = {"extra": "forbid", "frozen": True}
+
+    source: str
+    cell: CellSection
+    supervisor: SupervisorSection
+    robot: Robot
+    limits: LimitsSection
+    poses: dict[str, list[float]]
+    device: dict[str, SerializeAsAny[DeviceSection]]
+    target: dict[str, dict[str, Any]]
+    modbus: ModbusSection
+    can: CanSection
+    http: HttpSection
+    job: dict[str, dict[str, Any]]
+    warnings: list[str] = Field(default_factory=list, exclude=True)
+
+    def job_section(self, job: str) -> dict[str, Any]:
+        """The keys of ``[job.NAME]`` as written; empty when the file has no such section."""
+        return dict(self.job.get(job, {}))
+
+    @property
+    def checksum(self) -> int:
+        """CRC-16 (XMODEM) of what is in effect: comments, order and the file's place do not change it."""
+        content = self.model_dump(mode="json", exclude={"source"})
+        return binascii.crc_hqx(to_json(_sorted(content)).encode(), 0)
+
+
+def load_config(
+    path: Path, jobs: Mapping[str, Any] | None = None, drivers: Mapping[str, str] = DRIVERS
+) -> CellConfig:
+    """Read and check ``path``; every error is found in one go.
+
+    ``jobs`` maps a job's name to a class with a ``Config`` model (default: all jobs), ``drivers`` a short
+    name to ``package.module:Class``. ``FILE_MISSING``, ``FILE_UNREADABLE``, or :class:`ConfigInvalid`.
+    """
+    findings = Findings(str(path))
+    text = _read(path)
+    try:
+        raw = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as exc:
+        raise ConfigInvalid([f"{path}: not TOML: {exc}"]) from exc
+    findings.lines = locate(text)
+    _warn_about_owner(path, findings)
+    return check_config(raw, findings, _all_jobs() if jobs is None else jobs, drivers, path)
+
+
+def check_config(
+    raw: dict[str, Any],
+    findings: Findings,
+    jobs: Mapping[str, Any],
+    drivers: Mapping[str, str],
+    path: Path,
+) -> CellConfig:
+    """Check parsed TOML; ``path`` resolves relative file names."""
+    check_units(raw, findings)
+    check_names(raw, findings)
+    check_contradictions(raw, findings)
+    devices = {
+        name: _check_device(name, section, findings, drivers) for name, section in _tables(raw, "device")
+    }
+    targets = {name: _check_target(name, section, findings) for name, section in _tables(raw, "target")}
+    for name, section in _tables(raw, "job"):
+        _check_job(name, section, findings, jobs)
+    fixed = _validated(FixedSections, raw, (), findings)
+    spec = _robot_spec(raw, findings, path)
+    findings.raise_if_any()
+    assert fixed is not None
+    named = {role: getattr(fixed.robot, role) or role for role in ROLES}
+    robot = Robot.model_construct(
+        **dict(fixed.robot),
+        spec=spec,
+        devices={role: name for role, name in named.items() if name in devices},
+    )
+    sections = {key: getattr(fixed, key) for key in CellConfig.model_fields if hasattr(fixed, key)}
+    return CellConfig.model_construct(
+        **{**sections, "robot": robot, "device": devices, "target": targets},
+        source=str(path),
+        warnings=findings.warnings,
+    )
+
+
+def device_model(config: type[BaseModel]) -> type[DeviceSection]:
+    """A driver's ``Config`` together with the key ``driver``."""
+    bases: Any = (DeviceSection, config)
+    made: type[DeviceSection] = create_model(config.__name__, __base__=bases, __doc__=config.__doc__)
+    return made
+
+
+def _read(path: Path) -> str:
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise error("FILE_UNREADABLE", f"{path}: more than {MAX_BYTES} bytes")
+        return path.read_text("utf-8")
+    except FileNotFoundError:
+        raise error("FILE_MISSING", f"{path}; 'cellward init' writes a commented one") from None
+    except UnicodeDecodeError as exc:
+        raise error("FILE_UNREADABLE", f"{path}: not UTF-8 text at byte {exc.start}") from exc
+    except OSError as exc:
+        raise error("FILE_UNREADABLE", f"{path}: {exc.strerror or exc}") from exc
+
+
+def _warn_about_owner(path: Path, findings: Findings) -> None:
+    if path.stat().st_mode & stat.S_IWOTH:
+        findings.warn((), "everybody may write this file, which names code to import; make it root's")
+
+
+def _all_jobs() -> Mapping[str, Any]:
+    from procedures.registry import JOBS
+
+    return JOBS
+
+
+def _tables(raw: Mapping[str, Any], key: str) -> list[tuple[str, dict[str, Any]]]:
+    """The well-formed tables below ``key``; the fixed model complains about the others."""
+    value = raw.get(key)
+    return [(n, s) for n, s in value.items() if isinstance(s, dict)] if isinstance(value, dict) else []
+
+
+def _validated(
+    model: type[BaseModel], raw: Mapping[str, Any], path: tuple[str, ...], findings: Findings
+) -> Any:
+    """The model of ``raw``, or None with findings. JSON rules: no guessing of types, lists for tuples."""
+    try:
+        return model.model_validate_json(to_json(raw), strict=True)
+    except ValidationError as exc:
+        findings.add_validation(path, raw, model, exc)
+        return None
+
+
+def _check_device(
+    name: str, section: dict[str, Any], findings: Findings, drivers: Mapping[str, str]
+) -> DeviceSection | None:
+    place = ("device", name)
+    driver = section.get("driver")
+    if not isinstance(driver, str):
+        findings.add((*place, "driver"), "is missing" if driver is None else "should be a string")
+        return None
+    try:
+        config = driver_class(driver, drivers).Config
+    except LookupError as exc:
+        findings.add((*place, "driver"), str(exc.args[0]))
+        return None
+    checked: DeviceSection | None = _validated(device_model(config), section, place, findings)
+    return checked
+
+
+def _check_target(name: str, section: dict[str, Any], findings: Findings) -> dict[str, Any]:
+    kind = section.get("type")
+    model = TARGETS.get(kind) if isinstance(kind, str) else None
+    if model is None:
+        hint = did_you_mean(kind, TARGETS) if isinstance(kind, str) else ""
+        what = "is missing" if kind is None else f"there is no target type '{kind}'"
+        findings.add(("target", name, "type"), f"{what}{hint or ', there is ' + ', '.join(TARGETS)}")
+        return {}
+    checked = _validated(model, section, ("target", name), findings)
+    return checked.model_dump(mode="json") if checked is not None else {}
+
+
+def _check_job(name: str, section: dict[str, Any], findings: Findings, jobs: Mapping[str, Any]) -> None:
+    if name not in jobs:
+        hint = did_you_mean(name, jobs) or f", there is {', '.join(sorted(jobs)) or 'none'}"
+        findings.add(("job", name), f"there is no job '{name}'{hint}")
+    else:
+        _validated(jobs[name].Config, section, ("job", name), findings)
+
+
+def _robot_spec(raw: Mapping[str, Any], findings: Findings, path: Path) -> dict[str, Any]:
+    """The ROBOT that ``robot.model`` names: a known arm, or a JSON file beside the configuration."""
+    section = raw.get("robot")
+    model = section.get("model", "ur10e") if isinstance(section, dict) else "ur10e"
+    if not isinstance(model, str) or model in UR_MODELS:
+        return {"model": model}
+    place = ("robot", "model")
+    if not model.endswith(".json"):
+        hint = did_you_mean(model, UR_MODELS) or f", there is {', '.join(UR_MODELS)}, or a file NAME.json"
+        findings.add(place, f"there is no arm '{model}'{hint}")
+        return {}
+    try:
+        spec = read_json(path.parent / model, max_bytes=MAX_BYTES)
+    except CellError as exc:
+        findings.add(place, with_detail(exc))
+        return {}
+    if not isinstance(spec, dict) or not {"model", "family"} & spec.keys():
+        findings.add(place, f"{model} is no ROBOT: it has neither 'model' nor 'family'")
+        return {}
+    return spec
+
+
+def _sorted(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _sorted(value[key]) for key in sorted(value)}
+    return [_sorted(item) for item in value] if isinstance(value, list) else value

@@ -1,0 +1,231 @@
+"""The fixed sections of ``cell.toml``. SI units; every key ends in its unit, every number has bounds."""
+
+import ipaddress
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+UR_MODELS = (
+    "ur3", "ur5", "ur10", "ur3e", "ur5e", "ur7e", "ur10e", "ur12e", "ur16e", "ur20", "ur30",
+)  # fmt: skip
+ROLES = ("arm", "flange_camera", "fixed_camera", "beams", "belt", "tracker", "gripper")
+MAX_SOCKET_PATH = 107  # sun_path of AF_UNIX without its final zero
+
+
+class Section(BaseModel):
+    """Unknown keys are errors; values are never guessed from another type."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class DeviceSection(Section):
+    """``[device.NAME]``: the driver's name; every other key is the driver's own."""
+
+    driver: str = Field(description="a short name, or package.module:Class")
+
+
+def split_bind(bind: str) -> tuple[str, int]:
+    """``host:port`` or ``[v6]:port`` as host and port; ``ValueError`` says what is wrong."""
+    host, colon, port = bind.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]")
+    if not colon or not port.isdecimal() or int(port) > 65535:
+        raise ValueError("an address and a port as in '127.0.0.1:5020' were expected")
+    if host != "localhost":
+        ipaddress.ip_address(host)
+    return host, int(port)
+
+
+def _bind(value: str) -> str:
+    split_bind(value)
+    return value
+
+
+def is_loopback(bind: str) -> bool:
+    """Whether only this machine can reach the address."""
+    host = split_bind(bind)[0]
+    return host == "localhost" or ipaddress.ip_address(host).is_loopback
+
+
+def _absolute(value: str) -> str:
+    if not value.startswith("/"):
+        raise ValueError("an absolute path was expected")
+    return value
+
+
+def _socket(value: str) -> str:
+    if len(_absolute(value).encode()) > MAX_SOCKET_PATH:
+        raise ValueError(f"a socket's path has at most {MAX_SOCKET_PATH} bytes")
+    return value
+
+
+def _network(value: str) -> str:
+    ipaddress.ip_network(value)
+    return value
+
+
+Bind = Annotated[str, AfterValidator(_bind)]
+Pose6 = Annotated[list[float], Field(min_length=6, max_length=6)]
+Joints = Annotated[list[float], Field(min_length=6, max_length=6)]
+Point = Annotated[list[float], Field(min_length=3, max_length=3)]
+
+
+class CellSection(Section):
+    """Who this cell is and where it keeps its state."""
+
+    name: str = Field(
+        default="cell", min_length=1, max_length=64, pattern=r"^[\w. -]+$", description="shown everywhere"
+    )
+    twin: bool = Field(
+        default=False, description="must match the identities found; twin serials begin with 9999"
+    )
+    state_dir: Annotated[str, AfterValidator(_absolute)] = Field(
+        default="/var/lib/cellward", description="run folders and the ledger"
+    )
+    control_socket: Annotated[str, AfterValidator(_socket)] = "/run/cellward/control.sock"
+    clock: str | None = Field(
+        default=None,
+        pattern=r"^[\w.]+:\w+$",
+        description="another clock as package.module:Class; only for a twin",
+    )
+
+
+class SupervisorSection(Section):
+    """When the daemon thinks of itself as late."""
+
+    loop_lag_warn_s: float = Field(default=0.02, gt=0, le=1.0)
+    loop_lag_fail_s: float = Field(default=0.5, gt=0, le=5.0, description="above it the watchdog is not fed")
+
+
+class ToolSection(Section):
+    """The tool on the flange: a capsule from the flange to the tool's point."""
+
+    name: str = "flange"
+    T_flange_tool: Pose6 = Field(default_factory=lambda: [0.0] * 6)
+    radius_m: float = Field(default=0.03, gt=0, le=1.0)
+
+
+class RobotSection(Section):
+    """Which device plays which role, and what is mounted on the arm."""
+
+    arm: str | None = None
+    flange_camera: str | None = None
+    fixed_camera: str | None = None
+    beams: str | None = None
+    belt: str | None = None
+    tracker: str | None = None
+    gripper: str | None = None
+    T_flange_camera_nominal: Pose6 | None = Field(default=None, description="first guess, from the drawing")
+    T_base_camera_nominal: Pose6 | None = Field(
+        default=None, description="first guess of a fixed camera's pose"
+    )
+    T_flange_target_nominal: Pose6 | None = Field(
+        default=None, description="target on the flange, from the drawing"
+    )
+    model: str = Field(
+        default="ur10e", min_length=1, description=f"{', '.join(UR_MODELS)}, or a ROBOT file (JSON)"
+    )
+    payload_kg: float = Field(default=0.0, ge=0, le=100.0)
+    centre_of_mass_m: Point = Field(
+        default_factory=lambda: [0.0] * 3, description="of the payload, in the flange"
+    )
+    tool: ToolSection = Field(default_factory=lambda: ToolSection())
+
+
+class Box(Section):
+    """An axis-parallel box in the base frame, m."""
+
+    min: Point
+    max: Point
+
+    @model_validator(mode="after")
+    def _not_empty(self) -> Self:
+        if any(low >= high for low, high in zip(self.min, self.max, strict=True)):
+            raise ValueError("each number of 'min' must be smaller than that of 'max'")
+        return self
+
+
+class KeepOutBox(Box):
+    """A box that tool and links must not enter."""
+
+    name: str = Field(min_length=1)
+
+
+class LimitsSection(Section):
+    """Limits of every motion. Safety limits belong in the robot's own safety configuration."""
+
+    speed_m_s: float = Field(default=0.25, gt=0, le=5.0, description="of the tool")
+    accel_m_s2: float = Field(default=0.5, gt=0, le=50.0)
+    joint_speed_rad_s: float = Field(default=0.8, gt=0, le=10.0)
+    joint_accel_rad_s2: float = Field(default=1.4, gt=0, le=80.0)
+    allow_job_override: bool = Field(
+        default=False, description="a job may raise limits; the dry run shows it"
+    )
+    workspace: list[Box] = Field(
+        default_factory=list, description="the tool stays within one of these; empty: no such limit"
+    )
+    keep_out: list[KeepOutBox] = Field(default_factory=list)
+
+
+class ModbusSection(Section):
+    """The Modbus server for a PLC or a panel. Reading is open to whoever reaches the address."""
+
+    enabled: bool = True
+    bind: Bind = "127.0.0.1:5020"
+    allow_write: bool = Field(default=False, description="accept commands")
+    allow_clients: list[Annotated[str, AfterValidator(_network)]] = Field(
+        default_factory=list, description="addresses or networks that may write; empty: nobody"
+    )
+    allow_accept: bool = Field(default=False, description="command 8 may accept results")
+    word_order: Literal["high-first", "low-first"] = Field(
+        default="high-first", description="of 32-bit values"
+    )
+    heartbeat_timeout_s: float = Field(
+        default=1.0,
+        ge=0.2,
+        le=60.0,
+        description="silence of the PLC's heartbeat, once seen, that holds the job",
+    )
+    require_enable: bool = Field(default=False, description="start only while control bit 0 (enable) is set")
+    max_connections: int = Field(default=16, ge=1, le=256)
+    idle_timeout_s: float = Field(
+        default=60.0, ge=1.0, le=3600.0, description="a silent connection is closed"
+    )
+
+
+class CanSection(Section):
+    """The CAN trigger. Off by default: CAN has no sender identity."""
+
+    enabled: bool = False
+    bus: str = "socketcan:can0"
+    command_id: int = Field(default=0x120, ge=1, le=0x7FF)
+    acknowledge_id: int = Field(default=0x121, ge=1, le=0x7FF)
+    node: int = Field(default=10, ge=1, le=127, description="heartbeat at 0x700 + node")
+    allow_accept: bool = False
+
+
+class HttpSection(Section):
+    """The web page and its API. Another address than loopback needs TLS."""
+
+    enabled: bool = True
+    bind: Bind = "127.0.0.1:8420"
+    login: bool = Field(default=True, description="a token is asked for")
+    hosts: list[str] = Field(default_factory=list, description="further host names the page is known by")
+    tls_certificate: str | None = None
+    tls_key: str | None = None
+
+
+class FixedSections(Section):
+    """All of ``cell.toml`` whose shape does not depend on drivers, jobs or the type of a target."""
+
+    schema_number: Literal[1] = Field(alias="schema", description="of this file")
+    cell: CellSection = Field(default_factory=lambda: CellSection())
+    supervisor: SupervisorSection = Field(default_factory=lambda: SupervisorSection())
+    robot: RobotSection = Field(default_factory=lambda: RobotSection())
+    limits: LimitsSection = Field(default_factory=lambda: LimitsSection())
+    poses: dict[str, Joints] = Field(default_factory=dict, description="named safe poses, always joints, rad")
+    modbus: ModbusSection = Field(default_factory=lambda: ModbusSection())
+    can: CanSection = Field(default_factory=lambda: CanSection())
+    http: HttpSection = Field(default_factory=lambda: HttpSection())
+    device: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    target: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    job: dict[str, dict[str, Any]] = Field(default_factory=dict)

@@ -1,0 +1,53 @@
+"""The configuration described for machines (JSON schema) and for people (a commented file)."""
+
+from collections.abc import Mapping
+from importlib.resources import files
+from typing import Any
+
+from pydantic import BaseModel
+from pydantic.json_schema import models_json_schema
+
+from daemon.config.drivers import DRIVERS, driver_class
+from daemon.config.load import device_model
+from daemon.config.models import FixedSections
+from daemon.config.targets import TARGETS
+
+
+def init_text() -> str:
+    """A commented configuration for a UR10e with an OAK camera; valid as it stands."""
+    return files("daemon.config").joinpath("cell.toml").read_text("utf-8")
+
+
+def json_schema(jobs: Mapping[str, Any], drivers: Mapping[str, str] = DRIVERS) -> dict[str, Any]:
+    """JSON schema (2020-12) of ``cell.toml`` with every driver, job and target type there is."""
+    devices = {name: device_model(driver_class(name, drivers).Config) for name in sorted(drivers)}
+    configs = {name: jobs[name].Config for name in sorted(jobs)}
+    models: list[type[BaseModel]] = [FixedSections, *devices.values(), *configs.values(), *TARGETS.values()]
+    refs, document = models_json_schema(
+        [(model, "validation") for model in models], ref_template="#/$defs/{model}"
+    )
+
+    def ref(model: type[BaseModel]) -> dict[str, Any]:
+        return dict(refs[model, "validation"])
+
+    definitions = document["$defs"]
+    root = definitions.pop(ref(FixedSections)["$ref"].rpartition("/")[2])
+    for name, model in devices.items():
+        definition = definitions[ref(model)["$ref"].rpartition("/")[2]]
+        definition["properties"]["driver"]["const"] = name
+    named = {"properties": {"driver": {"type": "string", "pattern": ":"}}, "required": ["driver"]}
+    choices = [*(ref(m) for m in devices.values()), {"type": "object", **named}]
+    root["properties"]["device"]["additionalProperties"] = {"anyOf": choices}
+    root["properties"]["target"]["additionalProperties"] = {"anyOf": [ref(m) for m in TARGETS.values()]}
+    root["properties"]["job"] = {
+        "type": "object",
+        "title": "Job",
+        "properties": {name: ref(model) for name, model in configs.items()},
+        "additionalProperties": False,
+    }
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **root,
+        "title": "cell.toml",
+        "$defs": definitions,
+    }

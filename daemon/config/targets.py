@@ -1,0 +1,69 @@
+"""``[target.NAME]``: what a camera looks at; the same keys as in a capture set."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from daemon.config.models import Point, Section
+
+
+class Charuco(Section):
+    """A ChArUco board as OpenCV has it."""
+
+    type: Literal["charuco"]
+    squares_x: int = Field(ge=3, le=100)
+    squares_y: int = Field(ge=3, le=100)
+    square_m: float = Field(gt=0, le=1.0)
+    marker_m: float = Field(gt=0, le=1.0)
+    dictionary: str = Field(pattern=r"^DICT_\w+$", description="OpenCV's name, as in DICT_5X5_100")
+    legacy: bool = Field(default=False, description="pattern of OpenCV before 4.6")
+
+    @model_validator(mode="after")
+    def _marker_fits(self) -> Self:
+        if self.marker_m >= self.square_m:
+            raise ValueError("'marker_m' must be smaller than 'square_m'")
+        return self
+
+
+class Chessboard(Section):
+    """A chessboard, counted in inner corners."""
+
+    type: Literal["chessboard"]
+    columns: int = Field(ge=2, le=100)
+    rows: int = Field(ge=2, le=100)
+    square_m: float = Field(gt=0, le=1.0)
+
+
+class CircleGrid(Section):
+    """A grid of circles."""
+
+    type: Literal["circle-grid"]
+    columns: int = Field(ge=2, le=100)
+    rows: int = Field(ge=2, le=100)
+    spacing_m: float = Field(gt=0, le=1.0)
+    large_dot_corner: bool = False
+
+
+class ArucoMarker(Section):
+    """A single marker."""
+
+    type: Literal["aruco-marker"]
+    dictionary: str = Field(pattern=r"^DICT_\w+$")
+    id: int = Field(ge=0, le=1023)
+    size_m: float = Field(gt=0, le=1.0)
+
+
+class Points(Section):
+    """Points in the target's own frame, m."""
+
+    type: Literal["points"]
+    points: Annotated[list[Point], Field(min_length=3, max_length=10000)]
+
+
+TARGETS: dict[str, type[Section]] = {
+    "charuco": Charuco,
+    "chessboard": Chessboard,
+    "circle-grid": CircleGrid,
+    "aruco-marker": ArucoMarker,
+    "points": Points,
+}
