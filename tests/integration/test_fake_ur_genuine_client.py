@@ -32,7 +32,8 @@ EVERYTHING = """
     q, p = r.getActualQ(), r.getActualTCPPose()
     seen["fk"] = [c.getForwardKinematics(q, tool), p]
     seen["ik"] = [c.getInverseKinematics(p, q), q]
-    seen["has_solution"] = [c.getInverseKinematicsHasSolution(p), c.getInverseKinematicsHasSolution([9, 0, 0, 0, 0, 0])]
+    solvable = c.getInverseKinematicsHasSolution
+    seen["has_solution"] = [solvable(p), solvable([9, 0, 0, 0, 0, 0])]
     seen["payload"] = [c.setPayload(1.5, [0, 0, 0.05]), r.getPayload()]
 
     down = [*p[:2], p[2] - 0.3, *p[3:]]
@@ -40,7 +41,8 @@ EVERYTHING = """
     time.sleep(0.25)
     seen["async"] += [c.getAsyncOperationProgress(), r.getActualTCPSpeed()[2]]
     c.stopL(5.0)
-    seen["async"] += [c.getAsyncOperationProgress(), max(map(abs, r.getActualQd())), r.getActualTCPPose()[2] - down[2]]
+    left = r.getActualTCPPose()[2] - down[2]
+    seen["async"] += [c.getAsyncOperationProgress(), max(map(abs, r.getActualQd())), left]
 
     c.speedL([0, 0.05, 0, 0, 0, 0], 1.0)
     time.sleep(0.15)
@@ -67,15 +69,15 @@ EVERYTHING = """
     io.setToolDigitalOut(1, True)
     io.setSpeedSlider(0.5)
     time.sleep(0.05)
-    seen["io"] = [r.getDigitalOutState(3), r.getDigitalOutState(17), r.getDigitalOutState(2), r.getSpeedScaling()]
+    seen["io"] = [r.getDigitalOutState(k) for k in (3, 17, 2)] + [r.getSpeedScaling()]
     io.setSpeedSlider(1.0)
 
     d = DashboardClient(HOST)
     d.connect()
     seen["dashboard"] = [d.robotmode(), d.safetymode(), d.getSerialNumber(), d.polyscopeVersion(),
                          d.isInRemoteControl(), d.running(), d.getRobotModel()]
-    t0, n0 = r.getTimestamp(), 0
-    seen["steady"] = [c.isSteady(), c.isPoseWithinSafetyLimits(r.getActualTCPPose()), c.isJointsWithinSafetyLimits([9] * 6)]
+    p = r.getActualTCPPose()
+    seen["steady"] = [c.isSteady(), c.isPoseWithinSafetyLimits(p), c.isJointsWithinSafetyLimits([9] * 6)]
     c.stopScript()
     seen["stopped"] = c.isProgramRunning()
     c.reuploadScript()
