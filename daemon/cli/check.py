@@ -21,9 +21,11 @@ def check(
 
     path = config_path(config)
     loaded = load_config(path)
+    for warning in loaded.warnings:
+        say(f"Warning: {warning}")
     found = _probe(loaded) if probe else []
     if as_json:
-        out_json({"config": str(path), "valid": True, "devices": found})
+        out_json({"config": str(path), "warnings": loaded.warnings, "devices": found})
     else:
         out(f"{path} is valid: cell '{loaded.cell.name}', {len(loaded.device)} devices")
         if probe:

@@ -65,12 +65,12 @@ def cell_paths(option: Path | None) -> CellPaths:
     path = config_path(option)
     section = _cell_section(path)
     state, control = section.get("state_dir"), section.get("control_socket")
-    if not (isinstance(state, str) and isinstance(control, str)):
+    if not all(isinstance(p, str) and p.startswith("/") for p in (state, control)):
         from daemon.config import load_config
 
         full = load_config(path).cell
         state, control = full.state_dir, full.control_socket
-    return CellPaths(path, Path(state), Path(control))
+    return CellPaths(path, Path(str(state)), Path(str(control)))
 
 
 def _cell_section(path: Path) -> dict[str, Any]:

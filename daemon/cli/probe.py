@@ -7,8 +7,7 @@ from cell.clock import Clock, MonotonicClock
 from cell.devices import Device
 from cell.errors import CellError, error
 from daemon.cli.failures import exit_code_of
-from daemon.config import CellConfig
-from daemon.drivers import driver_class
+from daemon.config import CellConfig, driver_class
 from daemon.supervisor import Expectation
 
 OPEN_TIMEOUT_S = 20.0

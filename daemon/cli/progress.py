@@ -31,6 +31,10 @@ class ProgressBar:
         if self._progress is not None:
             self._progress.stop()
 
+    @property
+    def visible(self) -> bool:
+        return self._progress is not None
+
     def show(self, what: str, done: int, total: int) -> None:
         """``done`` of ``total`` steps; a total of 0 is not known yet."""
         if self._progress is not None:

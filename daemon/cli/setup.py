@@ -70,8 +70,9 @@ _REACTIONS = {
 
 
 @config_app.command()
-def schema(as_json: JsonOption = False) -> None:
-    """Every key of cell.toml with its type, bounds and meaning."""
-    from daemon.config import config_schema
+def schema() -> None:
+    """Every key of cell.toml with its type, bounds and meaning, as a JSON schema."""
+    from daemon.config import json_schema
+    from procedures.registry import JOBS
 
-    out_json(config_schema())
+    out_json(json_schema(JOBS))

@@ -1,0 +1,195 @@
+"""The demo on real protocols: twin and daemon as processes, the job triggered over Modbus."""
+
+import json
+import signal
+import socket
+import stat
+import subprocess
+import time
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from cell.errors import error, find_entry
+from daemon.cli.output import out, say
+from daemon.cli.progress import ProgressBar
+from daemon.demo import plc as registers
+from daemon.demo.children import Child, console_script
+from daemon.demo.plc import POLL_S, Plc, Status
+from daemon.demo.verdict import judge, judgement_text
+
+SCENARIO = "hand_eye"
+JOB, JOB_NUMBER = "cone-capture", 1
+ETA = "about 4 minutes: 3 placements of the board, 20 arm poses each, in real time"
+TWIN_START_S = 60.0
+DAEMON_START_S = 90.0
+JOB_DEADLINE_S = 15 * 60.0
+OPERATOR_DEADLINE_S = 30.0
+LINE_EVERY_STEPS = 10
+
+
+def run_wire(folder: Path) -> int:
+    """Run the demo with its files in ``folder``; exit code 0 only when the answer agrees with the truth."""
+    out(f"Cellward demo on a twin: {JOB}. ETA {ETA}.")
+    folder.mkdir(parents=True, exist_ok=True)
+    config = folder / "cell.toml"
+    with _interrupted_once(), _no_socket_left(folder):
+        say(f"Files and logs go to {folder}")
+        with _twin(folder, config) as twin:
+            settings = tomllib.loads(config.read_text("utf-8"))
+            truth = json.loads(_ask_twin(folder, "truth", "--json"))
+            with _daemon(folder, config) as daemon, _plc(settings) as plc:
+                say(f"twin pid {twin.pid}, daemon pid {daemon.pid}; waiting for arm and camera")
+                daemon.wait_for(plc.connect, "Modbus server", DAEMON_START_S)
+                daemon.wait_for(lambda: plc.poll().ready, "ready arm and camera", DAEMON_START_S)
+                end = _run_job(plc, folder, (twin, daemon))
+    return _conclude(Path(settings["cell"]["state_dir"]), end, truth)
+
+
+def _run_job(plc: Plc, folder: Path, children: tuple[Child, ...]) -> Status:
+    """Start the job as a PLC does, play the operator when it asks, and acknowledge the result."""
+    begun = time.monotonic()
+    plc.command(registers.START, job=JOB_NUMBER)
+    say(f"the PLC started job {JOB_NUMBER} ({JOB}) over Modbus")
+    answered = 0
+    placement = 1
+    told = 0
+    with ProgressBar() as bar:
+        while (status := plc.poll()).busy:
+            for child in children:
+                child.check_alive()
+            if time.monotonic() - begun > JOB_DEADLINE_S:
+                raise error("CALL_TIMEOUT", f"{JOB} had no end in {JOB_DEADLINE_S:g} s")
+            bar.show(f"run {status.run_id}, placement {placement}", status.step, status.steps)
+            if not bar.visible and status.step >= told + LINE_EVERY_STEPS:
+                told = status.step
+                say(f"pose {status.step} of {status.steps}, {time.monotonic() - begun:.0f} s")
+            if status.prompt_id not in (0, answered):
+                placement += 1
+                _operator_places(plc, folder, placement)
+                plc.command(registers.CONFIRM, argument=status.prompt_id)
+                answered = status.prompt_id
+                say(
+                    f"prompt {answered}: the operator moved the board to place {placement}; the PLC confirmed"
+                )
+            time.sleep(POLL_S)
+    plc.command(registers.ACKNOWLEDGE)
+    say(f"run {status.run_id} ended after {time.monotonic() - begun:.0f} s; the PLC acknowledged the result")
+    return status
+
+
+def _operator_places(plc: Plc, folder: Path, placement: int) -> None:
+    """Tell the twin's operator, and keep beating meanwhile."""
+    command = [
+        str(console_script("cellward-twin")),
+        "operator",
+        "place",
+        str(placement),
+        "--out",
+        str(folder),
+    ]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
+        give_up = time.monotonic() + OPERATOR_DEADLINE_S
+        try:
+            while process.poll() is None:
+                if time.monotonic() > give_up:
+                    raise error("CALL_TIMEOUT", f"the twin's operator, after {OPERATOR_DEADLINE_S:g} s")
+                plc.poll()
+                time.sleep(POLL_S)
+        finally:
+            process.kill()
+    if process.returncode != 0:
+        raise error("CHILD_DIED", f"'{' '.join(command)}' ended with code {process.returncode}")
+
+
+def _conclude(state_dir: Path, end: Status, truth: dict[str, Any]) -> int:
+    """Print the result beside the truth; the demo's exit code."""
+    from cell.store.runs import load_run
+    from daemon.cli.failures import FAILED, OK
+    from daemon.cli.result_text import result_text
+
+    run = load_run(state_dir / "runs", end.run_id)
+    result = run.read_result()
+    if end.packml != registers.COMPLETE or result is None:
+        entry = find_entry(end.error_code)
+        why = f"{entry.text} ({entry.code}). {entry.hint}" if entry else "see its journal"
+        say(f"run {end.run_id} did not complete: {why}\nIts folder is {run.path}")
+        return FAILED
+    out(result_text(result))
+    judgement = judge(result, truth)
+    out("\nBeside the twin's truth")
+    out(judgement_text(judgement, result["result"]))
+    report = run.path / "report.html"
+    out(f"report: {report if report.exists() else 'none was drawn; see the journal in ' + str(run.path)}")
+    return OK if result["verdict"] != "fail" and judgement.good else FAILED
+
+
+@contextmanager
+def _twin(folder: Path, config: Path) -> Iterator[Child]:
+    config.unlink(missing_ok=True)
+    command = [str(console_script("cellward-twin")), "--scenario", SCENARIO, "--out", str(folder)]
+    with Child("twin", command, folder / "twin.log") as twin:
+        twin.wait_for(config.exists, "cell.toml", TWIN_START_S)
+        yield twin
+
+
+@contextmanager
+def _daemon(folder: Path, config: Path) -> Iterator[Child]:
+    command = [str(console_script("cellward")), "run", "--config", str(config)]
+    with Child("daemon", command, folder / "daemon.log") as daemon:
+        yield daemon
+
+
+def _plc(settings: dict[str, Any]) -> Plc:
+    host, _, port = settings["modbus"]["bind"].rpartition(":")
+    return Plc(host, int(port))
+
+
+def _ask_twin(folder: Path, *words: str) -> str:
+    command = [str(console_script("cellward-twin")), *words, "--out", str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=OPERATOR_DEADLINE_S, check=False)
+    if done.returncode != 0:
+        raise error(
+            "CHILD_DIED", f"'{' '.join(command)}' ended with code {done.returncode}: {done.stderr.strip()}"
+        )
+    return done.stdout
+
+
+@contextmanager
+def _interrupted_once() -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM end the demo in order; a second one does not break into that order."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        for each in before:
+            signal.signal(each, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def _no_socket_left(folder: Path) -> Iterator[None]:
+    """Take away the socket files of children that had to be killed; one that still answers is not ours."""
+    try:
+        yield
+    finally:
+        for path in folder.iterdir():
+            if stat.S_ISSOCK(path.lstat().st_mode) and not _answers(path):
+                path.unlink()
+
+
+def _answers(path: Path) -> bool:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        try:
+            probe.connect(str(path))
+        except OSError:
+            return False
+    return True
