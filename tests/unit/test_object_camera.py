@@ -1,0 +1,167 @@
+"""The camera of the object face beyond the common contract: noise, geometry, faults."""
+
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.errors import CellError
+from fakes.object import ObjectArm, ObjectCamera, VirtualClock, run_virtual
+from fakes.targets import target_points
+
+NOWHERE = Path("unused")
+
+Scene = Callable[[ObjectCamera], Coroutine[Any, Any, Any]]
+
+
+@pytest.fixture
+def subject() -> Callable[[Scene], Any]:
+    def play(scene: Scene) -> Any:
+        async def whole() -> Any:
+            camera = ObjectCamera("camera", ObjectCamera.Config(scenario="hand_eye"), VirtualClock())
+            await camera.open()
+            await camera.set_target(camera.world.target)
+            try:
+                return await scene(camera)
+            finally:
+                await camera.close()
+
+        return run_virtual(whole())
+
+    return play
+
+
+def test_pixel_noise_is_new_in_each_frame_and_of_the_size_in_the_scenario(
+    subject: Callable[[Scene], Any],
+) -> None:
+    async def scene(camera: ObjectCamera) -> np.ndarray:
+        frames = await camera.capture(60, NOWHERE, "x", camera.clock.now())
+        return np.array([f.board.corners for f in frames if f.board is not None])
+
+    corners = subject(scene)
+    assert corners.shape == (60, 54, 2)
+    # 60 * 108 draws: the estimate is good to about one per cent.
+    assert np.std(corners - corners.mean(axis=0)) * np.sqrt(60 / 59) == pytest.approx(0.05, rel=0.05)
+
+
+def test_two_runs_see_the_same_pixels(subject: Callable[[Scene], Any]) -> None:
+    async def scene(camera: ObjectCamera) -> bytes:
+        (frame,) = await camera.capture(1, NOWHERE, "x", camera.clock.now())
+        assert frame.board is not None
+        return frame.board.corners.tobytes()
+
+    assert subject(scene) == subject(scene)
+
+
+def test_corners_outside_the_picture_are_not_reported(subject: Callable[[Scene], Any]) -> None:
+    async def scene(camera: ObjectCamera) -> None:
+        arm = ObjectArm("arm", ObjectArm.Config(scenario="hand_eye"), camera.clock)
+        world = arm.world
+        now = camera.clock.now()
+        end = world.track.start_joint_move(now, world.track.at(now)[0] + [0.5, 0, 0, 0, 0, 0], 1.0, 5.0)
+        await camera.clock.sleep(end - now)
+        (frame,) = await camera.capture(1, NOWHERE, "x", camera.clock.now())
+        assert frame.board is not None
+        assert 0 < len(frame.board.ids) < 54
+        assert np.all(frame.board.corners > 0)
+        assert np.all(frame.board.corners < [1280, 800])
+        assert list(frame.board.ids) == sorted(frame.board.ids)
+
+    subject(scene)
+
+
+def test_a_board_seen_from_behind_is_not_found(subject: Callable[[Scene], Any]) -> None:
+    async def scene(camera: ObjectCamera) -> None:
+        world = camera.world
+        now = camera.clock.now()
+        q = world.track.at(now)[0].copy()
+        q[4] += np.pi
+        world.track.hold(now, q)
+        await camera.clock.sleep(0.2)
+        (frame,) = await camera.capture(1, NOWHERE, "x", camera.clock.now())
+        assert frame.board is None
+
+    subject(scene)
+
+
+def test_a_frozen_picture_shows_the_same_pixels_again(subject: Callable[[Scene], Any]) -> None:
+    async def scene(camera: ObjectCamera) -> None:
+        camera.inject("freeze")
+        a, b = await camera.capture(2, NOWHERE, "x", camera.clock.now())
+        camera.inject("clear")
+        c, d = await camera.capture(2, NOWHERE, "x", camera.clock.now())
+        assert all(f.board is not None for f in (a, b, c, d))
+        assert np.array_equal(a.board.corners, b.board.corners)
+        assert not np.array_equal(c.board.corners, d.board.corners)
+
+    subject(scene)
+
+
+def test_a_lost_board_comes_back_after_the_time_given(subject: Callable[[Scene], Any]) -> None:
+    async def scene(camera: ObjectCamera) -> None:
+        camera.inject("lost-board", duration_s=1.0)
+        (gone,) = await camera.capture(1, NOWHERE, "x", camera.clock.now())
+        await camera.clock.sleep(1.0)
+        (back,) = await camera.capture(1, NOWHERE, "x", camera.clock.now())
+        assert gone.board is None
+        assert back.board is not None
+
+    subject(scene)
+
+
+def test_frames_show_their_exposure_time_and_arrive_later(subject: Callable[[Scene], Any]) -> None:
+    async def scene(camera: ObjectCamera) -> None:
+        arrivals: list[tuple[float, float]] = []
+        unsubscribe = camera.frames.subscribe(lambda s: arrivals.append((s.t, camera.clock.now())))
+        await camera.clock.sleep(0.55)
+        unsubscribe()
+        delays = [now - t for t, now in arrivals]
+        assert len(delays) >= 4
+        assert delays == pytest.approx([0.034] * len(delays), abs=1e-6)
+
+    subject(scene)
+
+
+def test_the_camera_is_refused_while_it_boots_and_has_its_new_serial_then(
+    subject: Callable[[Scene], Any],
+) -> None:
+    async def scene(camera: ObjectCamera) -> None:
+        camera.inject("reboot", serial="99990000077", boot_s=2.0)
+        with pytest.raises(CellError, match="refuses"):
+            await camera.open()
+        await camera.clock.sleep(2.0)
+        await camera.open()
+        assert (await camera.identify()).serial == "99990000077"
+
+    subject(scene)
+
+
+@pytest.mark.parametrize(
+    ("target", "first", "second", "count"),
+    [
+        (
+            {"type": "charuco", "squares_x": 4, "squares_y": 3, "square_m": 0.02},
+            [0.02, 0.02],
+            [0.04, 0.02],
+            6,
+        ),
+        ({"type": "chessboard", "columns": 4, "rows": 3, "square_m": 0.02}, [0, 0], [0.02, 0], 12),
+        ({"type": "circle-grid", "columns": 4, "rows": 3, "spacing_m": 0.03}, [0, 0], [0.03, 0], 12),
+        ({"type": "aruco-marker", "id": 3, "size_m": 0.1}, [-0.05, 0.05], [0.05, 0.05], 4),
+        ({"type": "points", "points": [[1, 2, 3], [4, 5, 6]]}, [1, 2], [4, 5], 2),
+    ],
+)
+def test_target_points_lie_as_the_formats_say(
+    target: dict[str, Any], first: list[float], second: list[float], count: int
+) -> None:
+    points = target_points(target)
+    assert points.shape == (count, 3)
+    assert points[0, :2] == pytest.approx(first)
+    assert points[1, :2] == pytest.approx(second)
+
+
+def test_an_unknown_target_type_is_named() -> None:
+    with pytest.raises(CellError, match="hologram"):
+        target_points({"type": "hologram"})
