@@ -1,0 +1,6 @@
+"""Depth camera of the OAK family; native library and detectors live in a child process."""
+
+from drivers.oak.camera import OakCamera
+from drivers.oak.config import OakConfig
+
+__all__ = ["OakCamera", "OakConfig"]

@@ -1,0 +1,209 @@
+"""The camera as the daemon sees it: frames with corners, and files on request."""
+
+import asyncio
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from cell.clock import Clock
+from cell.devices import Frame, Identity
+from cell.errors import error
+from cell.samples import Sample, Stream
+from drivers.oak.config import OakConfig
+from drivers.oak.link import ChildLink, identity_fields
+from drivers.oak.protocol import Message, frame_from_json
+
+_TARGET_TIMEOUT_S = 5.0
+_CAPTURE_TIMEOUT_S = 5.0  # beside the time that the frames themselves take
+_FRAME_FILES_S = 0.5  # to write one frame on a slow disk
+_FUTURE_S = 0.05  # a stamp further ahead than this is not of our clock
+_WATCH_PERIOD_S = 0.05
+
+
+class OakCamera:
+    """An OAK, or a frame server in its place, behind a supervised child process.
+
+    The child holds depthai and the detectors, and dies with the daemon. A child that dies is a camera that
+    dropped: :meth:`wait_lost` says ``CHILD_DIED``, and a new :meth:`open` starts another one. The target
+    chosen by :meth:`set_target` outlives the connection.
+    """
+
+    Config = OakConfig
+
+    def __init__(
+        self, name: str, config: OakConfig, clock: Clock, child_module: str = "daemon.vision_child"
+    ) -> None:
+        self.name, self.config = name, config
+        self.frames: Stream[Frame] = Stream(name, clock, keep=256)
+        self._clock, self._child_module = clock, child_module
+        self._link: ChildLink | None = None
+        self._identity: asyncio.Future[Identity] | None = None
+        self._watch: asyncio.Task[None] | None = None
+        self._target: dict[str, Any] | None = None
+        self._mean_grey: float | None = None
+        self._repeated = 0
+
+    # -- Device
+
+    async def open(self) -> None:
+        """Start the child and wait for the first frame.
+
+        ``DEVICE_UNREACHABLE`` when there is no camera or no frame within ``open_timeout_s``, ``CHILD_DIED``
+        when the child could not even report that.
+        """
+        await self.close()
+        self.frames.new_epoch()
+        self._identity = asyncio.get_running_loop().create_future()
+        self._link = ChildLink(self.name, self._take)
+        try:
+            async with asyncio.timeout(self.config.open_timeout_s):
+                await self._link.start(self._child_module)
+                config = self.config.model_dump()
+                self._link.send({"type": "configure", "config": config, "target": self._target})
+                await self._first_frame(self._link)
+        except TimeoutError:
+            await self.close()
+            raise error(
+                "DEVICE_UNREACHABLE",
+                f"{self.name}: no frame from {self.config.source} within {self.config.open_timeout_s:.0f} s",
+            ) from None
+        except BaseException:
+            await self.close()
+            raise
+        self._watch = asyncio.create_task(self._watch_frames(self._link), name=f"{self.name} watch")
+
+    async def close(self) -> None:
+        """End the child; harmless when there is none."""
+        watch, self._watch = self._watch, None
+        link, self._link = self._link, None
+        if watch is not None:
+            watch.cancel()
+            await asyncio.wait([watch])
+        if link is not None:
+            await link.close()
+
+    async def identify(self) -> Identity:
+        """Model and serial number as the device gave them; a twin's serial begins with 9999."""
+        self._connected()
+        assert self._identity is not None
+        return self._identity.result()
+
+    async def wait_fresh(self, timeout: float) -> None:
+        """Return when a frame whose exposure began after the call has arrived."""
+        link = self._connected()
+        called = self._clock.now()
+        fresh: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+
+        def look(sample: Sample[Frame]) -> None:
+            if sample.t - sample.dt >= called and not fresh.done():
+                fresh.set_result(None)
+
+        unsubscribe = self.frames.subscribe(look)
+        try:
+            await _first_of(fresh, link.lost, timeout=timeout)
+        finally:
+            unsubscribe()
+        link.check()
+        if not fresh.done():
+            raise error("DEVICE_LOST", f"{self.name}: no new frame within {timeout:.1f} s{self._newest()}")
+
+    async def wait_lost(self) -> Exception:
+        """Block while frames arrive; ``CHILD_DIED``, ``DEVICE_LOST`` or what the child reported."""
+        if self._link is None:
+            return error("DEVICE_LOST", f"{self.name} is not open")
+        return await asyncio.shield(self._link.lost)
+
+    def health(self) -> dict[str, Any]:
+        """Frames received and missed; age (s), corners and brightness of the newest; the child's pid."""
+        last = self.frames.last()
+        board = last.value.board if last else None
+        return {
+            "frames": self.frames.received,
+            "gaps": self.frames.gaps,
+            "repeated": self._repeated,
+            "age_s": None if last is None else self._clock.now() - last.t,
+            "corners": None if board is None else len(board.ids),
+            "mean_grey": self._mean_grey,
+            "child_pid": self._link.pid if self._link else None,
+        }
+
+    # -- DepthCamera
+
+    async def set_target(self, target: dict[str, Any] | None) -> None:
+        """Look for ``target`` from the next frame on; its error when the detector refuses the table.
+
+        Without a connection the choice is kept for the next one.
+        """
+        before, self._target = self._target, target
+        if self._link is None:
+            return
+        try:
+            await self._link.request({"type": "target", "target": target}, _TARGET_TIMEOUT_S)
+        except BaseException:
+            self._target = before
+            raise
+
+    async def capture(self, count: int, folder: Path, stem: str, after: float) -> Sequence[Frame]:
+        """See :meth:`cell.devices.DepthCamera.capture`; the child writes the files."""
+        if count < 1:
+            raise error("ARGUMENT_INVALID", f"{self.name}: a capture of {count} frames")
+        link = self._connected()
+        last = self.frames.last()
+        period = 1.0 / self.config.fps if last is None else max(1.0 / self.config.fps, 2.0 * last.dt)
+        timeout = max(after - self._clock.now(), 0.0) + _CAPTURE_TIMEOUT_S + count * (period + _FRAME_FILES_S)
+        request = {"type": "capture", "count": count, "folder": str(folder), "stem": stem, "after": after}
+        answer = await link.request(request, timeout)
+        return [frame_from_json(frame) for frame in answer["frames"]]
+
+    # -- inside
+
+    def _connected(self) -> ChildLink:
+        if self._link is None:
+            raise error("DEVICE_LOST", f"{self.name} is not open")
+        self._link.check()
+        return self._link
+
+    async def _first_frame(self, link: ChildLink) -> None:
+        assert self._identity is not None
+        await _first_of(self._identity, link.lost)
+        link.check()
+        await self.wait_fresh(self.config.open_timeout_s)
+
+    def _take(self, message: Message) -> None:
+        """A message of the child that is no answer."""
+        if message["type"] == "ready" and self._identity is not None and not self._identity.done():
+            self._identity.set_result(Identity(**identity_fields(message)))
+        elif message["type"] == "frame":
+            self._mean_grey = float(message["mean_grey"])
+            self._push(frame_from_json(message["frame"]))
+
+    def _push(self, frame: Frame) -> None:
+        ahead = frame.t_exposure - self._clock.now()
+        if ahead > _FUTURE_S:
+            raise error("PROTOCOL_VIOLATION", f"{self.name}: frame {frame.seq} is {ahead:.3f} s ahead of now")
+        last = self.frames.last()
+        if last is not None and (frame.seq <= last.seq or frame.t_exposure <= last.t):
+            self._repeated += 1
+            return
+        self.frames.push(Sample(frame, frame.t_exposure, 0.5 * frame.exposure_s, frame.seq))
+
+    async def _watch_frames(self, link: ChildLink) -> None:
+        """End the link when the newest exposure is too old: silence, a frozen picture and delay alike."""
+        limit = self.config.frame_timeout_s
+        while not link.lost.done():
+            last = self.frames.last()
+            if last is not None and self._clock.now() - last.t > limit:
+                link.lose(
+                    error("DEVICE_LOST", f"{self.name}: no new frame for {limit:.1f} s{self._newest()}")
+                )
+            await self._clock.sleep(_WATCH_PERIOD_S)
+
+    def _newest(self) -> str:
+        last = self.frames.last()
+        if last is None:
+            return ", none since the connection"
+        return f", the newest is number {last.seq}, {self._clock.now() - last.t:.1f} s old"
+
+
+async def _first_of(*futures: asyncio.Future[Any], timeout: float | None = None) -> None:
+    await asyncio.wait(futures, timeout=timeout, return_when=asyncio.FIRST_COMPLETED)

@@ -1,0 +1,227 @@
+"""The vision child: owns the camera and the detector, and ends with its parent.
+
+The main thread waits for frames and looks at them; a second thread reads the pipe. When the pipe closes
+the process exits at once, whatever the main thread is doing, and the kernel kills it when the daemon dies.
+"""
+
+import ctypes
+import os
+import queue
+import signal
+import socket
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.devices import BoardView, Frame
+from cell.errors import CellError, error
+from drivers.oak.config import OakConfig
+from drivers.oak.files import sync_folder, write_png
+from drivers.oak.protocol import Message, error_to_json, frame_to_json, pack, read_message
+
+if TYPE_CHECKING:
+    from drivers.oak.pipeline import Shot
+
+_QUIET = {
+    "DEPTHAI_TELEMETRY": "0",
+    "DEPTHAI_INSTALL_SIGNAL_HANDLER": "0",
+    "DEPTHAI_DISABLE_STARTUP_NOTIFICATIONS": "1",
+    "DEPTHAI_DISABLE_CRASHDUMP_COLLECTION": "1",
+    "DEPTHAI_SEARCH_TIMEOUT": "5000",
+}
+_PR_SET_PDEATHSIG = 1
+_WAIT_S = 0.1
+
+
+class Detection(Protocol):
+    """``corners[i]`` (pixels) is the image of target point ``ids[i]``."""
+
+    ids: Any  # (n,)
+    corners: Any  # (n, 2)
+
+
+class Detector(Protocol):
+    """Looks for one target in a grey image."""
+
+    def detect(self, image: NDArray[np.uint8]) -> Detection | None: ...
+
+
+TargetFactory = Callable[[Mapping[str, Any]], Detector]
+
+
+def main(make_target: TargetFactory) -> None:
+    """Run the child on the socket whose descriptor is the first argument; returns never."""
+    parent = int(sys.argv[2])
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(0)  # the daemon died before the request was in force
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the daemon ends us
+    os.environ.update(_QUIET)
+    cv2.setNumThreads(1)
+    link = ParentLink(socket.socket(fileno=int(sys.argv[1])))
+    try:
+        link.wait_for_commands()
+        VisionChild(link, make_target).run()
+    except Exception as exc:
+        link.send({"type": "failed", **error_to_json(exc)})
+    # Native threads may still hold the camera; waiting for them is what a hung library would want.
+    os._exit(1)
+
+
+class ParentLink:
+    """The pipe to the daemon; commands arrive on a thread of their own."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self.commands: queue.SimpleQueue[Message] = queue.SimpleQueue()
+        self._connection = connection
+
+    def wait_for_commands(self) -> None:
+        """Begin to read; the process exits when the daemon closes."""
+        threading.Thread(target=self._read, name="commands", daemon=True).start()
+
+    def send(self, message: Message) -> None:
+        """Tell the daemon; a daemon that is gone ends this process."""
+        try:
+            self._connection.sendall(pack(message))
+        except OSError:
+            os._exit(0)
+
+    def _read(self) -> None:
+        with self._connection.makefile("rb") as file:
+            try:
+                while (message := read_message(file.read)) is not None:
+                    self.commands.put(message)
+            except (CellError, OSError):
+                os._exit(1)
+        os._exit(0)
+
+
+class _Capture:
+    """A request for files of the next frames."""
+
+    def __init__(self, message: Message) -> None:
+        self.id: int = message["id"]
+        self.count: int = message["count"]
+        self.folder, self.stem = Path(message["folder"]), str(message["stem"])
+        self.after: float = message["after"]
+        self.frames: list[Message] = []
+
+    def wants(self, frame: Frame) -> bool:
+        """Whether the whole exposure lies after ``after``."""
+        return frame.t_exposure - 0.5 * frame.exposure_s >= self.after
+
+    def take(self, frame: Frame, shot: "Shot") -> bool:
+        """Write one frame; True when it was the last."""
+        name = f"{self.stem}-{len(self.frames)}"
+        colour = self.folder / f"{name}.png"
+        depth = None if shot.depth is None else self.folder / f"{name}-depth.png"
+        write_png(colour, shot.colour)
+        if depth is not None and shot.depth is not None:
+            write_png(depth, shot.depth)
+        files = {"colour_file": str(colour), "depth_file": depth and str(depth)}
+        self.frames.append({**frame_to_json(frame), **files})
+        if len(self.frames) < self.count:
+            return False
+        sync_folder(self.folder)
+        return True
+
+
+class VisionChild:
+    """Looks at frames and answers commands, between which nothing is shared."""
+
+    def __init__(self, link: ParentLink, make_target: TargetFactory) -> None:
+        self._link, self._make_target = link, make_target
+        self._detector: Detector | None = None
+        self._captures: list[_Capture] = []
+
+    def run(self) -> None:
+        """Serve until the source fails; the error leaves this method."""
+        first = self._link.commands.get()
+        config = OakConfig.model_validate(first["config"])
+        self._choose(first["target"])
+        from drivers.oak.pipeline import open_source  # imports depthai, which reads the environment
+
+        with open_source(config) as source:
+            ready = False
+            while True:
+                self._obey()
+                shot = source.next(_WAIT_S)
+                if shot is None:
+                    continue
+                if not ready:
+                    self._introduce(source.identity)
+                    ready = True
+                self._look(shot, source.identity.serial, config.time_offset_s)
+
+    def _introduce(self, identity: Any) -> None:
+        fields = ("model", "serial", "version", "extra")
+        self._link.send({"type": "ready", **{f: getattr(identity, f) for f in fields}})
+
+    def _obey(self) -> None:
+        while True:
+            try:
+                message = self._link.commands.get_nowait()
+            except queue.Empty:
+                return
+            try:
+                self._command(message)
+            except Exception as exc:
+                self._answer(message["id"], {"error": error_to_json(exc)})
+
+    def _command(self, message: Message) -> None:
+        if message["type"] == "target":
+            self._choose(message["target"])
+            self._answer(message["id"], {})
+        elif message["type"] == "capture":
+            self._captures.append(_Capture(message))
+        else:
+            raise error("PROTOCOL_VIOLATION", f"the vision child knows no command {message['type']!r}")
+
+    def _choose(self, target: Mapping[str, Any] | None) -> None:
+        self._detector = None if target is None else self._make_target(target)
+
+    def _look(self, shot: "Shot", serial: str, time_offset_s: float) -> None:
+        grey = cv2.cvtColor(shot.colour, cv2.COLOR_BGR2GRAY)
+        frame = Frame(
+            seq=shot.seq,
+            t_exposure=shot.t_exposure + time_offset_s,
+            exposure_s=shot.exposure_s,
+            intrinsics=shot.intrinsics,
+            board=self._board(grey),
+            serial=serial,
+        )
+        self._link.send({"type": "frame", "mean_grey": _mean(grey), "frame": frame_to_json(frame)})
+        for capture in [c for c in self._captures if c.wants(frame)]:
+            self._serve(capture, frame, shot)
+
+    def _board(self, grey: NDArray[np.uint8]) -> BoardView | None:
+        found = None if self._detector is None else self._detector.detect(grey)
+        if found is None or len(found.ids) == 0:
+            return None
+        ids = np.asarray(found.ids, dtype=np.int64).ravel()
+        return BoardView(ids, np.asarray(found.corners, dtype=float).reshape(-1, 2), _mean(grey))
+
+    def _serve(self, capture: _Capture, frame: Frame, shot: "Shot") -> None:
+        try:
+            if not capture.take(frame, shot):
+                return
+        except OSError as exc:
+            problem = error("CAPTURE_INCOMPLETE", f"cannot write to {capture.folder}: {exc.strerror or exc}")
+            self._answer(capture.id, {"error": error_to_json(problem)})
+        else:
+            self._answer(capture.id, {"frames": capture.frames})
+        self._captures.remove(capture)
+
+    def _answer(self, request: int, fields: Message) -> None:
+        self._link.send({"type": "answer", "id": request, **fields})
+
+
+def _mean(grey: NDArray[np.uint8]) -> float:
+    """Mean of every eighth row and column: a light meter, not a measurement."""
+    return float(grey[::8, ::8].mean())

@@ -1,0 +1,40 @@
+"""What ``[device.<camera>]`` in cell.toml may say."""
+
+from typing import Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+FRAMES_SCHEME = "frames+unix://"
+
+
+class OakConfig(BaseModel):
+    """An OAK device, or a frame socket in its place (FORMATS.md section 7)."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    source: str = Field("oak", description=f'"oak" or "{FRAMES_SCHEME}/path/to/socket"')
+    expect_serial: str | None = Field(None, description="refuse another device; picks one of several OAKs")
+    width: int = Field(
+        1280, ge=320, le=4096, multiple_of=16, description="colour and aligned depth, oak only"
+    )
+    height: int = Field(800, ge=240, le=4096, multiple_of=8)
+    fps: float = Field(10.0, ge=1.0, le=60.0)
+    exposure_s: float | None = Field(None, gt=0, le=0.033, description="absent: automatic exposure")
+    iso: int = Field(200, ge=100, le=1600, description="sensor gain with a fixed exposure")
+    time_offset_s: float = Field(0.0, ge=-0.5, le=0.5, description="added to every exposure stamp")
+    frame_timeout_s: float = Field(1.0, ge=0.2, le=10.0, description="age of the newest frame that is a loss")
+    open_timeout_s: float = Field(15.0, ge=1.0, le=18.0, description="start of the child to the first frame")
+
+    @model_validator(mode="after")
+    def _known_source(self) -> Self:
+        path = self.source.removeprefix(FRAMES_SCHEME)
+        if self.source != "oak" and (path == self.source or not path.startswith("/")):
+            raise ValueError(
+                f'source {self.source!r} is neither "oak" nor {FRAMES_SCHEME} with an absolute path'
+            )
+        return self
+
+    @property
+    def socket_path(self) -> str | None:
+        """The frame socket, or None for a real device."""
+        return None if self.source == "oak" else self.source.removeprefix(FRAMES_SCHEME)

@@ -1,0 +1,182 @@
+"""The daemon's side of the vision child: its process, its pipe, and the answers to requests."""
+
+import asyncio
+import contextlib
+import os
+import signal
+import socket
+import sys
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from cell.errors import CellError, error
+from drivers.oak.protocol import LENGTH, Message, body_length, error_from_json, pack, unpack
+
+_EXIT_TIMEOUT_S = 1.0
+_KEPT_LINES = 5
+
+
+class ChildLink:
+    """One child from start to end; never used again after it was lost.
+
+    ``on_message`` gets everything that is not an answer. ``lost`` holds the error that ended the link.
+    """
+
+    def __init__(self, name: str, on_message: Callable[[Message], None]) -> None:
+        self.name = name
+        self.lost: asyncio.Future[Exception] = asyncio.get_running_loop().create_future()
+        self._on_message = on_message
+        self._process: asyncio.subprocess.Process | None = None
+        self._writer: asyncio.StreamWriter | None = None
+        self._tasks: list[asyncio.Task[None]] = []
+        self._requests: dict[int, asyncio.Future[Message]] = {}
+        self._number = 0
+        self._last_words: deque[str] = deque(maxlen=_KEPT_LINES)
+
+    @property
+    def pid(self) -> int | None:
+        """Of the child, for health pages and tests."""
+        return self._process.pid if self._process else None
+
+    async def start(self, module: str) -> None:
+        """Start ``python -m module`` with one end of a socket pair; close when this raises."""
+        ours, theirs = socket.socketpair()
+        try:
+            self._process = await asyncio.create_subprocess_exec(
+                sys.executable,
+                "-m",
+                module,
+                str(theirs.fileno()),
+                str(os.getpid()),
+                pass_fds=(theirs.fileno(),),
+                stdin=asyncio.subprocess.DEVNULL,
+                stdout=asyncio.subprocess.DEVNULL,
+                stderr=asyncio.subprocess.PIPE,
+            )
+            ours.setblocking(False)
+            reader, self._writer = await asyncio.open_connection(sock=ours)
+        except BaseException:
+            ours.close()
+            raise
+        finally:
+            theirs.close()
+        self._tasks = [
+            asyncio.create_task(self._listen(reader), name=f"{self.name} child"),
+            asyncio.create_task(self._collect(self._process), name=f"{self.name} child stderr"),
+        ]
+
+    def send(self, message: Message) -> None:
+        """Hand ``message`` to the child; does not wait for it to be read."""
+        if self._writer is not None and not self._writer.is_closing():
+            self._writer.write(pack(message))
+
+    async def request(self, message: Message, timeout: float) -> Message:
+        """Send ``message`` and return the answer; its error, the loss of the link, or ``CALL_TIMEOUT``."""
+        self.check()
+        self._number += 1
+        number = self._number
+        answer: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
+        self._requests[number] = answer
+        self.send({**message, "id": number})
+        try:
+            async with asyncio.timeout(timeout):
+                reply = await answer
+        except TimeoutError:
+            raise error(
+                "CALL_TIMEOUT", f"{self.name}: no answer to {message['type']!r} within {timeout:.1f} s"
+            ) from None
+        finally:
+            del self._requests[number]
+        if "error" in reply:
+            raise error_from_json(reply["error"])
+        return reply
+
+    def check(self) -> None:
+        """Raise what ended the link, if anything did."""
+        if self.lost.done():
+            raise self.lost.result()
+
+    def lose(self, exc: Exception) -> None:
+        """End the link with ``exc``; the first error stays."""
+        if self.lost.done():
+            return
+        self.lost.set_result(exc)
+        for answer in self._requests.values():
+            if not answer.done():
+                answer.set_exception(exc)
+
+    async def close(self) -> None:
+        """End the child; a child that does not go within a second is killed."""
+        self.lose(error("DEVICE_LOST", f"{self.name} was closed"))
+        if self._writer is not None:
+            self._writer.close()
+        process = self._process
+        if process is not None:
+            try:
+                async with asyncio.timeout(_EXIT_TIMEOUT_S):
+                    await process.wait()
+            except TimeoutError:
+                pass
+            finally:
+                if process.returncode is None:
+                    with contextlib.suppress(ProcessLookupError):
+                        process.kill()
+            await process.wait()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def _listen(self, reader: asyncio.StreamReader) -> None:
+        try:
+            while True:
+                prefix = await reader.readexactly(LENGTH.size)
+                self._dispatch(unpack(await reader.readexactly(body_length(prefix))))
+        except (asyncio.IncompleteReadError, OSError):
+            self.lose(await self._death())
+        except CellError as exc:
+            self.lose(exc)
+        except (KeyError, TypeError, ValueError) as exc:
+            self.lose(error("PROTOCOL_VIOLATION", f"{self.name}: vision child: {type(exc).__name__} {exc}"))
+
+    def _dispatch(self, message: Message) -> None:
+        if message["type"] == "failed":
+            self.lose(error_from_json(message))
+        elif message["type"] == "answer":
+            answer = self._requests.get(message["id"])
+            if answer is not None and not answer.done():
+                answer.set_result(message)
+        else:
+            self._on_message(message)
+
+    async def _death(self) -> Exception:
+        """Why the child is gone, as its exit status and its last words tell."""
+        assert self._process is not None
+        try:
+            async with asyncio.timeout(_EXIT_TIMEOUT_S):
+                code = await self._process.wait()
+        except TimeoutError:
+            return error("CHILD_DIED", f"{self.name}: the vision child closed its pipe and hangs")
+        if len(self._tasks) > 1:
+            await asyncio.wait([self._tasks[1]], timeout=_EXIT_TIMEOUT_S)
+        words = " | ".join(self._last_words)
+        return error("CHILD_DIED", f"{self.name}: the vision child {_exit(code)}{words and ': ' + words}")
+
+    async def _collect(self, process: asyncio.subprocess.Process) -> None:
+        assert process.stderr is not None
+        while chunk := await process.stderr.read(65536):
+            self._last_words.extend(chunk.decode(errors="replace").strip()[-500:].splitlines())
+
+
+def _exit(code: int) -> str:
+    if code >= 0:
+        return f"exited with status {code}"
+    try:
+        return f"was ended by {signal.Signals(-code).name}"
+    except ValueError:
+        return f"was ended by signal {-code}"
+
+
+def identity_fields(message: Message) -> dict[str, Any]:
+    """What a ``ready`` message says of the device."""
+    return {key: message[key] for key in ("model", "serial", "version", "extra")}
