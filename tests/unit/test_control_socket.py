@@ -5,85 +5,16 @@ import json
 import os
 import socket
 import stat
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from control_harness import RecordingEngine
 
 from cell.errors import CellError, error
 from daemon.control import ControlServer
 from daemon.control_client import ControlClient
-
-
-class RecordingEngine:
-    """Remembers what it was asked; refuses what its test tells it to refuse."""
-
-    def __init__(self) -> None:
-        self.asked: list[tuple[str, Any]] = []
-        self.refuse: CellError | Exception | None = None
-        self.state = "IDLE"
-        self.listeners: list[Callable[[], None]] = []
-
-    def status(self) -> dict[str, Any]:
-        return {"packml": self.state}
-
-    async def start(
-        self,
-        job: str,
-        params: Mapping[str, str],
-        *,
-        dry_run: bool = False,
-        adopt: int | None = None,
-        who: str,
-        channel: str,
-    ) -> dict[str, Any]:
-        await self._ask("start", job, dict(params), dry_run, adopt, who, channel)
-        return {"plan": []} if dry_run else {"run_id": 7}
-
-    async def _ask(self, *what: Any) -> None:
-        if self.refuse is not None:
-            raise self.refuse
-        self.asked.append(what)
-
-    async def confirm(self, prompt_id: int, who: str) -> None:
-        await self._ask("confirm", prompt_id, who)
-
-    async def finish(self, who: str) -> None:
-        await self._ask("finish", who)
-
-    async def abort(self, who: str) -> None:
-        await self._ask("abort", who)
-
-    async def halt(self, who: str) -> None:
-        await self._ask("halt", who)
-
-    async def pause(self, who: str) -> None:
-        await self._ask("pause", who)
-
-    async def resume(self, who: str) -> None:
-        await self._ask("resume", who)
-
-    async def reset(self, who: str) -> None:
-        await self._ask("reset", who)
-
-    def accept(self, result_id: int, who: str) -> dict[str, Any]:
-        return {"accepted": result_id, "who": who}
-
-    def reject(self, result_id: int, who: str, why: str) -> dict[str, Any]:
-        return {"rejected": result_id, "why": why}
-
-    def rollback(self, name: str, who: str) -> dict[str, Any]:
-        return {"rolled_back": name}
-
-    def subscribe(self, listener: Callable[[], None], /) -> Callable[[], None]:
-        self.listeners.append(listener)
-        return lambda: self.listeners.remove(listener)
-
-    def change(self, state: str) -> None:
-        self.state = state
-        for listener in tuple(self.listeners):
-            listener()
 
 
 @pytest.fixture
