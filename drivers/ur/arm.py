@@ -38,6 +38,7 @@ class UrArm:
         self.state: Stream[ArmState] = Stream(name, clock)
         self.feed = StateFeed(self.state, clock, config.rtde_frequency_hz, config.time_offset_s)
         self.lost: CellError | None = error("DEVICE_LOST", f"{name} is not connected")
+        self.lost_at = clock.now()
         self._config, self._clock = config, clock
         self._link: RtdeLink | None = None
         self._primary: PrimaryLink | None = None
@@ -290,7 +291,7 @@ class UrArm:
         """The link is gone: say so once, and end motion, which nobody can watch any more."""
         if self.lost is not None:
             return
-        self.lost = failure
+        self.lost, self.lost_at = failure, self._clock.now()
         if self._lost_future is not None and not self._lost_future.done():
             self._lost_future.set_result(failure)
         if self._link is not None:

@@ -45,18 +45,19 @@ class UrMotion:
         self.owns_program = False
         self._arm, self._tool, self._config = arm, tool, config
         self._clock: Clock = client.clock
+        self._opening = self._closed = False
         self._stop_following_program = arm.state.subscribe(self._note_program)
 
     async def prepare(self) -> None:
         """Upload the script, set the watchdog, the TCP and the payload, and see them in force."""
+        self._opening = True
         try:
             await self.client.call(
                 "open", OPEN_DEADLINE_S, host=self._config.host, watchdog_hz=self._config.watchdog_min_hz
             )
         except CellError as exc:
             raise open_failure(exc) from exc
-        await self._until(lambda s: s.value.program_running, 1.0, "the control script's start")
-        self.owns_program = True
+        await self._until(lambda s: self.owns_program, 1.0, "the control script's start")
         await self._set_tool()
 
     async def move_joints(self, q: Array, speed: Speed) -> None:
@@ -147,9 +148,14 @@ class UrMotion:
 
     async def close(self) -> None:
         """End our script and the child. A program that someone else started meanwhile is left alone."""
+        if self._closed:
+            return
+        self._closed = True
         try:
-            if not self.client.ended.is_set():
+            if self.owns_program and not self.client.ended.is_set():
                 await self.client.call("end", END_DEADLINE_S)
+            else:
+                self.client.kill()
         except CellError:
             self.client.kill()
         finally:
@@ -311,8 +317,10 @@ class UrMotion:
             undo()
 
     def _note_program(self, sample: Sample[ArmState]) -> None:
-        """Ours until it is seen stopped once; whatever runs after that is someone else's."""
-        if self._arm.feed.runtime_state == STOPPED:
+        """The program that starts while we upload is ours until it is seen stopped; later ones are not."""
+        if self._opening and sample.value.program_running:
+            self._opening, self.owns_program = False, True
+        elif self._arm.feed.runtime_state == STOPPED:
             self.owns_program = False
 
     def _newest(self) -> Sample[ArmState]:

@@ -1,0 +1,450 @@
+"""Moves through the genuine client in its child process, against a controller on the wire."""
+
+import asyncio
+import os
+import signal
+import time
+from collections.abc import AsyncIterator, Iterator
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from ur_driver_rig import LASTING, TOOL, Rig
+
+from cell.devices import Speed, ToolSettings, TrajectoryPiece
+from cell.errors import CellError
+from cell.motion import measured_standstill
+from cell.poses import from_pose6
+from drivers.ur import UrArm
+
+HOST, SPOILED_HOST = "127.0.0.21", "127.0.0.23"
+SPEED = Speed(tcp_m_s=0.25, tcp_m_s2=1.0, joint_rad_s=1.0, joint_rad_s2=4.0)
+SLOW = Speed(tcp_m_s=0.02, tcp_m_s2=0.5, joint_rad_s=0.05, joint_rad_s2=0.5)
+pytestmark = pytest.mark.wire
+
+
+@pytest.fixture(scope="module")
+def shared() -> Iterator[Rig]:
+    with Rig.running(HOST) as rig:
+        yield rig
+
+
+@pytest.fixture
+def rig(shared: Rig, request: pytest.FixtureRequest) -> Iterator[Rig]:
+    """The module's controller, or one of its own for a test that spoils it."""
+    call = getattr(request.node, "callspec", None)
+    if call is not None and call.params.get("fault") in LASTING:
+        with Rig.running(SPOILED_HOST) as own:
+            yield own
+    else:
+        yield shared
+        shared.tidy()
+
+
+def joints(arm: UrArm) -> np.ndarray:
+    return arm.state.latest(0.5).value.q.copy()
+
+
+def turned(arm: UrArm, angle: float) -> np.ndarray:
+    return joints(arm) + np.array([angle, 0, 0, 0, 0, 0])
+
+
+async def start(move) -> asyncio.Task[None]:
+    """The move under way, some tenths of a second old."""
+    task = asyncio.create_task(move)
+    await asyncio.sleep(0.25)
+    assert not task.done()
+    return task
+
+
+def test_a_joint_move_ends_where_the_truth_says(rig: Rig) -> None:
+    async def scenario() -> None:
+        async with rig.movable() as (arm, port):
+            target = turned(arm, 0.3)
+            await port.move_joints(target, SPEED)
+            np.testing.assert_allclose(rig.truth()["q"], target, atol=1e-3)
+            assert rig.truth()["payload_kg"] == pytest.approx(1.2)
+            assert arm.health()["motion_child"] is not None
+        assert rig.truth()["program"] is None
+
+    asyncio.run(scenario())
+
+
+def test_a_linear_move_brings_the_flange_to_its_pose(rig: Rig) -> None:
+    async def scenario() -> None:
+        async with rig.movable() as (arm, port):
+            start_pose = arm.state.latest(0.5).value.T_base_flange
+            target = from_pose6([0.03, 0.04, -0.05, 0.0, 0.0, 0.0]) * start_pose
+            await port.move_linear(target, SPEED)
+            reached = arm.state.latest(0.5).value.T_base_flange
+            np.testing.assert_allclose(reached.translation, target.translation, atol=5e-4)
+            tcp = from_pose6(rig.truth()["tcp_pose"])
+            expected = target * TOOL.T_flange_tool
+            np.testing.assert_allclose(tcp.translation, expected.translation, atol=5e-4)
+            assert (tcp.rotation.inv() * expected.rotation).magnitude() < 1e-3
+
+    asyncio.run(scenario())
+
+
+def test_setting_the_tcp_starts_an_epoch_and_keeps_the_flange(rig: Rig) -> None:
+    async def scenario() -> None:
+        async with rig.connected() as arm:
+            await arm.wait_fresh(1.0)
+            epoch, flange = arm.state.epoch, arm.state.latest(0.5).value.T_base_flange
+            port = await arm.open_motion(ToolSettings(from_pose6([0.01, 0.0, 0.123, 0.0, 0.1, 0.0]), 0.4))
+            await arm.wait_fresh(1.0)
+            assert arm.state.epoch == epoch + 1
+            after = arm.state.latest(0.5).value
+            np.testing.assert_allclose(after.tcp_offset6, [0.01, 0, 0.123, 0, 0.1, 0], atol=1e-9)
+            np.testing.assert_allclose(after.T_base_flange.translation, flange.translation, atol=1e-9)
+            await port.close()
+            await asyncio.sleep(0.6)
+            # The primary port agrees, so nothing changes when it takes over again.
+            assert arm.state.epoch == epoch + 1
+
+    asyncio.run(scenario())
+
+
+def quintic(t0: float, duration: float, q0: np.ndarray, travel: np.ndarray) -> TrajectoryPiece:
+    """Rest to rest (Craig, Introduction to Robotics, 7.3)."""
+    c = np.zeros((6, 6))
+    c[0] = q0
+    c[3], c[4], c[5] = (k * travel / duration**p for k, p in ((10, 3), (-15, 4), (6, 5)))
+    return TrajectoryPiece(t0, t0 + duration, c)
+
+
+def test_a_streamed_trajectory_is_followed_in_time(rig: Rig) -> None:
+    async def scenario() -> None:
+        async with rig.movable() as (arm, port):
+            travel = np.array([0.2, 0.0, 0.0, 0.0, 0.1, 0.0])
+            piece = quintic(time.monotonic() + 0.1, 0.8, joints(arm), travel)
+
+            async def pieces() -> AsyncIterator[TrajectoryPiece]:
+                yield piece
+
+            await port.stream(pieces())
+            assert await measured_standstill(arm, 1.0)
+            np.testing.assert_allclose(joints(arm), piece.coefficients[0] + travel, atol=1e-3)
+            middle = [s for s in arm.state.between(piece.t0, piece.t1) if abs(s.value.qd[0]) > 0.3]
+            lags = [s.t - _instant_of(piece, s.value.q[0]) for s in middle]
+            # The arm follows with the servo's look-ahead, not with a delay of its own.
+            assert 0.0 < np.median(lags) < 0.12
+
+    asyncio.run(scenario())
+
+
+def _instant_of(piece: TrajectoryPiece, q: float) -> float:
+    t = np.linspace(0.0, piece.t1 - piece.t0, 4000)
+    planned = np.polynomial.polynomial.polyval(t, piece.coefficients[:, 0])
+    return piece.t0 + float(np.interp(q, planned, t))
+
+
+def test_a_stream_that_is_not_renewed_ends_in_rest_and_says_so(rig: Rig) -> None:
+    async def scenario() -> None:
+        async with rig.movable() as (arm, port):
+            q0, t0 = joints(arm), time.monotonic() + 0.05
+
+            async def pieces() -> AsyncIterator[TrajectoryPiece]:
+                yield TrajectoryPiece(t0, t0 + 0.3, np.array([q0, [0.3, 0, 0, 0, 0, 0]]))
+                await asyncio.sleep(5.0)
+
+            with pytest.raises(CellError, match="not renewed") as caught:
+                await port.stream(pieces())
+            assert caught.value.name == "MOTION_WATCHDOG"
+            assert await measured_standstill(arm, 1.0)
+            assert 0.08 < joints(arm)[0] - q0[0] < 0.12
+
+    asyncio.run(scenario())
+
+
+def test_a_stream_that_begins_elsewhere_is_refused_at_rest(rig: Rig) -> None:
+    async def scenario() -> None:
+        async with rig.movable() as (arm, port):
+            q0 = joints(arm)
+
+            async def pieces() -> AsyncIterator[TrajectoryPiece]:
+                now = time.monotonic()
+                yield TrajectoryPiece(now, now + 0.5, np.array([q0 + 0.2]))
+
+            with pytest.raises(CellError) as caught:
+                await port.stream(pieces())
+            assert caught.value.name == "MOTION_LIMIT"
+            np.testing.assert_allclose(rig.truth()["q"], q0, atol=1e-6)
+
+    asyncio.run(scenario())
+
+
+def test_a_guarded_move_without_contact_ends_after_its_travel(rig: Rig) -> None:
+    async def scenario() -> None:
+        async with rig.movable() as (arm, port):
+            start_pose = arm.state.latest(0.5).value.T_base_flange
+            target = from_pose6([0.0, 0.0, -0.2, 0.0, 0.0, 0.0]) * start_pose
+            assert not await port.guarded_move(target, SPEED, max_force_n=20.0, max_travel_m=0.05)
+            travel = arm.state.latest(0.5).value.T_base_flange.translation - start_pose.translation
+            np.testing.assert_allclose(travel, [0.0, 0.0, -0.05], atol=1e-3)
+
+    asyncio.run(scenario())
+
+
+def test_a_guarded_move_stops_at_the_force(tmp_path: Path) -> None:
+    text = files("fakes").joinpath("scenarios", "hand_eye.toml").read_text("utf-8")
+    surface = (
+        "[[world.obstacle]]\npoint = [0.0, 0.0, 0.45]\nnormal = [0.0, 0.0, 1.0]\nstiffness_n_m = 20000.0\n"
+    )
+    scenario_file = tmp_path / "table.toml"
+    scenario_file.write_text(text + "\n" + surface, "utf-8")
+
+    async def scenario() -> None:
+        async with rig.movable() as (arm, port):
+            state = arm.state.latest(0.5).value
+            assert state.tcp_pose6[2] > 0.47
+            target = from_pose6([0.0, 0.0, -0.2, 0.0, 0.0, 0.0]) * state.T_base_flange
+            slow = Speed(0.03, 0.5, 0.5, 1.0)
+            assert await port.guarded_move(target, slow, max_force_n=20.0, max_travel_m=0.2)
+            assert await measured_standstill(arm, 1.0)
+            # 20 N are 1 mm of this surface; the stop from 30 mm/s may not need much more.
+            assert 0.446 < arm.state.latest(0.5).value.tcp_pose6[2] < 0.4495
+
+    with Rig.running(SPOILED_HOST, scenario=scenario_file) as rig:
+        asyncio.run(scenario())
+
+
+@pytest.mark.parametrize(
+    ("fault", "name"),
+    [
+        ("protective-stop", "ARM_PROTECTIVE_STOP"),
+        ("emergency-stop", "ARM_EMERGENCY_STOP"),
+        ("safeguard-stop", "ARM_SAFEGUARD_STOP"),
+        ("local-mode", "ARM_LOCAL_MODE"),
+        ("script-death", "ARM_SCRIPT_DIED"),
+        ("drop", "DEVICE_LOST"),
+        ("kill", "DEVICE_LOST"),
+        ("reboot", "DEVICE_LOST"),
+    ],
+)
+def test_a_fault_ends_the_move_with_its_code(rig: Rig, fault: str, name: str) -> None:
+    async def scenario() -> None:
+        async with rig.movable() as (arm, port):
+            shown: list[float] = []
+            arm.state.subscribe(
+                lambda s: shown.append(s.t) if arm.fault() or not s.value.program_running else None
+            )
+            move = await start(port.move_joints(turned(arm, 1.0), SLOW))
+            await asyncio.to_thread(rig.inject, fault)
+            with pytest.raises(CellError) as caught:
+                async with asyncio.timeout(2.0):
+                    await move
+            ended = time.monotonic()
+            assert caught.value.name == name
+            since = shown[0] if shown else arm.lost_at
+            assert ended - since < (0.15 if fault == "script-death" else 0.1)
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.parametrize(
+    ("fault", "name"),
+    [
+        ("register-in-use", "ARM_REGISTER_CONFLICT"),
+        ("local-mode", "ARM_LOCAL_MODE"),
+        ("foreign-program", "ARM_PROGRAM_RUNNING"),
+        ("protective-stop", "ARM_PROTECTIVE_STOP"),
+    ],
+)
+def test_motion_is_refused_and_nothing_of_ours_stays(rig: Rig, fault: str, name: str) -> None:
+    async def scenario() -> None:
+        async with rig.connected() as arm:
+            await asyncio.to_thread(rig.inject, fault)
+            await asyncio.sleep(0.3)
+            with pytest.raises(CellError) as caught:
+                await arm.open_motion(TOOL)
+            assert caught.value.name == name
+            assert arm.health()["motion_child"] is None
+            assert rig.truth()["program"] == ("foreign" if fault == "foreign-program" else None)
+            assert arm.lost is None
+
+    asyncio.run(scenario())
+
+
+def test_a_program_started_in_the_last_moment_is_seen_by_the_dashboard(rig: Rig) -> None:
+    async def scenario() -> None:
+        async with rig.connected() as arm:
+            await asyncio.to_thread(rig.inject, "foreign-program")
+            await asyncio.sleep(0.2)
+            arm.feed.runtime_state = 1
+            with pytest.raises(CellError) as caught:
+                await arm._ask_permission()
+            assert caught.value.name == "ARM_PROGRAM_RUNNING"
+
+    asyncio.run(scenario())
+
+
+def test_closing_the_port_leaves_a_later_foreign_program_alone(rig: Rig) -> None:
+    async def scenario() -> None:
+        async with rig.movable() as (_, port):
+            await asyncio.to_thread(rig.inject, "foreign-program")
+            await asyncio.sleep(0.5)
+            await port.close()
+            await asyncio.sleep(0.2)
+            assert rig.truth()["program"] == "foreign"
+
+    asyncio.run(scenario())
+
+
+def test_a_paused_script_is_not_left_behind() -> None:
+    async def scenario() -> None:
+        async with rig.movable() as (arm, port):
+            move = await start(port.move_joints(turned(arm, 1.0), SLOW))
+            await asyncio.to_thread(rig.inject, "protective-stop")
+            with pytest.raises(CellError):
+                await move
+        assert rig.truth()["program"] is None
+
+    with Rig.running(SPOILED_HOST) as rig:
+        asyncio.run(scenario())
+
+
+def test_decelerating_stops_the_arm_and_the_next_move_works(rig: Rig) -> None:
+    async def scenario() -> None:
+        async with rig.movable() as (arm, port):
+            move = await start(port.move_joints(turned(arm, 2.0), SPEED))
+            await port.decelerate()
+            assert await measured_standstill(arm, 0.5)
+            with pytest.raises(CellError) as caught:
+                await move
+            assert caught.value.name == "ARM_NOT_AT_TARGET"
+            await port.move_joints(turned(arm, -0.05), SPEED)
+            await port.decelerate()
+
+    asyncio.run(scenario())
+
+
+def test_a_cancelled_move_stops_the_arm(rig: Rig) -> None:
+    async def scenario() -> None:
+        async with rig.movable() as (arm, port):
+            move = await start(port.move_joints(turned(arm, 2.0), SPEED))
+            move.cancel()
+            assert await measured_standstill(arm, 1.0)
+
+    asyncio.run(scenario())
+
+
+def test_decelerating_ends_a_stream(rig: Rig) -> None:
+    async def scenario() -> None:
+        async with rig.movable() as (arm, port):
+            piece = quintic(time.monotonic() + 0.05, 5.0, joints(arm), np.array([1.0, 0, 0, 0, 0, 0]))
+
+            async def pieces() -> AsyncIterator[TrajectoryPiece]:
+                yield piece
+
+            follow = await start(port.stream(pieces()))
+            await port.decelerate()
+            assert await measured_standstill(arm, 1.0)
+            with pytest.raises(CellError, match="stopped"):
+                await follow
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.parametrize("step", ["stop_script", "stop_program"])
+def test_each_step_of_the_stop_ladder_stops_alone(rig: Rig, step: str) -> None:
+    async def scenario() -> None:
+        async with rig.movable() as (arm, port):
+            move = await start(port.move_joints(turned(arm, 2.0), SPEED))
+            await getattr(arm, step)()
+            assert await measured_standstill(arm, 1.0)
+            with pytest.raises(CellError):
+                await move
+
+    asyncio.run(scenario())
+
+
+def test_a_killed_child_is_found_and_the_watchdog_stops_the_arm(rig: Rig) -> None:
+    async def scenario() -> None:
+        async with rig.movable() as (arm, port):
+            move = await start(port.move_joints(turned(arm, 2.0), SPEED))
+            os.kill(port.client.pid, signal.SIGKILL)
+            with pytest.raises(CellError) as caught:
+                await move
+            assert caught.value.name == "CHILD_DIED"
+            assert await measured_standstill(arm, 1.0)
+        async with rig.movable() as (arm, port):
+            await port.move_joints(turned(arm, 0.05), SPEED)
+
+    asyncio.run(scenario())
+
+
+def test_a_hung_child_is_killed_on_its_deadline(rig: Rig) -> None:
+    async def scenario() -> None:
+        async with rig.movable() as (arm, port):
+            move = await start(port.move_joints(turned(arm, 2.0), SPEED))
+            os.kill(port.client.pid, signal.SIGSTOP)
+            asked = time.monotonic()
+            with pytest.raises(CellError) as caught:
+                await port.decelerate()
+            assert caught.value.name == "CALL_TIMEOUT"
+            assert time.monotonic() - asked < 1.0
+            assert await measured_standstill(arm, 1.0)
+            with pytest.raises(CellError):
+                await move
+
+    asyncio.run(scenario())
+
+
+def test_a_daemon_that_stops_beating_stops_the_arm(rig: Rig) -> None:
+    async def scenario() -> None:
+        async with rig.movable() as (arm, port):
+            move = await start(port.move_joints(turned(arm, 2.0), SPEED))
+            port.client._beating.cancel()
+            with pytest.raises(CellError) as caught:
+                await move
+            assert caught.value.name == "MOTION_WATCHDOG"
+            assert await measured_standstill(arm, 1.0)
+
+    asyncio.run(scenario())
+
+
+_DAEMON = """
+import asyncio, sys
+from cell.clock import MonotonicClock
+from drivers.ur.motion_client import MotionClient
+
+async def main():
+    client = MotionClient.start(MonotonicClock())
+    print(client.pid, flush=True)
+    await asyncio.sleep(30)
+
+asyncio.run(main())
+"""
+
+
+def test_the_child_dies_with_a_killed_daemon() -> None:
+    import subprocess
+    import sys
+
+    root = str(Path(__file__).parents[2])
+    daemon = subprocess.Popen([sys.executable, "-c", _DAEMON], stdout=subprocess.PIPE, cwd=root, text=True)
+    assert daemon.stdout is not None
+    with daemon, daemon.stdout:
+        child = psutil.Process(int(daemon.stdout.readline()))
+        time.sleep(0.5)
+        assert child.is_running()
+        daemon.kill()
+        daemon.wait()
+        _, alive = psutil.wait_procs([child], timeout=2.0)
+        assert not alive
+
+
+def test_numbers_that_make_no_sense_never_reach_the_arm(rig: Rig) -> None:
+    async def scenario() -> None:
+        async with rig.movable() as (arm, port):
+            for target in (np.zeros(5), np.full(6, np.nan)):
+                with pytest.raises(CellError) as caught:
+                    await port.move_joints(target, SPEED)
+                assert caught.value.name == "ARGUMENT_INVALID"
+            assert not rig.truth()["moving"]
+            await port.move_joints(turned(arm, 0.05), SPEED)
+
+    asyncio.run(scenario())

@@ -1,0 +1,85 @@
+"""A controller on the wire and an arm connected to it, for the tests of the arm driver."""
+
+import asyncio
+import socket
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from cell.clock import MonotonicClock
+from cell.devices import ToolSettings
+from cell.poses import from_pose6
+from drivers.ur import UrArm
+from drivers.ur.motion import UrMotion
+from fakes.ur.process import ControllerHandle, running_controller
+
+TOOL = ToolSettings(from_pose6([0.0, 0.0, 0.18, 0.0, 0.0, 0.0]), 1.2)
+
+# A controller that showed one of these is not used for another test.
+LASTING = {"protective-stop", "emergency-stop", "kill", "reboot", "clock-jump"}
+
+
+@dataclass
+class Rig:
+    """A running controller and its address."""
+
+    host: str
+    controller: ControllerHandle
+
+    @classmethod
+    @contextmanager
+    def running(cls, host: str, **settings: Any) -> Iterator["Rig"]:
+        with running_controller(host, **settings) as handle:
+            yield cls(host, handle)
+
+    def inject(self, fault: str, **arguments: Any) -> None:
+        self.controller.inject(fault, **arguments)
+
+    def truth(self) -> dict[str, Any]:
+        return self.controller.truth()
+
+    @asynccontextmanager
+    async def connected(self, **config: Any) -> AsyncIterator[UrArm]:
+        arm = UrArm("arm", UrArm.Config(host=self.host, **config), MonotonicClock())
+        await arm.open()
+        try:
+            yield arm
+        finally:
+            await arm.close()
+
+    @asynccontextmanager
+    async def movable(self) -> AsyncIterator[tuple[UrArm, UrMotion]]:
+        async with self.connected() as arm:
+            port = await arm.open_motion(TOOL)
+            try:
+                yield arm, port
+            finally:
+                await port.close()
+
+    def tidy(self) -> None:
+        """End faults and programs, so that the next test finds the controller as it was."""
+        self.inject("clear")
+        deadline = time.monotonic() + 5.0
+        while time.monotonic() < deadline:
+            try:
+                with socket.create_connection((self.host, 29999), 1.0) as dashboard:
+                    dashboard.sendall(b"stop\n")
+                    dashboard.recv(200)
+                if self.truth()["program"] is None and not self.truth()["moving"]:
+                    return
+            except OSError:
+                pass
+            time.sleep(0.02)
+        raise AssertionError(f"the controller did not come to rest: {self.truth()}")
+
+
+async def until(holds: Callable[[], bool], timeout: float = 5.0) -> None:
+    """Wait for a condition; the assertion fails after ``timeout``."""
+    deadline = time.monotonic() + timeout
+    for _ in range(int(timeout / 0.005)):
+        if holds() or time.monotonic() > deadline:
+            break
+        await asyncio.sleep(0.005)
+    assert holds()
