@@ -118,9 +118,6 @@ class LinkFaults:
     delay_s: float = 0.0
     split: bool = False
 
-    def clear(self) -> None:
-        self.half_open, self.delay_s, self.split = False, 0.0, False
-
 
 @dataclass(eq=False)
 class Link:

@@ -36,9 +36,3 @@ class StreamFaults:
     def copies(self) -> int:
         """How often each data package is sent."""
         return 2 if self.duplicate else 1
-
-    def clear(self) -> None:
-        """Behave again."""
-        self.link.clear()
-        fresh = StreamFaults(link=self.link)
-        vars(self).update(vars(fresh))

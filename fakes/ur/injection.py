@@ -3,7 +3,8 @@
 import asyncio
 import os
 import signal
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Coroutine, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from cell.errors import error
@@ -18,41 +19,23 @@ Arguments = Mapping[str, Any]
 _JUNK = bytes(range(256))
 
 
+@dataclass(frozen=True)
+class _Action:
+    """How a fault begins, how it ends when it lasts, and which arguments it takes."""
+
+    begin: Callable[[Arguments], object]
+    end: Callable[[], object] | None = None
+    takes: frozenset[str] = frozenset()
+
+
 class ControllerFaults:
-    """Injects faults into one controller; lasting ones end with ``clear`` or after ``for_s`` seconds."""
+    """Injects faults into one controller; lasting ones end after ``for_s`` seconds or with ``clear``."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller, self._robot = controller, controller.robot
         self._tasks: set[asyncio.Task[None]] = set()
         self._timers: list[asyncio.TimerHandle] = []
-        stream = controller.faults
-        self._actions: dict[Fault, tuple[Callable[[Arguments], None], frozenset[str]]] = {
-            Fault.REFUSE: (self._refuse, frozenset()),
-            Fault.DROP: (lambda a: self._cut(a, reset=False), frozenset({"ports"})),
-            Fault.RESET: (lambda a: self._cut(a, reset=True), frozenset({"ports"})),
-            Fault.HALF_OPEN: (lambda a: setattr(stream.link, "half_open", True), frozenset()),
-            Fault.SILENCE: (lambda a: setattr(stream, "silent", True), frozenset()),
-            Fault.DELAY: (self._delay, frozenset({"s"})),
-            Fault.SPLIT: (lambda a: setattr(stream.link, "split", True), frozenset()),
-            Fault.JUNK: (self._junk, frozenset()),
-            Fault.FREEZE: (lambda a: setattr(stream, "freeze", True), frozenset()),
-            Fault.DUPLICATE: (lambda a: setattr(stream, "duplicate", True), frozenset()),
-            Fault.GAP: (self._gap, frozenset({"count"})),
-            Fault.CLOCK_JUMP: (self._clock_jump, frozenset({"s"})),
-            Fault.PROTECTIVE_STOP: (lambda a: self._robot.protective_stop(), frozenset()),
-            Fault.EMERGENCY_STOP: (lambda a: self._robot.emergency_stop(), frozenset()),
-            Fault.SAFEGUARD_STOP: (lambda a: self._robot.safeguard_stop(), frozenset()),
-            Fault.LOCAL_MODE: (lambda a: setattr(self._robot, "remote", False), frozenset()),
-            Fault.FOREIGN_PROGRAM: (self._foreign_program, frozenset()),
-            Fault.REGISTER_IN_USE: (self._register_in_use, frozenset({"name"})),
-            Fault.NOT_FOUND: (self._not_found, frozenset({"name"})),
-            Fault.HANDSHAKE_MESSAGE: (self._handshake_message, frozenset({"text"})),
-            Fault.SCRIPT_DEATH: (self._script_death, frozenset()),
-            Fault.LATE_FIRST_PACKAGE: (self._late_first_package, frozenset({"s"})),
-            Fault.SLOW_DASHBOARD: (self._slow_dashboard, frozenset({"s"})),
-            Fault.REBOOT: (self._reboot, frozenset({"off_s", "serial"})),
-            Fault.KILL: (lambda a: os.kill(os.getpid(), signal.SIGKILL), frozenset()),
-        }
+        self._actions = self._stream_actions() | self._arm_actions()
 
     def offers(self) -> frozenset[Fault]:
         """Every fault a controller can show."""
@@ -60,42 +43,107 @@ class ControllerFaults:
 
     def inject(self, fault: Fault, arguments: Arguments) -> None:
         """Begin ``fault``; ``for_s`` ends it by itself. ``ARGUMENT_INVALID`` for what it does not take."""
-        action, allowed = self._actions[fault]
-        unknown = set(arguments) - allowed - {"for_s"}
+        action = self._actions[fault]
+        takes = action.takes | ({"for_s"} if action.end is not None else frozenset())
+        unknown = set(arguments) - takes
         if unknown:
-            takes = ", ".join(sorted(allowed | {"for_s"}))
-            raise error(
-                "ARGUMENT_INVALID", f"{fault} does not take {', '.join(sorted(unknown))}; it takes {takes}"
-            )
+            wrong, right = ", ".join(sorted(unknown)), ", ".join(sorted(takes)) or "nothing"
+            raise error("ARGUMENT_INVALID", f"{fault} does not take {wrong}; it takes {right}")
         duration = number(arguments, "for_s", 0.0)
-        action(arguments)
-        if duration > 0:
-            self._timers.append(asyncio.get_running_loop().call_later(duration, self.clear))
+        action.begin(arguments)
+        if duration > 0 and action.end is not None:
+            self._timers.append(asyncio.get_running_loop().call_later(duration, action.end))
 
     def clear(self) -> None:
-        """End every lasting fault: links behave, stops are released, control is remote again."""
+        """An operator puts everything right: faults end, the arm is powered and remote, no program runs."""
+        self.close()
+        for action in self._actions.values():
+            if action.end is not None:
+                action.end()
+        self._robot.runtime.stop(self._robot.now())
+        self._robot.safety.restore()
+
+    def close(self) -> None:
+        """Forget timers and reboots on their way."""
         for timer in self._timers:
             timer.cancel()
         self._timers.clear()
-        self._controller.faults.clear()
-        self._robot.remote = True
-        self._robot.safety.release(
-            SafetyMode.SAFEGUARD_STOP, SafetyMode.ROBOT_EMERGENCY_STOP, SafetyMode.SYSTEM_EMERGENCY_STOP
-        )
-        self._controller.rtde.ownership.release(self)
-        self._spawn(self._controller.listen())
-
-    def close(self) -> None:
-        """Forget timers and running reboots."""
-        for timer in self._timers:
-            timer.cancel()
         for task in self._tasks:
             task.cancel()
 
-    def _spawn(self, work: Any) -> None:
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.get_running_loop().create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
+
+    def _stream_actions(self) -> dict[Fault, _Action]:
+        stream = self._controller.faults
+
+        def switch(owner: object, name: str, off: Any = False, on: Any = True) -> _Action:
+            return _Action(lambda a: setattr(owner, name, on), lambda: setattr(owner, name, off))
+
+        def amount(owner: object, name: str, default: float) -> _Action:
+            return _Action(
+                lambda a: setattr(owner, name, number(a, "s", default)),
+                lambda: setattr(owner, name, 0.0),
+                frozenset({"s"}),
+            )
+
+        return {
+            Fault.REFUSE: _Action(self._refuse, lambda: self._spawn(self._controller.listen())),
+            Fault.DROP: _Action(lambda a: self._cut(a, reset=False), takes=frozenset({"ports"})),
+            Fault.RESET: _Action(lambda a: self._cut(a, reset=True), takes=frozenset({"ports"})),
+            Fault.HALF_OPEN: switch(stream.link, "half_open"),
+            Fault.SPLIT: switch(stream.link, "split"),
+            Fault.DELAY: amount(stream.link, "delay_s", 0.05),
+            Fault.JUNK: _Action(self._junk),
+            Fault.SILENCE: switch(stream, "silent"),
+            Fault.FREEZE: switch(stream, "freeze"),
+            Fault.DUPLICATE: switch(stream, "duplicate"),
+            Fault.GAP: _Action(self._gap, takes=frozenset({"count"})),
+            Fault.CLOCK_JUMP: _Action(self._clock_jump, takes=frozenset({"s"})),
+            Fault.LATE_FIRST_PACKAGE: amount(stream, "first_package_delay_s", 2.0),
+            Fault.SLOW_DASHBOARD: amount(stream, "dashboard_delay_s", 1.0),
+            Fault.HANDSHAKE_MESSAGE: _Action(
+                lambda a: setattr(stream, "handshake_message", str(a.get("text", "controller is busy"))),
+                lambda: setattr(stream, "handshake_message", None),
+                frozenset({"text"}),
+            ),
+            Fault.NOT_FOUND: _Action(
+                self._not_found, lambda: setattr(stream, "missing", frozenset()), frozenset({"name"})
+            ),
+        }
+
+    def _arm_actions(self) -> dict[Fault, _Action]:
+        robot = self._robot
+
+        def release(*modes: SafetyMode) -> Callable[[], None]:
+            return lambda: robot.safety.release(*modes)
+
+        return {
+            Fault.PROTECTIVE_STOP: _Action(lambda a: robot.protective_stop()),
+            Fault.EMERGENCY_STOP: _Action(
+                lambda a: robot.emergency_stop(), release(SafetyMode.ROBOT_EMERGENCY_STOP)
+            ),
+            Fault.SAFEGUARD_STOP: _Action(
+                lambda a: robot.safeguard_stop(), release(SafetyMode.SAFEGUARD_STOP)
+            ),
+            Fault.LOCAL_MODE: _Action(
+                lambda a: setattr(robot, "remote", False), lambda: setattr(robot, "remote", True)
+            ),
+            Fault.FOREIGN_PROGRAM: _Action(
+                lambda a: robot.start(Program("foreign", foreign_steps(), "foreign")),
+                self._end_foreign_program,
+            ),
+            Fault.REGISTER_IN_USE: _Action(
+                self._register_in_use,
+                lambda: self._controller.rtde.ownership.release(self),
+                frozenset({"name"}),
+            ),
+            Fault.SCRIPT_DEATH: _Action(lambda a: self._script_death()),
+            Fault.REBOOT: _Action(self._reboot, takes=frozenset({"off_s", "serial"})),
+            Fault.KILL: _Action(lambda a: os.kill(os.getpid(), signal.SIGKILL)),
+        }
 
     # -- transport
 
@@ -108,9 +156,6 @@ class ControllerFaults:
         if ports not in ("all", "rtde"):
             raise error("ARGUMENT_INVALID", f"ports={ports!r} is neither all nor rtde")
         self._controller.cut(reset, rtde_only=ports == "rtde")
-
-    def _delay(self, arguments: Arguments) -> None:
-        self._controller.faults.link.delay_s = number(arguments, "s", 0.05)
 
     def _junk(self, arguments: Arguments) -> None:
         for connection in self._controller.rtde.connections:
@@ -125,15 +170,14 @@ class ControllerFaults:
     def _clock_jump(self, arguments: Arguments) -> None:
         self._robot.clock_offset += number(arguments, "s", 10.0, low=-1e6)
 
-    def _late_first_package(self, arguments: Arguments) -> None:
-        self._controller.faults.first_package_delay_s = number(arguments, "s", 2.0)
-
     # -- programs and registers
 
-    def _foreign_program(self, arguments: Arguments) -> None:
-        self._robot.start(Program("foreign", foreign_steps(), "foreign"))
+    def _end_foreign_program(self) -> None:
+        program = self._robot.runtime.program
+        if program is not None and program.kind == "foreign":
+            self._robot.runtime.stop(self._robot.now())
 
-    def _script_death(self, arguments: Arguments) -> None:
+    def _script_death(self) -> None:
         runtime = self._robot.runtime
         name = runtime.program.name if runtime.program is not None else ""
         if runtime.state != RuntimeState.STOPPED:
@@ -155,13 +199,7 @@ class ControllerFaults:
         faults = self._controller.faults
         faults.missing = faults.missing | {name}
 
-    def _handshake_message(self, arguments: Arguments) -> None:
-        self._controller.faults.handshake_message = str(arguments.get("text", "controller is busy"))
-
     # -- dashboard and device
-
-    def _slow_dashboard(self, arguments: Arguments) -> None:
-        self._controller.faults.dashboard_delay_s = number(arguments, "s", 1.0)
 
     def _reboot(self, arguments: Arguments) -> None:
         serial = str(arguments.get("serial", self._robot.identity.serial))

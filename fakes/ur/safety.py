@@ -107,6 +107,11 @@ class Safety:
         if self.mode in modes:
             self.mode = SafetyMode.NORMAL
 
+    def restore(self) -> None:
+        """No stop, drives on, brakes released: what an operator at the pendant ends with."""
+        self._pending = []
+        self.mode, self.robot_mode = SafetyMode.NORMAL, RobotMode.RUNNING
+
     def power_on(self, t: float) -> None:
         """Towards IDLE, brakes engaged."""
         if not self.powered and not self.emergency:
