@@ -23,6 +23,11 @@ class DeviceSection(Section):
 
     driver: str = Field(description="a short name, or package.module:Class")
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Sent to another process, a section is the driver's own ``Config``: its class here has no name."""
+        config = type(self).__bases__[-1]
+        return config.model_validate, (self.model_dump(include=set(config.model_fields)),)
+
 
 def split_bind(bind: str) -> tuple[str, int]:
     """``host:port`` or ``[v6]:port`` as host and port; ``ValueError`` says what is wrong."""

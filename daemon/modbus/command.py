@@ -1,0 +1,132 @@
+"""Commands with sequence numbers: each is carried out once, in order, and a stop never queues."""
+
+import asyncio
+import logging
+import struct
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+
+from cell.errors import catalogue
+
+log = logging.getLogger("cellward.modbus")
+
+ACCEPTED, DONE, REFUSED = 1, 2, 0x8000
+START, ABORT, HALT, RESET = 1, 3, 4, 7
+STOPPING = frozenset({ABORT, HALT})
+DEADLINE_S = 10.0
+MAX_WAITING = 8
+
+
+def refused(name: str) -> int:
+    """The result code that says why nothing was done."""
+    return REFUSED | catalogue()[name].code
+
+
+@dataclass(frozen=True)
+class Command:
+    """One command of one channel. ``args`` are the six argument registers as they came."""
+
+    code: int
+    sequence: int
+    job: int = 0
+    flags: int = 0
+    args: tuple[int, ...] = (0, 0, 0, 0, 0, 0)
+    channel: str = "modbus"
+    client: str = ""
+    low_first: bool = False
+
+    def argument_float(self, index: int) -> float:
+        """Argument ``index`` (0, 1, 2) as float32."""
+        value: float = struct.unpack(">f", self._bytes(index))[0]
+        return value
+
+    def argument_as_uint32(self, index: int) -> int:
+        """Argument ``index`` (0, 1, 2) as uint32."""
+        value: int = struct.unpack(">I", self._bytes(index))[0]
+        return value
+
+    @property
+    def argument_uint32(self) -> int:
+        """The first argument as uint32: a run id or a prompt id."""
+        return self.argument_as_uint32(0)
+
+    def _bytes(self, index: int) -> bytes:
+        first, second = self.args[2 * index : 2 * index + 2]
+        return struct.pack(">HH", second, first) if self.low_first else struct.pack(">HH", first, second)
+
+
+class CommandChannel:
+    """The sequence of one channel: the same number again does nothing, a new one acts once.
+
+    The number is remembered on disk *before* the command is carried out: after a kill in between a repeated
+    request does nothing, so nothing moves by itself. Only a stop acts first and is remembered after.
+    """
+
+    def __init__(
+        self,
+        handler: Callable[[Command], Awaitable[int]],
+        last_sequence: int = 0,
+        remember: Callable[[int], None] | None = None,
+        report: Callable[[Command, int], None] = lambda command, result: None,
+    ) -> None:
+        """``handler`` gives a result code; ``remember`` writes a number to disk and may block."""
+        self.acknowledged, self.result = last_sequence, 0
+        self._handler, self._remember, self._report = handler, remember, report
+        self._taken, self._arrivals, self._answered, self._kept = last_sequence, 0, 0, 0
+        self._in_order = asyncio.Lock()
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def offer(self, command: Command) -> bool:
+        """Take a command if its sequence is new; True when it was taken. Never blocks."""
+        if command.sequence in (0, self._taken):
+            return False
+        self._taken = command.sequence
+        self._arrivals += 1
+        task = asyncio.create_task(self._carry_out(command, self._arrivals), name=f"command {command.code}")
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        return True
+
+    async def stop(self) -> None:
+        """Cancel what is still under way."""
+        tasks = tuple(self._tasks)
+        for task in tasks:
+            task.cancel()
+        if tasks:
+            await asyncio.wait(tasks, timeout=2.0)
+
+    async def _carry_out(self, command: Command, arrival: int) -> None:
+        if command.code in STOPPING:
+            result = await self._handled(command)
+            await self._keep(command.sequence, arrival)
+        elif len(self._tasks) > MAX_WAITING:
+            result = refused("BUSY")
+            await self._keep(command.sequence, arrival)
+        else:
+            async with self._in_order:
+                await self._keep(command.sequence, arrival)
+                result = await self._handled(command)
+        if arrival > self._answered:
+            self._answered, self.acknowledged, self.result = arrival, command.sequence, result
+        self._report(command, result)
+
+    async def _handled(self, command: Command) -> int:
+        try:
+            async with asyncio.timeout(DEADLINE_S):
+                return await self._handler(command)
+        except TimeoutError:
+            log.error("%s: command %d had no answer within %g s", command.client, command.code, DEADLINE_S)
+            return refused("CALL_TIMEOUT")
+        except Exception:
+            log.exception("%s: command %d", command.client, command.code)
+            return refused("INTERNAL")
+
+    async def _keep(self, sequence: int, arrival: int) -> None:
+        """Remember the newest; a command that a stop overtook does not push the stop's number back."""
+        if self._remember is None or arrival < self._kept:
+            return
+        self._kept = arrival
+        try:
+            await asyncio.to_thread(self._remember, sequence)
+        except Exception:
+            log.exception("the sequence %d could not be written down", sequence)
