@@ -12,7 +12,7 @@ _SAME = 1e-6  # rad; two solutions closer than this are one
 
 
 def polish(chain: DhChain, goal: Array, starts: Array) -> Array:
-    """(k, 6): where Newton's method takes the ``starts`` (m, 6); those that miss ``goal`` (4, 4) are left out.
+    """(k, 6): where Newton steps take the ``starts`` (m, 6); without those that miss ``goal`` (4, 4).
 
     Damped least squares (Nakamura and Hanafusa 1986) with a damping that vanishes with the error: it stays
     finite at singular starts and converges quadratically.

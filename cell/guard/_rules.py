@@ -1,0 +1,105 @@
+"""The geometric rules: each gives a slack in metres per joint vector; below zero the rule is broken."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.guard._body import Body
+from cell.guard.geometry import segment_box_distance, segment_segment_distance, segments_in_union
+from cell.guard.limits import Box, GuardLimits
+from cell.poses import Array
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The tightest spot of one rule: sample ``index``, ``slack_m`` (negative: broken), what and where."""
+
+    index: int
+    slack_m: float
+    text: str
+
+
+class Rules:
+    """The rules for one body in one set of boxes; ``ends`` is (n, m, 2, 3) as :class:`Body` gives them."""
+
+    def __init__(self, body: Body, limits: GuardLimits) -> None:
+        self._body, self._limits = body, limits
+        self._moving = np.flatnonzero(body.joints_before >= 1)
+        self._swinging = np.flatnonzero(body.joints_before[: body.links] >= 2)
+        self._held = np.flatnonzero(body.joints_before >= 5)
+        self._low = np.array([b.low for b in limits.workspace])
+        self._high = np.array([b.high for b in limits.workspace])
+        # A workspace that begins above the base plate says where the tool may be, not that there is a floor.
+        self._floor = min(float(np.min(self._low[:, 2])), 0.0)
+
+    def first_broken(self, ends: Array) -> Finding | None:
+        """The broken rule at the earliest sample, or None."""
+        found = (*self.keep_out(ends), self.workspace(ends), self.floor(ends), self.self_contact(ends))
+        return min((f for f in found if f.slack_m < 0.0), key=lambda f: f.index, default=None)
+
+    def keep_out(self, ends: Array, within: float = 0.0) -> list[Finding]:
+        """Every moving capsule outside every keep-out box; the base is bolted down and cannot run into one.
+
+        Slacks above ``within`` are lower bounds from bounding boxes.
+        """
+        segments = ends[:, self._moving].reshape(-1, 2, 3)
+        radii = np.tile(self._body.radii[self._moving], len(ends))
+        return [self._keep_out_of(box, segments, radii, within) for box in self._limits.keep_out]
+
+    def _keep_out_of(self, box: Box, segments: Array, radii: Array, within: float) -> Finding:
+        # Bounding boxes first: most capsules are nowhere near.
+        gap = np.maximum(box.low - segments.max(axis=1), segments.min(axis=1) - box.high)
+        slack = np.linalg.norm(np.maximum(gap, 0.0), axis=1) - radii
+        close = np.flatnonzero(slack < within)
+        exact = segment_box_distance(segments[close, 0], segments[close, 1], box.low, box.high)
+        slack[close] = exact - radii[close]
+        return self._finding(slack.reshape(-1, len(self._moving)), self._moving, f"keep-out box '{box.name}'")
+
+    def workspace(self, ends: Array) -> Finding:
+        """Wrist 3 and everything on the flange inside the union of the workspace boxes, surfaces included."""
+        held = ends[:, self._held]
+        radii = self._body.radii[self._held]
+        slack = np.empty(held.shape[:2])
+        for k, radius in enumerate(radii):
+            slack[:, k] = self._depth_in_union(held[:, k], self._low + radius, self._high - radius)
+        return self._finding(slack, self._held, "the workspace")
+
+    def _depth_in_union(self, segments: Array, low: Array, high: Array) -> Array:
+        """(n,) m: depth in the best box; 0 where only several boxes together hold the segment (n, 2, 3)."""
+        # A box is convex: a segment is as deep inside as its shallower end.
+        inside = np.minimum(segments[:, None] - low[:, None], high[:, None] - segments[:, None])
+        depth: Array = inside.min(axis=(2, 3)).max(axis=1)
+        out = np.flatnonzero(depth < 0.0)
+        if len(out) and len(low) > 1:
+            joined = segments_in_union(segments[out, 0], segments[out, 1], low, high)
+            depth[out[joined]] = 0.0
+        return depth
+
+    def floor(self, ends: Array) -> Finding:
+        """The links that swing (not base and shoulder, whose height never changes) above the floor."""
+        slack = ends[:, self._swinging][..., 2].min(axis=2) - self._body.radii[self._swinging] - self._floor
+        return self._finding(slack, self._swinging, "the floor")
+
+    def self_contact(self, ends: Array) -> Finding:
+        """Wrist and tool clear of the arm's own base, shoulder, upper arm and forearm."""
+        i, j = self._body.self_pairs.T
+        a, b = ends[:, i].reshape(-1, 2, 3), ends[:, j].reshape(-1, 2, 3)
+        distance = segment_segment_distance(a[:, 0], a[:, 1], b[:, 0], b[:, 1]).reshape(len(ends), -1)
+        slack = distance - self._body.radii[i] - self._body.radii[j]
+        index, pair = _tightest(slack)
+        names = self._body.names
+        return Finding(
+            index, float(slack[index, pair]), f"'{names[j[pair]]}' and the arm's own '{names[i[pair]]}'"
+        )
+
+    def _finding(self, slack: Array, capsules: NDArray[np.intp], what: str) -> Finding:
+        index, k = _tightest(slack)
+        return Finding(index, float(slack[index, k]), f"'{self._body.names[capsules[k]]}' and {what}")
+
+
+def _tightest(slack: Array) -> tuple[int, int]:
+    """Sample and column of the worst slack at the first broken sample, else of the smallest slack."""
+    broken = np.flatnonzero((slack < 0.0).any(axis=1))
+    index = int(broken[0]) if len(broken) else int(np.argmin(slack.min(axis=1)))
+    return index, int(np.argmin(slack[index]))

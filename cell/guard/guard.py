@@ -1,0 +1,187 @@
+"""The motion guard: what every move and every set-point has to pass before it is sent.
+
+A supervisor's plausibility check against the configured boxes, not a safety function: it knows only what
+``cell.toml`` says, and the links are approximate capsules.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Slerp
+
+from cell.arm_model import ArmModel
+from cell.errors import CellError, error
+from cell.guard._body import Body
+from cell.guard._margins import PoseMargins, margins_of
+from cell.guard._rules import Finding, Rules
+from cell.guard.limits import GuardLimits, Tool
+from cell.poses import Array
+
+JOINTS = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
+
+SAMPLE_M = 0.01  # no point of the arm moves farther between two samples of a path
+_JUMP_RAD = 0.5  # a joint that turns this far within one sample of a line has changed its branch
+_WRONG_ARM_M = 0.01  # the published model of a UR is within 3 mm of its factory calibration
+
+
+class MotionGuard:
+    """Checks joints, paths and set-points of one arm with one tool; every failure is a coded error.
+
+    ``MOTION_LIMIT`` for joint ranges and speeds, ``MOTION_COLLISION`` for boxes, floor and self-contact,
+    ``MOTION_UNREACHABLE`` for poses without joints. Boxes are exact at each sample and to 5 mm between.
+    """
+
+    def __init__(self, model: ArmModel, limits: GuardLimits, tool: Tool) -> None:
+        self.model, self.limits, self.tool = model, limits, tool
+        self._body = Body(model, tool)
+        self._rules = Rules(self._body, limits)
+        self._joint_limits = model.joint_limits
+
+    def check_joints(self, q: Array) -> None:
+        """Joint ranges and geometry at ``q`` (6,) rad."""
+        self._check(_six(q)[None], ["at this pose"])
+
+    def check_path_joints(self, q0: Array, q1: Array) -> None:
+        """The straight joint path from ``q0`` to ``q1`` (6,) rad, ends included."""
+        start, end = _six(q0), _six(q1)
+        samples = self._joint_samples(start, end)
+        self._check(samples, _places(len(samples)))
+
+    def check_path_linear(
+        self, T0: RigidTransform, T1: RigidTransform, q0: Array, speed_m_s: float | None = None
+    ) -> None:
+        """The TCP's straight line between two flange poses, from the joints ``q0`` (6,) rad.
+
+        Joint speeds are judged at ``speed_m_s``, or at the configured line speed.
+        """
+        start = _six(q0)
+        away = float(np.linalg.norm(self.model.forward(start).translation - T0.translation))
+        if away > _WRONG_ARM_M:
+            raise error(
+                "MOTION_LIMIT",
+                f"the model '{self.model.name}' puts the flange {1e3 * away:.1f} mm from where the "
+                "controller reports it; check [robot] model and its calibration",
+            )
+        Q, step_s = self._follow_line(T0, T1, start, speed_m_s or self.limits.speed_m_s)
+        fine = [self._joint_samples(a, b)[1:] for a, b in pairwise(Q)]
+        samples = np.concatenate([Q[:1], *fine])
+        self._check(samples, _places(len(samples)))
+        self._check_line_speed(Q, step_s, speed_m_s or self.limits.speed_m_s)
+
+    def check_setpoint(self, q: Array, qd: Array) -> None:
+        """One set-point of a stream: geometry at ``q``, speeds of joints and TCP at ``qd`` (6,) rad/s."""
+        joints, speeds = _six(q), _six(qd)
+        self._check(joints[None], ["at this set-point"])
+        worst = int(np.argmax(np.abs(speeds)))
+        if abs(speeds[worst]) > self.limits.joint_speed_rad_s * (1.0 + 1e-9):
+            raise error(
+                "MOTION_LIMIT",
+                f"set-point turns joint '{JOINTS[worst]}' at {abs(speeds[worst]):.3f} rad/s, "
+                f"limit {self.limits.joint_speed_rad_s:g} rad/s",
+            )
+        twist = self.model.jacobian(joints) @ speeds
+        lever = self.model.forward(joints).rotation.apply(self.tool.T_flange_tool.translation)
+        tcp = float(np.linalg.norm(twist[:3] + np.cross(twist[3:], lever)))
+        if tcp > self.limits.speed_m_s * (1.0 + 1e-9):
+            raise error(
+                "MOTION_LIMIT",
+                f"set-point moves the TCP at {tcp:.3f} m/s, limit {self.limits.speed_m_s:g} m/s",
+            )
+
+    def describe(self, q: Array) -> PoseMargins:
+        """How far ``q`` (6,) rad is from each limit; broken ones are negative, nothing is raised."""
+        joints = _six(q)
+        return margins_of(joints, self.model, self._rules, self._body.ends(joints[None]), JOINTS)
+
+    def _check(self, Q: Array, places: list[str]) -> None:
+        self._check_joint_range(Q, places)
+        finding = self._rules.first_broken(self._body.ends(Q))
+        if finding is not None:
+            raise _collision(finding, places[finding.index])
+
+    def _check_joint_range(self, Q: Array, places: list[str]) -> None:
+        low, high = self._joint_limits.T
+        excess = np.maximum(low - Q, Q - high)
+        if np.max(excess) > 1e-9:
+            n, j = np.unravel_index(int(np.argmax(excess)), excess.shape)
+            raise error(
+                "MOTION_LIMIT",
+                f"joint '{JOINTS[j]}' would be at {Q[n, j]:.3f} rad {places[n]}, "
+                f"range {low[j]:.3f} to {high[j]:.3f} rad",
+            )
+
+    def _joint_samples(self, q0: Array, q1: Array) -> Array:
+        """(n, 6) along the joint path: no point of the body moves more than ``SAMPLE_M`` between two."""
+        travel = float(np.abs(q1 - q0) @ self._body.reach_after)
+        count = max(1, int(np.ceil(travel / SAMPLE_M)))
+        return q0 + np.linspace(0.0, 1.0, count + 1)[:, None] * (q1 - q0)
+
+    def _follow_line(
+        self, T0: RigidTransform, T1: RigidTransform, q0: Array, speed: float
+    ) -> tuple[Array, float]:
+        """Joints (n, 6) along the line, and the seconds between them at ``speed``."""
+        poses, duration = self._line_poses(T0, T1, speed)
+        places = _places(len(poses))
+        Q = [q0]
+        for pose, place in zip(poses, places, strict=True):
+            q = self.model.inverse(pose, Q[-1])
+            if q is None:
+                raise error(
+                    "MOTION_UNREACHABLE", f"the flange pose {place} of the line has no joints within range"
+                )
+            jump = np.abs(q - Q[-1])
+            if np.max(jump) > _JUMP_RAD:
+                raise error(
+                    "MOTION_UNREACHABLE",
+                    f"joint '{JOINTS[int(np.argmax(jump))]}' would have to jump by {np.max(jump):.2f} rad "
+                    f"{place} of the line; move there in joint space",
+                )
+            Q.append(q)
+        return np.array(Q[1:]), duration / max(1, len(poses) - 1)
+
+    def _line_poses(
+        self, T0: RigidTransform, T1: RigidTransform, speed: float
+    ) -> tuple[list[RigidTransform], float]:
+        """Flange poses along the TCP's line, and how long the line takes; turning is paced by the joints."""
+        tool = self.tool.T_flange_tool
+        a, b = T0 * tool, T1 * tool
+        shift = b.translation - a.translation
+        angle = float((a.rotation.inv() * b.rotation).magnitude())
+        length = float(np.linalg.norm(shift))
+        count = max(1, int(np.ceil((length + angle * self._body.tool_reach) / SAMPLE_M)))
+        s = np.linspace(0.0, 1.0, count + 1)
+        turns = Slerp([0.0, 1.0], type(a.rotation).concatenate([a.rotation, b.rotation]))(s)
+        tcp = RigidTransform.from_components(a.translation + s[:, None] * shift, turns)
+        duration = max(length / speed, angle / self.limits.joint_speed_rad_s)
+        return list(tcp * tool.inv()), duration
+
+    def _check_line_speed(self, Q: Array, step_s: float, speed: float) -> None:
+        if len(Q) < 2 or step_s <= 0.0:
+            return
+        rates = np.abs(np.diff(Q, axis=0)) / step_s
+        n, j = np.unravel_index(int(np.argmax(rates)), rates.shape)
+        limit = self.limits.joint_speed_rad_s
+        if rates[n, j] > limit * 1.01:
+            raise error(
+                "MOTION_LIMIT",
+                f"joint '{JOINTS[j]}' would turn at {rates[n, j]:.2f} rad/s on this line at {speed:g} m/s "
+                f"(limit {limit:g} rad/s, near a singular pose); move in joint space or below "
+                f"{speed * limit / rates[n, j]:.3f} m/s",
+            )
+
+
+def _six(q: Array) -> Array:
+    values = np.asarray(q, dtype=float)
+    if values.shape != (6,) or not np.all(np.isfinite(values)):
+        raise error("MOTION_LIMIT", f"need 6 finite joint values, got {values.tolist()}")
+    return values
+
+
+def _places(count: int) -> list[str]:
+    return [f"at {100 * k / max(1, count - 1):.0f} %" for k in range(count)]
+
+
+def _collision(finding: Finding, place: str) -> CellError:
+    return error(
+        "MOTION_COLLISION", f"{finding.text}: {-1e3 * finding.slack_m:.1f} mm beyond the limit {place}"
+    )

@@ -1,0 +1,288 @@
+"""What the motion guard lets through and what it refuses, and in which words."""
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from calibration.kinematics import UrArm
+from cell.arm_model import Capsule
+from cell.errors import CellError
+from cell.guard import GuardLimits, MotionGuard, Tool
+from cell.motion import Guard
+from cell.poses import Array, from_pose6
+
+HOME = np.array([0.0, -1.8, 1.8, -1.57, -1.57, 0.0])
+PILLAR = {"name": "pillar", "min": [0.6, -0.2, 0.0], "max": [0.8, 0.2, 1.5]}
+HALL = {"min": [-1.3, -1.3, 0.0], "max": [1.3, 1.3, 1.8]}
+ARM = UrArm("ur10e")
+HOME_POSE = ARM.forward(HOME)
+
+
+def make_guard(**changes: Any) -> MotionGuard:
+    table: dict[str, Any] = {
+        "speed_m_s": 0.25,
+        "accel_m_s2": 0.5,
+        "joint_speed_rad_s": 0.8,
+        "allow_job_override": False,
+        "workspace": [HALL],
+        "keep_out": [PILLAR],
+    }
+    tool = Tool.from_mapping({"name": "gripper", "T_flange_tool": [0, 0, 0.18, 0, 0, 0], "radius_m": 0.03})
+    tool = changes.pop("tool", tool)
+    return MotionGuard(ARM, GuardLimits.from_mapping(table | changes), tool)
+
+
+@pytest.fixture
+def subject() -> MotionGuard:
+    return make_guard()
+
+
+def refusal(call: Any, *args: Any, **kwargs: Any) -> CellError:
+    with pytest.raises(CellError) as caught:
+        call(*args, **kwargs)
+    return caught.value
+
+
+def turned(*angles: float) -> Array:
+    """The home joints plus these angles."""
+    return HOME + np.array(angles)
+
+
+def shifted(x: float, y: float, z: float) -> RigidTransform:
+    """The home pose moved in the base frame."""
+    return RigidTransform.from_translation([x, y, z]) * HOME_POSE
+
+
+def test_it_is_the_guard_that_a_motion_lease_wants(subject: MotionGuard) -> None:
+    guard: Guard = subject
+    guard.check_path_joints(HOME, HOME + 0.1)
+
+
+def test_a_pose_in_the_open_passes(subject: MotionGuard) -> None:
+    subject.check_joints(HOME)
+    assert subject.describe(HOME).ok
+
+
+def test_a_joint_beyond_its_range_is_refused_by_name(subject: MotionGuard) -> None:
+    failure = refusal(subject.check_joints, turned(0, 0, 2.0, 0, 0, 0))
+    assert failure.name == "MOTION_LIMIT"
+    assert "'elbow' would be at 3.800 rad" in str(failure)
+    assert "range -3.142 to 3.142 rad" in str(failure)
+
+
+@pytest.mark.parametrize("q", [HOME[:5], HOME * np.nan])
+def test_joints_that_are_no_joints_are_refused(subject: MotionGuard, q: Array) -> None:
+    assert refusal(subject.check_joints, q).name == "MOTION_LIMIT"
+
+
+def test_a_path_through_a_box_is_refused_although_both_ends_are_free(subject: MotionGuard) -> None:
+    start, end = turned(np.pi - 0.9, 0, 0, 0, 0, 0), turned(np.pi + 0.9, 0, 0, 0, 0, 0)
+    subject.check_joints(start)
+    subject.check_joints(end)
+    failure = refusal(subject.check_path_joints, start, end)
+    assert failure.name == "MOTION_COLLISION"
+    assert "keep-out box 'pillar'" in str(failure)
+    assert "mm beyond the limit at" in str(failure)
+
+
+def test_a_path_past_a_box_is_free_when_the_box_is_gone() -> None:
+    subject = make_guard(keep_out=[])
+    subject.check_path_joints(turned(np.pi - 0.9, 0, 0, 0, 0, 0), turned(np.pi + 0.9, 0, 0, 0, 0, 0))
+
+
+def test_no_capsule_point_moves_farther_than_the_sampling_step_between_samples(subject: MotionGuard) -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        Q = subject._joint_samples(rng.uniform(-3, 3, 6), rng.uniform(-3, 3, 6))
+        ends = subject._body.ends(Q)
+        assert np.max(np.linalg.norm(np.diff(ends, axis=0), axis=-1)) <= 0.0101
+
+
+def test_a_link_hits_a_box_that_the_tool_misses() -> None:
+    # A beam just above the upper arm's elbow at home.
+    elbow = ARM.capsules(HOME)[3].p0
+    beam = {"name": "beam", "min": [*(elbow[:2] - 0.05), elbow[2] + 0.05], "max": [*(elbow[:2] + 0.05), 2.0]}
+    failure = refusal(make_guard(keep_out=[beam]).check_joints, HOME)
+    assert failure.name == "MOTION_COLLISION"
+    assert "keep-out box 'beam'" in str(failure)
+    assert "upper arm" in str(failure) or "elbow" in str(failure)
+
+
+def test_the_base_may_stand_in_a_box_but_the_arm_may_not_dip_into_it() -> None:
+    table = {"name": "table", "min": [-1.5, -1.5, -0.5], "max": [1.5, 1.5, 0.0]}
+    subject = make_guard(keep_out=[table], workspace=[{"min": [-2, -2, -2], "max": [2, 2, 2]}])
+    subject.check_joints(HOME)
+    failure = refusal(subject.check_joints, turned(0, 0.9, 0, 0, 0, 0))
+    assert failure.name == "MOTION_COLLISION"
+    assert "'table'" in str(failure)
+
+
+def test_links_stay_above_the_floor_of_the_workspace() -> None:
+    subject = make_guard(keep_out=[])
+    # The tool is high up while the elbow dips below the base plate.
+    failure = refusal(subject.check_joints, np.array([0.0, 0.35, -2.2, -1.5, -1.57, 0.0]))
+    assert failure.name == "MOTION_COLLISION"
+    assert "the floor" in str(failure)
+
+
+def test_a_workspace_that_starts_above_the_base_plate_is_no_floor_for_the_links() -> None:
+    high = {"min": [-1.3, -1.3, 0.3], "max": [1.3, 1.3, 1.8]}
+    make_guard(workspace=[high]).check_joints(HOME)
+
+
+def test_the_tool_outside_the_workspace_is_refused() -> None:
+    near = {"min": [-0.5, -1.3, 0.0], "max": [1.3, 1.3, 1.8]}
+    failure = refusal(make_guard(workspace=[near]).check_joints, HOME)
+    assert failure.name == "MOTION_COLLISION"
+    assert "'gripper' and the workspace" in str(failure) or "'wrist 3' and the workspace" in str(failure)
+
+
+def test_the_tool_may_stand_in_two_overlapping_workspace_boxes_at_once() -> None:
+    tip = (HOME_POSE * from_pose6([0, 0, 0.18, 0, 0, 0])).translation
+    upper = {"min": [-1.3, -1.3, tip[2] + 0.08], "max": [1.3, 1.3, 1.8]}
+    lower = {"min": [-1.3, -1.3, 0.0], "max": [1.3, 1.3, tip[2] + 0.16]}
+    both = make_guard(workspace=[upper, lower], tool=Tool(from_pose6([0, 0, 0.18, 0, 0, 0]), 0.03))
+    both.check_joints(HOME)
+    assert refusal(make_guard(workspace=[upper]).check_joints, HOME).name == "MOTION_COLLISION"
+    assert refusal(make_guard(workspace=[lower]).check_joints, HOME).name == "MOTION_COLLISION"
+
+
+def test_a_tcp_may_touch_the_workspace_face() -> None:
+    tip = (HOME_POSE * from_pose6([0, 0, 0.18, 0, 0, 0])).translation
+    floor = {"min": [-1.3, -1.3, tip[2] - 0.002], "max": [1.3, 1.3, 1.8]}
+    make_guard(workspace=[floor]).check_joints(HOME)
+    above = {"min": [-1.3, -1.3, tip[2] + 0.002], "max": [1.3, 1.3, 1.8]}
+    assert "gripper" in str(refusal(make_guard(workspace=[above]).check_joints, HOME))
+
+
+def test_an_attachment_on_the_flange_counts_as_part_of_the_tool() -> None:
+    arm_of_camera = Capsule(np.zeros(3), np.array([0.0, -0.5, 0.05]), 0.04, "camera")
+    tool = Tool(from_pose6([0, 0, 0.18, 0, 0, 0]), 0.03, attachments=(arm_of_camera,))
+    reach = HOME_POSE.apply(np.array([0.0, -0.5, 0.05]))
+    box = {"name": "rack", "min": (reach - 0.05).tolist(), "max": (reach + 0.05).tolist()}
+    failure = refusal(make_guard(keep_out=[box], tool=tool).check_joints, HOME)
+    assert "'camera' and keep-out box 'rack'" in str(failure)
+
+
+def test_the_tool_may_not_run_into_the_arm_itself() -> None:
+    folded = np.array([0.0, -1.8, 2.9, 1.2, -1.57, 0.0])
+    tool = Tool(from_pose6([0, 0, 0.35, 0, 0, 0]), 0.05, "long gripper")
+    failure = refusal(make_guard(keep_out=[], tool=tool).check_joints, folded)
+    assert failure.name == "MOTION_COLLISION"
+    assert "the arm's own" in str(failure)
+
+
+def test_a_straight_line_in_the_open_passes(subject: MotionGuard) -> None:
+    subject.check_path_linear(HOME_POSE, shifted(0.05, 0.2, 0.1), HOME)
+
+
+def test_a_line_through_a_box_is_refused_although_both_ends_are_free() -> None:
+    box = {"name": "post", "min": [-0.75, -0.02, 0.0], "max": [-0.6, 0.02, 1.5]}
+    subject = make_guard(keep_out=[box])
+    start, end = shifted(0, -0.25, 0), shifted(0, 0.6, 0)
+    q0 = ARM.inverse(start, HOME)
+    assert q0 is not None
+    subject.check_joints(q0)
+    failure = refusal(subject.check_path_linear, start, end, q0)
+    assert failure.name == "MOTION_COLLISION"
+    assert "'post'" in str(failure)
+
+
+def test_a_line_out_of_reach_says_where_it_ends(subject: MotionGuard) -> None:
+    failure = refusal(subject.check_path_linear, HOME_POSE, shifted(-0.9, 0, 0), HOME)
+    assert failure.name == "MOTION_UNREACHABLE"
+    assert "% of the line" in str(failure)
+
+
+def test_a_line_past_the_shoulder_axis_is_refused_for_joint_speed() -> None:
+    # Along x, passing the base axis at a distance near the wrist's offset: joint 1 has to spin.
+    subject = make_guard(keep_out=[])
+    start = from_pose6([-0.45, -0.25, 0.75, 0.0, np.pi, 0.0])
+    end = from_pose6([0.45, -0.25, 0.75, 0.0, np.pi, 0.0])
+    q0 = min(ARM.inverse_all(start), key=lambda q: float(np.abs(q - HOME).sum()))
+    failure = refusal(subject.check_path_linear, start, end, q0)
+    assert failure.name in ("MOTION_LIMIT", "MOTION_UNREACHABLE")
+
+
+def test_a_line_too_fast_for_a_joint_passes_at_a_lower_speed(subject: MotionGuard) -> None:
+    end = shifted(0.05, 0.4, 0.0)
+    fast = make_guard(speed_m_s=1.0)
+    failure = refusal(fast.check_path_linear, HOME_POSE, end, HOME)
+    assert failure.name == "MOTION_LIMIT"
+    assert "m/s" in str(failure)
+    fast.check_path_linear(HOME_POSE, end, HOME, speed_m_s=0.1)
+
+
+def test_the_tcp_and_not_the_flange_travels_on_the_line(subject: MotionGuard) -> None:
+    tool = subject.tool.T_flange_tool
+    turned = HOME_POSE * tool * RigidTransform.from_rotation(Rotation.from_rotvec([0.5, 0, 0])) * tool.inv()
+    poses, _ = subject._line_poses(HOME_POSE, turned, 0.25)
+    tips = np.array([(T * tool).translation for T in poses])
+    assert np.max(np.ptp(tips, axis=0)) < 1e-9
+
+
+def test_an_arm_model_that_is_not_this_arm_is_noticed(subject: MotionGuard) -> None:
+    failure = refusal(subject.check_path_linear, shifted(0, 0.05, 0), shifted(0, 0.1, 0), HOME)
+    assert failure.name == "MOTION_LIMIT"
+    assert "50.0 mm" in str(failure)
+
+
+def test_a_set_point_within_the_speeds_passes(subject: MotionGuard) -> None:
+    subject.check_setpoint(HOME, np.full(6, 0.05))
+
+
+def test_a_set_point_that_turns_a_joint_too_fast_is_refused(subject: MotionGuard) -> None:
+    failure = refusal(subject.check_setpoint, HOME, np.array([0, 0, 0, 0, 0, 0.81]))
+    assert "'wrist 3' at 0.810 rad/s" in str(failure)
+
+
+def test_a_set_point_that_moves_the_tcp_too_fast_is_refused(subject: MotionGuard) -> None:
+    failure = refusal(subject.check_setpoint, HOME, np.array([0.5, 0, 0, 0, 0, 0]))
+    assert failure.name == "MOTION_LIMIT"
+    radius = float(np.linalg.norm((HOME_POSE * subject.tool.T_flange_tool).translation[:2]))
+    assert f"{0.5 * radius:.3f} m/s" in str(failure)
+
+
+def test_margins_name_the_nearest_box_and_shrink_towards_it(subject: MotionGuard) -> None:
+    far, near = subject.describe(HOME), subject.describe(turned(2.0, 0, 0, 0, 0, 0))
+    assert "pillar" in far.clearance
+    assert far.clearance_m is not None
+    assert near.clearance_m is not None
+    assert near.clearance_m < far.clearance_m
+    broken = subject.describe(turned(np.pi, 0, 0, 0, 0, 0))
+    assert not broken.ok
+    assert broken.as_dict()["clearance_m"] < 0
+
+
+def test_margins_agree_with_the_check(subject: MotionGuard) -> None:
+    for q in np.random.default_rng(5).uniform(-2.5, 2.5, (200, 6)):
+        if subject.describe(q).ok:
+            subject.check_joints(q)
+        else:
+            refusal(subject.check_joints, q)
+
+
+def test_margins_without_boxes_have_no_clearance() -> None:
+    assert make_guard(keep_out=[]).describe(HOME).clearance_m is None
+
+
+def test_a_box_with_min_above_max_is_a_config_error() -> None:
+    failure = refusal(make_guard, keep_out=[{"name": "odd", "min": [0, 0, 1], "max": [1, 1, 0]}])
+    assert failure.name == "CONFIG_INVALID"
+    assert "'odd'" in str(failure)
+
+
+def test_an_empty_workspace_is_a_config_error() -> None:
+    assert refusal(make_guard, workspace=[]).name == "CONFIG_INVALID"
+
+
+def test_a_typical_joint_path_is_checked_in_a_few_milliseconds(subject: MotionGuard) -> None:
+    best = np.inf
+    for _ in range(5):
+        started = time.perf_counter()
+        subject.check_path_joints(HOME, turned(0.8, 0.2, -0.3, 0.3, 0.4, 0.8))
+        best = min(best, time.perf_counter() - started)
+    assert best < 0.1, "20 ms by design; five times that on a busy machine"
