@@ -52,7 +52,7 @@ class UrMotion:
         """Upload the script, set the watchdog, the TCP and the payload, and see them in force."""
         self._opening = True
         try:
-            await self.client.call(
+            await self._call(
                 "open", OPEN_DEADLINE_S, host=self._config.host, watchdog_hz=self._config.watchdog_min_hz
             )
         except CellError as exc:
@@ -118,7 +118,7 @@ class UrMotion:
         with Watch(self._arm, self.client, lambda sample: None) as watch:
             undo = self.client.subscribe(lambda event: _note_end(watch, event))
             try:
-                await self.client.call(
+                await self._call(
                     "follow",
                     CALL_DEADLINE_S,
                     horizon_s=BEAT_LIMIT_S,
@@ -144,7 +144,7 @@ class UrMotion:
     async def decelerate(self) -> None:
         """Ask for a stop; a child that does not answer is killed, so that the watchdog stops the arm."""
         if not self.client.ended.is_set():
-            await self.client.call("stop", STOP_DEADLINE_S, decel=self._config.stop_decel_m_s2)
+            await self._call("stop", STOP_DEADLINE_S, decel=self._config.stop_decel_m_s2)
 
     async def close(self) -> None:
         """End our script and the child. A program that someone else started meanwhile is left alone."""
@@ -153,7 +153,7 @@ class UrMotion:
         self._closed = True
         try:
             if self.owns_program and not self.client.ended.is_set():
-                await self.client.call("end", END_DEADLINE_S)
+                await self._call("end", END_DEADLINE_S)
             else:
                 self.client.kill()
         except CellError:
@@ -165,6 +165,15 @@ class UrMotion:
             finally:
                 self._stop_following_program()
                 self._arm.motion_closed()
+
+    async def _call(self, do: str, deadline_s: float, **arguments: Any) -> Any:
+        """A command to the child; a lost link, which ends the child, is named rather than its death."""
+        try:
+            return await self.client.call(do, deadline_s, **arguments)
+        except CellError as exc:
+            if self._arm.lost is not None:
+                raise self._arm.lost from exc
+            raise
 
     async def _see_program_ended(self) -> None:
         """A script that is paused (after a protective stop) or hangs on is stopped by the dashboard."""
@@ -183,7 +192,7 @@ class UrMotion:
         if not any(centre):
             # The control script reads exactly zero as "keep the present centre of mass".
             centre[2] = 1e-6
-        read = await self.client.call(
+        read = await self._call(
             "tool", CALL_DEADLINE_S, tcp=tcp.tolist(), mass=self._tool.payload_kg, cog=centre
         )
         found = np.asarray(read, dtype=float)
@@ -219,7 +228,7 @@ class UrMotion:
     async def _move(self, do: str, arguments: dict[str, Any], judge: Judge, limit_s: float) -> Any:
         with Watch(self._arm, self.client, judge) as watch:
             try:
-                accepted = await self.client.call(do, CALL_DEADLINE_S, **arguments)
+                accepted = await self._call(do, CALL_DEADLINE_S, **arguments)
                 if not accepted and not watch.over:
                     watch.end(error("ARM_SCRIPT_DIED", f"the control script did not accept {do}"))
                 return await watch.outcome(limit_s, do)
