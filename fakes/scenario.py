@@ -163,6 +163,9 @@ class CellSettings(_Strict):
     """``[cell]``: what the generated cell.toml says beyond the truth."""
 
     name: str = "twin"
+    T_flange_target_nominal: Six | None = Field(
+        default=None, description="eye-to-hand: the first mounting of the target, from the drawing"
+    )
     poses: dict[str, Six] = {}
     limits: dict[str, Any] = {
         "speed_m_s": 0.25,
@@ -227,6 +230,7 @@ class Scenario(_Strict):
             "arm": "arm",
             role: "camera",
             nominal: world.camera.nominal,
+            "T_flange_target_nominal": self.cell.T_flange_target_nominal,
             "model": world.arm.model,
             "payload_kg": world.tool.payload_kg,
             "tool": tool,

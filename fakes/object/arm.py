@@ -25,7 +25,6 @@ class ObjectArmConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    driver: str = "fakes.object:ObjectArm"
     scenario: str = Field(description="scenario file, or the name of a shipped one")
     expect_serial: str | None = None
     state_period_s: float = Field(default=0.01, ge=0.002, le=0.02)

@@ -19,7 +19,6 @@ class ObjectCameraConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    driver: str = "fakes.object:ObjectCamera"
     scenario: str = Field(description="scenario file, or the name of a shipped one")
     expect_serial: str | None = None
     lost_after_s: float = Field(default=1.0, gt=0, le=10)

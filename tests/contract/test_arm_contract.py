@@ -111,9 +111,10 @@ def test_opening_motion_sets_the_tool_and_closing_it_ends_the_program(
     subject: Callable[[Scene], Any],
 ) -> None:
     async def scene(rig: Rig[Arm]) -> None:
-        flange = state(rig).T_base_flange
+        flange, epoch = state(rig).T_base_flange, rig.device.state.epoch
         port = await rig.device.open_motion(TOOL)
         seen = state(rig)
+        assert rig.device.state.epoch > epoch, "TCP poses before and after do not compare"
         assert np.allclose(seen.tcp_offset6, to_pose6(TOOL.T_flange_tool), atol=1e-6)
         assert np.allclose(log_xi(flange.inv() * seen.T_base_flange), 0.0, atol=1e-6)
         assert seen.program_running

@@ -195,6 +195,22 @@ def test_a_short_silence_is_a_gap_and_not_a_loss(subject: Callable[[Scene], Any]
     subject(scene)
 
 
+def test_a_port_that_was_blind_for_a_while_is_not_used_again(subject: Callable[[Scene], Any]) -> None:
+    async def scene(arm: ObjectArm) -> None:
+        port = await arm.open_motion(TOOL)
+        move = await start_move(arm, port)
+        arm.inject("silence", duration_s=0.08)
+        assert await move == "STALE_DATA"
+        await port.decelerate()
+        await arm.clock.sleep(0.5)
+        assert arm.lost is None
+        assert not moving(arm)
+        assert await failure_of(port.move_joints(arm.state.latest(0.1).value.q, SLOW)) == "STALE_DATA"
+        await port.close()
+
+    subject(scene)
+
+
 def test_a_safeguard_that_closes_again_lets_the_next_port_move(subject: Callable[[Scene], Any]) -> None:
     async def scene(arm: ObjectArm) -> None:
         arm.inject("safeguard-stop", duration_s=2.0)
