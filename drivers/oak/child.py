@@ -12,7 +12,8 @@ import socket
 import sys
 import threading
 from collections.abc import Callable, Mapping
-from pathlib import Path
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 import cv2
@@ -21,8 +22,8 @@ from numpy.typing import NDArray
 
 from cell.devices import BoardView, Frame
 from cell.errors import CellError, error
+from drivers.oak.capture import Capture
 from drivers.oak.config import OakConfig
-from drivers.oak.files import sync_folder, write_png
 from drivers.oak.protocol import Message, error_to_json, frame_to_json, pack, read_message
 
 if TYPE_CHECKING:
@@ -80,6 +81,7 @@ class ParentLink:
     def __init__(self, connection: socket.socket) -> None:
         self.commands: queue.SimpleQueue[Message] = queue.SimpleQueue()
         self._connection = connection
+        self._sending = threading.Lock()  # answers come from the writer's threads too
 
     def wait_for_commands(self) -> None:
         """Begin to read; the process exits when the daemon closes."""
@@ -88,7 +90,8 @@ class ParentLink:
     def send(self, message: Message) -> None:
         """Tell the daemon; a daemon that is gone ends this process."""
         try:
-            self._connection.sendall(pack(message))
+            with self._sending:
+                self._connection.sendall(pack(message))
         except OSError:
             os._exit(0)
 
@@ -102,43 +105,14 @@ class ParentLink:
         os._exit(0)
 
 
-class _Capture:
-    """A request for files of the next frames."""
-
-    def __init__(self, message: Message) -> None:
-        self.id: int = message["id"]
-        self.count: int = message["count"]
-        self.folder, self.stem = Path(message["folder"]), str(message["stem"])
-        self.after: float = message["after"]
-        self.frames: list[Message] = []
-
-    def wants(self, frame: Frame) -> bool:
-        """Whether the whole exposure lies after ``after``."""
-        return frame.t_exposure - 0.5 * frame.exposure_s >= self.after
-
-    def take(self, frame: Frame, shot: "Shot") -> bool:
-        """Write one frame; True when it was the last."""
-        name = f"{self.stem}-{len(self.frames)}"
-        colour = self.folder / f"{name}.png"
-        depth = None if shot.depth is None else self.folder / f"{name}-depth.png"
-        write_png(colour, shot.colour)
-        if depth is not None and shot.depth is not None:
-            write_png(depth, shot.depth)
-        files = {"colour_file": str(colour), "depth_file": depth and str(depth)}
-        self.frames.append({**frame_to_json(frame), **files})
-        if len(self.frames) < self.count:
-            return False
-        sync_folder(self.folder)
-        return True
-
-
 class VisionChild:
     """Looks at frames and answers commands, between which nothing is shared."""
 
     def __init__(self, link: ParentLink, make_target: TargetFactory) -> None:
         self._link, self._make_target = link, make_target
         self._detector: Detector | None = None
-        self._captures: list[_Capture] = []
+        self._captures: list[Capture] = []
+        self._writer = ThreadPoolExecutor(2, thread_name_prefix="png")
 
     def run(self) -> None:
         """Serve until the source fails; the error leaves this method."""
@@ -179,7 +153,8 @@ class VisionChild:
             self._choose(message["target"])
             self._answer(message["id"], {})
         elif message["type"] == "capture":
-            self._captures.append(_Capture(message))
+            answer = partial(self._answer, message["id"])
+            self._captures.append(Capture(message, self._writer, answer))
         else:
             raise error("PROTOCOL_VIOLATION", f"the vision child knows no command {message['type']!r}")
 
@@ -197,8 +172,9 @@ class VisionChild:
             serial=serial,
         )
         self._link.send({"type": "frame", "mean_grey": _mean(grey), "frame": frame_to_json(frame)})
-        for capture in [c for c in self._captures if c.wants(frame)]:
-            self._serve(capture, frame, shot)
+        for capture in self._captures:
+            capture.offer(frame, shot.colour, shot.depth)
+        self._captures = [c for c in self._captures if not c.complete]
 
     def _board(self, grey: NDArray[np.uint8]) -> BoardView | None:
         found = None if self._detector is None else self._detector.detect(grey)
@@ -206,17 +182,6 @@ class VisionChild:
             return None
         ids = np.asarray(found.ids, dtype=np.int64).ravel()
         return BoardView(ids, np.asarray(found.corners, dtype=float).reshape(-1, 2), _mean(grey))
-
-    def _serve(self, capture: _Capture, frame: Frame, shot: "Shot") -> None:
-        try:
-            if not capture.take(frame, shot):
-                return
-        except OSError as exc:
-            problem = error("CAPTURE_INCOMPLETE", f"cannot write to {capture.folder}: {exc.strerror or exc}")
-            self._answer(capture.id, {"error": error_to_json(problem)})
-        else:
-            self._answer(capture.id, {"frames": capture.frames})
-        self._captures.remove(capture)
 
     def _answer(self, request: int, fields: Message) -> None:
         self._link.send({"type": "answer", "id": request, **fields})
