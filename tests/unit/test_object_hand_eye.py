@@ -35,8 +35,6 @@ async def capture(
         turn = 0.28 * np.array([np.cos(2.4 * k), np.sin(2.4 * k), 1.5 * np.sin(k)])
         # Turning about the board's middle keeps it in view.
         middle = RigidTransform.from_translation([0.0, 0.0, board_ahead_m])
-            0.5 * np.array([0.0, 0.0, 1.0 if "to" not in scenario else 0.05])
-        )
         turned = middle * RigidTransform.from_rotation(Rotation.from_rotvec(turn)) * middle.inv()
         await port.move_linear(start * turned, FAST)
         frames = await camera.capture(3, UNUSED, "x", clock.now())
