@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -74,14 +75,14 @@ class Child:
             raise error("CHILD_DIED", f"the {self.name} ended with code {code}; {self._last_words()}")
 
     def end(self) -> None:
-        """SIGTERM, then SIGKILL to its whole session, each with a deadline."""
+        """SIGTERM with a deadline, then SIGKILL to whatever is left of its session."""
         if self._process.poll() is None:
             self._process.terminate()
-            try:
+            with suppress(subprocess.TimeoutExpired):
                 self._process.wait(TERM_DEADLINE_S)
-            except subprocess.TimeoutExpired:
-                os.killpg(self._process.pid, signal.SIGKILL)
-                self._process.wait(KILL_DEADLINE_S)
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait(KILL_DEADLINE_S)
 
     def _last_words(self) -> str:
         lines = self._log.read_text("utf-8", "replace").strip().splitlines()[-LAST_LINES:]

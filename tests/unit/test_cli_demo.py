@@ -1,0 +1,202 @@
+"""The parts of the demo: its PLC, its children, and its judgement."""
+
+import asyncio
+import os
+import signal
+import socket
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+from cli_harness import hand_eye_result
+
+from cell.clock import MonotonicClock
+from cell.errors import CellError, catalogue
+from cell.poses import exp_xi, from_pose6, to_pose6
+from daemon.config import ModbusSection
+from daemon.demo import plc as registers
+from daemon.demo.children import Child
+from daemon.demo.plc import Plc
+from daemon.demo.verdict import M2_LIMIT, judge, judgement_text
+from daemon.demo.wire import _no_socket_left
+from daemon.modbus import Command, ModbusFace
+
+
+class StandIn:
+    """Answers commands and shows a status block of the test's choosing."""
+
+    def __init__(self) -> None:
+        self.commands: list[Command] = []
+        self.answer = 1
+        self.status: dict[str, Any] = {"status": 0}
+
+    async def handle(self, command: Command) -> int:
+        self.commands.append(command)
+        return self.answer
+
+
+@contextmanager
+def modbus(stand_in: StandIn) -> Iterator[tuple[str, int]]:
+    """The real Modbus face in a thread of its own."""
+    ready, stop = threading.Event(), asyncio.Event()
+    found: list[Any] = []
+
+    async def serve() -> None:
+        config = ModbusSection(bind="127.0.0.11:0", allow_write=True, allow_clients=["127.0.0.0/8"])
+        face = ModbusFace(
+            config, MonotonicClock(), stand_in.handle, lambda: stand_in.status, last_sequence=65535
+        )
+        await face.start()
+        found.extend([asyncio.get_running_loop(), face.address])
+        ready.set()
+        await stop.wait()
+        await face.stop()
+
+    thread = threading.Thread(target=lambda: asyncio.run(serve()))
+    thread.start()
+    try:
+        assert ready.wait(5)
+        yield found[1]
+    finally:
+        found[0].call_soon_threadsafe(stop.set)
+        thread.join(10)
+
+
+@pytest.mark.wire
+def test_the_plc_speaks_the_register_map_of_the_daemon() -> None:
+    stand_in = StandIn()
+    stand_in.status = {
+        "status": registers.READY | registers.ARM_OK | registers.CAMERA_OK | registers.BUSY,
+        "packml_state": 6, "run_id": 0x12345, "prompt_id": 0x70001, "step": 12, "steps": 60, "error_code": 3001,
+    }  # fmt: skip
+    with modbus(stand_in) as (host, port), Plc(host, port) as subject:
+        assert subject.connect()
+        subject.command(registers.START, job=1)
+        status = subject.command(registers.CONFIRM, argument=0x70001)
+    assert (status.ready, status.busy, status.packml, status.error_code) == (True, True, 6, 3001)
+    assert (status.run_id, status.prompt_id, status.step, status.steps) == (0x12345, 0x70001, 12, 60)
+    assert [(c.code, c.job, c.argument_uint32) for c in stand_in.commands] == [(1, 1, 0), (10, 0, 0x70001)]
+    assert [c.sequence for c in stand_in.commands] == [1, 2]  # 65535 is followed by 1
+
+
+@pytest.mark.wire
+def test_a_refusal_over_modbus_is_the_error_that_its_number_names() -> None:
+    stand_in = StandIn()
+    stand_in.answer = 0x8000 | catalogue()["BUSY"].code
+    with modbus(stand_in) as (host, port), Plc(host, port) as subject:
+        assert subject.connect()
+        with pytest.raises(CellError, match="A job is running"):
+            subject.command(registers.START, job=1)
+
+
+@pytest.mark.wire
+def test_a_plc_without_a_daemon_does_not_connect_and_raises_when_it_talks() -> None:
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.11", 0))
+        with Plc(*unused.getsockname()) as subject:
+            assert not subject.connect()
+            with pytest.raises(CellError) as caught:
+                subject.poll()
+    assert caught.value.name == "DEVICE_LOST"
+
+
+def python(code: str) -> list[str]:
+    return [sys.executable, "-c", code]
+
+
+@pytest.mark.wire
+def test_a_child_is_gone_after_its_block_also_when_it_ignores_sigterm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.demo.children.TERM_DEADLINE_S", 0.3)
+    code = (
+        "import signal, subprocess, sys, time\n"
+        "signal.signal(signal.SIGTERM, signal.SIG_IGN)\n"
+        "grandchild = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)'])\n"
+        "print(grandchild.pid, flush=True); time.sleep(60)"
+    )
+    log = tmp_path / "log"
+    with Child("stubborn", python(code), log) as subject:
+        subject.wait_for(lambda: log.read_text().endswith("\n"), "line", 10)
+        pids = [subject.pid, int(log.read_text())]
+    gone = psutil.wait_procs([psutil.Process(p) for p in pids if psutil.pid_exists(p)], timeout=5)[1]
+    assert gone == []
+
+
+@pytest.mark.wire
+def test_a_child_that_ends_early_is_reported_with_its_last_words(tmp_path: Path) -> None:
+    command = python("import sys; sys.exit('the address is in use')")
+    with (
+        pytest.raises(CellError, match="the address is in use") as caught,
+        Child("twin", command, tmp_path / "log") as subject,
+    ):
+        subject.wait_for(lambda: False, "cell.toml", 10)
+    assert caught.value.name == "CHILD_DIED"
+
+
+@pytest.mark.wire
+def test_a_child_that_is_late_is_said(tmp_path: Path) -> None:
+    with (
+        pytest.raises(CellError, match=r"no cell.toml in 0.2 s"),
+        Child("twin", python("import time; time.sleep(60)"), tmp_path / "log") as subject,
+    ):
+        subject.wait_for(lambda: False, "cell.toml", 0.2)
+
+
+@pytest.mark.wire
+def test_a_child_does_not_survive_the_kill_of_its_parent(tmp_path: Path) -> None:
+    code = (
+        "import sys, time, pathlib\n"
+        "from daemon.demo.children import Child\n"
+        "with Child('c', [sys.executable, '-c', 'import time; time.sleep(60)'], pathlib.Path('log')) as c:\n"
+        "    print(c.pid, flush=True); time.sleep(60)"
+    )
+    log = tmp_path / "parent.log"
+    command = ["env", "-C", str(tmp_path), f"PYTHONPATH={os.getcwd()}", *python(code)]
+    with Child("parent", command, log) as parent:
+        parent.wait_for(lambda: log.read_text().endswith("\n"), "pid", 20)
+        child = psutil.Process(int(log.read_text()))
+        os.kill(parent.pid, signal.SIGKILL)
+        assert psutil.wait_procs([child], timeout=5)[1] == []
+
+
+def test_only_sockets_that_nobody_answers_are_taken_away(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as alive, socket.socket(socket.AF_UNIX) as dead:
+        alive.bind(str(tmp_path / "alive.sock"))
+        alive.listen()
+        dead.bind(str(tmp_path / "dead.sock"))
+        (tmp_path / "twin.log").touch()
+        with _no_socket_left(tmp_path):
+            pass
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["alive.sock", "twin.log"]
+
+
+def test_the_judgement_weighs_the_error_with_the_stated_covariance() -> None:
+    result = hand_eye_result()
+    sigma = np.array([1e-4, 2e-4, 3e-4, 1e-4, 2e-4, 3e-4])
+    result["result"]["cov"] = np.diag(sigma**2).tolist()
+    result["result"]["T_flange_camera"] = [0.01, -0.08, 0.05, 0.3, -0.2, 0.9]
+    xi = sigma * [1.0, -2.0, 0.5, 1.5, 0.0, -1.0]
+    found = from_pose6(result["result"]["T_flange_camera"])
+    truth = {"T_flange_camera": to_pose6(found * exp_xi(xi)).tolist()}
+    subject = judge(result, truth)
+    assert subject.m2 == pytest.approx(1 + 4 + 0.25 + 2.25 + 1, rel=1e-6)
+    assert subject.good
+    text = judgement_text(subject, result["result"])
+    assert "NOT" not in text
+    assert "not resolved" in text
+    far = {"T_flange_camera": to_pose6(found * exp_xi(sigma * [5.0, 0, 0, 0, 0, 0])).tolist()}
+    assert judge(result, far).m2 > M2_LIMIT
+    assert "NOT consistent" in judgement_text(judge(result, far), result["result"])
+
+
+def test_a_refused_answer_cannot_be_judged() -> None:
+    refused = hand_eye_result() | {"result": None, "reasons": ["parallel-axes: all rotations share one axis"]}
+    with pytest.raises(CellError, match="parallel-axes"):
+        judge(refused, {})
