@@ -73,7 +73,8 @@ def test_the_plc_speaks_the_register_map_of_the_daemon() -> None:
     stand_in = StandIn()
     stand_in.status = {
         "status": registers.READY | registers.ARM_OK | registers.CAMERA_OK | registers.BUSY,
-        "packml_state": 6, "run_id": 0x12345, "prompt_id": 0x70001, "step": 12, "steps": 60, "error_code": 3001,
+        "packml_state": 6, "run_id": 0x12345, "prompt_id": 0x70001, "step": 12, "steps": 60,
+        "error_code": 3001,
     }  # fmt: skip
     with modbus(stand_in) as (host, port), Plc(host, port) as subject:
         assert subject.connect()
@@ -158,7 +159,7 @@ def test_a_child_does_not_survive_the_kill_of_its_parent(tmp_path: Path) -> None
         "    print(c.pid, flush=True); time.sleep(60)"
     )
     log = tmp_path / "parent.log"
-    command = ["env", "-C", str(tmp_path), f"PYTHONPATH={os.getcwd()}", *python(code)]
+    command = ["env", "-C", str(tmp_path), *python(code)]
     with Child("parent", command, log) as parent:
         parent.wait_for(lambda: log.read_text().endswith("\n"), "pid", 20)
         child = psutil.Process(int(log.read_text()))
