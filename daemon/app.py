@@ -13,9 +13,9 @@ from cell.devices import Device
 from cell.motion import MotionBroker
 from cell.store.ledger import Ledger
 from cell.store.runs import interrupted_runs
-from daemon.config import CellConfig, load_config
+from daemon.config import CellConfig, driver_class, load_config
 from daemon.control import ControlServer
-from daemon.drivers import driver_class
+
 from daemon.engine import CellContext, Engine
 from daemon.health import Beats, LoopLag, watchdog
 from daemon.logs import set_up_logging

@@ -26,6 +26,7 @@ def resolve_values(config: CellConfig, ledger: Ledger, supervisor: Supervisor) -
         "robot": robot_spec(config, supervisor),
         "tool": robot.tool.model_dump(mode="json"),
         "payload_kg": robot.payload_kg,
+        "centre_of_mass_m": list(robot.centre_of_mass_m),
         "limits": config.limits.model_dump(mode="json"),
         "poses": {name: list(q) for name, q in config.poses.items()},
         "targets": {name: dict(spec) for name, spec in config.target.items()},

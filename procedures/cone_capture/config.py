@@ -21,7 +21,7 @@ class ConeCaptureConfig(BaseModel):
     target: str = Field(description="name of a [target.NAME] section")
     setup: Literal["eye-in-hand", "eye-to-hand"] = "eye-in-hand"
     placements: int = Field(10, ge=1, le=60, description="how often the board is placed anew")
-    poses_per_placement: int = Field(20, ge=4, le=60, multiple_of=2)
+    poses_per_placement: int = Field(20, ge=3, le=60, description="an even number balances the cone")
     min_poses_per_placement: int = Field(
         3, ge=3, le=60, description="a placement with fewer usable poses ends the job"
     )

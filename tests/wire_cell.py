@@ -1,0 +1,204 @@
+"""A whole cell on real protocols for tests: twin and daemon as processes, and what an observer sees."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from cell.errors import CellError
+from cell.store.runs import RunFolder, list_runs
+from daemon.control_client import ControlClient
+from fakes.control import ask
+from fakes.scenario import Scenario
+from procedures.cone_capture.record import CaptureRecord
+
+BIN = Path(sys.executable).parent
+SPEED_AT_REST_RAD_S = 0.002
+
+
+class WireCell:
+    """Twin and daemon; the daemon can be killed, stopped and started again."""
+
+    def __init__(self, folder: Path, bind: str, poses: int, placements: int) -> None:
+        self.folder, self.bind = folder, bind
+        self.scenario = folder / "scenario.toml"
+        self.scenario.write_text(_short_scenario(poses, placements), "utf-8")
+        self.twin: subprocess.Popen[bytes] | None = None
+        self.daemon: subprocess.Popen[bytes] | None = None
+
+    # -- processes
+
+    def start_twin(self) -> None:
+        command = [BIN / "cellward-twin", "--scenario", self.scenario, "--bind", self.bind]
+        self.twin = self._spawn([*command, "--out", self.folder, "--with-parent"], "twin.log")
+        wait_for((self.folder / "cell.toml").exists, "the twin's cell.toml", 60.0)
+
+    def start_daemon(self) -> None:
+        self.daemon = self._spawn(
+            [BIN / "cellward", "run", "--config", self.folder / "cell.toml"], "daemon.log"
+        )
+        wait_for(self.ready, "ready devices", 60.0)
+
+    def _spawn(self, command: list[Any], log: str) -> subprocess.Popen[bytes]:
+        with (self.folder / log).open("ab") as out:
+            return subprocess.Popen(
+                [str(c) for c in command], stdin=subprocess.DEVNULL, stdout=out, stderr=out
+            )
+
+    def kill_daemon(self, number: signal.Signals = signal.SIGKILL) -> None:
+        assert self.daemon is not None
+        self.daemon.send_signal(number)
+        if number == signal.SIGKILL:
+            self.daemon.wait(10.0)
+            self.daemon = None
+
+    def child_pid(self, module: str) -> int:
+        """Pid of the daemon's child that runs ``module``."""
+        assert self.daemon is not None
+        for child in psutil.Process(self.daemon.pid).children(recursive=True):
+            with suppress(psutil.NoSuchProcess):
+                if any(module in word for word in child.cmdline()):
+                    return child.pid
+        raise LookupError(f"the daemon has no child {module}")
+
+    def stop(self) -> None:
+        for process in (self.daemon, self.twin):
+            if process is not None and process.poll() is None:
+                process.send_signal(signal.SIGCONT)
+                process.terminate()
+                try:
+                    process.wait(15.0)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                    process.wait(5.0)
+        self.daemon = self.twin = None
+
+    # -- what the daemon says
+
+    def call(self, method: str, **params: Any) -> Any:
+        with ControlClient(Path(self._config()["cell"]["control_socket"])) as client:
+            return client.call(method, **params)
+
+    def status(self) -> dict[str, Any]:
+        status: dict[str, Any] = self.call("status")
+        return status
+
+    def ready(self) -> bool:
+        try:
+            devices = self.status()["devices"].values()
+        except CellError:
+            return False
+        return all(d["state"] == "READY" for d in devices)
+
+    def start_capture(self) -> int:
+        run: dict[str, int] = self.call("start", job="cone-capture")
+        return run["run_id"]
+
+    def wait_for_end(self, timeout: float) -> dict[str, Any]:
+        """The last run's end; the operator of the twin moves the board whenever the job asks."""
+        give_up = time.monotonic() + timeout
+        while time.monotonic() < give_up:
+            status = self.status()
+            if status["prompt"]:
+                ask(self.folder, {"do": "operator", "next": True})
+                self.call("confirm", prompt_id=status["prompt"]["id"])
+            if status["job"] is None and status["last_run"]:
+                last: dict[str, Any] = status["last_run"]
+                return last
+            pause(0.05)
+        raise TimeoutError(f"no end in {timeout} s: {self.status()}")
+
+    # -- what is so
+
+    def arm(self) -> dict[str, Any]:
+        """The robot as it truly is."""
+        state: dict[str, Any] = ask(self.folder, {"do": "truth"})["arm"]
+        return state
+
+    def moving(self) -> bool:
+        return max(abs(v) for v in self.arm()["qd"]) > SPEED_AT_REST_RAD_S
+
+    def seconds_to_rest(self, limit: float) -> float:
+        """Time until the arm is truly at rest, and it stays so for a moment."""
+        begun = time.monotonic()
+        while time.monotonic() - begun < limit:
+            if not self.moving():
+                return time.monotonic() - begun
+            pause(0.005)
+        raise AssertionError(f"the arm still moves after {limit} s: {self.arm()}")
+
+    def stays_at_rest(self, seconds: float) -> None:
+        begun, where = time.monotonic(), self.arm()["q"]
+        while time.monotonic() - begun < seconds:
+            now = self.arm()
+            drift = max(abs(a - b) for a, b in zip(now["q"], where, strict=True))
+            assert drift < 1e-6, f"the arm moved by itself: {drift} rad"
+            pause(0.02)
+
+    def inject(self, device: str, kind: str, **args: Any) -> None:
+        ask(self.folder, {"do": "fault", "device": device, "kind": kind, "args": args})
+
+    def runs(self) -> list[RunFolder]:
+        return list_runs(Path(self._config()["cell"]["state_dir"]) / "runs")
+
+    def finished_poses(self, run_id: int) -> list[dict[str, Any]]:
+        run = next(r for r in self.runs() if r.run_id == run_id)
+        return CaptureRecord.read(run.path).observations
+
+    def _config(self) -> dict[str, Any]:
+        import tomllib
+
+        return tomllib.loads((self.folder / "cell.toml").read_text("utf-8"))
+
+
+def _short_scenario(poses: int, placements: int) -> str:
+    """The shipped scenario with a smaller job; its truth stays as it is."""
+    from importlib.resources import files
+
+    text = files("fakes").joinpath("scenarios/hand_eye.toml").read_text("utf-8")
+    lines = []
+    for line in text.splitlines():
+        key = line.split("=")[0].strip()
+        new = {"placements": placements, "poses_per_placement": poses, "frames_per_pose": 2}.get(key)
+        lines.append(line if new is None else f"{key} = {new}")
+    text = "\n".join(lines) + "\n"
+    Scenario.parse(text)
+    return text
+
+
+def pause(seconds: float) -> None:
+    """Wait in a test without a loop."""
+    time.sleep(seconds)
+
+
+def wait_for(condition: Callable[[], bool], what: str, timeout: float) -> None:
+    give_up = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < give_up, f"no {what} after {timeout} s"
+        pause(0.02)
+
+
+@contextmanager
+def wire_cell(folder: Path, bind: str, poses: int = 4, placements: int = 1) -> Iterator[WireCell]:
+    """Twin and daemon, both ready; ended whatever happens, their logs shown when the test fails."""
+    cell = WireCell(folder, bind, poses, placements)
+    try:
+        cell.start_twin()
+        cell.start_daemon()
+        yield cell
+    except BaseException:
+        for name in ("twin.log", "daemon.log"):
+            path = folder / name
+            print(f"--- {name}\n{path.read_text('utf-8', 'replace')[-4000:] if path.exists() else 'none'}")
+        raise
+    finally:
+        cell.stop()
+        for path in folder.glob("*.sock"):
+            os.unlink(path)
