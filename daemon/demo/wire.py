@@ -13,13 +13,13 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from cell.errors import error, find_entry
+from cell.errors import error
 from daemon.cli.output import out, say
 from daemon.cli.progress import ProgressBar
 from daemon.demo import plc as registers
 from daemon.demo.children import Child, console_script
-from daemon.demo.plc import POLL_S, Plc, Status
-from daemon.demo.verdict import judge, judgement_text
+from daemon.demo.ending import conclude
+from daemon.demo.plc import POLL_S, Plc
 
 SCENARIO = "hand_eye"
 JOB, JOB_NUMBER = "cone-capture", 1
@@ -45,11 +45,11 @@ def run_wire(folder: Path) -> int:
                 say(f"twin pid {twin.pid}, daemon pid {daemon.pid}; waiting for arm and camera")
                 daemon.wait_for(plc.connect, "Modbus server", DAEMON_START_S)
                 daemon.wait_for(lambda: plc.poll().ready, "ready arm and camera", DAEMON_START_S)
-                end = _run_job(plc, folder, (twin, daemon))
-    return _conclude(Path(settings["cell"]["state_dir"]), end, truth)
+                run_id = _run_job(plc, folder, (twin, daemon))
+    return conclude(Path(settings["cell"]["state_dir"]) / "runs", run_id, truth)
 
 
-def _run_job(plc: Plc, folder: Path, children: tuple[Child, ...]) -> Status:
+def _run_job(plc: Plc, folder: Path, children: tuple[Child, ...]) -> int:
     """Start the job as a PLC does, play the operator when it asks, and acknowledge the result."""
     begun = time.monotonic()
     plc.command(registers.START, job=JOB_NUMBER)
@@ -78,7 +78,7 @@ def _run_job(plc: Plc, folder: Path, children: tuple[Child, ...]) -> Status:
             time.sleep(POLL_S)
     plc.command(registers.ACKNOWLEDGE)
     say(f"run {status.run_id} ended after {time.monotonic() - begun:.0f} s; the PLC acknowledged the result")
-    return status
+    return status.run_id
 
 
 def _operator_places(plc: Plc, folder: Path, placement: int) -> None:
@@ -103,28 +103,6 @@ def _operator_places(plc: Plc, folder: Path, placement: int) -> None:
             process.kill()
     if process.returncode != 0:
         raise error("CHILD_DIED", f"'{' '.join(command)}' ended with code {process.returncode}")
-
-
-def _conclude(state_dir: Path, end: Status, truth: dict[str, Any]) -> int:
-    """Print the result beside the truth; the demo's exit code."""
-    from cell.store.runs import load_run
-    from daemon.cli.failures import FAILED, OK
-    from daemon.cli.result_text import result_text
-
-    run = load_run(state_dir / "runs", end.run_id)
-    result = run.read_result()
-    if end.packml != registers.COMPLETE or result is None:
-        entry = find_entry(end.error_code)
-        why = f"{entry.text} ({entry.code}). {entry.hint}" if entry else "see its journal"
-        say(f"run {end.run_id} did not complete: {why}\nIts folder is {run.path}")
-        return FAILED
-    out(result_text(result))
-    judgement = judge(result, truth)
-    out("\nBeside the twin's truth")
-    out(judgement_text(judgement, result["result"]))
-    report = run.path / "report.html"
-    out(f"report: {report if report.exists() else 'none was drawn; see the journal in ' + str(run.path)}")
-    return OK if result["verdict"] != "fail" and judgement.good else FAILED
 
 
 @contextmanager

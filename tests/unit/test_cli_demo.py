@@ -6,8 +6,10 @@ import signal
 import socket
 import sys
 import threading
+import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,7 @@ from daemon.demo.plc import Plc
 from daemon.demo.verdict import M2_LIMIT, judge, judgement_text
 from daemon.demo.wire import _no_socket_left
 from daemon.modbus import Command, ModbusFace
+from fakes.scenario import Scenario
 
 
 class StandIn:
@@ -201,3 +204,14 @@ def test_a_refused_answer_cannot_be_judged() -> None:
     refused = hand_eye_result() | {"result": None, "reasons": ["parallel-axes: all rotations share one axis"]}
     with pytest.raises(CellError, match="parallel-axes"):
         judge(refused, {})
+
+
+def test_the_fast_demo_has_the_cell_that_the_twin_would_write() -> None:
+    text = files("daemon.demo").joinpath("fast.toml").read_text("utf-8")
+    subject = tomllib.loads(text)
+    scenario = Scenario.load(subject["device"]["arm"]["scenario"])
+    written = tomllib.loads(scenario.cell_toml({}, {}, "", ""))
+    for section in ("robot", "limits", "poses", "target", "job"):
+        assert subject[section] == written[section]
+    for device in ("arm", "camera"):
+        assert subject["device"][device]["expect_serial"] == written["device"][device]["expect_serial"]
