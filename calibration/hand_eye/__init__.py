@@ -1,0 +1,1 @@
+"""Hand-eye calibration: weighted maximum likelihood, its uncertainty, and what the data cannot tell."""

@@ -1,0 +1,181 @@
+"""How noisy the corners and the arm are: given, or found from the same data by REML.
+
+The covariance of a residual is a sum of parts, ``V_i = sum_k s_k^2 S_ki``: corner noise through the pose of
+the target, the flange's position and its attitude. Restricted maximum likelihood estimates the s_k without
+the bias that comes from having fitted X and W to the same residuals.
+Source: Patterson and Thompson 1971; scoring as in Searle, Casella and McCulloch, Variance Components, ch. 6.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.hand_eye import se3
+from calibration.hand_eye.normal import Linearised, assemble, covariance
+from calibration.hand_eye.problem import flange_adjoint
+from cell.poses import Array
+
+PARTS = ("sigma_px", "sigma_flange_t", "sigma_flange_r", "sigma_pose_t", "sigma_pose_r")
+_START = {"sigma_px": 0.3, "sigma_flange_t": 2e-4, "sigma_flange_r": 2e-4}
+_START_POSE = {"sigma_pose_t": 1e-3, "sigma_pose_r": 1e-3}
+_FLOOR = {"sigma_px": 1e-3, "sigma_flange_t": 1e-7, "sigma_flange_r": 1e-7}
+_SMALLEST = 1e-7
+_REML_POSES = 240  # noise levels from this many poses are good to a few per cent, which is enough to weight
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations by name: pixels, metres, radians. ``estimated`` names those not given."""
+
+    sigma: Mapping[str, float]
+    estimated: tuple[str, ...] = ()
+
+    def as_dict(self) -> dict[str, object]:
+        """For the result."""
+        return {**{k: float(v) for k, v in self.sigma.items()}, "estimated": list(self.estimated)}
+
+
+def first_noise(lin: Linearised, given: Mapping[str, float]) -> Noise:
+    """Levels to start from: those given, the corners' from their own residuals, a guess for the rest.
+
+    Flange noise and the noise of bare poses cannot be told apart: without corners the flange's enters only
+    when it is given.
+    """
+    problem = lin.problem
+    bare = ~np.any(problem.cov_px, axis=(1, 2))
+    names = [k for k in PARTS[:3] if k in given or not bare.all()]
+    if bare.all() and "sigma_px" in names:
+        names.remove("sigma_px")
+    names += [k for k in PARTS[3:] if bare.any()]
+    sigma = {}
+    for name in names:
+        sigma[name] = given.get(name, (_START | _START_POSE)[name])
+    if "sigma_px" in names and "sigma_px" not in given:
+        rows = (problem.dof > 0) & ~bare
+        if rows.any():
+            level = np.sqrt(float(np.median(problem.sse[rows] / problem.dof[rows])))
+            sigma["sigma_px"] = max(level, _FLOOR["sigma_px"])
+    return Noise(sigma, tuple(k for k in names if k not in given))
+
+
+def shapes(lin: Linearised, names: tuple[str, ...]) -> Array:
+    """S_ki (k, n, 6, 6): covariance of each residual for a unit of each kind of noise, camera frame."""
+    problem = lin.problem
+    bare = ~np.any(problem.cov_px, axis=(1, 2))
+    out = np.zeros((len(names), problem.n, 6, 6))
+    flange = flange_adjoint(problem, lin.at, lin.predicted) if any("flange" in k for k in names) else None
+    target = se3.adjoint(lin.predicted) * bare[:, None, None] if bare.any() else None
+    for k, name in enumerate(names):
+        if name == "sigma_px":
+            out[k] = problem.cov_px
+            continue
+        carrier = flange if "flange" in name else target
+        if carrier is None:
+            continue
+        part = carrier[..., :3] if name.endswith("_t") else carrier[..., 3:]
+        out[k] = part @ np.swapaxes(part, 1, 2)
+    return out
+
+
+def variances(noise: Noise, parts: Array) -> Array:
+    """V (n, 6, 6) from :func:`shapes` of the same names."""
+    square = np.array([v**2 for v in noise.sigma.values()])
+    return np.tensordot(square, parts, axes=1)
+
+
+def weights(lin: Linearised, noise: Noise) -> Array:
+    """V^-1 (n, 6, 6) of all residuals at ``lin``."""
+    return inverse_spd(variances(noise, shapes(lin, tuple(noise.sigma))))
+
+
+def inverse_spd(V: Array) -> Array:
+    """Inverses of symmetric matrices (n, 6, 6) that mix metres and radians."""
+    s = 1.0 / np.sqrt(np.einsum("nii->ni", V))
+    scale = s[:, :, None] * s[:, None, :]
+    return np.asarray(np.linalg.inv(V * scale + 1e-13 * np.eye(6)) * scale)
+
+
+def reml(lin: Linearised, noise: Noise, iterations: int = 40) -> Noise:
+    """The estimated levels at their restricted maximum, starting from those of ``noise``.
+
+    ``lin`` must be near the solution: the problem is taken as linear around it. The residuals of the corners
+    inside each image enter the likelihood too.
+    """
+    if not noise.estimated:
+        return noise
+    if lin.problem.n > _REML_POSES:
+        lin = _thinned(lin, _REML_POSES)
+    names = tuple(noise.sigma)
+    parts = shapes(lin, names)
+    free = np.array([k in noise.estimated for k in names])
+    theta = np.log(np.array([noise.sigma[k] ** 2 for k in names]))
+    floor = np.log(np.array([_FLOOR.get(k, _SMALLEST) ** 2 for k in names]))
+    for _ in range(iterations):
+        score, info = _score(lin, parts, np.exp(theta), names)
+        active = free & ~((theta <= floor + 1e-9) & (score < 0.0))
+        if not active.any():
+            break
+        block = info[np.ix_(active, active)]
+        ridge = 1e-6 * np.eye(len(block)) * (1e-3 + np.trace(block))
+        step = np.zeros(len(names))
+        step[active] = np.clip(np.linalg.solve(block + ridge, score[active]), -1.5, 1.5)
+        theta = np.maximum(theta + step, floor)
+        if abs(float(step @ score)) < 1e-3:
+            break
+    sigma = dict(zip(names, np.exp(0.5 * theta), strict=True))
+    return Noise({k: float(v) for k, v in sigma.items()}, noise.estimated)
+
+
+def _score(lin: Linearised, parts: Array, square: Array, names: tuple[str, ...]) -> tuple[Array, Array]:
+    """Derivative of the restricted log-likelihood by the logarithms of the variances, and its metric.
+
+    The metric leaves out the coupling of different observations through X and W: it steers the steps, the
+    zero of the score is exact.
+    """
+    problem = lin.problem
+    P = inverse_spd(np.tensordot(square, parts, axes=1))
+    PJ = P @ lin.J
+    Jt = np.swapaxes(lin.J, 1, 2)
+    cov = covariance(assemble(problem, Jt @ PJ))
+    g = np.zeros((problem.groups + 1, 6))
+    own = (np.swapaxes(PJ, 1, 2) @ lin.r[..., None])[..., 0]
+    g[0] = own[:, :6].sum(axis=0)
+    np.add.at(g[1:], problem.group, own[:, 6:])
+    delta = -(cov @ g.ravel()).reshape(-1, 6)
+    mine = np.concatenate([np.broadcast_to(delta[0], (problem.n, 6)), delta[1:][problem.group]], axis=1)
+    Pr = (P @ (lin.r + (lin.J @ mine[..., None])[..., 0])[..., None])[..., 0]
+    R = P - PJ @ own_blocks(problem.group, cov) @ np.swapaxes(PJ, 1, 2)
+    RV = R @ (parts * square[:, None, None, None])
+    trace = np.einsum("knii->k", RV)
+    quadratic = np.einsum("ni,knij,nj->k", Pr, parts, Pr, optimize=True) * square
+    k = len(names)
+    info = 0.5 * (RV.reshape(k, -1) @ np.swapaxes(RV, 2, 3).reshape(k, -1).T)
+    score = 0.5 * (quadratic - trace)
+    if "sigma_px" in names:
+        i = names.index("sigma_px")
+        dof = float(problem.dof.sum())
+        score[i] += 0.5 * (float(problem.sse.sum()) / square[i] - dof)
+        info[i, i] += 0.5 * dof
+    return score, info
+
+
+def own_blocks(group: Array, cov: Array) -> Array:
+    """The (n, 12, 12) blocks over X and the own group's W of a (p, p) matrix."""
+    p = len(cov) // 6
+    blocks = cov.reshape(p, 6, p, 6)
+    out = np.empty((len(group), 12, 12))
+    k = group + 1
+    out[:, :6, :6] = blocks[0, :, 0]
+    out[:, :6, 6:] = np.moveaxis(blocks[0], 1, 0)[k]
+    out[:, 6:, :6] = blocks[:, :, 0][k]
+    out[:, 6:, 6:] = blocks[k, :, k]
+    return out
+
+
+def _thinned(lin: Linearised, count: int) -> Linearised:
+    rows = np.unique(np.linspace(0, lin.problem.n - 1, count).round().astype(np.int64))
+    problem = lin.problem.take(rows)
+    kept = np.unique(lin.problem.group[rows])
+    at = type(lin.at)(lin.at.X, lin.at.W[kept])
+    return Linearised(problem, at, lin.r[rows], lin.predicted[rows], lin.J[rows])

@@ -1,0 +1,140 @@
+"""Do given intrinsics fit the images, and what are they when they do not.
+
+The same views are adjusted twice: poses only with the given camera, and poses with the camera free
+(Zhang 2000, OpenCV's implementation). Wrong intrinsics move the whole hand-eye result, and no solver can
+see it in the poses.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from calibration.hand_eye.pnp import View, refine, start_poses
+from cell.devices import Intrinsics
+from cell.poses import Array
+
+MIN_VIEWS = 5
+_MIN_CORNERS = 8
+_MOST_VIEWS = 30
+_RATIO = 1.2  # reprojection error of the given camera over that of the free one
+_FOCAL_SIGMAS, _FOCAL_SHARE = 5.0, 0.005
+_USEFUL_FOCAL_SIGMA = 0.01
+
+
+@dataclass(frozen=True)
+class EstimatedIntrinsics:
+    """A camera found from the views: RMS reprojection error in pixels, standard deviations of K (4,)."""
+
+    camera: Intrinsics
+    rms_px: float
+    sigma_K: Array
+
+    @property
+    def useful(self) -> bool:
+        """Whether the views determine the focal lengths to one per cent."""
+        return bool(np.all(self.sigma_K[:2] < _USEFUL_FOCAL_SIGMA * np.array(self.camera.K[:2])))
+
+
+@dataclass(frozen=True)
+class IntrinsicsCheck:
+    """``fits``, the two RMS reprojection errors in pixels, and the free camera."""
+
+    fits: bool
+    rms_given_px: float
+    free: EstimatedIntrinsics
+
+
+def select_views(views: Sequence[View]) -> list[View]:
+    """At most 30 views that see enough corners, spread evenly over the set."""
+    rich = [v for v in views if len(v.points) >= _MIN_CORNERS]
+    if len(rich) <= _MOST_VIEWS:
+        return rich
+    return [rich[i] for i in np.linspace(0, len(rich) - 1, _MOST_VIEWS).round().astype(int)]
+
+
+def check_intrinsics(views: Sequence[View], given: Intrinsics) -> IntrinsicsCheck | None:
+    """Compare ``given`` with the camera that the views ask for; None when they are too few to tell.
+
+    Given intrinsics do not fit when the free camera lowers the reprojection error by a fifth, or moves a
+    focal length by half a per cent and five standard deviations.
+    """
+    chosen = select_views(views)
+    if len(chosen) < MIN_VIEWS:
+        return None
+    free = estimate_intrinsics(chosen, given.width, given.height, given)
+    if free is None:
+        return None
+    rms = reprojection_rms(chosen, given)
+    shift = np.abs(np.array(free.camera.K[:2]) - np.array(given.K[:2]))
+    focal = shift / np.array(given.K[:2])
+    moved = np.any((focal > _FOCAL_SHARE) & (shift > _FOCAL_SIGMAS * free.sigma_K[:2]))
+    # fewer than 0.02 px are beyond any detector: a ratio of two such numbers says nothing
+    worse = rms > _RATIO * free.rms_px and rms > 0.02
+    return IntrinsicsCheck(not (worse or bool(moved and worse_than_noise(rms, free.rms_px))), rms, free)
+
+
+def worse_than_noise(rms_given: float, rms_free: float) -> bool:
+    """Whether freeing the camera gains more than two per cent of the reprojection error."""
+    return rms_given > 1.02 * rms_free
+
+
+def reprojection_rms(views: Sequence[View], camera: Intrinsics) -> float:
+    """RMS distance in pixels over all corners, each view with its own best pose."""
+    guesses = [start_poses(v, camera)[0] for v in views]
+    poses = refine(views, np.stack(guesses), camera)
+    count = sum(float(v.count.sum()) for v in views)
+    return float(np.sqrt(poses.sse.sum() / count))
+
+
+def estimate_intrinsics(
+    views: Sequence[View], width: int, height: int, guess: Intrinsics | None = None
+) -> EstimatedIntrinsics | None:
+    """K and five distortion coefficients from at least three views of a target; None when it fails.
+
+    The third radial coefficient is fitted only when it is wanted by the data (it lowers the error by one per
+    cent). ``guess`` is needed for targets that are not planar.
+    """
+    chosen = select_views(views)
+    planar = all(np.ptp(v.points[:, 2]) < 1e-9 for v in chosen)
+    if len(chosen) < 3 or (guess is None and not planar):
+        return None
+    simple = _calibrate(chosen, width, height, guess, cv2.CALIB_FIX_K3)
+    full = _calibrate(chosen, width, height, guess, 0)
+    options = [e for e in (simple, full) if e is not None]
+    if not options:
+        return None
+    if len(options) == 2 and options[1].rms_px > 0.99 * options[0].rms_px:
+        return options[0]
+    return options[-1]
+
+
+def _calibrate(
+    views: Sequence[View], width: int, height: int, guess: Intrinsics | None, flags: int
+) -> EstimatedIntrinsics | None:
+    K = None
+    if guess is not None:
+        K, flags = guess.matrix.copy(), flags | cv2.CALIB_USE_INTRINSIC_GUESS
+    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-9)
+    try:
+        rms, K, dist, _, _, deviations, _, _ = cv2.calibrateCameraExtended(
+            [v.points.astype(np.float32) for v in views],
+            [v.corners.astype(np.float32).reshape(-1, 1, 2) for v in views],
+            (width, height),
+            K,
+            np.zeros(5) if guess is not None else None,
+            flags=flags,
+            criteria=criteria,
+        )
+    except cv2.error:
+        return None  # parallel views, or too few corners: there is nothing to be found
+    if not (np.all(np.isfinite(K)) and np.all(np.isfinite(dist)) and K[0, 0] > 0.0 and K[1, 1] > 0.0):
+        return None
+    camera = Intrinsics(
+        width,
+        height,
+        (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])),
+        tuple(float(x) for x in dist.ravel()[:5]),
+    )
+    return EstimatedIntrinsics(camera, float(rms), np.asarray(deviations).ravel()[:4])

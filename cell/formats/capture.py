@@ -1,0 +1,159 @@
+"""``cellward.capture/1``: images or corners of a target with the flange pose beside each.
+
+Two extensions of the format that runs use: ``frames`` holds several exposures of one pose, each with its
+corners as the vision child measured them; and ``corners`` may be given for every type of target, as a full
+list in the order of the target's points with null where a point was not seen. Corners that are present are
+used as they are; an image is searched only where there are none.
+"""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from cell.formats.reading import Strict
+
+SCHEMA = "cellward.capture/1"
+
+Pose = Annotated[list[float], Field(min_length=6, max_length=6)]
+Pixel = Annotated[list[float], Field(min_length=2, max_length=2)]
+Point = Annotated[list[float], Field(min_length=3, max_length=3)]
+Positive = Annotated[float, Field(gt=0.0)]
+Sigma = Annotated[float, Field(ge=0.0)]
+_DIST_LENGTHS = (0, 4, 5, 8, 12, 14)
+
+
+class Camera(Strict):
+    """Intrinsics: K is fx, fy, cx, cy in pixels; dist in OpenCV's order."""
+
+    width: Annotated[int, Field(gt=0)]
+    height: Annotated[int, Field(gt=0)]
+    K: Annotated[list[float], Field(min_length=4, max_length=4)]
+    dist: list[float] = []
+
+    @field_validator("K")
+    @classmethod
+    def _focal_lengths_are_positive(cls, K: list[float]) -> list[float]:
+        if K[0] <= 0.0 or K[1] <= 0.0:
+            raise ValueError("must be [fx, fy, cx, cy] in pixels with positive focal lengths")
+        return K
+
+    @field_validator("dist")
+    @classmethod
+    def _dist_has_a_known_length(cls, dist: list[float]) -> list[float]:
+        if len(dist) not in _DIST_LENGTHS:
+            raise ValueError(f"has {len(dist)} entries, must have one of {_DIST_LENGTHS}")
+        return dist
+
+
+class Charuco(Strict):
+    """ChArUco board."""
+
+    type: Literal["charuco"]
+    squares_x: Annotated[int, Field(ge=2, le=200)]
+    squares_y: Annotated[int, Field(ge=2, le=200)]
+    square_m: Positive
+    marker_m: Positive
+    dictionary: str
+    legacy: bool = False
+
+
+class Chessboard(Strict):
+    """Chessboard; columns and rows count inner corners."""
+
+    type: Literal["chessboard"]
+    columns: Annotated[int, Field(ge=3, le=200)]
+    rows: Annotated[int, Field(ge=3, le=200)]
+    square_m: Positive
+
+
+class CircleGrid(Strict):
+    """Symmetric grid of circles."""
+
+    type: Literal["circle-grid"]
+    columns: Annotated[int, Field(ge=2, le=200)]
+    rows: Annotated[int, Field(ge=2, le=200)]
+    spacing_m: Positive
+    large_dot_corner: bool = False
+
+
+class ArucoMarker(Strict):
+    """One marker."""
+
+    type: Literal["aruco-marker"]
+    dictionary: str
+    id: Annotated[int, Field(ge=0)]
+    size_m: Positive
+
+
+class Points(Strict):
+    """Given points; the corners come with the observations."""
+
+    type: Literal["points"]
+    points: Annotated[list[Point], Field(min_length=1, max_length=100_000)]
+
+
+TargetTable = Annotated[Charuco | Chessboard | CircleGrid | ArucoMarker | Points, Field(discriminator="type")]
+
+
+class GivenNoise(Strict):
+    """Known noise levels: pixels of one frame, metres, radians."""
+
+    sigma_px: Sigma | None = None
+    sigma_flange_t: Sigma | None = None
+    sigma_flange_r: Sigma | None = None
+
+
+class FrameEntry(Strict):
+    """One exposure of a pose; ``corners`` as measured by the vision child, null where unseen."""
+
+    image: str | None = None
+    depth: str | None = None
+    corners: list[Pixel | None] | None = None
+    t: float | None = None
+    notes: Any = None
+
+
+class Observation(Strict):
+    """One pose of the arm and what the camera saw there."""
+
+    index: int
+    group: int = 0
+    image: str | None = None
+    corners: list[Pixel | None] | None = None
+    frames: list[FrameEntry] = []
+    T_base_flange: Pose
+    q: list[float] | None = None
+    T_camera_target: Pose | None = None
+    t: float | None = None
+    notes: Any = None
+
+    @model_validator(mode="after")
+    def _has_a_measurement(self) -> "Observation":
+        if not (self.image or self.corners or self.frames or self.T_camera_target):
+            raise ValueError(
+                f"(index {self.index}) has none of image, corners, frames and T_camera_target; give one"
+            )
+        return self
+
+
+class Capture(Strict):
+    """The whole data set."""
+
+    schema_: Annotated[str, Field(alias="schema")]
+    setup: Literal["eye-in-hand", "eye-to-hand"]
+    camera: Camera | None
+    target: TargetTable
+    noise: GivenNoise | None = None
+    robot: dict[str, Any] | None = None
+    observations: list[Observation]
+    notes: Any = None
+
+    @field_validator("observations")
+    @classmethod
+    def _indices_differ(cls, observations: list[Observation]) -> list[Observation]:
+        seen: set[int] = set()
+        for observation in observations:
+            if observation.index in seen:
+                raise ValueError(f"holds index {observation.index} twice; number the observations")
+            seen.add(observation.index)
+        return observations
