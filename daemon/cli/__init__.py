@@ -20,9 +20,8 @@ def main() -> int:
         try:
             app(prog_name="cellward")
         except SystemExit as leaving:
+            if isinstance(leaving.__context__, BrokenPipeError):  # else it would look like verdict fail
+                raise leaving.__context__ from None
+            sys.stdout.flush()  # here, where a reader that went away can still be handled
             return leaving.code if isinstance(leaving.code, int) else int(leaving.code is not None)
     return failure.exit_code
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -37,9 +37,10 @@ def init(
 
 def run(config: ConfigOption = None) -> None:
     """The daemon, in the foreground; systemd starts it so."""
+    path = config_path(config)
     from daemon.app import main
 
-    raise typer.Exit(main(config_path(config)))
+    raise typer.Exit(main(path))
 
 
 def explain(
