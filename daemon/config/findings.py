@@ -109,6 +109,8 @@ def _sentence(item: ErrorDetails, model: type[BaseModel], place: Path) -> str:
             return "unknown key" + did_you_mean(str(place[-1]), _keys_at(model, place[:-1]))
         case "missing":
             return "is missing"
+        case "dict_type" | "model_type" | "model_attributes_type":
+            return f"should be a table, not {_shown(item['input'])}"
         case "value_error":
             return item["msg"].removeprefix("Value error, ")
         case "too_short" | "too_long":

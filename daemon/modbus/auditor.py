@@ -20,6 +20,7 @@ class Auditor:
         self._lines: deque[tuple[str, str, bool, str]] = deque()
         self._unlisted = 0
         self._wake = asyncio.Event()
+        self._closing = False
         self._task: asyncio.Task[None] | None = None
 
     def note(self, who: str, what: str, accepted: bool, detail: str = "") -> None:
@@ -40,16 +41,16 @@ class Auditor:
         task, self._task = self._task, None
         if task is None:
             return
-        task.cancel()
-        await asyncio.wait([task])
-        try:
-            async with asyncio.timeout(DRAIN_S):
-                await self._drain()
-        except TimeoutError:
+        self._closing = True
+        self._wake.set()
+        done, _ = await asyncio.wait([task], timeout=DRAIN_S)
+        if not done:
             log.error("%d audit lines could not be written in time", len(self._lines))
+            task.cancel()
+            await asyncio.wait([task])
 
     async def _run(self) -> None:
-        while True:
+        while not self._closing:
             await self._wake.wait()
             self._wake.clear()
             await self._drain()

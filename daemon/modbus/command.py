@@ -14,6 +14,7 @@ ACCEPTED, DONE, REFUSED = 1, 2, 0x8000
 START, ABORT, HALT, RESET = 1, 3, 4, 7
 STOPPING = frozenset({ABORT, HALT})
 DEADLINE_S = 10.0
+WITHDRAW_S = 0.2
 MAX_WAITING = 8
 
 
@@ -59,7 +60,8 @@ class CommandChannel:
     """The sequence of one channel: the same number again does nothing, a new one acts once.
 
     The number is remembered on disk *before* the command is carried out: after a kill in between a repeated
-    request does nothing, so nothing moves by itself. Only a stop acts first and is remembered after.
+    request does nothing, so nothing moves by itself. Only a stop acts first and is remembered after; it
+    withdraws the commands before it that are still under way, so that no start comes out behind its stop.
     """
 
     def __init__(
@@ -82,7 +84,10 @@ class CommandChannel:
             return False
         self._taken = command.sequence
         self._arrivals += 1
-        task = asyncio.create_task(self._carry_out(command, self._arrivals), name=f"command {command.code}")
+        earlier = tuple(self._tasks)
+        task = asyncio.create_task(
+            self._carry_out(command, self._arrivals, earlier), name=f"command {command.code}"
+        )
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return True
@@ -95,20 +100,33 @@ class CommandChannel:
         if tasks:
             await asyncio.wait(tasks, timeout=2.0)
 
-    async def _carry_out(self, command: Command, arrival: int) -> None:
+    async def _carry_out(
+        self, command: Command, arrival: int, earlier: tuple[asyncio.Task[None], ...]
+    ) -> None:
         if command.code in STOPPING:
+            await self._withdraw(earlier)
             result = await self._handled(command)
             await self._keep(command.sequence, arrival)
-        elif len(self._tasks) > MAX_WAITING:
+        elif len(earlier) >= MAX_WAITING:
             result = refused("BUSY")
             await self._keep(command.sequence, arrival)
         else:
-            async with self._in_order:
-                await self._keep(command.sequence, arrival)
-                result = await self._handled(command)
+            try:
+                async with self._in_order:
+                    await self._keep(command.sequence, arrival)
+                    result = await self._handled(command)
+            except asyncio.CancelledError:
+                self._report(command, refused("NOT_NOW"))
+                raise
         if arrival > self._answered:
             self._answered, self.acknowledged, self.result = arrival, command.sequence, result
         self._report(command, result)
+
+    async def _withdraw(self, earlier: tuple[asyncio.Task[None], ...]) -> None:
+        for task in earlier:
+            task.cancel()
+        if earlier:
+            await asyncio.wait(earlier, timeout=WITHDRAW_S)
 
     async def _handled(self, command: Command) -> int:
         try:
