@@ -5,7 +5,7 @@ import json
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -13,7 +13,9 @@ from rich.console import Console
 from cell.errors import CellError, Reaction
 from fakes.control import ask, default_folder
 from fakes.lifetime import die_with_parent
-from fakes.serve import Twin, TwinOptions, serve
+
+if TYPE_CHECKING:
+    from fakes.serve import Twin
 
 EXIT_BAD_INPUT, EXIT_UNREACHABLE, EXIT_REFUSED, EXIT_INTERNAL = 2, 3, 4, 5
 _EXIT_CODES = {
@@ -58,7 +60,7 @@ def twin(
         raise typer.BadParameter(f"{operator} is neither manual nor auto", param_hint="--operator")
     if with_parent:
         die_with_parent(signal.SIGTERM)
-    asyncio.run(_serve(TwinOptions(scenario, folder, bind, operator == "auto")))
+    asyncio.run(_serve(scenario, folder, bind, operator == "auto"))
 
 
 @app.command()
@@ -112,7 +114,11 @@ def remove(folder: Folder) -> None:
     ask(folder, {"do": "operator", "remove": True})
 
 
-async def _serve(options: TwinOptions) -> None:
+async def _serve(scenario: str, folder: Path, bind: str | None, automatic: bool) -> None:
+    # Only here: the other commands answer at once without the libraries that a world needs.
+    from fakes.serve import TwinOptions, serve
+
+    options = TwinOptions(scenario, folder, bind, automatic)
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -120,7 +126,7 @@ async def _serve(options: TwinOptions) -> None:
     await serve(options, stop, _announce)
 
 
-def _announce(twin: Twin) -> None:
+def _announce(twin: "Twin") -> None:
     for name, address in twin.addresses().items():
         out.print(f"{name:14} {address}", highlight=False, soft_wrap=True)
     out.print(f"{'config':14} {twin.cell_toml}", highlight=False, soft_wrap=True)
@@ -136,10 +142,12 @@ def _key_value(text: str) -> tuple[str, Any]:
     key, sign, value = text.partition("=")
     if not sign or not key:
         raise typer.BadParameter(f"{text!r} is not key=value")
-    try:
-        return key, float(value)
-    except ValueError:
-        return key, value
+    for convert in (int, float):  # a serial number must not become 9.9e10
+        try:
+            return key, convert(value)
+        except ValueError:
+            continue
+    return key, value
 
 
 def main() -> None:

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 from cell.errors import error
 
 MAX_ARGUMENT = 1e6
+MOST_DELAYED_BYTES = 16 << 20
 
 
 class Fault(StrEnum):
@@ -123,7 +124,7 @@ class LinkFaults:
 class Link:
     """The sending side of one connection: ordered, bounded, and able to delay and to split.
 
-    A peer that does not read is cut off when ``limit`` bytes wait for it.
+    A peer that does not read is cut off when ``limit`` bytes wait for it, besides what is delayed on purpose.
     """
 
     transport: asyncio.Transport
@@ -150,7 +151,7 @@ class Link:
             self._later(self.faults.delay_s, data)
         else:
             self.transport.write(data)
-        if self._waiting_bytes + self.transport.get_write_buffer_size() > self.limit:
+        if self.transport.get_write_buffer_size() > self.limit or self._waiting_bytes > MOST_DELAYED_BYTES:
             self.transport.abort()
 
     def close(self, reset: bool = False) -> None:

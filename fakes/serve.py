@@ -10,7 +10,7 @@ from typing import Any
 from cell.errors import error
 from fakes.auto_operator import AutomaticOperator
 from fakes.control import SOCKET_NAME, make_private, serve_control
-from fakes.faults import Switchboard
+from fakes.faults import Switchboard, parse_fault
 from fakes.frames.faults import CameraFaults
 from fakes.mirror import FrameProcess
 from fakes.scenario import Scenario
@@ -57,6 +57,8 @@ class Twin:
         self.switchboard.devices["camera"] = CameraFaults(lambda message: self._camera.send(message))
         if options.automatic_operator or self.scenario.operator == "auto":
             self._operator = AutomaticOperator(self.controller.robot, self.world.operator)
+        for fault in self.scenario.fault:
+            parse_fault(fault.kind, self.switchboard.devices[fault.device].offers(), fault.device)
         self._control: asyncio.Server | None = None
         self._timers: list[asyncio.TimerHandle] = []
 

@@ -50,6 +50,8 @@ class Controller:
         self.ticker = Ticker(self.robot.rate, self._cycle, self.now)
         self._text_links: set[Link] = set()
         self._servers: list[asyncio.Server] = []
+        self._listening = asyncio.Lock()
+        self._off = False
 
     async def start(self) -> None:
         """Listen and run; ``OSError`` when a port is taken."""
@@ -67,9 +69,12 @@ class Controller:
         self.cut()
 
     async def listen(self) -> None:
-        """Accept connections."""
-        if self._servers:
-            return
+        """Accept connections; not while the controller is off."""
+        async with self._listening:
+            if not self._servers and not self._off:
+                await self._open_ports()
+
+    async def _open_ports(self) -> None:
         loop = asyncio.get_running_loop()
         factories: dict[int, Callable[[], asyncio.Protocol]] = {
             rtde.PORT: lambda: RtdeConnection(self.rtde),
@@ -95,12 +100,14 @@ class Controller:
 
     async def reboot(self, off_s: float, serial: str | None = None) -> None:
         """Restart the controller: connections go, ports are closed for ``off_s``, the stamp begins anew."""
+        self._off = True
         await self.refuse()
         self.ticker.stop()
         self.cut(reset=True)
         serial = serial or self.robot.identity.serial
         self.robot.reboot(replace(self.robot.identity, serial=serial))
         await asyncio.sleep(off_s)
+        self._off = False
         self.robot.boot_time = self.now()
         await self.listen()
         self.ticker.start()

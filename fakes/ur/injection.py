@@ -55,21 +55,25 @@ class ControllerFaults:
             self._timers.append(asyncio.get_running_loop().call_later(duration, action.end))
 
     def clear(self) -> None:
-        """An operator puts everything right: faults end, the arm is powered and remote, no program runs."""
-        self.close()
+        """An operator puts all right: faults end, the arm is powered and remote, paused programs stop."""
+        self._forget_timers()
         for action in self._actions.values():
             if action.end is not None:
                 action.end()
-        self._robot.runtime.stop(self._robot.now())
+        if self._robot.runtime.state in (RuntimeState.PAUSED, RuntimeState.PAUSING):
+            self._robot.runtime.stop(self._robot.now())
         self._robot.safety.restore()
 
     def close(self) -> None:
         """Forget timers and reboots on their way."""
+        self._forget_timers()
+        for task in self._tasks:
+            task.cancel()
+
+    def _forget_timers(self) -> None:
         for timer in self._timers:
             timer.cancel()
         self._timers.clear()
-        for task in self._tasks:
-            task.cancel()
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.get_running_loop().create_task(work)
@@ -203,6 +207,8 @@ class ControllerFaults:
 
     def _reboot(self, arguments: Arguments) -> None:
         serial = str(arguments.get("serial", self._robot.identity.serial))
-        if not serial.isdigit():
-            raise error("ARGUMENT_INVALID", f"serial={serial!r} has other signs than digits")
+        if not serial.isdigit() or not serial.startswith("9999"):
+            raise error(
+                "ARGUMENT_INVALID", f"serial={serial!r}: twin serials are digits that begin with 9999"
+            )
         self._spawn(self._controller.reboot(number(arguments, "off_s", 2.0), serial))

@@ -45,7 +45,13 @@ class Interpreter:
             elif statement.function in self._hooks:
                 self._hooks[statement.function](_number(statement, 0, "value"))
             else:
-                yield from getattr(self, f"_do_{statement.function}")(statement)
+                yield from self._call(statement)
+
+    def _call(self, call: Call) -> Steps:
+        try:
+            yield from getattr(self, f"_do_{call.function}")(call)
+        except ScriptError as exc:
+            raise ScriptError(exc.text, call.line) from exc
 
     # -- the functions, named as in the URScript manual
 

@@ -4,6 +4,7 @@ The servers look at it and command it; it knows nothing of sockets. Its time is 
 so the stamp in a package and the joints beside it belong together whatever the load of the machine.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,13 +16,14 @@ from scipy.spatial.transform import RigidTransform
 from cell.poses import Array
 from fakes.kinematics import Chain, LinkDeltas
 from fakes.track import Track
-from fakes.ur.arm import Arm, Tool
+from fakes.ur.arm import JOINT_LIMIT, Arm, Tool
 from fakes.ur.inputs import InputOutput, Inputs
 from fakes.ur.runtime import Program, Runtime, ScriptError, Steps
 from fakes.ur.safety import RobotMode, Safety, SafetyMode
 
 ContactForce = Callable[[float, RigidTransform], Array]
 PROTECTIVE_DECEL = 10.0
+FORCE_LIMIT_N = 150.0
 EMERGENCY_DECEL = 20.0
 
 
@@ -66,7 +68,7 @@ class Instant:
     @cached_property
     def qdd(self) -> list[float]:
         before = self.robot.arm.track.at(self.t - 1.0 / self.robot.rate)[1]
-        return _floats(((self._qd - before) * self.robot.rate))
+        return _floats((self._qd - before) * self.robot.rate)
 
     @cached_property
     def tcp_pose6(self) -> list[float]:
@@ -91,7 +93,7 @@ class Instant:
 
     @cached_property
     def force_scalar(self) -> float:
-        return float(np.linalg.norm(self.tcp_force[:3]))
+        return math.hypot(*self.tcp_force[:3])
 
 
 def _floats(values: Array) -> list[float]:
@@ -150,7 +152,17 @@ class Robot:
             self._step_secondary()
         else:
             self.runtime.settle(t)
-        return self.instant(t)
+        now = self.instant(t)
+        self._supervise(now)
+        return now
+
+    def _supervise(self, now: Instant) -> None:
+        """What the controller's own safety stops: joints beyond their range, and too much force."""
+        if self.safety.mode != SafetyMode.NORMAL or not self.safety.powered:
+            return
+        if max(map(abs, now.q)) > JOINT_LIMIT or now.force_scalar > FORCE_LIMIT_N:
+            self.say("protective stop: joint limit or force limit")
+            self.protective_stop()
 
     def instant(self, t: float) -> Instant:
         """The state at ``t`` with the controller's own stamp: seconds since its boot."""

@@ -1,5 +1,6 @@
 """The unmodified ur-rtde against the fake controller: an independent judge of the wire behaviour."""
 
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -90,7 +91,10 @@ EVERYTHING = """
 def subject() -> Iterator[dict[str, Any]]:
     with running_controller(HOST) as controller:
         seen = genuine(HOST, EVERYTHING)
-        seen["truth"] = controller.truth()
+        deadline = time.monotonic() + 3.0
+        while (truth := controller.truth())["rtde_clients"] and time.monotonic() < deadline:
+            time.sleep(0.02)
+        seen["truth"] = truth
         yield seen
 
 

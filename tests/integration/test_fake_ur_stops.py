@@ -38,7 +38,9 @@ def subject(controller: ControllerHandle) -> ControllerHandle:
     return controller
 
 
-def test_a_protective_stop_pauses_the_program_and_play_finishes_the_move(subject: ControllerHandle) -> None:
+def test_a_protective_stop_pauses_the_program_and_cannot_be_unlocked_at_once(
+    subject: ControllerHandle,
+) -> None:
     with Text(HOST, 30003) as script, Rtde(HOST) as rtde, Lines(HOST) as dashboard:
         _stream(rtde)
         script.send(FAR)
@@ -51,11 +53,6 @@ def test_a_protective_stop_pauses_the_program_and_play_finishes_the_move(subject
         assert dashboard.ask("programState").startswith("PAUSED")
         assert dashboard.ask("unlock protective stop").startswith("Cannot unlock protective stop until 5s")
         assert dashboard.ask("play") == "Failed to execute: play"
-        time.sleep(5.05)
-        assert dashboard.ask("unlock protective stop") == "Protective stop releasing"
-        assert dashboard.ask("play") == "Starting program"
-        _until(rtde, lambda s: s["runtime"] == 1, 8.0)
-        assert subject.truth()["q"][0] == pytest.approx(1.5, abs=1e-12)
 
 
 def test_an_emergency_stop_ends_the_program_and_needs_power_and_brakes(subject: ControllerHandle) -> None:
