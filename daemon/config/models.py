@@ -25,7 +25,7 @@ class DeviceSection(Section):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Sent to another process, a section is the driver's own ``Config``: its class here has no name."""
-        config = type(self).__bases__[-1]
+        config: Any = type(self).__bases__[-1]
         return config.model_validate, (self.model_dump(include=set(config.model_fields)),)
 
 
