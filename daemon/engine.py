@@ -17,11 +17,11 @@ from cell.motion import MotionBroker, MotionLease, first_arm_fault
 from cell.procedure import PackML, Procedure, Run, Worker
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder, load_run
-from daemon.arm_setup import lease_settings
 from daemon.config import CellConfig
 from daemon.results import propose_results
 from daemon.supervisor import Supervisor
 from daemon.values import resolve_values
+from procedures.arm_setup import lease_settings
 
 log = logging.getLogger("cellward.engine")
 

@@ -47,8 +47,7 @@ def resolve_values(config: CellConfig, ledger: Ledger, supervisor: Supervisor) -
         if effective.version is not None:
             nominal["X"] = effective.value
             values["versions"][name] = effective.version
-        complete = "X" in nominal and (setup == "eye-in-hand" or "W" in nominal)
-        values["calibration"][setup] = nominal if complete else None
+        values["calibration"][setup] = nominal or None
     return values
 
 

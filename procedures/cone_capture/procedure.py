@@ -270,7 +270,8 @@ class _Capture:
             min_poses=self.config.min_poses_per_placement,
             cone_half_angle_rad=self.config.cone_half_angle_rad,
             distance_m=self.config.distance_m,
-            finished=[(int(o["planned"]), list(o["q"])) for o in finished],
+            finished=[int(o["planned"]) for o in finished],
+            placements=self.config.placements,
         )
         return await self.run.worker.call(plan_placement, request)
 
@@ -291,9 +292,7 @@ class _Capture:
                 views.append(self._view(await self.seek()))
         await run.enter(S.SEARCH, f"{len(views)} views")
         await lease.move_joints(start.q)
-        self.calibration = await run.worker.call(
-            refine_calibration, self.config.setup, self.target, views, None
-        )
+        self.calibration = await run.worker.call(refine_calibration, self.config.setup, self.target, views)
         run.note("decision", event="first estimate", **self.calibration)
 
     async def _refine(self) -> None:
@@ -307,7 +306,7 @@ class _Capture:
         ]
         try:
             self.calibration = await self.run.worker.call(
-                refine_calibration, self.config.setup, self.target, views, self.calibration
+                refine_calibration, self.config.setup, self.target, views
             )
         except CellError as exc:
             self.run.note("decision", event="not refined", why=str(exc))

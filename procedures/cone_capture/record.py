@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cell.store.files import write_atomic
 
 from cell.devices import ArmState, Frame, Intrinsics
 from cell.poses import from_pose6, to_pose6
 from cell.samples import Sample
+from cell.store.files import write_atomic
 
 POSES_FILE = "poses.jsonl"
 CAPTURE_FILE = "capture.json"

@@ -1,0 +1,187 @@
+"""Planning for the worker process: plain values in, a plan out. Nothing here touches a device."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from calibration.hand_eye import se3
+from calibration.hand_eye.closed_form import closed_form
+from calibration.hand_eye.pnp import View as CornerView
+from calibration.hand_eye.pnp import solve_pnp
+from calibration.hand_eye.problem import Problem, Setup
+from calibration.planning import (
+    ConeRequest,
+    ConeShape,
+    EyeInHand,
+    EyeToHand,
+    Mounting,
+    plan_cone,
+    predicted_uncertainty,
+    search_moves,
+)
+from calibration.targets import make_target
+from cell.devices import Intrinsics
+from cell.errors import error
+from cell.poses import Array, from_pose6, to_pose6
+from procedures.arm_setup import lease_settings
+
+# What a prediction assumes before anything was measured; said beside it.
+ASSUMED = {"sigma_px": 0.1, "sigma_flange_t": 5e-5, "sigma_flange_r": 5e-5}
+MIN_VIEWS = 4
+
+
+@dataclass(frozen=True)
+class View:
+    """The board seen once: joints, flange pose, and corners ``ids`` (n,) with pixels (n, 2)."""
+
+    q: list[float]
+    T_base_flange: list[float]
+    ids: list[int]
+    corners: list[list[float]]
+    camera: dict[str, Any]
+
+    @classmethod
+    def from_observation(cls, observation: Mapping[str, Any], camera: Mapping[str, Any]) -> "View":
+        """The first frame of a finished pose."""
+        corners = observation["frames"][0]["corners"]
+        seen = [(i, uv) for i, uv in enumerate(corners) if uv is not None]
+        return cls(
+            list(observation["q"]),
+            list(observation["T_base_flange"]),
+            [i for i, _ in seen],
+            [uv for _, uv in seen],
+            dict(camera),
+        )
+
+    def board(self) -> dict[str, Any]:
+        """What tells later whether the board still lies there."""
+        return {"ids": self.ids, "corners": self.corners}
+
+    def intrinsics(self) -> Intrinsics:
+        c = self.camera
+        return Intrinsics(c["width"], c["height"], tuple(c["K"]), tuple(c["dist"]))
+
+
+@dataclass(frozen=True)
+class PlanRequest:
+    """One placement to plan. ``calibration`` holds X, or W of an eye-to-hand setup, as six numbers each."""
+
+    setup: Setup
+    values: dict[str, Any]
+    target: dict[str, Any]
+    calibration: dict[str, Any]
+    view: View
+    poses: int
+    min_poses: int
+    cone_half_angle_rad: float
+    distance_m: float
+    finished: list[int]
+    placements: int
+
+
+@dataclass(frozen=True)
+class Visit:
+    """One pose to visit; ``index`` is its place on the cone."""
+
+    index: int
+    q: list[float]
+
+
+@dataclass(frozen=True)
+class PlacementPlan:
+    """The poses in their order, and everything a person wants to see of the plan."""
+
+    poses: list[Visit]
+    listing: dict[str, Any]
+
+    def as_dict(self) -> dict[str, Any]:
+        return self.listing
+
+
+def target_point_count(target: Mapping[str, Any]) -> int:
+    """How many points the target has."""
+    return len(make_target(target).points)
+
+
+def plan_placement(request: PlanRequest) -> PlacementPlan:
+    """Plan one placement around the board as it is seen; ``PLAN_INFEASIBLE`` with the reasons."""
+    view, values = request.view, request.values
+    guard, _, _ = lease_settings(values)
+    points = make_target(request.target).points
+    seen = camera_to_target(view, points)
+    flange = from_pose6(view.T_base_flange)
+    mounting = _mounting(request.setup, request.calibration, flange, seen)
+    cone = ConeRequest(
+        mounting=mounting,
+        shape=ConeShape(request.poses, request.cone_half_angle_rad, request.distance_m),
+        target_points=points,
+        intrinsics=view.intrinsics(),
+        T_camera_target=seen,
+        q_start=np.array(view.q),
+        skip=frozenset(request.finished),
+    )
+    plan = plan_cone(cone, guard.model, guard.check_path_joints, lambda q: guard.describe(q).as_dict())
+    needed = max(request.min_poses - len(request.finished), 0)
+    if not request.finished and (problem := plan.shortfall(needed)) is not None:
+        raise problem
+    listing = plan.as_dict()
+    if len(plan.poses) >= MIN_VIEWS:
+        predicted = predicted_uncertainty(
+            plan.poses, mounting, view.intrinsics(), points, **ASSUMED, placements=request.placements
+        )
+        listing["predicted"] = {
+            "error95_t_m": predicted.error95_t_m,
+            "error95_r_rad": predicted.error95_r_rad,
+            "assuming": {**ASSUMED, "placements": request.placements},
+        }
+    return PlacementPlan([Visit(p.index, [float(v) for v in p.q]) for p in plan.poses], listing)
+
+
+def plan_search(values: dict[str, Any], view: View) -> list[list[float]]:
+    """Joints of up to six small checked moves about the present pose."""
+    guard, _, _ = lease_settings(values)
+    start = from_pose6(view.T_base_flange)
+    moves = search_moves(guard.model, guard.check_path_joints, np.array(view.q), start)
+    return [[float(v) for v in move.q] for move in moves]
+
+
+def refine_calibration(setup: Setup, target: Mapping[str, Any], views: Sequence[View]) -> dict[str, Any]:
+    """X from views of one placement by the closed form: good enough to plan with."""
+    if len(views) < MIN_VIEWS:
+        raise error("SOLVE_REFUSED", f"{len(views)} views of the board, {MIN_VIEWS} are needed to plan with")
+    points = make_target(target).points
+    F = np.stack([from_pose6(v.T_base_flange).as_matrix() for v in views])
+    C = np.stack([camera_to_target(v, points).as_matrix() for v in views])
+    n = len(views)
+    bare = np.zeros(n)
+    problem = Problem(
+        setup,
+        se3.inverse(F) if setup == "eye-in-hand" else F,
+        C,
+        np.zeros(n, dtype=np.int64),
+        np.zeros((n, 6, 6)),
+        bare,
+        bare,
+    )
+    return {"X": [float(v) for v in to_pose6(RigidTransform.from_matrix(closed_form(problem).X))]}
+
+
+def camera_to_target(view: View, points: Array) -> RigidTransform:
+    """``T_camera_target`` of one view; the better of the two poses that a plane allows."""
+    corner_view = CornerView(points[view.ids], np.array(view.corners), np.ones(len(view.ids)))
+    poses, _ = solve_pnp([corner_view], view.intrinsics())
+    return RigidTransform.from_matrix(poses.C[0])
+
+
+def _mounting(
+    setup: Setup, calibration: Mapping[str, Any], flange: RigidTransform, seen: RigidTransform
+) -> Mounting:
+    if setup == "eye-in-hand":
+        return EyeInHand.from_view(from_pose6(calibration["X"]), flange, seen)
+    if "X" in calibration:
+        # The board was remounted since, so where it sits on the flange is told by what is seen now.
+        return EyeToHand.from_view(flange.inv() * from_pose6(calibration["X"]) * seen, flange, seen)
+    return EyeToHand.from_view(from_pose6(calibration["W"]), flange, seen)
