@@ -62,7 +62,9 @@ class UrArm:
             await self.close()
             raise
         for work, what in ((self._watch_silence(), "silence"), (self._watch_remote(), "remote control")):
-            self._tasks.add(asyncio.create_task(work, name=f"{self.name} {what}"))
+            task = asyncio.create_task(work, name=f"{self.name} {what}")
+            task.add_done_callback(self._note_watch_end)
+            self._tasks.add(task)
 
     async def close(self) -> None:
         """End motion and every connection."""
@@ -108,23 +110,25 @@ class UrArm:
     async def wait_fresh(self, timeout: float) -> None:
         """Return when a sample taken after the call has arrived, else ``DEVICE_LOST``."""
         self._require_link()
+        assert self._lost_future is not None
         asked = self._clock.now()
-        fresh = asyncio.Event()
+        fresh: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
         def look(sample: Sample[ArmState]) -> None:
-            if sample.t > asked:
-                fresh.set()
+            if sample.t > asked and not fresh.done():
+                fresh.set_result(None)
 
+        either: list[asyncio.Future[Any]] = [fresh, self._lost_future]
         undo = self.state.subscribe(look)
         try:
-            async with asyncio.timeout(timeout):
-                await fresh.wait()
-        except TimeoutError:
-            raise self.lost or error(
-                "DEVICE_LOST", f"{self.name} gave no fresh state in {timeout:g} s; the last is {self._age()}"
-            ) from None
+            await asyncio.wait(either, timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
         finally:
             undo()
+        self._require_link()
+        if not fresh.done():
+            raise error(
+                "DEVICE_LOST", f"{self.name} gave no fresh state in {timeout:g} s; the last is {self._age()}"
+            )
 
     async def wait_lost(self) -> Exception:
         """Block while the link is good; return what broke it."""
@@ -286,6 +290,11 @@ class UrArm:
         finally:
             if link is not None:
                 link.close()
+
+    def _note_watch_end(self, task: asyncio.Task[None]) -> None:
+        """A watch that fails would leave the link unwatched."""
+        if not task.cancelled() and (failure := task.exception()) is not None:
+            self._lose(error("INTERNAL", f"{task.get_name()}: {failure!r}"))
 
     def _lose(self, failure: CellError) -> None:
         """The link is gone: say so once, and end motion, which nobody can watch any more."""

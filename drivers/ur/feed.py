@@ -107,6 +107,8 @@ class StateFeed:
 
     def set_tcp(self, offset6: Sequence[float] | Array) -> None:
         """The active TCP was read back; a change starts a new epoch: older flange poses do not compare."""
+        if np.array_equal(offset6, self.tcp_offset6):
+            return
         offset = np.array(offset6, dtype=float)
         if not np.allclose(offset, self.tcp_offset6, rtol=0.0, atol=1e-9):
             self.tcp_offset6 = offset

@@ -1,11 +1,11 @@
 """The arm's motion port: moves given to the motion child, believed only when the state stream agrees."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from cell.clock import Clock
 from cell.devices import ArmState, Speed, ToolSettings, TrajectoryPiece
@@ -15,6 +15,7 @@ from cell.samples import Sample
 from drivers.ur.config import UrConfig
 from drivers.ur.feed import STOPPED, StateFeed
 from drivers.ur.framing import Message
+from drivers.ur.motion_checks import finite, open_failure, same_pose, shortened
 from drivers.ur.motion_child import BEAT_LIMIT_S
 from drivers.ur.motion_client import MotionClient
 from drivers.ur.watch import REST_SAMPLES, ArmView, Judge, Watch, joints_judge, pose_judge
@@ -57,12 +58,12 @@ class UrMotion:
             )
         except CellError as exc:
             raise open_failure(exc) from exc
-        await self._until(lambda s: self.owns_program, 1.0, "the control script's start")
+        await self._until(lambda: self.owns_program, 1.0, "the control script's start")
         await self._set_tool()
 
     async def move_joints(self, q: Array, speed: Speed) -> None:
         """Joint move; returns when the measured joints rest at ``q`` (6,) rad."""
-        target = _finite(q, (6,), "joint target")
+        target = finite(q, (6,), "joint target")
         start = self._newest().value
         leading = float(np.max(np.abs(target - start.q)))
         limit = self._duration(leading, speed.joint_rad_s, speed.joint_rad_s2)
@@ -91,7 +92,7 @@ class UrMotion:
         if not recent:
             raise error("STALE_DATA", "no force reading in the last 50 ms before a guarded move")
         bias = np.mean([s.value.tcp_force[:3] for s in recent], axis=0)
-        T_base_tcp = _shortened(
+        T_base_tcp = shortened(
             from_pose6(recent[-1].value.tcp_pose6), T_base_flange * self._tool.T_flange_tool, max_travel_m
         )
         arrived = self._pose_judge(T_base_tcp)
@@ -180,11 +181,11 @@ class UrMotion:
         if self._arm.lost is not None or not self.owns_program:
             return
         try:
-            await self._until(lambda s: not self.owns_program, 0.3, "the end of the control script")
+            await self._until(lambda: not self.owns_program, 0.3, "the end of the control script")
         except CellError:
             if self.owns_program:
                 await self._arm.stop_program()
-                await self._until(lambda s: not self.owns_program, 1.0, "the end of the control script")
+                await self._until(lambda: not self.owns_program, 1.0, "the end of the control script")
 
     async def _set_tool(self) -> None:
         tcp = to_pose6(self._tool.T_flange_tool)
@@ -196,11 +197,13 @@ class UrMotion:
             "tool", CALL_DEADLINE_S, tcp=tcp.tolist(), mass=self._tool.payload_kg, cog=centre
         )
         found = np.asarray(read, dtype=float)
-        if found.shape != (6,) or not _same_pose(found, tcp):
-            raise error("ARM_NOT_AT_TARGET", f"the TCP was set to {tcp.round(5)}, read back {found.round(5)}")
+        if found.shape != (6,) or not same_pose(found, tcp):
+            raise error("ARM_TOOL_NOT_SET", f"the TCP was set to {tcp.round(5)}, read back {found.round(5)}")
         self._arm.tcp_read_back(found)
         wanted = self._tool.payload_kg
-        await self._until(lambda s: self._payload_is(wanted), 0.5, f"a payload of {wanted:g} kg")
+        await self._until(
+            lambda: self._payload_is(wanted), 0.5, f"a payload of {wanted:g} kg", "ARM_TOOL_NOT_SET"
+        )
 
     def _payload_is(self, wanted_kg: float) -> bool:
         """True also for controllers that do not report it."""
@@ -212,7 +215,7 @@ class UrMotion:
         return pose_judge(T_base_tcp, c.position_tolerance_m, c.rotation_tolerance_rad, self._clock.now())
 
     async def _linear(self, T_base_tcp: RigidTransform, speed: Speed, judge: Judge) -> Any:
-        pose = _finite(to_pose6(T_base_tcp), (6,), "pose target")
+        pose = finite(to_pose6(T_base_tcp), (6,), "pose target")
         start = from_pose6(self._newest().value.tcp_pose6)
         travel = float(np.linalg.norm(pose[:3] - start.translation))
         turn = float((start.rotation.inv() * T_base_tcp.rotation).magnitude())
@@ -308,12 +311,14 @@ class UrMotion:
         with Watch(self._arm, self.client, judge) as watch:
             await watch.outcome(timeout, "the stop after contact")
 
-    async def _until(self, holds: Any, timeout: float, what: str) -> None:
-        """Wait for a sample for which ``holds``; ``CALL_TIMEOUT`` otherwise."""
+    async def _until(
+        self, holds: Callable[[], bool], timeout: float, what: str, failure: str = "CALL_TIMEOUT"
+    ) -> None:
+        """Wait for a sample after which ``holds`` is true; the error ``failure`` otherwise."""
         seen = asyncio.Event()
 
         def look(sample: Sample[ArmState]) -> None:
-            if holds(sample):
+            if holds():
                 seen.set()
 
         undo = self._arm.state.subscribe(look)
@@ -321,7 +326,7 @@ class UrMotion:
             async with asyncio.timeout(timeout):
                 await seen.wait()
         except TimeoutError:
-            raise error("CALL_TIMEOUT", f"{what} was not seen in {timeout:g} s") from None
+            raise error(failure, f"{what} was not seen in {timeout:g} s") from None
         finally:
             undo()
 
@@ -336,42 +341,6 @@ class UrMotion:
         return self._arm.state.latest(self._config.lost_after_s)
 
 
-def open_failure(exc: CellError) -> CellError:
-    """The coded error behind what the native client said when its interface did not open."""
-    text = exc.detail
-    if "already in use" in text:
-        return error("ARM_REGISTER_CONFLICT", text)
-    if "remote control" in text:
-        return error("ARM_LOCAL_MODE", text)
-    return exc
-
-
 def _note_end(watch: Watch, event: Message) -> None:
     if event["event"] == "followed":
         watch.end(event["end"])
-
-
-def _same_pose(a: Array, b: Array) -> bool:
-    """Equal within a micrometre and a microradian, whichever of its two rotation vectors each uses."""
-    difference = from_pose6(a).inv() * from_pose6(b)
-    return bool(np.linalg.norm(difference.translation) < 1e-6 and difference.rotation.magnitude() < 1e-6)
-
-
-def _finite(values: Array, shape: tuple[int, ...], what: str) -> Array:
-    array = np.asarray(values, dtype=float)
-    if array.shape != shape or not np.isfinite(array).all():
-        raise error("ARGUMENT_INVALID", f"{what} needs {shape[0]} finite numbers, got {array}")
-    return array
-
-
-def _shortened(start: RigidTransform, end: RigidTransform, max_travel_m: float) -> RigidTransform:
-    """The point of the straight move from ``start`` to ``end`` after at most ``max_travel_m``."""
-    step = end.translation - start.translation
-    travel = float(np.linalg.norm(step))
-    if travel <= max_travel_m:
-        return end
-    part = max_travel_m / travel
-    turn = (start.rotation.inv() * end.rotation).as_rotvec()
-    return RigidTransform.from_components(
-        start.translation + part * step, start.rotation * Rotation.from_rotvec(part * turn)
-    )

@@ -121,7 +121,10 @@ class MotionChild:
         readable, _, _ = select.select([self._pipe], [], [], timeout)
         if not readable:
             return
-        data = self._pipe.recv(65536)
+        try:
+            data = self._pipe.recv(65536)
+        except ConnectionError:
+            data = b""
         if not data:
             self._leave(EXIT_PIPE_CLOSED)
         for message in self._unframer.feed(data):
@@ -166,17 +169,20 @@ class MotionChild:
 
     def _kick(self, control: Control) -> None:
         self._next_kick = time.monotonic() + KICK_PERIOD_S
+        self._hear(0.0)  # beats that came during a long call count
         age = time.monotonic() - self._beat
         if age > BEAT_LIMIT_S:
             if not self._withheld:
                 self._withheld = True
                 self._tell({"event": "withheld", "age_s": age})
             return
-        self._withheld = False
         if self._kicking:
             with self._limit.within(SERVO_CALL_LIMIT_S, "kick"):
                 # False means that the script is gone; kicking on would only fill the log.
                 self._kicking = control.kickWatchdog()
+        if self._withheld and self._kicking:
+            self._withheld = False
+            self._tell({"event": "kicking"})
 
     def _follow(self, control: Control, follower: Follower) -> None:
         now = time.monotonic()
@@ -323,8 +329,10 @@ def die_with_parent(parent: int) -> None:
 def main(arguments: list[str]) -> None:
     """Entry point of the process."""
     fd, parent = (int(a) for a in arguments)
-    # A Ctrl-C in the terminal is the daemon's to handle: it stops the arm and then ends this process.
+    # Ctrl-C and a service stop reach the whole group; the daemon handles them: it stops the arm through us
+    # and then ends us.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     die_with_parent(parent)
     limit = CallLimit()
     limit.start()

@@ -165,7 +165,8 @@ class MotionClient:
 
     def _take(self, message: Message) -> None:
         if "event" in message:
-            self.withheld = self.withheld or message["event"] == "withheld"
+            if message["event"] in ("withheld", "kicking"):
+                self.withheld = message["event"] == "withheld"
             for listener in tuple(self._listeners):
                 listener(message)
             return

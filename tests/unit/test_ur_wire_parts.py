@@ -2,17 +2,19 @@
 
 import struct
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from cell.errors import CellError, error
+from cell.poses import from_pose6, to_pose6
 from drivers.ur.config import UrConfig
 from drivers.ur.dashboard import model_name
 from drivers.ur.framing import Unframer, encode
 from drivers.ur.kinematics import describe
-from drivers.ur.motion import open_failure
+from drivers.ur.motion_checks import open_failure, shortened
 from drivers.ur.primary import PrimarySplitter, parse_kinematics, parse_tcp_offset, sub_packages
 
 _JSON = st.dictionaries(
@@ -119,6 +121,14 @@ def test_an_e_series_model_gets_its_letter(answer: str, major: int, name: str) -
 )
 def test_what_the_native_client_says_becomes_a_code(said: str, name: str) -> None:
     assert open_failure(error("CHILD_DIED", said)).name == name
+
+
+def test_a_move_is_shortened_along_its_own_line_and_turn() -> None:
+    start = from_pose6([0.4, 0.0, 0.5, 0.0, 0.0, 0.0])
+    end = from_pose6([0.4, 0.0, 0.3, 0.0, 0.0, 0.8])
+    subject = shortened(start, end, 0.05)
+    np.testing.assert_allclose(to_pose6(subject), [0.4, 0.0, 0.45, 0.0, 0.0, 0.2], atol=1e-12)
+    assert shortened(start, end, 0.3) is end
 
 
 def test_unknown_config_keys_and_wrong_numbers_are_refused() -> None:
