@@ -33,9 +33,8 @@ def _compare(where: str, a: Any, b: Any, scale: float, found: list[dict[str, Any
 
 def _equal(a: Any, b: Any, scale: float) -> bool:
     if _is_number(a) and _is_number(b):
-        return abs(a - b) <= TOLERANCE * max(scale, abs(a), abs(b))
-    same: bool = a == b
-    return same
+        return bool(abs(a - b) <= TOLERANCE * max(scale, abs(a), abs(b)))
+    return bool(a == b)
 
 
 def _magnitude(values: Any) -> float:

@@ -68,10 +68,10 @@ class Child:
                 )
             time.sleep(0.05)
 
-    def check_alive(self) -> None:
-        """``CHILD_DIED`` with its last words if it is gone."""
-        code = self._process.poll()
-        if code is not None:
+    def check_alive(self, patience: float = 0.0) -> None:
+        """``CHILD_DIED`` with its last words if it is gone, or goes within ``patience`` seconds."""
+        with suppress(subprocess.TimeoutExpired):
+            code = self._process.wait(patience)
             raise error("CHILD_DIED", f"the {self.name} ended with code {code}; {self._last_words()}")
 
     def end(self) -> None:

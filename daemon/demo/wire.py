@@ -13,7 +13,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from cell.errors import error
+from cell.errors import RetryError, error
 from daemon.cli.output import out, say
 from daemon.cli.progress import ProgressBar
 from daemon.demo import plc as registers
@@ -28,6 +28,7 @@ TWIN_START_S = 60.0
 DAEMON_START_S = 90.0
 JOB_DEADLINE_S = 15 * 60.0
 OPERATOR_DEADLINE_S = 30.0
+LAST_WORDS_S = 3.0
 LINE_EVERY_STEPS = 10
 
 
@@ -45,7 +46,11 @@ def run_wire(folder: Path) -> int:
                 say(f"twin pid {twin.pid}, daemon pid {daemon.pid}; waiting for arm and camera")
                 daemon.wait_for(plc.connect, "Modbus server", DAEMON_START_S)
                 daemon.wait_for(lambda: plc.poll().ready, "ready arm and camera", DAEMON_START_S)
-                run_id = _run_job(plc, folder, (twin, daemon))
+                try:
+                    run_id = _run_job(plc, folder, (twin, daemon))
+                except RetryError:  # a lost link; a daemon that is gone is the better reason
+                    daemon.check_alive(LAST_WORDS_S)
+                    raise
     return conclude(Path(settings["cell"]["state_dir"]) / "runs", run_id, truth)
 
 

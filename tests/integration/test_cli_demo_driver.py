@@ -1,0 +1,112 @@
+"""The demo's driver from start to end, against stand-ins for the two commands that it starts."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from cell.errors import CellError
+from daemon.demo import wire
+from daemon.demo.wire import run_wire
+
+STAND_INS = Path(__file__).with_name("demo_stand_ins.py")
+pytestmark = pytest.mark.wire
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A demo folder whose commands are the stand-ins."""
+    for command, what in (("cellward-twin", "twin"), ("cellward", "daemon")):
+        script = tmp_path / "bin" / command
+        script.parent.mkdir(exist_ok=True)
+        script.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{STAND_INS}" {what} "$@"\n')
+        script.chmod(0o755)
+    monkeypatch.setattr(wire, "console_script", lambda name: tmp_path / "bin" / name)
+    demo = tmp_path / "out"
+    demo.mkdir()
+    with socket.socket() as free:
+        free.bind(("127.0.0.11", 0))
+        (demo / "port").write_text(str(free.getsockname()[1]))
+    (demo / "mode").write_text("complete")
+    return demo
+
+
+def children() -> list[psutil.Process]:
+    return [c for c in psutil.Process().children(recursive=True) if "demo_stand_ins" in " ".join(c.cmdline())]
+
+
+def test_a_good_run_ends_with_0_and_shows_the_answer_beside_the_truth(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_wire(folder) == 0
+    shown = capsys.readouterr()
+    assert shown.out.splitlines()[0].startswith("Cellward demo")
+    assert "ETA" in shown.out.splitlines()[0]
+    assert (folder / "placed").read_text() == "2\n"
+    for told in ("6.05000", "6.00000", "consistent with the stated", "report.html"):
+        assert told in shown.out
+    assert "over Modbus" in shown.err
+    assert children() == []
+
+
+@pytest.mark.parametrize(
+    ("mode", "told"),
+    [("beyond", "NOT consistent with"), ("abort", "The board was not seen: at pose 3 (5001)")],
+)
+def test_a_run_that_is_not_good_ends_with_1(
+    folder: Path, capsys: pytest.CaptureFixture[str], mode: str, told: str
+) -> None:
+    (folder / "mode").write_text(mode)
+    assert run_wire(folder) == 1
+    shown = capsys.readouterr()
+    assert told in shown.out + shown.err
+    assert children() == []
+
+
+def test_a_daemon_that_dies_ends_the_demo_with_its_last_words(folder: Path) -> None:
+    (folder / "mode").write_text("die")
+    with pytest.raises(CellError) as caught:
+        run_wire(folder)
+    assert caught.value.name == "CHILD_DIED"
+    assert "the arm fell off" in (folder / "daemon.log").read_text()
+    assert children() == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_demo_leaves_no_process(folder: Path, number: signal.Signals) -> None:
+    before = signal.getsignal(number)
+
+    def interrupt() -> None:
+        give_up = time.monotonic() + 20
+        while not (folder / "placed").exists() and time.monotonic() < give_up:
+            threading.Event().wait(0.02)
+        os.kill(os.getpid(), number)
+
+    interrupter = threading.Thread(target=interrupt)
+    interrupter.start()
+    with pytest.raises(KeyboardInterrupt):
+        run_wire(folder)
+    interrupter.join()
+    assert children() == []
+    assert signal.getsignal(number) is before
+
+
+def test_a_twin_that_cannot_start_is_named_with_its_reason(folder: Path) -> None:
+    (folder / "port").unlink()
+    with pytest.raises(CellError, match="the twin ended with code 1"):
+        run_wire(folder)
+    assert children() == []
+
+
+def test_the_demo_command_refuses_a_job_it_does_not_have() -> None:
+    command = [Path(sys.executable).with_name("cellward"), "demo", "--job", "belt-tracking"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=30)
+    assert done.returncode == 4
+    assert "belt-tracking" in done.stderr
