@@ -34,8 +34,8 @@ _QUIET = {
     "DEPTHAI_INSTALL_SIGNAL_HANDLER": "0",
     "DEPTHAI_DISABLE_STARTUP_NOTIFICATIONS": "1",
     "DEPTHAI_DISABLE_CRASHDUMP_COLLECTION": "1",
-    "DEPTHAI_SEARCH_TIMEOUT": "5000",
 }
+_SEARCH_TIMEOUT_MS = "5000"  # for a device; the library's own is longer than the driver waits
 _PR_SET_PDEATHSIG = 1
 _WAIT_S = 0.1
 
@@ -64,6 +64,7 @@ def main(make_target: TargetFactory) -> None:
         os._exit(0)  # the daemon died before the request was in force
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the daemon ends us
     os.environ.update(_QUIET)
+    os.environ.setdefault("DEPTHAI_SEARCH_TIMEOUT", _SEARCH_TIMEOUT_MS)
     cv2.setNumThreads(1)
     link = ParentLink(socket.socket(fileno=int(sys.argv[1])))
     try:
