@@ -2,36 +2,42 @@
 
 import asyncio
 import itertools
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterator
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from wire_faces import Face, Rig, camera_faces
+from wire_faces import CameraRig, Face, camera_faces
 
-from cell.devices import DepthCamera, Frame
+from cell.devices import Frame
 from cell.errors import CellError
 from cell.poses import to_pose6
 
 CORNER_TOLERANCE_PX = 0.3
 
-Scene = Callable[[Rig[DepthCamera]], Coroutine[Any, Any, Any]]
+Scene = Callable[[CameraRig], Coroutine[Any, Any, Any]]
 
 
-@pytest.fixture(params=camera_faces())
-def face(request: pytest.FixtureRequest) -> Face[DepthCamera]:
+@pytest.fixture(scope="module", params=camera_faces())
+def face(request: pytest.FixtureRequest) -> Face[CameraRig]:
     return request.param
 
 
+@pytest.fixture(scope="module")
+def server(face: Face[CameraRig]) -> Iterator[Any]:
+    with face.serve() as served:
+        yield served
+
+
 @pytest.fixture
-def subject(face: Face[DepthCamera]) -> Callable[[Scene], Any]:
+def subject(face: Face[CameraRig], server: Any) -> Callable[[Scene], Any]:
     """Runs a scene with an open camera that looks for the scenario's board."""
 
     def play(scene: Scene) -> Any:
         async def whole() -> Any:
-            async with face.rig() as rig:
+            async with face.rig(server) as rig:
                 await rig.device.set_target(rig.world.target)
                 return await scene(rig)
 
@@ -40,7 +46,7 @@ def subject(face: Face[DepthCamera]) -> Callable[[Scene], Any]:
     return play
 
 
-def opencv_corners(rig: Rig[DepthCamera], frame: Frame) -> np.ndarray:
+def opencv_corners(rig: CameraRig, frame: Frame) -> np.ndarray:
     """Where OpenCV's own board and projection put the corners."""
     t = rig.world.target
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, t["dictionary"]))
@@ -59,7 +65,7 @@ def opencv_corners(rig: Rig[DepthCamera], frame: Frame) -> np.ndarray:
 
 
 def test_a_twin_says_that_it_is_one(subject: Callable[[Scene], Any]) -> None:
-    async def scene(rig: Rig[DepthCamera]) -> None:
+    async def scene(rig: CameraRig) -> None:
         found = await rig.device.identify()
         assert found.is_twin
         assert found.serial == rig.world.config.camera.serial
@@ -70,7 +76,7 @@ def test_a_twin_says_that_it_is_one(subject: Callable[[Scene], Any]) -> None:
 def test_captured_frames_are_exposed_wholly_after_the_moment_asked(
     subject: Callable[[Scene], Any], tmp_path: Path
 ) -> None:
-    async def scene(rig: Rig[DepthCamera]) -> None:
+    async def scene(rig: CameraRig) -> None:
         after = rig.clock.now()
         frames = await rig.device.capture(3, tmp_path, "pose", after)
         assert len(frames) == 3
@@ -84,7 +90,7 @@ def test_captured_frames_are_exposed_wholly_after_the_moment_asked(
 def test_the_board_is_found_where_it_truly_is_at_exposure(
     subject: Callable[[Scene], Any], tmp_path: Path
 ) -> None:
-    async def scene(rig: Rig[DepthCamera]) -> None:
+    async def scene(rig: CameraRig) -> None:
         (frame,) = await rig.device.capture(1, tmp_path, "pose", rig.clock.now())
         assert frame.board is not None
         assert len(frame.board.ids) == 54
@@ -100,7 +106,7 @@ def test_the_board_is_found_where_it_truly_is_at_exposure(
 def test_nothing_is_found_when_nothing_or_another_board_is_looked_for(
     subject: Callable[[Scene], Any], tmp_path: Path
 ) -> None:
-    async def scene(rig: Rig[DepthCamera]) -> None:
+    async def scene(rig: CameraRig) -> None:
         for target in (None, {**rig.world.target, "dictionary": "DICT_6X6_250"}):
             await rig.device.set_target(target)
             await rig.clock.sleep(0.3)
@@ -113,7 +119,7 @@ def test_nothing_is_found_when_nothing_or_another_board_is_looked_for(
 def test_the_operator_moves_the_board_and_the_camera_sees_it_there(
     subject: Callable[[Scene], Any], tmp_path: Path
 ) -> None:
-    async def scene(rig: Rig[DepthCamera]) -> None:
+    async def scene(rig: CameraRig) -> None:
         rig.world.operator.confirm(2, rig.clock.now())
         await rig.clock.sleep(0.2)
         (frame,) = await rig.device.capture(1, tmp_path, "moved", rig.clock.now())
@@ -128,7 +134,7 @@ def test_the_operator_moves_the_board_and_the_camera_sees_it_there(
 def test_a_board_that_is_taken_away_is_not_seen_until_it_is_back(
     subject: Callable[[Scene], Any], tmp_path: Path
 ) -> None:
-    async def scene(rig: Rig[DepthCamera]) -> None:
+    async def scene(rig: CameraRig) -> None:
         rig.world.operator.remove(rig.clock.now())
         await rig.clock.sleep(0.2)
         (gone,) = await rig.device.capture(1, tmp_path, "gone", rig.clock.now())
@@ -143,12 +149,12 @@ def test_a_board_that_is_taken_away_is_not_seen_until_it_is_back(
 
 @pytest.mark.parametrize("fault", ["drop", "silence"])
 def test_frames_that_stop_end_a_capture_with_device_lost_and_the_camera_opens_again(
-    subject: Callable[[Scene], Any], face: Face[DepthCamera], fault: str, tmp_path: Path
+    subject: Callable[[Scene], Any], face: Face[CameraRig], fault: str, tmp_path: Path
 ) -> None:
     if fault in face.lacks:
         pytest.skip(f"the {face.name} face has no {fault}")
 
-    async def scene(rig: Rig[DepthCamera]) -> None:
+    async def scene(rig: CameraRig) -> None:
         capture = asyncio.create_task(rig.device.capture(200, tmp_path, "cut", rig.clock.now()))
         await rig.clock.sleep(0.3)
         await rig.inject(fault)

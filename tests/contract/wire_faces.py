@@ -1,61 +1,85 @@
 """The faces on which the contract suite runs: what makes an arm or a camera, and what breaks it.
 
-The suite (``test_arm_contract.py``, ``test_camera_contract.py``) knows nothing but a :class:`Rig`. The object
-face is here. Another face is added with :func:`add_arm_face` or :func:`add_camera_face` at the end of this
-file: a name, a function that runs a coroutine (``asyncio.run`` on the wire), and an asynchronous context
-manager that yields a :class:`Rig` with the device open and everything taken down afterwards. A face on real
-sockets or children gets ``wire=True``, which marks its tests. ``lacks`` names the faults it cannot show.
+The suite (``test_arm_contract.py``, ``test_camera_contract.py``) knows nothing but an :class:`ArmRig` or a
+:class:`CameraRig`. Another face is added with :func:`add_arm_face` or :func:`add_camera_face` at the end of
+this file; see :class:`Face` for what it consists of. A face on real sockets or children gets ``wire=True``,
+which marks its tests. ``lacks`` names the faults that it cannot show.
 """
 
+import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, asynccontextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
+import numpy as np
 import pytest
 
-from cell.clock import Clock
+from cell.clock import Clock, MonotonicClock
 from cell.devices import Arm, DepthCamera
+from cell.poses import Array
+from drivers.ur import UrArm
 from fakes.object import ObjectArm, ObjectCamera, VirtualClock, run_virtual
+from fakes.ur.process import ControllerHandle, running_controller
 from fakes.world import World
 
 D = TypeVar("D")
+R = TypeVar("R", bound="Rig[Any]")
 
 
 @dataclass
 class Rig(Generic[D]):
-    """One open device of the ``hand_eye`` scenario with its world.
+    """One open device of the ``hand_eye`` scenario.
 
     ``inject(kind, **arguments)`` begins a fault of the common vocabulary, ``inject("clear")`` puts all right.
     """
 
     device: D
     clock: Clock
-    world: World
     inject: Callable[..., Awaitable[None]]
 
 
+@dataclass
+class ArmRig(Rig[Arm]):
+    """``truth()`` gives the arm's true joints (6,) rad, and whether any of them turns, past the driver."""
+
+    truth: Callable[[], Awaitable[tuple[Array, bool]]]
+
+
+@dataclass
+class CameraRig(Rig[DepthCamera]):
+    """``world`` is the one that the camera looks at; its operator moves the board."""
+
+    world: World
+
+
 @dataclass(frozen=True)
-class Face(Generic[D]):
-    """How one face runs and makes its rig."""
+class Face(Generic[R]):
+    """One face of a device.
+
+    ``serve`` makes what is expensive, such as a server process, once for a module. ``rig`` is given what
+    ``serve`` gave; it yields a rig with the device open and leaves the server as it was. ``run`` runs a
+    coroutine to its end.
+    """
 
     name: str
     run: Callable[[Coroutine[Any, Any, Any]], Any]
-    rig: Callable[[], AbstractAsyncContextManager[Rig[D]]]
+    rig: Callable[[Any], AbstractAsyncContextManager[R]]
+    serve: Callable[[], AbstractContextManager[Any]] = nullcontext
     wire: bool = False
     lacks: frozenset[str] = frozenset()
 
 
-_arm_faces: list[Face[Arm]] = []
-_camera_faces: list[Face[DepthCamera]] = []
+_arm_faces: list[Face[ArmRig]] = []
+_camera_faces: list[Face[CameraRig]] = []
 
 
-def add_arm_face(face: Face[Arm]) -> None:
+def add_arm_face(face: Face[ArmRig]) -> None:
     """Run the arm's contract on this face too."""
     _arm_faces.append(face)
 
 
-def add_camera_face(face: Face[DepthCamera]) -> None:
+def add_camera_face(face: Face[CameraRig]) -> None:
     """Run the camera's contract on this face too."""
     _camera_faces.append(face)
 
@@ -80,22 +104,26 @@ SCENARIO = "hand_eye"
 
 
 @asynccontextmanager
-async def _object_arm() -> AsyncIterator[Rig[Arm]]:
+async def _object_arm(_: None) -> AsyncIterator[ArmRig]:
     clock = VirtualClock()
     arm = ObjectArm("arm", ObjectArm.Config(scenario=SCENARIO), clock)
 
     async def inject(kind: str, **arguments: Any) -> None:
         arm.inject(kind, **arguments)
 
+    async def truth() -> tuple[Array, bool]:
+        q, qd = arm.world.track.at(clock.now())
+        return q, bool(np.any(qd))
+
     await arm.open()
     try:
-        yield Rig(arm, clock, arm.world, inject)
+        yield ArmRig(arm, clock, inject, truth)
     finally:
         await arm.close()
 
 
 @asynccontextmanager
-async def _object_camera() -> AsyncIterator[Rig[DepthCamera]]:
+async def _object_camera(_: None) -> AsyncIterator[CameraRig]:
     clock = VirtualClock()
     camera = ObjectCamera("camera", ObjectCamera.Config(scenario=SCENARIO), clock)
 
@@ -104,10 +132,50 @@ async def _object_camera() -> AsyncIterator[Rig[DepthCamera]]:
 
     await camera.open()
     try:
-        yield Rig(camera, clock, camera.world, inject)
+        yield CameraRig(camera, clock, inject, camera.world)
     finally:
         await camera.close()
 
 
 add_arm_face(Face("object", run_virtual, _object_arm))
 add_camera_face(Face("object", run_virtual, _object_camera))
+
+
+# -- the arm on the wire: the driver for UR, and a controller in a process of its own
+
+ARM_HOST = "127.0.73.11"
+
+
+@asynccontextmanager
+async def _wire_arm(controller: ControllerHandle) -> AsyncIterator[ArmRig]:
+    clock = MonotonicClock()
+    # Longer than in production, because the machine under the tests may be busy.
+    arm = UrArm("arm", UrArm.Config(host=ARM_HOST, stale_after_s=0.1, lost_after_s=0.5), clock)
+
+    async def inject(kind: str, **arguments: Any) -> None:
+        await asyncio.to_thread(lambda: controller.inject(kind, **arguments))
+
+    async def truth() -> tuple[Array, bool]:
+        state = await asyncio.to_thread(controller.truth)
+        return np.array(state["q"]), bool(state["moving"])
+
+    await arm.open()
+    try:
+        yield ArmRig(arm, clock, inject, truth)
+    finally:
+        await arm.close()
+        await inject("clear")
+        await _until_idle(controller)
+
+
+async def _until_idle(controller: ControllerHandle) -> None:
+    """The next test finds the controller as this one did."""
+    for _ in range(200):
+        state = await asyncio.to_thread(controller.truth)
+        if not state["moving"] and state["program"] is None:
+            return
+        await asyncio.sleep(0.02)
+    raise AssertionError(f"the controller does not come to rest: {state}")
+
+
+add_arm_face(Face("wire", asyncio.run, _wire_arm, lambda: running_controller(ARM_HOST, SCENARIO), wire=True))
