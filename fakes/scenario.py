@@ -217,11 +217,13 @@ class Scenario(_Strict):
         control_socket: str,
         modbus: dict[str, Any] | None = None,
         overrides: dict[str, Any] | None = None,
+        clock: str | None = None,
     ) -> str:
         """A ready cell.toml for this twin (FORMATS.md section 2).
 
         ``arm`` and ``camera`` are the device tables, driver and address included; ``modbus`` its section;
-        ``overrides`` are further top-level tables that replace generated ones of the same name.
+        ``overrides`` are further top-level tables that replace generated ones of the same name; ``clock``
+        names the virtual clock of the object face.
         """
         world, role = self.world, "flange_camera" if self.world.eye_in_hand else "fixed_camera"
         nominal = "T_flange_camera_nominal" if self.world.eye_in_hand else "T_base_camera_nominal"
@@ -242,6 +244,7 @@ class Scenario(_Strict):
                 "twin": True,
                 "state_dir": state_dir,
                 "control_socket": control_socket,
+                "clock": clock,
             },
             "robot": robot,
             "limits": self.cell.limits,

@@ -96,6 +96,7 @@ def test_overrides_replace_generated_tables(subject: Scenario) -> None:
     cell = tomllib.loads(text)
     assert cell["poses"] == {"other": [0.0] * 6}
     assert cell["http"] == {"bind": "x"}
+    assert cell["cell"]["clock"] == "fakes.object:VirtualClock"
 
 
 def test_the_drawing_is_ten_millimetres_and_three_degrees_off(subject: Scenario) -> None:
