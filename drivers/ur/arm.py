@@ -22,7 +22,7 @@ from drivers.ur.rtde_link import RtdeLink, open_socket
 SCRIPT_PORT = 30003
 STOP_SCRIPT = b"def cellward_stop():\n  stopj(4.0)\nend\n"
 SILENCE_CHECK_S = 0.01
-REMOTE_POLL_S = 0.2
+REMOTE_POLL_S = 0.1
 DASHBOARD_DEADLINE_S = 1.0
 # After the TCP was set, the primary port may still report the old one from its queue.
 TCP_SETTLE_S = 0.5
@@ -275,7 +275,7 @@ class UrArm:
             await self._clock.sleep(SILENCE_CHECK_S)
 
     async def _watch_remote(self) -> None:
-        """Ask for the mode switch a few times a second; a deaf dashboard forbids motion, but not reading."""
+        """Ask for the mode switch ten times a second; a deaf dashboard forbids motion, but not reading."""
         link: Dashboard | None = None
         try:
             while self.lost is None:

@@ -248,9 +248,7 @@ def test_a_fault_ends_the_move_with_its_code(rig: Rig, fault: str, name: str) ->
     ("fault", "name"),
     [
         ("register-in-use", "ARM_REGISTER_CONFLICT"),
-        ("local-mode", "ARM_LOCAL_MODE"),
         ("foreign-program", "ARM_PROGRAM_RUNNING"),
-        ("protective-stop", "ARM_PROTECTIVE_STOP"),
     ],
 )
 def test_motion_is_refused_and_nothing_of_ours_stays(rig: Rig, fault: str, name: str) -> None:
@@ -344,19 +342,6 @@ def test_decelerating_ends_a_stream(rig: Rig) -> None:
             assert await measured_standstill(arm, 1.0)
             with pytest.raises(CellError, match="stopped"):
                 await follow
-
-    asyncio.run(scenario())
-
-
-@pytest.mark.parametrize("step", ["stop_script", "stop_program"])
-def test_each_step_of_the_stop_ladder_stops_alone(rig: Rig, step: str) -> None:
-    async def scenario() -> None:
-        async with rig.movable() as (arm, port):
-            move = await start(port.move_joints(turned(arm, 2.0), SPEED))
-            await getattr(arm, step)()
-            assert await measured_standstill(arm, 1.0)
-            with pytest.raises(CellError):
-                await move
 
     asyncio.run(scenario())
 
