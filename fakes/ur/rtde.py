@@ -189,7 +189,7 @@ class RtdeConnection(asyncio.Protocol):
             return
         hidden = self._server.faults.missing
         names = [f"?{n}" if n in hidden else n for n in wire.split_names(payload)]
-        recipe = OutputRecipe(names, self._robot.identity.version[:2])
+        recipe = OutputRecipe(names, self._robot.identity.version[:3])
         self._outputs = recipe if recipe.valid else None
         self._divisor = self._countdown = max(1, round(rate / min(wanted, rate)))
         types = ",".join(recipe.types).encode()

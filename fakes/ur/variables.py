@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 Value = float | tuple[float, ...] | list[float]
 Reader = Callable[["Robot", "Instant"], Value]
-Version = tuple[int, int]
+Version = tuple[int, ...]
 
 ZERO3 = (0.0, 0.0, 0.0)
 ZERO6 = (0.0,) * 6
@@ -53,8 +53,8 @@ def _outputs() -> Iterator[tuple[str, Output]]:
     yield "tcp_force_scalar", Output("DOUBLE", lambda r, s: s.force_scalar)
     yield "ft_raw_wrench", Output("VECTOR6D", lambda r, s: s.raw_wrench, (5, 9))
     yield "tcp_offset", Output("VECTOR6D", lambda r, s: r.tool.offset6, (5, 15))
-    yield "payload", Output("DOUBLE", lambda r, s: r.tool.payload, (5, 6))
-    yield "payload_cog", Output("VECTOR3D", lambda r, s: r.tool.centre_of_gravity, (5, 6))
+    yield "payload", Output("DOUBLE", lambda r, s: r.tool.payload, (5, 5, 1))
+    yield "payload_cog", Output("VECTOR3D", lambda r, s: r.tool.centre_of_gravity, (5, 5, 1))
     yield "payload_inertia", Output("VECTOR6D", lambda r, s: r.tool.inertia, (5, 11))
     yield from _states()
     yield from _electrical()
@@ -157,7 +157,7 @@ def _since(variable: Output, version: Version) -> Version:
     return _CB3_SINCE.get(variable.since, variable.since) if version[0] == 3 else variable.since
 
 
-_CB3_SINCE: dict[Version, Version] = {(5, 6): (3, 11), (5, 11): (3, 15), (5, 9): (99, 0)}
+_CB3_SINCE: dict[Version, Version] = {(5, 5, 1): (3, 11), (5, 11): (3, 15), (5, 9): (99, 0)}
 
 
 class OutputRecipe:

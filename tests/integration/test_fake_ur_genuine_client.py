@@ -176,3 +176,24 @@ def test_registers_are_free_again_once_the_client_is_gone(subject: dict[str, Any
 
 def test_no_control_cycle_was_lost(subject: dict[str, Any]) -> None:
     assert subject["truth"]["lost_cycles"] == 0
+
+
+@pytest.mark.parametrize(("version", "model", "rate"), [("3.15.0", "ur5", 125.0), ("5.23.0", "ur20", 500.0)])
+def test_other_controllers_are_taken_for_what_they_are(version: str, model: str, rate: float) -> None:
+    with running_controller("127.0.0.11", version=version, model=model):
+        seen = genuine(
+            "127.0.0.11",
+            """
+            r, c = RTDEReceiveInterface(HOST), RTDEControlInterface(HOST)
+            q = r.getActualQ()
+            seen["move"] = [c.moveJ([q[0] + 0.05, *q[1:]], 1.0, 8.0), r.getActualQ()[0]]
+            stamps = {r.getTimestamp()}
+            end = time.monotonic() + 0.2
+            while time.monotonic() < end:
+                stamps.add(r.getTimestamp())
+            ordered = sorted(stamps)
+            seen["step"] = min(b - a for a, b in zip(ordered, ordered[1:]))
+            """,
+        )
+    assert seen["move"] == [True, pytest.approx(0.05)]
+    assert seen["step"] == pytest.approx(1.0 / rate, rel=1e-6)

@@ -165,7 +165,15 @@ def test_a_killed_camera_comes_back_and_nothing_outlives_a_killed_twin(tmp_path:
 
 
 def test_a_process_can_be_made_to_end_with_its_parent() -> None:
-    child = "import signal, time; from fakes.lifetime import die_with_parent as d\nd(signal.SIGTERM)\nprint(1, flush=True)\ntime.sleep(60)"
+    child = "\n".join(
+        (
+            "import signal, time",
+            "from fakes.lifetime import die_with_parent",
+            "die_with_parent(signal.SIGTERM)",
+            "print(1, flush=True)",
+            "time.sleep(60)",
+        )
+    )
     parent = (
         "import os, subprocess, sys\n"
         f"p = subprocess.Popen([sys.executable, '-c', {child!r}],\n"

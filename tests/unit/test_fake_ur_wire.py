@@ -69,13 +69,16 @@ def test_a_layout_unpacks_scalars_and_vectors() -> None:
         ("ft_raw_wrench", (5, 8), False),
         ("ft_raw_wrench", (5, 9), True),
         ("ft_raw_wrench", (3, 15), False),
+        ("payload", (5, 5, 0), False),
+        ("payload", (5, 5, 1), True),
+        ("payload", (3, 11, 0), True),
         ("payload_inertia", (3, 15), True),
         ("payload_inertia", (5, 10), False),
         ("actual_current_as_torque", (5, 23), True),
         ("actual_current_as_torque", (10, 10), True),
     ],
 )
-def test_a_variable_is_known_from_its_version_on(name: str, version: tuple[int, int], known: bool) -> None:
+def test_a_variable_is_known_from_its_version_on(name: str, version: tuple[int, ...], known: bool) -> None:
     assert (output(name, version) is not None) is known
 
 
