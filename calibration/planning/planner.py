@@ -1,0 +1,162 @@
+"""Plan the cone poses of one placement: reachable, in view, free to move between, in a short order."""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from calibration.planning.cone import ConeAxis, ConeShape, candidate_axes, cone_poses
+from calibration.planning.mounting import Mounting
+from calibration.planning.plan import ConePlan, PlannedPose, RejectedPose
+from calibration.planning.view import view_faults
+from cell.arm_model import ArmModel
+from cell.devices import Intrinsics
+from cell.errors import CellError
+from cell.poses import Array
+
+Checker = Callable[[Array, Array], None]
+"""``checker(q_from, q_to)`` raises a ``CellError`` when that joint path is not free."""
+Describer = Callable[[Array], Mapping[str, Any]]
+"""``describe(q)`` gives the margins of a pose for the listing."""
+
+_OTHER_BRANCHES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class ConeRequest:
+    """What is wanted. ``T_camera_target`` is the board as seen at ``q_start``, where the arm also returns.
+
+    ``axes`` None tries :func:`candidate_axes`; poses with an index in ``skip`` are not planned.
+    """
+
+    mounting: Mounting
+    shape: ConeShape
+    target_points: Array  # (m, 3) in the target frame
+    intrinsics: Intrinsics
+    T_camera_target: RigidTransform
+    q_start: Array  # (6,) rad
+    axes: Sequence[ConeAxis] | None = None
+    margin_px: float = 40.0
+    skip: Collection[int] = field(default_factory=frozenset)
+
+
+def plan_cone(
+    request: ConeRequest, model: ArmModel, checker: Checker, describe: Describer | None = None
+) -> ConePlan:
+    """The best plan over all candidate axes: the first that loses no pose, else the one that loses fewest.
+
+    Raises nothing for a poor plan: ask :meth:`ConePlan.shortfall`.
+    """
+    axes = request.axes or candidate_axes(request.T_camera_target, request.target_points)
+    best: ConePlan | None = None
+    for tried, axis in enumerate(axes, start=1):
+        tour = _Tour(request, model, checker, axis, 0 if best is None else len(best.poses))
+        plan = ConePlan(tour.visits(describe), tour.rejected, axis, tried)
+        if best is None or _merit(plan) > _merit(best):
+            best = plan
+        if not plan.rejected:
+            break
+    assert best is not None, "there is at least one axis"
+    return ConePlan(best.poses, best.rejected, best.axis, tried)
+
+
+def _merit(plan: ConePlan) -> tuple[int, float]:
+    return len(plan.poses), round(plan.spread_rad, 2) - 1e-4 * plan.travel_rad
+
+
+class _Tour:
+    """One candidate axis: visits the ring from the pose nearest to the start, and reports what is lost.
+
+    It gives up early when it cannot visit more than ``to_beat`` poses.
+    """
+
+    def __init__(
+        self, request: ConeRequest, model: ArmModel, checker: Checker, axis: ConeAxis, to_beat: int
+    ) -> None:
+        self._to_beat = to_beat
+        self._request, self._model, self._checker = request, model, checker
+        self._views = cone_poses(axis.T_target_cone, request.shape).inv()
+        self._flanges = request.mounting.flange(self._views)
+        self._visits: list[tuple[int, Array]] = []
+        self._lost: dict[int, str] = {}
+        self._walk()
+        self._return()
+
+    @property
+    def rejected(self) -> list[RejectedPose]:
+        return [RejectedPose(k, why) for k, why in sorted(self._lost.items())]
+
+    def visits(self, describe: Describer | None) -> list[PlannedPose]:
+        """The poses in order, with their margins when ``describe`` is given."""
+        before = [self._request.q_start, *(q for _, q in self._visits)]
+        return [
+            PlannedPose(
+                index=k,
+                q=q,
+                T_base_flange=self._flanges[k],
+                T_camera_target=self._views[k],
+                travel_rad=float(np.max(np.abs(q - last))),
+                checks={} if describe is None else describe(q),
+            )
+            for (k, q), last in zip(self._visits, before[:-1], strict=True)
+        ]
+
+    @property
+    def _here(self) -> Array:
+        return self._visits[-1][1] if self._visits else self._request.q_start
+
+    def _walk(self) -> None:
+        request = self._request
+        faults = view_faults(self._views, request.target_points, request.intrinsics, request.margin_px)
+        wanted = [k for k in range(request.shape.poses) if k not in request.skip]
+        self._lost = {k: fault for k in wanted if (fault := faults[k]) is not None}
+        ring = _from_nearest([k for k in wanted if k not in self._lost], self._views, request.T_camera_target)
+        for k in ring:
+            self._visit(k, [self._model.inverse(self._flanges[k], self._here)])
+        # What was not reachable on the way may be from the other side, or with the arm on another branch.
+        again = [k for k in reversed(ring) if k in self._lost]
+        for tried, k in enumerate(again):
+            if len(self._visits) + len(again) - tried <= self._to_beat:
+                return
+            here = self._here
+            branches = self._model.inverse_all(self._flanges[k])
+            branches.sort(key=lambda q, here=here: float(np.linalg.norm(q - here)))  # type: ignore[misc]
+            self._visit(k, [self._model.inverse(self._flanges[k], here), *branches[:_OTHER_BRANCHES]])
+
+    def _visit(self, k: int, solutions: Sequence[Array | None]) -> None:
+        reason = "out of the arm's reach or joint range"
+        for q in solutions:
+            if q is None:
+                continue
+            try:
+                self._checker(q, q)  # most poses fail where they are, and that is quickly known
+                self._checker(self._here, q)
+            except CellError as exc:
+                reason = exc.detail
+                continue
+            self._visits.append((k, q))
+            self._lost.pop(k, None)
+            return
+        self._lost[k] = reason
+
+    def _return(self) -> None:
+        """Give up poses from the end until the way back to the start is free."""
+        while self._visits:
+            try:
+                self._checker(self._here, self._request.q_start)
+            except CellError as exc:
+                k, _ = self._visits.pop()
+                self._lost[k] = f"no free way back to the start: {exc.detail}"
+            else:
+                return
+
+
+def _from_nearest(ring: list[int], views: RigidTransform, now: RigidTransform) -> list[int]:
+    """The ring turned so that it begins with the view closest to the present one."""
+    if not ring:
+        return []
+    apart = (views.inv() * now).rotation.magnitude()
+    first = min(range(len(ring)), key=lambda i: float(apart[ring[i]]))
+    return ring[first:] + ring[:first]

@@ -1,0 +1,117 @@
+"""The accuracy that a plan promises, against OpenCV's solver and Monte Carlo."""
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform
+
+from calibration.planning import (
+    ConeShape,
+    EyeInHand,
+    EyeToHand,
+    Mounting,
+    PlannedPose,
+    PredictedUncertainty,
+    cone_poses,
+    pnp_covariance,
+    predicted_uncertainty,
+)
+from cell.devices import Intrinsics
+from cell.poses import Array, exp_xi, from_pose6, log_xi
+
+CAMERA = Intrinsics(1280, 800, (802.4, 801.7, 644.2, 396.8))
+X = from_pose6([0.006, -0.0864, 0.0548, 0.03, -0.03, 0.4])
+W = from_pose6([-0.7415, -0.3064, 0.1218, -2.0819, -2.0044, 0.2075])
+SIGMA_PX, SIGMA_T, SIGMA_R = 0.2, 5e-5, 1e-4
+FLANGE = np.array([SIGMA_T] * 3 + [SIGMA_R] * 3)
+
+
+def board_points() -> Array:
+    x, y = np.meshgrid(np.arange(1, 10), np.arange(1, 7))
+    return 0.025 * np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+
+
+def planned(mounting: Mounting) -> list[PlannedPose]:
+    shape = ConeShape(10, 0.44, 0.5)
+    views = cone_poses(from_pose6([0.125, 0.0875, 0, 0, 0, 0]), shape).inv()
+    flanges = mounting.flange(views)
+    return [PlannedPose(k, np.zeros(6), flanges[k], views[k], 0.0) for k in range(10)]
+
+
+def test_the_covariance_of_a_board_pose_is_what_opencv_scatters() -> None:
+    view = from_pose6([-0.1, -0.12, 0.55, 0.35, -0.2, 0.1])
+    rvec, tvec = view.rotation.as_rotvec(), view.translation
+    clean, _ = cv2.projectPoints(board_points(), rvec, tvec, CAMERA.matrix, None)
+    rng = np.random.default_rng(4)
+    errors = []
+    for _ in range(600):
+        noisy = clean + rng.normal(0, 0.3, clean.shape)
+        _, r, t = cv2.solvePnP(
+            board_points(),
+            noisy,
+            CAMERA.matrix,
+            None,
+            rvec.copy(),
+            view.translation.reshape(3, 1).copy(),
+            True,
+        )
+        found = from_pose6([*t.ravel(), *r.ravel()])
+        errors.append(log_xi(view.inv() * found))
+    scatter = np.cov(np.array(errors).T)
+    predicted = pnp_covariance(view, board_points(), CAMERA, 0.3)
+    np.testing.assert_allclose(np.sqrt(np.diag(scatter) / np.diag(predicted)), 1.0, atol=0.12)
+
+
+@pytest.mark.parametrize("kind", ["eye-in-hand", "eye-to-hand"])
+def test_the_predicted_covariance_is_what_maximum_likelihood_scatters(kind: str) -> None:
+    """Each trial draws corner and flange noise, and solves X and W by weighted least squares."""
+    mounting: Mounting = EyeInHand(X, W) if kind == "eye-in-hand" else EyeToHand(W, X)
+    unknown, other = (X, W) if kind == "eye-in-hand" else (W, X)
+    poses = planned(mounting)
+    rng = np.random.default_rng(11)
+    F_true = RigidTransform.concatenate([p.T_base_flange for p in poses])
+    views = RigidTransform.concatenate([p.T_camera_target for p in poses])
+    pnp = np.array([pnp_covariance(v, board_points(), CAMERA, SIGMA_PX) for v in views])
+
+    def gaps(z: Array, F: RigidTransform, seen: RigidTransform) -> Array:
+        x, w = unknown * exp_xi(z[:6]), other * exp_xi(z[6:])
+        return log_xi((x.inv() * (F.inv() if kind == "eye-in-hand" else F) * w).inv() * seen)
+
+    # How flange noise shows in the view and how the unknowns do, by finite differences.
+    step, zero = 1e-6, np.zeros(12)
+    D = np.stack([gaps(zero, F_true * exp_xi(step * e), views) for e in np.eye(6)], axis=2) / step
+    roots = np.linalg.inv(np.linalg.cholesky(pnp + D @ np.diag(FLANGE**2) @ D.swapaxes(1, 2)))
+    J = np.stack([gaps(step * e, F_true, views) for e in np.eye(12)], axis=2) / step
+    solve = np.linalg.pinv((roots @ J).reshape(-1, 12))
+
+    errors = []
+    for _ in range(400):
+        F = F_true * exp_xi(rng.normal(0, FLANGE, (len(poses), 6)))
+        noise = np.array([rng.multivariate_normal(np.zeros(6), c) for c in pnp])
+        seen, z = views * exp_xi(noise), zero
+        for _ in range(2):  # Gauss-Newton; the second step is already far below the noise
+            z = z - solve @ (roots @ gaps(z, F, seen)[..., None]).ravel()
+        errors.append(z[:6])
+    subject = predicted_uncertainty(poses, mounting, CAMERA, board_points(), SIGMA_PX, SIGMA_T, SIGMA_R)
+    nees = [e @ np.linalg.solve(subject.cov, e) for e in errors]
+    assert 6.0 * 0.9 < np.mean(nees) < 6.0 * 1.1  # 3.5 standard errors of 400 draws
+    shorter = np.mean([np.linalg.norm(e[:3]) < subject.error95_t_m for e in errors])
+    assert 0.91 < shorter < 0.99
+
+
+def test_more_placements_shrink_the_error_with_their_root() -> None:
+    mounting = EyeInHand(X, W)
+    arguments = (planned(mounting), mounting, CAMERA, board_points(), SIGMA_PX, SIGMA_T, SIGMA_R)
+    one, four = predicted_uncertainty(*arguments), predicted_uncertainty(*arguments, placements=4)
+    assert one.sigma_t_m == pytest.approx(2 * four.sigma_t_m)
+    assert one.error95_r_rad == pytest.approx(2 * four.error95_r_rad)
+
+
+@pytest.mark.parametrize("variances", [(1.0, 1.0, 1.0), (1.0, 0.3, 0.1), (1.0, 1e-4, 1e-4)])
+def test_the_95_percent_length_holds_for_round_and_long_covariances(variances: tuple[float, ...]) -> None:
+    cov = np.zeros((6, 6))
+    cov[:3, :3] = np.diag(variances)
+    cov[3:, 3:] = np.eye(3)
+    samples = np.random.default_rng(0).normal(0, np.sqrt(variances), (200_000, 3))
+    inside = np.mean(np.linalg.norm(samples, axis=1) < PredictedUncertainty(cov).error95_t_m)
+    assert inside == pytest.approx(0.95, abs=0.004)
