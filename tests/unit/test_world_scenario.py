@@ -90,9 +90,8 @@ def test_the_generated_cell_is_toml_that_says_twin_and_names_the_serials(subject
 
 
 def test_overrides_replace_generated_tables(subject: Scenario) -> None:
-    text = subject.cell_toml(
-        {}, {}, "a", "b", overrides={"poses": {"other": [0.0] * 6}, "http": {"bind": "x"}}
-    )
+    own = {"poses": {"other": [0.0] * 6}, "http": {"bind": "x"}}
+    text = subject.cell_toml({}, {}, "a", "b", overrides=own, clock="fakes.object:VirtualClock")
     cell = tomllib.loads(text)
     assert cell["poses"] == {"other": [0.0] * 6}
     assert cell["http"] == {"bind": "x"}
