@@ -17,17 +17,23 @@ def check(
     as_json: JsonOption = False,
 ) -> None:
     """Check the configuration (every finding at once), and predict what the jobs can reach."""
+    from daemon.cli.predict import predictions
     from daemon.config import load_config
 
     path = config_path(config)
     loaded = load_config(path)
     for warning in loaded.warnings:
         say(f"Warning: {warning}")
+    expected = predictions(loaded)
     found = _probe(loaded) if probe else []
     if as_json:
-        out_json({"config": str(path), "warnings": loaded.warnings, "devices": found})
+        out_json(
+            {"config": str(path), "warnings": loaded.warnings, "predictions": expected, "devices": found}
+        )
     else:
         out(f"{path} is valid: cell '{loaded.cell.name}', {len(loaded.device)} devices")
+        for job in expected:
+            out(f"{job['job']} {job['text']}")
         if probe:
             columns = ("device", "answer", "model", "serial")
             out(table(columns, ([d["device"], d["answer"], d["model"], d["serial"]] for d in found)))

@@ -4,34 +4,72 @@ from collections.abc import Mapping
 from math import degrees
 from typing import Any
 
-from daemon.cli.output import table
+from daemon.cli.output import deg, mm, table
+
+HEADER = (
+    "pose", "joints (deg)", "travel (deg)", "joint range (deg)", "keep-out (mm)", "workspace (mm)",
+    "floor (mm)", "self (mm)", "singular",
+)  # fmt: skip
 
 
 def plan_text(plan: Mapping[str, Any]) -> str:
-    """What a job would do. Joints in degrees; other values as the job names them, with their SI units."""
-    lines = [f"{key}: {_cell(key, value)}" for key, value in plan.items() if key not in ("poses", "note")]
+    """What a job would do, with the margin of each pose to each limit; nothing in it may be negative."""
+    lines = []
     if note := plan.get("note"):
         lines.append(str(note))
     poses = plan.get("poses", [])
     if poses:
-        columns = list(dict.fromkeys(key for pose in poses for key in pose))
-        header = ["q (deg)" if c == "q" else c for c in columns]
-        lines.append(table(header, [[_cell(c, pose.get(c)) for c in columns] for pose in poses]))
+        lines += [
+            f"{len(poses)} poses, cone about {plan.get('axis', 'the board')}; margins to the limits:",
+            table(HEADER, (_row(pose) for pose in poses)),
+        ]
+    if plan.get("travel_rad") is not None:
+        lines.append(
+            f"joint travel {deg(plan['travel_rad'], 0)}; "
+            f"turning about a second axis {deg(plan['spread_rad'], 1)} RMS"
+        )
+    if rejected := plan.get("rejected"):
+        lines.append(f"{len(rejected)} poses are left out:")
+        lines += [f"  {r['index']}: {r['reason']}" for r in rejected]
+    if predicted := plan.get("predicted"):
+        lines.append(prediction_text(predicted))
     lines.append("Nothing was moved.")
     return "\n".join(lines)
 
 
-def _cell(key: str, value: Any) -> str:
-    if value is None:
-        return "-"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    if key == "q":
-        return " ".join(f"{degrees(v):.1f}" for v in value)
-    if isinstance(value, Mapping):
-        return ", ".join(f"{k} {_cell(k, v)}" for k, v in value.items())
-    if isinstance(value, list | tuple):
-        return " ".join(_cell("", v) for v in value)
-    return str(value)
+def prediction_text(predicted: Mapping[str, Any]) -> str:
+    """The expected error of the calibration, and what was assumed for it."""
+    assumed = predicted["assuming"]
+    return (
+        f"expected error below {mm(predicted['error95_t_m'])} and {deg(predicted['error95_r_rad'])} (95 %), "
+        f"assuming {assumed['placements']} placements like this one, corners to {assumed['sigma_px']:g} px, "
+        f"flange poses to {mm(assumed['sigma_flange_t'])} and {deg(assumed['sigma_flange_r'])}"
+    )
+
+
+def _row(pose: Mapping[str, Any]) -> list[str | None]:
+    checks = pose.get("checks", {})
+    return [
+        str(pose["index"]),
+        " ".join(f"{round(degrees(v), 1) + 0.0:.1f}" for v in pose["q"]),
+        _angle(pose.get("travel_rad")),
+        _named(_angle(checks.get("joint_rad")), checks.get("joint")),
+        _named(_length(checks.get("clearance_m")), checks.get("clearance")),
+        _length(checks.get("workspace_m")),
+        _length(checks.get("floor_m")),
+        _length(checks.get("self_m")),
+        None if checks.get("singularity") is None else f"{checks['singularity']:.3f}",
+    ]
+
+
+def _angle(radians: float | None) -> str | None:
+    return None if radians is None else f"{degrees(radians):.1f}"
+
+
+def _length(metres: float | None) -> str | None:
+    """A margin in mm; without walls it is endless."""
+    return None if metres is None or metres > 1e3 else f"{1e3 * metres:.0f}"
+
+
+def _named(margin: str | None, name: str | None) -> str | None:
+    return margin if margin is None or not name else f"{margin} {name}"

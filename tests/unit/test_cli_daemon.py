@@ -125,19 +125,28 @@ def test_a_dry_run_lists_the_plan_and_its_checks(
     cell: CellOnDisk, engine: TalkingEngine, subject: CommandLine
 ) -> None:
     engine.plan = {
-        "distance_m": 0.5,
+        "axis": "board normal",
         "poses": [
-            {"index": 0, "ok": True, "q": [0.0, -1.5707963, 0.0, 0.0, 0.0, 0.0], "why": None},
-            {"index": 1, "ok": False, "q": None, "why": "enters keep-out box 'pillar'"},
+            {
+                "index": 0, "q": [0.0, -1.5707963, -1e-9, 0.0, 0.0, 0.0], "travel_rad": 0.1,
+                "checks": {"joint_rad": 0.5, "joint": "elbow", "clearance_m": 0.0123, "clearance": "tool-pillar"},
+            }
         ],
-    }
+        "rejected": [{"index": 1, "reason": "enters keep-out box 'pillar'"}],
+        "predicted": {
+            "error95_t_m": 1.5e-4, "error95_r_rad": 2e-4,
+            "assuming": {"sigma_px": 0.1, "sigma_flange_t": 5e-5, "sigma_flange_r": 5e-5, "placements": 3},
+        },
+    }  # fmt: skip
     with served(cell.socket, engine):
         done = subject("start", "cone-capture", "--dry-run")
         as_json = subject("start", "cone-capture", "--dry-run", "--json")
     assert done.code == 0
-    assert "0.0 -90.0 0.0" in done.out
-    assert "enters keep-out box 'pillar'" in done.out
-    assert "Nothing was moved" in done.out
+    for told in (
+        "0.0 -90.0 0.0", "28.6 elbow", "12 tool-pillar", "1: enters keep-out box 'pillar'", "0.150 mm",
+        "Nothing was moved",
+    ):  # fmt: skip
+        assert told in done.out
     assert json.loads(as_json.out) == engine.plan
     assert engine.asked[0][3] is True
 

@@ -1,0 +1,97 @@
+"""What ``cellward check`` expects of a job before anything moves: which poses are reached, and how well."""
+
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from calibration.kinematics import robot_from_spec
+from calibration.planning import board_centre
+from calibration.targets import make_target
+from cell.errors import AbortError
+from cell.poses import Array, to_pose6
+from daemon.cli.plan_text import prediction_text
+from daemon.config import CellConfig
+from procedures.cone_capture.config import ConeCaptureConfig
+from procedures.cone_capture.plan import PlanRequest, View, plan_placement
+
+# Neither the camera nor the board's place is known yet, so both are assumed, and said.
+ASSUMED_CAMERA = {"width": 1280, "height": 800, "K": [800.0, 800.0, 639.5, 399.5], "dist": []}
+NOMINAL = {
+    "eye-in-hand": {"X": "T_flange_camera_nominal"},
+    "eye-to-hand": {"X": "T_base_camera_nominal", "W": "T_flange_target_nominal"},
+}
+
+
+def predictions(config: CellConfig) -> list[dict[str, Any]]:
+    """One entry a configured job that can be predicted: ``job``, ``text`` and the figures."""
+    section = config.job_section("cone-capture")
+    if not section or "arm" not in config.robot.roles():
+        return []
+    return [{"job": "cone-capture", **_cone_capture(config, ConeCaptureConfig.model_validate(section))}]
+
+
+def _cone_capture(config: CellConfig, job: ConeCaptureConfig) -> dict[str, Any]:
+    nominal = {k: getattr(config.robot, key) for k, key in NOMINAL[job.setup].items()}
+    calibration = {k: list(v) for k, v in nominal.items() if v is not None}
+    q = config.poses.get(job.start_pose or "home")
+    if not calibration or q is None:
+        missing = "start_pose" if q is None else f"[robot] {NOMINAL[job.setup]['X']}"
+        return {"text": f"no prediction without {missing}"}
+    where = (
+        f"from pose '{job.start_pose or 'home'}' with the board facing the camera {job.distance_m:g} m away"
+    )
+    try:
+        plan = plan_placement(_request(config, job, calibration, np.array(q))).as_dict()
+    except AbortError as exc:
+        return {"text": f"{where}: {exc}. {exc.hint}", "reached": 0}
+    reached, wanted = len(plan["poses"]), job.poses_per_placement
+    text = f"{where}: {reached} of {wanted} poses are reached"
+    predicted = plan.get("predicted")
+    if predicted is not None:
+        text += f"; {prediction_text(predicted)}, and a camera of 1280 x 800 pixels and 77 degrees"
+    return {"text": text, "reached": reached, "wanted": wanted, "predicted": predicted}
+
+
+def _request(
+    config: CellConfig, job: ConeCaptureConfig, calibration: dict[str, Any], q: Array
+) -> PlanRequest:
+    target = dict(config.target[job.target])
+    values = {
+        "robot": config.robot.robot_spec(),
+        "tool": config.robot.tool.model_dump(mode="json"),
+        "payload_kg": config.robot.payload_kg,
+        "centre_of_mass_m": list(config.robot.centre_of_mass_m),
+        "limits": config.limits.model_dump(mode="json"),
+    }
+    flange = robot_from_spec(values["robot"]).forward(q)
+    return PlanRequest(
+        setup=job.setup,
+        values=values,
+        target=target,
+        calibration=calibration,
+        view=_assumed_view(target, q, flange, job.distance_m),
+        poses=job.poses_per_placement,
+        min_poses=job.min_poses_per_placement,
+        cone_half_angle_rad=job.cone_half_angle_rad,
+        distance_m=job.distance_m,
+        finished=[],
+        placements=job.placements,
+    )
+
+
+def _assumed_view(target: dict[str, Any], q: Array, flange: RigidTransform, distance: float) -> View:
+    """The target's points as seen along a sight line that meets its centre at right angles."""
+    points = make_target(target).points
+    # A marker's z points out of it, the other targets' z into them (FORMATS section 1).
+    facing = Rotation.from_euler("x", np.pi if target["type"] == "aruco-marker" else 0.0)
+    in_camera = facing.apply(points - board_centre(points)) + np.array([0.0, 0.0, distance])
+    fx, fy, cx, cy = ASSUMED_CAMERA["K"]
+    u, v = fx * in_camera[:, 0] / in_camera[:, 2] + cx, fy * in_camera[:, 1] / in_camera[:, 2] + cy
+    return View(
+        q=[float(x) for x in q],
+        T_base_flange=[float(x) for x in to_pose6(flange)],
+        ids=list(range(len(points))),
+        corners=np.stack([u, v], axis=1).tolist(),
+        camera=ASSUMED_CAMERA,
+    )
