@@ -1,0 +1,101 @@
+"""``docs/config.md``: every key of ``cell.toml``."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import BaseModel
+
+from daemon.config.drivers import DRIVERS, driver_class
+from daemon.config.models import FixedSections
+from daemon.config.targets import TARGETS
+from daemon.docs.page import cell, page
+
+HEAD = """
+# Configuration
+
+Source: the models in `daemon/config`, the drivers and the jobs. The file is `/etc/cellward/cell.toml`,
+`$CELLWARD_CONFIG`, or what `--config` names. `cellward init` writes a commented one, `cellward check` finds
+everything that is wrong with one. Unknown keys are errors. The program never writes this file.
+
+Lengths are in metres, angles in radians. A pose is `[x, y, z, rx, ry, rz]`: translation and rotation vector.
+"""
+
+
+def config_page(jobs: Mapping[str, Any]) -> str:
+    """The text of ``docs/config.md``."""
+    lines: list[str] = []
+    for name, info in FixedSections.model_fields.items():
+        if isinstance(info.annotation, type) and issubclass(info.annotation, BaseModel):
+            lines += _section(f"[{info.alias or name}]", info.annotation)
+    lines += ["## [poses]", "", "Named safe poses, always as six joints in radians.", ""]
+    for name in sorted(DRIVERS):
+        lines += _section(f'[device.NAME] with driver = "{name}"', driver_class(name).Config)
+    for name, model in TARGETS.items():
+        lines += _section(f'[target.NAME] with type = "{name}"', model)
+    for name in sorted(jobs):
+        lines += _section(f"[job.{name}]", jobs[name].Config)
+    return page(HEAD, lines)
+
+
+def _section(title: str, model: type[BaseModel]) -> list[str]:
+    schema = model.model_json_schema()
+    first = (model.__doc__ or "").strip().split("\n\n")[0].replace("\n    ", " ")
+    rows = ["| key | type | default | limits | meaning |", "|---|---|---|---|---|"]
+    rows += _rows(schema, schema.get("$defs", {}), "")
+    return [f"## {title}", "", first, "", *rows, ""]
+
+
+def _rows(schema: Mapping[str, Any], definitions: Mapping[str, Any], prefix: str) -> list[str]:
+    rows: list[str] = []
+    for key, entry in schema.get("properties", {}).items():
+        meaning = cell(entry.get("description", ""))
+        inner = _definition(entry, definitions)
+        default = "" if key in schema.get("required", ()) else cell(_toml(entry.get("default")))
+        if inner is not None and "properties" in inner:
+            rows.append(f"| `{prefix}{key}` | table | | | {meaning} |")
+            rows += _rows(inner, definitions, f"{prefix}{key}.")
+            continue
+        options = [o for o in entry.get("anyOf", [entry]) if o.get("type") != "null"]
+        kinds = " or ".join(_kind(option, definitions) for option in options)
+        limits = ", ".join(filter(None, (_limits(option) for option in options)))
+        rows.append(f"| `{prefix}{key}` | {cell(kinds)} | {default} | {cell(limits)} | {meaning} |")
+    return rows
+
+
+def _definition(entry: Mapping[str, Any], definitions: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    options = [entry, *entry.get("anyOf", []), *entry.get("allOf", [])]
+    refs = [option["$ref"] for option in options if "$ref" in option]
+    found: Mapping[str, Any] | None = definitions[refs[0].rpartition("/")[2]] if refs else None
+    return found
+
+
+def _kind(entry: Mapping[str, Any], definitions: Mapping[str, Any]) -> str:
+    """What a value is, in words."""
+    if "$ref" in entry:
+        inner = definitions[entry["$ref"].rpartition("/")[2]]
+        return f"table of {', '.join(inner['properties'])}" if "properties" in inner else _kind(inner, {})
+    if "enum" in entry or "const" in entry:
+        return " or ".join(f'"{value}"' for value in entry.get("enum", [entry.get("const")]))
+    kind = str(entry.get("type", "any"))
+    if kind == "array":
+        size = entry.get("minItems")
+        exact = f"{size} " if size and size == entry.get("maxItems") else ""
+        return f"list of {exact}{_kind(entry.get('items', {}), definitions)}"
+    return {"integer": "whole number", "boolean": "true or false"}.get(kind, kind)
+
+
+def _limits(entry: Mapping[str, Any]) -> str:
+    words = {
+        "minimum": "at least", "exclusiveMinimum": "above", "maximum": "at most", "exclusiveMaximum": "below",
+        "multipleOf": "multiple of",
+    }  # fmt: skip
+    return ", ".join(f"{word} {entry[key]:g}" for key, word in words.items() if key in entry)
+
+
+def _toml(value: Any) -> str:
+    if value is None:
+        return ""
+    return (
+        "`" + (str(value).lower() if isinstance(value, bool) else json.dumps(value, ensure_ascii=False)) + "`"
+    )

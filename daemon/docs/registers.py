@@ -1,0 +1,68 @@
+"""``docs/registers.md``: the register map and how to use it."""
+
+from daemon.docs.page import page
+from daemon.modbus.table import Register, RegisterTable
+
+HEAD = """
+# Modbus registers
+
+Source: `daemon/modbus/registers.toml`. Addresses are those of the protocol, from 0; in the older way of
+counting, holding register 0 is 40001 and input register 0 is 30001. Any unit id is answered. 32-bit values
+take two registers, high word first unless `[modbus] word_order` says otherwise. Quantities are SI.
+
+Holding registers 0 to {command_last} are the command block, which the PLC writes. Input registers 0 to
+{status_last} are the status block, which it reads; holding registers from {mirror} mirror it for a PLC that
+knows only function 3. Discrete inputs 0 to 15 are the status bits, 16 to 31 the warning bits.
+
+Functions: 2, 3, 4, 6, 16, 22, 23.
+
+This face supervises. It is no safety function: an emergency stop is a wire.
+
+## Who may write
+
+Nobody, until `[modbus] allow_write = true` and the client is in `allow_clients`. Every write is audited.
+Exception 2: not writable, or not by you. Exception 3: a value that has no meaning. *Not possible now* is no
+exception but a result code.
+
+## How to give a command
+
+1. Read `acknowledged_sequence`. A PLC that starts goes on from there.
+2. Write command, job and arguments, and the next sequence last or in the same request (function 16).
+3. Wait until `acknowledged_sequence` is that sequence, then read `result_code`.
+
+The same sequence again does nothing, so a lost reply may be retried. What stands in the block when the daemon
+starts is no command. Abort and halt withdraw commands before them that are still under way. Completion is not
+success: read the status bits; the verdict belongs to `run_id`. Once `plc_heartbeat` has been seen, its
+silence holds the job, and only abort and halt are taken.
+"""
+
+
+def registers_page(table: RegisterTable) -> str:
+    """The text of ``docs/registers.md``."""
+    head = HEAD.format(
+        command_last=table.command_size - 1, status_last=table.status_size - 1, mirror=table.mirror
+    )
+    lines = ["## Command block (holding registers)", "", *_register_table(table.command), ""]
+    lines += [f"## Status block (input registers; holding registers from {table.mirror})", ""]
+    lines += [*_register_table(table.status), ""]
+    for register in (*table.command, *table.status):
+        lines += _meanings(register)
+    return page(head, lines)
+
+
+def _register_table(registers: tuple[Register, ...]) -> list[str]:
+    rows = ["| register | name | type | unit | meaning |", "|---|---|---|---|---|"]
+    for r in registers:
+        where = str(r.address) if r.words == 1 else f"{r.address}-{r.address + 1}"
+        rows.append(f"| {where} | `{r.name}` | {r.type} | {r.unit} | {r.meaning} |")
+    return rows
+
+
+def _meanings(register: Register) -> list[str]:
+    if register.values:
+        rows = [f"| {number} | {text} |" for number, text in register.values.items()]
+        return [f"### `{register.name}`", "", "| value | meaning |", "|---|---|", *rows, ""]
+    if register.bits:
+        rows = [f"| {bit} | {text} |" for bit, text in enumerate(register.bits)]
+        return [f"### Bits of `{register.name}`", "", "| bit | meaning |", "|---|---|", *rows, ""]
+    return []
