@@ -116,13 +116,13 @@ def row(load: int, name: str, stamps: list[float]) -> str:
 def cost_per_package(count: int = 5000) -> tuple[float, float]:
     """Median and 99th percentile, in microseconds, from bytes to a pushed sample."""
     clock = MonotonicClock()
-    feed = StateFeed(Stream("arm", clock), clock, FREQUENCY_HZ, 0.0)
+    feed = StateFeed(Stream("arm", clock), clock, 0.0)
     words = {"robot_mode": "INT32", "safety_mode": "INT32", "safety_status_bits": "UINT32"}
     words |= {"runtime_state": "UINT32", "actual_digital_input_bits": "UINT64"}
     words |= {"actual_digital_output_bits": "UINT64", "timestamp": "DOUBLE", "payload": "DOUBLE"}
     words |= {"target_speed_fraction": "DOUBLE", "payload_cog": "VECTOR3D"}
     recipe = Recipe(1, NAMES, tuple(words.get(n, "VECTOR6D") for n in NAMES))
-    feed.begin(recipe)
+    feed.begin(recipe, FREQUENCY_HZ)
     rest = bytes(recipe.layout.size - 8)
     splitter, times = Splitter(), []
     for k in range(count):

@@ -21,6 +21,7 @@ from drivers.ur.rtde_link import RtdeLink, open_socket
 
 SCRIPT_PORT = 30003
 STOP_SCRIPT = b"def cellward_stop():\n  stopj(4.0)\nend\n"
+CB3_HZ, E_SERIES_HZ = 125.0, 500.0
 SILENCE_CHECK_S = 0.01
 REMOTE_POLL_S = 0.1
 DASHBOARD_DEADLINE_S = 1.0
@@ -36,7 +37,7 @@ class UrArm:
     def __init__(self, name: str, config: UrConfig, clock: Clock) -> None:
         self.name = name
         self.state: Stream[ArmState] = Stream(name, clock)
-        self.feed = StateFeed(self.state, clock, config.rtde_frequency_hz, config.time_offset_s)
+        self.feed = StateFeed(self.state, clock, config.time_offset_s)
         self.lost: CellError | None = error("DEVICE_LOST", f"{name} is not connected")
         self.lost_at = clock.now()
         self._config, self._clock = config, clock
@@ -230,10 +231,11 @@ class UrArm:
         self._link = await RtdeLink.connect(config.host, self._clock, self._lose, timeout)
         version = await self._link.controller_version(timeout)
         self._version = ".".join(str(n) for n in version)
-        recipe = await self._link.setup_outputs(NAMES, config.rtde_frequency_hz, timeout)
+        frequency_hz = min(config.rtde_frequency_hz, CB3_HZ if version[0] <= 3 else E_SERIES_HZ)
+        recipe = await self._link.setup_outputs(NAMES, frequency_hz, timeout)
         if "NOT_FOUND" in recipe.types:
-            recipe = await self._link.setup_outputs(available(recipe), config.rtde_frequency_hz, timeout)
-        self.feed.begin(recipe)
+            recipe = await self._link.setup_outputs(available(recipe), frequency_hz, timeout)
+        self.feed.begin(recipe, frequency_hz)
         self._tcp_in_packages = "tcp_offset" in recipe.names
         await self._link.start(self.feed.take, timeout)
         await self.wait_fresh(timeout)

@@ -11,7 +11,9 @@ class UrConfig(BaseModel):
     host: str = Field(min_length=1, description="Address of the controller; the ports are UR's own")
     expect_serial: str | None = Field(default=None, description="Serial number that the controller must have")
     model: str | None = Field(default=None, description="Arm model that must be found, e.g. ur10e")
-    rtde_frequency_hz: float = Field(default=500.0, ge=10.0, le=500.0, description="125 for CB3 controllers")
+    rtde_frequency_hz: float = Field(
+        default=500.0, ge=10.0, le=500.0, description="A CB3 controller gives 125 at most"
+    )
     time_offset_s: float = Field(
         default=0.0,
         ge=-0.1,

@@ -63,9 +63,7 @@ class StateFeed:
     ``tcp_offset6`` has to be set before the first package.
     """
 
-    def __init__(
-        self, stream: Stream[ArmState], clock: Clock, frequency_hz: float, time_offset_s: float
-    ) -> None:
+    def __init__(self, stream: Stream[ArmState], clock: Clock, time_offset_s: float) -> None:
         self.stream = stream
         self.tcp_offset6: Array = np.zeros(6)
         self.runtime_state = STOPPED
@@ -75,7 +73,8 @@ class StateFeed:
         self.finding_arrival = 0.0
         self.repeated = 0
         self.reboots = 0
-        self._clock, self._frequency_hz, self._time_offset_s = clock, frequency_hz, time_offset_s
+        self._clock, self._time_offset_s = clock, time_offset_s
+        self._frequency_hz = 0.0
         self._model = ClockModel()
         self._size = 0
         self._recipe_id = -1
@@ -90,12 +89,13 @@ class StateFeed:
         self._modes = (0, 0, 0)
         self._rebooted = False
 
-    def begin(self, recipe: Recipe) -> None:
-        """A new connection with this recipe: new epoch, new clock model."""
+    def begin(self, recipe: Recipe, frequency_hz: float) -> None:
+        """A new connection with this recipe and rate: new epoch, new clock model."""
         expected = tuple(_TYPES.get(name, "VECTOR6D") for name in recipe.names)
         if recipe.types != expected:
             wrong = [f"{n} {t}" for n, t in zip(recipe.names, recipe.types, strict=True) if t != _wanted(n)]
             raise error("PROTOCOL_VIOLATION", f"the controller has no such variables: {', '.join(wrong)}")
+        self._frequency_hz = frequency_hz
         self._recipe_id, self._size = recipe.id, 1 + recipe.layout.size
         self._places = _places(recipe)
         self._doubles = sum(_WIDTHS.get(t, 0) for t in recipe.types)

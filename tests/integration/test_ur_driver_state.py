@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ur_driver_rig import LASTING, Rig, until
+from ur_driver_rig import LASTING, TOOL, Rig, until
 
 from cell.clock import MonotonicClock
 from cell.errors import CellError
@@ -305,12 +305,25 @@ def test_a_stopped_arm_at_rest_is_a_coded_fault(rig: Rig, fault: str, name: str)
     asyncio.run(scenario())
 
 
-def test_a_newer_controller_tells_its_tcp_in_every_package() -> None:
-    async def scenario() -> None:
-        async with rig.connected() as subject:
+@pytest.mark.parametrize(
+    ("version", "model", "rate_hz", "tells_tcp"),
+    [("3.15.0", "ur10", 125, False), ("5.5.0", "ur10e", 500, False), ("5.23.0", "ur10e", 500, True)],
+)
+def test_other_controller_versions_are_read_and_moved(
+    version: str, model: str, rate_hz: int, tells_tcp: bool
+) -> None:
+    async def scenario(rig: Rig) -> None:
+        async with rig.connected(model=model) as subject:
+            assert (await subject.identify()).version == version
+            port = await subject.open_motion(TOOL)
             await subject.wait_fresh(1.0)
-            np.testing.assert_allclose(subject.state.latest(0.2).value.tcp_offset6, 0.0)
-            assert subject.feed.payload is not None
+            sample = subject.state.last()
+            assert sample is not None
+            np.testing.assert_allclose(sample.value.tcp_offset6, [0, 0, 0.18, 0, 0, 0], atol=1e-9)
+            assert sample.dt == pytest.approx(0.5 / rate_hz)
+            assert subject._tcp_in_packages == tells_tcp
+            await port.close()
+            assert subject.state.gaps < 10
 
-    with Rig.running(SPOILED_HOST, version="5.15.0") as rig:
-        asyncio.run(scenario())
+    with Rig.running(SPOILED_HOST, version=version, model=model) as rig:
+        asyncio.run(scenario(rig))

@@ -66,9 +66,9 @@ class Rig:
     def __init__(self, names: tuple[str, ...] = OLD, offset: float = 0.0) -> None:
         self.clock = HandClock()
         self.stream: Stream[ArmState] = Stream("arm", self.clock)
-        self.feed = StateFeed(self.stream, self.clock, 500.0, offset)
+        self.feed = StateFeed(self.stream, self.clock, offset)
         self.recipe = recipe(names)
-        self.feed.begin(self.recipe)
+        self.feed.begin(self.recipe, 500.0)
 
     def take(self, stamp: float, late: float = 0.0, **changes: Value) -> None:
         self.clock.t = 100.0 + stamp + late
@@ -136,7 +136,7 @@ def test_a_clock_that_steps_back_means_a_restarted_controller(subject: Rig) -> N
 
 def test_a_restart_between_two_connections_is_noticed_until_the_arm_runs_again(subject: Rig) -> None:
     subject.take(50.0)
-    subject.feed.begin(subject.recipe)
+    subject.feed.begin(subject.recipe, 500.0)
     subject.take(1.0, late=60.0, robot_mode=3)
     assert subject.feed.reboots == 1
     assert subject.feed.finding is not None
@@ -147,7 +147,7 @@ def test_a_restart_between_two_connections_is_noticed_until_the_arm_runs_again(s
 
 def test_a_plain_reconnect_is_not_taken_for_a_restart(subject: Rig) -> None:
     subject.take(50.0)
-    subject.feed.begin(subject.recipe)
+    subject.feed.begin(subject.recipe, 500.0)
     subject.take(80.0)
     assert subject.feed.reboots == 0
     assert subject.stream.last() is not None
@@ -190,7 +190,7 @@ def test_optional_variables_are_left_out_when_the_controller_lacks_them() -> Non
 def test_a_missing_variable_that_is_needed_is_named() -> None:
     types = tuple("NOT_FOUND" if n == "runtime_state" else TYPES.get(n, "VECTOR6D") for n in OLD)
     with pytest.raises(CellError, match="runtime_state NOT_FOUND"):
-        Rig().feed.begin(Recipe(0, OLD, types))
+        Rig().feed.begin(Recipe(0, OLD, types), 500.0)
 
 
 @pytest.mark.parametrize("damage", [lambda p: p[:-1], lambda p: b"\x07" + p[1:], lambda p: p + b"\x00"])
