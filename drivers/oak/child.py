@@ -1,7 +1,7 @@
 """The vision child: owns the camera and the detector, and ends with its parent.
 
 The main thread waits for frames and looks at them; a second thread reads the pipe. When the pipe closes
-the process exits at once, whatever the main thread is doing, and the kernel kills it when the daemon dies.
+the process exits within a second, whatever hangs, and the kernel kills it when the daemon dies.
 """
 
 import ctypes
@@ -11,10 +11,11 @@ import signal
 import socket
 import sys
 import threading
+import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
 import cv2
 import numpy as np
@@ -27,7 +28,7 @@ from drivers.oak.config import OakConfig
 from drivers.oak.protocol import Message, error_to_json, frame_to_json, pack, read_message
 
 if TYPE_CHECKING:
-    from drivers.oak.pipeline import Shot
+    from drivers.oak.pipeline import Shot, Source
 
 _QUIET = {
     "DEPTHAI_TELEMETRY": "0",
@@ -38,13 +39,16 @@ _QUIET = {
 _SEARCH_TIMEOUT_MS = "5000"  # for a device; the library's own is longer than the driver waits
 _PR_SET_PDEATHSIG = 1
 _WAIT_S = 0.1
+_CLOSE_S = 1.0
 
 
 class Detection(Protocol):
     """``corners[i]`` (pixels) is the image of target point ``ids[i]``."""
 
-    ids: Any  # (n,)
-    corners: Any  # (n, 2)
+    @property
+    def ids(self) -> Any: ...  # (n,)
+    @property
+    def corners(self) -> Any: ...  # (n, 2)
 
 
 class Detector(Protocol):
@@ -67,13 +71,12 @@ def main(make_target: TargetFactory) -> None:
     os.environ.setdefault("DEPTHAI_SEARCH_TIMEOUT", _SEARCH_TIMEOUT_MS)
     cv2.setNumThreads(1)
     link = ParentLink(socket.socket(fileno=int(sys.argv[1])))
+    link.wait_for_commands()
     try:
-        link.wait_for_commands()
         VisionChild(link, make_target).run()
     except Exception as exc:
-        link.send({"type": "failed", **error_to_json(exc)})
-    # Native threads may still hold the camera; waiting for them is what a hung library would want.
-    os._exit(1)
+        link.fail(exc)
+    os._exit(0)  # native threads may not want to end
 
 
 class ParentLink:
@@ -81,11 +84,12 @@ class ParentLink:
 
     def __init__(self, connection: socket.socket) -> None:
         self.commands: queue.SimpleQueue[Message] = queue.SimpleQueue()
+        self.closed = threading.Event()
         self._connection = connection
         self._sending = threading.Lock()  # answers come from the writer's threads too
 
     def wait_for_commands(self) -> None:
-        """Begin to read; the process exits when the daemon closes."""
+        """Begin to read; ``closed`` is set when the daemon closes, and the process ends soon after."""
         threading.Thread(target=self._read, name="commands", daemon=True).start()
 
     def send(self, message: Message) -> None:
@@ -96,13 +100,21 @@ class ParentLink:
         except OSError:
             os._exit(0)
 
+    def fail(self, exc: Exception) -> NoReturn:
+        """Say why, and end this process at once: closing a camera that failed may hang."""
+        self.send({"type": "failed", **error_to_json(exc)})
+        os._exit(1)
+
     def _read(self) -> None:
         with self._connection.makefile("rb") as file:
             try:
                 while (message := read_message(file.read)) is not None:
                     self.commands.put(message)
-            except (CellError, OSError):
-                os._exit(1)
+            except (CellError, OSError) as exc:
+                print(f"commands: {exc}", file=sys.stderr, flush=True)  # noqa: T201
+        self.closed.set()
+        # A device that is closed in order can be opened again sooner; but nothing waits for it long.
+        time.sleep(_CLOSE_S)
         os._exit(0)
 
 
@@ -116,23 +128,29 @@ class VisionChild:
         self._writer = ThreadPoolExecutor(2, thread_name_prefix="png")
 
     def run(self) -> None:
-        """Serve until the source fails; the error leaves this method."""
+        """Serve until the daemon closes; an error of opening leaves this method, a later one the process."""
         first = self._link.commands.get()
         config = OakConfig.model_validate(first["config"])
         self._choose(first["target"])
         from drivers.oak.pipeline import open_source  # imports depthai, which reads the environment
 
         with open_source(config) as source:
-            ready = False
-            while True:
-                self._obey()
-                shot = source.next(_WAIT_S)
-                if shot is None:
-                    continue
-                if not ready:
-                    self._introduce(source.identity)
-                    ready = True
-                self._look(shot, source.identity.serial, config.time_offset_s)
+            try:
+                self._serve(source, config.time_offset_s)
+            except Exception as exc:
+                self._link.fail(exc)
+
+    def _serve(self, source: "Source", time_offset_s: float) -> None:
+        ready = False
+        while not self._link.closed.is_set():
+            self._obey()
+            shot = source.next(_WAIT_S)
+            if shot is None:
+                continue
+            if not ready:
+                self._introduce(source.identity)
+                ready = True
+            self._look(shot, source.identity.serial, time_offset_s)
 
     def _introduce(self, identity: Any) -> None:
         fields = ("model", "serial", "version", "extra")

@@ -13,7 +13,7 @@ from typing import Any
 from cell.errors import CellError, error
 from drivers.oak.protocol import LENGTH, Message, body_length, error_from_json, pack, unpack
 
-_EXIT_TIMEOUT_S = 1.0
+_EXIT_TIMEOUT_S = 1.5
 _KEPT_LINES = 5
 
 
@@ -107,7 +107,7 @@ class ChildLink:
                 answer.set_exception(exc)
 
     async def close(self) -> None:
-        """End the child; a child that does not go within a second is killed."""
+        """End the child; a child that does not go soon is killed."""
         self.lose(error("DEVICE_LOST", f"{self.name} was closed"))
         if self._writer is not None:
             self._writer.close()
@@ -118,13 +118,13 @@ class ChildLink:
                     await process.wait()
             except TimeoutError:
                 pass
-            finally:
+            finally:  # also when the closing itself is cancelled
                 if process.returncode is None:
                     with contextlib.suppress(ProcessLookupError):
                         process.kill()
+                for task in self._tasks:
+                    task.cancel()
             await process.wait()
-        for task in self._tasks:
-            task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
     async def _listen(self, reader: asyncio.StreamReader) -> None:

@@ -119,20 +119,27 @@ def open_source(config: OakConfig) -> Iterator[Source]:
 
 @contextmanager
 def _oak_source(config: OakConfig) -> Iterator[Source]:
-    with _open_device(config) as device:
-        device.setMaxReconnectionAttempts(0)  # reconnecting is the supervisor's business
-        device.setIrLaserDotProjectorIntensity(0.0)  # its dots disturb corners
-        with dai.Pipeline(device) as pipeline:
-            colour, depth = _oak_nodes(pipeline, device, config)
-            queue = _synchronised(pipeline, colour, depth, timedelta(seconds=0.5 / config.fps))
-            identity = Identity(
-                device.getProductName() or device.getDeviceName(),
-                device.getDeviceId(),
-                f"depthai {dai.__version__}",
-                {"platform": device.getPlatformAsString()},
-            )
-            pipeline.start()
-            yield Source(pipeline, queue, identity, device.readCalibration())
+    with _open_device(config) as device, dai.Pipeline(device) as pipeline:
+        try:
+            source = _start_oak(pipeline, device, config)
+        except RuntimeError as exc:
+            raise error("CAMERA_FAULT", f"{device.getDeviceId()} cannot run the pipeline: {exc}") from exc
+        yield source
+
+
+def _start_oak(pipeline: Any, device: Any, config: OakConfig) -> Source:
+    device.setMaxReconnectionAttempts(0)  # reconnecting is the supervisor's business
+    device.setIrLaserDotProjectorIntensity(0.0)  # its dots disturb corners
+    colour, depth = _oak_nodes(pipeline, device, config)
+    queue = _synchronised(pipeline, colour, depth, timedelta(seconds=0.5 / config.fps))
+    identity = Identity(
+        device.getProductName() or device.getDeviceName(),
+        device.getDeviceId(),
+        f"depthai {dai.__version__}",
+        {"platform": device.getPlatformAsString()},
+    )
+    pipeline.start()
+    return Source(pipeline, queue, identity, device.readCalibration())
 
 
 def _open_device(config: OakConfig) -> Any:
