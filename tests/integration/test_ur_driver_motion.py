@@ -7,15 +7,17 @@ import time
 from collections.abc import AsyncIterator, Iterator
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
 import pytest
 from ur_driver_rig import LASTING, TOOL, Rig
 
+from cell.clock import MonotonicClock
 from cell.devices import Speed, ToolSettings, TrajectoryPiece
 from cell.errors import CellError
-from cell.motion import measured_standstill
+from cell.motion import MotionBroker, measured_standstill
 from cell.poses import from_pose6
 from drivers.ur import UrArm
 
@@ -431,5 +433,47 @@ def test_numbers_that_make_no_sense_never_reach_the_arm(rig: Rig) -> None:
                 assert caught.value.name == "ARGUMENT_INVALID"
             assert not rig.truth()["moving"]
             await port.move_joints(turned(arm, 0.05), SPEED)
+
+    asyncio.run(scenario())
+
+
+class OpenGuard:
+    """Lets everything pass."""
+
+    def check_path_joints(self, q0: Any, q1: Any) -> None: ...
+    def check_path_linear(self, T0: Any, T1: Any, q0: Any) -> None: ...
+    def check_setpoint(self, q: Any, qd: Any) -> None: ...
+
+
+class Notes(list[dict[str, Any]]):
+    """A recorder that keeps everything."""
+
+    def note(self, kind: str, **fields: Any) -> None:
+        self.append({"kind": kind, **fields})
+
+
+def test_a_lease_that_is_cancelled_three_times_ends_in_rest_without_a_program(rig: Rig) -> None:
+    async def scenario() -> None:
+        notes = Notes()
+        async with rig.connected() as arm:
+            broker = MotionBroker(MonotonicClock())
+
+            async def job() -> None:
+                async with broker.lease(arm, OpenGuard(), TOOL, SPEED, notes) as lease:
+                    await lease.move_joints(turned(arm, 2.0))
+
+            task = asyncio.create_task(job())
+            await asyncio.sleep(0.6)
+            assert rig.truth()["moving"]
+            for _ in range(3):
+                task.cancel()
+                await asyncio.sleep(0.02)
+            with pytest.raises(asyncio.CancelledError):
+                await task
+            assert [n["after"] for n in notes if n.get("event") == "standstill"] == ["decelerate"]
+            assert not rig.truth()["moving"]
+            assert rig.truth()["program"] is None
+            assert broker.latched is None
+            arm.check_movable()
 
     asyncio.run(scenario())
