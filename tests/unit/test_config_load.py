@@ -1,10 +1,13 @@
 """``cell.toml``: everything wrong with it at once, each with its line, and what a right one means."""
 
 import pickle
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pydantic import BaseModel, ConfigDict, Field
 
 from cell.errors import InputError
@@ -274,6 +277,32 @@ def test_the_robots_own_parameters_are_read_from_beside_the_config(tmp_path: Pat
     (tmp_path / "own.json").write_text('{"model": "ur10e", "calibration": {"delta_a": [0, 0, 0, 0, 0, 0]}}')
     subject = load(tmp_path, GOOD.replace("[robot]", '[robot]\nmodel = "own.json"'))
     assert "calibration" in subject.robot.robot_spec()
+
+
+@st.composite
+def damaged(draw: st.DrawFn) -> str:
+    """The good file with a few lines lost, doubled, or given other values."""
+    lines = GOOD.splitlines()
+    values = ["1", "-1", "nan", "1e99", '"text"', "[]", "{}", "true", "[[1, 2]]", "1979-05-27", "[{ a = 1 }]"]
+    for _ in range(draw(st.integers(1, 4))):
+        at = draw(st.integers(0, len(lines) - 1))
+        key = lines[at].partition("=")[0] if "=" in lines[at] else "other "
+        lines[at : at + 1] = draw(
+            st.sampled_from(
+                [[], [lines[at]] * 2, [f"{key}= {draw(st.sampled_from(values))}"], ["[robot]"], ["[x.y]"]]
+            )
+        )
+    return "\n".join(lines)
+
+
+@given(damaged())
+@settings(max_examples=150, deadline=None)
+def test_no_damage_to_a_file_gives_anything_but_findings(
+    tmp_path_factory: pytest.TempPathFactory, text: str
+) -> None:
+    with suppress(ConfigInvalid):
+        subject = load(tmp_path_factory.mktemp("damaged"), text)
+        assert 0 <= subject.checksum <= 0xFFFF
 
 
 class Example:

@@ -8,11 +8,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from cell.clock import MonotonicClock
 from cell.errors import CellError
 from daemon.config import ModbusSection
 from daemon.modbus import Command, ModbusFace
+from daemon.modbus.pdu import respond
 
 pytestmark = pytest.mark.wire
 HOST = "127.0.0.40"
@@ -667,3 +670,14 @@ def test_stop_ends_commands_and_connections_and_writes_the_audit(plant: Plant, s
     run(scene())
     assert [what for _, what, _, _ in plant.audit] == ["write 0..2", "command 1 sequence 5 job 1"]
     assert plant.finished == []
+
+
+@given(st.binary(min_size=1, max_size=253))
+@example(bytes.fromhex("17000000010000000102000b"))
+def test_no_request_of_a_stranger_is_a_defect_or_gets_more_than_a_reading(request_bytes: bytes) -> None:
+    plant = Plant()
+    subject = face_of(plant, allow_clients=["10.0.0.1"])
+    reply = respond(subject, request_bytes, "127.0.0.99")
+    assert reply[0] & 0x7F == request_bytes[0] & 0x7F
+    assert plant.commands == []
+    assert subject.read_holding(0, 32) == [0] * 32

@@ -1,6 +1,10 @@
 """The ledger: numbers that never repeat, versions that can be taken back, and a corrupt file set aside."""
 
+import os
+import signal
 import sqlite3
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -281,3 +285,34 @@ class Versions(RuleBasedStateMachine):
 
 Versions.TestCase.settings = settings(max_examples=20, stateful_step_count=15, deadline=None)
 TestVersions = Versions.TestCase
+
+
+WRITER = """
+import sys
+from pathlib import Path
+from cell.store.ledger import Ledger
+ledger = Ledger(Path(sys.argv[1]))
+while True:
+    run_id = ledger.next_run_id()
+    ledger.accept(ledger.propose("n", run_id, {}, run_id, 0), "ann")
+    print(run_id, flush=True)
+"""
+
+
+@pytest.mark.wire
+def test_a_killed_process_loses_no_number_and_no_version_that_it_was_told_of(tmp_path: Path) -> None:
+    path = tmp_path / "ledger.sqlite"
+    child = subprocess.Popen([sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True)
+    assert child.stdout is not None
+    told = [int(child.stdout.readline()) for _ in range(20)][-1]
+    os.kill(child.pid, signal.SIGKILL)
+    child.stdout.close()
+    child.wait(10)
+    again = Ledger(path)
+    now = again.effective("n", 0)
+    assert again.aside is None
+    assert now.version is not None
+    assert now.version >= told
+    assert now.value == now.version
+    assert again.next_run_id() in (now.value + 1, now.value + 2)
+    again.close()
