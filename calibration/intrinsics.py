@@ -21,6 +21,12 @@ _MOST_VIEWS = 30
 _RATIO = 1.2  # reprojection error of the given camera over that of the free one
 _FOCAL_SIGMAS, _FOCAL_SHARE = 5.0, 0.005
 _USEFUL_FOCAL_SIGMA = 0.01
+_MODELS = (  # OpenCV's flags and the number of free parameters
+    (cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K3, 5),
+    (cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_FIX_K3, 7),
+    (cv2.CALIB_FIX_K3, 8),
+    (0, 9),
+)
 
 
 @dataclass(frozen=True)
@@ -93,29 +99,35 @@ def estimate_intrinsics(
 ) -> EstimatedIntrinsics | None:
     """K and five distortion coefficients from at least three views of a target; None when it fails.
 
-    The third radial coefficient is fitted only when it is wanted by the data (it lowers the error by one per
-    cent). ``guess`` is needed for targets that are not planar.
+    Nested models from square pixels and two radial terms up to everything free; the one with the smallest
+    BIC is taken, since a free parameter that the images do not ask for moves the poses instead. ``guess``
+    is needed for targets that are not planar.
     """
     chosen = select_views(views)
     planar = all(np.ptp(v.points[:, 2]) < 1e-9 for v in chosen)
     if len(chosen) < 3 or (guess is None and not planar):
         return None
-    simple = _calibrate(chosen, width, height, guess, cv2.CALIB_FIX_K3)
-    full = _calibrate(chosen, width, height, guess, 0)
-    options = [e for e in (simple, full) if e is not None]
-    if not options:
-        return None
-    if len(options) == 2 and options[1].rms_px > 0.99 * options[0].rms_px:
-        return options[0]
-    return options[-1]
+    count = 2 * sum(len(v.points) for v in chosen)
+    best: EstimatedIntrinsics | None = None
+    best_bic = np.inf
+    for flags, parameters in _MODELS:
+        found = _calibrate(chosen, width, height, guess, flags)
+        if found is None:
+            continue
+        bic = count * np.log(max(found.rms_px, 1e-6) ** 2) + parameters * np.log(count)
+        if bic < best_bic:
+            best, best_bic = found, bic
+    return best
 
 
 def _calibrate(
     views: Sequence[View], width: int, height: int, guess: Intrinsics | None, flags: int
 ) -> EstimatedIntrinsics | None:
-    K = None
+    K = np.eye(3)  # its ratio fx : fy is the one that a fixed aspect keeps
     if guess is not None:
         K, flags = guess.matrix.copy(), flags | cv2.CALIB_USE_INTRINSIC_GUESS
+        if flags & cv2.CALIB_FIX_ASPECT_RATIO:
+            K[0, 0] = K[1, 1]
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-9)
     try:
         rms, K, dist, _, _, deviations, _, _ = cv2.calibrateCameraExtended(
@@ -123,7 +135,7 @@ def _calibrate(
             [v.corners.astype(np.float32).reshape(-1, 1, 2) for v in views],
             (width, height),
             K,
-            np.zeros(5) if guess is not None else None,
+            np.zeros(5),
             flags=flags,
             criteria=criteria,
         )
@@ -137,4 +149,7 @@ def _calibrate(
         (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])),
         tuple(float(x) for x in dist.ravel()[:5]),
     )
-    return EstimatedIntrinsics(camera, float(rms), np.asarray(deviations).ravel()[:4])
+    sigma = np.array(deviations, dtype=float).ravel()[:4]
+    if flags & cv2.CALIB_FIX_ASPECT_RATIO:
+        sigma[0] = sigma[1]  # OpenCV reports the one that it did not vary as exact
+    return EstimatedIntrinsics(camera, float(rms), sigma)

@@ -70,8 +70,7 @@ def choose(setup: Setup, G: Array, group: Groups, C: Array) -> Choice:
 
 def _by_angles(G: Array, group: Groups, C: Array, anchor: int) -> Choice:
     """Each candidate judged by the rotation angles to the anchors of its group, two passes."""
-    n, k = C.shape[:2]
-    choice = np.zeros(n, dtype=np.int64)
+    choice = np.zeros(len(C), dtype=np.int64)
     for g in np.unique(group):
         rows = np.flatnonzero(group == g)
         a = rows[anchor * len(rows) // _ANCHORS]

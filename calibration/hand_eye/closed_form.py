@@ -20,7 +20,7 @@ def pairs(group: Groups, limit: int = _MAX_PAIRS) -> tuple[Groups, Groups]:
         rows = np.flatnonzero(group == g)
         n = len(rows)
         share = max(1, limit * n // len(group))
-        strides = range(1, n)
+        strides = list(range(1, n))
         if n * (n - 1) // 2 > share:
             count = max(1, share // n)
             strides = sorted({max(1, round(k)) for k in np.linspace(1, n - 1, count)})

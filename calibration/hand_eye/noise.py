@@ -13,7 +13,7 @@ import numpy as np
 
 from calibration.hand_eye import se3
 from calibration.hand_eye.normal import Linearised, assemble, covariance
-from calibration.hand_eye.problem import flange_adjoint
+from calibration.hand_eye.problem import Groups, flange_adjoint
 from cell.poses import Array
 
 PARTS = ("sigma_px", "sigma_flange_t", "sigma_flange_r", "sigma_pose_t", "sigma_pose_r")
@@ -21,6 +21,9 @@ _START = {"sigma_px": 0.3, "sigma_flange_t": 2e-4, "sigma_flange_r": 2e-4}
 _START_POSE = {"sigma_pose_t": 1e-3, "sigma_pose_r": 1e-3}
 _FLOOR = {"sigma_px": 1e-3, "sigma_flange_t": 1e-7, "sigma_flange_r": 1e-7}
 _SMALLEST = 1e-7
+# No arm in working order turns by more: where the data ask for more, something else is wrong with them (a
+# bending bracket, a lens), and an attitude that explains every shift would only make X worse.
+_MOST = {"sigma_flange_r": 1.5e-3}
 _REML_POSES = 240  # noise levels from this many poses are good to a few per cent, which is enough to weight
 
 
@@ -30,6 +33,11 @@ class Noise:
 
     sigma: Mapping[str, float]
     estimated: tuple[str, ...] = ()
+
+    @property
+    def at_limit(self) -> tuple[str, ...]:
+        """Estimated levels that the data would raise beyond what is plausible."""
+        return tuple(k for k in self.estimated if self.sigma[k] >= 0.999 * _MOST.get(k, np.inf))
 
     def as_dict(self) -> dict[str, object]:
         """For the result."""
@@ -111,16 +119,18 @@ def reml(lin: Linearised, noise: Noise, iterations: int = 40) -> Noise:
     free = np.array([k in noise.estimated for k in names])
     theta = np.log(np.array([noise.sigma[k] ** 2 for k in names]))
     floor = np.log(np.array([_FLOOR.get(k, _SMALLEST) ** 2 for k in names]))
+    ceiling = np.log(np.array([_MOST.get(k, np.inf) ** 2 for k in names]))
     for _ in range(iterations):
         score, info = _score(lin, parts, np.exp(theta), names)
         active = free & ~((theta <= floor + 1e-9) & (score < 0.0))
+        active &= ~((theta >= ceiling - 1e-9) & (score > 0.0))
         if not active.any():
             break
         block = info[np.ix_(active, active)]
         ridge = 1e-6 * np.eye(len(block)) * (1e-3 + np.trace(block))
         step = np.zeros(len(names))
         step[active] = np.clip(np.linalg.solve(block + ridge, score[active]), -1.5, 1.5)
-        theta = np.maximum(theta + step, floor)
+        theta = np.clip(theta + step, floor, ceiling)
         if abs(float(step @ score)) < 1e-3:
             break
     sigma = dict(zip(names, np.exp(0.5 * theta), strict=True))
@@ -160,7 +170,7 @@ def _score(lin: Linearised, parts: Array, square: Array, names: tuple[str, ...])
     return score, info
 
 
-def own_blocks(group: Array, cov: Array) -> Array:
+def own_blocks(group: Groups, cov: Array) -> Array:
     """The (n, 12, 12) blocks over X and the own group's W of a (p, p) matrix."""
     p = len(cov) // 6
     blocks = cov.reshape(p, 6, p, 6)

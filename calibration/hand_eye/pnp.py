@@ -189,7 +189,7 @@ def solve_pnp(views: Sequence[View], camera: Intrinsics) -> tuple[Poses, Indices
     """
     guesses = [start_poses(v, camera) for v in views]
     owner = np.repeat(np.arange(len(views)), [len(g) for g in guesses])
-    poses = refine([views[i] for i in owner], np.array([c for g in guesses for c in g]), camera)
+    poses = refine([views[int(i)] for i in owner], np.array([c for g in guesses for c in g]), camera)
     if len(owner) == len(views):
         return poses, owner
     order = np.lexsort((poses.sse, owner))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import f as f_distribution
 
 from calibration.hand_eye.closed_form import closed_form, group_poses
 from calibration.hand_eye.noise import Noise, first_noise, reml, weights
@@ -13,7 +14,7 @@ from calibration.hand_eye.problem import Estimate, Problem
 from cell.poses import Array
 
 _TUKEY = 4.685  # 95 % efficient for normal errors
-_LIMIT = 30.0  # squared distance; six degrees of freedom exceed it by chance once in 25 000
+_CHANCE = 1e-3  # of rejecting any good observation of the set
 _MEDIAN = 5.348  # median of chi-square with six degrees of freedom
 
 
@@ -32,7 +33,8 @@ def robust_fit(problem: Problem, given: Mapping[str, float], start: Estimate | N
     """Solve, find blunders, solve again without them; noise levels follow the used observations."""
     start = start or closed_form(problem)
     lin, noise = _tukey(problem, start, given)
-    used = _squared(lin, noise) < _LIMIT * _inflation(lin, noise)
+    squared = _squared(lin, noise)
+    used = squared < _limit(problem, squared, trusted=False)
     for _ in range(8):
         used = _with_enough(problem, used)
         part, at = _restrict(problem, used, lin.at)
@@ -42,7 +44,7 @@ def robust_fit(problem: Problem, given: Mapping[str, float], start: Estimate | N
         noise = reml(fit, noise)
         lin = linearise(problem, _widen(problem, used, fit.at))
         squared = _squared(lin, noise)
-        again = squared < _LIMIT
+        again = squared < _limit(part, squared[used], trusted=True)
         if np.array_equal(again, used):
             break
         used = again
@@ -56,8 +58,16 @@ def _squared(lin: Linearised, noise: Noise) -> Array:
     return np.asarray(np.sum(lin.r * (weights(lin, noise) @ lin.r[..., None])[..., 0], axis=1))
 
 
-def _inflation(lin: Linearised, noise: Noise) -> float:
-    return max(1.0, float(np.median(_squared(lin, noise))) / _MEDIAN)
+def _limit(problem: Problem, squared: Array, trusted: bool) -> float:
+    """Largest squared distance that chance explains, scaled where all residuals exceed the noise levels.
+
+    The noise is known from as many residuals as the solution leaves over: hence F and not chi-square.
+    """
+    left = max(6 * problem.n - 6 - 6 * problem.groups, 6)
+    scale = max(1.0, float(np.median(squared)) / _MEDIAN)
+    if trusted:
+        scale = max(scale, float(squared.sum()) / left)
+    return scale * 6.0 * float(f_distribution.isf(_CHANCE / max(problem.n, 1), 6, left))
 
 
 def _tukey(problem: Problem, at: Estimate, given: Mapping[str, float]) -> tuple[Linearised, Noise]:

@@ -28,7 +28,7 @@ class Camera(Strict):
     width: Annotated[int, Field(gt=0)]
     height: Annotated[int, Field(gt=0)]
     K: Annotated[list[float], Field(min_length=4, max_length=4)]
-    dist: list[float] = []
+    dist: list[float] = Field(default_factory=list)
 
     @field_validator("K")
     @classmethod
@@ -120,7 +120,7 @@ class Observation(Strict):
     group: int = 0
     image: str | None = None
     corners: list[Pixel | None] | None = None
-    frames: list[FrameEntry] = []
+    frames: list[FrameEntry] = Field(default_factory=list)
     T_base_flange: Pose
     q: list[float] | None = None
     T_camera_target: Pose | None = None

@@ -24,14 +24,14 @@ class Result(Strict):
     schema_: Annotated[str, Field(alias="schema")] = SCHEMA
     kind: str
     verdict: Verdict
-    reasons: list[str] = []
-    warnings: list[Warning_] = []
+    reasons: list[str] = Field(default_factory=list)
+    warnings: list[Warning_] = Field(default_factory=list)
     result: dict[str, Any] | None
-    uncertainty: dict[str, Any] = {}
-    residuals: dict[str, Any] = {}
-    heldout: dict[str, Any] = {}
-    observability: dict[str, Any] = {}
-    inputs: dict[str, Any] = {}
+    uncertainty: dict[str, Any] = Field(default_factory=dict)
+    residuals: dict[str, Any] = Field(default_factory=dict)
+    heldout: dict[str, Any] = Field(default_factory=dict)
+    observability: dict[str, Any] = Field(default_factory=dict)
+    inputs: dict[str, Any] = Field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
         """Plain values with the names of the format."""

@@ -1,0 +1,99 @@
+"""Solutions that did not see some of the data: the held-out check, without solving again.
+
+At the solution the problem is linear to second order, so taking observations out of the normal equations
+and taking one Gauss-Newton step gives the solution without them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.hand_eye import se3
+from calibration.hand_eye.normal import Linearised, assemble, assemble_vector, solve_normal
+from cell.poses import Array
+
+FOLDS = 5
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Distance of each judged observation's target pose from the one predicted without it.
+
+    ``rows`` (k,) are the observations, ``t`` (k,) metres and ``r`` (k,) radians.
+    """
+
+    rows: NDArray[np.int64]
+    t: Array
+    r: Array
+
+    def means(self) -> dict[str, float]:
+        """Mean distances; empty when nothing could be judged."""
+        return {"t": float(self.t.mean()), "r": float(self.r.mean())} if len(self.rows) else {}
+
+    def rms(self) -> dict[str, float]:
+        """Root mean square distances; empty when nothing could be judged."""
+        if not len(self.rows):
+            return {}
+        return {"t": float(np.sqrt(np.mean(self.t**2))), "r": float(np.sqrt(np.mean(self.r**2)))}
+
+
+def leave_one_out(lin: Linearised, weight: Array) -> LeftOut:
+    """Each observation judged by the solution from all the others."""
+    return leave_out(lin, weight, [np.array([i]) for i in range(lin.problem.n)])
+
+
+def held_out(lin: Linearised, weight: Array) -> LeftOut:
+    """K-fold check: observations are dealt to the folds in turn, group by group."""
+    order = np.argsort(lin.problem.group, kind="stable")
+    fold = np.empty(lin.problem.n, dtype=np.int64)
+    fold[order] = np.arange(lin.problem.n) % FOLDS
+    return leave_out(lin, weight, [np.flatnonzero(fold == k) for k in range(FOLDS)])
+
+
+def leave_out(lin: Linearised, weight: Array, parts: Sequence[NDArray[np.int64]]) -> LeftOut:
+    """Judge each part by the solution without it; observations whose group is lost with it are skipped."""
+    problem = lin.problem
+    JtP = np.swapaxes(lin.J, 1, 2) @ weight
+    own, own_g = JtP @ lin.J, (JtP @ lin.r[..., None])[..., 0]
+    N, g = assemble(problem, own), assemble_vector(problem, own_g)
+    size = np.bincount(problem.group, minlength=problem.groups)
+    rows, t, r = [], [], []
+    for part in parts:
+        left = size - np.bincount(problem.group[part], minlength=problem.groups)
+        judged = part[left[problem.group[part]] > 0]
+        rest = problem.n - len(part)
+        if not len(judged) or 6 * rest < 6 + 6 * np.count_nonzero(left) + 6:
+            continue
+        mask = np.zeros(problem.n, dtype=bool)
+        mask[part] = True
+        kept = N - assemble(problem, own * mask[:, None, None])
+        step = -solve_normal(kept, g - assemble_vector(problem, own_g * mask[:, None]))
+        at = lin.at.moved(step)
+        mine = se3.inverse(problem.G[judged]) @ at.X @ problem.C[judged]
+        distance = pose_distances(mine, at.W[problem.group[judged]])
+        rows.append(judged)
+        t.append(distance[0])
+        r.append(distance[1])
+    if not rows:
+        return LeftOut(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
+    return LeftOut(np.concatenate(rows), np.concatenate(t), np.concatenate(r))
+
+
+def pose_distances(A: Array, B: Array) -> tuple[Array, Array]:
+    """Distances in metres and radians between poses (n, 4, 4) and (n, 4, 4) or (4, 4)."""
+    xi = se3.log(se3.inverse(B) @ A)
+    return (
+        np.linalg.norm(A[..., :3, 3] - B[..., :3, 3], axis=-1),
+        np.linalg.norm(xi[..., 3:], axis=-1),
+    )
+
+
+def spread_about_mean(T: Array, group: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Distances (n,) in metres and radians of target poses (n, 4, 4) from the mean of their group."""
+    t, r = np.zeros(len(T)), np.zeros(len(T))
+    for g in np.unique(group):
+        rows = group == g
+        t[rows], r[rows] = pose_distances(T[rows], se3.mean_pose(T[rows]))
+    return t, r

@@ -1,0 +1,148 @@
+"""From measurements in memory to X with its covariance: the one path that everything uses."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from calibration.hand_eye import se3
+from calibration.hand_eye.ambiguity import candidates, choose
+from calibration.hand_eye.noise import Noise, weights
+from calibration.hand_eye.normal import covariance, information
+from calibration.hand_eye.observability import Refusal, refuse
+from calibration.hand_eye.pnp import View, solve_pnp
+from calibration.hand_eye.problem import Estimate, Groups, Problem, Setup
+from calibration.hand_eye.robust import robust_fit
+from cell.devices import Intrinsics
+from cell.poses import Array
+
+_WEAK = 5.0  # times less certain than the median: weighs nothing, and its own pose says nothing
+_BAD_FIT = 4.0  # times the median reprojection error
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """n observations in memory.
+
+    ``F`` (n, 4, 4) is T_base_flange; ``views[i]`` the corners, or None where ``C[i]`` (4, 4), the given
+    T_camera_target, is the measurement; ``motions`` (k, 4, 4) turn the target onto itself (identity first).
+    """
+
+    setup: Setup
+    F: Array
+    group: Groups
+    views: Sequence[View | None]
+    C: Array
+    motions: Array
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The answer, or why there is none.
+
+    ``problem`` holds all n measurements with the chosen poses, ``used`` (n,) those that X was made of,
+    ``reasons`` why a row was left out. ``cov`` (6, 6) belongs to X and ``cov_W`` (g, 6, 6) to the target
+    poses, ``at`` covers the groups in ``groups`` (g,). ``excess`` is the square of the factor by which the
+    residuals exceed the noise levels; the covariances carry it.
+    """
+
+    problem: Problem
+    used: NDArray[np.bool_]
+    reasons: Mapping[int, str]
+    at: Estimate
+    groups: Groups
+    cov: Array
+    cov_W: Array
+    noise: Noise
+    excess: float
+    distance: Array
+
+
+def prepare(measured: Measurements, camera: Intrinsics | None) -> Problem:
+    """PnP with covariance for all views, and the choice between poses that one image leaves open."""
+    n = len(measured.F)
+    G = measured.F if measured.setup == "eye-to-hand" else se3.inverse(measured.F)
+    C, cov, sse, dof = measured.C.copy(), np.zeros((n, 6, 6)), np.zeros(n), np.zeros(n)
+    seen = np.array([i for i, v in enumerate(measured.views) if v is not None], dtype=np.int64)
+    if len(seen) and camera is not None:
+        poses, owner = solve_pnp([v for v in measured.views if v is not None], camera)
+        options, rows = candidates(poses, owner, measured.motions)
+        chosen = choose(measured.setup, G[seen], measured.group[seen], options)
+        k = np.arange(len(seen))
+        own = poses.take(rows[k, chosen])
+        C[seen], cov[seen] = options[k, chosen], own.cov
+        sse[seen], dof[seen] = own.sse, 2 * own.corners - 6
+    return Problem(measured.setup, G, C, measured.group, cov, sse, dof)
+
+
+def solve(
+    measured: Measurements, camera: Intrinsics | None, given_noise: Mapping[str, float]
+) -> Solution | Refusal:
+    """Weighted maximum-likelihood X (METHODS section 1), robust against blunders.
+
+    ``given_noise`` may hold ``sigma_px``, ``sigma_flange_t`` (m) and ``sigma_flange_r`` (rad); absent ones
+    are estimated. Every view must have corners enough for a pose; ``camera`` may be None when there are no
+    views. A set that cannot determine X is refused.
+    """
+    problem = prepare(measured, camera)
+    reasons = weak_views(problem)
+    fit_rows = np.array([i not in reasons for i in range(problem.n)], dtype=bool)
+    part = problem.take(fit_rows)
+    refusal = refuse(part, given_noise.get("sigma_flange_r", 0.0))
+    if refusal is not None:
+        return refusal
+    fit = robust_fit(part, given_noise)
+    used = fit_rows.copy()
+    used[fit_rows] = fit.used
+    refusal = refuse(problem.take(used), fit.noise.sigma.get("sigma_flange_r", 0.0))
+    if refusal is not None:
+        return refusal
+    P = weights(fit.lin, fit.noise)
+    squared = float(np.sum(fit.lin.r * (P @ fit.lin.r[..., None])[..., 0]))
+    left = 6 * fit.lin.problem.n - 6 - 6 * fit.lin.problem.groups
+    excess = squared / left if left > 0 and squared > chi2.isf(1e-3, left) else 1.0
+    cov = excess * covariance(information(fit.lin, P)[0])
+    blocks = cov.reshape(len(cov) // 6, 6, -1, 6)
+    distance = np.full(problem.n, np.nan)
+    distance[fit_rows] = fit.distance
+    for i in np.flatnonzero(fit_rows & ~used):
+        reasons[int(i)] = (
+            f"disagrees with the others: its residual is {distance[i]:.1f} times what its noise explains"
+        )
+    return Solution(
+        problem=problem,
+        used=used,
+        reasons=reasons,
+        at=fit.lin.at,
+        groups=np.unique(problem.group[used]),
+        cov=cov[:6, :6],
+        cov_W=np.stack([blocks[k, :, k] for k in range(1, len(blocks))]),
+        noise=fit.noise,
+        excess=excess,
+        distance=distance,
+    )
+
+
+def weak_views(problem: Problem) -> dict[int, str]:
+    """Rows whose image is too poor to say anything, with the reason."""
+    seen = np.flatnonzero(np.any(problem.cov_px, axis=(1, 2)))
+    if len(seen) < 4:
+        return {}
+    reasons: dict[int, str] = {}
+    turn = np.sqrt(np.trace(problem.cov_px[seen, 3:, 3:], axis1=1, axis2=2))
+    rms = np.sqrt(problem.sse[seen] / (problem.dof[seen] + 6.0))
+    for k, i in enumerate(seen):
+        ratio, fit = turn[k] / np.median(turn), rms[k] / max(float(np.median(rms)), 0.02)
+        if ratio > _WEAK:
+            corners = int(problem.dof[i] + 6) // 2
+            reasons[int(i)] = (
+                f"weak view: with {corners} corners its target pose is {ratio:.1f} times less certain than "
+                "the median"
+            )
+        elif fit > _BAD_FIT:
+            reasons[int(i)] = (
+                f"corners do not fit the target: {rms[k]:.2f} px RMS, {fit:.1f} times the median"
+            )
+    return reasons

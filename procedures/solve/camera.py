@@ -1,0 +1,103 @@
+"""Which intrinsics a capture is solved with: the given ones if they fit its images, else estimated ones."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.hand_eye.pnp import View, start_poses, undistort
+from calibration.intrinsics import EstimatedIntrinsics, check_intrinsics, estimate_intrinsics
+from cell.devices import Intrinsics
+from cell.errors import error
+from procedures.solve.capture import CaptureSet
+
+CODE = "camera.intrinsics"
+_START_PX = 50.0  # RMS error of a start pose beyond which it is thrown away
+
+
+@dataclass(frozen=True)
+class CameraChoice:
+    """The camera in use (None when there are no corners), what was estimated, and what to warn of."""
+
+    camera: Intrinsics | None
+    estimated: dict[str, object] | None
+    warning: tuple[str, str] | None
+
+
+def choose_camera(loaded: CaptureSet) -> CameraChoice:
+    """Check the given intrinsics against the views, or estimate them where they are missing or wrong."""
+    views = [v for v in loaded.views if v is not None]
+    if not views:
+        return CameraChoice(loaded.camera, None, None)
+    given = loaded.camera
+    if given is None:
+        return _without_intrinsics(loaded, views)
+    check = check_intrinsics(views, given)
+    if check is None or check.fits:
+        return CameraChoice(given, None, None)
+    K, free = check.free.camera.K, check.free
+    text = (
+        f"the given intrinsics do not fit the images: reprojection {check.rms_given_px:.3f} px RMS, with "
+        f"estimated ones {free.rms_px:.3f} px (fx {given.K[0]:.1f} -> {K[0]:.1f}, fy {given.K[1]:.1f} -> "
+        f"{K[1]:.1f}, cx {given.K[2]:.1f} -> {K[2]:.1f}, cy {given.K[3]:.1f} -> {K[3]:.1f})"
+    )
+    if not free.useful:
+        text += "; these images do not determine better ones, so the given ones were used"
+        return CameraChoice(given, None, (CODE, text))
+    text += "; the estimated ones were used"
+    return CameraChoice(free.camera, _as_dict(free, "the given ones do not fit the images"), (CODE, text))
+
+
+def _without_intrinsics(loaded: CaptureSet, views: list[View]) -> CameraChoice:
+    if loaded.size is not None:
+        width, height = loaded.size
+    else:  # corners only: the image is at least as large as what was seen in it
+        far = np.max([v.corners.max(axis=0) for v in views], axis=0)
+        width, height = int(far[0]) + 2, int(far[1]) + 2
+    free = estimate_intrinsics(views, width, height)
+    if free is None or not free.useful:
+        raise error(
+            "DATA_INVALID",
+            f"{loaded.path}: camera is null and the images do not determine the intrinsics (three views or "
+            "more of a flat target at different tilts are needed); give camera.K and camera.dist",
+        )
+    text = (
+        f"no intrinsics were given; they were estimated from the images with {free.rms_px:.3f} px RMS, and "
+        "their error is part of the result's"
+    )
+    return CameraChoice(free.camera, _as_dict(free, "none were given"), (CODE, text))
+
+
+def _as_dict(found: EstimatedIntrinsics, why: str) -> dict[str, object]:
+    camera = found.camera
+    return {
+        "width": camera.width,
+        "height": camera.height,
+        "K": list(camera.K),
+        "dist": list(camera.dist),
+        "sigma_K": found.sigma_K.tolist(),
+        "rms_px": found.rms_px,
+        "why": why,
+    }
+
+
+def check_views(loaded: CaptureSet, camera: Intrinsics | None) -> None:
+    """Mark views that no pose explains, and throw start poses away that are far from their corners."""
+    if camera is None:
+        return
+    for k, view in enumerate(loaded.views):
+        if view is None:
+            continue
+        if view.start is not None and not _plausible(view, camera):
+            view = loaded.views[k] = View(view.points, view.corners, view.count)
+        if not start_poses(view, camera):
+            loaded.views[k] = None
+            loaded.unusable[k] = "no pose of the target before the camera explains the corners"
+
+
+def _plausible(view: View, camera: Intrinsics) -> bool:
+    assert view.start is not None
+    p = view.points @ view.start[:3, :3].T + view.start[:3, 3]
+    if np.any(p[:, 2] <= 0.0):
+        return False
+    error_px = (p[:, :2] / p[:, 2:] - undistort(view.corners, camera)) * np.array(camera.K[:2])
+    return bool(np.sqrt(np.mean(np.sum(error_px**2, axis=1))) < _START_PX)
