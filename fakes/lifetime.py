@@ -1,10 +1,20 @@
-"""Children of the twin and of tests never outlive their parent."""
+"""Processes of the twin: they never outlive their parent, and the controller comes first."""
 
+import contextlib
 import ctypes
 import os
 import signal
 
 _PR_SET_PDEATHSIG = 1
+
+
+CONTROLLER_NICE, CAMERA_NICE = -10, 5
+
+
+def set_priority(nice: int) -> None:
+    """Run before or after others when the system permits: a real controller has a computer of its own."""
+    with contextlib.suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, nice)
 
 
 def die_with_parent(how: signal.Signals = signal.SIGKILL) -> None:

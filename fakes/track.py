@@ -10,17 +10,15 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from cell.poses import Array
 from fakes._profile import Ramp, Trapezoid
 from fakes.kinematics import Chain
+from fakes.linear_path import LinearPath
 from fakes.segments import Hold, JointMove, JointSpeed, JointStop, PathMove, Polynomial, Segment
 
-ROTATION_ARM_M = 0.25  # a turn of one radian on the spot takes as long as this way
 MAX_JOINT_RAD_S = 3.5  # a servo set-point further away is approached at this speed
-_PATH_PIECES = 24
 
 
 class Track:
@@ -101,29 +99,16 @@ class Track:
     ) -> float:
         """TCP on a straight line, rotation about one axis, ``v`` (m/s) and ``a`` (m/s^2) along the way.
 
-        The way is the longer of the translation and ``ROTATION_ARM_M`` times the turn. Joints are exact at
-        the samples of the path and a spline between. Raises :class:`fakes.kinematics.UnreachableError`
-        before anything moves.
+        See :class:`fakes.linear_path.LinearPath`. Raises :class:`fakes.kinematics.UnreachableError` before
+        anything moves.
         """
         _, q_rest = self._rest_state(t, a)
-        start = believed.forward(q_rest) * T_flange_tcp
-        way = T_base_tcp.translation - start.translation
-        turn = (start.rotation.inv() * T_base_tcp.rotation).as_rotvec()
-        length = max(float(np.linalg.norm(way)), ROTATION_ARM_M * float(np.linalg.norm(turn)))
-        if length < 1e-9:
-            t, _ = self._rest_first(t, a)
-            return self.end_time
-        fractions = np.linspace(0.0, 1.0, _PATH_PIECES + 1)
-        tcp_flange = T_flange_tcp.inv()
-        joints = [q_rest]
-        for f in fractions[1:]:
-            pose = RigidTransform.from_components(
-                start.translation + f * way, start.rotation * Rotation.from_rotvec(f * turn)
-            )
-            joints.append(believed.inverse(pose * tcp_flange, joints[-1]))
-        spline = CubicSpline(fractions * length, np.array(joints))
+        path = LinearPath(believed, q_rest, T_base_tcp, T_flange_tcp)
+        while path.length >= 1e-9 and not path.complete:
+            path.sample()
         t, _ = self._rest_first(t, a)
-        self.append(PathMove(t, spline.x, spline.c, Trapezoid(length, v, a)))
+        if path.length >= 1e-9:
+            self.append(path.segment(t, v, a))
         return self.end_time
 
     def stop_joint(self, t: float, decel: float) -> float:

@@ -4,7 +4,7 @@ The controller plans and reports with the kinematics it believes in. Where the f
 world's business; only the joints are common to both.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -14,9 +14,13 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from cell.poses import Array, from_pose6
 from fakes.kinematics import Chain, UnreachableError
+from fakes.linear_path import LinearPath
 from fakes.track import Track
 from fakes.ur.runtime import ScriptError, Steps
 
+Plan = Generator[None, None, float]  # a cycle per step; returns when the arm will be at rest
+SAMPLES_PER_CYCLE = 3
+SHORTEST_WAY_M = 1e-9
 HALT_RAD_S2 = 6.0  # how hard the arm brakes when its program ends
 JOINT_LIMIT = 2.0 * np.pi  # +- 360 degrees
 ZERO6 = (0.0,) * 6
@@ -50,6 +54,7 @@ class Arm:
         self.t = 0.0  # the present cycle
         self.halts = 0  # grows whenever something other than the program stops the arm
         self.speed_fraction = 1.0
+        self.period = 0.002  # of the control cycle
 
     def moving(self, t: float) -> bool:
         """True while a joint turns or a planned move is not finished."""
@@ -99,29 +104,39 @@ class Arm:
         if not self.within_limits(goal):
             raise ScriptError("movej: target joints are outside the joint limits")
 
-        def start() -> float:
+        def plan() -> Plan:
+            yield from ()
             return self.track.start_joint_move(self.t, goal, _positive(v) * self.speed_fraction, _positive(a))
 
-        yield from self._until(start)
+        yield from self._until(plan)
 
     def move_linear(self, pose6: ArrayLike, v: float, a: float) -> Steps:
         """movel of the TCP to a pose."""
         goal = from_pose6(_finite(pose6))
 
-        def start() -> float:
-            try:
-                return self.track.start_linear_move(
-                    self.t,
-                    self.believed,
-                    goal,
-                    self.tool.T_flange_tcp,
-                    _positive(v) * self.speed_fraction,
-                    _positive(a),
-                )
-            except UnreachableError as exc:
-                raise ScriptError(f"movel: {exc}") from None
+        yield from self._until(
+            lambda: self._plan_linear(goal, _positive(v) * self.speed_fraction, _positive(a))
+        )
 
-        yield from self._until(start)
+    def _plan_linear(self, goal: RigidTransform, v: float, a: float) -> Plan:
+        """Brake if need be, and meanwhile find the path, a few samples a cycle: the stream must not wait."""
+        if self.moving(self.t):
+            self.track.stop_joint(self.t, a)
+        rest = max(self.track.end_time, self.t)
+        path = LinearPath(self.believed, self.track.at(rest)[0], goal, self.tool.T_flange_tcp)
+        if path.length < SHORTEST_WAY_M:
+            return rest
+        halts = self.halts
+        try:
+            while not path.complete:
+                for _ in range(SAMPLES_PER_CYCLE):
+                    path.sample()
+                yield
+        except UnreachableError as exc:
+            raise ScriptError(f"movel: {exc}") from None
+        if self.halts == halts:  # else the arm rests elsewhere, and the move is planned anew
+            self.track.append(path.segment(max(self.t, rest), v, a))
+        return self.track.end_time
 
     def stop(self, decel: float, linear: bool) -> Steps:
         """stopj (rad/s^2) or stopl (m/s^2): brake and wait for standstill."""
@@ -131,14 +146,16 @@ class Arm:
             while self.moving(self.t):
                 yield
 
-    def _until(self, start: Callable[[], float]) -> Steps:
+    def _until(self, plan: Callable[[], Plan]) -> Steps:
         """Wait for a planned move; one that was halted meanwhile is planned anew from where the arm is."""
         halts = self.halts
-        end = start()
-        while self.t < end:
-            yield
+        end = yield from plan()
+        while self.t < end or self.halts != halts:
             if self.halts != halts:
-                halts, end = self.halts, start()
+                halts = self.halts
+                end = yield from plan()
+            else:
+                yield
 
     # -- motion that is renewed every cycle
 
@@ -153,7 +170,7 @@ class Arm:
         wanted = _finite(xd)
         step = wanted - J @ qd
         change = float(np.max(np.abs(step)))
-        limit = _positive(a) * 0.002
+        limit = _positive(a) * self.period
         if change > limit:
             wanted = J @ qd + step * (limit / change)
         try:
@@ -161,11 +178,11 @@ class Arm:
         except np.linalg.LinAlgError:
             raise ScriptError("speedl: the arm is at a singularity") from None
         # Joint acceleration is bounded by the TCP's, so the joints may follow within the cycle.
-        self.track.speed_joints(self.t, speeds, max(float(np.max(np.abs(speeds - qd))) / 0.002, 1.0))
+        self.track.speed_joints(self.t, speeds, max(float(np.max(np.abs(speeds - qd))) / self.period, 1.0))
 
     def servo(self, q: ArrayLike, dt: float) -> None:
         """servoj: be at ``q`` in ``dt`` seconds."""
-        self.track.servo(self.t, _finite(q), max(dt, 0.002))
+        self.track.servo(self.t, _finite(q), max(dt, self.period))
 
 
 def _finite(values: ArrayLike) -> Array:

@@ -116,6 +116,7 @@ class Robot:
         self.identity, self.now, self._contact = identity, now, contact
         self.tool = Tool()
         self.arm = Arm(track, believed, self.tool)
+        self.arm.period = 1.0 / identity.rate
         self.safety = Safety()
         self.io = InputOutput()
         self.registers: dict[str, float] = {}
