@@ -6,10 +6,11 @@ from typing import Any
 
 from daemon.config.findings import Findings, did_you_mean
 from daemon.config.locate import Path
-from daemon.config.models import ROLES, is_loopback
+from daemon.config.models import ROLES, LimitsSection, is_loopback
 
 MAX_LENGTH_M = 20.0
 MAX_ANGLE_RAD = 4.0 * math.pi
+LARGEST = 1e300  # TOML's whole numbers have no limit; NaN compares with nothing
 
 
 def check_units(raw: Mapping[str, Any], findings: Findings) -> None:
@@ -17,8 +18,8 @@ def check_units(raw: Mapping[str, Any], findings: Findings) -> None:
     for path, value in _numbers(raw):
         names = [p for p in path if isinstance(p, str)]
         key = names[-1] if names else ""
-        if not math.isfinite(value):
-            findings.add(path, f"should be a finite number, not {value}")
+        if not -LARGEST <= value <= LARGEST:
+            findings.add(path, f"should be a finite number, not {str(value)[:20]}")
         elif _is_length(path, key) and abs(value) > MAX_LENGTH_M:
             findings.add(path, f"{value:g} m is probably millimetres; lengths are in metres")
         elif _is_angle(path, key, names) and abs(value) > MAX_ANGLE_RAD:
@@ -74,8 +75,8 @@ def _check_faces(raw: Mapping[str, Any], findings: Findings) -> None:
 
 
 def _check_limits(raw: Mapping[str, Any], findings: Findings) -> None:
-    limits = _table(raw, "limits")
-    if raw.get("robot", {}) and _table(raw, "robot").get("arm") and not limits.get("workspace"):
+    limits = {**LimitsSection().model_dump(), **_table(raw, "limits")}
+    if _table(raw, "robot").get("arm") and not limits["workspace"]:
         findings.warn(("limits",), "no workspace is given, so only the arm's reach bounds the tool")
     if limits.get("allow_job_override") is True:
         return

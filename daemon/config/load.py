@@ -90,9 +90,11 @@ def load_config(
     text = _read(path)
     try:
         raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as exc:
+        findings.lines = locate(text)
+    except RecursionError:
+        raise ConfigInvalid([f"{path}: nested too deeply"]) from None
+    except ValueError as exc:
         raise ConfigInvalid([f"{path}: not TOML: {exc}"]) from exc
-    findings.lines = locate(text)
     _warn_about_owner(path, findings)
     return check_config(raw, findings, _all_jobs() if jobs is None else jobs, drivers, path)
 

@@ -254,6 +254,15 @@ def test_text_that_is_not_toml_and_files_that_are_not_there_are_one_sentence(tmp
     with pytest.raises(InputError, match="cellward init") as missing:
         load_config(tmp_path / "absent.toml", JOBS, DRIVERS)
     assert missing.value.name == "FILE_MISSING"
+    for text in (
+        f"schema = {'1' * 5000}",
+        f"schema = {'[' * 900}{']' * 900}",
+        f"schema = {'[' * 200}1{']' * 200}",
+    ):
+        with pytest.raises(ConfigInvalid) as odd:
+            load(tmp_path, text)
+        assert odd.value.findings
+    assert "1: schema: should be a finite number" in findings(tmp_path, f"schema = {'9' * 400}")[0]
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe")
     with pytest.raises(InputError, match="not UTF-8") as binary:
         load_config(tmp_path / "binary.toml", JOBS, DRIVERS)
