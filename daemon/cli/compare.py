@@ -49,6 +49,8 @@ def compare_results(first: Mapping[str, Any], second: Mapping[str, Any]) -> Comp
         raise error("ARGUMENT_INVALID", "only hand-eye results with an answer can be compared")
     if names[0] != names[1]:
         raise error("ARGUMENT_INVALID", f"one run holds {names[0]}, the other {names[1]}")
+    if any(answer.get("cov") is None for answer in answers):
+        raise error("ARGUMENT_INVALID", "one of the results has no covariance, so nothing can be weighed")
     a, b = (from_pose6(answer[names[0]]) for answer in answers)
     between = a.inv() * b
     xi = log_xi(between)

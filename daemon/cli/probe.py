@@ -3,11 +3,13 @@
 import asyncio
 from typing import Any
 
-from cell.clock import Clock, MonotonicClock
+from cell.clock import MonotonicClock
 from cell.devices import Device
 from cell.errors import CellError, error
 from daemon.cli.failures import exit_code_of
-from daemon.config import CellConfig, driver_class
+from daemon.composition import supervised_devices
+from daemon.config import CellConfig
+from daemon.health import Beats
 from daemon.supervisor import Expectation
 
 OPEN_TIMEOUT_S = 20.0
@@ -17,17 +19,15 @@ CLOSE_TIMEOUT_S = 5.0
 async def probe_devices(config: CellConfig) -> list[dict[str, Any]]:
     """Open, identify and close every device, all at once. Nothing moves: motion needs a lease."""
     clock = MonotonicClock()
-    return list(
-        await asyncio.gather(
-            *(_probe(config, name, section, clock) for name, section in config.device.items())
-        )
-    )
+    entries = supervised_devices(config, clock, Beats(clock))
+    return list(await asyncio.gather(*(_probe(entry.device, entry.expect) for entry in entries)))
 
 
-async def _probe(config: CellConfig, name: str, section: Any, clock: Clock) -> dict[str, Any]:
-    report: dict[str, Any] = {"device": name, "answer": "ok", "model": None, "serial": None, "exit_code": 0}
+async def _probe(device: Device, expect: Expectation) -> dict[str, Any]:
+    report: dict[str, Any] = {
+        "device": device.name, "answer": "ok", "model": None, "serial": None, "exit_code": 0,
+    }  # fmt: skip
     try:
-        device: Device = driver_class(section.driver)(name, section, clock)
         try:
             async with asyncio.timeout(OPEN_TIMEOUT_S):
                 await device.open()
@@ -36,7 +36,7 @@ async def _probe(config: CellConfig, name: str, section: Any, clock: Clock) -> d
             async with asyncio.timeout(CLOSE_TIMEOUT_S):
                 await device.close()
         report |= {"model": found.model, "serial": found.serial}
-        Expectation(config.cell.twin, getattr(section, "expect_serial", None)).check(name, found)
+        expect.check(device.name, found)
     except CellError as exc:
         _blame(report, exc)
     except (OSError, TimeoutError) as exc:

@@ -21,7 +21,9 @@ def calibration_name(answer: Mapping[str, Any]) -> str | None:
 def result_text(result: Mapping[str, Any]) -> str:
     """The summary of a result document; lengths in mm, angles in degrees."""
     lines = [f"{result.get('kind') or 'result'}: verdict {result.get('verdict')}"]
-    lines += [f"  because: {reason}" for reason in result.get("reasons") or []]
+    warnings = result.get("warnings") or []
+    told = {warning["text"] for warning in warnings}
+    lines += [f"  because: {reason}" for reason in result.get("reasons") or [] if reason not in told]
     answer = result.get("result")
     if answer is None:
         lines.append("  no answer: the data cannot determine it")
@@ -29,7 +31,7 @@ def result_text(result: Mapping[str, Any]) -> str:
         lines += _answer(answer)
         lines += _residuals(result.get("residuals") or {})
         lines += _rejected(answer.get("rejected") or [])
-    lines += [f"  warning {w['code']}: {w['text']}" for w in result.get("warnings") or []]
+    lines += [f"  warning {w['code']}: {w['text']}" for w in warnings]
     return "\n".join(lines)
 
 

@@ -19,11 +19,12 @@ from cell.motion import MotionBroker
 from cell.store.ledger import Ledger
 from daemon.cli.output import out, say
 from daemon.cli.progress import ProgressBar
-from daemon.config import CellConfig, driver_class, load_config
+from daemon.composition import supervised_devices
+from daemon.config import CellConfig, load_config
 from daemon.demo.ending import conclude
 from daemon.engine import CellContext, Engine
 from daemon.health import Beats
-from daemon.supervisor import Expectation, SupervisedDevice, Supervisor
+from daemon.supervisor import Supervisor
 from daemon.worker import InlineWorker
 from procedures.registry import JOBS
 
@@ -58,15 +59,7 @@ def _write_config(folder: Path) -> Path:
 async def _run(config: CellConfig, clock: Clock) -> tuple[int, dict[str, Any], float]:
     """The number of the run, the truth, and how long it took on the cell's clock."""
     state = Path(config.cell.state_dir)
-    supervisor = Supervisor(
-        SupervisedDevice(
-            driver_class(section.driver)(name, section, clock),
-            Expectation(config.cell.twin, getattr(section, "expect_serial", None)),
-            clock,
-            Beats(clock),
-        )
-        for name, section in config.device.items()
-    )
+    supervisor = Supervisor(supervised_devices(config, clock, Beats(clock)))
     await asyncio.to_thread((state / "runs").mkdir, parents=True, exist_ok=True)
     ledger = await asyncio.to_thread(Ledger, state / "ledger.sqlite")
     context = CellContext(config, clock, InlineWorker(), supervisor, MotionBroker(clock))

@@ -129,7 +129,7 @@ def test_a_dry_run_lists_the_plan_and_its_checks(
         "poses": [
             {
                 "index": 0, "q": [0.0, -1.5707963, -1e-9, 0.0, 0.0, 0.0], "travel_rad": 0.1,
-                "checks": {"joint_rad": 0.5, "joint": "elbow", "clearance_m": 0.0123, "clearance": "tool-pillar"},
+                "checks": {"joint_rad": 0.5, "joint": "elbow", "clearance_m": 0.0123, "clearance": "tool"},
             }
         ],
         "rejected": [{"index": 1, "reason": "enters keep-out box 'pillar'"}],
@@ -143,7 +143,7 @@ def test_a_dry_run_lists_the_plan_and_its_checks(
         as_json = subject("start", "cone-capture", "--dry-run", "--json")
     assert done.code == 0
     for told in (
-        "0.0 -90.0 0.0", "28.6 elbow", "12 tool-pillar", "1: enters keep-out box 'pillar'", "0.150 mm",
+        "0.0 -90.0 0.0", "28.6 elbow", "12 tool", "1: enters keep-out box 'pillar'", "0.150 mm",
         "Nothing was moved",
     ):  # fmt: skip
         assert told in done.out

@@ -1,0 +1,108 @@
+"""``cellward check``: findings, predictions, and the probe."""
+
+import json
+from pathlib import Path
+
+import pytest
+from cli_harness import CellOnDisk, CommandLine
+
+from daemon.config import init_text
+from daemon.demo.fast import _write_config
+
+
+@pytest.fixture
+def subject(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> CommandLine:
+    return CommandLine(monkeypatch, capsys, CellOnDisk(tmp_path).config)
+
+
+@pytest.fixture
+def objects(tmp_path: Path) -> Path:
+    """A valid configuration whose devices are the twin's objects."""
+    return _write_config(tmp_path)
+
+
+def test_a_valid_file_is_said_to_be_valid_with_what_can_be_expected(
+    subject: CommandLine, objects: Path
+) -> None:
+    shown, as_json = subject("check", "-c", objects), subject("check", "-c", objects, "--json")
+    assert (shown.code, as_json.code) == (0, 0)
+    assert "is valid" in shown.out
+    assert "20 of 20 poses are reached" in shown.out
+    assert "expected error below" in shown.out
+    (prediction,) = json.loads(as_json.out)["predictions"]
+    # 60 poses at half a metre with 0.1 px: between a hundredth and half a millimetre.
+    assert 1e-5 < prediction["predicted"]["error95_t_m"] < 5e-4
+
+
+def test_a_board_out_of_reach_is_predicted_with_its_reason(
+    subject: CommandLine, objects: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "far.toml"
+    path.write_text(objects.read_text().replace("max = [1.3, 1.3, 1.8]", "max = [1.3, 1.3, 0.3]"))
+    done = subject("check", "-c", path)
+    assert done.code == 0
+    assert "Not enough poses can be reached" in done.out
+
+
+def test_without_a_nominal_pose_there_is_no_prediction_and_that_is_said(
+    subject: CommandLine, objects: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "plain.toml"
+    lines = [line for line in objects.read_text().splitlines() if "nominal" not in line]
+    path.write_text("\n".join(lines))
+    assert "no prediction without [robot] T_flange_camera_nominal" in subject("check", "-c", path).out
+
+
+def test_every_finding_is_listed_at_once_with_its_line(subject: CommandLine, tmp_path: Path) -> None:
+    path = tmp_path / "wrong.toml"
+    text = (
+        init_text()
+        .replace("speed_m_s = 0.25", 'speed_m_s = "fast"')
+        .replace("[limits]", "[limits]\nspeeed = 1")
+    )
+    path.write_text(text)
+    done = subject("check", "-c", path)
+    assert (done.code, done.out) == (2, "")
+    assert done.err.count(f"{path}:") >= 2
+    assert "speeed" in done.err
+    assert "fast" in done.err
+
+
+def test_the_probe_names_who_answers(subject: CommandLine, objects: Path) -> None:
+    done = subject("check", "--probe", "-c", objects, "--json")
+    assert done.code == 0
+    found = {d["device"]: (d["answer"], d["serial"]) for d in json.loads(done.out)["devices"]}
+    assert found == {"arm": ("ok", "99991100001"), "camera": ("ok", "99992200001")}
+
+
+def test_a_probe_that_finds_another_device_is_refused(
+    subject: CommandLine, objects: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "other.toml"
+    path.write_text(objects.read_text().replace("99991100001", "99991100002"))
+    done = subject("check", "--probe", "-c", path)
+    assert done.code == 4
+    assert "99991100001" in done.out
+
+
+@pytest.mark.wire
+def test_a_probe_without_devices_says_which_are_missing_with_exit_code_3(
+    subject: CommandLine, tmp_path: Path, objects: Path
+) -> None:
+    path = tmp_path / "absent.toml"
+    text = objects.read_text().replace('clock = "fakes.object:VirtualClock"\n', "")
+    text = text.replace(
+        'driver = "fakes.object:ObjectArm"\nscenario = "hand_eye"', 'driver = "ur"\nhost = "127.0.0.11"'
+    )
+    text = text.replace(
+        'driver = "fakes.object:ObjectCamera"\nscenario = "hand_eye"',
+        f'driver = "oak"\nsource = "frames+unix://{tmp_path}/absent.sock"',
+    )
+    path.write_text(text)
+    done = subject("check", "--probe", "-c", path)
+    assert done.code == 3
+    lines = {line.split()[0]: line for line in done.out.splitlines()}
+    assert "127.0.0.11" in lines["arm"]
+    assert "absent.sock" in lines["camera"]
