@@ -109,6 +109,12 @@ class ArmState:
         return bool(np.max(np.abs(self.qd)) < 0.002)
 
 
+def flange_poses(states: Sequence[ArmState]) -> RigidTransform:
+    """``T_base_flange`` (n) of many states at once; one by one it would hold up an event loop."""
+    tcp = from_pose6(np.stack([s.tcp_pose6 for s in states]))
+    return tcp * from_pose6(np.stack([s.tcp_offset6 for s in states])).inv()
+
+
 @dataclass(frozen=True)
 class Speed:
     """Limits of one move."""

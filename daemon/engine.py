@@ -62,7 +62,7 @@ class Engine:
         self.last: dict[str, Any] | None = None
         self.error: CellError | None = None
         self.warnings = 0
-        self.interrupted: list[str] = []
+        self.interrupted: list[int] = []
         self._starting = False
         self._task: asyncio.Task[None] | None = None  # the run with its beginning and end
         self._job: asyncio.Task[None] | None = None  # the procedure alone
@@ -134,6 +134,10 @@ class Engine:
         self._end_with(PackML.ABORTING, "halt", who)
 
     async def pause(self, who: str) -> None:
+        self.hold(who)
+
+    def hold(self, who: str) -> None:
+        """Hold at the next checkpoint, with the arm at rest."""
         run = self._active()
         run.note("operator", event="pause", who=who)
         run.pause()
@@ -147,10 +151,8 @@ class Engine:
         """Leave Aborted or Stopped; refused while the arm itself still shows a fault."""
         if self._task is not None:
             raise error("NOT_NOW", "a job is running; stop it first")
-        name = self.context.config.robot.roles().get("arm")
-        entry = self.context.supervisor.devices.get(name) if name else None
-        fault = entry.device.fault() if entry is not None else None  # type: ignore[attr-defined]
-        if fault is not None:
+        arm = self._arm()
+        if arm is not None and (fault := arm.fault()) is not None:
             raise error("NOT_NOW", f"the arm still shows: {fault}")
         self.context.broker.reset()
         self.error = None
@@ -171,6 +173,10 @@ class Engine:
         """Call ``listener`` after every change; the returned function ends that."""
         self._listeners.append(listener)
         return lambda: self._listeners.remove(listener)
+
+    @property
+    def active(self) -> bool:
+        return self._task is not None
 
     @property
     def packml(self) -> PackML:
@@ -230,6 +236,11 @@ class Engine:
             arm.check_movable()
         return names
 
+    def _arm(self) -> Arm | None:
+        """The arm in whatever state it is; None in a cell without one."""
+        name = self.context.config.robot.roles().get("arm")
+        return self.context.supervisor.devices[name].device if name else None  # type: ignore[return-value]
+
     def _identities(self, devices: list[str]) -> dict[str, Any]:
         entries = ((name, self.context.supervisor.devices[name].identity) for name in devices)
         return {name: {"model": i.model, "serial": i.serial} for name, i in entries if i is not None}
@@ -245,9 +256,14 @@ class Engine:
         return old.path
 
     async def _dry_run(self, run: Run, folder: RunFolder) -> dict[str, Any]:
-        plan = await run.procedure.dry_run(run)
-        await asyncio.to_thread(folder.finish, {"outcome": "dry-run"})
-        return {"run_id": run.id, "plan": plan}
+        end: dict[str, Any] = {"outcome": "dry-run", "error": None}
+        try:
+            return {"run_id": run.id, "plan": await run.procedure.dry_run(run)}
+        except CellError as refusal:
+            end["error"] = refusal.as_dict()
+            raise
+        finally:
+            await asyncio.to_thread(folder.finish, end)
 
     async def _execute(self, run: Run, folder: RunFolder, devices: list[str]) -> None:
         """Run the procedure to whichever end, then write that end down once."""
@@ -311,11 +327,8 @@ class Engine:
         """Block until a device of the job drops or the arm shows a fault."""
         async with asyncio.TaskGroup() as tasks:
             watches = [tasks.create_task(self.context.supervisor.first_loss(devices))]
-            watches += [
-                tasks.create_task(first_arm_fault(device))
-                for name in devices
-                if hasattr(device := self.context.supervisor.devices[name].device, "check_movable")
-            ]
+            if (arm := self._arm()) is not None and arm.name in devices:
+                watches.append(tasks.create_task(first_arm_fault(arm)))
             done, rest = await asyncio.wait(watches, return_when=asyncio.FIRST_COMPLETED)
             for watch in rest:
                 watch.cancel()

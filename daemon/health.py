@@ -60,7 +60,7 @@ class LoopLag:
 
 
 async def watchdog(
-    beats: Beats, lag: LoopLag, fail_s: float, period_s: float, notify: Callable[[str], None]
+    beats: Beats, lag: LoopLag, fail_s: float, period_s: float, feed: Callable[[], None]
 ) -> None:
     """Feed systemd's watchdog while the loop is in time and every essential task beats.
 
@@ -71,7 +71,7 @@ async def watchdog(
         silent = beats.silent()
         fit = lag.last_s < fail_s and not silent
         if fit:
-            notify("WATCHDOG=1")
+            feed()
         if fit == withheld:
             withheld = not fit
             if withheld:

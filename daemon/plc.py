@@ -4,14 +4,11 @@ import asyncio
 import logging
 from typing import Any
 
-from cell.clock import Clock
 from cell.errors import CellError, error
 from cell.procedure import PackML
-from cell.store.ledger import Ledger
 from daemon.config import CellConfig
 from daemon.engine import WAITING, Engine
 from daemon.modbus import Command
-from daemon.supervisor import Supervisor
 
 log = logging.getLogger("cellward.plc")
 
@@ -27,12 +24,10 @@ SAFETY_ERRORS = {"ARM_PROTECTIVE_STOP", "ARM_EMERGENCY_STOP", "ARM_SAFEGUARD_STO
 class PlcFace:
     """Turns commands into calls of the engine, and its state into registers."""
 
-    def __init__(
-        self, config: CellConfig, engine: Engine, supervisor: Supervisor, ledger: Ledger, clock: Clock
-    ) -> None:
-        self._config, self._engine, self._supervisor = config, engine, supervisor
-        self._ledger, self._clock = ledger, clock
-        self._started = clock.now()
+    def __init__(self, config: CellConfig, engine: Engine) -> None:
+        self._config, self._engine = config, engine
+        self._supervisor, self._clock = engine.context.supervisor, engine.context.clock
+        self._started = self._clock.now()
         self._acknowledged_run: int | None = None
 
     async def handle(self, command: Command) -> int:
@@ -77,12 +72,14 @@ class PlcFace:
     async def _accept(self, run_id: int, who: str) -> None:
         if not self._config.modbus.allow_accept:
             raise error("NOT_ALLOWED", "[modbus] allow_accept is false")
-        for result_id in await asyncio.to_thread(self._ledger.open_results_of, run_id):
+        for result_id in await asyncio.to_thread(self._engine.ledger.open_results_of, run_id):
             await self._engine.accept(result_id, who)
 
-    def audit(self, who: str, what: str, accepted: bool, detail: str) -> None:
-        """One line in the ledger for every write from outside."""
-        self._ledger.audit("modbus", who, what, accepted, detail)
+    def heartbeat_changed(self, alive: bool) -> None:
+        """A PLC that went silent holds the job at its next checkpoint; only a person or a PLC resumes it."""
+        if not alive and self._engine.active:
+            log.warning("the PLC's heartbeat is lost: the job holds")
+            self._engine.hold("the PLC's heartbeat is lost")
 
     def snapshot(self) -> dict[str, Any]:
         """The status block by register name."""

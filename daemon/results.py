@@ -4,10 +4,9 @@ import asyncio
 import logging
 from typing import Any
 
+from cell.procedure import Run
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder
-
-from cell.procedure import Run
 
 log = logging.getLogger("cellward.results")
 

@@ -6,9 +6,8 @@ procedures never read the ledger; what is here is also what ``run.json`` keeps.
 
 from typing import Any
 
-from cell.store.ledger import Ledger
-
 from cell.errors import error
+from cell.store.ledger import Ledger
 from daemon.config import CellConfig
 from daemon.supervisor import Supervisor
 
@@ -42,7 +41,7 @@ def resolve_values(config: CellConfig, ledger: Ledger, supervisor: Supervisor) -
         if effective.conflict:
             raise error(
                 "RESULT_CONFLICT",
-                f"{name}: [robot].{nominal_keys['X']} was edited after version {effective.version} replaced it",
+                f"{name}: [robot] {nominal_keys['X']} was edited since version {effective.version} replaced it",
             )
         if effective.version is not None:
             nominal["X"] = effective.value

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from cell.devices import Arm, ArmState, DepthCamera, Frame
+from cell.devices import Arm, ArmState, DepthCamera, Frame, flange_poses
 from cell.errors import AbortError, CellError, RefusedError, error
 from cell.motion import MotionLease, measured_standstill
 from cell.poses import Array, to_pose6
@@ -229,7 +229,7 @@ class _Capture:
             return f"the board shows in {len(seen)} of {len(frames)} frames"
         if not states:
             return "no arm state while the frames were taken"
-        flange = np.array([to_pose6(s.value.T_base_flange)[:3] for s in states])
+        flange = flange_poses([s.value for s in states]).translation
         motion = float(np.max(np.linalg.norm(flange - flange.mean(axis=0), axis=1)))
         if motion > self.config.max_flange_motion_m:
             return f"the flange moved {1e3 * motion:.3f} mm while the frames were taken"

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from cell.devices import ArmState, Frame, Intrinsics
-from cell.poses import from_pose6, to_pose6
+from cell.devices import ArmState, Frame, Intrinsics, flange_poses
+from cell.poses import to_pose6
 from cell.samples import Sample
 from cell.store.files import write_atomic
 
@@ -144,8 +144,7 @@ def observation_entry(
 
     The arm is at rest, so the mean over its samples only removes reading noise.
     """
-    poses = from_pose6(np.stack([to_pose6(s.value.T_base_flange) for s in states]))
-    mean = poses.mean()
+    mean = flange_poses([s.value for s in states]).mean()
     return {
         "index": index,
         "group": group,
