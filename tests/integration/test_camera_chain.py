@@ -318,6 +318,28 @@ def test_a_loop_that_was_busy_gets_new_frames_not_a_queue_of_old_ones(subject: O
     opened(subject, body)
 
 
+def test_the_configured_offset_is_added_to_the_stamp_of_the_same_exposure(
+    subject: OakCamera, twin: Twin
+) -> None:
+    config = OakCamera.Config(source=f"frames+unix://{twin.path}", time_offset_s=-0.02)
+    shifted = OakCamera("shifted", config, MonotonicClock())
+
+    async def body() -> None:
+        await shifted.open()
+        try:
+            await asyncio.sleep(0.8)
+            now = time.monotonic()
+            plain = {s.seq: s.t for s in subject.frames.between(0.0, now)}
+            moved = {s.seq: s.t for s in shifted.frames.between(0.0, now)}
+        finally:
+            await shifted.close()
+        both = plain.keys() & moved.keys()
+        assert both, "two readers see the same exposures"
+        assert [moved[k] - plain[k] for k in both] == pytest.approx([-0.02] * len(both), abs=2e-6)
+
+    opened(subject, body)
+
+
 @pytest.mark.parametrize("closed_first", [False, True], ids=["never opened", "closed"])
 def test_a_camera_that_is_not_open_says_so(subject: OakCamera, closed_first: bool) -> None:
     async def body() -> None:
