@@ -36,7 +36,7 @@ class CameraHead(Plant):
         """What a search for ``target`` finds in the exposure around ``t``; None when nothing."""
         if self._frozen_at is not None:
             t, tick = self._frozen_at, -1
-        if target is None or target != self.world.target:
+        if target is None or _told(target) != _told(self.world.target):
             return None
         T = self.world.scene(t).T_camera_target
         if T is None:
@@ -81,3 +81,8 @@ class CameraHead(Plant):
         self.world.operator.remove(self.clock.now())
         if duration_s is not None:
             self.later(duration_s, lambda: self.world.operator.put_back(self.clock.now()))
+
+
+def _told(target: dict[str, Any]) -> dict[str, Any]:
+    """A flag that is false and one that is left out are the same target."""
+    return {key: value for key, value in target.items() if value is not False}
