@@ -20,7 +20,7 @@ def _warm_up() -> None:
     """Die with the parent, leave signals to it, and import what solving needs before it is needed."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.nice(10)  # the loop, which watches the arm, comes first
+    os.nice(5)  # the loop, which watches the arm, comes first
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ[name] = "1"  # one BLAS thread: the same data give the same bits
 
