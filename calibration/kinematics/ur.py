@@ -8,11 +8,14 @@ import numpy as np
 import ur_analytic_ik
 from scipy.spatial.transform import RigidTransform
 
-from calibration.kinematics.chain import DhChain
+from calibration.kinematics.chain import DhChain, pose_gap
 from calibration.kinematics.inverse import distinct, nearest_turns, polish
 from calibration.kinematics.ur_models import ALPHA, JOINT_LIMITS, UR_MODELS, LinkRadii, UrModel
 from cell.arm_model import Capsule, LinkShape
 from cell.poses import Array
+
+_ALMOST_M, _ALMOST_RAD = 0.05, 0.3  # joints whose pose is this close may be continued to the goal
+_SAME_BRANCH_RAD = 0.1
 
 
 def _zeros() -> Array:
@@ -106,24 +109,34 @@ class UrArm:
 
     def inverse(self, T_base_flange: RigidTransform, q_near: Array) -> Array | None:
         near = np.asarray(q_near, dtype=float)
-        # The hint is a start too: next to a singular pose the closed form picks an arbitrary wrist angle.
-        candidates = [
-            turned
-            for q in self._solutions(T_base_flange, near[None])
-            if (turned := nearest_turns(q, near, JOINT_LIMITS)) is not None
-        ]
+        goal = np.ascontiguousarray(T_base_flange.as_matrix())
+        continued = self._continue(goal, near)
+        if len(continued) and np.max(np.abs(continued[0] - near)) < _SAME_BRANCH_RAD:
+            turned = nearest_turns(continued[0], near, JOINT_LIMITS)
+            if turned is not None:
+                return turned
+        found = (nearest_turns(q, near, JOINT_LIMITS) for q in (*continued, *self._branches(goal)))
+        candidates = [q for q in found if q is not None]
         return min(candidates, key=lambda q: float(np.linalg.norm(q - near)), default=None)
 
     def inverse_all(self, T_base_flange: RigidTransform) -> list[Array]:
-        found = self._solutions(T_base_flange, np.empty((0, 6)))
-        turned = [nearest_turns(q, np.zeros(6), JOINT_LIMITS) for q in found]
+        found = self._branches(np.ascontiguousarray(T_base_flange.as_matrix()))
+        turned = (nearest_turns(q, np.zeros(6), JOINT_LIMITS) for q in found)
         return [q for q in turned if q is not None]
 
-    def _solutions(self, T_base_flange: RigidTransform, more_starts: Array) -> list[Array]:
-        """Closed form for the published arm (Ostermeier and Jonas, ur-analytic-ik), polished on this one."""
-        goal = np.ascontiguousarray(T_base_flange.as_matrix())
+    def _continue(self, goal: Array, near: Array) -> Array:
+        """(0 or 1, 6): from joints that almost reach ``goal`` (4, 4).
+
+        Follows a line cheaply, and through poses where the closed form picks an arbitrary wrist angle.
+        """
+        gap = np.abs(pose_gap(goal[None], self._chain.frames(near[None])[:, -1]))[0]
+        if np.max(gap[:3]) > _ALMOST_M or np.max(gap[3:]) > _ALMOST_RAD:
+            return np.empty((0, 6))
+        return polish(self._chain, goal, near[None])
+
+    def _branches(self, goal: Array) -> list[Array]:
+        """Closed form for the published arm (ur-analytic-ik), polished on this one."""
         starts = np.array(self._closed_form.inverse_kinematics(goal), dtype=float).reshape(-1, 6)
-        starts = np.concatenate([more_starts, starts])
         return distinct(list(polish(self._chain, goal, starts))) if len(starts) else []
 
 

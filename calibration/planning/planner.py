@@ -113,33 +113,38 @@ class _Tour:
         wanted = [k for k in range(request.shape.poses) if k not in request.skip]
         self._lost = {k: fault for k in wanted if (fault := faults[k]) is not None}
         ring = _from_nearest([k for k in wanted if k not in self._lost], self._views, request.T_camera_target)
-        for k in ring:
-            self._visit(k, [self._model.inverse(self._flanges[k], self._here)])
-        # What was not reachable on the way may be from the other side, or with the arm on another branch.
-        again = [k for k in reversed(ring) if k in self._lost]
-        for tried, k in enumerate(again):
-            if len(self._visits) + len(again) - tried <= self._to_beat:
+        blocked = [k for k in ring if self._pass(k)]
+        # What was blocked on the way may be free from the other side, or with the arm on another branch.
+        for n, k in enumerate(reversed(blocked)):
+            if len(self._visits) + len(blocked) - n <= self._to_beat:
                 return
-            here = self._here
-            branches = self._model.inverse_all(self._flanges[k])
-            branches.sort(key=lambda q, here=here: float(np.linalg.norm(q - here)))  # type: ignore[misc]
-            self._visit(k, [self._model.inverse(self._flanges[k], here), *branches[:_OTHER_BRANCHES]])
+            branches = sorted(self._model.inverse_all(self._flanges[k]), key=self._distance)
+            self._visit(k, branches[:_OTHER_BRANCHES])
 
-    def _visit(self, k: int, solutions: Sequence[Array | None]) -> None:
-        reason = "out of the arm's reach or joint range"
+    def _pass(self, k: int) -> bool:
+        """Visit a pose in passing; True when something blocked it that may be got round."""
+        q = self._model.inverse(self._flanges[k], self._here)
+        if q is None:
+            self._lost[k] = "out of the arm's reach or joint range"
+            return False
+        return not self._visit(k, [q])
+
+    def _distance(self, q: Array) -> float:
+        return float(np.linalg.norm(q - self._here))
+
+    def _visit(self, k: int, solutions: Sequence[Array]) -> bool:
+        """Go to pose ``k`` by the first of the joint vectors that is free, or note why none is."""
         for q in solutions:
-            if q is None:
-                continue
             try:
                 self._checker(q, q)  # most poses fail where they are, and that is quickly known
                 self._checker(self._here, q)
             except CellError as exc:
-                reason = exc.detail
+                self._lost[k] = exc.detail
                 continue
             self._visits.append((k, q))
             self._lost.pop(k, None)
-            return
-        self._lost[k] = reason
+            return True
+        return False
 
     def _return(self) -> None:
         """Give up poses from the end until the way back to the start is free."""

@@ -38,14 +38,15 @@ def margins_of(q: Array, model: ArmModel, rules: Rules, ends: Array, joints: tup
     """The margins of ``q`` (6,) rad with the capsules ``ends`` (1, m, 2, 3)."""
     low, high = model.joint_limits.T
     room = np.minimum(q - low, high - q)
-    nearest = min(rules.keep_out(ends, within=np.inf), key=lambda f: f.slack_m, default=None)
+    boxes = (box.smallest() for box in rules.keep_out(ends, within=np.inf))
+    nearest = min(boxes, key=lambda f: f.slack_m, default=None)
     return PoseMargins(
         joint_rad=float(np.min(room)),
         joint=joints[int(np.argmin(room))],
         clearance_m=None if nearest is None else nearest.slack_m,
         clearance="" if nearest is None else nearest.text,
-        workspace_m=rules.workspace(ends).slack_m,
-        floor_m=rules.floor(ends).slack_m,
-        self_m=rules.self_contact(ends).slack_m,
+        workspace_m=rules.workspace(ends).smallest().slack_m,
+        floor_m=rules.floor(ends).smallest().slack_m,
+        self_m=rules.self_contact(ends).smallest().slack_m,
         singularity=float(np.linalg.svd(model.jacobian(q), compute_uv=False)[-1]),
     )

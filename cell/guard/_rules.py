@@ -1,5 +1,6 @@
-"""The geometric rules: each gives a slack in metres per joint vector; below zero the rule is broken."""
+"""The geometric rules: each gives slacks in metres, per sample and capsule; below zero the rule is broken."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +14,33 @@ from cell.poses import Array
 
 @dataclass(frozen=True)
 class Finding:
-    """The tightest spot of one rule: sample ``index``, ``slack_m`` (negative: broken), what and where."""
+    """The spot that decides: sample ``index``, ``slack_m`` (negative: broken), what and where in words."""
 
     index: int
     slack_m: float
     text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Slacks:
+    """One rule at n samples: ``values`` (n, k) m, and what each of the k columns is about."""
+
+    values: Array
+    texts: Sequence[str]
+
+    def smallest(self) -> Finding:
+        """The tightest spot."""
+        index, k = divmod(int(np.argmin(self.values)), self.values.shape[1])
+        return Finding(index, float(self.values[index, k]), self.texts[k])
+
+    def first_below(self, limit: Array) -> Finding | None:
+        """The tightest column at the first sample with a slack below its ``limit`` (n,), or None."""
+        below = np.flatnonzero((self.values < limit[:, None]).any(axis=1))
+        if not len(below):
+            return None
+        index = int(below[0])
+        k = int(np.argmin(self.values[index]))
+        return Finding(index, float(self.values[index, k]), self.texts[k])
 
 
 class Rules:
@@ -33,12 +56,13 @@ class Rules:
         # A workspace that begins above the base plate says where the tool may be, not that there is a floor.
         self._floor = min(float(np.min(self._low[:, 2])), 0.0)
 
-    def first_broken(self, ends: Array) -> Finding | None:
-        """The broken rule at the earliest sample, or None."""
-        found = (*self.keep_out(ends), self.workspace(ends), self.floor(ends), self.self_contact(ends))
-        return min((f for f in found if f.slack_m < 0.0), key=lambda f: f.index, default=None)
+    def first_broken(self, ends: Array, limit: Array) -> Finding | None:
+        """The rule broken earliest, with a slack below the ``limit`` (n,) of that sample, or None."""
+        rules = (*self.keep_out(ends), self.workspace(ends), self.floor(ends), self.self_contact(ends))
+        found = (rule.first_below(limit) for rule in rules)
+        return min((f for f in found if f is not None), key=lambda f: f.index, default=None)
 
-    def keep_out(self, ends: Array, within: float = 0.0) -> list[Finding]:
+    def keep_out(self, ends: Array, within: float = 0.0) -> list[Slacks]:
         """Every moving capsule outside every keep-out box; the base is bolted down and cannot run into one.
 
         Slacks above ``within`` are lower bounds from bounding boxes.
@@ -47,23 +71,23 @@ class Rules:
         radii = np.tile(self._body.radii[self._moving], len(ends))
         return [self._keep_out_of(box, segments, radii, within) for box in self._limits.keep_out]
 
-    def _keep_out_of(self, box: Box, segments: Array, radii: Array, within: float) -> Finding:
-        # Bounding boxes first: most capsules are nowhere near.
+    def _keep_out_of(self, box: Box, segments: Array, radii: Array, within: float) -> Slacks:
         gap = np.maximum(box.low - segments.max(axis=1), segments.min(axis=1) - box.high)
         slack = np.linalg.norm(np.maximum(gap, 0.0), axis=1) - radii
         close = np.flatnonzero(slack < within)
         exact = segment_box_distance(segments[close, 0], segments[close, 1], box.low, box.high)
         slack[close] = exact - radii[close]
-        return self._finding(slack.reshape(-1, len(self._moving)), self._moving, f"keep-out box '{box.name}'")
+        values = slack.reshape(-1, len(self._moving))
+        return Slacks(values, self._texts(self._moving, f"keep-out box '{box.name}'"))
 
-    def workspace(self, ends: Array) -> Finding:
+    def workspace(self, ends: Array) -> Slacks:
         """Wrist 3 and everything on the flange inside the union of the workspace boxes, surfaces included."""
         held = ends[:, self._held]
         radii = self._body.radii[self._held]
-        slack = np.empty(held.shape[:2])
+        values = np.empty(held.shape[:2])
         for k, radius in enumerate(radii):
-            slack[:, k] = self._depth_in_union(held[:, k], self._low + radius, self._high - radius)
-        return self._finding(slack, self._held, "the workspace")
+            values[:, k] = self._depth_in_union(held[:, k], self._low + radius, self._high - radius)
+        return Slacks(values, self._texts(self._held, "the workspace"))
 
     def _depth_in_union(self, segments: Array, low: Array, high: Array) -> Array:
         """(n,) m: depth in the best box; 0 where only several boxes together hold the segment (n, 2, 3)."""
@@ -76,30 +100,20 @@ class Rules:
             depth[out[joined]] = 0.0
         return depth
 
-    def floor(self, ends: Array) -> Finding:
+    def floor(self, ends: Array) -> Slacks:
         """The links that swing (not base and shoulder, whose height never changes) above the floor."""
-        slack = ends[:, self._swinging][..., 2].min(axis=2) - self._body.radii[self._swinging] - self._floor
-        return self._finding(slack, self._swinging, "the floor")
+        lowest = ends[:, self._swinging][..., 2].min(axis=2)
+        values = lowest - self._body.radii[self._swinging] - self._floor
+        return Slacks(values, self._texts(self._swinging, "the floor"))
 
-    def self_contact(self, ends: Array) -> Finding:
+    def self_contact(self, ends: Array) -> Slacks:
         """Wrist and tool clear of the arm's own base, shoulder, upper arm and forearm."""
         i, j = self._body.self_pairs.T
         a, b = ends[:, i].reshape(-1, 2, 3), ends[:, j].reshape(-1, 2, 3)
         distance = segment_segment_distance(a[:, 0], a[:, 1], b[:, 0], b[:, 1]).reshape(len(ends), -1)
-        slack = distance - self._body.radii[i] - self._body.radii[j]
-        index, pair = _tightest(slack)
         names = self._body.names
-        return Finding(
-            index, float(slack[index, pair]), f"'{names[j[pair]]}' and the arm's own '{names[i[pair]]}'"
-        )
+        texts = [f"'{names[q]}' and the arm's own '{names[p]}'" for p, q in self._body.self_pairs]
+        return Slacks(distance - self._body.radii[i] - self._body.radii[j], texts)
 
-    def _finding(self, slack: Array, capsules: NDArray[np.intp], what: str) -> Finding:
-        index, k = _tightest(slack)
-        return Finding(index, float(slack[index, k]), f"'{self._body.names[capsules[k]]}' and {what}")
-
-
-def _tightest(slack: Array) -> tuple[int, int]:
-    """Sample and column of the worst slack at the first broken sample, else of the smallest slack."""
-    broken = np.flatnonzero((slack < 0.0).any(axis=1))
-    index = int(broken[0]) if len(broken) else int(np.argmin(slack.min(axis=1)))
-    return index, int(np.argmin(slack[index]))
+    def _texts(self, capsules: NDArray[np.intp], what: str) -> list[str]:
+        return [f"'{self._body.names[k]}' and {what}" for k in capsules]

@@ -21,6 +21,7 @@ JOINTS = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
 
 SAMPLE_M = 0.01  # no point of the arm moves farther between two samples of a path
 _JUMP_RAD = 0.5  # a joint that turns this far within one sample of a line has changed its branch
+_MEASURED_M = 0.0005  # a path starts at *measured* joints: what was planned onto a face may leave it again
 _WRONG_ARM_M = 0.01  # the published model of a UR is within 3 mm of its factory calibration
 
 
@@ -39,13 +40,13 @@ class MotionGuard:
 
     def check_joints(self, q: Array) -> None:
         """Joint ranges and geometry at ``q`` (6,) rad."""
-        self._check(_six(q)[None], ["at this pose"])
+        self._check(_six(q)[None], ["at this pose"], np.zeros(1))
 
     def check_path_joints(self, q0: Array, q1: Array) -> None:
         """The straight joint path from ``q0`` to ``q1`` (6,) rad, ends included."""
         start, end = _six(q0), _six(q1)
         samples = self._joint_samples(start, end)
-        self._check(samples, _places(len(samples)))
+        self._check(samples, _places(len(samples)), _path_limit(len(samples)))
 
     def check_path_linear(
         self, T0: RigidTransform, T1: RigidTransform, q0: Array, speed_m_s: float | None = None
@@ -65,13 +66,13 @@ class MotionGuard:
         Q, step_s = self._follow_line(T0, T1, start, speed_m_s or self.limits.speed_m_s)
         fine = [self._joint_samples(a, b)[1:] for a, b in pairwise(Q)]
         samples = np.concatenate([Q[:1], *fine])
-        self._check(samples, _places(len(samples)))
+        self._check(samples, _places(len(samples)), _path_limit(len(samples)))
         self._check_line_speed(Q, step_s, speed_m_s or self.limits.speed_m_s)
 
     def check_setpoint(self, q: Array, qd: Array) -> None:
         """One set-point of a stream: geometry at ``q``, speeds of joints and TCP at ``qd`` (6,) rad/s."""
         joints, speeds = _six(q), _six(qd)
-        self._check(joints[None], ["at this set-point"])
+        self._check(joints[None], ["at this set-point"], np.array([-_MEASURED_M]))
         worst = int(np.argmax(np.abs(speeds)))
         if abs(speeds[worst]) > self.limits.joint_speed_rad_s * (1.0 + 1e-9):
             raise error(
@@ -93,9 +94,9 @@ class MotionGuard:
         joints = _six(q)
         return margins_of(joints, self.model, self._rules, self._body.ends(joints[None]), JOINTS)
 
-    def _check(self, Q: Array, places: list[str]) -> None:
+    def _check(self, Q: Array, places: list[str], slack_limit: Array) -> None:
         self._check_joint_range(Q, places)
-        finding = self._rules.first_broken(self._body.ends(Q))
+        finding = self._rules.first_broken(self._body.ends(Q), slack_limit)
         if finding is not None:
             raise _collision(finding, places[finding.index])
 
@@ -179,6 +180,13 @@ def _six(q: Array) -> Array:
 
 def _places(count: int) -> list[str]:
     return [f"at {100 * k / max(1, count - 1):.0f} %" for k in range(count)]
+
+
+def _path_limit(count: int) -> Array:
+    """Slack that each sample needs: none at the target, where the arm will rest."""
+    limit = np.full(count, -_MEASURED_M)
+    limit[-1] = 0.0
+    return limit
 
 
 def _collision(finding: Finding, place: str) -> CellError:

@@ -158,6 +158,18 @@ def test_a_tcp_may_touch_the_workspace_face() -> None:
     assert "gripper" in str(refusal(make_guard(workspace=[above]).check_joints, HOME))
 
 
+def test_a_path_may_leave_the_face_that_the_arm_stands_on_to_measuring_accuracy() -> None:
+    tip = (HOME_POSE * from_pose6([0, 0, 0.18, 0, 0, 0])).translation
+    subject = make_guard(workspace=[{"min": [-1.3, -1.3, tip[2] + 0.0002], "max": [1.3, 1.3, 1.8]}])
+    up = ARM.inverse(shifted(0, 0, 0.05), HOME)
+    assert up is not None
+    refusal(subject.check_joints, HOME)
+    subject.check_path_joints(HOME, up)
+    refusal(subject.check_path_joints, up, HOME)
+    lower = make_guard(workspace=[{"min": [-1.3, -1.3, tip[2] + 0.002], "max": [1.3, 1.3, 1.8]}])
+    refusal(lower.check_path_joints, HOME, up)
+
+
 def test_an_attachment_on_the_flange_counts_as_part_of_the_tool() -> None:
     arm_of_camera = Capsule(np.zeros(3), np.array([0.0, -0.5, 0.05]), 0.04, "camera")
     tool = Tool(from_pose6([0, 0, 0.18, 0, 0, 0]), 0.03, attachments=(arm_of_camera,))
