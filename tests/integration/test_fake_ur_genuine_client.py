@@ -69,7 +69,9 @@ EVERYTHING = """
     io.setStandardDigitalOut(3, True)
     io.setToolDigitalOut(1, True)
     io.setSpeedSlider(0.5)
-    time.sleep(0.05)
+    deadline = time.monotonic() + 3
+    while r.getSpeedScaling() != 0.5 and time.monotonic() < deadline:
+        time.sleep(0.01)
     seen["io"] = [r.getDigitalOutState(k) for k in (3, 17, 2)] + [r.getSpeedScaling()]
     io.setSpeedSlider(1.0)
 
@@ -82,7 +84,9 @@ EVERYTHING = """
     c.stopScript()
     seen["stopped"] = c.isProgramRunning()
     c.reuploadScript()
-    time.sleep(0.2)
+    deadline = time.monotonic() + 3
+    while not c.isProgramRunning() and time.monotonic() < deadline:
+        time.sleep(0.01)
     seen["reuploaded"] = c.isProgramRunning()
 """
 
