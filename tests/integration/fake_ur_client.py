@@ -167,6 +167,11 @@ def genuine(host: str, code: str, timeout: float = 40.0) -> dict[str, Any]:
         "from rtde_io import RTDEIOInterface\n"
         "from dashboard_client import DashboardClient\n"
         f"HOST, seen = {host!r}, {{}}\n"
+        # Control and receive are two connections: let the second catch up with the first.
+        "def caught_up(r):\n"
+        "    until, end = r.getTimestamp() + 0.05, time.monotonic() + 3\n"
+        "    while r.getTimestamp() < until and time.monotonic() < end: time.sleep(0.002)\n"
+        "    return r\n"
         + textwrap.dedent(code)
         + "\nsys.stderr.flush()\nos.write(1, b'\\n@@' + json.dumps(seen).encode())\nos._exit(0)\n"
     )
