@@ -38,7 +38,7 @@ class UrArm:
         self.name = name
         self.state: Stream[ArmState] = Stream(name, clock)
         self.feed = StateFeed(self.state, clock, config.time_offset_s)
-        self.lost: CellError | None = error("DEVICE_LOST", f"{name} is not connected")
+        self._failure: CellError | None = error("DEVICE_LOST", f"{name} is not connected")
         self.lost_at = clock.now()
         self._config, self._clock = config, clock
         self._link: RtdeLink | None = None
@@ -55,7 +55,7 @@ class UrArm:
     async def open(self) -> None:
         """Connect the state stream, the primary port and the dashboard; the robot's program is untouched."""
         await self.close()
-        self.lost = None
+        self._failure = None
         self._lost_future = asyncio.get_running_loop().create_future()
         try:
             await self._connect()
@@ -142,9 +142,9 @@ class UrArm:
         fault = self.fault()
         silence = self.feed.silence()
         return {
-            "connected": self.lost is None,
+            "connected": self._failure is None,
             "stale": silence > self._config.stale_after_s,
-            "age_s": silence if self.lost is None else None,
+            "age_s": silence if self._failure is None else None,
             "packages": self.state.received,
             "gaps": self.state.gaps,
             "repeated": self.feed.repeated,
@@ -179,9 +179,14 @@ class UrArm:
         if self.feed.runtime_state != STOPPED and not ours:
             raise error("ARM_PROGRAM_RUNNING", f"{self.name} has runtime state {self.feed.runtime_state}")
 
+    @property
+    def lost(self) -> CellError | None:
+        """What ended the link, or None while it is good; a new error each time, as it may be raised often."""
+        return None if self._failure is None else error(self._failure.name, self._failure.detail)
+
     def fault(self) -> CellError | None:
         """The coded error that the newest package shows, or None."""
-        if self.lost is not None:
+        if self._failure is not None:
             return self.lost
         finding = self.feed.finding
         if finding is not None:
@@ -269,7 +274,7 @@ class UrArm:
             self._remote = await link.in_remote_control(DASHBOARD_DEADLINE_S)
 
     async def _watch_silence(self) -> None:
-        while self.lost is None:
+        while self._failure is None:
             assert self._link is not None
             self._link.drain()
             if self.feed.silence() > self._config.lost_after_s:
@@ -280,7 +285,7 @@ class UrArm:
         """Ask for the mode switch ten times a second; a deaf dashboard forbids motion, but not reading."""
         link: Dashboard | None = None
         try:
-            while self.lost is None:
+            while self._failure is None:
                 try:
                     if link is None:
                         link = await Dashboard.connect(self._config.host, DASHBOARD_DEADLINE_S)
@@ -300,9 +305,9 @@ class UrArm:
 
     def _lose(self, failure: CellError) -> None:
         """The link is gone: say so once, and end motion, which nobody can watch any more."""
-        if self.lost is not None:
+        if self._failure is not None:
             return
-        self.lost, self.lost_at = failure, self._clock.now()
+        self._failure, self.lost_at = failure, self._clock.now()
         if self._lost_future is not None and not self._lost_future.done():
             self._lost_future.set_result(failure)
         if self._link is not None:
@@ -311,8 +316,8 @@ class UrArm:
             self._port.client.kill()
 
     def _require_link(self) -> None:
-        if self.lost is not None:
-            raise self.lost
+        if (failure := self.lost) is not None:
+            raise failure
 
     def _require_error(self) -> CellError:
         return self.lost or error("DEVICE_LOST", f"{self.name} was never opened")

@@ -172,8 +172,8 @@ class UrMotion:
         try:
             return await self.client.call(do, deadline_s, **arguments)
         except CellError as exc:
-            if self._arm.lost is not None:
-                raise self._arm.lost from exc
+            if (lost := self._arm.lost) is not None:
+                raise lost from exc
             raise
 
     async def _see_program_ended(self) -> None:

@@ -28,7 +28,9 @@ class ArmView(Protocol):
     """What a watch needs of the arm: its stream, its coded fault, and the error that ended its link."""
 
     state: Stream[ArmState]
-    lost: CellError | None
+
+    @property
+    def lost(self) -> CellError | None: ...
 
     def fault(self) -> CellError | None: ...
 

@@ -13,13 +13,12 @@ from cell.clock import MonotonicClock
 from cell.errors import CellError
 from drivers.ur import UrArm
 
-HOST, SPOILED_HOST = "127.0.0.20", "127.0.0.22"
 pytestmark = pytest.mark.wire
 
 
 @pytest.fixture(scope="module")
 def shared() -> Iterator[Rig]:
-    with Rig.running(HOST) as rig:
+    with Rig.running() as rig:
         yield rig
 
 
@@ -28,7 +27,7 @@ def rig(shared: Rig, request: pytest.FixtureRequest) -> Iterator[Rig]:
     """The module's controller, or one of its own for a test that spoils it."""
     call = getattr(request.node, "callspec", None)
     if call is not None and call.params.get("fault") in LASTING:
-        with Rig.running(SPOILED_HOST) as own:
+        with Rig.running() as own:
             yield own
     else:
         yield shared
@@ -38,7 +37,7 @@ def rig(shared: Rig, request: pytest.FixtureRequest) -> Iterator[Rig]:
 @pytest.fixture
 def own() -> Iterator[Rig]:
     """A controller that the test may spoil."""
-    with Rig.running(SPOILED_HOST) as rig:
+    with Rig.running() as rig:
         yield rig
 
 
@@ -160,7 +159,7 @@ def test_left_out_packages_are_counted(rig: Rig) -> None:
 )
 def test_a_broken_link_is_reported_with_its_code(rig: Rig, fault: str, name: str) -> None:
     async def scenario() -> None:
-        async with rig.connected() as subject:
+        async with rig.connected(lost_after_s=0.1) as subject:
             await subject.wait_fresh(1.0)
             await asyncio.to_thread(rig.inject, fault)
             async with asyncio.timeout(2.0):
@@ -171,7 +170,7 @@ def test_a_broken_link_is_reported_with_its_code(rig: Rig, fault: str, name: str
             assert subject.lost_at - last.t < 0.25
             assert isinstance(failure, CellError)
             assert failure.name == name
-            assert subject.fault() is failure
+            assert str(subject.fault()) == str(failure)
             with pytest.raises(CellError):
                 await subject.wait_fresh(0.1)
 
@@ -180,9 +179,8 @@ def test_a_broken_link_is_reported_with_its_code(rig: Rig, fault: str, name: str
 
 def test_silence_is_stale_before_it_is_lost(rig: Rig) -> None:
     async def scenario() -> None:
-        async with rig.connected(lost_after_s=1.0) as subject:
+        async with rig.connected(stale_after_s=0.02, lost_after_s=1.0) as subject:
             await subject.wait_fresh(1.0)
-            subject.check_movable()
             await asyncio.to_thread(rig.inject, "silence")
             await asyncio.sleep(0.05)
             with pytest.raises(CellError) as caught:
@@ -197,7 +195,10 @@ def test_a_controller_that_restarts_within_a_connection_is_found_out(own: Rig) -
     async def scenario() -> None:
         async with own.connected() as subject:
             await asyncio.sleep(0.2)
-            await asyncio.to_thread(own.inject, "clock-jump", s=-1e4)
+            await asyncio.to_thread(own.inject, "clock-jump", s=100.0)
+            await until(lambda: subject.state.latest(1.0).value.stamp > 100.0)
+            assert subject.lost is None
+            await asyncio.to_thread(own.inject, "clock-jump", s=-50.0)
             async with asyncio.timeout(2.0):
                 failure = await subject.wait_lost()
             assert isinstance(failure, CellError)
@@ -325,5 +326,5 @@ def test_other_controller_versions_are_read_and_moved(
             await port.close()
             assert subject.state.gaps < 10
 
-    with Rig.running(SPOILED_HOST, version=version, model=model) as rig:
+    with Rig.running(version=version, model=model) as rig:
         asyncio.run(scenario(rig))
