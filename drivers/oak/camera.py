@@ -15,7 +15,7 @@ from drivers.oak.protocol import Message, frame_from_json
 
 _TARGET_TIMEOUT_S = 5.0
 _CAPTURE_TIMEOUT_S = 5.0  # beside the time that the frames themselves take
-_FRAME_FILES_S = 0.5  # to write one frame on a slow disk
+_FRAME_FILES_S = 2.0  # to write one frame on a slow disk and a busy machine
 _FUTURE_S = 0.05  # a stamp further ahead than this is not of our clock
 _WATCH_PERIOD_S = 0.05
 

@@ -125,7 +125,8 @@ class VisionChild:
         self._link, self._make_target = link, make_target
         self._detector: Detector | None = None
         self._captures: list[Capture] = []
-        self._writer = ThreadPoolExecutor(2, thread_name_prefix="png")
+        # One thread: on a machine that is too busy, files come late before frames are missed.
+        self._writer = ThreadPoolExecutor(1, "png")
 
     def run(self) -> None:
         """Serve until the daemon closes; an error of opening leaves this method, a later one the process."""
