@@ -23,9 +23,21 @@ def timeline(journal: Iterable[Mapping[str, Any]]) -> str:
 
 
 def _what(entry: Mapping[str, Any]) -> str:
+    if entry.get("terminal"):
+        return _end(entry)
     parts = [str(entry[key]) for key in ("state", "event", "why") if entry.get(key)]
     parts += [f"{k}={_short(v)}" for k, v in entry.items() if k not in NOT_SHOWN and v is not None]
     return "  ".join(parts)
+
+
+def _end(entry: Mapping[str, Any]) -> str:
+    """The one terminal entry of a run."""
+    text = f"end: {entry.get('outcome')}"
+    if entry.get("verdict"):
+        text += f", verdict {entry['verdict']}"
+    if failure := entry.get("error"):
+        text += f", {failure['text']} ({failure['code']})"
+    return text
 
 
 def _short(value: Any) -> str:

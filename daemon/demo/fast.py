@@ -6,6 +6,7 @@ them. The clock's module offers ``run_virtual``, which runs a coroutine on the l
 
 import asyncio
 import importlib
+import logging
 import time
 from contextlib import AsyncExitStack
 from importlib.resources import files
@@ -39,13 +40,16 @@ def run_fast(folder: Path) -> int:
     out(f"Cellward demo, fast: {JOB} in one process. ETA under a minute.")
     out("Arm, camera and clock are virtual objects here: no process, no protocol and no Modbus is exercised.")
     folder.mkdir(parents=True, exist_ok=True)
+    logging.basicConfig(filename=folder / "fast.log", level=logging.INFO, force=True)
     config = load_config(_write_config(folder))
     assert config.cell.clock is not None
     module, _, name = config.cell.clock.partition(":")
     virtual = importlib.import_module(module)
     began = time.monotonic()
     run_id, truth, seconds = virtual.run_virtual(_run(config, getattr(virtual, name)()))
-    say(f"{seconds:.0f} s of the cell took {time.monotonic() - began:.1f} s")
+    say(
+        f"The log is {folder / 'fast.log'}. {seconds:.0f} s of the cell took {time.monotonic() - began:.1f} s"
+    )
     return conclude(Path(config.cell.state_dir) / "runs", run_id, truth)
 
 

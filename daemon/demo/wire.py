@@ -24,6 +24,7 @@ from daemon.demo.plc import POLL_S, Plc
 SCENARIO = "hand_eye"
 JOB, JOB_NUMBER = "cone-capture", 1
 ETA = "about 4 minutes: 3 placements of the board, 20 arm poses each, in real time"
+NEEDED_PORTS = (29999, 30001, 30003, 30004, 5020)  # dashboard, primary, script, RTDE; Modbus
 TWIN_START_S = 60.0
 DAEMON_START_S = 90.0
 JOB_DEADLINE_S = 15 * 60.0
@@ -113,10 +114,30 @@ def _operator_places(plc: Plc, folder: Path, placement: int) -> None:
 @contextmanager
 def _twin(folder: Path, config: Path) -> Iterator[Child]:
     config.unlink(missing_ok=True)
-    command = [str(console_script("cellward-twin")), "--scenario", SCENARIO, "--out", str(folder)]
+    where = ["--bind", _free_address(), "--out", str(folder)]
+    command = [str(console_script("cellward-twin")), "--scenario", SCENARIO, *where]
     with Child("twin", command, folder / "twin.log") as twin:
         twin.wait_for(config.exists, "cell.toml", TWIN_START_S)
         yield twin
+
+
+def _free_address() -> str:
+    """A loopback address on which nobody, such as another twin, uses a port that the demo needs."""
+    for number in range(2, 10):
+        address = f"127.0.0.{number}"
+        if all(_can_listen(address, port) for port in NEEDED_PORTS):
+            return address
+    raise error("NOT_NOW", "on 127.0.0.2 to 127.0.0.9 the ports of the twin are in use; stop a twin first")
+
+
+def _can_listen(address: str, port: int) -> bool:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((address, port))
+        except OSError:
+            return False
+    return True
 
 
 @contextmanager
