@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from calibration.hand_eye.pnp import View, refine, start_poses
+from calibration.hand_eye.pnp import solve_pnp
+from calibration.hand_eye.views import View
 from cell.devices import Intrinsics
 from cell.poses import Array
 
@@ -88,10 +89,10 @@ def worse_than_noise(rms_given: float, rms_free: float) -> bool:
 
 def reprojection_rms(views: Sequence[View], camera: Intrinsics) -> float:
     """RMS distance in pixels over all corners, each view with its own best pose."""
-    guesses = [start_poses(v, camera)[0] for v in views]
-    poses = refine(views, np.stack(guesses), camera)
+    poses, owner = solve_pnp(views, camera)
+    best = poses.take(np.unique(owner, return_index=True)[1])
     count = sum(float(v.count.sum()) for v in views)
-    return float(np.sqrt(poses.sse.sum() / count))
+    return float(np.sqrt(best.sse.sum() / count))
 
 
 def estimate_intrinsics(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.hand_eye import se3
-from calibration.hand_eye.normal import Linearised, assemble, assemble_vector, solve_normal
+from calibration.hand_eye.normal import Linearised, gathered, own_normal
 from cell.poses import Array
 
 FOLDS = 5
@@ -55,9 +55,8 @@ def held_out(lin: Linearised, weight: Array) -> LeftOut:
 def leave_out(lin: Linearised, weight: Array, parts: Sequence[NDArray[np.int64]]) -> LeftOut:
     """Judge each part by the solution without it; observations whose group is lost with it are skipped."""
     problem = lin.problem
-    JtP = np.swapaxes(lin.J, 1, 2) @ weight
-    own, own_g = JtP @ lin.J, (JtP @ lin.r[..., None])[..., 0]
-    N, g = assemble(problem, own), assemble_vector(problem, own_g)
+    own, g = own_normal(lin, weight)
+    everything = gathered(own, g, problem.group, problem.groups)
     size = np.bincount(problem.group, minlength=problem.groups)
     rows, t, r = [], [], []
     for part in parts:
@@ -66,11 +65,8 @@ def leave_out(lin: Linearised, weight: Array, parts: Sequence[NDArray[np.int64]]
         rest = problem.n - len(part)
         if not len(judged) or 6 * rest < 6 + 6 * np.count_nonzero(left) + 6:
             continue
-        mask = np.zeros(problem.n, dtype=bool)
-        mask[part] = True
-        kept = N - assemble(problem, own * mask[:, None, None])
-        step = -solve_normal(kept, g - assemble_vector(problem, own_g * mask[:, None]))
-        at = lin.at.moved(step)
+        out = gathered(own[part], g[part], problem.group[part], problem.groups)
+        at = lin.at.moved(-(everything - out).solve())
         mine = se3.inverse(problem.G[judged]) @ at.X @ problem.C[judged]
         distance = pose_distances(mine, at.W[problem.group[judged]])
         rows.append(judged)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.hand_eye import se3
-from calibration.hand_eye.normal import Linearised, assemble, covariance
-from calibration.hand_eye.problem import Groups, flange_adjoint
+from calibration.hand_eye.normal import Linearised, normal
+from calibration.hand_eye.problem import flange_adjoint
 from cell.poses import Array
 
 PARTS = ("sigma_px", "sigma_flange_t", "sigma_flange_r", "sigma_pose_t", "sigma_pose_r")
@@ -145,17 +145,13 @@ def _score(lin: Linearised, parts: Array, square: Array, names: tuple[str, ...])
     """
     problem = lin.problem
     P = inverse_spd(np.tensordot(square, parts, axes=1))
-    PJ = P @ lin.J
-    Jt = np.swapaxes(lin.J, 1, 2)
-    cov = covariance(assemble(problem, Jt @ PJ))
-    g = np.zeros((problem.groups + 1, 6))
-    own = (np.swapaxes(PJ, 1, 2) @ lin.r[..., None])[..., 0]
-    g[0] = own[:, :6].sum(axis=0)
-    np.add.at(g[1:], problem.group, own[:, 6:])
-    delta = -(cov @ g.ravel()).reshape(-1, 6)
+    equations = normal(lin, P)
+    delta = -equations.solve()
+    own = equations.covariance().own[problem.group]
     mine = np.concatenate([np.broadcast_to(delta[0], (problem.n, 6)), delta[1:][problem.group]], axis=1)
     Pr = (P @ (lin.r + (lin.J @ mine[..., None])[..., 0])[..., None])[..., 0]
-    R = P - PJ @ own_blocks(problem.group, cov) @ np.swapaxes(PJ, 1, 2)
+    PJ = P @ lin.J
+    R = P - PJ @ own @ np.swapaxes(PJ, 1, 2)
     RV = R @ (parts * square[:, None, None, None])
     trace = np.einsum("knii->k", RV)
     quadratic = np.einsum("ni,knij,nj->k", Pr, parts, Pr, optimize=True) * square
@@ -168,19 +164,6 @@ def _score(lin: Linearised, parts: Array, square: Array, names: tuple[str, ...])
         score[i] += 0.5 * (float(problem.sse.sum()) / square[i] - dof)
         info[i, i] += 0.5 * dof
     return score, info
-
-
-def own_blocks(group: Groups, cov: Array) -> Array:
-    """The (n, 12, 12) blocks over X and the own group's W of a (p, p) matrix."""
-    p = len(cov) // 6
-    blocks = cov.reshape(p, 6, p, 6)
-    out = np.empty((len(group), 12, 12))
-    k = group + 1
-    out[:, :6, :6] = blocks[0, :, 0]
-    out[:, :6, 6:] = np.moveaxis(blocks[0], 1, 0)[k]
-    out[:, 6:, :6] = blocks[:, :, 0][k]
-    out[:, 6:, 6:] = blocks[k, :, k]
-    return out
 
 
 def _thinned(lin: Linearised, count: int) -> Linearised:

@@ -50,17 +50,11 @@ def axes_frame(setup: Setup) -> str:
 
 def rotations(problem: Problem) -> Rotations:
     """Scatter of the arm's rotations about the mean of their group."""
-    scatter = np.zeros((3, 3))
-    count = 0
-    for g in range(problem.groups):
-        R = problem.G[problem.group == g][:, :3, :3]
-        mean = se3.mean_rotation(R)
-        T = np.tile(np.eye(4), (len(R), 1, 1))
-        T[:, :3, :3] = R @ mean.T
-        w = se3.log(T)[:, 3:]
-        scatter += w.T @ w
-        count += len(R)
-    values, axes = np.linalg.eigh(scatter / max(count, 1))
+    member = (problem.group == np.arange(problem.groups)[:, None]).astype(float)
+    R = problem.G[:, :3, :3]
+    means = se3.nearest_rotation((member @ R.reshape(-1, 9)).reshape(-1, 3, 3))
+    w = se3.rotation_vectors(R @ np.swapaxes(means[problem.group], 1, 2))
+    values, axes = np.linalg.eigh(w.T @ w / max(problem.n, 1))
     return Rotations(np.sqrt(np.maximum(values[::-1], 0.0)), axes[:, ::-1])
 
 
@@ -117,36 +111,19 @@ def still_pairs(problem: Problem, limit: float = 0.0087) -> list[tuple[int, int,
     return [(int(k), int(k) + 1, float(angle[k])) for k in rows]
 
 
-def angle_mismatch(problem: Problem) -> float:
-    """Median difference (rad) of the angles that arm and camera turned by between neighbours of a group.
-
-    It does not depend on X: when it is large the flange poses do not belong to the images.
-    """
-    i = np.flatnonzero(problem.group[:-1] == problem.group[1:])
-    if len(i) == 0:
-        return 0.0
-    turned = []
-    for T in (problem.G, problem.C):
-        trace = np.sum(T[i, :3, :3] * T[i + 1, :3, :3], axis=(1, 2))
-        turned.append(np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0)))
-    return float(np.median(np.abs(turned[0] - turned[1])))
-
-
 def _distinct(problem: Problem) -> int:
-    """Number of poses that differ, counted inside each group."""
+    """Number of poses that differ, counted inside each group up to eight."""
     count = 0
     for g in range(problem.groups):
-        kept: list[Array] = []
-        for G in problem.G[problem.group == g]:
-            if len(kept) < 8 and all(_apart(G, other) for other in kept):
-                kept.append(G)
-        count += len(kept)
+        G = problem.G[problem.group == g]
+        for _ in range(8):
+            if not len(G):
+                break
+            count += 1
+            shift = np.linalg.norm(G[:, :3, 3] - G[0, :3, 3], axis=1)
+            turn = np.linalg.norm(G[:, :3, :3] - G[0, :3, :3], axis=(1, 2)) / np.sqrt(2.0)
+            G = G[(shift > _SAME_T) | (turn > _SAME_R)]
     return count
-
-
-def _apart(A: Array, B: Array) -> bool:
-    xi = se3.log(A @ se3.inverse(B))
-    return bool(np.linalg.norm(xi[:3]) > _SAME_T or np.linalg.norm(xi[3:]) > _SAME_R)
 
 
 def _rolls_with_target(problem: Problem) -> bool:

@@ -70,8 +70,8 @@ class Estimate:
     W: Array
 
     def moved(self, delta: Array) -> "Estimate":
-        """By (6 + 6 g,): X first, then each W, perturbations on the right."""
-        steps = se3.exp(delta.reshape(-1, 6))
+        """By (1 + g, 6): X first, then each W, perturbations on the right."""
+        steps = se3.exp(delta)
         return Estimate(self.X @ steps[0], self.W @ steps[1:])
 
 

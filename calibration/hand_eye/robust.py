@@ -9,11 +9,12 @@ from scipy.stats import f as f_distribution
 
 from calibration.hand_eye.closed_form import closed_form, group_poses
 from calibration.hand_eye.noise import Noise, first_noise, reml, weights
-from calibration.hand_eye.normal import Linearised, gauss_newton, linearise
+from calibration.hand_eye.normal import Linearised, linearise, minimise, squared_distances
 from calibration.hand_eye.problem import Estimate, Problem
 from cell.poses import Array
 
 _TUKEY = 4.685  # 95 % efficient for normal errors
+_ROUNDS = 8
 _CHANCE = 1e-3  # of rejecting any good observation of the set
 _MEDIAN = 5.348  # median of chi-square with six degrees of freedom
 
@@ -31,31 +32,31 @@ class RobustFit:
 
 def robust_fit(problem: Problem, given: Mapping[str, float], start: Estimate | None = None) -> RobustFit:
     """Solve, find blunders, solve again without them; noise levels follow the used observations."""
-    start = start or closed_form(problem)
-    lin, noise = _tukey(problem, start, given)
+    lin, noise = _tukey(problem, start or closed_form(problem), given)
     squared = _squared(lin, noise)
     used = squared < _limit(problem, squared, trusted=False)
-    for _ in range(8):
+    for _ in range(_ROUNDS):
         used = _with_enough(problem, used)
-        part, at = _restrict(problem, used, lin.at)
-        fit = linearise(part, at)
-        noise = reml(fit, noise)
-        fit = gauss_newton(part, at, weights(fit, noise))
-        noise = reml(fit, noise)
-        lin = linearise(problem, _widen(problem, used, fit.at))
+        fit, noise = _plain(_restrict(lin, used), noise)
+        lin = fit if used.all() else linearise(problem, _widen(problem, used, fit.at))
         squared = _squared(lin, noise)
-        again = squared < _limit(part, squared[used], trusted=True)
+        again = squared < _limit(fit.problem, squared[used], trusted=True)
         if np.array_equal(again, used):
             break
         used = again
-    part, at = _restrict(problem, used, lin.at)
-    fit = linearise(part, at)
-    fit = gauss_newton(part, at, weights(fit, noise))
     return RobustFit(fit, noise, used, np.sqrt(squared / 6.0))
 
 
+def _plain(lin: Linearised, noise: Noise) -> tuple[Linearised, Noise]:
+    """Noise levels and solution of the observations in ``lin``, in turn until both agree."""
+    for _ in range(2):
+        noise = reml(lin, noise)
+        lin = minimise(lin, weights(lin, noise))
+    return lin, noise
+
+
 def _squared(lin: Linearised, noise: Noise) -> Array:
-    return np.asarray(np.sum(lin.r * (weights(lin, noise) @ lin.r[..., None])[..., 0], axis=1))
+    return squared_distances(lin.r, weights(lin, noise))
 
 
 def _limit(problem: Problem, squared: Array, trusted: bool) -> float:
@@ -74,13 +75,13 @@ def _tukey(problem: Problem, at: Estimate, given: Mapping[str, float]) -> tuple[
     """A few re-weighted solutions with a scale from the median, so that half the data may be wrong."""
     lin = linearise(problem, at)
     noise = first_noise(lin, given)
-    for _ in range(5):
+    for _ in range(4):
         P = weights(lin, noise)
-        squared = np.sum(lin.r * (P @ lin.r[..., None])[..., 0], axis=1)
+        squared = squared_distances(lin.r, P)
         scale = max(float(np.median(squared)) / _MEDIAN, 1e-12)
         u = squared / scale / (_TUKEY**2 * 6.0)
         tukey = np.where(u < 1.0, (1.0 - u) ** 2, 1e-9)
-        lin = gauss_newton(problem, lin.at, P * tukey[:, None, None], iterations=2)
+        lin = minimise(lin, P * tukey[:, None, None], iterations=1)
     return lin, noise
 
 
@@ -89,9 +90,11 @@ def _with_enough(problem: Problem, used: NDArray[np.bool_]) -> NDArray[np.bool_]
     return used if np.count_nonzero(used) >= max(3, (problem.n + 1) // 2) else np.ones_like(used)
 
 
-def _restrict(problem: Problem, used: NDArray[np.bool_], at: Estimate) -> tuple[Problem, Estimate]:
-    kept = np.unique(problem.group[used])
-    return problem.take(used), Estimate(at.X, at.W[kept])
+def _restrict(lin: Linearised, used: NDArray[np.bool_]) -> Linearised:
+    if used.all():
+        return lin
+    at = Estimate(lin.at.X, lin.at.W[np.unique(lin.problem.group[used])])
+    return Linearised(lin.problem.take(used), at, lin.r[used], lin.predicted[used], lin.J[used])
 
 
 def _widen(problem: Problem, used: NDArray[np.bool_], at: Estimate) -> Estimate:

@@ -72,8 +72,7 @@ def exp(xi: Array) -> Array:
 
 def log(T: Array) -> Array:
     """Vectors (..., 6) of poses; rotations up to pi."""
-    shape = T.shape[:-2]
-    w = np.asarray(Rotation.from_matrix(T[..., :3, :3].reshape(-1, 3, 3)).as_rotvec()).reshape(*shape, 3)
+    w = rotation_vectors(T[..., :3, :3])
     W = hat(w)
     angle2 = np.sum(w**2, -1)
     sinc, versine, _ = _left_jacobian_terms(angle2)
@@ -82,6 +81,22 @@ def log(T: Array) -> Array:
     factor = np.where(small, 1.0 / 12.0 + angle2 / 720.0, (1.0 - sinc / (2.0 * versine)) / safe)
     inv = np.eye(3) - 0.5 * W + factor[..., None, None] * (W @ W)
     return np.concatenate([(inv @ T[..., :3, 3:])[..., 0], w], axis=-1)
+
+
+def rotation_vectors(R: Array) -> Array:
+    """Rotation vectors (..., 3) of rotations (..., 3, 3)."""
+    axis = np.stack(
+        [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1
+    )
+    sine = 0.5 * np.sqrt(np.sum(axis**2, -1))
+    cosine = 0.5 * (R[..., 0, 0] + R[..., 1, 1] + R[..., 2, 2] - 1.0)
+    angle = np.arctan2(sine, cosine)
+    small = sine < 1e-6
+    w = np.asarray(axis * np.where(small, 0.5, 0.5 * angle / np.where(small, 1.0, sine))[..., None])
+    turned = cosine < -0.9  # the axis fades from R - R^T as the angle comes near pi
+    if np.any(turned):
+        w[turned] = Rotation.from_matrix(R[turned]).as_rotvec()
+    return w
 
 
 def right_jacobian_inverse(xi: Array) -> Array:
@@ -103,10 +118,17 @@ def mean_pose(T: Array) -> Array:
 
 def mean_rotation(R: Array) -> Array:
     """Karcher mean (3, 3) of (n, 3, 3): the rotation from which the logarithms add up to zero."""
-    mean = Rotation.from_matrix(R).mean()
+    mean = nearest_rotation(R.sum(axis=0))
     for _ in range(20):
-        step = (mean.inv() * Rotation.from_matrix(R)).as_rotvec().mean(axis=0)
-        mean = mean * Rotation.from_rotvec(step)
+        step = rotation_vectors(mean.T @ R).mean(axis=0)
+        mean = mean @ Rotation.from_rotvec(step).as_matrix()
         if np.linalg.norm(step) < 1e-13:
             break
-    return np.asarray(mean.as_matrix())
+    return mean
+
+
+def nearest_rotation(M: Array) -> Array:
+    """The rotations (..., 3, 3) nearest to matrices, by singular values (Umeyama 1991)."""
+    U, _, Vt = np.linalg.svd(M)
+    U[..., :, 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
+    return np.asarray(U @ Vt)

@@ -10,11 +10,12 @@ from scipy.stats import chi2
 from calibration.hand_eye import se3
 from calibration.hand_eye.ambiguity import candidates, choose
 from calibration.hand_eye.noise import Noise, weights
-from calibration.hand_eye.normal import covariance, information
+from calibration.hand_eye.normal import normal, squared_distances
 from calibration.hand_eye.observability import Refusal, refuse
-from calibration.hand_eye.pnp import View, solve_pnp
+from calibration.hand_eye.pnp import solve_pnp
 from calibration.hand_eye.problem import Estimate, Groups, Problem, Setup
 from calibration.hand_eye.robust import robust_fit
+from calibration.hand_eye.views import View
 from cell.devices import Intrinsics
 from cell.poses import Array
 
@@ -96,15 +97,15 @@ def solve(
     fit = robust_fit(part, given_noise)
     used = fit_rows.copy()
     used[fit_rows] = fit.used
-    refusal = refuse(problem.take(used), fit.noise.sigma.get("sigma_flange_r", 0.0))
+    if not fit.used.all():
+        refusal = refuse(part.take(fit.used), given_noise.get("sigma_flange_r", 0.0))
     if refusal is not None:
         return refusal
     P = weights(fit.lin, fit.noise)
-    squared = float(np.sum(fit.lin.r * (P @ fit.lin.r[..., None])[..., 0]))
+    squared = float(squared_distances(fit.lin.r, P).sum())
     left = 6 * fit.lin.problem.n - 6 - 6 * fit.lin.problem.groups
     excess = squared / left if left > 0 and squared > chi2.isf(1e-3, left) else 1.0
-    cov = excess * covariance(information(fit.lin, P)[0])
-    blocks = cov.reshape(len(cov) // 6, 6, -1, 6)
+    cov = normal(fit.lin, P).covariance()
     distance = np.full(problem.n, np.nan)
     distance[fit_rows] = fit.distance
     for i in np.flatnonzero(fit_rows & ~used):
@@ -117,8 +118,8 @@ def solve(
         reasons=reasons,
         at=fit.lin.at,
         groups=np.unique(problem.group[used]),
-        cov=cov[:6, :6],
-        cov_W=np.stack([blocks[k, :, k] for k in range(1, len(blocks))]),
+        cov=excess * cov.X,
+        cov_W=excess * cov.own[:, 6:, 6:],
         noise=fit.noise,
         excess=excess,
         distance=distance,
@@ -133,15 +134,16 @@ def weak_views(problem: Problem) -> dict[int, str]:
     reasons: dict[int, str] = {}
     turn = np.sqrt(np.trace(problem.cov_px[seen, 3:, 3:], axis1=1, axis2=2))
     rms = np.sqrt(problem.sse[seen] / (problem.dof[seen] + 6.0))
-    for k, i in enumerate(seen):
-        ratio, fit = turn[k] / np.median(turn), rms[k] / max(float(np.median(rms)), 0.02)
+    ratios, fits = turn / np.median(turn), rms / max(float(np.median(rms)), 0.02)
+    for k in np.flatnonzero((ratios > _WEAK) | (fits > _BAD_FIT)):
+        i, ratio, fit = seen[k], ratios[k], fits[k]
         if ratio > _WEAK:
             corners = int(problem.dof[i] + 6) // 2
             reasons[int(i)] = (
                 f"weak view: with {corners} corners its target pose is {ratio:.1f} times less certain than "
                 "the median"
             )
-        elif fit > _BAD_FIT:
+        else:
             reasons[int(i)] = (
                 f"corners do not fit the target: {rms[k]:.2f} px RMS, {fit:.1f} times the median"
             )

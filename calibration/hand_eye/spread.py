@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.hand_eye import se3
-from calibration.hand_eye.normal import covariance, gauss_newton, information, linearise
+from calibration.hand_eye.normal import gathered, gauss_newton, linearise, normal, own_normal
 from calibration.hand_eye.problem import Estimate, Problem
 from cell.poses import Array
 
@@ -75,7 +75,7 @@ def placements(problem: Problem, at: Estimate, weight: Array, perfect: Array) ->
             continue
         part = problem.take(rows)
         own = gauss_newton(part, Estimate(at.X, at.W[g : g + 1]), weight[rows], iterations=3)
-        alone = _certain(covariance(information(own, weight[rows])[0]))
+        alone = _certain(normal(own, weight[rows]).covariance().own[0])
         start = own.at if alone else Estimate(at.X, at.W[g : g + 1])
         X, maps, skipped = _triples(part, start, weight[rows])
         out.append(Placement(g, X, maps, perfect[rows], skipped, own.at.X if alone else None))
@@ -87,14 +87,14 @@ def _triples(problem: Problem, start: Estimate, weight: Array) -> tuple[Array, A
     n = problem.n
     lin = linearise(problem, start)
     JtP = np.swapaxes(lin.J, 1, 2) @ weight
-    own = JtP @ lin.J
+    own, g = own_normal(lin, weight)
     X, maps = [], []
     for i in range(n if n > 3 else 1):
         rows = np.array([i, (i + 1) % n, (i + 2) % n])
-        cov = covariance(own[rows].sum(axis=0))
+        cov = gathered(own[rows], g[rows], problem.group[rows], 1).covariance().own[0]
         if not _certain(cov):
             continue
-        gain = np.stack([-cov[:6] @ JtP[k] for k in rows])
+        gain = -cov[:6] @ JtP[rows]
         step = np.einsum("kab,kb->a", gain, lin.r[rows])
         X.append(start.X @ se3.exp(step))
         K = np.zeros((n, 6, 6))

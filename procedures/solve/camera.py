@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.hand_eye.pnp import View, start_poses, undistort
+from calibration.hand_eye.pnp_start import start_poses
+from calibration.hand_eye.views import View, undistort
 from calibration.intrinsics import EstimatedIntrinsics, check_intrinsics, estimate_intrinsics
 from cell.devices import Intrinsics
 from cell.errors import error
@@ -89,7 +90,7 @@ def check_views(loaded: CaptureSet, camera: Intrinsics | None) -> None:
             continue
         if view.start is not None and not _plausible(view, camera):
             view = loaded.views[k] = View(view.points, view.corners, view.count)
-        if not start_poses(view, camera):
+        if not len(start_poses([view], camera)[0]):
             loaded.views[k] = None
             loaded.unusable[k] = "no pose of the target before the camera explains the corners"
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.hand_eye import se3
-from calibration.hand_eye.pnp import View
+from calibration.hand_eye.views import View
 from calibration.targets import Target, make_target
 from cell.devices import Intrinsics
 from cell.errors import error

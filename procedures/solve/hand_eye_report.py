@@ -11,10 +11,10 @@ from calibration.hand_eye.leave_out import held_out, leave_one_out, pose_distanc
 from calibration.hand_eye.noise import weights
 from calibration.hand_eye.normal import Linearised, linearise
 from calibration.hand_eye.observability import rotations, still_pairs
-from calibration.hand_eye.pnp import undistort
 from calibration.hand_eye.problem import Problem
 from calibration.hand_eye.solution import Measurements, Solution
 from calibration.hand_eye.spread import Placement, placements, spread_across, spread_within
+from calibration.hand_eye.views import undistort
 from cell.formats.result import Result, Warning_
 from cell.poses import Array, to_pose6
 from procedures.solve.camera import CameraChoice

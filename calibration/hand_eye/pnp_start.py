@@ -1,0 +1,107 @@
+"""First guesses of a target's pose, for all images at once.
+
+A plane's pose comes from its homography (direct linear transform, Hartley and Zisserman 4.1), and a second
+guess from mirroring its normal in the line of sight, which is where the other minimum of a small or distant
+plane lies (Schweighofer and Pinz 2006). Targets that are not planar go through SQPnP (OpenCV).
+"""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.hand_eye import se3
+from calibration.hand_eye.views import View, undistort
+from cell.devices import Intrinsics
+from cell.poses import Array
+
+
+def start_poses(views: Sequence[View], camera: Intrinsics) -> tuple[Array, NDArray[np.int64]]:
+    """Guesses (k, 4, 4) of T_camera_target and the view (k,) each belongs to.
+
+    The view's own start if it has one, else two for a planar target and one for another. A view that no pose
+    before the camera explains has none.
+    """
+    n = len(views)
+    ideal = [undistort(v.corners, camera) if v.start is None else None for v in views]
+    flat = np.array([v.start is None and _is_planar(v.points) for v in views], dtype=bool)
+    guesses: list[list[Array]] = [[] if v.start is None else [v.start] for v in views]
+    rows = np.flatnonzero(flat)
+    for m in np.unique([len(views[i].points) for i in rows]):
+        same = [int(i) for i in rows if len(views[i].points) == m]
+        points = np.stack([views[i].points for i in same])
+        found = _from_planes(points, np.stack([ideal[i] for i in same if ideal[i] is not None]))
+        for i, pair in zip(same, found, strict=True):
+            guesses[i] = [T for T in pair if np.all(np.isfinite(T)) and T[2, 3] > 0.0]
+    for i in range(n):
+        seen = ideal[i]
+        if seen is not None and not flat[i]:
+            guesses[i] = _from_space(views[i].points, seen)
+    owner = np.repeat(np.arange(n), [len(g) for g in guesses])
+    return np.array([T for g in guesses for T in g]).reshape(-1, 4, 4), owner
+
+
+def _is_planar(points: Array) -> bool:
+    """Whether all points lie in one plane; the usual z = 0 is seen at once."""
+    if not np.any(points[:, 2]):
+        return True
+    extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(extent[2] < 1e-6 * extent[0])
+
+
+def _from_planes(points: Array, ideal: Array) -> Array:
+    """Two poses (k, 2, 4, 4) each from planar points (k, m, 3) and ideal coordinates (k, m, 2)."""
+    centre = points.mean(axis=1)
+    spread = points - centre[:, None]
+    _, axes = np.linalg.eigh(np.swapaxes(spread, 1, 2) @ spread)
+    frame = axes[:, :, ::-1].copy()  # columns: the plane's two directions, then its normal
+    frame[:, :, 2] *= np.sign(np.linalg.det(frame))[:, None]
+    plane = (spread @ frame)[..., :2]
+    size = np.sqrt(np.mean(plane**2, axis=(1, 2)))
+    middle = ideal.mean(axis=1)
+    scale = np.sqrt(np.mean((ideal - middle[:, None]) ** 2, axis=(1, 2)))
+    H = _homographies(plane / size[:, None, None], (ideal - middle[:, None]) / scale[:, None, None])
+    lift = np.zeros((len(H), 3, 3))
+    lift[:, 0, 0] = lift[:, 1, 1] = scale
+    lift[:, :2, 2], lift[:, 2, 2] = middle, 1.0
+    H = lift @ H
+    H[:, :, :2] /= size[:, None, None]
+    H *= np.sign(H[:, 2, 2])[:, None, None]
+    norm = np.sqrt(np.linalg.norm(H[:, :, 0], axis=1) * np.linalg.norm(H[:, :, 1], axis=1))
+    H = H / norm[:, None, None]
+    t = H[:, :, 2]
+    R = np.stack([H[:, :, 0], H[:, :, 1], np.cross(H[:, :, 0], H[:, :, 1])], axis=2)
+    R = se3.nearest_rotation(R)
+    sight = t / np.linalg.norm(t, axis=1, keepdims=True)
+    half_turn = 2.0 * sight[:, :, None] * sight[:, None, :] - np.eye(3)
+    mirrored = half_turn @ R @ np.diag([-1.0, -1.0, 1.0])
+    out = np.zeros((len(H), 2, 4, 4))
+    for k, turned in enumerate((R, mirrored)):
+        whole = turned @ np.swapaxes(frame, 1, 2)
+        out[:, k, :3, :3] = whole
+        out[:, k, :3, 3] = t - (whole @ centre[..., None])[..., 0]
+    out[..., 3, 3] = 1.0
+    return out
+
+
+def _homographies(plane: Array, ideal: Array) -> Array:
+    """H (k, 3, 3) with ``ideal ~ H plane`` from (k, m, 2) each, both of unit size about zero."""
+    k, m, _ = plane.shape
+    p = np.concatenate([plane, np.ones((k, m, 1))], axis=2)
+    A = np.zeros((k, 2, m, 9))
+    A[:, 0, :, :3] = A[:, 1, :, 3:6] = p
+    A[:, 0, :, 6:], A[:, 1, :, 6:] = -ideal[..., :1] * p, -ideal[..., 1:] * p
+    A = A.reshape(k, 2 * m, 9)
+    _, vectors = np.linalg.eigh(np.swapaxes(A, 1, 2) @ A)
+    return vectors[:, :, 0].reshape(k, 3, 3)
+
+
+def _from_space(points: Array, ideal: Array) -> list[Array]:
+    try:
+        ok, rvec, t = cv2.solvePnP(points, ideal, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP)
+    except cv2.error:
+        return []
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = cv2.Rodrigues(rvec)[0], np.ravel(t)
+    return [T] if ok and np.all(np.isfinite(T)) and T[2, 3] > 0.0 else []
