@@ -24,9 +24,9 @@ async def propose_results(run: Run, folder: RunFolder, ledger: Ledger) -> None:
 
 async def _write_report(run: Run) -> None:
     """A report that cannot be drawn is said, and never costs the result."""
-    from procedures.report import write_report
-
     try:
+        from procedures.report import write_report
+
         await run.worker.call(write_report, run.folder)
     except Exception as exc:
         log.exception("report of run %d", run.id)

@@ -8,7 +8,7 @@ import signal
 _PR_SET_PDEATHSIG = 1
 
 
-CONTROLLER_NICE, CAMERA_NICE = -10, -5
+CONTROLLER_NICE, CAMERA_NICE = -12, -10
 
 
 def set_priority(nice: int) -> None:
