@@ -62,13 +62,16 @@ def pose_gap(goal: Array, reached: Array) -> Array:
     out = np.empty((len(reached), 6))
     out[:, :3] = goal[:, :3, 3] - reached[:, :3, 3]
     R = goal[:, :3, :3] @ reached[:, :3, :3].swapaxes(1, 2)
-    sine = 0.5 * np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
-    size = np.linalg.norm(sine, axis=1)
-    cosine = 0.5 * (np.trace(R, axis1=1, axis2=2) - 1.0)
+    sine = out[:, 3:]
+    sine[:, 0] = 0.5 * (R[:, 2, 1] - R[:, 1, 2])
+    sine[:, 1] = 0.5 * (R[:, 0, 2] - R[:, 2, 0])
+    sine[:, 2] = 0.5 * (R[:, 1, 0] - R[:, 0, 1])
+    size = np.sqrt(np.einsum("ni,ni->n", sine, sine))
+    cosine = 0.5 * (R[:, 0, 0] + R[:, 1, 1] + R[:, 2, 2] - 1.0)
     angle = np.arctan2(size, cosine)
-    scale = np.where(size > 1e-12, angle / np.maximum(size, 1e-300), 1.0)
-    out[:, 3:] = sine * scale[:, None]
-    for k in np.flatnonzero((size <= 1e-6) & (cosine < 0.0)):
+    half_turns = np.flatnonzero((size <= 1e-6) & (cosine < 0.0))
+    sine *= np.where(size > 1e-12, angle / np.maximum(size, 1e-300), 1.0)[:, None]
+    for k in half_turns:
         out[k, 3:] = angle[k] * _half_turn_axis(R[k])
     return out
 

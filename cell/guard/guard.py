@@ -22,6 +22,7 @@ JOINTS = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
 SAMPLE_M = 0.01  # no point of the arm moves farther between two samples of a path
 _JUMP_RAD = 0.5  # a joint that turns this far within one sample of a line has changed its branch
 _MEASURED_M = 0.0005  # a path starts at *measured* joints: what was planned onto a face may leave it again
+_TURN_SHARE = 0.5  # the tool turns on a line at this share of the joints' limit: it takes several joints
 _WRONG_ARM_M = 0.01  # the published model of a UR is within 3 mm of its factory calibration
 
 
@@ -125,7 +126,9 @@ class MotionGuard:
         places = _places(len(poses))
         Q = [q0]
         for pose, place in zip(poses, places, strict=True):
-            q = self.model.inverse(pose, Q[-1])
+            # Extrapolated, the inverse starts next to its goal.
+            near = Q[-1] if len(Q) < 3 else 2.0 * Q[-1] - Q[-2]
+            q = self.model.inverse(pose, near)
             if q is None:
                 raise error(
                     "MOTION_UNREACHABLE", f"the flange pose {place} of the line has no joints within range"
@@ -153,7 +156,7 @@ class MotionGuard:
         s = np.linspace(0.0, 1.0, count + 1)
         turns = Slerp([0.0, 1.0], type(a.rotation).concatenate([a.rotation, b.rotation]))(s)
         tcp = RigidTransform.from_components(a.translation + s[:, None] * shift, turns)
-        duration = max(length / speed, angle / self.limits.joint_speed_rad_s)
+        duration = max(length / speed, angle / (_TURN_SHARE * self.limits.joint_speed_rad_s))
         return list(tcp * tool.inv()), duration
 
     def _check_line_speed(self, Q: Array, step_s: float, speed: float) -> None:
@@ -166,8 +169,7 @@ class MotionGuard:
             raise error(
                 "MOTION_LIMIT",
                 f"joint '{JOINTS[j]}' would turn at {rates[n, j]:.2f} rad/s on this line at {speed:g} m/s "
-                f"(limit {limit:g} rad/s, near a singular pose); move in joint space or below "
-                f"{speed * limit / rates[n, j]:.3f} m/s",
+                f"(limit {limit:g} rad/s); go slower, or in joint space if a singular pose is near",
             )
 
 

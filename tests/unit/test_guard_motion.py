@@ -1,6 +1,7 @@
 """What the motion guard lets through and what it refuses, and in which words."""
 
 import time
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,18 @@ ARM = UrArm("ur10e")
 HOME_POSE = ARM.forward(HOME)
 
 
+class RecordingArm(UrArm):
+    """Keeps the joint vectors (n, 6) that were looked at."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.seen: list[Array] = []
+
+    def link_ends(self, Q: Array) -> Array:
+        self.seen.append(Q)
+        return super().link_ends(Q)
+
+
 def make_guard(**changes: Any) -> MotionGuard:
     table: dict[str, Any] = {
         "speed_m_s": 0.25,
@@ -32,7 +45,8 @@ def make_guard(**changes: Any) -> MotionGuard:
     }
     tool = Tool.from_mapping({"name": "gripper", "T_flange_tool": [0, 0, 0.18, 0, 0, 0], "radius_m": 0.03})
     tool = changes.pop("tool", tool)
-    return MotionGuard(ARM, GuardLimits.from_mapping(table | changes), tool)
+    arm = changes.pop("arm", ARM)
+    return MotionGuard(arm, GuardLimits.from_mapping(table | changes), tool)
 
 
 @pytest.fixture
@@ -93,12 +107,18 @@ def test_a_path_past_a_box_is_free_when_the_box_is_gone() -> None:
     subject.check_path_joints(turned(np.pi - 0.9, 0, 0, 0, 0, 0), turned(np.pi + 0.9, 0, 0, 0, 0, 0))
 
 
-def test_no_capsule_point_moves_farther_than_the_sampling_step_between_samples(subject: MotionGuard) -> None:
+def test_no_capsule_point_moves_farther_than_the_sampling_step_between_samples() -> None:
+    arm = RecordingArm("ur10e")
+    subject = make_guard(arm=arm)
     rng = np.random.default_rng(2)
     for _ in range(20):
-        Q = subject._joint_samples(rng.uniform(-3, 3, 6), rng.uniform(-3, 3, 6))
-        ends = subject._body.ends(Q)
-        assert np.max(np.linalg.norm(np.diff(ends, axis=0), axis=-1)) <= 0.0101
+        arm.seen.clear()
+        with suppress(CellError):
+            subject.check_path_joints(rng.uniform(-3, 3, 6), rng.uniform(-3, 3, 6))
+        (Q,) = arm.seen
+        tips = (ARM.forward_many(Q) * subject.tool.T_flange_tool).translation
+        points = [tips, *np.moveaxis(ARM.link_ends(Q).reshape(len(Q), -1, 3), 1, 0)]
+        assert max(np.max(np.linalg.norm(np.diff(p, axis=0), axis=1)) for p in points) <= 0.0101
 
 
 def test_a_link_hits_a_box_that_the_tool_misses() -> None:
@@ -228,12 +248,16 @@ def test_a_line_too_fast_for_a_joint_passes_at_a_lower_speed(subject: MotionGuar
     fast.check_path_linear(HOME_POSE, end, HOME, speed_m_s=0.1)
 
 
-def test_the_tcp_and_not_the_flange_travels_on_the_line(subject: MotionGuard) -> None:
+def test_the_tcp_and_not_the_flange_travels_on_the_line() -> None:
+    arm = RecordingArm("ur10e")
+    subject = make_guard(arm=arm)
     tool = subject.tool.T_flange_tool
-    turned = HOME_POSE * tool * RigidTransform.from_rotation(Rotation.from_rotvec([0.5, 0, 0])) * tool.inv()
-    poses, _ = subject._line_poses(HOME_POSE, turned, 0.25)
-    tips = np.array([(T * tool).translation for T in poses])
-    assert np.max(np.ptp(tips, axis=0)) < 1e-9
+    turn = RigidTransform.from_rotation(Rotation.from_rotvec([0.5, 0, 0]))
+    subject.check_path_linear(HOME_POSE, HOME_POSE * tool * turn * tool.inv(), HOME)
+    flanges = ARM.forward_many(arm.seen[-1])
+    assert np.max(np.ptp(flanges.translation, axis=0)) > 0.05
+    # Between the poses of the line the samples are straight in the joints, which bends it a little.
+    assert np.max(np.ptp((flanges * tool).translation, axis=0)) < 2e-4
 
 
 def test_an_arm_model_that_is_not_this_arm_is_noticed(subject: MotionGuard) -> None:
