@@ -76,6 +76,7 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
         supervisor = Supervisor(supervised_devices(config, clock, beats))
         context = CellContext(config, clock, worker, supervisor, MotionBroker(clock))
         engine = Engine(context, ledger, JOBS, state / "runs")
+        engine.loop_lag = lag.summary
         await _report_interrupted(engine, ledger)
 
         essential: list[asyncio.Task[Any]] = []

@@ -63,6 +63,7 @@ class Engine:
         self.error: CellError | None = None
         self.warnings = 0
         self.interrupted: list[int] = []
+        self.loop_lag: Callable[[], dict[str, float]] = dict
         self._starting = False
         self._task: asyncio.Task[None] | None = None  # the run with its beginning and end
         self._job: asyncio.Task[None] | None = None  # the procedure alone
@@ -204,6 +205,7 @@ class Engine:
             "last_run": self.last,
             "interrupted": self.interrupted,
             "devices": self.context.supervisor.status(),
+            "loop_lag": self.loop_lag(),
         }
 
     async def shutdown(self) -> None:

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -38,7 +39,7 @@ class LoopLag:
     clock: Clock
     period_s: float = 0.05
     last_s: float = 0.0
-    worst_s: float = 0.0
+    recent: deque[float] = field(default_factory=lambda: deque(maxlen=1200))
 
     async def watch(self, beats: Beats, warn_s: float) -> None:
         """Measure for ever; one log line when the lag passes ``warn_s``, one when it is over."""
@@ -47,7 +48,7 @@ class LoopLag:
             due = self.clock.now() + self.period_s
             await self.clock.sleep(self.period_s)
             self.last_s = max(self.clock.now() - due, 0.0)
-            self.worst_s = max(self.worst_s, self.last_s)
+            self.recent.append(self.last_s)
             beats.beat("loop")
             if (self.last_s > warn_s) != late:
                 late = not late
@@ -57,6 +58,15 @@ class LoopLag:
                     "late" if late else "in time again",
                     1e3 * self.last_s,
                 )
+
+    def summary(self) -> dict[str, float]:
+        """Median, 99th percentile and maximum of the last minute, s."""
+        lags = sorted(self.recent) or [0.0]
+        return {
+            "p50_s": lags[len(lags) // 2],
+            "p99_s": lags[min(len(lags) * 99 // 100, len(lags) - 1)],
+            "max_s": lags[-1],
+        }
 
 
 async def watchdog(
