@@ -21,7 +21,8 @@ from drivers.ur.motion_client import MotionClient
 from drivers.ur.watch import REST_SAMPLES, ArmView, Judge, Watch, joints_judge, pose_judge
 
 OPEN_DEADLINE_S = 8.0  # the client itself waits 5 s for its script to start
-CALL_DEADLINE_S = 0.5
+CALL_DEADLINE_S = 1.0
+TOOL_DEADLINE_S = 2.0  # three commands to the script, at rest
 STOP_DEADLINE_S = 0.3
 END_DEADLINE_S = 0.8
 START_MARGIN_S = 3.0
@@ -194,7 +195,7 @@ class UrMotion:
             # The control script reads exactly zero as "keep the present centre of mass".
             centre[2] = 1e-6
         read = await self._call(
-            "tool", CALL_DEADLINE_S, tcp=tcp.tolist(), mass=self._tool.payload_kg, cog=centre
+            "tool", TOOL_DEADLINE_S, tcp=tcp.tolist(), mass=self._tool.payload_kg, cog=centre
         )
         found = np.asarray(read, dtype=float)
         if found.shape != (6,) or not same_pose(found, tcp):
