@@ -16,7 +16,7 @@ from procedures.cone_capture.config import ConeCaptureConfig
 from procedures.cone_capture.plan import PlanRequest, View, plan_placement
 
 # Neither the camera nor the board's place is known yet, so both are assumed, and said.
-ASSUMED_CAMERA = {"width": 1280, "height": 800, "K": [800.0, 800.0, 639.5, 399.5], "dist": []}
+ASSUMED_CAMERA: dict[str, Any] = {"width": 1280, "height": 800, "K": [800.0, 800.0, 639.5, 399.5], "dist": []}
 NOMINAL = {
     "eye-in-hand": {"X": "T_flange_camera_nominal"},
     "eye-to-hand": {"X": "T_base_camera_nominal", "W": "T_flange_target_nominal"},
@@ -57,7 +57,7 @@ def _request(
     config: CellConfig, job: ConeCaptureConfig, calibration: dict[str, Any], q: Array
 ) -> PlanRequest:
     target = dict(config.target[job.target])
-    values = {
+    values: dict[str, Any] = {
         "robot": config.robot.robot_spec(),
         "tool": config.robot.tool.model_dump(mode="json"),
         "payload_kg": config.robot.payload_kg,

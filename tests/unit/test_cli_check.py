@@ -29,10 +29,10 @@ def test_a_valid_file_is_said_to_be_valid_with_what_can_be_expected(
     shown, as_json = subject("check", "-c", objects), subject("check", "-c", objects, "--json")
     assert (shown.code, as_json.code) == (0, 0)
     assert "is valid" in shown.out
-    assert "20 of 20 poses are reached" in shown.out
+    assert "12 of 12 poses are reached" in shown.out
     assert "expected error below" in shown.out
     (prediction,) = json.loads(as_json.out)["predictions"]
-    # 60 poses at half a metre with 0.1 px: between a hundredth and half a millimetre.
+    # 36 poses at half a metre with 0.1 px: between a hundredth and half a millimetre.
     assert 1e-5 < prediction["predicted"]["error95_t_m"] < 5e-4
 
 
