@@ -16,6 +16,7 @@ from cell.poses import Array
 from cell.samples import Sample
 
 MAX_STATE_AGE_S = 0.1
+FRESH_WITHIN_S = 0.2
 STANDSTILL_SAMPLES = 5
 STANDSTILL_SPAN_S = 0.04
 
@@ -180,14 +181,14 @@ class MotionLease:
     async def move_joints(self, q: Array, speed: Speed | None = None) -> None:
         """Move in joint space to ``q`` (6,) rad; checked first, believed only when measured there."""
         target = np.asarray(q, dtype=float)
-        start = self._movable_state()
+        start = await self._movable_state()
         self._guard.check_path_joints(start.q, target)
         self._recorder.note("motion", event="move_joints", q=[round(float(v), 6) for v in target])
         await self._live_port().move_joints(target, speed or self._speed)
 
     async def move_linear(self, T_base_flange: RigidTransform, speed: Speed | None = None) -> None:
         """Move the tool on a line until the flange has this pose; checked first, measured after."""
-        start = self._movable_state()
+        start = await self._movable_state()
         self._guard.check_path_linear(start.T_base_flange, T_base_flange, start.q)
         self._recorder.note("motion", event="move_linear", to=[float(v) for v in T_base_flange.translation])
         await self._live_port().move_linear(T_base_flange, speed or self._speed)
@@ -196,14 +197,14 @@ class MotionLease:
         self, T_base_flange: RigidTransform, max_force_n: float, max_travel_m: float
     ) -> bool:
         """Linear move that a force ends; True when it did."""
-        start = self._movable_state()
+        start = await self._movable_state()
         self._guard.check_path_linear(start.T_base_flange, T_base_flange, start.q)
         self._recorder.note("motion", event="guarded_move", max_force_n=max_force_n)
         return await self._live_port().guarded_move(T_base_flange, self._speed, max_force_n, max_travel_m)
 
     async def stream(self, pieces: AsyncIterator[TrajectoryPiece]) -> None:
         """Follow polynomials; both ends of every piece pass the guard before it is sent."""
-        self._movable_state()
+        await self._movable_state()
         self._recorder.note("motion", event="stream")
         await self._live_port().stream(self._guarded(pieces))
 
@@ -221,8 +222,15 @@ class MotionLease:
             raise error("INTERNAL", "a motion lease was used outside its block")
         return self._port
 
-    def _movable_state(self) -> ArmState:
-        self._arm.check_movable()
+    async def _movable_state(self) -> ArmState:
+        """The arm's state now; a short silence is waited out, motion never begins on an old state."""
+        try:
+            self._arm.check_movable()
+        except CellError as exc:
+            if exc.name != "STALE_DATA":
+                raise
+            await self._arm.wait_fresh(FRESH_WITHIN_S)
+            self._arm.check_movable()
         return self._arm.state.latest(MAX_STATE_AGE_S).value
 
     async def _end(self) -> None:
