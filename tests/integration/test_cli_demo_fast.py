@@ -1,0 +1,52 @@
+"""The fast demo as a person runs it, and the commands that read what it leaves."""
+
+import json
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from daemon.cli import main
+from daemon.demo.fast import run_fast
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("demo")
+
+
+@pytest.fixture(autouse=True)
+def _logging_as_before() -> Iterator[None]:
+    """The demo sends the log to a file of its own."""
+    root = logging.getLogger()
+    handlers, level = root.handlers[:], root.level
+    yield
+    for handler in set(root.handlers) - set(handlers):
+        handler.close()
+    root.handlers[:], root.level = handlers, level
+
+
+def test_the_fast_demo_agrees_with_the_truth_and_replays(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run_fast(folder) == 0
+    shown = capsys.readouterr()
+    assert "no protocol" in shown.out
+    assert "consistent with the stated uncertainty" in shown.out
+    config = str(folder / "fast.toml")
+
+    def cellward(*words: str) -> str:
+        monkeypatch.setattr("sys.argv", ["cellward", *words, "--config", config])
+        capsys.readouterr()
+        assert main() == 0
+        return capsys.readouterr().out
+
+    assert json.loads(cellward("replay", "1", "--json"))["same"] is True
+    assert [(r["run_id"], r["outcome"]) for r in json.loads(cellward("runs", "--json"))] == [(1, "complete")]
+    (proposed,) = json.loads(cellward("results", "--json"))
+    assert (proposed["name"], proposed["state"], proposed["run_id"]) == ("T_flange_camera", "proposed", 1)
+    assert "placement 3 of 3" in cellward("show", "1")
+    assert json.loads(cellward("compare", "1", "1", "--json"))["m2"] < 1e-9
