@@ -23,7 +23,7 @@ from daemon.demo.plc import POLL_S, Plc
 
 SCENARIO = "hand_eye"
 JOB, JOB_NUMBER = "cone-capture", 1
-ETA = "2 to 3 minutes: 3 placements of the board, 12 arm poses each, in real time"
+ETA = "about 2 minutes: 3 placements of the board, 12 arm poses each, in real time"
 NEEDED_PORTS = (29999, 30001, 30003, 30004, 5020)  # dashboard, primary, script, RTDE; Modbus
 TWIN_START_S = 60.0
 DAEMON_START_S = 90.0
