@@ -10,7 +10,7 @@ from calibration.hand_eye import se3
 from calibration.hand_eye.problem import Estimate, Groups, Problem
 from cell.poses import Array
 
-_MAX_PAIRS = 2000
+_MAX_PAIRS = 1200
 
 
 def pairs(group: Groups, limit: int = _MAX_PAIRS) -> tuple[Groups, Groups]:

@@ -6,7 +6,7 @@ numbers per image, done by Gauss-Newton on all images together.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,8 @@ from cell.poses import Array
 
 Indices = NDArray[np.int64]
 _AMBIGUOUS = 3.0  # a second pose is kept while its squared error is below this times that of the first
+_HOPELESS = 100.0  # and not worth refining to the end when far above it
+_ITERATIONS, _SHORT = 15, 0.01
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,11 @@ class Poses:
         """Those of some rows, in that order."""
         return Poses(self.C[rows], self.cov[rows], self.sse[rows], self.corners[rows])
 
+    def joined(self, other: "Poses") -> "Poses":
+        """These, then those of ``other``."""
+        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+        return Poses(*(np.concatenate(pair) for pair in pairs))
+
 
 @dataclass(frozen=True)
 class _Stack:
@@ -50,6 +57,11 @@ class _Stack:
     points: Array
     ideal: Array
     whiten: tuple[tuple[Array, Array], tuple[Array, Array]]
+
+    def take(self, rows: Indices) -> "_Stack":
+        (a, b), (c, d) = self.whiten
+        whiten = ((a[rows], b[rows]), (c[rows], d[rows]))
+        return _Stack(self.points[rows], self.ideal[rows], whiten)
 
 
 def _stack(views: Sequence[View], camera: Intrinsics) -> _Stack:
@@ -106,29 +118,38 @@ def _jacobian(stack: _Stack, flat: Array, iz: Array) -> Array:
     return d.reshape(n, 6, 2 * m)
 
 
-def refine(
-    views: Sequence[View], C: Array, camera: Intrinsics, iterations: int = 15, tolerance: float = 0.01
-) -> Poses:
-    """Gauss-Newton from ``C`` (n, 4, 4) until no step is longer than ``tolerance`` standard deviations.
+def refine(views: Sequence[View], C: Array, camera: Intrinsics, give_up: Array | None = None) -> Poses:
+    """Gauss-Newton from ``C`` (n, 4, 4), each view until its step is shorter than 1 % of its uncertainty.
 
-    The step that is that short is taken too, so what remains is far smaller.
+    The step that is that short is taken too, so what remains is far smaller. A view whose squared error is
+    still above ``give_up`` (n,) after a few steps is left where it is.
     """
     n = len(views)
-    stack = _stack(views, camera)
-    r, flat, iz = _residuals(stack, C)
+    everything = _stack(views, camera)
     sizes = np.array([len(v.points) for v in views])
-    for _ in range(iterations):
+    C, cov, sse = C.copy(), np.zeros((n, 6, 6)), np.zeros(n)
+    rows = np.arange(n)
+    for iteration in range(_ITERATIONS):
+        stack = everything if len(rows) == n else everything.take(rows)
+        r, flat, iz = _residuals(stack, C[rows])
         Jt = _jacobian(stack, flat, iz)
         N = Jt @ np.swapaxes(Jt, 1, 2)
         N += 1e-12 * np.trace(N, axis1=1, axis2=2)[:, None, None] * np.eye(6)
-        g = (Jt @ r.reshape(n, -1, 1))[..., 0]
-        cov = np.linalg.inv(N)
-        step = (cov @ g[..., None])[..., 0]
+        g = (Jt @ r.reshape(len(rows), -1, 1))[..., 0]
+        cov[rows] = np.linalg.inv(N)
+        step = (cov[rows] @ g[..., None])[..., 0]
         gain = np.sum(step * g, axis=1)
-        C = se3.exp(step) @ C
-        r, flat, iz = _residuals(stack, C)
-        sse = np.einsum("nkm,nkm->n", r, r)
-        if np.all(gain <= tolerance**2 * np.maximum(sse / np.maximum(2 * sizes - 6, 1), 1e-4)):
+        before = np.asarray(np.einsum("nkm,nkm->n", r, r))
+        C[rows] = se3.exp(step) @ C[rows]
+        sse[rows] = np.maximum(before - gain, 0.0)
+        variance = np.maximum(sse[rows] / np.maximum(2 * sizes[rows] - 6, 1), 1e-4)
+        active = gain > _SHORT**2 * variance
+        if give_up is not None and iteration >= 2:
+            hopeless = before >= give_up[rows]
+            sse[rows[hopeless]] = before[hopeless]
+            active &= ~hopeless
+        rows = rows[active]
+        if not len(rows):
             break
     return Poses(C, cov, sse, sizes)
 
@@ -141,9 +162,13 @@ def solve_pnp(views: Sequence[View], camera: Intrinsics) -> tuple[Poses, Indices
     that do not lie on a line.
     """
     C, owner = start_poses(views, camera)
-    poses = refine([views[int(i)] for i in owner], C, camera)
-    if len(owner) == len(views):
+    first = np.r_[True, np.diff(owner) > 0]
+    poses = _refine_owned(views, C[first], owner[first], camera, None)
+    if first.all():
         return poses, owner
+    limit = _HOPELESS * np.maximum(poses.sse[owner[~first]], 1e-3)
+    others = _refine_owned(views, C[~first], owner[~first], camera, limit)
+    poses, owner = poses.joined(others), np.concatenate([owner[first], owner[~first]])
     order = np.lexsort((poses.sse, owner))
     first = np.r_[True, np.diff(owner[order]) > 0]
     best = order[first]
@@ -151,3 +176,9 @@ def solve_pnp(views: Sequence[View], camera: Intrinsics) -> tuple[Poses, Indices
     same = np.linalg.norm(poses.C[order] - poses.C[best][owner[order]], axis=(1, 2)) < 1e-6
     order = order[keep & (first | ~same)]
     return poses.take(order), owner[order]
+
+
+def _refine_owned(
+    views: Sequence[View], C: Array, owner: Indices, camera: Intrinsics, give_up: Array | None
+) -> Poses:
+    return refine([views[int(i)] for i in owner], C, camera, give_up)

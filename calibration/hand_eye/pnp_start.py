@@ -24,20 +24,21 @@ def start_poses(views: Sequence[View], camera: Intrinsics) -> tuple[Array, NDArr
     before the camera explains has none.
     """
     n = len(views)
-    ideal = [undistort(v.corners, camera) if v.start is None else None for v in views]
-    flat = np.array([v.start is None and _is_planar(v.points) for v in views], dtype=bool)
     guesses: list[list[Array]] = [[] if v.start is None else [v.start] for v in views]
-    rows = np.flatnonzero(flat)
-    for m in np.unique([len(views[i].points) for i in rows]):
-        same = [int(i) for i in rows if len(views[i].points) == m]
+    planar: dict[int, list[int]] = {}  # views by number of corners
+    for i, view in enumerate(views):
+        if view.start is not None:
+            continue
+        if _is_planar(view.points):
+            planar.setdefault(len(view.points), []).append(i)
+        else:
+            guesses[i] = _from_space(view.points, undistort(view.corners, camera))
+    for m, same in planar.items():
         points = np.stack([views[i].points for i in same])
-        found = _from_planes(points, np.stack([ideal[i] for i in same if ideal[i] is not None]))
+        ideal = undistort(np.concatenate([views[i].corners for i in same]), camera)
+        found = _from_planes(points, ideal.reshape(len(same), m, 2))
         for i, pair in zip(same, found, strict=True):
             guesses[i] = [T for T in pair if np.all(np.isfinite(T)) and T[2, 3] > 0.0]
-    for i in range(n):
-        seen = ideal[i]
-        if seen is not None and not flat[i]:
-            guesses[i] = _from_space(views[i].points, seen)
     owner = np.repeat(np.arange(n), [len(g) for g in guesses])
     return np.array([T for g in guesses for T in g]).reshape(-1, 4, 4), owner
 
@@ -92,9 +93,9 @@ def _homographies(plane: Array, ideal: Array) -> Array:
     A = np.zeros((k, 2, m, 9))
     A[:, 0, :, :3] = A[:, 1, :, 3:6] = p
     A[:, 0, :, 6:], A[:, 1, :, 6:] = -ideal[..., :1] * p, -ideal[..., 1:] * p
-    A = A.reshape(k, 2 * m, 9)
-    _, vectors = np.linalg.eigh(np.swapaxes(A, 1, 2) @ A)
-    return vectors[:, :, 0].reshape(k, 3, 3)
+    rows = A.reshape(k, 2 * m, 9)
+    _, vectors = np.linalg.eigh(np.swapaxes(rows, 1, 2) @ rows)
+    return np.asarray(vectors[:, :, 0].reshape(k, 3, 3))
 
 
 def _from_space(points: Array, ideal: Array) -> list[Array]:

@@ -75,7 +75,7 @@ def _tukey(problem: Problem, at: Estimate, given: Mapping[str, float]) -> tuple[
     """A few re-weighted solutions with a scale from the median, so that half the data may be wrong."""
     lin = linearise(problem, at)
     noise = first_noise(lin, given)
-    for _ in range(4):
+    for _ in range(3):
         P = weights(lin, noise)
         squared = squared_distances(lin.r, P)
         scale = max(float(np.median(squared)) / _MEDIAN, 1e-12)

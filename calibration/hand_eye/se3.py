@@ -85,9 +85,8 @@ def log(T: Array) -> Array:
 
 def rotation_vectors(R: Array) -> Array:
     """Rotation vectors (..., 3) of rotations (..., 3, 3)."""
-    axis = np.stack(
-        [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1
-    )
+    D = R - np.swapaxes(R, -1, -2)
+    axis = np.stack([D[..., 2, 1], D[..., 0, 2], D[..., 1, 0]], -1)
     sine = 0.5 * np.sqrt(np.sum(axis**2, -1))
     cosine = 0.5 * (R[..., 0, 0] + R[..., 1, 1] + R[..., 2, 2] - 1.0)
     angle = np.arctan2(sine, cosine)
