@@ -26,7 +26,7 @@ from procedures.solve.hand_eye_report import Solved, fill_result
 
 ML = "ml"
 _MISMATCH = 0.05  # rad, or a quarter of what the arm turned
-_FAR_APART = 0.1  # of the distance to the target
+_FAR_APART_T, _FAR_APART_R = 0.04, 0.05  # of the distance to the target; rad
 
 
 def solve_hand_eye(
@@ -168,9 +168,9 @@ def _check_match(loaded: CaptureSet, solution: Solution) -> None:
             f"arm and camera turn by angles that differ by {np.degrees(mismatch):.1f} deg (median); check "
             "the order of the poses and that rotations are rotation vectors in radians",
         )
-    apart = _apart(problem, solution.at.X)
+    apart, turned_by = _apart(problem, solution.at.X)
     reach = float(np.median(np.linalg.norm(problem.C[:, :3, 3], axis=1)))
-    if apart < _FAR_APART * reach:
+    if apart < _FAR_APART_T * reach and turned_by < _FAR_APART_R:
         return
     swapped = "eye-to-hand" if problem.setup == "eye-in-hand" else "eye-in-hand"
     cause = "check the order of the poses and that translations are in metres"
@@ -179,13 +179,14 @@ def _check_match(loaded: CaptureSet, solution: Solution) -> None:
     raise error(
         "DATA_INVALID",
         f"{loaded.path}: T_base_flange does not belong to the images: with setup {problem.setup!r} the "
-        f"target's position disagrees by {apart:.3f} m (median) at a distance of {reach:.2f} m; {cause}",
+        f"target's poses disagree by {apart:.3f} m and {np.degrees(turned_by):.1f} deg (median) at a distance "
+        f"of {reach:.2f} m; {cause}",
     )
 
 
-def _apart(problem: Problem, X: np.ndarray) -> float:
-    t, _ = spread_about_mean(problem.target_poses(X), problem.group)
-    return float(np.median(t))
+def _apart(problem: Problem, X: np.ndarray) -> tuple[float, float]:
+    t, r = spread_about_mean(problem.target_poses(X), problem.group)
+    return float(np.median(t)), float(np.median(r))
 
 
 def _fits_swapped(loaded: CaptureSet, problem: Problem, limit: float) -> bool:
@@ -194,7 +195,7 @@ def _fits_swapped(loaded: CaptureSet, problem: Problem, limit: float) -> bool:
     setup: Setup = "eye-to-hand" if problem.setup == "eye-in-hand" else "eye-in-hand"
     measured = replace(_measurements(loaded, rows), setup=setup, views=[None] * len(rows), C=problem.C)
     other = solve(measured, None, {})
-    return isinstance(other, Solution) and _apart(other.problem, other.at.X) < limit
+    return isinstance(other, Solution) and _apart(other.problem, other.at.X)[0] < limit
 
 
 def _by_classic(solution: Solution, method: str) -> tuple[Solution, np.ndarray | None]:
