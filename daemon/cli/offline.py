@@ -42,7 +42,7 @@ def solve(
     if report is not None:
         from procedures.report import write_report
 
-        write_report(result, report)
+        write_report(result, report, data=path)
         say(f"The report is {report}.")
     if as_json:
         out_json(result)

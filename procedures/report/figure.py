@@ -1,0 +1,63 @@
+"""Plotly figures in the look of the report, and how they get into the page."""
+
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+import plotly.graph_objects as go
+import plotly.io as pio
+from plotly.offline import get_plotlyjs
+
+from procedures.report.html import Html, el
+
+INK, SOFT, LINE, REJECTED = "#1b2430", "#5b6776", "#e3e7ec", "#b3261e"
+_PLACEMENTS = ("#1f5fa8", "#d1701c", "#2e8b57", "#7b4fa3", "#008b9a", "#a1497c", "#7a6a1f", "#4d4d4d")
+_MARGIN = {"l": 60, "r": 16, "t": 30, "b": 44}
+_LEGEND = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0}
+_CONFIG = {
+    "displayModeBar": False,
+    "responsive": True,
+    "showSendToCloud": False,
+    "plotlyServerURL": "",
+}
+
+
+def colour(groups: Sequence[int], group: int) -> str:
+    """The colour of a placement, the same in every figure."""
+    return _PLACEMENTS[list(groups).index(group) % len(_PLACEMENTS)]
+
+
+def label(value: object) -> str:
+    """Text for a figure: plotly reads it as markup, so it is escaped."""
+    return escape(str(value))
+
+
+def plotly_script() -> str:
+    """plotly.js, for the head of the page: once for all figures."""
+    script: str = get_plotlyjs()
+    return script
+
+
+def figure(height: int, **layout: Any) -> Any:
+    """An empty figure with the report's fonts and margins."""
+    fig = go.Figure()
+    fig.update_layout(
+        template="simple_white",
+        height=height,
+        font={"family": "Segoe UI, Roboto, Arial, DejaVu Sans, sans-serif", "size": 13, "color": INK},
+        paper_bgcolor="#fff",
+        plot_bgcolor="#fff",
+        hoverlabel={"align": "left"},
+        **{"margin": _MARGIN, "legend": _LEGEND, **layout},
+    )
+    return fig
+
+
+def embed(fig: Any, name: str) -> Html:
+    """The figure as a part of the page. Plotly writes ``<`` and ``/`` in data as escapes."""
+    fig.update_xaxes(gridcolor=LINE, showgrid=True, linecolor=SOFT)
+    fig.update_yaxes(gridcolor=LINE, showgrid=True, linecolor=SOFT)
+    markup = pio.to_html(
+        fig, full_html=False, include_plotlyjs=False, include_mathjax=False, div_id=name, config=_CONFIG
+    )
+    return el("div", Html(markup), class_="figure")

@@ -1,0 +1,81 @@
+"""Numbers as people read them, read tolerantly from data that may be incomplete."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from cell.poses import Array, from_pose6
+
+DASH = "–"
+K95 = 1.96  # standard deviations to 95 % of one component of a normal distribution
+
+
+def dig(value: Any, *keys: str) -> Any:
+    """``value[key][key]...``, None where something on the way is missing or is no mapping."""
+    for key in keys:
+        if not isinstance(value, Mapping):
+            return None
+        value = value.get(key)
+    return value
+
+
+def number(value: Any) -> float | None:
+    """A finite number, else None."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return None
+    return float(value)
+
+
+def mm(value: Any, unit: bool = True) -> str:
+    """Metres as millimetres; three decimals, more for what would vanish."""
+    return _scaled(value, 1e3, 3, " mm" if unit else "")
+
+
+def deg(value: Any, unit: bool = True) -> str:
+    """Radians as degrees; four decimals, more for what would vanish."""
+    return _scaled(value, 180.0 / math.pi, 4, "°" if unit else "")
+
+
+def px(value: Any) -> str:
+    return _scaled(value, 1.0, 3, " px")
+
+
+def _scaled(value: Any, scale: float, decimals: int, unit: str) -> str:
+    plain = number(value)
+    if plain is None:
+        return DASH
+    shown = plain * scale
+    if 0.0 < abs(shown) < 20.0 * 10.0**-decimals:
+        decimals += 1
+    return f"{shown:.{decimals}f}{unit}"
+
+
+def matrix4(pose: Any) -> Array | None:
+    """(4, 4) of ``[x, y, z, rx, ry, rz]``, None for anything else."""
+    if not isinstance(pose, list) or len(pose) != 6 or any(number(v) is None for v in pose):
+        return None
+    return np.asarray(from_pose6(pose).as_matrix(), dtype=float)
+
+
+def covariance(value: Any) -> Array | None:
+    """A finite (6, 6) array, None for anything else."""
+    try:
+        cov = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        return None
+    return cov if cov.shape == (6, 6) and bool(np.all(np.isfinite(cov))) else None
+
+
+def radius95(cov: Array) -> float:
+    """Distance (1) below which 95 % of zero-mean normal vectors with covariance ``cov`` (3, 3) lie.
+
+    The squared length is a weighted sum of chi-squares, matched in mean and variance by one scaled
+    chi-square (Satterthwaite 1946; Box 1954).
+    """
+    trace, square = float(np.trace(cov)), float(np.sum(cov * cov))
+    if trace <= 0.0 or square <= 0.0:
+        return 0.0
+    return float(np.sqrt(square / trace * chi2.ppf(0.95, trace**2 / square)))

@@ -1,0 +1,103 @@
+"""Limits, and what the result was made from: data, versions, identities, calibrations, payload."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from cell.store.files import to_json
+from procedures.report.html import Html, absent, el, note, section, table
+from procedures.report.numbers import DASH, covariance, deg, dig, mm, number, radius95
+from procedures.report.source import Source
+
+
+def limits_section(source: Source) -> Html | None:
+    """The limits of the job beside the figures they apply to."""
+    if source.answer is None:
+        return None
+    limits = dig(source.run, "job_config", "accept")
+    cov = covariance(dig(source.answer, "cov"))
+    rows = []
+    for name, limit, value, shown in (
+        ("95 % error of the position", "max_error_t_m", None if cov is None else radius95(cov[:3, :3]), mm),
+        (
+            "95 % error of the rotation",
+            "max_error_r_rad",
+            None if cov is None else radius95(cov[3:, 3:]),
+            deg,
+        ),
+    ):
+        most = number(dig(limits, limit))
+        if most is not None:
+            judged = DASH if value is None else ("within" if value <= most else "beyond")
+            rows.append((name, shown(value), shown(most), judged))
+    if not rows:
+        return section(
+            "Limits", absent("No limits were set: this result comes from a data set, not from a job.")
+        )
+    policy = "accepted by policy when it passes" if dig(limits, "auto") else "accepted by an operator"
+    return section(
+        "Limits",
+        table(("", "this result", "limit", ""), rows, "lrrl"),
+        note(f"A result is a proposal until it is {policy}; nothing uses it before."),
+    )
+
+
+def inputs_section(source: Source) -> Html:
+    """Everything a second person needs to come to the same result."""
+    inputs = source.result.get("inputs")
+    rows: list[tuple[object, object]] = []
+    run = source.run
+    rows += _rows(
+        ("run", dig(run, "run_id")),
+        ("job", dig(run, "job")),
+        ("started", dig(run, "started")),
+        ("cell", dig(run, "config", "cell", "name")),
+        ("twin", "yes: a simulated cell" if dig(run, "config", "cell", "twin") else None),
+        ("versions", _plain(dig(run, "versions"))),
+    )
+    identities = run.get("identities")
+    if isinstance(identities, Mapping):
+        rows += [(f"device {name}", _identity(entry)) for name, entry in identities.items()]
+    values = run.get("values")
+    rows += _rows(
+        ("payload", None if dig(values, "payload_kg") is None else f"{dig(values, 'payload_kg')} kg"),
+        ("tool", _plain(dig(values, "tool"))),
+        ("arm model", dig(values, "robot", "model")),
+        ("calibrations in effect", _versions(values)),
+    )
+    if isinstance(inputs, Mapping):
+        shown = {"solve_seconds": _seconds}
+        rows += [(key.replace("_", " "), shown.get(key, _plain)(value)) for key, value in inputs.items()]
+    rows.append(("schema", source.result.get("schema")))
+    return section("Inputs", table((), [(el("b", a), b) for a, b in rows]))
+
+
+def _rows(*pairs: tuple[str, Any]) -> list[tuple[object, object]]:
+    return [(name, value) for name, value in pairs if value not in (None, "", DASH)]
+
+
+def _plain(value: Any) -> object:
+    if value is None:
+        return None
+    if isinstance(value, Mapping):
+        return ", ".join(f"{k} {_plain(v)}" for k, v in value.items()) or "none"
+    return to_json(value) if isinstance(value, list) else str(value)
+
+
+def _seconds(value: Any) -> str:
+    seconds = number(value)
+    return DASH if seconds is None else f"{1e3 * seconds:.1f} ms, the solver alone"
+
+
+def _identity(entry: Any) -> object:
+    if not isinstance(entry, Mapping):
+        return str(entry)
+    return ", ".join(f"{k} {v}" for k, v in entry.items() if isinstance(v, str | int | float))
+
+
+def _versions(values: Any) -> str | None:
+    if values is None:
+        return None
+    versions = dig(values, "versions")
+    if isinstance(versions, Mapping) and versions:
+        return ", ".join(f"{name} version {version}" for name, version in versions.items())
+    return "none committed; configured values were used"
