@@ -13,7 +13,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from cell.errors import RetryError, error
+from cell.errors import CellError, RetryError, error
 from daemon.cli.output import out, say
 from daemon.cli.progress import ProgressBar
 from daemon.demo import plc as registers
@@ -30,6 +30,8 @@ DAEMON_START_S = 90.0
 JOB_DEADLINE_S = 15 * 60.0
 OPERATOR_DEADLINE_S = 30.0
 LAST_WORDS_S = 3.0
+PASSING = {"STALE_DATA", "DEVICE_NOT_READY"}
+START_ATTEMPTS, START_AGAIN_S = 4, 0.8
 LINE_EVERY_STEPS = 10
 
 
@@ -58,7 +60,7 @@ def run_wire(folder: Path) -> int:
 def _run_job(plc: Plc, folder: Path, children: tuple[Child, ...]) -> int:
     """Start the job as a PLC does, play the operator when it asks, and acknowledge the result."""
     begun = time.monotonic()
-    plc.command(registers.START, job=JOB_NUMBER)
+    _start(plc)
     say(f"the PLC started job {JOB_NUMBER} ({JOB}) over Modbus")
     answered = 0
     placement = 1
@@ -85,6 +87,20 @@ def _run_job(plc: Plc, folder: Path, children: tuple[Child, ...]) -> int:
     plc.command(registers.ACKNOWLEDGE)
     say(f"run {status.run_id} ended after {time.monotonic() - begun:.0f} s; the PLC acknowledged the result")
     return status.run_id
+
+
+def _start(plc: Plc) -> None:
+    """Ask for the job; again when a device was late just then, for a refused start has done nothing."""
+    for attempt in range(START_ATTEMPTS):
+        try:
+            plc.command(registers.START, job=JOB_NUMBER)
+            return
+        except CellError as refusal:
+            if refusal.name not in PASSING or attempt + 1 == START_ATTEMPTS:
+                raise
+            say(f"{refusal}; the PLC asks again")
+            time.sleep(START_AGAIN_S)
+            plc.poll()
 
 
 def _operator_places(plc: Plc, folder: Path, placement: int) -> None:
