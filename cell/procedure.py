@@ -93,6 +93,9 @@ class Procedure(ABC):
     def uses(self) -> tuple[str, ...]:
         """Roles of ``[robot]`` that the job needs; it fails when one of them drops."""
 
+    def check(self, values: Mapping[str, Any]) -> None:  # noqa: B027, most jobs name nothing
+        """``ARGUMENT_INVALID`` when the parameters name something that ``values`` do not have."""
+
     @abstractmethod
     async def run(self, run: "Run") -> None:
         """Do the job; return normally only when it is finished."""
@@ -141,7 +144,7 @@ class Run:
             raise error("INTERNAL", f"{self.procedure.name}: no transition from {self.state} to {state}")
         self.visited.append((self.state, state))
         self.state = state
-        self.packml = PackML.EXECUTE
+        self.packml = PackML.HOLDING if self._hold_wanted else PackML.EXECUTE
         self.note("state", state=state.value, why=why, **fields)
         self._publish()
         if state in self.procedure.CHECKPOINTS:
@@ -163,7 +166,7 @@ class Run:
             self.prompt = None
         if self._finish:
             raise FinishRequested
-        self._set_packml(PackML.EXECUTE)
+        self._set_packml(PackML.HOLDING if self._hold_wanted else PackML.EXECUTE)
 
     def progress(self, step: int, steps: int) -> None:
         """How far the job is, for people and registers."""
@@ -206,12 +209,15 @@ class Run:
         """Hold at the next checkpoint."""
         self._hold_wanted = True
         self._released.clear()
-        self._set_packml(PackML.HOLDING)
+        if self.packml is not PackML.HELD:
+            self._set_packml(PackML.HOLDING)
 
     def resume(self) -> None:
-        """Go on after :meth:`pause`."""
+        """Go on after :meth:`pause`; a prompt still waits for its answer."""
         self._hold_wanted = False
         self._released.set()
+        if self.packml is PackML.HOLDING:
+            self._set_packml(PackML.EXECUTE)
 
     def _set_packml(self, state: PackML) -> None:
         self.packml = state

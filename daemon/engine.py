@@ -68,6 +68,7 @@ class Engine:
         self._task: asyncio.Task[None] | None = None  # the run with its beginning and end
         self._job: asyncio.Task[None] | None = None  # the procedure alone
         self._ending: PackML | None = None
+        self._closing = False  # the end is being written: nothing can be asked of the run any more
         self._listeners: list[Callable[[], None]] = []
 
     # -- what outside asks for
@@ -100,6 +101,7 @@ class Engine:
         if context.broker.latched is not None and not dry_run:
             raise error("MOTION_LATCHED", f"the last fault was: {context.broker.latched}")
         values = await asyncio.to_thread(resolve_values, context.config, self.ledger, context.supervisor)
+        procedure.check(values)
         conditions = {
             "config": context.config.model_dump(mode="json"),
             "parameters": dict(params),
@@ -272,14 +274,16 @@ class Engine:
         failure: CellError | None = None
         job = self._job = asyncio.create_task(run.procedure.run(run), name=run.procedure.name)
         loss = asyncio.create_task(self._first_fault(devices), name="watch devices")
+        if self._ending is not None:  # a stop came before the job could begin
+            job.cancel()
         try:
             limit = getattr(run.procedure.config, "max_duration_s", None)
             await asyncio.wait([job, loss], timeout=limit, return_when=asyncio.FIRST_COMPLETED)
             if not job.done():
                 failure = loss.result() if loss.done() else error("CALL_TIMEOUT", f"no end after {limit:g} s")
-                run.note("error", **failure.as_dict())
                 self._ending = PackML.ABORTING
                 job.cancel()
+                run.note("error", **failure.as_dict())
                 self._publish()
             await asyncio.wait([job])
             failure = failure or _failure_of(job)
@@ -288,17 +292,21 @@ class Engine:
                 self._set_ending(PackML.COMPLETING)
                 await propose_results(run, folder, self.ledger)
         except CellError as exc:
-            failure = exc
+            failure = failure or exc
         except Exception as exc:
             log.exception("run %d", run.id)
-            failure = error("INTERNAL", f"{type(exc).__name__}: {exc}")
+            failure = failure or error("INTERNAL", f"{type(exc).__name__}: {exc}")
         finally:
             loss.cancel()
+            job.cancel()  # it is over, unless this task itself failed
+            await asyncio.wait([job, loss])
             await self._close(run, folder, job, failure)
 
     async def _close(
         self, run: Run, folder: RunFolder, job: asyncio.Task[None], failure: CellError | None
     ) -> None:
+        """The run's one terminal line; whatever happens to it, the next run can start."""
+        self._closing = True
         if failure is not None:
             final, outcome = PackML.ABORTED, "aborted"
         elif job.cancelled():
@@ -315,12 +323,18 @@ class Engine:
             "verdict": verdict,
             "error": failure.as_dict() if failure else None,
         }
-        run.note("state", terminal=True, **end)
-        await asyncio.to_thread(folder.finish, end)
-        await asyncio.to_thread(self.ledger.end_run, run.id, outcome, verdict)
+        try:
+            run.note("state", terminal=True, **end)
+            await asyncio.to_thread(folder.finish, end)
+            await asyncio.to_thread(self.ledger.end_run, run.id, outcome, verdict)
+        except CellError as exc:
+            # What could not be written here is written by the next start, which finds no end.json.
+            log.error("the end of run %d could not be written: %s", run.id, exc)
+            failure = failure or exc
         self.last = {"run_id": run.id, "job": run.procedure.name, "result": _summary(run.result), **end}
         self.error, self.idle_state = failure, final
         self._task = self._job = self._ending = None
+        self._closing = False
         level = logging.INFO if failure is None else logging.ERROR
         log.log(level, "run %d %s: %s", run.id, outcome, failure or verdict or "")
         self._publish()
@@ -351,7 +365,7 @@ class Engine:
         self._publish()
 
     def _active(self) -> Run:
-        if self._task is None or self.run is None:
+        if self._task is None or self.run is None or self._closing:
             raise error("NOT_NOW", "no job is running")
         return self.run
 

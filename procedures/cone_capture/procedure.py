@@ -85,6 +85,12 @@ class ConeCapture(Procedure):
     def uses(self) -> tuple[str, ...]:
         return ("arm", self._camera_role)
 
+    def check(self, values: Mapping[str, Any]) -> None:
+        for key, known in (("target", values["targets"]), ("start_pose", values["poses"])):
+            name = getattr(self.config, key)
+            if name is not None and name not in known:
+                raise error("ARGUMENT_INVALID", f"{key} '{name}' is unknown; there is {', '.join(known)}")
+
     @property
     def _camera_role(self) -> str:
         return "flange_camera" if self.config.setup == "eye-in-hand" else "fixed_camera"

@@ -1,0 +1,235 @@
+"""A whole cell in this process on virtual time: world, supervisor, engine, and an operator who moves the board."""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cell.devices import DeviceState
+from cell.errors import CellError
+from cell.motion import MotionBroker
+from cell.store.ledger import Ledger
+from cell.store.runs import RunFolder, interrupted_runs, load_run
+from daemon.composition import supervised_devices
+from daemon.config import CellConfig, load_config
+from daemon.engine import CellContext, Engine
+from daemon.health import Beats
+from daemon.supervisor import Supervisor
+from daemon.worker import InlineWorker
+from fakes.object import ObjectCell as Plant
+from fakes.object import VirtualClock, cell_of
+from fakes.scenario import Scenario
+from procedures.registry import JOBS
+
+JOB = "cone-capture"
+WHO = "test"
+SMALL = {"placements": 1, "poses_per_placement": 4, "frames_per_pose": 2, "settle_s": 0.1}
+
+
+def write_config(
+    folder: Path,
+    scenario: str = "hand_eye",
+    job: Mapping[str, Any] | None = None,
+    change: Callable[[dict[str, Any]], None] | None = None,
+    **overrides: Any,
+) -> CellConfig:
+    """The scenario's own cell on the object face with a small plan. ``change`` edits the loaded ``cell.toml``."""
+    loaded = Scenario.load(scenario)
+    section = {**loaded.cell.job[JOB], **SMALL, **(job or {})}
+    text = loaded.cell_toml(
+        arm={"driver": "fakes.object:ObjectArm", "scenario": scenario},
+        camera={"driver": "fakes.object:ObjectCamera", "scenario": scenario},
+        state_dir=str(folder / "state"),
+        control_socket=str(folder / "control.sock"),
+        clock="fakes.object:VirtualClock",
+        overrides={"job": {JOB: section}, **overrides},
+    )
+    path = folder / "cell.toml"
+    path.write_text(text, "utf-8")
+    path.chmod(0o600)
+    return load_config(path)
+
+
+class Eager(InlineWorker):
+    """Computes at once, but takes ``takes_s`` of the cell's time, so that things can happen meanwhile."""
+
+    def __init__(self, clock: VirtualClock, takes_s: float = 0.2) -> None:
+        self._clock, self._takes_s = clock, takes_s
+
+    async def call(self, fn: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+        await self._clock.sleep(self._takes_s)
+        return fn(*args, **kwargs)
+
+
+class ObjectCell:
+    """Supervisor and engine on an object world, and what an observer sees of them."""
+
+    def __init__(self, config: CellConfig, clock: VirtualClock) -> None:
+        self.config, self.clock = config, clock
+        self.beats = Beats(clock)
+        self.supervisor = Supervisor(supervised_devices(config, clock, self.beats))
+        state = Path(config.cell.state_dir)
+        self.runs = state / "runs"
+        self.runs.mkdir(parents=True, exist_ok=True)
+        self.ledger = Ledger(state / "ledger.sqlite")
+        self.context = CellContext(config, clock, Eager(clock), self.supervisor, MotionBroker(clock))
+        self.engine = Engine(self.context, self.ledger, JOBS, self.runs)
+        self._tasks: list[asyncio.Task[None]] = []
+
+    @property
+    def plant(self) -> Plant:
+        """The physical side: world, controller, camera head."""
+        return cell_of(self.config.device["arm"].scenario, self.clock)  # type: ignore[attr-defined]
+
+    # -- life
+
+    async def open(self) -> None:
+        """Connect all devices and wait until they are READY."""
+        for run in await asyncio.to_thread(interrupted_runs, self.runs):
+            await asyncio.to_thread(run.mark_interrupted)
+            self.engine.interrupted.append(run.run_id)
+        self._tasks = [
+            asyncio.create_task(entry.run(), name=f"device {name}")
+            for name, entry in self.supervisor.devices.items()
+        ]
+        await self.until(self.all_ready, "ready devices")
+
+    async def close(self) -> None:
+        """The end of the daemon: a job that runs is halted, devices are closed."""
+        await self.engine.shutdown()
+        await self._cancel_devices()
+
+    async def kill(self) -> None:
+        """The end of a process as far as one process can show it: the job stops without a word."""
+        for task in (self.engine._job, self.engine._task):
+            if task is not None:
+                task.cancel()
+                await asyncio.wait([task])
+        await self._cancel_devices()
+
+    async def _cancel_devices(self) -> None:
+        for task in self._tasks:
+            task.cancel()
+        if self._tasks:
+            await asyncio.wait(self._tasks)
+        self.ledger.close()
+
+    def all_ready(self) -> bool:
+        return all(d.state is DeviceState.READY for d in self.supervisor.devices.values())
+
+    # -- running jobs
+
+    async def start(self, **how: Any) -> int:
+        """Start a capture; returns its number."""
+        params = how.pop("params", {})
+        begun = await self.engine.start(JOB, params, who=WHO, channel="test", **how)
+        return int(begun["run_id"])
+
+    async def run_job(self, **how: Any) -> dict[str, Any]:
+        """Start a capture, be its operator, and return its ``end.json``."""
+        return await self.finished(await self.start(**how))
+
+    async def finished(self, run_id: int) -> dict[str, Any]:
+        """Move the board and confirm whenever the job asks; the run's ``end.json``."""
+        while self.engine.active:
+            await self.answer()
+            await self.clock.sleep(0.05)
+        return self.end(run_id)
+
+    async def answer(self) -> None:
+        """Move the board to the next place and confirm, if a prompt is open."""
+        run = self.engine.run
+        if run is not None and run.prompt is not None:
+            self.plant.world.operator.move_on(self.clock.now())
+            await self.engine.confirm(run.prompt[0], WHO)
+
+    async def until(self, true: Callable[[], Any], what: str, limit_s: float = 60.0) -> None:
+        give_up = self.clock.now() + limit_s
+        while not true():
+            assert self.clock.now() < give_up, f"no {what} within {limit_s:g} s"
+            await self.clock.sleep(0.02)
+
+    async def until_state(self, state: str, limit_s: float = 120.0) -> None:
+        """Wait until the job is in this state."""
+        await self.until(lambda: self.engine.status()["state"] == state, f"state {state}", limit_s)
+
+    def at_state(self, state: str, act: Callable[[], None], after_s: float = 0.0, times: int = 1) -> None:
+        """Do something the moment the job enters ``state`` for the first ``times``, or ``after_s`` later."""
+        left, last = times, 0
+        loop = asyncio.get_running_loop()
+
+        def look() -> None:
+            nonlocal left, last
+            run = self.engine.run
+            if not self.engine.active or run is None or len(run.visited) == last:
+                return
+            last = len(run.visited)
+            if left and run.state is not None and run.state.value == state:
+                left -= 1
+                loop.call_later(after_s, act) if after_s else act()
+
+        self.engine.subscribe(look)
+
+    # -- what is on disk
+
+    def folder(self, run_id: int) -> RunFolder:
+        return load_run(self.runs, run_id)
+
+    def journal(self, run_id: int) -> list[dict[str, Any]]:
+        return self.folder(run_id).read_journal()
+
+    def notes(self, run_id: int, event: str) -> list[dict[str, Any]]:
+        """The journal's lines with this event."""
+        return [line for line in self.journal(run_id) if line.get("event") == event]
+
+    def end(self, run_id: int) -> dict[str, Any]:
+        end = self.folder(run_id).read_end()
+        assert end is not None, "the run has no end.json"
+        (terminal,) = [line for line in self.journal(run_id) if line.get("terminal")]
+        assert terminal["outcome"] == end["outcome"]
+        return end
+
+    def result(self, run_id: int) -> dict[str, Any]:
+        result = self.folder(run_id).read_result()
+        assert result is not None, "the run has no result.json"
+        return result
+
+    def poses(self, run_id: int) -> list[dict[str, Any]]:
+        """The observations of ``capture.json``."""
+        text = (self.folder(run_id).path / "capture.json").read_text("utf-8")
+        return list(json.loads(text)["observations"])
+
+    def at_rest(self) -> bool:
+        """What is truly so, not what the stream says."""
+        return not self.plant.world.track.at(self.clock.now())[1].any()
+
+
+@asynccontextmanager
+async def open_cell(config: CellConfig, clock: VirtualClock | None = None) -> AsyncIterator[ObjectCell]:
+    """A cell with all its devices READY; at the end everything is closed."""
+    cell = ObjectCell(config, clock or VirtualClock())
+    try:
+        await cell.open()
+        yield cell
+    finally:
+        await cell.close()
+
+
+async def refused(work: Any) -> CellError:
+    """The coded error that ``work`` ends with."""
+    with pytest.raises(CellError) as caught:
+        await work
+    return caught.value
+
+
+@pytest.fixture
+def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A report takes longer to draw than the whole run; it has tests of its own."""
+
+    async def drawn(run: Any) -> None: ...
+
+    monkeypatch.setattr("daemon.results._write_report", drawn)
