@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from procedures.report.html import Html, absent, bullets, el, note, paragraph, section, table
-from procedures.report.numbers import DASH, K95, covariance, deg, dig, mm, number, radius95
+from procedures.report.numbers import DASH, K95, covariance, deg, degs, dig, mm, mms, number, radius95
 from procedures.report.source import Source
 
 _HEADLINE = {
@@ -34,8 +34,9 @@ def verdict_section(source: Source) -> Html:
     verdict = str(result.get("verdict"))
     refused = source.answer is None
     headline = "Refused: the data cannot determine the answer" if refused else _HEADLINE.get(verdict, verdict)
-    if dig(source.end, "outcome") not in (None, "complete"):
-        headline += f" (the run ended {dig(source.end, 'outcome')})"
+    unfinished = dig(source.end, "outcome") not in (None, "complete")
+    if unfinished:
+        headline += f" (but the run ended {dig(source.end, 'outcome')})"
     warnings = [w for w in result.get("warnings") or [] if isinstance(w, Mapping)]
     told = {w.get("text") for w in warnings}
     reasons = [r for r in result.get("reasons") or [] if r not in told]
@@ -49,6 +50,8 @@ def verdict_section(source: Source) -> Html:
     if not body:
         body.append(paragraph("No finding: the data determine the answer and nothing is to be warned of."))
     kind = verdict if verdict in _HEADLINE else "fail"
+    if unfinished and kind == "pass":
+        kind = "warn"
     banner = el("div", el("h2", headline), *body, class_=f"verdict {kind}")
     return banner if refused else Html(banner + _cards(source))
 
@@ -96,17 +99,17 @@ def result_section(source: Source) -> Html:
         return section(title, absent("There is no answer, so there is no pose to show."))
     rotation = Rotation.from_matrix(X[:3, :3])
     cov = covariance(dig(source.answer, "cov"))
-    rows: list[list[object]] = [["position, mm", *(mm(v, False) for v in X[:3, 3])]]
+    rows: list[list[object]] = [["position, mm", *mms(X[:3, 3])]]
     if cov is not None:
         turned = X[:3, :3] @ cov[:3, :3] @ X[:3, :3].T
-        rows.append(["± 95 %, mm", *(mm(K95 * s, False) for s in np.sqrt(np.diag(turned)))])
-    rows.append(["rotation vector, °", *(deg(v, False) for v in rotation.as_rotvec())])
+        rows.append(["± 95 %, mm", *mms(K95 * np.sqrt(np.diag(turned)))])
+    rows.append(["rotation vector, °", *degs(rotation.as_rotvec())])
     if cov is not None:
         turned = X[:3, :3] @ cov[3:, 3:] @ X[:3, :3].T
         rows.append(
             [
                 f"± 95 % about the axes of the {parent}, °",
-                *(deg(K95 * s, False) for s in np.sqrt(np.diag(turned))),
+                *degs(K95 * np.sqrt(np.diag(turned))),
             ]
         )
     quaternion = ", ".join(f"{v:.6f}" for v in rotation.as_quat())

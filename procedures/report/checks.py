@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from procedures.report.html import Html, absent, bullets, el, facts, note, paragraph, section, table
-from procedures.report.numbers import DASH, deg, dig, mm, number, px
+from procedures.report.numbers import DASH, deg, dig, mm, mms, number, px
 from procedures.report.source import Source
 
 _SPREADS = (
@@ -90,11 +90,7 @@ def _estimates(source: Source) -> Html | None:
     rows = []
     for group, entry in found.items():
         mean = dig(entry, "mean")
-        shown = (
-            [DASH] * 3
-            if not isinstance(mean, list)
-            else [mm(v - x, False) for v, x in zip(mean[:3], X[:3, 3], strict=True)]
-        )
+        shown = [DASH] * 3 if not isinstance(mean, list) else mms(np.array(mean[:3]) - X[:3, 3])
         rows.append((_placement(group), _text(dig(entry, "triples")), _text(dig(entry, "skipped")), *shown))
     head = ("mean of the simple estimates minus result", "estimates", "skipped", "x, mm", "y, mm", "z, mm")
     return table(head, rows, "lrrrrr")
@@ -155,7 +151,7 @@ def cross_check_section(source: Source) -> Html | None:
     return section(
         title,
         table(
-            ("solver", "distance from this result", "", "mean distance of the target's poses", ""),
+            ("solver", "away from this result", "", "target's poses about their mean", ""),
             rows,
             "lrrrr",
         ),

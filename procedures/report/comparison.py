@@ -13,7 +13,7 @@ from cell.poses import Array
 from procedures.report.figure import colour, embed, figure
 from procedures.report.html import Html, absent, note, paragraph, section, table
 from procedures.report.measured import Measured
-from procedures.report.numbers import deg, mm
+from procedures.report.numbers import deg, degs, mm, mms
 from procedures.report.scene import rejected_of
 from procedures.report.source import Source
 
@@ -31,9 +31,9 @@ def comparison_section(source: Source) -> Html | None:
     moved, turned = X[:3, 3] - old[:3, 3], se3.log(step)[3:]
     away = f"{mm(float(np.linalg.norm(moved)))} and {deg(float(np.linalg.norm(turned)))}"
     lines = [
-        ("before", *(mm(v, False) for v in old[:3, 3]), *(deg(v, False) for v in se3.log(old)[3:])),
-        ("now", *(mm(v, False) for v in X[:3, 3]), *(deg(v, False) for v in se3.log(X)[3:])),
-        ("difference", *(mm(v, False) for v in moved), *(deg(v, False) for v in old[:3, :3] @ turned)),
+        ("before", *mms(old[:3, 3]), *degs(se3.log(old)[3:])),
+        ("now", *mms(X[:3, 3]), *degs(se3.log(X)[3:])),
+        ("difference", *mms(moved), *degs(old[:3, :3] @ turned)),
     ]
     head = ("", "x, mm", "y, mm", "z, mm", "rx, °", "ry, °", "rz, °")
     return section(

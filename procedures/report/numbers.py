@@ -1,7 +1,7 @@
 """Numbers as people read them, read tolerantly from data that may be incomplete."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from scipy.stats import chi2
 from cell.poses import Array, from_pose6
 
 DASH = "–"
+_MM, _DEG = 1e3, 180.0 / math.pi
 K95 = 1.96  # standard deviations to 95 % of one component of a normal distribution
 
 
@@ -29,14 +30,24 @@ def number(value: Any) -> float | None:
     return float(value)
 
 
-def mm(value: Any, unit: bool = True) -> str:
-    """Metres as millimetres; three decimals, more for what would vanish."""
-    return _scaled(value, 1e3, 3, " mm" if unit else "")
+def mm(value: Any) -> str:
+    """Metres as millimetres; three decimals, one more for what would vanish."""
+    return _scaled(value, _MM, 3, " mm")
 
 
-def deg(value: Any, unit: bool = True) -> str:
-    """Radians as degrees; four decimals, more for what would vanish."""
-    return _scaled(value, 180.0 / math.pi, 4, "°" if unit else "")
+def deg(value: Any) -> str:
+    """Radians as degrees; four decimals, one more for what would vanish."""
+    return _scaled(value, _DEG, 4, "°")
+
+
+def mms(values: Iterable[float]) -> list[str]:
+    """Metres as millimetres for a row of a table: without unit, and with decimals alike."""
+    return [_fixed(value * _MM, 3) for value in values]
+
+
+def degs(values: Iterable[float]) -> list[str]:
+    """Radians as degrees for a row of a table: without unit, and with decimals alike."""
+    return [_fixed(value * _DEG, 4) for value in values]
 
 
 def px(value: Any) -> str:
@@ -48,9 +59,15 @@ def _scaled(value: Any, scale: float, decimals: int, unit: str) -> str:
     if plain is None:
         return DASH
     shown = plain * scale
-    if 0.0 < abs(shown) < 20.0 * 10.0**-decimals:
+    if 0.0 < abs(shown) < 10.0 * 10.0**-decimals:
         decimals += 1
-    return f"{shown:.{decimals}f}{unit}"
+    return _fixed(shown, decimals) + unit
+
+
+def _fixed(value: float, decimals: int) -> str:
+    """With a true minus sign, and never a negative zero."""
+    shown = f"{value:.{decimals}f}"
+    return shown.lstrip("-") if float(shown) == 0.0 else shown.replace("-", "\N{MINUS SIGN}")
 
 
 def matrix4(pose: Any) -> Array | None:

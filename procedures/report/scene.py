@@ -13,6 +13,7 @@ from procedures.report.measured import Measured
 from procedures.report.numbers import dig
 from procedures.report.source import Source
 
+_FILL = 1.75  # diagonal of what is shown, in the units of plotly's camera
 _AXES = (("x", "#c0392b"), ("y", "#2e8b57"), ("z", "#1f5fa8"))
 
 
@@ -70,7 +71,7 @@ def boards(source: Source, measured: Measured) -> list[tuple[int, int | None, Ar
 
 
 def _scene(source: Source, measured: Measured) -> Any:
-    fig = figure(430, margin={"l": 0, "r": 0, "t": 0, "b": 0})
+    fig = figure(450, margin={"l": 0, "r": 0, "t": 0, "b": 0})
     groups = sorted(set(measured.group.tolist()))
     rejected = rejected_of(source)
     poses = camera_poses(source, measured)
@@ -85,7 +86,7 @@ def _scene(source: Source, measured: Measured) -> Any:
             shapes = [_frustum(poses[k], measured.aspect, size) for k in used]
             if source.X is None:
                 shapes = [_triad(poses[k], size) for k in used]
-            fig.add_trace(_lines(shapes, tint, 2.0, name))
+            fig.add_trace(_lines(shapes, tint, 1.6, name))
         plates = [o for g, index, o in outlines if g == group and index not in rejected]
         fig.add_trace(_lines(plates, tint, 5.0 if not fixed else 2.0, f"target, {name}", fixed))
         for plate in plates if not fixed else []:
@@ -94,25 +95,44 @@ def _scene(source: Source, measured: Measured) -> Any:
         fig.add_trace(_lines([_frustum(poses[0], measured.aspect, 1.6 * size)], "#1b2430", 4.0, "camera"))
     _add_rejected(fig, source, measured, rejected)
     for axis, (letter, tint) in enumerate(_AXES):
-        end = 2.0 * size * np.eye(3)[axis]
+        end = 3.0 * size * np.eye(3)[axis]
         fig.add_trace(_lines([np.array([np.zeros(3), end])], tint, 5.0, f"base {letter}", False))
-    fig.update_layout(scene=_space(), showlegend=False)
+    corners = np.vstack([poses[:, :3, 3], 3.0 * size * np.eye(3), np.zeros(3), *(o for _, _, o in outlines)])
+    fig.update_layout(scene=_space(corners, size), showlegend=False)
     return fig
 
 
-def _space() -> dict[str, Any]:
+def _space(corners: Array, margin: float) -> dict[str, Any]:
+    """Axes to one scale round the points ``corners`` (m, 3), so large that they just fill the picture."""
+    low, high = corners.min(axis=0) - margin, corners.max(axis=0) + margin
+    ratio = _FILL * (high - low) / np.linalg.norm(high - low)
     axis = {"backgroundcolor": "#fff", "gridcolor": "#e3e7ec", "zerolinecolor": "#c5ccd5", "color": SOFT}
     return {
-        "aspectmode": "data",
-        "camera": {"eye": {"x": 1.25, "y": -1.25, "z": 0.75}},
-        **{f"{k}axis": {**axis, "title": {"text": f"{k}, m"}} for k in "xyz"},
+        "annotations": [
+            {
+                "x": 0,
+                "y": 0,
+                "z": 0,
+                "text": "base",
+                "showarrow": False,
+                "yshift": -14,
+                "font": {"color": SOFT},
+            }
+        ],
+        "aspectmode": "manual",
+        "aspectratio": dict(zip("xyz", ratio.tolist(), strict=True)),
+        "camera": {"eye": {"x": 1.0, "y": -1.35, "z": 0.65}, "center": {"x": 0, "y": 0, "z": -0.05}},
+        **{
+            f"{k}axis": {**axis, "title": {"text": f"{k}, m"}, "range": [low[i], high[i]]}
+            for i, k in enumerate("xyz")
+        },
     }
 
 
 def _size(poses: Array, outlines: list[tuple[int, int | None, Array]]) -> float:
     """Length (m) of a frustum that is seen but does not fill the picture."""
     points = np.vstack([poses[:, :3, 3], *(o for _, _, o in outlines)])
-    return max(0.02, 0.07 * float(np.linalg.norm(np.ptp(points, axis=0))))
+    return max(0.02, 0.045 * float(np.linalg.norm(np.ptp(points, axis=0))))
 
 
 def _frustum(T: Array, aspect: Array, size: float) -> Array:
@@ -195,8 +215,9 @@ def views_section(source: Source) -> Html | None:
     for column, (a, b) in enumerate(((0, 1), (0, 2)), start=1):
         for group in groups:
             tint = colour(groups, group)
-            plates = [o[:, [a, b]] for g, _, o in outlines if g == group]
-            fig.add_trace(_flat(plates, tint, 2.0), 1, column)
+            for unused, shade in ((False, tint), (True, REJECTED)):
+                plates = [o[:, [a, b]] for g, i, o in outlines if g == group and (i in rejected) == unused]
+                fig.add_trace(_flat(plates, shade, 2.0), 1, column)
             if measured.setup == "eye-to-hand":
                 continue
             rows = [k for k in range(len(poses)) if measured.group[k] == group]
@@ -224,7 +245,7 @@ def views_section(source: Source) -> Html | None:
     return section(
         "Two plain views",
         embed(fig, "views"),
-        note(f"{lines}; the outlines are the targets. Base frame, to scale."),
+        note(f"{lines}; the outlines are the targets, red where not used. Base frame, to scale."),
     )
 
 

@@ -43,7 +43,7 @@ def _notable(entry: Mapping[str, Any]) -> bool:
     if entry.get("kind") in ("operator", "error", "device", "solve") or entry.get("terminal"):
         return True
     if entry.get("kind") == "state":
-        return "packml" in entry
+        return entry.get("packml") not in (None, "EXECUTE")
     return entry.get("kind") != "header" and entry.get("event") not in _ROUTINE_EVENTS
 
 
@@ -68,7 +68,7 @@ def _plan(entry: Mapping[str, Any]) -> str:
     if predicted is not None:
         text += f", predicted 95 % error {mm(predicted)}"
     if rejected:
-        reasons = Counter(str(dig(r, "why") or dig(r, "reason") or r) for r in rejected)
+        reasons = Counter(str(dig(r, "reason")) for r in rejected)
         text += "; left out: " + "; ".join(f"{why} ({n})" for why, n in reasons.most_common(5))
     return text
 

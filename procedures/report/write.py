@@ -28,7 +28,8 @@ from procedures.report.timeline import timeline_section
 
 FILE_NAME = "report.html"
 Section = Callable[[Source], Html | None]
-_FIRST: tuple[Section, ...] = (result_section, scene_section)
+_ANSWERED: tuple[Section, ...] = (result_section, limits_section)
+_REFUSED: tuple[Section, ...] = (observability_section,)
 _REST: tuple[Section, ...] = (
     views_section,
     held_out_section,
@@ -39,7 +40,6 @@ _REST: tuple[Section, ...] = (
     noise_section,
     intrinsics_section,
     observability_section,
-    limits_section,
     timeline_section,
     inputs_section,
 )
@@ -52,9 +52,9 @@ def write_report(
 
     A folder needs ``result.json``; ``capture.json``, ``run.json``, ``journal.jsonl`` and ``end.json`` are
     used when they are there, and ``path`` is ``report.html`` in it unless given. A mapping needs ``path``,
-    and ``data`` (a capture data set, or ``inputs.path`` of the result) for what shows poses. A figure whose data
-    are absent or damaged is left out and said to be. Raises ``FILE_MISSING`` or ``FILE_UNREADABLE`` for the
-    result, ``DISK_FULL`` or ``DISK_FAILED`` for the report.
+    and ``data`` (a capture data set, or ``inputs.path`` of the result) for what shows poses. A figure whose
+    data are absent or damaged is left out and said to be. Raises ``FILE_MISSING`` or ``FILE_UNREADABLE`` for
+    the result, ``DISK_FULL`` or ``DISK_FAILED`` for the report.
     """
     if isinstance(source, Path):
         found, path = from_folder(source), path or source / FILE_NAME
@@ -69,12 +69,20 @@ def write_report(
 def render(source: Source) -> str:
     """The whole file as text."""
     title = _title(source)
+    answered = source.answer is not None
+    left = _ANSWERED if answered else _REFUSED
+    rest = [part for part in _REST if answered or part not in _REFUSED]
     body = join(
         [
             el("header", el("h1", title), el("p", _subtitle(source))),
             _guarded(verdict_section, source),
-            el("div", *(_guarded(part, source) for part in _FIRST), class_="pair"),
-            *(_guarded(part, source) for part in _REST),
+            el(
+                "div",
+                el("div", *(_guarded(part, source) for part in left)),
+                _guarded(scene_section, source),
+                class_="pair",
+            ),
+            *(_guarded(part, source) for part in rest),
             *(absent(line) for line in source.missing),
             el(
                 "footer",
