@@ -1,4 +1,4 @@
-"""A whole cell in this process on virtual time: world, supervisor, engine, and an operator who moves the board."""
+"""A whole cell in this process on virtual time: world, supervisor, engine, and an operator."""
 
 import asyncio
 import json
@@ -34,10 +34,9 @@ def write_config(
     folder: Path,
     scenario: str = "hand_eye",
     job: Mapping[str, Any] | None = None,
-    change: Callable[[dict[str, Any]], None] | None = None,
     **overrides: Any,
 ) -> CellConfig:
-    """The scenario's own cell on the object face with a small plan. ``change`` edits the loaded ``cell.toml``."""
+    """The scenario's own cell on the object face with a small plan."""
     loaded = Scenario.load(scenario)
     section = {**loaded.cell.job[JOB], **SMALL, **(job or {})}
     text = loaded.cell_toml(

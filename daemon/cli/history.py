@@ -132,8 +132,11 @@ def replay(run: RunArgument, config: ConfigOption = None, as_json: JsonOption = 
     if not data.exists():
         raise error("NOT_FOUND", f"run {run} ({folder.job}) has no capture.json to solve")
     from daemon.cli.offline import solve_data
+    from procedures.cone_capture.verdict import judged
 
     again = solve_data("hand-eye", data, (recorded.get("inputs") or {}).get("method"))
+    if limits := (folder.info.get("job_config") or {}).get("accept"):
+        again = judged(again, limits)
     found = differences(recorded, again)
     if as_json:
         out_json({"run_id": run, "same": not found, "tolerance": TOLERANCE, "differences": found})

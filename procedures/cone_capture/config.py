@@ -1,17 +1,17 @@
 """What an integrator can set for a cone-pose capture."""
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 
 class Acceptance(BaseModel):
     """Limits on the result; within them it may be accepted without a person when ``auto`` is set."""
 
     model_config = ConfigDict(extra="forbid")
-    max_error_t_m: float = Field(0.0005, gt=0, le=0.1, description="95 % error of X, translation")
-    max_error_r_rad: float = Field(0.0005, gt=0, le=0.1, description="95 % error of X, rotation")
-    auto: bool = Field(False, description="accept a passing result without asking")
+    max_error_t_m: float = Field(default=0.0005, gt=0, le=0.1, description="95 % error of X, translation")
+    max_error_r_rad: float = Field(default=0.0005, gt=0, le=0.1, description="95 % error of X, rotation")
+    auto: bool = Field(default=False, description="accept a passing result without asking")
 
 
 class ConeCaptureConfig(BaseModel):
@@ -39,3 +39,9 @@ class ConeCaptureConfig(BaseModel):
     seek_timeout_s: float = Field(20.0, gt=0, le=600.0)
     max_duration_s: float = Field(4 * 3600.0, gt=0)
     accept: Acceptance = Field(default_factory=lambda: Acceptance())
+
+    @model_validator(mode="after")
+    def _enough_poses(self) -> Self:
+        if self.min_poses_per_placement > self.poses_per_placement:
+            raise ValueError("min_poses_per_placement is greater than poses_per_placement")
+        return self

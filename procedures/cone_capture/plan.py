@@ -9,9 +9,9 @@ from scipy.spatial.transform import RigidTransform
 
 from calibration.hand_eye import se3
 from calibration.hand_eye.closed_form import closed_form
-from calibration.hand_eye.pnp import View as CornerView
 from calibration.hand_eye.pnp import solve_pnp
 from calibration.hand_eye.problem import Problem, Setup
+from calibration.hand_eye.views import View as CornerView
 from calibration.planning import (
     ConeRequest,
     ConeShape,

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from cell.devices import Arm, ArmState, DepthCamera, Frame, flange_poses
+from cell.devices import Arm, ArmState, BoardView, DepthCamera, Frame, flange_poses
 from cell.errors import AbortError, CellError, RefusedError, error
 from cell.motion import MotionLease, measured_standstill
 from cell.poses import Array, to_pose6
@@ -29,7 +29,7 @@ from procedures.cone_capture.plan import (
     target_point_count,
 )
 from procedures.cone_capture.record import CaptureRecord, camera_entry, observation_entry
-from procedures.solve.hand_eye import solve_hand_eye
+from procedures.cone_capture.verdict import solve_within_limits
 
 STANDSTILL_TIMEOUT_S = 2.0
 LOST_IN_A_ROW = 3
@@ -70,7 +70,7 @@ class ConeCapture(Procedure):
         S.START_POSE: frozenset({S.SEEK, S.SOLVE}),
         S.SEEK: frozenset({S.SEARCH, S.PLAN, S.PLACE, S.SOLVE}),
         S.SEARCH: frozenset({S.MOVE, S.PLAN, S.SOLVE}),
-        S.PLAN: frozenset({S.MOVE}),
+        S.PLAN: frozenset({S.MOVE, S.RETURN}),
         S.MOVE: frozenset({S.SETTLE, S.MOVE, S.RETURN, S.SOLVE}),
         S.SETTLE: frozenset({S.CAPTURE}),
         S.CAPTURE: frozenset({S.SETTLE, S.MOVE, S.RETURN, S.SEARCH}),
@@ -123,21 +123,31 @@ class _Capture:
         self.record = CaptureRecord(run.folder)
         self.calibration: dict[str, Any] | None = run.values["calibration"][config.setup]
         self.start_q: Array | None = None
+        self._seen_before: BoardView | None = None  # from where the arm stood before
 
     async def take_all(self) -> None:
         run, config = self.run, self.config
         await run.enter(S.PREPARE)
         await self.camera.set_target(self.target)
         await self._begin_record()
+        self._show_progress()
         interrupted = self.record.unfinished_placement()
-        while len(self.record.complete) < config.placements:
-            done = len(self.record.complete)
+        while (done := self._placements_done()) < config.placements:
             await run.enter(S.PLACE, f"placement {done + 1} of {config.placements}")
             group = self.record.next_group() if interrupted is None else interrupted
             if interrupted is None and group > 0:
                 await run.ask(self._placement_text(done))
             await self._take_placement(group, resumed=interrupted is not None)
             interrupted = None
+
+    def _placements_done(self) -> int:
+        """Placements with enough poses; one that was cut short and could not go on does not count."""
+        enough = self.config.min_poses_per_placement
+        return sum(len(self.record.in_group(group)) >= enough for group in self.record.complete)
+
+    def _show_progress(self) -> None:
+        config = self.config
+        self.run.progress(len(self.record.observations), config.placements * config.poses_per_placement)
 
     async def _take_placement(self, group: int, resumed: bool) -> None:
         run = self.run
@@ -157,6 +167,7 @@ class _Capture:
                 assert self.start_q is not None
                 board = self._view(frame).board()
                 await asyncio.to_thread(self.record.begin_placement, group, self.start_q.tolist(), board)
+            self._seen_before = frame.board
             await run.enter(S.PLAN)
             plan = await self.plan(frame, self.record.in_group(group))
             run.note("decision", event="plan", plan=plan.as_dict(), group=group)
@@ -182,7 +193,7 @@ class _Capture:
         return float(np.sqrt(np.mean([np.sum((np.array(a) - b) ** 2) for a, b in pairs])))
 
     async def _take_poses(self, lease: MotionLease, group: int, plan: PlacementPlan) -> None:
-        run, config = self.run, self.config
+        run = self.run
         lost = 0
         for pose in plan.poses:
             await run.enter(S.MOVE, f"pose {pose.index + 1} of placement {group + 1}", pose=pose.index)
@@ -197,11 +208,12 @@ class _Capture:
             lost = 0 if taken else lost + 1
             if lost >= LOST_IN_A_ROW:
                 raise error("BOARD_NOT_SEEN", f"at {lost} poses in a row, last pose {pose.index + 1}")
-            run.progress(len(self.record.observations), config.placements * config.poses_per_placement)
+            self._show_progress()
 
     async def _take_pose(self, group: int, pose_index: int) -> bool:
         """Settle and measure one pose, again where it fails; False when it had to be given up."""
         run, config = self.run, self.config
+        why: str | None = None
         for attempt in range(config.retries_per_pose + 1):
             await run.enter(S.SETTLE, f"attempt {attempt + 1}")
             if not await measured_standstill(self.arm, STANDSTILL_TIMEOUT_S):
@@ -214,6 +226,7 @@ class _Capture:
                 config.frames_per_pose, run.folder / "images", f"{index:04d}-{attempt}", started
             )
             states = self.arm.state.between(started, frames[-1].t_exposure + frames[-1].exposure_s)
+            self._check_alive(frames)
             why = self._fault_of(frames, states)
             if why is None:
                 usable = [f for f in frames if self._shows_board(f)]
@@ -221,9 +234,20 @@ class _Capture:
                 entry["planned"] = pose_index
                 await asyncio.to_thread(self.record.add_pose, entry)
                 run.note("decision", event="pose taken", pose=pose_index, index=index, frames=len(usable))
+                self._seen_before = usable[-1].board
                 return True
             run.note("decision", event="pose failed", pose=pose_index, attempt=attempt + 1, why=why)
+        run.note("decision", event="pose skipped", pose=pose_index, why=why)
         return False
+
+    def _check_alive(self, frames: Sequence[Frame]) -> None:
+        """``CAMERA_FAULT`` when a frame shows, to the last bit, what was seen before the arm moved."""
+        before = self._seen_before
+        for frame in frames:
+            if before is not None and frame.board is not None:
+                now = frame.board.corners
+                if now.shape == before.corners.shape and np.array_equal(now, before.corners):
+                    raise error("CAMERA_FAULT", f"{self.camera.name} repeats one picture while the arm moves")
 
     def _shows_board(self, frame: Frame) -> bool:
         return frame.board is not None and len(frame.board.ids) >= self.config.min_corners
@@ -375,7 +399,8 @@ class _Capture:
             raise error("CAPTURE_INCOMPLETE", "no pose was finished")
         path = await asyncio.to_thread(self.record.write_data_set)
         run.note("solve", event="started", observations=len(self.record.observations))
-        run.result = await run.worker.call(solve_hand_eye, path)
+        limits = self.config.accept.model_dump()
+        run.result = await run.worker.call(solve_within_limits, path, limits)
 
 
 def _corner_motion(frames: Sequence[Frame]) -> float:
