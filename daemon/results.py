@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+from pathlib import Path
 from typing import Any
 
 from cell.procedure import Run
@@ -22,12 +23,17 @@ async def propose_results(run: Run, folder: RunFolder, ledger: Ledger) -> None:
     await asyncio.to_thread(_propose, run, ledger)
 
 
+def draw_report(folder: Path) -> None:
+    """In the worker: drawing, and importing what draws, would hold up the loop."""
+    from procedures.report import write_report
+
+    write_report(folder)
+
+
 async def _write_report(run: Run) -> None:
     """A report that cannot be drawn is said, and never costs the result."""
     try:
-        from procedures.report import write_report
-
-        await run.worker.call(write_report, run.folder)
+        await run.worker.call(draw_report, run.folder)
     except Exception as exc:
         log.exception("report of run %d", run.id)
         run.note("error", event="no report", why=f"{type(exc).__name__}: {exc}")

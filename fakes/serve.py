@@ -1,6 +1,7 @@
 """The twin of a cell: one world, the fakes that show it on real protocols, and a ready cell.toml."""
 
 import asyncio
+import gc
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -194,5 +195,7 @@ class Twin:
 async def serve(options: TwinOptions, stop: asyncio.Event, ready: Callable[[Twin], None]) -> None:
     """Run a twin until ``stop`` is set; ``ready`` is called when everything listens."""
     async with Twin(options) as twin:
+        gc.collect()
+        gc.freeze()  # a full collection of what start-up made would be heard as a silent controller
         ready(twin)
         await stop.wait()

@@ -158,6 +158,12 @@ class WireCell:
         return tomllib.loads((self.folder / "cell.toml").read_text("utf-8"))
 
 
+def _as_the_service_runs() -> None:
+    """The unit's Nice=, where the system permits it."""
+    with suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, -5)
+
+
 def _short_scenario(poses: int, placements: int) -> str:
     """The shipped scenario with a smaller job; its truth stays as it is."""
     from importlib.resources import files
