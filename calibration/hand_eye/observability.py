@@ -112,11 +112,11 @@ def still_pairs(problem: Problem, limit: float = 0.0087) -> list[tuple[int, int,
 
 
 def _distinct(problem: Problem) -> int:
-    """Number of poses that differ, counted inside each group up to eight."""
+    """Number of poses that differ, counted inside each group up to three: more makes no difference."""
     count = 0
     for g in range(problem.groups):
         G = problem.G[problem.group == g]
-        for _ in range(8):
+        for _ in range(3):
             if not len(G):
                 break
             count += 1

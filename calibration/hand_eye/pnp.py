@@ -144,7 +144,7 @@ def refine(views: Sequence[View], C: Array, camera: Intrinsics, give_up: Array |
         sse[rows] = np.maximum(before - gain, 0.0)
         variance = np.maximum(sse[rows] / np.maximum(2 * sizes[rows] - 6, 1), 1e-4)
         active = gain > _SHORT**2 * variance
-        if give_up is not None and iteration >= 2:
+        if give_up is not None and iteration >= 1:
             hopeless = before >= give_up[rows]
             sse[rows[hopeless]] = before[hopeless]
             active &= ~hopeless

@@ -46,8 +46,24 @@ def distortion_jacobian(ideal: Array, camera: Intrinsics) -> Array:
     fx, fy, _, _ = camera.K
     if not any(camera.dist):
         return np.broadcast_to(np.diag([fx, fy]), (len(ideal), 2, 2))
-    h = 1e-5
-    columns = [
-        (project(ideal + step, camera) - project(ideal - step, camera)) / (2 * h) for step in np.eye(2) * h
-    ]
-    return np.stack(columns, axis=-1)
+    if any(camera.dist[8:]):
+        return _jacobian_of_opencv(ideal, camera)
+    k1, k2, p1, p2, k3, k4, k5, k6 = (*camera.dist, *([0.0] * (8 - len(camera.dist))))[:8]
+    x, y = ideal.T
+    r2 = x * x + y * y
+    over, under = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3)), 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6))
+    radial = over / under
+    slope = (k1 + r2 * (2 * k2 + 3 * r2 * k3) - radial * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / under
+    mixed = 2 * (x * y * slope + p1 * x + p2 * y)
+    out = np.empty((len(ideal), 2, 2))
+    out[:, 0, 0] = fx * (radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x)
+    out[:, 0, 1], out[:, 1, 0] = fx * mixed, fy * mixed
+    out[:, 1, 1] = fy * (radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x)
+    return out
+
+
+def _jacobian_of_opencv(ideal: Array, camera: Intrinsics) -> Array:
+    """The same for every model of OpenCV: moving a point at depth 1 sideways moves its ideal coordinate."""
+    rays = np.concatenate([ideal, np.ones((len(ideal), 1))], axis=1)
+    _, J = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), camera.matrix, np.array(camera.dist))
+    return np.asarray(J, dtype=float)[:, 3:5].reshape(-1, 2, 2)

@@ -1,5 +1,7 @@
 """Building blocks of the hand-eye solver against independent ones: SciPy, OpenCV, finite differences."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -101,12 +103,16 @@ def test_a_pose_that_is_mirrored_in_the_line_of_sight_is_kept_as_a_candidate() -
     assert normals[0] @ normals[1] < 0.99
 
 
-def test_undistorting_is_the_inverse_of_projecting() -> None:
-    ideal = np.random.default_rng(0).uniform(-0.5, 0.5, (50, 2))
-    assert np.allclose(undistort(project(ideal, CAMERA), CAMERA), ideal, atol=1e-8)
-    step = np.array([1e-4, -2e-4])
-    linear = (distortion_jacobian(ideal, CAMERA) @ step[:, None])[..., 0]
-    assert np.allclose(project(ideal + step, CAMERA) - project(ideal, CAMERA), linear, atol=1e-3)
+@pytest.mark.parametrize("count", [0, 4, 5, 8, 12, 14])
+def test_undistorting_is_the_inverse_of_projecting_and_has_its_derivative(count: int) -> None:
+    full = (-0.12, 0.08, 1e-3, -5e-4, 0.01, 0.02, -0.01, 0.003, 1e-3, -2e-3, 5e-4, 1e-3, 0.01, -0.02)
+    camera = replace(CAMERA, dist=full[:count])
+    ideal = np.random.default_rng(0).uniform(-0.4, 0.4, (50, 2))
+    assert np.allclose(undistort(project(ideal, camera), camera), ideal, atol=1e-8)
+    step = np.array([1e-5, -2e-5])
+    linear = (distortion_jacobian(ideal, camera) @ step[:, None])[..., 0]
+    numeric = (project(ideal + step, camera) - project(ideal - step, camera)) / 2
+    assert np.allclose(numeric, linear, atol=1e-7)
 
 
 def test_block_solution_equals_the_full_normal_equations() -> None:
