@@ -97,7 +97,7 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
         control = ControlServer(Path(config.cell.control_socket), engine)
         await control.start()
         stack.push_async_callback(control.stop)
-        # What start-up left behind stays: without this each full collection walks it, for tens of milliseconds.
+        # Without this, each full collection walks all that start-up made, for tens of milliseconds.
         gc.collect()
         gc.freeze()
         notifier.ready(f"cell '{config.cell.name}'")

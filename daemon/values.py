@@ -41,7 +41,7 @@ def resolve_values(config: CellConfig, ledger: Ledger, supervisor: Supervisor) -
         if effective.conflict:
             raise error(
                 "RESULT_CONFLICT",
-                f"{name}: [robot] {nominal_keys['X']} was edited since version {effective.version} replaced it",
+                f"[robot] {nominal_keys['X']} was edited since {name} version {effective.version}",
             )
         if effective.version is not None:
             nominal["X"] = effective.value

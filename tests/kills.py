@@ -32,11 +32,11 @@ def controller_goes_away(cell: WireCell) -> None:
 
 
 KINDS: dict[str, Callable[[WireCell], None]] = {
-    "daemon killed": kill_the_daemon,
-    "daemon stopped": stop_the_daemon,
-    "arm child killed": kill_the_arm_child,
-    "vision child killed": kill_the_vision_child,
-    "controller away": controller_goes_away,
+    "daemon-killed": kill_the_daemon,
+    "daemon-stopped": stop_the_daemon,
+    "arm-child-killed": kill_the_arm_child,
+    "vision-child-killed": kill_the_vision_child,
+    "controller-away": controller_goes_away,
 }
 
 
@@ -51,7 +51,7 @@ def survive(cell: WireCell, kind: str, moment_s: float) -> float:
     finished = cell.finished_poses(run_id)
     assert len(finished) >= before, "a finished pose was lost"
     if kind.startswith("daemon"):
-        if kind == "daemon stopped":
+        if kind == "daemon-stopped":
             cell.stays_at_rest(0.5)
             cell.kill_daemon(signal.SIGKILL)
         cell.start_daemon()
@@ -77,7 +77,7 @@ def survive(cell: WireCell, kind: str, moment_s: float) -> float:
 
 
 EXPECTED = {
-    "arm child killed": {"CHILD_DIED", "ARM_SCRIPT_DIED", "MOTION_WATCHDOG"},
-    "vision child killed": {"CHILD_DIED", "DEVICE_LOST"},
-    "controller away": {"DEVICE_LOST", "ARM_REBOOTED"},
+    "arm-child-killed": {"CHILD_DIED", "ARM_SCRIPT_DIED", "MOTION_WATCHDOG"},
+    "vision-child-killed": {"CHILD_DIED", "DEVICE_LOST"},
+    "controller-away": {"DEVICE_LOST", "ARM_REBOOTED"},
 }
