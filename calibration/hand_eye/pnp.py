@@ -12,14 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.hand_eye import se3
-from calibration.hand_eye.pnp_start import start_poses
+from calibration.hand_eye.pnp_start import mirrored, start_poses
 from calibration.hand_eye.views import View, distortion_jacobian, undistort
 from cell.devices import Intrinsics
 from cell.poses import Array
 
 Indices = NDArray[np.int64]
 _AMBIGUOUS = 3.0  # a second pose is kept while its squared error is below this times that of the first
-_HOPELESS = 100.0  # and not worth refining to the end when far above it
+_HOPELESS_START = 1000.0  # and not worth refining when far above it from the start
+_HOPELESS = 100.0  # or still after two steps
 _ITERATIONS, _SHORT = 15, 0.01
 
 
@@ -35,7 +36,7 @@ class Poses:
     C: Array
     cov: Array
     sse: Array
-    corners: Array
+    corners: Indices
 
     def take(self, rows: Indices) -> "Poses":
         """Those of some rows, in that order."""
@@ -51,7 +52,7 @@ class Poses:
 class _Stack:
     """Views padded to one length: points (n, 3, m), ideal coordinates (n, 2, m), whitening 2 x 2 of (n, m).
 
-    Padding repeats the target's origin with no weight.
+    Padding is the target's origin with no weight.
     """
 
     points: Array
@@ -118,15 +119,13 @@ def _jacobian(stack: _Stack, flat: Array, iz: Array) -> Array:
     return d.reshape(n, 6, 2 * m)
 
 
-def refine(views: Sequence[View], C: Array, camera: Intrinsics, give_up: Array | None = None) -> Poses:
+def _refine(everything: _Stack, sizes: Indices, C: Array, give_up: Array | None = None) -> Poses:
     """Gauss-Newton from ``C`` (n, 4, 4), each view until its step is shorter than 1 % of its uncertainty.
 
     The step that is that short is taken too, so what remains is far smaller. A view whose squared error is
-    still above ``give_up`` (n,) after a few steps is left where it is.
+    still above ``give_up`` (n,) after two steps is left where it is.
     """
-    n = len(views)
-    everything = _stack(views, camera)
-    sizes = np.array([len(v.points) for v in views])
+    n = len(C)
     C, cov, sse = C.copy(), np.zeros((n, 6, 6)), np.zeros(n)
     rows = np.arange(n)
     for iteration in range(_ITERATIONS):
@@ -158,17 +157,20 @@ def solve_pnp(views: Sequence[View], camera: Intrinsics) -> tuple[Poses, Indices
     """Every pose that explains a view, and the view (k,) that each belongs to, best one of each first.
 
     A planar target seen with little perspective has a second pose, mirrored in its line of sight, that fits
-    nearly as well: it is kept, and the robot's motion decides. Every view needs four corners or more
-    that do not lie on a line.
+    nearly as well: it is kept, and the robot's motion decides. Every view needs four corners or more that do
+    not lie on a line, and a start that is not NaN.
     """
-    C, owner = start_poses(views, camera)
-    first = np.r_[True, np.diff(owner) > 0]
-    poses = _refine_owned(views, C[first], owner[first], camera, None)
-    if first.all():
+    stack, sizes = _stack(views, camera), np.array([len(v.points) for v in views])
+    poses, owner = _refine(stack, sizes, start_poses(views, camera)), np.arange(len(views))
+    other, rows = mirrored(stack.points, sizes, poses.C)
+    r, _, _ = _residuals(stack.take(rows), other)
+    noise = np.maximum(poses.sse[rows], 1e-3)
+    worth = np.einsum("nkm,nkm->n", r, r) < _HOPELESS_START * noise
+    rows, other, limit = rows[worth], other[worth], _HOPELESS * noise[worth]
+    if not len(rows):
         return poses, owner
-    limit = _HOPELESS * np.maximum(poses.sse[owner[~first]], 1e-3)
-    others = _refine_owned(views, C[~first], owner[~first], camera, limit)
-    poses, owner = poses.joined(others), np.concatenate([owner[first], owner[~first]])
+    poses = poses.joined(_refine(stack.take(rows), sizes[rows], other, limit))
+    owner = np.concatenate([owner, rows])
     order = np.lexsort((poses.sse, owner))
     first = np.r_[True, np.diff(owner[order]) > 0]
     best = order[first]
@@ -176,9 +178,3 @@ def solve_pnp(views: Sequence[View], camera: Intrinsics) -> tuple[Poses, Indices
     same = np.linalg.norm(poses.C[order] - poses.C[best][owner[order]], axis=(1, 2)) < 1e-6
     order = order[keep & (first | ~same)]
     return poses.take(order), owner[order]
-
-
-def _refine_owned(
-    views: Sequence[View], C: Array, owner: Indices, camera: Intrinsics, give_up: Array | None
-) -> Poses:
-    return refine([views[int(i)] for i in owner], C, camera, give_up)

@@ -1,8 +1,8 @@
 """First guesses of a target's pose, for all images at once.
 
-A plane's pose comes from its homography (direct linear transform, Hartley and Zisserman 4.1), and a second
-guess from mirroring its normal in the line of sight, which is where the other minimum of a small or distant
-plane lies (Schweighofer and Pinz 2006). Targets that are not planar go through SQPnP (OpenCV).
+A plane's pose comes from its homography (direct linear transform, Hartley and Zisserman 4.1). Mirroring its
+normal in the line of sight leads to the other minimum that a small or distant plane has (Schweighofer and
+Pinz 2006). Targets that are not planar go through SQPnP (OpenCV).
 """
 
 from collections.abc import Sequence
@@ -17,30 +17,54 @@ from cell.devices import Intrinsics
 from cell.poses import Array
 
 
-def start_poses(views: Sequence[View], camera: Intrinsics) -> tuple[Array, NDArray[np.int64]]:
-    """Guesses (k, 4, 4) of T_camera_target and the view (k,) each belongs to.
+def start_poses(views: Sequence[View], camera: Intrinsics) -> Array:
+    """A guess (n, 4, 4) of T_camera_target for each view, its own start if it has one.
 
-    The view's own start if it has one, else two for a planar target and one for another. A view that no pose
-    before the camera explains has none.
+    NaN where no pose before the camera explains the corners.
     """
-    n = len(views)
-    guesses: list[list[Array]] = [[] if v.start is None else [v.start] for v in views]
+    guesses = np.full((len(views), 4, 4), np.nan)
     planar: dict[int, list[int]] = {}  # views by number of corners
     for i, view in enumerate(views):
         if view.start is not None:
-            continue
-        if _is_planar(view.points):
+            guesses[i] = view.start
+        elif _is_planar(view.points):
             planar.setdefault(len(view.points), []).append(i)
         else:
             guesses[i] = _from_space(view.points, undistort(view.corners, camera))
     for m, same in planar.items():
         points = np.stack([views[i].points for i in same])
         ideal = undistort(np.concatenate([views[i].corners for i in same]), camera)
-        found = _from_planes(points, ideal.reshape(len(same), m, 2))
-        for i, pair in zip(same, found, strict=True):
-            guesses[i] = [T for T in pair if np.all(np.isfinite(T)) and T[2, 3] > 0.0]
-    owner = np.repeat(np.arange(n), [len(g) for g in guesses])
-    return np.array([T for g in guesses for T in g]).reshape(-1, 4, 4), owner
+        guesses[same] = _from_planes(points, ideal.reshape(len(same), m, 2))
+    guesses[~(guesses[:, 2, 3] > 0.0)] = np.nan
+    return guesses
+
+
+def mirrored(points: Array, sizes: NDArray[np.int64], C: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Poses (k, 4, 4) of the planar views (k,) with the normal mirrored in the line of sight.
+
+    ``points`` (n, 3, m) are padded with zeros beyond the views' own numbers ``sizes`` (n,).
+    """
+    normal = np.tile([0.0, 0.0, 1.0], (len(C), 1))
+    planar = ~np.any(points[:, 2], axis=1)
+    for i in np.flatnonzero(~planar):
+        own = points[i, :, : sizes[i]].T
+        planar[i] = _is_planar(own)
+        normal[i] = np.linalg.svd(own - own.mean(axis=0))[2][2]
+    rows = np.flatnonzero(planar)
+    centre = (points[rows].sum(axis=2) / sizes[rows, None])[..., None]
+    R = C[rows, :3, :3]
+    middle = R @ centre + C[rows, :3, 3:]
+    sight = (middle / np.linalg.norm(middle, axis=1, keepdims=True))[..., 0]
+    out = np.zeros((len(rows), 4, 4))
+    out[:, :3, :3] = _half_turn(sight) @ R @ _half_turn(normal[rows])
+    out[:, :3, 3] = (middle - out[:, :3, :3] @ centre)[..., 0]
+    out[:, 3, 3] = 1.0
+    return out, rows
+
+
+def _half_turn(axis: Array) -> Array:
+    """Rotations (k, 3, 3) by pi about unit vectors (k, 3)."""
+    return np.asarray(2.0 * axis[:, :, None] * axis[:, None, :] - np.eye(3))
 
 
 def _is_planar(points: Array) -> bool:
@@ -52,7 +76,7 @@ def _is_planar(points: Array) -> bool:
 
 
 def _from_planes(points: Array, ideal: Array) -> Array:
-    """Two poses (k, 2, 4, 4) each from planar points (k, m, 3) and ideal coordinates (k, m, 2)."""
+    """Poses (k, 4, 4) from planar points (k, m, 3) and ideal coordinates (k, m, 2)."""
     centre = points.mean(axis=1)
     spread = points - centre[:, None]
     _, axes = np.linalg.eigh(np.swapaxes(spread, 1, 2) @ spread)
@@ -73,16 +97,11 @@ def _from_planes(points: Array, ideal: Array) -> Array:
     H = H / norm[:, None, None]
     t = H[:, :, 2]
     R = np.stack([H[:, :, 0], H[:, :, 1], np.cross(H[:, :, 0], H[:, :, 1])], axis=2)
-    R = se3.nearest_rotation(R)
-    sight = t / np.linalg.norm(t, axis=1, keepdims=True)
-    half_turn = 2.0 * sight[:, :, None] * sight[:, None, :] - np.eye(3)
-    mirrored = half_turn @ R @ np.diag([-1.0, -1.0, 1.0])
-    out = np.zeros((len(H), 2, 4, 4))
-    for k, turned in enumerate((R, mirrored)):
-        whole = turned @ np.swapaxes(frame, 1, 2)
-        out[:, k, :3, :3] = whole
-        out[:, k, :3, 3] = t - (whole @ centre[..., None])[..., 0]
-    out[..., 3, 3] = 1.0
+    R = se3.nearest_rotation(R) @ np.swapaxes(frame, 1, 2)
+    out = np.zeros((len(H), 4, 4))
+    out[:, :3, :3] = R
+    out[:, :3, 3] = t - (R @ centre[..., None])[..., 0]
+    out[:, 3, 3] = 1.0
     return out
 
 
@@ -98,11 +117,13 @@ def _homographies(plane: Array, ideal: Array) -> Array:
     return np.asarray(vectors[:, :, 0].reshape(k, 3, 3))
 
 
-def _from_space(points: Array, ideal: Array) -> list[Array]:
+def _from_space(points: Array, ideal: Array) -> Array:
+    T = np.full((4, 4), np.nan)
     try:
         ok, rvec, t = cv2.solvePnP(points, ideal, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP)
     except cv2.error:
-        return []
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = cv2.Rodrigues(rvec)[0], np.ravel(t)
-    return [T] if ok and np.all(np.isfinite(T)) and T[2, 3] > 0.0 else []
+        return T
+    if ok:
+        T[3] = 0.0, 0.0, 0.0, 1.0
+        T[:3, :3], T[:3, 3] = cv2.Rodrigues(rvec)[0], np.ravel(t)
+    return T

@@ -89,8 +89,11 @@ def check_views(loaded: CaptureSet, camera: Intrinsics | None) -> None:
         if view is None:
             continue
         if view.start is not None and not _plausible(view, camera):
-            view = loaded.views[k] = View(view.points, view.corners, view.count)
-        if not len(start_poses([view], camera)[0]):
+            loaded.views[k] = View(view.points, view.corners, view.count)
+    rows = [k for k, v in enumerate(loaded.views) if v is not None]
+    guesses = start_poses([v for v in loaded.views if v is not None], camera)
+    for k, guess in zip(rows, guesses, strict=True):
+        if np.any(np.isnan(guess)):
             loaded.views[k] = None
             loaded.unusable[k] = "no pose of the target before the camera explains the corners"
 

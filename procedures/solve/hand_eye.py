@@ -179,8 +179,8 @@ def _check_match(loaded: CaptureSet, solution: Solution) -> None:
     raise error(
         "DATA_INVALID",
         f"{loaded.path}: T_base_flange does not belong to the images: with setup {problem.setup!r} the "
-        f"target's poses disagree by {apart:.3f} m and {np.degrees(turned_by):.1f} deg (median) at a distance "
-        f"of {reach:.2f} m; {cause}",
+        f"target's poses disagree by {apart:.3f} m and {np.degrees(turned_by):.1f} deg (median), seen from "
+        f"{reach:.2f} m; {cause}",
     )
 
 
