@@ -18,8 +18,7 @@ _HEADLINE = {
 _REMEDY = {
     "too-few-poses": "Take more poses. Three usable ones are the least; 15 to 20 at each placement are good.",
     "poses-not-distinct": "The recorded flange poses are equal. Check that the arm moved between the images "
-    "and "
-    "that the pose was read at each image.",
+    "and that the pose was read at each image.",
     "no-rotation": "Turn the flange between poses, about two axes or more, by 15 degrees or more; shifts "
     "alone say nothing about where the camera sits.",
     "parallel-axes": "Add poses that turn the flange about another axis, at right angles to the one used.",

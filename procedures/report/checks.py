@@ -32,10 +32,8 @@ def consistency_section(source: Source) -> Html | None:
     body: list[object] = [
         note(
             "Two consistency figures. The floor is what a perfect arm would show with the same noise and "
-            "poses; "
-            "within 1.3 times the floor a figure says nothing about the arm and counts as not resolved. "
-            "They are "
-            "neither accuracy nor repeatability."
+            "poses; within 1.3 times the floor a figure says nothing about the arm and counts as not "
+            "resolved. They are neither accuracy nor repeatability."
         )
     ]
     body.append(_spread_table(source.answer))
@@ -114,8 +112,8 @@ def held_out_section(source: Source) -> Html | None:
     if dig(held, "rms") is not None:
         meaning = (
             f"The poses were left out in {_text(dig(held, 'folds'))} parts. Each part was judged by a "
-            "solution from "
-            "the rest: target's pose, RMS. It has the arm's errors in it at the places that were visited."
+            "solution from the rest: target's pose, RMS. It has the arm's errors in it at the places that "
+            "were visited."
         )
         rows.append((f"Held out, {_text(dig(held, 'folds'))} parts, RMS", _pair(dig(held, "rms")), meaning))
     if dig(held, "mean") is not None:
@@ -157,10 +155,8 @@ def cross_check_section(source: Source) -> Html | None:
         ),
         note(
             "OpenCV's solvers on the same poses (at most 60, of the largest placement). They weigh all "
-            "poses alike, "
-            "so a distance of a few times the interval above is ordinary; a much larger one deserves a look "
-            "at "
-            "the data. A smaller mean distance alone does not make a better calibration."
+            "poses alike, so a distance of a few times the interval above is ordinary; a much larger one "
+            "deserves a look at the data. A smaller mean distance alone does not make a better calibration."
         ),
     )
 
@@ -188,8 +184,7 @@ def noise_section(source: Source) -> Html | None:
     if excess is not None:
         meaning = (
             "Factor by which the residuals exceed what the noise levels explain. The covariance, and so "
-            "every "
-            "interval above, is widened by it."
+            "every interval above, is widened by it."
         )
         rows.append(("Excess", f"{np.sqrt(max(excess, 0.0)):.2f}", meaning))
     return section("Noise levels", facts(rows) if rows else absent("The result names no noise levels."))
@@ -203,9 +198,8 @@ def intrinsics_section(source: Source) -> Html | None:
     if used is None:
         fit = px(dig(source.result, "residuals", "reprojection_rms_px"))
         words = (
-            f"The given intrinsics were used. With them the corners of each image fit a pose with {fit} "
-            "RMS; the "
-            "solver compares this with freely estimated intrinsics and says so when they do not fit."
+            f"The given intrinsics were used. With them the corners of each image fit a pose with {fit} RMS; "
+            "the solver compares this with freely estimated intrinsics and says so when they do not fit."
         )
         return section("Intrinsics", paragraph(words))
     K, sigma = dig(used, "K") or [], dig(used, "sigma_K") or []
@@ -239,8 +233,7 @@ def observability_section(source: Source) -> Html:
         frame = _text(dig(found, "axes_frame"))
         lines.append(
             f"The arm turned by {angles} RMS about its three main axes of rotation (in the {frame}). Two of "
-            "them "
-            "must be clearly above zero; the larger they are, the better the position is known."
+            "them must be clearly above zero; the larger they are, the better the position is known."
         )
     if dig(found, "weakest"):
         lines.append(f"Determined least: {dig(found, 'weakest')}.")
@@ -248,9 +241,8 @@ def observability_section(source: Source) -> Html:
         lines.append(f"Left open: {dig(found, 'ambiguity')}.")
     if source.answer is not None:
         lines.append(
-            "Not tested by these data: the arm's accuracy away from the poses visited, and errors that are "
-            "constant "
-            f"in the {source.parent} or the lens. A tracker or a measured point tests those."
+            "Not tested by these data: the arm's accuracy away from the poses visited, and errors of the "
+            "lens that shift all images alike. A tracker or a measured point tests those."
         )
     body = bullets(lines) if lines else absent("The result says nothing of observability.")
     return section("What the data could not determine", body)

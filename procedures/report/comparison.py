@@ -69,8 +69,7 @@ def _spreads(source: Source, old: Array, new: Array) -> list[Html]:
         note(
             f"Each dot is the target's position in the {frame} as one pose sees it, about the mean of its "
             "placement. With the right camera pose all dots of a placement fall together; what is left is "
-            "noise "
-            "and the arm's own errors. Left and middle have one scale, right is the middle enlarged."
+            "noise and the arm's own errors. Left and middle have one scale, right is the middle enlarged."
         ),
     ]
 

@@ -35,11 +35,9 @@ def residuals_section(source: Source) -> Html | None:
     return section(
         "Residuals of each pose",
         note(
-            f"Top and middle: distance of the target's pose in the {frame}, as this pose alone sees it, "
-            "from the "
-            "mean of its placement. Bottom: how well the corners of one image fit a pose of their own. A "
-            "dot was "
-            "used, a red cross was not. Hover for reasons."
+            f"Top and middle: distance of the target's pose in the {frame}, as this pose alone sees it, from "
+            "the mean of its placement. Bottom: how well the corners of one image fit a pose of their own. "
+            "A dot was used, a red cross was not. Hover for reasons."
         ),
         drawn,
         facts(_summary(source)),
@@ -109,8 +107,7 @@ def _summary(source: Source) -> list[tuple[str, object, str]]:
             "spread_mean",
             "Mean distance, used poses",
             f"Mean distance of the target's poses in the {frame} from their mean. A residual: it tells how "
-            "well "
-            "the poses agree with each other, not how accurate the result is.",
+            "well the poses agree with each other, not how accurate the result is.",
         ),
         ("spread_mean_all", "Mean distance, all poses", "The same with the poses that were left out."),
     ):

@@ -41,7 +41,7 @@ def scene_section(source: Source) -> Html:
     else:
         words = "The fixed camera, and the target at each pose of the arm, in the base."
     words += " One colour per placement; poses that were not used are crossed red. Drag to turn."
-    return section(title, embed(_scene(source, measured), "scene"), note(words))
+    return section(title, embed(_scene(source, measured), "scene"), note(words), name="space")
 
 
 def camera_poses(source: Source, measured: Measured) -> Array:
@@ -121,7 +121,7 @@ def _space(corners: Array, margin: float) -> dict[str, Any]:
         ],
         "aspectmode": "manual",
         "aspectratio": dict(zip("xyz", ratio.tolist(), strict=True)),
-        "camera": {"eye": {"x": 1.0, "y": -1.35, "z": 0.65}, "center": {"x": 0, "y": 0, "z": -0.05}},
+        "camera": {"eye": {"x": 1.0, "y": -1.35, "z": 0.65}, "center": {"x": 0, "y": 0, "z": -0.17}},
         **{
             f"{k}axis": {**axis, "title": {"text": f"{k}, m"}, "range": [low[i], high[i]]}
             for i, k in enumerate("xyz")
