@@ -10,7 +10,7 @@ from calibration.hand_eye import se3
 from calibration.hand_eye.problem import Estimate, Groups, Problem
 from cell.poses import Array
 
-_MAX_PAIRS = 1200
+_MAX_PAIRS = 800
 
 
 def pairs(group: Groups, limit: int = _MAX_PAIRS) -> tuple[Groups, Groups]:
@@ -39,7 +39,7 @@ def closed_form(problem: Problem) -> Estimate:
     B = problem.C[i] @ se3.inverse(problem.C[j])
     weight = np.ones(len(i))
     X = np.eye(4)
-    for _ in range(4):
+    for _ in range(3):
         X = _solve(A, B, weight)
         error = A @ X - X @ B
         turn = np.linalg.norm(error[:, :3, :3], axis=(1, 2))

@@ -24,7 +24,7 @@ _SMALLEST = 1e-7
 # No arm in working order turns by more: where the data ask for more, something else is wrong with them (a
 # bending bracket, a lens), and an attitude that explains every shift would only make X worse.
 _MOST = {"sigma_flange_r": 1.5e-3}
-_REML_POSES = 240  # noise levels from this many poses are good to a few per cent, which is enough to weight
+_REML_POSES = 200  # noise levels from this many poses are good to a few per cent, which is enough to weight
 
 
 @dataclass(frozen=True)

@@ -76,6 +76,11 @@ def _sentence(exc: ValidationError, model: type[BaseModel]) -> str:
         return f"{loc} is an unknown key; {fix}{more}"
     if kind == "missing":
         return f"{loc} is missing; add it{more}"
+    if kind in ("too_short", "too_long"):
+        limits = first.get("ctx", {})
+        wanted = limits.get("min_length", limits.get("max_length"))
+        bound = "at least" if kind == "too_short" else "at most"
+        return f"{loc} has {limits.get('actual_length')} entries; it must have {bound} {wanted}{more}"
     text = first["msg"].removeprefix("Value error, ").removeprefix("Input ")
     return f"{loc} {text[:1].lower() + text[1:]}, found {_short(value)}{more}"
 

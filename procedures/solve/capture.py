@@ -11,7 +11,7 @@ from calibration.hand_eye import se3
 from calibration.hand_eye.views import View
 from calibration.targets import Target, make_target
 from cell.devices import Intrinsics
-from cell.errors import error
+from cell.errors import InputError, error
 from cell.formats.capture import SCHEMA, Capture, Observation
 from cell.formats.reading import parse, read_json
 from cell.poses import Array, from_pose6
@@ -66,7 +66,10 @@ def load_capture(path: Path, progress: Progress | None = None) -> CaptureSet:
     """
     file = path / FILE_NAME if path.is_dir() else path
     capture = parse(Capture, read_json(file), SCHEMA, str(file))
-    target = make_target(capture.target.model_dump())
+    try:
+        target = make_target(capture.target.model_dump())
+    except InputError as exc:
+        raise error(exc.name, f"{file}: {exc.detail}") from exc
     loaded = CaptureSet(
         path=file,
         capture=capture,

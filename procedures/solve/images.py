@@ -4,6 +4,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.targets.base import Image
 from cell.errors import error
@@ -30,7 +31,7 @@ def read_grey(path: Path, field: str) -> Image:
         if path.stat().st_size > MAX_BYTES:
             raise error("FILE_UNREADABLE", f"{path}, named by {field}, is larger than {MAX_BYTES} bytes")
         raw = np.fromfile(path, dtype=np.uint8)
-        image = cv2.imdecode(raw, cv2.IMREAD_GRAYSCALE) if raw.size else None
+        image = _decode(raw) if raw.size else None
     except (OSError, cv2.error) as exc:
         raise error("FILE_UNREADABLE", f"{path}, named by {field}, cannot be read: {exc}") from exc
     if image is None:
@@ -39,3 +40,13 @@ def read_grey(path: Path, field: str) -> Image:
             f"{path}, named by {field}, is not an intact image; replace it or take the observation out",
         )
     return np.asarray(image, dtype=np.uint8)
+
+
+def _decode(raw: NDArray[np.uint8]) -> Image | None:
+    """The image, or None; OpenCV's own lines on stderr are left out, since the error says it better."""
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        return cv2.imdecode(raw, cv2.IMREAD_GRAYSCALE)
+    finally:
+        cv2.utils.logging.setLogLevel(level)
