@@ -12,7 +12,7 @@ from rich.console import Console
 
 from cell.errors import CellError, Reaction
 from fakes.control import ask, default_folder
-from fakes.lifetime import CONTROLLER_NICE, die_with_parent, set_priority
+from fakes.lifetime import die_with_parent, run_as_controller
 
 if TYPE_CHECKING:
     from fakes.serve import Twin
@@ -118,7 +118,7 @@ async def _serve(scenario: str, folder: Path, bind: str | None, automatic: bool)
     # Only here: the other commands answer at once without the libraries that a world needs.
     from fakes.serve import TwinOptions, serve
 
-    set_priority(CONTROLLER_NICE)
+    run_as_controller()
     options = TwinOptions(scenario, folder, bind, automatic)
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()

@@ -8,13 +8,24 @@ import signal
 _PR_SET_PDEATHSIG = 1
 
 
-CONTROLLER_NICE, CAMERA_NICE = -12, -10
+_CAMERA_NICE = -10
+_REAL_TIME_PRIORITY = 5
 
 
-def set_priority(nice: int) -> None:
-    """Run before or after others when the system permits: a real controller has a computer of its own."""
+def run_as_controller() -> None:
+    """Run this thread before all others where the system permits: a real controller has its own computer.
+
+    Niceness alone does not do it: Linux shares the cores between sessions first.
+    """
     with contextlib.suppress(PermissionError):
-        os.setpriority(os.PRIO_PROCESS, 0, nice)
+        policy = os.SCHED_RR | os.SCHED_RESET_ON_FORK
+        os.sched_setscheduler(0, policy, os.sched_param(_REAL_TIME_PRIORITY))
+
+
+def run_as_camera() -> None:
+    """Prefer this process to others of its session where the system permits."""
+    with contextlib.suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, _CAMERA_NICE)
 
 
 def die_with_parent(how: signal.Signals = signal.SIGKILL) -> None:

@@ -13,7 +13,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from fakes.frames.server import serve_frames
-from fakes.lifetime import CAMERA_NICE, die_with_parent, set_priority
+from fakes.lifetime import die_with_parent, run_as_camera
 from fakes.world import Message, World
 
 BACKLOG = 20_000  # messages; 40 s of set-points at 500 Hz
@@ -79,5 +79,5 @@ class FrameProcess:
 
 def _serve(socket_path: str, scenario: str, connection: "Connection[Any, Any]") -> None:
     die_with_parent()
-    set_priority(CAMERA_NICE)
+    run_as_camera()
     serve_frames(socket_path, scenario, connection)

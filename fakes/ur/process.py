@@ -15,7 +15,7 @@ from typing import Any
 
 from cell.errors import CellError, error
 from fakes.faults import Switchboard
-from fakes.lifetime import CONTROLLER_NICE, die_with_parent, set_priority
+from fakes.lifetime import die_with_parent, run_as_controller
 from fakes.scenario import Scenario
 from fakes.ur.build import build_controller
 from fakes.ur.controller import Controller
@@ -95,7 +95,7 @@ def _serve(
     connection: "Connection[Any, Any]", bind: str, scenario: str | Path | None, settings: Mapping[str, Any]
 ) -> None:
     die_with_parent()
-    set_priority(CONTROLLER_NICE)
+    run_as_controller()
     try:
         asyncio.run(_run(connection, bind, scenario, settings))
     except CellError as exc:
