@@ -5,6 +5,7 @@ PYTHON = python3
 endif
 VENV := .venv
 BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 .PHONY: demo test lint soak bench docs clean
 
@@ -31,7 +32,8 @@ docs: $(VENV)/.ready
 
 $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	$(PIP) setuptools wheel
+	$(PIP) --no-build-isolation --editable '.[dev]'
 	touch $@
 
 clean:
