@@ -176,6 +176,8 @@ def noise_section(source: Source) -> Html | None:
         ("sigma_px", "Corner noise", px, "One standard deviation of a corner in one image."),
         ("sigma_flange_t", "Flange position noise", mm, "Error of the arm's reported positions, each axis."),
         ("sigma_flange_r", "Flange rotation noise", deg, "Error of the arm's reported rotations, each axis."),
+        ("sigma_pose_t", "Target position noise", mm, "Error of the given poses of the target, each axis."),
+        ("sigma_pose_r", "Target rotation noise", deg, "Error of their rotations, each axis."),
     ):
         if (value := dig(noise, key)) is not None:
             how = "estimated from these data" if key in estimated else "given"
