@@ -34,13 +34,14 @@ def write_config(
     folder: Path,
     scenario: str = "hand_eye",
     job: Mapping[str, Any] | None = None,
+    arm_keys: Mapping[str, Any] | None = None,
     **overrides: Any,
 ) -> CellConfig:
     """The scenario's own cell on the object face with a small plan."""
     loaded = Scenario.load(scenario)
     section = {**loaded.cell.job[JOB], **SMALL, **(job or {})}
     text = loaded.cell_toml(
-        arm={"driver": "fakes.object:ObjectArm", "scenario": scenario},
+        arm={"driver": "fakes.object:ObjectArm", "scenario": scenario, **(arm_keys or {})},
         camera={"driver": "fakes.object:ObjectCamera", "scenario": scenario},
         state_dir=str(folder / "state"),
         control_socket=str(folder / "control.sock"),

@@ -1,0 +1,175 @@
+"""Every device-level fault at every state of a capture, on virtual time.
+
+Whatever happens and whenever: the arm ends at rest, the run has one terminal entry that names the right
+error, nothing is committed, and after the cause is gone and a reset the next run succeeds.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fakes.object import run_virtual
+from procedures.cone_capture.procedure import State
+from tests.object_cell import WHO, ObjectCell, no_report, open_cell, write_config
+
+__all__ = ["no_report"]
+pytestmark = pytest.mark.usefixtures("no_report", "quick_solver")
+
+BRISK = {
+    "speed_m_s": 1.0,
+    "accel_m_s2": 5.0,
+    "joint_speed_rad_s": 3.0,
+    "joint_accel_rad_s2": 20.0,
+    "workspace": [{"min": [-1.3, -1.3, 0.0], "max": [1.3, 1.3, 1.8]}],
+}
+PLAN = {
+    "poses_per_placement": 3,
+    "frames_per_pose": 1,
+    "settle_s": 0.0,
+    "seek_timeout_s": 2.0,
+    "max_duration_s": 25.0,
+    "accept": {"auto": True},
+}
+ANSWER = {
+    "schema": "cellward.result/1",
+    "kind": "hand-eye",
+    "verdict": "pass",
+    "reasons": [],
+    "result": {"T_flange_camera": [0.0, -0.08, 0.05, 0.0, 0.0, 0.0]},
+    "uncertainty": {},
+}
+
+# When a fault comes. The prompt is where the job asks for the second placement.
+PROMPT = "prompt"
+MOMENTS = [*(s.value for s in State if s is not State.SEARCH), PROMPT]
+BEFORE = {"prepare", "place"}
+LENT = {"start-pose", "seek", "plan", "move", "settle", "capture", "return"}
+BETWEEN = {"refine", PROMPT}
+EVERYWHERE = BEFORE | LENT | BETWEEN | {"solve"}
+ON_THE_WAY_S = 0.15  # after the move began
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A fault, the error that must come of it, and the moments at which it can be felt at all."""
+
+    device: str
+    fault: str
+    errors: frozenset[str]
+    felt: set[str]
+    arguments: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        return f"{self.device} {self.fault}"
+
+
+def kind(device: str, fault: str, errors: str, felt: set[str], **arguments: Any) -> Kind:
+    return Kind(device, fault, frozenset(errors.split()), felt, arguments)
+
+
+IN_MOTION_ONLY = LENT
+AT_THE_NEXT_LEASE = BEFORE | LENT | BETWEEN
+KINDS = [
+    kind("arm", "protective-stop", "ARM_PROTECTIVE_STOP", EVERYWHERE),
+    kind("arm", "emergency-stop", "ARM_EMERGENCY_STOP", EVERYWHERE),
+    kind("arm", "safeguard-stop", "ARM_SAFEGUARD_STOP", EVERYWHERE),
+    kind("arm", "local-mode", "ARM_LOCAL_MODE", EVERYWHERE),
+    kind("arm", "drop", "DEVICE_LOST", EVERYWHERE),
+    kind("arm", "refuse", "DEVICE_LOST", LENT, duration_s=8.0),
+    kind("arm", "silence", "DEVICE_LOST STALE_DATA", EVERYWHERE),
+    kind("arm", "reboot", "ARM_REBOOTED DEVICE_LOST", EVERYWHERE),
+    kind("arm", "script-death", "ARM_SCRIPT_DIED", IN_MOTION_ONLY),
+    kind("arm", "child-crash", "CHILD_DIED", IN_MOTION_ONLY),
+    kind("arm", "watchdog", "MOTION_WATCHDOG", IN_MOTION_ONLY),
+    kind("arm", "foreign-program", "ARM_PROGRAM_RUNNING", AT_THE_NEXT_LEASE),
+    kind("arm", "register-in-use", "ARM_REGISTER_CONFLICT", AT_THE_NEXT_LEASE),
+    kind("arm", "hang", "CALL_TIMEOUT", AT_THE_NEXT_LEASE),
+    kind("camera", "drop", "DEVICE_LOST", EVERYWHERE),
+    kind("camera", "silence", "DEVICE_LOST", EVERYWHERE - {"solve"}),  # done before it counts as lost
+    kind("camera", "freeze", "CAMERA_FAULT", AT_THE_NEXT_LEASE),
+    # The operator who places the board anew brings it back.
+    kind("camera", "lost-board", "BOARD_NOT_SEEN", BEFORE | LENT - {"return"}),
+]
+
+
+# Of the moments at which a fault is not felt, the first and the last stand for all.
+CELLS = [(k, m) for k in KINDS for m in MOMENTS if m in k.felt or m in ("prepare", "solve")]
+
+
+@pytest.fixture
+def quick_solver(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is solved does not matter here; what is committed does."""
+    monkeypatch.setattr("procedures.cone_capture.verdict.solve_hand_eye", lambda path: ANSWER)
+
+
+def inject_at(cell: ObjectCell, moment: str, fault: Kind) -> None:
+    plant = cell.plant.controller if fault.device == "arm" else cell.plant.camera
+
+    def strike() -> None:
+        plant.inject(fault.fault, fault.arguments)
+
+    if moment != PROMPT:
+        cell.at_state(moment, strike, ON_THE_WAY_S if moment == "move" else 0.0)
+        return
+    struck = False
+
+    def at_prompt() -> None:
+        nonlocal struck
+        run = cell.engine.run
+        if not struck and run is not None and run.prompt is not None:
+            struck = True
+            strike()
+
+    cell.engine.subscribe(at_prompt)
+
+
+@pytest.mark.parametrize(("fault", "moment"), CELLS, ids=lambda x: x if isinstance(x, str) else x.label)
+def test_a_fault_ends_the_run_safely_and_the_next_one_succeeds(
+    fault: Kind, moment: str, tmp_path: Path
+) -> None:
+    placements = 2 if moment in BETWEEN | {"return"} else 1
+    config = write_config(
+        tmp_path, job={**PLAN, "placements": placements}, limits=BRISK, arm_keys={"state_period_s": 0.02}
+    )
+
+    async def main() -> None:
+        async with open_cell(config) as cell:
+            inject_at(cell, moment, fault)
+            end = await cell.run_job()
+            await cell.clock.sleep(1.0)
+            assert cell.at_rest()
+            committed = [r["run_id"] for r in cell.ledger.results()]
+            if moment in fault.felt:
+                assert end["error"] is not None, f"{end['outcome']} in spite of the fault"
+                assert (end["outcome"], end["packml"]) == ("aborted", "ABORTED")
+                assert end["error"]["name"] in fault.errors, end["error"]
+                assert committed == []
+            else:
+                assert end["outcome"] == "complete", end["error"]
+            check_stops(cell)
+            await put_right(cell)
+            second = await cell.run_job(params={"placements": "1"})
+            assert second["outcome"] == "complete", second["error"]
+            assert cell.at_rest()
+
+    run_virtual(main())
+
+
+def check_stops(cell: ObjectCell) -> None:
+    """Every lease ended in a standstill that was measured; else motion is locked, or nothing was started."""
+    open_ends = len(cell.notes(1, "lease")) - len(cell.notes(1, "standstill"))
+    failure = cell.end(1)["error"]
+    refused = failure is not None and failure["name"] in ("ARM_PROGRAM_RUNNING", "ARM_REGISTER_CONFLICT")
+    assert open_ends == 0 or (open_ends == 1 and (refused or cell.engine.status()["latched"]))
+
+
+async def put_right(cell: ObjectCell) -> None:
+    """What a person does: mend the cause, wait for the devices, reset."""
+    cell.plant.controller.clear()
+    cell.plant.camera.clear()
+    await cell.until(cell.all_ready, "all devices back", 30.0)
+    await cell.clock.sleep(0.1)  # until the stream shows it
+    await cell.engine.reset(WHO)
