@@ -20,7 +20,7 @@ from cell.store.runs import RunFolder, load_run
 from daemon.config import CellConfig
 from daemon.results import propose_results
 from daemon.supervisor import Supervisor
-from daemon.values import resolve_values
+from daemon.values import resolve_values, tell_configured
 from procedures.arm_setup import lease_settings
 
 log = logging.getLogger("cellward.engine")
@@ -164,12 +164,14 @@ class Engine:
         self._publish()
 
     async def accept(self, result_id: int, who: str) -> dict[str, Any]:
+        await asyncio.to_thread(tell_configured, self.context.config, self.ledger)
         return await asyncio.to_thread(self.ledger.accept, result_id, who)
 
     async def reject(self, result_id: int, who: str, why: str) -> dict[str, Any]:
         return await asyncio.to_thread(self.ledger.reject, result_id, who, why)
 
     async def rollback(self, name: str, who: str) -> dict[str, Any]:
+        await asyncio.to_thread(tell_configured, self.context.config, self.ledger)
         return await asyncio.to_thread(self.ledger.rollback, name, who)
 
     def subscribe(self, listener: Callable[[], None]) -> Callable[[], None]:

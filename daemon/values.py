@@ -34,8 +34,7 @@ def resolve_values(config: CellConfig, ledger: Ledger, supervisor: Supervisor) -
         "versions": {},
     }
     for setup, (name, nominal_keys) in CALIBRATIONS.items():
-        nominal = {k: getattr(robot, key) for k, key in nominal_keys.items()}
-        nominal = {k: list(v) for k, v in nominal.items() if v is not None}
+        nominal = _nominal(config, nominal_keys)
         values["configured"][name] = nominal.get("X")
         effective = ledger.effective(name, nominal.get("X"))
         if effective.conflict:
@@ -48,6 +47,17 @@ def resolve_values(config: CellConfig, ledger: Ledger, supervisor: Supervisor) -
             values["versions"][name] = effective.version
         values["calibration"][setup] = nominal or None
     return values
+
+
+def tell_configured(config: CellConfig, ledger: Ledger) -> None:
+    """Let the ledger know the configured values of today, against which it judges a decision."""
+    for name, nominal_keys in CALIBRATIONS.values():
+        ledger.effective(name, _nominal(config, nominal_keys).get("X"))
+
+
+def _nominal(config: CellConfig, keys: dict[str, str]) -> dict[str, list[float]]:
+    values = {k: getattr(config.robot, key) for k, key in keys.items()}
+    return {k: list(v) for k, v in values.items() if v is not None}
 
 
 def robot_spec(config: CellConfig, supervisor: Supervisor) -> dict[str, Any]:

@@ -78,7 +78,7 @@ KINDS = [
     kind("arm", "safeguard-stop", "ARM_SAFEGUARD_STOP", EVERYWHERE),
     kind("arm", "local-mode", "ARM_LOCAL_MODE", EVERYWHERE),
     kind("arm", "drop", "DEVICE_LOST", EVERYWHERE),
-    kind("arm", "refuse", "DEVICE_LOST", LENT, duration_s=8.0),
+    kind("arm", "refuse", "DEVICE_LOST", EVERYWHERE, duration_s=8.0),
     kind("arm", "silence", "DEVICE_LOST STALE_DATA", EVERYWHERE),
     kind("arm", "reboot", "ARM_REBOOTED DEVICE_LOST", EVERYWHERE),
     kind("arm", "script-death", "ARM_SCRIPT_DIED", IN_MOTION_ONLY),
