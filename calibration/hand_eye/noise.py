@@ -58,7 +58,8 @@ def first_noise(lin: Linearised, given: Mapping[str, float]) -> Noise:
     names += [k for k in PARTS[3:] if bare.any()]
     sigma = {}
     for name in names:
-        sigma[name] = given.get(name, (_START | _START_POSE)[name])
+        level = given.get(name, (_START | _START_POSE)[name])
+        sigma[name] = max(level, _FLOOR.get(name, _SMALLEST))  # no noise at all would leave nothing to weigh
     if "sigma_px" in names and "sigma_px" not in given:
         rows = (problem.dof > 0) & ~bare
         if rows.any():

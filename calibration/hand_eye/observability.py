@@ -11,6 +11,7 @@ from cell.poses import Array
 _SAME_T, _SAME_R = 2e-5, 2e-5  # m, rad: two poses closer than this are one
 _TURN = 0.01  # rad: RMS rotation about an axis below which nothing is seen of it
 _NOISE_MARGIN = 4.0
+_SAME_NORMAL, _SAME_POINT, _NEAR_AXIS = np.radians(3.0), 0.04, 0.5  # rad, and shares of the distance
 
 
 @dataclass(frozen=True)
@@ -127,12 +128,22 @@ def _distinct(problem: Problem) -> int:
 
 
 def _rolls_with_target(problem: Problem) -> bool:
-    """Whether the one axis is the target's normal, with the target at rest in the camera otherwise."""
+    """Whether the one axis is the target's normal through the point that the camera looks at.
+
+    That is the cone whose camera turns with its generatrix: in every placement the normal and one point of
+    the target's plane rest in the camera, the point well inside the view.
+    """
     for g in range(problem.groups):
         C = problem.C[problem.group == g]
-        normals = C[:, :3, 2]
-        mean = normals.mean(axis=0)
-        if np.linalg.norm(mean) < np.cos(np.radians(3.0)):
+        if np.linalg.norm(C[:, :3, 2].mean(axis=0)) < np.cos(_SAME_NORMAL):
+            return False
+        # R_i c + t_i = p for one c in the plane z = 0 and one p in the camera
+        A = np.concatenate([C[:, :3, :2], np.tile(-np.eye(3), (len(C), 1, 1))], axis=2).reshape(-1, 5)
+        b = -C[:, :3, 3].ravel()
+        found = np.linalg.lstsq(A, b, rcond=None)[0]
+        p = found[2:]
+        wander = np.sqrt(np.mean((A @ found - b) ** 2))
+        if wander > _SAME_POINT * p[2] or np.linalg.norm(p[:2]) > _NEAR_AXIS * p[2]:
             return False
     return True
 

@@ -153,8 +153,11 @@ def _refused(
 
 
 def _check_match(loaded: CaptureSet, solution: Solution) -> None:
-    """Refuse flange poses that do not belong to the images, with the likely cause."""
-    problem = solution.problem
+    """Refuse flange poses that do not belong to the images, with the likely cause.
+
+    Judged by the observations in use: a few that are wrong are blunders, and are listed.
+    """
+    problem = solution.problem.take(solution.used)
     i, j = pairs(problem.group, 500)
     turned = []
     for T in (problem.G, problem.C):
@@ -174,7 +177,7 @@ def _check_match(loaded: CaptureSet, solution: Solution) -> None:
         return
     swapped = "eye-to-hand" if problem.setup == "eye-in-hand" else "eye-in-hand"
     cause = "check the order of the poses and that translations are in metres"
-    if _fits_swapped(loaded, problem, 0.2 * apart):
+    if _fits_swapped(problem, 0.2 * apart):
         cause = f"the data fit setup {swapped!r}; mend setup"
     raise error(
         "DATA_INVALID",
@@ -189,11 +192,11 @@ def _apart(problem: Problem, X: np.ndarray) -> tuple[float, float]:
     return float(np.median(t)), float(np.median(r))
 
 
-def _fits_swapped(loaded: CaptureSet, problem: Problem, limit: float) -> bool:
+def _fits_swapped(problem: Problem, limit: float) -> bool:
     """Whether the other setup brings the target's positions together."""
-    rows = loaded.usable()
     setup: Setup = "eye-to-hand" if problem.setup == "eye-in-hand" else "eye-in-hand"
-    measured = replace(_measurements(loaded, rows), setup=setup, views=[None] * len(rows), C=problem.C)
+    F = problem.G if problem.setup == "eye-to-hand" else se3.inverse(problem.G)
+    measured = Measurements(setup, F, problem.group, [None] * problem.n, problem.C, np.eye(4)[None])
     other = solve(measured, None, {})
     return isinstance(other, Solution) and _apart(other.problem, other.at.X)[0] < limit
 

@@ -148,6 +148,20 @@ def test_data_that_cannot_determine_the_answer_are_refused_by_name(name: str, se
     assert "observable" in answer.words
 
 
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_turning_about_the_normal_while_moving_about_is_not_called_a_rigid_roll(setup: str) -> None:
+    shifts = np.random.default_rng(7).uniform(-0.06, 0.06, (12, 3))
+    views = []
+    for f, s in zip(np.linspace(-1.0, 1.0, 12), shifts, strict=True):
+        R = Rotation.from_rotvec([0, 0, f])
+        views.append(
+            RigidTransform.from_components(np.array([0, 0, 0.5]) + s - R.apply(POINTS.mean(axis=0)), R)
+        )
+    answer = solve(make_scene(views=views, count=12, setup=setup).measurements(), CAMERA, {})
+    assert isinstance(answer, Refusal)
+    assert answer.name == "parallel-axes"
+
+
 def test_small_but_real_rotations_are_not_refused() -> None:
     scene = make_scene(views=cone_views(np.random.default_rng(2), 16, half_angle=0.06), count=16)
     assert isinstance(solve(scene.measurements(), CAMERA, {}), Solution)

@@ -297,6 +297,23 @@ def test_poses_in_another_order_are_found_out(tmp_path: Path) -> None:
         solve_hand_eye(scene.write(tmp_path))
 
 
+def test_a_misread_image_is_listed_and_does_not_spoil_the_rest(tmp_path: Path) -> None:
+    scene = make_scene(13, count=14)
+    scene.corners[3] = scene.corners[3][::-1]  # numbered from the other end
+    scene.corners[5] = np.random.default_rng(0).uniform(0, 800, (54, 2))
+    result = solve_hand_eye(scene.write(tmp_path))
+    assert [r["index"] for r in result["result"]["rejected"]] == [3, 5]
+    e = error_of(result)
+    assert e @ np.linalg.solve(np.array(result["result"]["cov"]), e) < 22.5
+
+
+def test_noise_given_as_zero_still_gives_an_answer(tmp_path: Path) -> None:
+    noise = {"sigma_px": 0.0, "sigma_flange_t": 0.0, "sigma_flange_r": 0.0}
+    result = solve_hand_eye(make_scene(14, count=12).write(tmp_path, noise=noise))
+    assert [w["code"] for w in result["warnings"]] == ["noise.too-small"]
+    assert np.linalg.norm(error_of(result)[:3]) < 5e-3
+
+
 def test_the_wrong_setup_is_found_out(tmp_path: Path) -> None:
     path = make_scene(11, "eye-to-hand", count=16).write(tmp_path, setup="eye-in-hand")
     with pytest.raises(InputError, match="the data fit setup 'eye-to-hand'"):
