@@ -2,9 +2,11 @@
 
 import asyncio
 import logging
+from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
-from cell.errors import CellError, error
+from cell.errors import CellError, RefusedError, error
 from cell.procedure import PackML
 from daemon.config import CellConfig
 from daemon.engine import WAITING, Engine
@@ -72,13 +74,18 @@ class PlcFace:
     async def _accept(self, run_id: int, who: str) -> None:
         if not self._config.modbus.allow_accept:
             raise error("NOT_ALLOWED", "[modbus] allow_accept is false")
-        for result_id in await asyncio.to_thread(self._engine.ledger.open_results_of, run_id):
+        waiting = await asyncio.to_thread(self._engine.ledger.open_results_of, run_id)
+        if not waiting:
+            raise error("NOT_NOW", f"run {run_id} has no result that waits for a decision")
+        for result_id in waiting:
             await self._engine.accept(result_id, who)
 
     def heartbeat_changed(self, alive: bool) -> None:
         """A PLC that went silent holds the job at its next checkpoint; only a person or a PLC resumes it."""
-        if not alive and self._engine.active:
-            log.warning("the PLC's heartbeat is lost: the job holds")
+        if alive or not self._engine.active:
+            return
+        log.warning("the PLC's heartbeat is lost: the job holds")
+        with suppress(RefusedError):  # the job is just writing its end
             self._engine.hold("the PLC's heartbeat is lost")
 
     def snapshot(self) -> dict[str, Any]:
@@ -103,6 +110,7 @@ class PlcFace:
             "uptime_s": int(self._clock.now() - self._started),
             "spread_within_m": (found.get("spread_within") or {}).get("t_norm") or 0.0,
             "spread_across_m": (found.get("spread_across") or {}).get("t_norm") or 0.0,
+            "predicted_95_m": _predicted_95(answer),
         }
 
     def _bits(self, status: dict[str, Any], last: dict[str, Any] | None) -> int:
@@ -128,3 +136,9 @@ class PlcFace:
     def _ok(self, role: str) -> bool:
         name = self._config.robot.roles().get(role)
         return name is not None and self._supervisor.devices[name].state.value == "READY"
+
+
+def _predicted_95(answer: Mapping[str, Any]) -> float:
+    """The arm's absolute accuracy where it was estimated, else the 95 % error of the calibration itself."""
+    accuracy = (answer.get("result") or {}).get("absolute_accuracy") or {}
+    return accuracy.get("predicted_95") or (answer.get("uncertainty") or {}).get("error95_t_m") or 0.0

@@ -109,8 +109,9 @@ class SupervisedDevice:
     def _failed(self, exc: Exception, first: bool) -> None:
         self.last_error = exc
         refused = isinstance(exc, CellError) and exc.name == "DEVICE_IDENTITY"
+        another = refused and self.state is not DeviceState.FAULTED  # a stranger where our device was
         self._set(DeviceState.FAULTED if refused else DeviceState.RETRYING)
-        if first:
+        if first or another:
             log.warning("%s: %s", self.device.name, _reason(exc))
 
     def _set(self, state: DeviceState) -> None:
