@@ -21,9 +21,9 @@ _START = {"sigma_px": 0.3, "sigma_flange_t": 2e-4, "sigma_flange_r": 2e-4}
 _START_POSE = {"sigma_pose_t": 1e-3, "sigma_pose_r": 1e-3}
 _FLOOR = {"sigma_px": 1e-3, "sigma_flange_t": 1e-7, "sigma_flange_r": 1e-7}
 _SMALLEST = 1e-7
-# No arm in working order turns by more: where the data ask for more, something else is wrong with them (a
-# bending bracket, a lens), and an attitude that explains every shift would only make X worse.
-_MOST = {"sigma_flange_r": 1.5e-3}
+# A factory-calibrated arm is good to about 1 mm at 1 m of reach. Where the data ask for more, something else
+# is wrong with them (a bending bracket, a lens), and an attitude that explains every shift makes X worse.
+_MOST = {"sigma_flange_r": 1e-3}
 _REML_POSES = 200  # noise levels from this many poses are good to a few per cent, which is enough to weight
 
 
