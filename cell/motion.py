@@ -1,6 +1,7 @@
 """The motion lease: the only way to move an arm, and it always ends in a measured standstill."""
 
 import asyncio
+import logging
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from dataclasses import dataclass, field
 from types import TracebackType
@@ -15,8 +16,11 @@ from cell.errors import CellError, RefusedError, error
 from cell.poses import Array
 from cell.samples import Sample
 
+log = logging.getLogger("cellward.motion")
+
 MAX_STATE_AGE_S = 0.1
 FRESH_WITHIN_S = 0.2
+LOOK_S = 0.5
 STANDSTILL_SAMPLES = 5
 STANDSTILL_SPAN_S = 0.04
 
@@ -157,10 +161,10 @@ class MotionLease:
         self._broker.acquire(self._arm)
         try:
             self._arm.check_movable()
+            self._recorder.note("motion", event="lease", arm=self._arm.name)
         except BaseException:
             self._broker.release(self._arm)
             raise
-        self._recorder.note("motion", event="lease", arm=self._arm.name)
         try:
             self._port = await self._arm.open_motion(self._tool)
         except RefusedError:
@@ -243,6 +247,10 @@ class MotionLease:
             self._broker.release(self._arm)
 
     async def _stop_ladder(self, port: MotionPort | None) -> None:
+        if port is None and await self._nothing_runs():
+            # Nothing of ours is left to stop; a stop script would end what others start.
+            self._note("motion", event="standstill", after="no motion")
+            return
         steps: list[tuple[str, Callable[[], Awaitable[None]] | None, float]] = [
             ("decelerate", port.decelerate if port is not None else None, 0.5),
             ("stop script", self._arm.stop_script, 1.0),
@@ -255,12 +263,19 @@ class MotionLease:
             await self._attempt(name, action, budget)
             # A step that used up its budget still gets one look at the arm.
             if await measured_standstill(self._arm, max(deadline - self._broker.clock.now(), 0.1)):
-                self._recorder.note("motion", event="standstill", after=name)
+                self._note("motion", event="standstill", after=name)
                 return
         failure = error("MOTION_NOT_STOPPED", f"{self._arm.name} after every step of the stop ladder")
         self._broker.latch(failure)
-        self._recorder.note("error", **failure.as_dict())
+        self._note("error", **failure.as_dict())
         raise failure
+
+    async def _nothing_runs(self) -> bool:
+        """The arm rests and its newest state shows no program."""
+        if not await measured_standstill(self._arm, LOOK_S):
+            return False
+        newest = self._arm.state.last()
+        return newest is not None and not newest.value.program_running
 
     async def _attempt(self, name: str, action: Callable[[], Awaitable[None]], budget: float) -> None:
         """One step with a deadline; its failure is noted and the next step follows."""
@@ -268,4 +283,11 @@ class MotionLease:
             async with asyncio.timeout(budget):
                 await action()
         except Exception as exc:
-            self._recorder.note("motion", event="step failed", step=name, why=f"{type(exc).__name__}: {exc}")
+            self._note("motion", event="step failed", step=name, why=f"{type(exc).__name__}: {exc}")
+
+    def _note(self, kind: str, **fields: Any) -> None:
+        """A line about stopping; a disk that takes none must not keep the next step from being taken."""
+        try:
+            self._recorder.note(kind, **fields)
+        except CellError as exc:
+            log.error("%s: not in the journal (%s): %s", self._arm.name, exc, fields)

@@ -29,6 +29,7 @@ class ScriptedArm:
     obeys: set[str] = field(default_factory=lambda: {"decelerate"})
     name: str = "arm"
     silent: bool = False
+    program_running: bool = True
     refusal: CellError | None = None
     hang: set[str] = field(default_factory=set)
 
@@ -44,7 +45,7 @@ class ScriptedArm:
             if not self.silent:
                 qd = np.full(6, 0.3 if self.moving else 0.0)
                 zero = np.zeros(6)
-                state = ArmState(zero, qd, zero, zero, zero, zero, 7, 1, True, 0, 0, 0.0)
+                state = ArmState(zero, qd, zero, zero, zero, zero, 7, 1, self.program_running, 0, 0, 0.0)
                 self.state.push(Sample(state, self.clock.now(), 0.001, seq))
                 seq += 1
             await asyncio.sleep(0.01)
@@ -90,8 +91,11 @@ class OpenGuard:
 @dataclass
 class Notes:
     lines: list[dict[str, Any]] = field(default_factory=list)
+    disk_full: bool = False
 
     def note(self, kind: str, **fields: Any) -> None:
+        if self.disk_full:
+            raise error("DISK_FULL", "journal.jsonl")
         self.lines.append({"kind": kind, **fields})
 
     def standstill_after(self) -> list[str]:
@@ -246,6 +250,38 @@ def test_a_client_that_never_comes_up_is_stopped_too() -> None:
                     await bench.drive()
             assert "stop_script" in arm.asked
             assert bench.notes.standstill_after() == ["stop script"]
+
+    run_virtual(main())
+
+
+def test_a_client_that_never_began_leaves_no_stop_script_on_a_resting_arm() -> None:
+    async def main() -> None:
+        arm = ScriptedArm(hang={"open"}, program_running=False)
+        async with bench_with(arm) as bench:
+            with pytest.raises(TimeoutError):
+                async with asyncio.timeout(1.0):
+                    await bench.drive()
+            assert arm.asked == ["open"]
+            assert bench.notes.standstill_after() == ["no motion"]
+
+    run_virtual(main())
+
+
+def test_a_full_disk_does_not_keep_the_stop_ladder_from_its_next_step() -> None:
+    async def main() -> None:
+        arm = ScriptedArm({"stop_program"}, hang={"decelerate", "stop_script"})
+        async with bench_with(arm) as bench:
+            task = asyncio.create_task(bench.drive())
+            await asyncio.sleep(0.5)
+            bench.notes.disk_full = True
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+            assert not arm.moving
+            with pytest.raises(CellError, match="full"):
+                await bench.drive()
+            bench.notes.disk_full = False
+            await cancel_times(1)(bench)  # the arm was not left lent
 
     run_virtual(main())
 
