@@ -86,11 +86,13 @@ class Engine:
         """Start a job, or list its plan without moving. Refused with a code, never queued."""
         if self._task is not None or self._starting:
             raise error("BUSY", f"{self.run.procedure.name}, run {self.run.id}" if self.run else job)
-        self._starting = True
+        self._starting, self._ending = True, None
         try:
             return await self._start(job, params, dry_run, adopt, who, channel)
         finally:
             self._starting = False
+            if self._task is None:
+                self._ending = None
 
     async def _start(
         self, job: str, params: Mapping[str, str], dry_run: bool, adopt: int | None, who: str, channel: str
@@ -116,8 +118,10 @@ class Engine:
         if dry_run:
             return await self._dry_run(run, folder)
         await asyncio.to_thread(self.ledger.start_run, run_id, job, folder.path.name, who, channel)
-        self.run, self.error, self._ending = run, None, None
         run.note("operator", event="start", who=who, channel=channel)
+        if self._ending is not None:
+            run.note("operator", event="stopped before it began")
+        self.run, self.error = run, None
         self._task = asyncio.create_task(self._execute(run, folder, devices), name=f"run {run_id}")
         self._publish()
         return {"run_id": run_id, "folder": folder.path.name}
@@ -154,14 +158,18 @@ class Engine:
         """Leave Aborted or Stopped; refused while the arm itself still shows a fault."""
         if self._task is not None:
             raise error("NOT_NOW", "a job is running; stop it first")
-        arm = self._arm()
-        if arm is not None and (fault := arm.fault()) is not None:
+        if (fault := self.arm_fault()) is not None:
             raise error("NOT_NOW", f"the arm still shows: {fault}")
         self.context.broker.reset()
         self.error = None
         self.idle_state = PackML.IDLE
         log.info("reset by %s", who)
         self._publish()
+
+    def arm_fault(self) -> Exception | None:
+        """The coded error that the arm shows now, job or not."""
+        arm = self._arm()
+        return None if arm is None else arm.fault()
 
     async def accept(self, result_id: int, who: str) -> dict[str, Any]:
         await asyncio.to_thread(tell_configured, self.context.config, self.ledger)
@@ -354,13 +362,17 @@ class Engine:
         return lost if isinstance(lost, CellError) else error("DEVICE_LOST", f"{type(lost).__name__}: {lost}")
 
     def _end_with(self, ending: PackML, verb: str, who: str) -> None:
+        """Stop first, and write it down after: a full disk must not keep anybody from stopping."""
+        if self._starting and self._task is None:
+            self._ending = self._ending or ending  # the run that is being made ends before it begins
+            return
         run = self._active()
-        assert self._task is not None
         if self._ending is None:
-            run.note("operator", event=verb, who=who)
-            self._set_ending(ending)
+            self._ending = ending
             if self._job is not None:
                 self._job.cancel()
+            run.note("operator", event=verb, who=who)
+            self._publish()
 
     def _set_ending(self, state: PackML) -> None:
         self._ending = state

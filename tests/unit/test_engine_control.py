@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from cell.errors import CellError, error
 from cell.procedure import PackML
 from fakes.object import run_virtual
 from tests.object_cell import JOB, WHO, no_report, open_cell, refused, write_config
@@ -47,6 +48,47 @@ def test_a_stop_right_behind_the_start_is_not_lost(tmp_path: Path) -> None:
             await cell.engine.abort(WHO)
             assert (await cell.finished(run_id))["outcome"] == "stopped"
             assert cell.notes(run_id, "lease") == []
+
+    run_virtual(main())
+
+
+@pytest.mark.parametrize(("verb", "outcome"), [("abort", "stopped"), ("halt", "halted")])
+def test_a_stop_while_the_run_is_being_made_ends_it_before_it_begins(
+    verb: str, outcome: str, tmp_path: Path
+) -> None:
+    async def main() -> None:
+        async with open_cell(write_config(tmp_path)) as cell:
+            start = asyncio.create_task(cell.engine.start(JOB, {}, who=WHO, channel="test"))
+            await asyncio.sleep(0)  # the start now waits for the ledger
+            assert not start.done()
+            await getattr(cell.engine, verb)("another channel")
+            run_id = (await start)["run_id"]
+            assert (await cell.finished(run_id))["outcome"] == outcome
+            assert cell.notes(run_id, "lease") == []
+            assert (await cell.run_job())["outcome"] == "complete"  # the stop was that run's alone
+
+    run_virtual(main())
+
+
+def test_a_full_disk_does_not_keep_a_stop_from_stopping(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def main() -> None:
+        async with open_cell(write_config(tmp_path, job={"poses_per_placement": 3})) as cell:
+            run_id = await cell.start()
+            await cell.until_state("move")
+            run = cell.engine.run
+            assert run is not None
+
+            def full(kind: str, **fields: Any) -> None:
+                raise error("DISK_FULL", "journal.jsonl")
+
+            with monkeypatch.context() as disk:
+                disk.setattr(run, "note", full)
+                with pytest.raises(CellError, match="full"):
+                    await cell.engine.halt(WHO)
+            assert (await cell.finished(run_id))["outcome"] == "halted"
+            assert cell.at_rest()
 
     run_virtual(main())
 
