@@ -197,6 +197,7 @@ class Run:
             waiting = f"prompt {self.prompt[0]} is open" if self.prompt else "no prompt is open"
             raise error("NOT_NOW", f"prompt {prompt_id} cannot be confirmed, {waiting}")
         self.note("operator", event="confirm", prompt=prompt_id, who=who)
+        self.prompt = None
         self._answered.set()
 
     def finish(self) -> None:

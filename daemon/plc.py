@@ -117,8 +117,10 @@ class PlcFace:
         engine = self._engine
         waiting = engine.packml in WAITING
         fault = engine.error is not None or status["latched"]
-        arm, camera = self._ok("arm"), self._ok("flange_camera") or self._ok("fixed_camera")
-        stopped = engine.error is not None and engine.error.name in SAFETY_ERRORS
+        shown = engine.arm_fault()
+        arm = self._ok("arm") and shown is None
+        camera = self._ok("flange_camera") or self._ok("fixed_camera")
+        stopped = any(isinstance(e, CellError) and e.name in SAFETY_ERRORS for e in (engine.error, shown))
         bits = {
             READY: waiting and not status["latched"] and arm,
             BUSY: not waiting,

@@ -11,7 +11,6 @@ from daemon.health import Beats, LoopLag, watchdog
 from fakes.object import VirtualClock, run_virtual
 from tests.object_cell import open_cell, write_config
 
-
 FAIL_S = 0.5
 
 

@@ -5,6 +5,7 @@ import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -40,6 +41,7 @@ class Gadget:
         if self.broken is not None:
             raise error(self.broken.name, self.broken.detail)
         self.open_now = True
+        self._lost.clear()
 
     async def close(self) -> None:
         self.open_now = False
@@ -53,7 +55,6 @@ class Gadget:
             raise error("DEVICE_LOST", f"{self.name} gave no fresh sample")
 
     async def wait_lost(self) -> Exception:
-        self._lost.clear()
         await self._lost.wait()
         return self._why
 
@@ -74,7 +75,7 @@ class Bench:
     async def until(self, state: DeviceState, limit_s: float = 60.0) -> None:
         async with asyncio.timeout(limit_s):
             while self.entry.state is not state:
-                await asyncio.sleep(0.01)
+                await self.entry.changed.wait()
 
 
 @asynccontextmanager
@@ -126,7 +127,7 @@ def test_attempts_come_at_growing_intervals_up_to_a_cap_and_never_in_step() -> N
         async with supervised(broken=error("DEVICE_UNREACHABLE", "gadget")) as bench:
             await asyncio.sleep(60.0)
             times = bench.gadget.opened_at
-            waits = [b - a for a, b in zip(times, times[1:], strict=False)]
+            waits = [b - a for a, b in pairwise(times)]
             assert 0.2 <= waits[0] <= 0.31
             assert all(4.0 <= w <= 6.1 for w in waits[6:])
             assert len(set(waits)) == len(waits)
