@@ -66,10 +66,10 @@ class ConeCapture(Procedure):
     TRANSITIONS: ClassVar[dict[Any, frozenset[Any]]] = {
         None: frozenset({S.PREPARE}),
         S.PREPARE: frozenset({S.PLACE, S.SOLVE}),
-        S.PLACE: frozenset({S.START_POSE, S.SEEK, S.SOLVE}),
-        S.START_POSE: frozenset({S.SEEK, S.SOLVE}),
+        S.PLACE: frozenset({S.START_POSE, S.SOLVE}),
+        S.START_POSE: frozenset({S.SEEK}),
         S.SEEK: frozenset({S.SEARCH, S.PLAN, S.PLACE, S.SOLVE}),
-        S.SEARCH: frozenset({S.MOVE, S.PLAN, S.SOLVE}),
+        S.SEARCH: frozenset({S.MOVE, S.PLAN}),
         S.PLAN: frozenset({S.MOVE, S.RETURN}),
         S.MOVE: frozenset({S.SETTLE, S.MOVE, S.RETURN, S.SOLVE}),
         S.SETTLE: frozenset({S.CAPTURE}),
