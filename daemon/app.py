@@ -1,15 +1,17 @@
 """The daemon put together: configuration in, everything built, watched, and taken down in order."""
 
 import asyncio
+import fcntl
 import gc
 import logging
 import signal
-from collections.abc import Coroutine
-from contextlib import AsyncExitStack
+from collections.abc import Coroutine, Iterator
+from contextlib import AsyncExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 from cell.clock import MonotonicClock
+from cell.errors import error
 from cell.motion import MotionBroker
 from cell.store.ledger import Ledger
 from cell.store.runs import interrupted_runs
@@ -63,6 +65,7 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
         notifier = Notifier()
         stack.callback(notifier.close)
         await asyncio.to_thread((state / "runs").mkdir, parents=True, exist_ok=True)
+        stack.enter_context(claimed(state))
         ledger = await asyncio.to_thread(Ledger, state / "ledger.sqlite")
         stack.callback(ledger.close)
         if ledger.aside is not None:
@@ -112,6 +115,20 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
                 log.critical("the task '%s' ended, so the daemon does", task.get_name())
                 task.result()
         log.info("stopping")
+
+
+@contextmanager
+def claimed(state: Path) -> Iterator[None]:
+    """Hold the state folder; ``DAEMON_RUNNING`` when another daemon does.
+
+    A second one would take the running job of the first for an interrupted one, and write its end.
+    """
+    with (state / "lock").open("w", encoding="utf-8") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # the kernel lets go when this process ends
+        except BlockingIOError:
+            raise error("DAEMON_RUNNING", f"one keeps its state in {state}") from None
+        yield
 
 
 def _modbus(config: CellConfig, engine: Engine, ledger: Ledger) -> ModbusFace:
