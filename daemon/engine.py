@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from cell.clock import Clock
 from cell.devices import Arm, Device
 from cell.errors import CellError, LatchError, error
-from cell.motion import MotionBroker, MotionLease, first_arm_fault
+from cell.motion import MotionBroker, MotionLease, first_arm_fault, run_to_its_end
 from cell.procedure import PackML, Procedure, Run, Worker
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder, load_run
@@ -117,7 +117,11 @@ class Engine:
         run = Run(run_id, procedure, context, folder.path, folder, values, self._publish, adopted)
         if dry_run:
             return await self._dry_run(run, folder)
-        await asyncio.to_thread(self.ledger.start_run, run_id, job, folder.path.name, who, channel)
+        try:
+            await asyncio.to_thread(self.ledger.start_run, run_id, job, folder.path.name, who, channel)
+        except BaseException:  # refused by the disk, or withdrawn by a stop: no open run stays behind
+            await run_to_its_end(asyncio.to_thread(self._withdraw, folder))
+            raise
         run.note("operator", event="start", who=who, channel=channel)
         if self._ending is not None:
             run.note("operator", event="stopped before it began")
@@ -125,6 +129,12 @@ class Engine:
         self._task = asyncio.create_task(self._execute(run, folder, devices), name=f"run {run_id}")
         self._publish()
         return {"run_id": run_id, "folder": folder.path.name}
+
+    def _withdraw(self, folder: RunFolder) -> None:
+        end = {"outcome": "withdrawn", "packml": None, "verdict": None, "error": None}
+        folder.note("state", terminal=True, **end)
+        folder.finish(end)
+        self.ledger.end_run(folder.run_id, "withdrawn", None)
 
     async def confirm(self, prompt_id: int, who: str) -> None:
         self._active().confirm(prompt_id, who)
