@@ -96,7 +96,7 @@ class PlcFace:
         found = answer.get("result") or {}
         prompt = status["prompt"]
         return {
-            "status": self._bits(status, last),
+            "status": self._bits(status, last, found),
             "packml_state": int(engine.packml),
             "active_job": status["job_number"],
             "error_code": engine.error.code if engine.error else 0,
@@ -113,7 +113,7 @@ class PlcFace:
             "predicted_95_m": _predicted_95(answer),
         }
 
-    def _bits(self, status: dict[str, Any], last: dict[str, Any] | None) -> int:
+    def _bits(self, status: dict[str, Any], last: dict[str, Any] | None, found: Mapping[str, Any]) -> int:
         engine = self._engine
         waiting = engine.packml in WAITING
         fault = engine.error is not None or status["latched"]
@@ -127,7 +127,7 @@ class PlcFace:
             DONE: last is not None and engine.packml is PackML.COMPLETE,
             FAULT: fault,
             WARNING: bool(last and last.get("verdict") == "warn"),
-            RESULT_VALID: bool(last and (last.get("result") or {}).get("result")),
+            RESULT_VALID: bool(found and last and last["verdict"] != "fail"),
             ARM_OK: arm,
             CAMERA_OK: camera,
             STOPPED_BY_SAFETY: stopped,

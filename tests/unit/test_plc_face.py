@@ -281,3 +281,16 @@ def test_a_warning_is_a_bit_beside_a_valid_result(tmp_path: Path, monkeypatch: p
         assert panel.has(bits.WARNING), "until it is acknowledged"
 
     on_a_panel(write_config(tmp_path), script)
+
+
+def test_a_result_beyond_a_limit_of_the_job_is_done_but_not_valid(tmp_path: Path) -> None:
+    async def script(cell: ObjectCell, panel: Panel) -> None:
+        await panel.run_to_the_end()
+        assert cell.result(1)["verdict"] == "fail"
+        assert cell.result(1)["result"] is not None
+        assert panel.has(bits.DONE)
+        assert not panel.has(bits.RESULT_VALID)
+        assert not panel.has(bits.WARNING)
+
+    limits = {"max_error_t_m": 1e-7}
+    on_a_panel(write_config(tmp_path, job={"accept": limits}), script)
