@@ -76,11 +76,11 @@ def spread_text(spread: Mapping[str, Any]) -> str:
 
 def _residuals(residuals: Mapping[str, Any]) -> list[str]:
     lines = []
-    if (spread := residuals.get("spread_mean")) is not None:
+    if spread := residuals.get("spread_mean"):
         lines.append(
             f"  mean distance of the target's poses from their mean {mm(spread['t'])}, {deg(spread['r'])}"
         )
-    if (held_out := residuals.get("loo_mean")) is not None:
+    if held_out := residuals.get("loo_mean"):  # empty when leaving one out leaves too few
         lines.append(
             f"  each judged by a solution that did not see it {mm(held_out['t'])}, {deg(held_out['r'])}"
         )
