@@ -7,9 +7,18 @@ which marks its tests. ``lacks`` names the faults that it cannot show.
 """
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
-from contextlib import AbstractAsyncContextManager, AbstractContextManager, asynccontextmanager, nullcontext
+import tempfile
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator
+from contextlib import (
+    AbstractAsyncContextManager,
+    AbstractContextManager,
+    asynccontextmanager,
+    contextmanager,
+    nullcontext,
+)
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -18,8 +27,13 @@ import pytest
 from cell.clock import Clock, MonotonicClock
 from cell.devices import Arm, DepthCamera
 from cell.poses import Array
+from drivers.oak import OakCamera
 from drivers.ur import UrArm
+from fakes.faults import Switchboard
+from fakes.frames.faults import CameraFaults
+from fakes.mirror import FrameProcess
 from fakes.object import ObjectArm, ObjectCamera, VirtualClock, run_virtual
+from fakes.scenario import Scenario
 from fakes.ur.process import ControllerHandle, running_controller
 from fakes.world import World
 
@@ -179,3 +193,64 @@ async def _until_idle(controller: ControllerHandle) -> None:
 
 
 add_arm_face(Face("wire", asyncio.run, _wire_arm, lambda: running_controller(ARM_HOST, SCENARIO), wire=True))
+
+
+# -- the camera on the wire: the driver for OAK with its vision child, and a frame server's process
+
+FRAMES_START_S = 30.0
+
+
+@dataclass(frozen=True)
+class FrameServing:
+    """A frame server's process on ``socket``, which follows ``world`` and takes faults."""
+
+    socket: Path
+    world: World
+    faults: Switchboard
+
+
+@contextmanager
+def _frame_serving() -> Iterator[FrameServing]:
+    world = World.from_scenario(Scenario.load(SCENARIO), time.monotonic())
+    faults = Switchboard()
+    with tempfile.TemporaryDirectory(prefix="frames-") as folder:
+        socket = Path(folder) / "frames.sock"
+        process = FrameProcess(str(socket), SCENARIO, world)
+        faults.devices["camera"] = CameraFaults(process.send)
+        process.start()
+        try:
+            _until_it_listens(process, socket)
+            yield FrameServing(socket, world, faults)
+        finally:
+            process.stop()
+
+
+def _until_it_listens(process: FrameProcess, socket: Path) -> None:
+    deadline = time.monotonic() + FRAMES_START_S
+    while not socket.exists():
+        assert process.alive, "the frame server ended while it started"
+        assert time.monotonic() < deadline, f"no frame server within {FRAMES_START_S:.0f} s"
+        time.sleep(0.02)
+
+
+@asynccontextmanager
+async def _wire_camera(served: FrameServing) -> AsyncIterator[CameraRig]:
+    clock = MonotonicClock()
+    # Twice the production patience, because the machine under the tests may be busy.
+    config = OakCamera.Config(source=f"frames+unix://{served.socket}", frame_timeout_s=2.0)
+    camera = OakCamera("camera", config, clock)
+
+    async def inject(kind: str, **arguments: Any) -> None:
+        served.faults.inject("camera", kind, arguments)
+
+    try:
+        await camera.open()
+        yield CameraRig(camera, clock, inject, served.world)
+    finally:
+        await camera.close()
+        await inject("clear")
+        # The next test finds the board where this one did.
+        served.world.operator.confirm(0, clock.now())
+
+
+add_camera_face(Face("wire", asyncio.run, _wire_camera, _frame_serving, wire=True, lacks=frozenset({"gap"})))
