@@ -306,7 +306,7 @@ class Engine:
                 run.note("error", **failure.as_dict())
                 self._publish()
             await asyncio.wait([job])
-            failure = failure or _failure_of(job)
+            failure = failure or self._told_by_loss(_failure_of(job), devices)
             # While the data are on disk nothing about them may fail the run silently.
             if failure is None and not job.cancelled():
                 self._set_ending(PackML.COMPLETING)
@@ -358,6 +358,13 @@ class Engine:
         level = logging.INFO if failure is None else logging.ERROR
         log.log(level, "run %d %s: %s", run.id, outcome, failure or verdict or "")
         self._publish()
+
+    def _told_by_loss(self, failure: CellError | None, devices: list[str]) -> CellError | None:
+        """A job may find a device gone a moment before the watch does; the loss is the cause to name."""
+        if failure is None or failure.name != "DEVICE_NOT_READY":
+            return failure
+        loss = self.context.supervisor.loss(devices)
+        return loss if isinstance(loss, CellError) else failure
 
     async def _first_fault(self, devices: list[str]) -> CellError:
         """Block until a device of the job drops or the arm shows a fault."""

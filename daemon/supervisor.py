@@ -166,18 +166,22 @@ class Supervisor:
 
     async def first_loss(self, names: Iterable[str]) -> Exception:
         """Block until one of the devices is no longer READY; return why."""
-        while True:
-            waits = []
-            for name in names:
-                entry = self.devices[name]
-                if entry.state is not DeviceState.READY:
-                    return entry.last_error or error("DEVICE_LOST", f"{name} is {entry.state.value}")
-                waits.append(asyncio.create_task(entry.changed.wait()))
+        watched = tuple(names)
+        while (loss := self.loss(watched)) is None:
+            waits = [asyncio.create_task(self.devices[name].changed.wait()) for name in watched]
             try:
                 await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
             finally:
                 for wait in waits:
                     wait.cancel()
+        return loss
+
+    def loss(self, names: Iterable[str]) -> Exception | None:
+        """Why the first of the devices that is not READY is not; None when all are."""
+        for entry in (self.devices[name] for name in names):
+            if entry.state is not DeviceState.READY:
+                return entry.last_error or error("DEVICE_LOST", f"{entry.device.name} is {entry.state.value}")
+        return None
 
     def status(self) -> dict[str, Any]:
         return {name: entry.status() for name, entry in self.devices.items()}
