@@ -107,19 +107,19 @@ def test_what_is_asked_while_the_end_is_written_is_refused_and_the_end_stays_las
 ) -> None:
     async def main() -> None:
         async with open_cell(write_config(tmp_path)) as cell:
-            reached, go_on = threading.Event(), threading.Event()
-            genuine = RunFolder.finish
+            reached, go_on = asyncio.Event(), threading.Event()
+            loop, genuine = asyncio.get_running_loop(), RunFolder.finish
 
             def slow(folder: RunFolder, end: Mapping[str, Any]) -> None:
                 genuine(folder, end)
-                reached.set()
+                loop.call_soon_threadsafe(reached.set)
                 go_on.wait(10.0)
 
             with monkeypatch.context() as patch:
                 patch.setattr(RunFolder, "finish", slow)
                 run_id = await cell.start()
-                while not reached.is_set():
-                    await cell.clock.sleep(0.01)
+                await reached.wait()
+                assert cell.engine.active
                 for verb in ("pause", "resume", "finish", "abort", "halt"):
                     assert (await refused(getattr(cell.engine, verb)(WHO))).name == "NOT_NOW"
                 go_on.set()
