@@ -76,8 +76,9 @@ def _check_faces(raw: Mapping[str, Any], findings: Findings) -> None:
 
 def _check_limits(raw: Mapping[str, Any], findings: Findings) -> None:
     limits = {**LimitsSection().model_dump(), **_table(raw, "limits")}
-    if _table(raw, "robot").get("arm") and not limits["workspace"]:
-        findings.warn(("limits",), "no workspace is given, so only the arm's reach bounds the tool")
+    has_arm = "arm" in _table(raw, "robot") or "arm" in _table(raw, "device")
+    if has_arm and not limits["workspace"]:
+        findings.add(("limits",), "no workspace is given; an arm needs one box at least to stay within")
     if limits.get("allow_job_override") is True:
         return
     for job, section in _table(raw, "job").items():

@@ -166,7 +166,7 @@ class LimitsSection(Section):
         default=False, description="a job may raise limits; the dry run shows it"
     )
     workspace: list[Box] = Field(
-        default_factory=list, description="the tool stays within one of these; empty: no such limit"
+        default_factory=list, description="the tool stays within these boxes; an arm needs one at least"
     )
     keep_out: list[KeepOutBox] = Field(default_factory=list)
 

@@ -282,6 +282,16 @@ def test_what_is_allowed_but_hardly_meant_is_a_warning(tmp_path: Path) -> None:
     assert "everybody may write" in load_config(tmp_path / "cell.toml", JOBS, DRIVERS).warnings[0]
 
 
+def test_an_arm_without_a_workspace_is_refused_before_a_lease_would_be(tmp_path: Path) -> None:
+    text = GOOD.replace("[poses]", '[device.arm]\ndriver = "camera"\naddress = "x"\n[poses]')
+    with pytest.raises(ConfigInvalid, match="an arm needs one box at least"):
+        load(tmp_path, text)
+    load(
+        tmp_path,
+        text.replace("[poses]", "[limits]\nworkspace = [{ min = [-1, -1, 0], max = [1, 1, 1] }]\n[poses]"),
+    )
+
+
 def test_the_robots_own_parameters_are_read_from_beside_the_config(tmp_path: Path) -> None:
     (tmp_path / "own.json").write_text('{"model": "ur10e", "calibration": {"delta_a": [0, 0, 0, 0, 0, 0]}}')
     subject = load(tmp_path, GOOD.replace("[robot]", '[robot]\nmodel = "own.json"'))
