@@ -32,6 +32,7 @@ from procedures.cone_capture.record import CaptureRecord, camera_entry, observat
 from procedures.cone_capture.verdict import solve_within_limits
 
 STANDSTILL_TIMEOUT_S = 2.0
+FIRST_FRAME_TIMEOUT_S = 5.0
 LOST_IN_A_ROW = 3
 SAME_PLACE_PX = 2.0
 
@@ -368,9 +369,12 @@ class _Capture:
         await asyncio.to_thread(self.record.begin, header, adopted)
 
     async def _any_frame(self) -> Frame:
-        async with asyncio.timeout(5.0):
-            while (sample := self.camera.frames.last()) is None:
-                await self.run.clock.sleep(0.02)
+        """For the intrinsics only: what it shows may be old."""
+        give_up = self.run.clock.now() + FIRST_FRAME_TIMEOUT_S
+        while (sample := self.camera.frames.last()) is None:
+            if self.run.clock.now() > give_up:
+                raise error("CAMERA_FAULT", f"{self.camera.name}: no frame in {FIRST_FRAME_TIMEOUT_S:g} s")
+            await self.run.clock.sleep(0.02)
         return sample.value
 
     def _view(self, frame: Frame) -> View:

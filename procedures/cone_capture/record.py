@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from cell.devices import ArmState, Frame, Intrinsics, flange_poses
+from cell.errors import error
 from cell.poses import to_pose6
 from cell.samples import Sample
 from cell.store.files import write_atomic
@@ -35,15 +36,21 @@ class CaptureRecord:
 
     @classmethod
     def read(cls, folder: Path) -> "CaptureRecord":
-        """The finished poses of a run folder; a line torn by a kill is left out."""
+        """The finished poses of a run folder; a line torn by a kill is left out.
+
+        ``FILE_UNREADABLE`` when a whole line is damaged.
+        """
         record = cls(folder)
         path = folder / POSES_FILE
         if not path.exists():
             return record
-        for line in path.read_text("utf-8").splitlines(keepends=True):
-            if not line.endswith("\n"):
+        for number, line in enumerate(path.read_bytes().splitlines(keepends=True), 1):
+            if not line.endswith(b"\n"):
                 break
-            record._take(json.loads(line))
+            try:
+                record._take(json.loads(line))
+            except (ValueError, KeyError, TypeError, AttributeError) as exc:
+                raise error("FILE_UNREADABLE", f"{path}:{number}: no line of a capture's poses") from exc
         return record
 
     def begin(self, header: Mapping[str, Any], adopted: "CaptureRecord | None" = None) -> None:

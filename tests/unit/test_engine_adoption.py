@@ -112,9 +112,12 @@ def test_a_board_that_was_moved_meanwhile_gets_a_placement_of_its_own(
     two_lives(write_config(tmp_path, job={"placements": placements}), after_poses, adopt)
 
 
+ROOM = {"min": [-1.3, -1.3, 0.0], "max": [1.3, 1.3, 1.6]}
+
+
 @pytest.mark.parametrize(
     ("job", "limits"),
-    [({"distance_m": 0.45}, None), ({}, {"speed_m_s": 0.2, "joint_speed_rad_s": 0.8})],
+    [({"distance_m": 0.45}, None), ({}, {"speed_m_s": 0.2, "workspace": [ROOM]})],
     ids=["job edited", "limits edited"],
 )
 def test_adopting_under_another_configuration_is_refused(
@@ -159,3 +162,15 @@ def test_adopting_a_run_that_does_not_exist_is_refused(tmp_path: Path) -> None:
             assert (await refused(cell.start(adopt=77))).name == "NOT_FOUND"
 
     run_virtual(main())
+
+
+def test_a_damaged_line_of_the_old_poses_is_named(tmp_path: Path) -> None:
+    async def adopt(cell: ObjectCell, run_id: int) -> None:
+        path = cell.folder(run_id).path / "poses.jsonl"
+        first, _, rest = path.read_text("utf-8").partition("\n")
+        path.write_text(f"{first[:-5]}\n{rest}", "utf-8")
+        end = await cell.finished(await cell.start(adopt=run_id))
+        assert end["error"]["name"] == "FILE_UNREADABLE"
+        assert "poses.jsonl:1" in end["error"]["text"]
+
+    two_lives(write_config(tmp_path), 2, adopt)
