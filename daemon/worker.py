@@ -17,12 +17,13 @@ _PR_SET_PDEATHSIG = 1
 
 
 def _warm_up() -> None:
-    """Die with the parent, leave signals to it, and import what solving needs before it is needed."""
+    """Die with the parent, leave signals to it, and import what jobs compute with before it is needed."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(5)  # the loop, which watches the arm, comes first
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ[name] = "1"  # one BLAS thread: the same data give the same bits
+    import procedures.registry  # noqa: F401, after the lines above, which numpy reads once
 
 
 def _ready() -> int:
