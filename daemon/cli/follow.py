@@ -54,7 +54,9 @@ def finished(end: Mapping[str, Any], as_json: bool) -> None:
         from daemon.cli.result_text import result_text
 
         out(result_text(end["result"]))
-    say(f"Run {end['run_id']} ended: {end['outcome']}. 'cellward report {end['run_id']}' has the report.")
+    run = end["run_id"]
+    more = f"report {run}' has the report" if end.get("result") else f"show {run}' tells how"
+    say(f"Run {run} ended: {end['outcome']}. 'cellward {more}.")
     if failure := end.get("error"):
         raised = as_error(failure)
         tell(raised)
