@@ -55,6 +55,21 @@ def open_database(path: Path) -> tuple[sqlite3.Connection, bool, Path | None]:
     return connection, version == 0, aside
 
 
+def open_for_reading(path: Path) -> sqlite3.Connection:
+    """A connection that changes nothing; ``FILE_UNREADABLE`` when there is no ledger that can be read.
+
+    The file may be a running daemon's: whoever only looks must not set it aside.
+    """
+    connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=10.0)
+    connection.row_factory = sqlite3.Row
+    try:
+        connection.execute("SELECT count(*) FROM calibrations").fetchone()
+    except sqlite3.Error as exc:
+        connection.close()
+        raise error("FILE_UNREADABLE", f"{path}: {exc}") from exc
+    return connection
+
+
 def _connect(path: Path) -> sqlite3.Connection:
     """Autocommit; transactions are begun explicitly. The ledger's lock serialises the threads."""
     try:

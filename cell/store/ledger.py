@@ -16,7 +16,7 @@ from threading import RLock
 from typing import Any
 
 from cell.errors import error
-from cell.store._database import open_database
+from cell.store._database import open_database, open_for_reading
 from cell.store.files import to_json
 from cell.store.runs import highest_run_id
 
@@ -37,15 +37,19 @@ class Effective:
 class Ledger:
     """Every method is one durable transaction and may be called from any thread."""
 
-    def __init__(self, path: Path, wall: Callable[[], float] = time.time) -> None:
+    def __init__(self, path: Path, wall: Callable[[], float] = time.time, *, read_only: bool = False) -> None:
         """Open or make ``path``. A corrupt file is set aside: ``aside`` names it, and it is to be reported.
 
-        A new ledger goes on numbering behind the folders in ``runs`` beside it.
+        A new ledger goes on numbering behind the folders in ``runs`` beside it. With ``read_only`` nothing is
+        made or set aside: ``FILE_UNREADABLE`` instead.
         """
         self.path, self._wall = path, wall
         self._lock = RLock()
         self._configured: dict[str, Any] = {}
-        self._db, new, self.aside = open_database(path)
+        if read_only:
+            self._db, new, self.aside = open_for_reading(path), False, None
+        else:
+            self._db, new, self.aside = open_database(path)
         if new and (highest := highest_run_id(path.parent / "runs")):
             self.set_state("run_id", highest)
 

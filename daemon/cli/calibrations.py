@@ -23,10 +23,10 @@ def results(
     """Proposed, committed and earlier calibrations, newest first."""
     paths = cell_paths(config)
     found: list[dict[str, Any]] = []
-    if paths.ledger.exists():  # opening would make it
+    if paths.ledger.exists():
         from cell.store.ledger import Ledger
 
-        ledger = Ledger(paths.ledger)
+        ledger = Ledger(paths.ledger, read_only=True)
         try:
             found = ledger.results(name)
         finally:

@@ -34,6 +34,23 @@ def propose(ledger: Ledger, x: float, config: object = CONFIG) -> int:
     return ledger.propose(NAME, [x, 0, 0, 0, 0, 0], {"verdict": "pass"}, 1, config)
 
 
+def test_looking_at_a_ledger_changes_nothing_even_at_a_corrupt_one(tmp_path: Path) -> None:
+    path = tmp_path / "ledger #1?.sqlite"
+    writing = Ledger(path)
+    writing.propose("T_flange_camera", [0.0] * 6, {}, 1, None)
+    subject = Ledger(path, read_only=True)
+    assert [row["name"] for row in subject.results()] == ["T_flange_camera"]
+    with pytest.raises(CellError, match="readonly"):
+        subject.set_state("key", 1)
+    subject.close()
+    writing.close()
+    path.write_bytes(b"no database" * 1000)
+    with pytest.raises(CellError) as refusal:
+        Ledger(path, read_only=True)
+    assert refusal.value.name == "FILE_UNREADABLE"
+    assert path.read_bytes().startswith(b"no database")
+
+
 def test_run_numbers_go_on_after_a_restart(tmp_path: Path, subject: Ledger) -> None:
     assert [subject.next_run_id() for _ in range(3)] == [1, 2, 3]
     subject.close()
