@@ -46,8 +46,11 @@ def _nothing_blocks_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(autouse=True)
-def _nothing_leaks(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """A task, thread, socket or child that outlives its test fails it."""
+def _nothing_leaks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A task, thread, socket or child that outlives its test fails it.
+
+    ``restarts_children`` marks tests on a cell of their module whose processes they end and start again.
+    """
     leaked_tasks: list[str] = []
     cancel_all = asyncio.runners._cancel_all_tasks  # type: ignore[attr-defined]
 
@@ -60,6 +63,8 @@ def _nothing_leaks(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     threads, children, sockets = _threads(), _children(me), _sockets(me)
     yield
     assert not leaked_tasks, f"tasks left behind: {leaked_tasks}"
+    if request.node.get_closest_marker("restarts_children"):
+        children = _children(me)
     for what, before, now in (
         ("threads", threads, _threads),
         ("children", children, lambda: _children(me)),

@@ -1,16 +1,21 @@
-"""Each kind of kill once, on a short plan; the soak does all of them ten times at random moments."""
+"""Each kind of kill once, on a plan of three poses; the soak does all of them ten times at random moments."""
 
-from pathlib import Path
+from collections.abc import Iterator
 
 import pytest
 
 from tests.kills import KINDS, survive
-from tests.wire_cell import wire_cell
+from tests.wire_cell import WireCell, wire_cell
 
-pytestmark = [pytest.mark.wire, pytest.mark.slow]
+pytestmark = [pytest.mark.wire, pytest.mark.slow, pytest.mark.restarts_children]
+
+
+@pytest.fixture(scope="module")
+def subject(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireCell]:
+    with wire_cell(tmp_path_factory.mktemp("cell"), "127.0.0.60", poses=3) as cell:
+        yield cell
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_arm_rests_and_the_run_can_be_taken_up_after(kind: str, tmp_path: Path) -> None:
-    with wire_cell(tmp_path, "127.0.0.60", poses=3) as cell:
-        survive(cell, kind, moment_s=1.0)
+def test_the_arm_rests_and_the_run_can_be_taken_up_after(kind: str, subject: WireCell) -> None:
+    survive(subject, kind, moment_s=1.0)
