@@ -12,13 +12,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from cell.devices import Arm, ArmState, BoardView, DepthCamera, Frame, flange_poses
+from cell.devices import Arm, BoardView, DepthCamera, Frame
 from cell.errors import AbortError, CellError, RefusedError, error
 from cell.motion import MotionLease, measured_standstill
 from cell.poses import Array, to_pose6
 from cell.procedure import FinishRequested, Procedure, Run
-from cell.samples import Sample
 from procedures.cone_capture.config import ConeCaptureConfig
+from procedures.cone_capture.judging import fault_of, moved_since, repeats, shows_board
 from procedures.cone_capture.plan import (
     PlacementPlan,
     PlanRequest,
@@ -156,7 +156,10 @@ class _Capture:
             await self._go_to_start(lease, self.record.placements.get(group))
             await run.enter(S.SEEK, f"looking for board '{self.config.target}'")
             frame = await self.seek()
-            if resumed and (wander := self._moved_since(group, frame)) > SAME_PLACE_PX:
+            if (
+                resumed
+                and (wander := moved_since(self.record.placements[group]["board"], frame)) > SAME_PLACE_PX
+            ):
                 # Its finished poses stay, as a placement of their own if they are enough.
                 run.note("decision", event="board moved since the interruption", group=group, pixels=wander)
                 await asyncio.to_thread(self.record.complete_placement, group)
@@ -182,16 +185,6 @@ class _Capture:
         await asyncio.to_thread(self.record.complete_placement, group)
         await run.enter(S.REFINE)
         await self._refine()
-
-    def _moved_since(self, group: int, frame: Frame) -> float:
-        """RMS pixels between the board as first seen in this placement and now, from the same arm pose."""
-        before = self.record.placements[group]["board"]
-        assert frame.board is not None
-        now = dict(zip(frame.board.ids.tolist(), frame.board.corners, strict=True))
-        pairs = [(uv, now[i]) for i, uv in zip(before["ids"], before["corners"], strict=True) if i in now]
-        if not pairs:
-            return float("inf")
-        return float(np.sqrt(np.mean([np.sum((np.array(a) - b) ** 2) for a, b in pairs])))
 
     async def _take_poses(self, lease: MotionLease, group: int, plan: PlacementPlan) -> None:
         run = self.run
@@ -227,10 +220,11 @@ class _Capture:
                 config.frames_per_pose, run.folder / "images", f"{index:04d}-{attempt}", started
             )
             states = self.arm.state.between(started, frames[-1].t_exposure + frames[-1].exposure_s)
-            self._check_alive(frames)
-            why = self._fault_of(frames, states)
+            if repeats(self._seen_before, frames):
+                raise error("CAMERA_FAULT", f"{self.camera.name} repeats one picture while the arm moves")
+            why = fault_of(frames, states, config)
             if why is None:
-                usable = [f for f in frames if self._shows_board(f)]
+                usable = [f for f in frames if shows_board(f, config.min_corners)]
                 entry = observation_entry(index, group, run.folder, usable, states, self.points)
                 entry["planned"] = pose_index
                 await asyncio.to_thread(self.record.add_pose, entry)
@@ -240,34 +234,6 @@ class _Capture:
             run.note("decision", event="pose failed", pose=pose_index, attempt=attempt + 1, why=why)
         run.note("decision", event="pose skipped", pose=pose_index, why=why)
         return False
-
-    def _check_alive(self, frames: Sequence[Frame]) -> None:
-        """``CAMERA_FAULT`` when a frame shows, to the last bit, what was seen before the arm moved."""
-        before = self._seen_before
-        for frame in frames:
-            if before is not None and frame.board is not None:
-                now = frame.board.corners
-                if now.shape == before.corners.shape and np.array_equal(now, before.corners):
-                    raise error("CAMERA_FAULT", f"{self.camera.name} repeats one picture while the arm moves")
-
-    def _shows_board(self, frame: Frame) -> bool:
-        return frame.board is not None and len(frame.board.ids) >= self.config.min_corners
-
-    def _fault_of(self, frames: Sequence[Frame], states: Sequence[Sample[ArmState]]) -> str | None:
-        """Why these frames cannot be used, or None."""
-        seen = [f for f in frames if self._shows_board(f)]
-        if 2 * len(seen) <= len(frames):
-            return f"the board shows in {len(seen)} of {len(frames)} frames"
-        if not states:
-            return "no arm state while the frames were taken"
-        flange = flange_poses([s.value for s in states]).translation
-        motion = float(np.max(np.linalg.norm(flange - flange.mean(axis=0), axis=1)))
-        if motion > self.config.max_flange_motion_m:
-            return f"the flange moved {1e3 * motion:.3f} mm while the frames were taken"
-        wander = _corner_motion(seen)
-        if wander > self.config.max_corner_motion_px:
-            return f"the board moved {wander:.2f} px between the frames"
-        return None
 
     async def seek(self) -> Frame:
         """A fresh frame that shows the board, with the arm at rest; ``BOARD_NOT_SEEN`` after a time."""
@@ -279,7 +245,7 @@ class _Capture:
             if sample is not None and sample.t > after:
                 board = sample.value.board
                 best = max(best, 0 if board is None else len(board.ids))
-                if self._shows_board(sample.value):
+                if shows_board(sample.value, self.config.min_corners):
                     return sample.value
             await self.run.clock.sleep(0.02)
         raise error(
@@ -405,13 +371,3 @@ class _Capture:
         run.note("solve", event="started", observations=len(self.record.observations))
         limits = self.config.accept.model_dump()
         run.result = await run.worker.call(solve_within_limits, path, limits)
-
-
-def _corner_motion(frames: Sequence[Frame]) -> float:
-    """RMS wander in pixels of the corners common to all frames, against their mean; 0 with one frame."""
-    boards = [f.board for f in frames if f.board is not None]
-    common = set.intersection(*(set(b.ids.tolist()) for b in boards))
-    if len(boards) < 2 or not common:
-        return 0.0
-    stack = np.stack([b.corners[[b.ids.tolist().index(i) for i in sorted(common)]] for b in boards])
-    return float(np.sqrt(np.mean(np.sum((stack - stack.mean(axis=0)) ** 2, axis=2))))
