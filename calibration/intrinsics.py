@@ -2,14 +2,16 @@
 
 The same views are adjusted twice: poses only with the given camera, and poses with the camera free
 (Zhang 2000, OpenCV's implementation). Wrong intrinsics move the whole hand-eye result, and no solver can
-see it in the poses.
+see it in the poses. A few images that fit neither camera (a frame shifted, corners misread) must not decide:
+they are left out of both adjustments.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.hand_eye.pnp import solve_pnp
 from calibration.hand_eye.views import View
@@ -17,11 +19,15 @@ from cell.devices import Intrinsics
 from cell.poses import Array
 
 MIN_VIEWS = 5
-_MIN_CORNERS = 8
+MIN_CORNERS = 8
 _MOST_VIEWS = 30
 _RATIO = 1.2  # reprojection error of the given camera over that of the free one
 _FOCAL_SIGMAS, _FOCAL_SHARE = 5.0, 0.005
 _USEFUL_FOCAL_SIGMA = 0.01
+_OUT_SIGMAS = 5.0  # robust ones above the median: then a view stands out
+_LEAST_SIGMA = 0.1  # of the median: views of equal quality differ by that much
+_MOST_OUT = 1 / 3  # of the views; when more stand out, it is the camera that is wrong
+_ROUNDS = 3
 _MODELS = (  # OpenCV's flags and the number of free parameters
     (cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K3, 5),
     (cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_FIX_K3, 7),
@@ -46,16 +52,22 @@ class EstimatedIntrinsics:
 
 @dataclass(frozen=True)
 class IntrinsicsCheck:
-    """``fits``, the two RMS reprojection errors in pixels, and the free camera."""
+    """``fits``, the two RMS reprojection errors in pixels, the free camera, and the views (rows of what was
+    checked) that fit neither camera and were left out."""
 
     fits: bool
     rms_given_px: float
     free: EstimatedIntrinsics
+    left_out: tuple[int, ...] = ()
 
 
 def select_views(views: Sequence[View]) -> list[View]:
     """At most 30 views that see enough corners, spread evenly over the set."""
-    rich = [v for v in views if len(v.points) >= _MIN_CORNERS]
+    return [views[k] for k in _select_rows(views)]
+
+
+def _select_rows(views: Sequence[View]) -> list[int]:
+    rich = [k for k, v in enumerate(views) if len(v.points) >= MIN_CORNERS]
     if len(rich) <= _MOST_VIEWS:
         return rich
     return [rich[i] for i in np.linspace(0, len(rich) - 1, _MOST_VIEWS).round().astype(int)]
@@ -65,11 +77,32 @@ def check_intrinsics(views: Sequence[View], given: Intrinsics) -> IntrinsicsChec
     """Compare ``given`` with the camera that the views ask for; None when they are too few to tell.
 
     Given intrinsics do not fit when the free camera lowers the reprojection error by a fifth, or moves a
-    focal length by half a per cent and five standard deviations.
+    focal length by half a per cent and five standard deviations. A misfit is looked at again without the
+    few views that stand out under ``given`` and under the camera that the others ask for: one bad image
+    bends a free camera, and the gain says nothing about the given one. Views that only ``given`` fails
+    to explain stay, since they are what shows that it is wrong.
     """
-    chosen = select_views(views)
-    if len(chosen) < MIN_VIEWS:
-        return None
+    rows = _select_rows(views)
+    chosen = [views[k] for k in rows]
+    check = _compare(chosen, given)
+    if check is None or check.fits:
+        return check
+    out = standing_out(chosen, given)
+    if not out.any():
+        return check
+    others = _compare([v for v, bad in zip(chosen, out, strict=True) if not bad], given)
+    out &= standing_out(chosen, (others or check).free.camera)
+    if not out.any():
+        return check
+    left_out = tuple(k for k, bad in zip(rows, out, strict=True) if bad)
+    kept = [v for v, bad in zip(chosen, out, strict=True) if not bad]
+    again = _compare(kept, given)
+    if again is None:  # what is left is too little to speak against the given ones
+        return IntrinsicsCheck(True, reprojection_rms(kept, given), check.free, left_out)
+    return replace(again, left_out=left_out)
+
+
+def _compare(chosen: Sequence[View], given: Intrinsics) -> IntrinsicsCheck | None:
     free = estimate_intrinsics(chosen, given.width, given.height, given)
     if free is None:
         return None
@@ -82,6 +115,18 @@ def check_intrinsics(views: Sequence[View], given: Intrinsics) -> IntrinsicsChec
     return IntrinsicsCheck(not (worse or bool(moved and worse_than_noise(rms, free.rms_px))), rms, free)
 
 
+def standing_out(views: Sequence[View], camera: Intrinsics) -> NDArray[np.bool_]:
+    """Which views (n,) have a reprojection error far above the others'; none when they are no minority."""
+    rms = view_rms(views, camera)
+    known = np.isfinite(rms)
+    if not known.any():
+        return np.zeros(len(views), dtype=bool)
+    median = float(np.median(rms[known]))
+    sigma = max(1.4826 * float(np.median(np.abs(rms[known] - median))), _LEAST_SIGMA * max(median, 0.02))
+    out = ~known | (np.where(known, rms, 0.0) > median + _OUT_SIGMAS * sigma)
+    return out if out.sum() <= _MOST_OUT * len(views) else np.zeros(len(views), dtype=bool)
+
+
 def worse_than_noise(rms_given: float, rms_free: float) -> bool:
     """Whether freeing the camera gains more than two per cent of the reprojection error."""
     return rms_given > 1.02 * rms_free
@@ -89,16 +134,41 @@ def worse_than_noise(rms_given: float, rms_free: float) -> bool:
 
 def reprojection_rms(views: Sequence[View], camera: Intrinsics) -> float:
     """RMS distance in pixels over all corners, each view with its own best pose."""
+    count = np.array([v.count.sum() for v in views])
+    return float(np.sqrt(np.average(view_rms(views, camera) ** 2, weights=count)))
+
+
+def view_rms(views: Sequence[View], camera: Intrinsics) -> Array:
+    """RMS distance (n,) in pixels over the corners of each view with its own best pose."""
     poses, owner = solve_pnp(views, camera)
     best = poses.take(np.unique(owner, return_index=True)[1])
-    count = sum(float(v.count.sum()) for v in views)
-    return float(np.sqrt(best.sse.sum() / count))
+    return np.asarray(np.sqrt(best.sse / np.array([v.count.sum() for v in views])))
+
+
+def estimate_robustly(
+    views: Sequence[View], width: int, height: int
+) -> tuple[EstimatedIntrinsics | None, tuple[int, ...]]:
+    """The intrinsics without the few views that stand out, and the rows of those; None when it fails."""
+    rows = _select_rows(views)
+    left_out: list[int] = []
+    found = estimate_intrinsics([views[k] for k in rows], width, height)
+    for _ in range(_ROUNDS):
+        if found is None:
+            break
+        out = standing_out([views[k] for k in rows], found.camera)
+        kept = [k for k, bad in zip(rows, out, strict=True) if not bad]
+        if not out.any() or len(kept) < MIN_VIEWS:
+            break
+        left_out += [k for k, bad in zip(rows, out, strict=True) if bad]
+        rows = kept
+        found = estimate_intrinsics([views[k] for k in rows], width, height)
+    return found, tuple(sorted(left_out))
 
 
 def estimate_intrinsics(
     views: Sequence[View], width: int, height: int, guess: Intrinsics | None = None
 ) -> EstimatedIntrinsics | None:
-    """K and five distortion coefficients from at least three views of a target; None when it fails.
+    """K and five distortion coefficients from at least five views of a target; None when it fails.
 
     Nested models from square pixels and two radial terms up to everything free; the one with the smallest
     BIC is taken, since a free parameter that the images do not ask for moves the poses instead. ``guess``
@@ -106,7 +176,7 @@ def estimate_intrinsics(
     """
     chosen = select_views(views)
     planar = all(np.ptp(v.points[:, 2]) < 1e-9 for v in chosen)
-    if len(chosen) < 3 or (guess is None and not planar):
+    if len(chosen) < MIN_VIEWS or (guess is None and not planar):
         return None
     count = 2 * sum(len(v.points) for v in chosen)
     best: EstimatedIntrinsics | None = None

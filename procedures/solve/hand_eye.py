@@ -73,9 +73,7 @@ class _Timed:
 
 
 def _solve(loaded: CaptureSet, camera: CameraChoice, method: str) -> Result:
-    warnings = list(loaded.warnings)
-    if camera.warning is not None:
-        warnings.append(camera.warning)
+    warnings = [*loaded.warnings, *camera.warnings]
     rows = loaded.usable()
     inputs: dict[str, object] = {
         "setup": loaded.capture.setup,

@@ -51,6 +51,29 @@ def test_a_few_views_tell_nothing(subject: list[View]) -> None:
     assert estimate_intrinsics(subject[:2], 1280, 800) is None
 
 
+@pytest.mark.parametrize("bad", [[3], [3, 11], [0, 3, 7, 11, 20]])
+def test_a_minority_of_bad_views_does_not_speak_against_true_intrinsics(
+    subject: list[View], bad: list[int]
+) -> None:
+    for k in bad:
+        subject[k] = replace(subject[k], corners=subject[k].corners + np.array([120.0, 0.0]))
+    check = check_intrinsics(subject, CAMERA)
+    assert check is not None
+    assert check.fits
+    assert set(check.left_out) <= set(bad)
+
+
+def test_steep_views_that_alone_show_a_wrong_lens_are_kept() -> None:
+    rng = np.random.default_rng(3)
+    views = [*cone_views(rng, 10, 0.25), *cone_views(rng, 3, 0.9)]
+    scene = make_scene(3, count=13, views=views, px=0.05)
+    steep = [View(POINTS, uv, np.ones(54)) for uv in scene.corners]
+    check = check_intrinsics(steep, replace(CAMERA, K=(960.0, 965.0, 640.0, 400.0)))
+    assert check is not None
+    assert not check.fits
+    assert check.left_out == ()
+
+
 def test_long_sets_are_thinned_evenly(subject: list[View]) -> None:
     chosen = select_views(subject * 10)
     assert len(chosen) == 30

@@ -127,6 +127,48 @@ def test_missing_intrinsics_are_estimated_and_said_so(tmp_path: Path) -> None:
     assert np.linalg.norm(error_of(result)[:3]) < 0.02
 
 
+@pytest.mark.parametrize("shift", [(80.0, 0.0), (0.0, -80.0)])
+def test_one_shifted_image_does_not_replace_good_intrinsics(
+    tmp_path: Path, shift: tuple[float, float]
+) -> None:
+    scene = make_scene(15, count=12, px=0.05)
+    scene.corners[4] += shift
+    result = solve_hand_eye(scene.write(tmp_path))
+    assert "intrinsics" not in result["result"]
+    assert [w["code"] for w in result["warnings"]] == ["images.misfit"]
+    assert "observation 4 fit" in result["warnings"][0]["text"]
+    assert [r["index"] for r in result["result"]["rejected"]] == [4]
+    assert result["result"]["rejected"][0]["reason"]
+    e = error_of(result)
+    assert e @ np.linalg.solve(np.array(result["result"]["cov"]), e) < 22.5
+
+
+def test_wrong_intrinsics_are_replaced_in_spite_of_a_shifted_image(tmp_path: Path) -> None:
+    scene = make_scene(15, count=24, px=0.05)
+    scene.corners[4] += (80.0, 0.0)
+    wrong = {"width": 1280, "height": 800, "K": [927.0, 932.0, 640.0, 400.0], "dist": list(CAMERA.dist)}
+    result = solve_hand_eye(scene.write(tmp_path, camera=wrong))
+    assert [w["code"] for w in result["warnings"]] == ["camera.intrinsics", "images.misfit"]
+    found = result["result"]["intrinsics"]
+    assert np.all(np.abs(np.array(found["K"]) - CAMERA.K) < 5 * np.array(found["sigma_K"]))
+    assert [r["index"] for r in result["result"]["rejected"]] == [4]
+
+
+def test_a_shifted_image_has_no_part_in_estimated_intrinsics(tmp_path: Path) -> None:
+    scene = make_scene(15, count=24, px=0.05)
+    scene.corners[4] += (80.0, 0.0)
+    result = solve_hand_eye(scene.write(tmp_path, camera=None))
+    assert [w["code"] for w in result["warnings"]] == ["camera.intrinsics", "images.misfit"]
+    found = result["result"]["intrinsics"]
+    assert np.all(np.abs(np.array(found["K"]) - CAMERA.K) < 5 * np.array(found["sigma_K"]))
+
+
+def test_too_few_images_for_missing_intrinsics_are_refused_with_the_number(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"camera is null .*5 views or more"):
+        solve_hand_eye(make_scene(6, count=4).write(tmp_path, camera=None))
+    assert solve_hand_eye(make_scene(6, count=5).write(tmp_path, camera=None))["inputs"]["usable"] == 5
+
+
 def test_given_noise_is_used_as_given(tmp_path: Path) -> None:
     noise = {"sigma_px": 0.2, "sigma_flange_t": 2e-4, "sigma_flange_r": 2e-4}
     found = solve_hand_eye(make_scene(7).write(tmp_path, noise=noise))["result"]["noise"]
