@@ -19,7 +19,8 @@ from procedures.solve.images import read_grey, resolve_inside
 
 Progress = Callable[[str, int, int], None]
 FILE_NAME = "capture.json"
-_FAR_T, _FAR_Q = 20.0, 4.0 * np.pi
+UNITS_T = "units.translation"
+FAR_T, _FAR_Q = 20.0, 4.0 * np.pi
 _FEW_CORNERS = 6  # of targets that have more; four of many are most often a misreading
 
 
@@ -95,10 +96,10 @@ def _matrix(pose: Sequence[float]) -> Array:
 
 def _unit_warnings(observations: Sequence[Observation]) -> list[tuple[str, str]]:
     out = []
-    far = [o.index for o in observations if np.linalg.norm(o.T_base_flange[:3]) > _FAR_T]
+    far = [o.index for o in observations if np.linalg.norm(o.T_base_flange[:3]) > FAR_T]
     if far:
-        text = f"T_base_flange of observation {far[0]} is more than {_FAR_T:.0f} m from the base"
-        out.append(("units.translation", f"{text} ({len(far)} such): are the translations in millimetres?"))
+        text = f"T_base_flange of observation {far[0]} is more than {FAR_T:.0f} m from the base"
+        out.append((UNITS_T, f"{text} ({len(far)} such): are the translations in millimetres?"))
     turned = [
         o.index
         for o in observations

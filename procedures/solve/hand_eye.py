@@ -21,11 +21,12 @@ from cell.devices import Intrinsics
 from cell.errors import error
 from cell.formats.result import Result, Warning_
 from procedures.solve.camera import CameraChoice, check_views, choose_camera
-from procedures.solve.capture import CaptureSet, Progress, load_capture
+from procedures.solve.capture import FAR_T, UNITS_T, CaptureSet, Progress, load_capture
 from procedures.solve.hand_eye_report import Solved, fill_result
 
 ML = "ml"
 _MISMATCH = 0.05  # rad, or a quarter of what the arm turned
+_FAR_X = 5.0  # m; no camera is mounted that far from flange or base
 _FAR_APART_T, _FAR_APART_R = 0.04, 0.05  # of the distance to the target; rad
 
 
@@ -95,6 +96,7 @@ def _solve(loaded: CaptureSet, camera: CameraChoice, method: str) -> Result:
         return _refused(loaded, timed.answer, warnings, inputs)
     solution = timed.answer
     _check_match(loaded, solution)
+    _check_units(loaded, solution.at.X)
     cov: np.ndarray | None = solution.cov
     if method != ML:
         solution, cov = _by_classic(solution, method)
@@ -183,6 +185,18 @@ def _check_match(loaded: CaptureSet, solution: Solution) -> None:
         f"target's poses disagree by {apart:.3f} m and {np.degrees(turned_by):.1f} deg (median), seen from "
         f"{reach:.2f} m; {cause}",
     )
+
+
+def _check_units(loaded: CaptureSet, X: np.ndarray) -> None:
+    """Refuse a data set all in millimetres: it agrees with itself, and only its size gives it away."""
+    length = float(np.linalg.norm(X[:3, 3]))
+    if length > _FAR_X and any(code == UNITS_T for code, _ in loaded.warnings):
+        raise error(
+            "DATA_INVALID",
+            f"{loaded.path}: T_base_flange is more than {FAR_T:.0f} m from the base and the answer would be "
+            f"{length:.3g} m long, so the lengths are in millimetres; divide the translations of "
+            "T_base_flange and the lengths of target by 1000",
+        )
 
 
 def _apart(problem: Problem, X: np.ndarray) -> tuple[float, float]:

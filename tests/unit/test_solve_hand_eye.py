@@ -332,6 +332,19 @@ def test_millimetres_and_degrees_are_suspected(tmp_path: Path) -> None:
         solve_hand_eye(tmp_path)
 
 
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_a_data_set_all_in_millimetres_is_refused(tmp_path: Path, setup: str) -> None:
+    target = {**BOARD, "square_m": 25.0, "marker_m": 18.0}
+    data = make_scene(1, setup, count=12).data_set(target=target)
+    for observation in data["observations"]:
+        pose = observation["T_base_flange"]
+        observation["T_base_flange"] = [1000 * v for v in pose[:3]] + pose[3:]
+    (tmp_path / "capture.json").write_text(json.dumps(data))
+    with pytest.raises(InputError, match=r"T_base_flange .* and the lengths of target by 1000$") as caught:
+        solve_hand_eye(tmp_path)
+    assert caught.value.name == "DATA_INVALID"
+
+
 def test_poses_in_another_order_are_found_out(tmp_path: Path) -> None:
     scene = make_scene(10, count=16)
     scene.flange.reverse()
