@@ -19,11 +19,17 @@ def judged(result: Mapping[str, Any], limits: Mapping[str, Any]) -> dict[str, An
     """``result`` with the 95 % errors of X, and with verdict ``fail`` where one is beyond its limit.
 
     ``limits`` has ``max_error_t_m`` and ``max_error_r_rad``. A result beyond a limit stays filled; the
-    reason names the limit. The length that 95 % of the errors stay below comes from the covariance.
+    reason names the limit. One without covariance fails too: what is not known is within no limit. The
+    length that 95 % of the errors stay below comes from the covariance.
     """
     cov = result["uncertainty"].get("cov")
-    if result["result"] is None or cov is None:
+    if result["result"] is None:
         return dict(result)
+    if cov is None:
+        unknown = (
+            "no covariance was found, so the errors cannot be held against max_error_t_m and max_error_r_rad"
+        )
+        return {**result, "verdict": "fail", "reasons": [unknown, *result["reasons"]]}
     sure = PredictedUncertainty(np.array(cov))
     checks = (
         ("max_error_t_m", sure.error95_t_m, 1e3, "mm"),

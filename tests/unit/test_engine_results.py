@@ -86,6 +86,15 @@ def test_a_refused_result_stays_as_the_solver_said() -> None:
     assert judged(refusal, {"max_error_t_m": 1e-9, "max_error_r_rad": 1e-9}) == refusal
 
 
+@pytest.mark.parametrize("uncertainty", [{}, {"cov": None}])
+def test_a_result_without_covariance_is_within_no_limit(uncertainty: dict[str, Any]) -> None:
+    document = {"verdict": "pass", "reasons": ["x"], "result": {"x": 1}, "uncertainty": uncertainty}
+    found = judged(document, {"max_error_t_m": 1.0, "max_error_r_rad": 1.0})
+    assert found["verdict"] == "fail"
+    assert found["reasons"][0].startswith("no covariance was found")
+    assert found["result"] == {"x": 1}
+
+
 def test_solving_the_folder_again_gives_the_same_answer(tmp_path: Path) -> None:
     async def main() -> tuple[Path, dict[str, Any]]:
         async with open_cell(write_config(tmp_path)) as cell:
