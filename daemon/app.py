@@ -97,7 +97,9 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
             modbus = _modbus(config, engine, ledger)
             await modbus.start()
             stack.push_async_callback(modbus.stop)
-        control = ControlServer(Path(config.cell.control_socket), engine)
+        control = ControlServer(
+            Path(config.cell.control_socket), engine, lambda *line: ledger.audit("control", *line)
+        )
         await control.start()
         stack.push_async_callback(control.stop)
         # Without this, each full collection walks all that start-up made, for tens of milliseconds.

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from cell.errors import CellError, error
+from daemon.auditor import Audit, Auditor
 
 log = logging.getLogger("cellward.control")
 
@@ -28,6 +29,7 @@ WATCH_IDLE_S = 2.0  # ... and at least this often, so that a reader can tell qui
 SEND_TIMEOUT_S = 5.0
 STOP_TIMEOUT_S = 2.0
 PROBE_TIMEOUT_S = 1.0
+MAX_AUDITED_CHARS = 500
 
 
 class Engine(Protocol):
@@ -58,11 +60,14 @@ class Engine(Protocol):
 
 
 class ControlServer:
-    """Serves one engine on one socket file."""
+    """Serves one engine on one socket file.
 
-    def __init__(self, path: Path, engine: Engine) -> None:
+    ``audit(who, what, accepted, detail)`` hears of every write, carried out or refused; it may block.
+    """
+
+    def __init__(self, path: Path, engine: Engine, audit: Audit | None = None) -> None:
         self.path = path
-        self._engine = engine
+        self._engine, self._auditor = engine, Auditor(audit)
         self._server: asyncio.Server | None = None
         self._inode: int | None = None
         self._connections: set[asyncio.Task[None]] = set()
@@ -72,6 +77,7 @@ class ControlServer:
         await _refuse_unless_free(self.path)
         listener = _bind(self.path)
         self._inode = self.path.stat().st_ino
+        self._auditor.start()
         self._server = await asyncio.start_unix_server(self._accept, sock=listener, limit=MAX_REQUEST_BYTES)
 
     async def stop(self) -> None:
@@ -84,6 +90,7 @@ class ControlServer:
             task.cancel()
         if self._connections:
             await asyncio.wait(self._connections, timeout=STOP_TIMEOUT_S)
+        await self._auditor.stop()
         if self.path.exists() and self.path.stat().st_ino == self._inode:
             self.path.unlink()
 
@@ -98,7 +105,7 @@ class ControlServer:
         task.add_done_callback(ended)
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        connection = _Connection(self._engine, reader, writer)
+        connection = _Connection(self._engine, self._auditor, reader, writer)
         try:
             await connection.run()
         except (ConnectionError, TimeoutError) as exc:
@@ -108,8 +115,14 @@ class ControlServer:
 class _Connection:
     """One client: its requests are answered in their order."""
 
-    def __init__(self, engine: Engine, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._engine, self._reader, self._writer = engine, reader, writer
+    def __init__(
+        self,
+        engine: Engine,
+        auditor: Auditor,
+        reader: asyncio.StreamReader,
+        writer: asyncio.StreamWriter,
+    ) -> None:
+        self._engine, self._auditor, self._reader, self._writer = engine, auditor, reader, writer
         self.who = peer_name(writer.get_extra_info("socket"))
 
     async def run(self) -> None:
@@ -139,11 +152,19 @@ class _Connection:
             await self._send({"id": request_id, "result": result})
 
     async def _call(self, method: str, params: dict[str, Any]) -> Any:
-        handler = _METHODS.get(method)
+        if method == "status":
+            return self._engine.status()
+        handler = _WRITES.get(method)
         if handler is None:
             raise error("ARGUMENT_INVALID", f"the control socket has no method '{method}'")
-        outcome = handler(self._engine, _Params(method, params), self.who)
-        return await outcome if isinstance(outcome, Awaitable) else outcome
+        what = _audited(method, params)
+        try:
+            result = await handler(self._engine, _Params(method, params), self.who)
+        except BaseException as exc:  # a write that the daemon's end cuts short is told, too
+            self._auditor.note(self.who, what, False, str(exc) or type(exc).__name__)
+            raise
+        self._auditor.note(self.who, what, True)
+        return result
 
     async def _watch(self, request_id: Any) -> None:
         """Push the status after changes until the client goes away."""
@@ -206,8 +227,7 @@ async def _start(engine: Engine, params: _Params, who: str) -> dict[str, Any]:
     )
 
 
-_METHODS: dict[str, Callable[[Engine, _Params, str], Any]] = {
-    "status": lambda engine, params, who: engine.status(),
+_WRITES: dict[str, Callable[[Engine, _Params, str], Awaitable[Any]]] = {
     "start": _start,
     "confirm": lambda engine, params, who: engine.confirm(params.get("prompt_id", int), who),
     "finish": lambda engine, params, who: engine.finish(who),
@@ -222,6 +242,12 @@ _METHODS: dict[str, Callable[[Engine, _Params, str], Any]] = {
     ),
     "rollback": lambda engine, params, who: engine.rollback(params.get("name", str), who),
 }
+
+
+def _audited(method: str, params: dict[str, Any]) -> str:
+    """A write as one bounded line of text."""
+    text = f"{method} {json.dumps(params)}" if params else method
+    return text if len(text) <= MAX_AUDITED_CHARS else f"{text[:MAX_AUDITED_CHARS]}..."
 
 
 def _parse(line: bytes) -> tuple[Any, str, dict[str, Any]]:

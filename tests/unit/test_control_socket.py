@@ -27,11 +27,13 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "control.sock"
 
 
-def serving(path: Path, engine: RecordingEngine, use: Callable[[], Any]) -> Any:
+def serving(
+    path: Path, engine: RecordingEngine, use: Callable[[], Any], audit: Callable[..., None] | None = None
+) -> Any:
     """Run the blocking ``use`` in a thread beside a server; its value."""
 
     async def scenario() -> Any:
-        server = ControlServer(path, engine)
+        server = ControlServer(path, engine, audit)
         await server.start()
         try:
             return await asyncio.wait_for(asyncio.to_thread(use), 20)
@@ -81,6 +83,82 @@ def test_a_refusal_arrives_as_the_same_error_with_its_hint(engine: RecordingEngi
     raised = serving(path, engine, use)
     assert type(raised) is type(engine.refuse)
     assert (raised.code, str(raised), raised.hint) == (6001, str(engine.refuse), engine.refuse.hint)
+
+
+def test_every_write_leaves_an_audit_line_with_its_peer_and_reading_leaves_none(
+    engine: RecordingEngine, path: Path
+) -> None:
+    lines: list[tuple[str, str, bool, str]] = []
+    writes: dict[str, dict[str, Any]] = {
+        "start": {"job": "cone-capture", "dry_run": False},
+        "confirm": {"prompt_id": 3},
+        "finish": {}, "abort": {}, "halt": {}, "pause": {}, "resume": {}, "reset": {},
+        "accept": {"result_id": 4},
+        "reject": {"result_id": 5, "why": "loose"},
+        "rollback": {"name": "T_flange_camera"},
+    }  # fmt: skip
+
+    def use() -> None:
+        with ControlClient(path) as subject:
+            subject.call("status")
+            for method, params in writes.items():
+                subject.call(method, **params)
+
+    serving(path, engine, use, lambda *line: lines.append(line))
+    assert [what.split()[0] for _, what, _, _ in lines] == list(writes)
+    assert all(accepted and f"(uid {os.getuid()})" in who for who, _, accepted, _ in lines)
+    assert lines[0][1] == 'start {"job": "cone-capture", "dry_run": false}'
+    assert lines[2][1] == "finish"
+
+
+def test_refused_writes_leave_audit_lines_with_the_reason_and_a_bounded_length(
+    engine: RecordingEngine, path: Path
+) -> None:
+    lines: list[tuple[str, str, bool, str]] = []
+
+    def use() -> None:
+        with ControlClient(path) as subject:
+            engine.refuse = error("BUSY", "cone-capture, run 6")
+            for method, params in (
+                ("start", {"job": "x" * 5000}),
+                ("confirm", {"prompt_id": "seven"}),
+            ):
+                with pytest.raises(CellError):
+                    subject.call(method, **params)
+            engine.refuse = ZeroDivisionError("division by zero")
+            with pytest.raises(CellError):
+                subject.call("halt")
+
+    serving(path, engine, use, lambda *line: lines.append(line))
+    assert [accepted for _, _, accepted, _ in lines] == [False, False, False]
+    assert "run 6" in lines[0][3]
+    assert "not of type int" in lines[1][3]
+    assert "division by zero" in lines[2][3]
+    assert len(lines[0][1]) < 600
+
+
+def test_a_write_that_the_end_of_the_server_cuts_short_is_in_the_audit(path: Path) -> None:
+    lines: list[tuple[str, str, bool, str]] = []
+    begun = asyncio.Event()
+
+    class SlowEngine(RecordingEngine):
+        async def pause(self, who: str) -> None:
+            begun.set()
+            await asyncio.sleep(60.0)
+
+    async def scenario() -> None:
+        subject = ControlServer(path, SlowEngine(), lambda *line: lines.append(line))
+        await subject.start()
+        _, writer = await asyncio.open_unix_connection(path)
+        writer.write(b'{"id": 1, "method": "pause"}\n')
+        await asyncio.wait_for(begun.wait(), 5.0)
+        await subject.stop()
+        writer.close()
+
+    asyncio.run(scenario())
+    assert [(what, accepted, detail) for _, what, accepted, detail in lines] == [
+        ("pause", False, "CancelledError")
+    ]
 
 
 def test_an_unforeseen_failure_is_an_internal_error_and_the_server_goes_on(

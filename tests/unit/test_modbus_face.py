@@ -380,7 +380,7 @@ def test_writes_and_what_became_of_them_are_audited_but_not_each_heartbeat(
 def test_a_flood_of_refused_writes_is_counted_not_listed_without_end(
     plant: Plant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("daemon.modbus.auditor.MAX_WAITING", 5)
+    monkeypatch.setattr("daemon.auditor.MAX_WAITING", 5)
     subject = face_of(plant, allow_write=False)
 
     async def script(plc: Client) -> None:

@@ -5,7 +5,7 @@ import logging
 from collections import deque
 from collections.abc import Callable
 
-log = logging.getLogger("cellward.modbus")
+log = logging.getLogger("cellward.audit")
 
 Audit = Callable[[str, str, bool, str], None]
 MAX_WAITING = 1000
@@ -34,7 +34,7 @@ class Auditor:
         self._wake.set()
 
     def start(self) -> None:
-        self._task = asyncio.create_task(self._run(), name="modbus audit")
+        self._task = asyncio.create_task(self._run(), name="audit")
 
     async def stop(self) -> None:
         """Write what waits, for a short time, then end."""
