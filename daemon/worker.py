@@ -5,7 +5,7 @@ import ctypes
 import os
 import signal
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from typing import Any, TypeVar
@@ -31,7 +31,7 @@ def _ready() -> int:
 
 
 class ProcessWorker:
-    """Runs module-level functions in its process; a worker that dies is replaced at the next call."""
+    """Runs module-level functions in its process; a worker that ended is replaced at the next call."""
 
     def __init__(self) -> None:
         self._pool: ProcessPoolExecutor | None = None
@@ -41,16 +41,34 @@ class ProcessWorker:
         return await self.call(_ready)
 
     async def call(self, fn: Callable[..., R], *args: Any, **kwargs: Any) -> R:
-        """``fn(*args, **kwargs)`` in the worker; its exceptions come back as they are."""
+        """``fn(*args, **kwargs)`` in the worker; its exceptions come back as they are.
+
+        A call that is cancelled ends the process: nobody wants its answer, and the next call must not wait
+        for it.
+        """
         pool = self._pool = self._pool or ProcessPoolExecutor(
             1, mp_context=get_context("spawn"), initializer=_warm_up
         )
+        work: Future[R] | None = None
         try:
-            return await asyncio.wrap_future(pool.submit(fn, *args, **kwargs))
+            work = pool.submit(fn, *args, **kwargs)
+            return await asyncio.wrap_future(work)
+        except asyncio.CancelledError:
+            if work is not None and not work.cancel() and not work.done():
+                self._drop(pool)
+            raise
         except BrokenProcessPool as exc:
-            self._pool = None
-            pool.shutdown(wait=False)
+            self._drop(pool)
             raise error("CHILD_DIED", f"the solver process ended while computing {fn.__name__}") from exc
+
+    def _drop(self, pool: ProcessPoolExecutor) -> None:
+        """End the pool's process at once; what else it had to do fails with ``CHILD_DIED``."""
+        if self._pool is pool:
+            self._pool = None
+        # Python 3.11 has no public way to end a pool's process; shutdown forgets which it was.
+        for process in tuple((pool._processes or {}).values()):
+            process.kill()
+        pool.shutdown(wait=False, cancel_futures=True)
 
     async def stop(self) -> None:
         pool, self._pool = self._pool, None

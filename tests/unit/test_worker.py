@@ -1,0 +1,70 @@
+"""The solver's process: answers, errors, and what is left of a call that nobody wants any more."""
+
+import asyncio
+import os
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+import pytest
+
+from cell.errors import CellError
+from daemon.worker import ProcessWorker
+
+pytestmark = pytest.mark.wire
+
+
+def mark_and_sleep(mark: Path, seconds: float) -> None:
+    mark.write_text(str(os.getpid()))
+    time.sleep(seconds)
+
+
+def with_worker(use: Callable[[ProcessWorker], Awaitable[None]]) -> None:
+    async def main() -> None:
+        subject = ProcessWorker()
+        try:
+            async with asyncio.timeout(60.0):
+                await use(subject)
+        finally:
+            await subject.stop()
+
+    asyncio.run(main())
+
+
+def pid_in(mark: Path) -> int:
+    """The number of the process that left the mark."""
+    wait_until(lambda: mark.exists() and mark.read_text() != "")
+    return int(mark.read_text())
+
+
+def wait_until(true: Callable[[], bool], limit_s: float = 30.0) -> None:
+    end = time.monotonic() + limit_s
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_a_cancelled_call_ends_its_process_and_the_next_call_does_not_wait_for_it(tmp_path: Path) -> None:
+    mark = tmp_path / "pid"
+
+    async def use(subject: ProcessWorker) -> None:
+        solving = asyncio.create_task(subject.call(mark_and_sleep, mark, 3600.0))
+        pid = await asyncio.to_thread(pid_in, mark)
+        solving.cancel()
+        await asyncio.wait([solving])
+        assert solving.cancelled()
+        assert await subject.call(os.getpid) != pid
+        await asyncio.to_thread(wait_until, lambda: not Path(f"/proc/{pid}").exists())
+
+    with_worker(use)
+
+
+def test_a_worker_that_dies_is_told_and_replaced(tmp_path: Path) -> None:
+    async def use(subject: ProcessWorker) -> None:
+        first = await subject.start()
+        assert await subject.call(os.getpid) == first
+        with pytest.raises(CellError, match="_exit"):
+            await subject.call(os._exit, 3)
+        assert await subject.call(os.getpid) != first
+
+    with_worker(use)
