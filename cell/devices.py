@@ -178,6 +178,11 @@ class Arm(Device, Protocol):
 
     state: Stream[ArmState]
 
+    @property
+    def motion_begun(self) -> bool:
+        """Whether the latest :meth:`open_motion` got as far as to start a motion client, failed or not."""
+        ...
+
     def check_movable(self) -> None:
         """Raise the coded error that forbids motion now (stale, safety, local mode, foreign program)."""
         ...

@@ -40,20 +40,25 @@ class Recorder(Protocol):
 
 
 async def measured_standstill(arm: Arm, timeout: float) -> bool:
-    """True once the arm's fresh samples all show rest for a short span; no samples count as moving."""
-    rest_since: float | None = None
+    """True once the samples that arrive from now on all show rest for a short span.
+
+    No samples count as moving. The span is one of the stamps and of the arrivals: stamps may carry a
+    configured offset, so they do not tell new from old, and a backlog that is read at once shows no span.
+    """
+    began: tuple[float, float] | None = None  # stamp and arrival of the first sample at rest
     count = 0
     done = asyncio.Event()
-    asked = arm.state.clock.now()
 
     def look(sample: Sample[ArmState]) -> None:
-        nonlocal rest_since, count
-        if sample.t <= asked or not sample.value.at_rest:
-            rest_since, count = None, 0
+        nonlocal began, count
+        if not sample.value.at_rest:
+            began, count = None, 0
             return
-        rest_since = sample.t if rest_since is None else rest_since
+        arrived = arm.state.clock.now()
+        began = began or (sample.t, arrived)
         count += 1
-        if count >= STANDSTILL_SAMPLES and sample.t - rest_since >= STANDSTILL_SPAN_S:
+        span = min(sample.t - began[0], arrived - began[1])
+        if count >= STANDSTILL_SAMPLES and span >= STANDSTILL_SPAN_S:
             done.set()
 
     unsubscribe = arm.state.subscribe(look)
@@ -63,24 +68,6 @@ async def measured_standstill(arm: Arm, timeout: float) -> bool:
         return True
     except TimeoutError:
         return False
-    finally:
-        unsubscribe()
-
-
-async def first_arm_fault(arm: Arm) -> Exception:
-    """Block until a package of the arm shows a fault; return its coded error."""
-    seen = asyncio.Event()
-
-    def look(_: Sample[ArmState]) -> None:
-        if arm.fault() is not None:
-            seen.set()
-
-    unsubscribe = arm.state.subscribe(look)
-    try:
-        while (fault := arm.fault()) is None:
-            await seen.wait()
-            seen.clear()
-        return fault
     finally:
         unsubscribe()
 
@@ -128,6 +115,28 @@ class MotionBroker:
     def release(self, arm: Arm) -> None:
         self._lent.discard(arm.name)
 
+    async def first_fault(self, arm: Arm) -> Exception:
+        """Block until a package of the arm shows a fault that a job must end for; return its coded error.
+
+        Local mode counts only while the arm is lent: between leases a person may jog it, to reach the board
+        for instance, and the next lease refuses an arm that is still in local mode.
+        """
+        found: asyncio.Future[Exception] = asyncio.get_running_loop().create_future()
+
+        def look(_: Sample[ArmState] | None = None) -> None:
+            fault = arm.fault()
+            if fault is None or found.done():
+                return
+            if arm.name in self._lent or not isinstance(fault, CellError) or fault.name != "ARM_LOCAL_MODE":
+                found.set_result(fault)
+
+        unsubscribe = arm.state.subscribe(look)
+        try:
+            look()
+            return await found
+        finally:
+            unsubscribe()
+
     def latch(self, fault: CellError) -> None:
         """Refuse motion until :meth:`reset`; the first fault stays."""
         self.latched = self.latched or fault
@@ -167,13 +176,13 @@ class MotionLease:
             raise
         try:
             self._port = await self._arm.open_motion(self._tool)
-        except RefusedError:
-            # Nothing was started, so there is nothing of ours to stop; a foreign program stays untouched.
-            self._broker.release(self._arm)
-            raise
-        except BaseException:
-            # The motion client may be half up, so its end is the ladder's business too.
-            await run_to_its_end(self._end())
+        except BaseException as exc:
+            if isinstance(exc, RefusedError) or not self._arm.motion_begun:
+                # Nothing of ours was started, so there is nothing to stop; what others run stays untouched.
+                self._broker.release(self._arm)
+            else:
+                # The motion client may be half up, so its end is the ladder's business too.
+                await run_to_its_end(self._end())
             raise
         return self
 

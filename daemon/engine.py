@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from cell.clock import Clock
 from cell.devices import Arm, Device
 from cell.errors import CellError, LatchError, error
-from cell.motion import MotionBroker, MotionLease, first_arm_fault, run_to_its_end
+from cell.motion import MotionBroker, MotionLease, run_to_its_end
 from cell.procedure import PackML, Procedure, Run, Worker
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder, load_run
@@ -68,6 +68,7 @@ class Engine:
         self._task: asyncio.Task[None] | None = None  # the run with its beginning and end
         self._job: asyncio.Task[None] | None = None  # the procedure alone
         self._ending: PackML | None = None
+        self._hold_by = ""  # who asked to hold the run that is still being made
         self._closing = False  # the end is being written: nothing can be asked of the run any more
         self._listeners: list[Callable[[], None]] = []
 
@@ -86,7 +87,7 @@ class Engine:
         """Start a job, or list its plan without moving. Refused with a code, never queued."""
         if self._task is not None or self._starting:
             raise error("BUSY", f"{self.run.procedure.name}, run {self.run.id}" if self.run else job)
-        self._starting, self._ending = True, None
+        self._starting, self._ending, self._hold_by = True, None, ""
         try:
             return await self._start(job, params, dry_run, adopt, who, channel)
         finally:
@@ -125,6 +126,9 @@ class Engine:
         run.note("operator", event="start", who=who, channel=channel)
         if self._ending is not None:
             run.note("operator", event="stopped before it began")
+        if self._hold_by:
+            run.note("operator", event="pause", who=self._hold_by)
+            run.pause()
         self.run, self.error = run, None
         self._task = asyncio.create_task(self._execute(run, folder, devices), name=f"run {run_id}")
         self._publish()
@@ -154,7 +158,10 @@ class Engine:
         self.hold(who)
 
     def hold(self, who: str) -> None:
-        """Hold at the next checkpoint, with the arm at rest."""
+        """Hold at the next checkpoint, with the arm at rest; a run that is being made, at its first."""
+        if self._starting and self._task is None:
+            self._hold_by = who
+            return
         run = self._active()
         run.note("operator", event="pause", who=who)
         run.pause()
@@ -371,7 +378,7 @@ class Engine:
         async with asyncio.TaskGroup() as tasks:
             watches = [tasks.create_task(self.context.supervisor.first_loss(devices))]
             if (arm := self._arm()) is not None and arm.name in devices:
-                watches.append(tasks.create_task(first_arm_fault(arm)))
+                watches.append(tasks.create_task(self.context.broker.first_fault(arm)))
             done, rest = await asyncio.wait(watches, return_when=asyncio.FIRST_COMPLETED)
             for watch in rest:
                 watch.cancel()

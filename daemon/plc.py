@@ -81,12 +81,15 @@ class PlcFace:
             await self._engine.accept(result_id, who)
 
     def heartbeat_changed(self, alive: bool) -> None:
-        """A PLC that went silent holds the job at its next checkpoint; only a person or a PLC resumes it."""
-        if alive or not self._engine.active:
+        """A PLC that went silent holds the job at its next checkpoint; only a person or a PLC resumes it.
+
+        A job whose start is under way is held, too: it begins without anybody who watches it.
+        """
+        if alive:
             return
-        log.warning("the PLC's heartbeat is lost: the job holds")
-        with suppress(RefusedError):  # the job is just writing its end
+        with suppress(RefusedError):  # no job, or one that is just writing its end
             self._engine.hold("the PLC's heartbeat is lost")
+            log.warning("the PLC's heartbeat is lost: the job holds")
 
     def snapshot(self) -> dict[str, Any]:
         """The status block by register name."""

@@ -44,6 +44,7 @@ class UrArm:
         self._link: RtdeLink | None = None
         self._primary: PrimaryLink | None = None
         self._port: UrMotion | None = None
+        self.motion_begun = False
         self._remote: bool | None = None
         self._dashboard_error = ""
         self._version = ""
@@ -203,10 +204,12 @@ class UrArm:
         """
         if self._port is not None:
             raise error("MOTION_BUSY", f"{self.name} has a motion client already")
+        self.motion_begun = False
         self.check_movable()
         await self._ask_permission()
-        port = UrMotion(self, MotionClient.start(self._clock), tool, self._config)
-        self._port = port
+        client = MotionClient.start(self._clock)
+        self.motion_begun = True
+        self._port = port = UrMotion(self, client, tool, self._config)
         try:
             await port.prepare()
         except BaseException:

@@ -49,6 +49,7 @@ class ObjectArm(ObjectDevice):
         )
         self.stream = self.state
         self._port: ref[ObjectMotionPort] | None = None
+        self.motion_begun = False
         self._resting: tuple[Segment, tuple[object, ...], ArmState] | None = None
 
     async def open(self) -> None:
@@ -90,12 +91,14 @@ class ObjectArm(ObjectDevice):
         """Start our script, set TCP and payload; refused while the arm may not move."""
         if self._port is not None and (port := self._port()) is not None and not port.closed:
             raise error("MOTION_BUSY", f"{self.name} has a motion client already")
+        self.motion_begun = False
         self.check_movable()
         if not self.controller.registers_free:
             raise error("ARM_REGISTER_CONFLICT", f"another client holds the registers of {self.name}")
         await self.clock.sleep(0.05)
         self.check_movable()
         run = self.controller.start_ours()
+        self.motion_begun = True
         before = self.controller.T_flange_tcp
         self.controller.T_flange_tcp = tool.T_flange_tool
         self.controller.payload_kg = tool.payload_kg

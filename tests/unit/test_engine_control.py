@@ -301,6 +301,46 @@ def test_a_protective_stop_locks_motion_until_a_reset_that_the_fault_no_longer_f
     run_virtual(main())
 
 
+def test_local_mode_while_the_job_waits_for_the_board_costs_nothing(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with open_cell(write_config(tmp_path, job={"placements": 2})) as cell:
+            run_id = await cell.start()
+            await cell.until(lambda: cell.engine.run and cell.engine.run.prompt, "a prompt")
+            cell.plant.controller.inject("local-mode")
+            await cell.clock.sleep(30.0)
+            assert cell.engine.active
+            cell.plant.controller.clear()
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+
+    run_virtual(main())
+
+
+def test_an_arm_left_in_local_mode_is_refused_by_the_next_lease(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with open_cell(write_config(tmp_path, job={"placements": 2})) as cell:
+            run_id = await cell.start()
+            await cell.until(lambda: cell.engine.run and cell.engine.run.prompt, "a prompt")
+            cell.plant.controller.inject("local-mode")
+            await cell.clock.sleep(1.0)
+            end = await cell.finished(run_id)
+            assert (end["outcome"], end["error"]["name"]) == ("aborted", "ARM_LOCAL_MODE")
+            assert cell.at_rest()
+
+    run_virtual(main())
+
+
+def test_local_mode_while_the_arm_is_lent_ends_the_job(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with open_cell(write_config(tmp_path)) as cell:
+            run_id = await cell.start()
+            await cell.until_state("capture")
+            cell.plant.controller.inject("local-mode")
+            end = await cell.finished(run_id)
+            assert (end["outcome"], end["error"]["name"]) == ("aborted", "ARM_LOCAL_MODE")
+
+    run_virtual(main())
+
+
 def test_the_end_of_the_daemon_halts_the_job_first(tmp_path: Path) -> None:
     async def main() -> None:
         async with open_cell(write_config(tmp_path)) as cell:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform
 
 from cell.devices import ArmState, Speed, ToolSettings
 from cell.errors import CellError, error
-from cell.motion import MotionBroker, MotionLease
+from cell.motion import MotionBroker, MotionLease, measured_standstill
 from cell.samples import Sample, Stream
 from fakes.object.clock import VirtualClock
 from fakes.object.loop import run_virtual
@@ -32,6 +32,8 @@ class ScriptedArm:
     program_running: bool = True
     refusal: CellError | None = None
     hang: set[str] = field(default_factory=set)
+    motion_begun: bool = True
+    time_offset_s: float = 0.0
 
     def __post_init__(self) -> None:
         self.clock = VirtualClock()
@@ -46,7 +48,7 @@ class ScriptedArm:
                 qd = np.full(6, 0.3 if self.moving else 0.0)
                 zero = np.zeros(6)
                 state = ArmState(zero, qd, zero, zero, zero, zero, 7, 1, self.program_running, 0, 0, 0.0)
-                self.state.push(Sample(state, self.clock.now(), 0.001, seq))
+                self.state.push(Sample(state, self.clock.now() + self.time_offset_s, 0.001, seq))
                 seq += 1
             await asyncio.sleep(0.01)
 
@@ -263,6 +265,48 @@ def test_a_client_that_never_began_leaves_no_stop_script_on_a_resting_arm() -> N
                     await bench.drive()
             assert arm.asked == ["open"]
             assert bench.notes.standstill_after() == ["no motion"]
+
+    run_virtual(main())
+
+
+def test_an_opening_that_failed_before_our_client_was_started_leaves_a_foreign_program_alone() -> None:
+    async def main() -> None:
+        arm = ScriptedArm(hang={"open"}, motion_begun=False)  # somebody's program runs meanwhile
+        async with bench_with(arm) as bench:
+            with pytest.raises(TimeoutError):
+                async with asyncio.timeout(1.0):
+                    await bench.drive()
+            assert arm.asked == ["open"]
+            arm.hang, arm.motion_begun = set(), True
+            await cancel_times(1)(bench)  # the arm was not left lent
+
+    run_virtual(main())
+
+
+@pytest.mark.parametrize("offset_s", [-0.3, 0.3])
+def test_an_offset_of_the_stamps_does_not_change_when_standstill_is_seen(offset_s: float) -> None:
+    async def main() -> None:
+        arm = ScriptedArm(time_offset_s=offset_s)
+        async with bench_with(arm):
+            assert await measured_standstill(arm, 0.1)  # type: ignore[arg-type]
+            arm.moving = True
+            await asyncio.sleep(0.02)
+            assert not await measured_standstill(arm, 0.5)  # type: ignore[arg-type]
+
+    run_virtual(main())
+
+
+def test_samples_that_waited_and_are_read_at_once_are_no_standstill() -> None:
+    async def main() -> None:
+        arm = ScriptedArm(silent=True)
+        async with bench_with(arm):
+            looking = asyncio.create_task(measured_standstill(arm, 0.5))  # type: ignore[arg-type]
+            await asyncio.sleep(0.1)
+            zero = np.zeros(6)
+            state = ArmState(zero, zero, zero, zero, zero, zero, 7, 1, True, 0, 0, 0.0)
+            for k in range(20):
+                arm.state.push(Sample(state, arm.clock.now() - 0.2 + 0.01 * k, 0.001, k))
+            assert not await looking
 
     run_virtual(main())
 

@@ -1,19 +1,20 @@
 """The engine as a PLC sees it: commands with result codes, status bits, and what a lost heartbeat does."""
 
+import asyncio
 from itertools import count
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from cell.errors import catalogue
+from cell.errors import CellError, catalogue
 from cell.procedure import PackML
 from daemon import plc as bits
 from daemon.config import CellConfig
 from daemon.modbus import Command
 from daemon.plc import PlcFace
 from fakes.object import run_virtual
-from tests.object_cell import WHO, ObjectCell, no_report, open_cell, write_config
+from tests.object_cell import JOB, WHO, ObjectCell, no_report, open_cell, write_config
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -259,6 +260,41 @@ def test_a_lost_heartbeat_holds_the_job_and_its_return_does_not_resume_it(tmp_pa
         assert "heartbeat" in cell.notes(1, "pause")[0]["who"]
         assert await panel.send(RESUME) == ACCEPTED
         assert (await cell.finished(1))["outcome"] == "complete"
+
+    on_a_panel(write_config(tmp_path), script)
+
+
+def test_a_heartbeat_lost_while_the_run_is_being_made_holds_that_run_alone(tmp_path: Path) -> None:
+    async def script(cell: ObjectCell, panel: Panel) -> None:
+        starting = asyncio.create_task(panel.send(START, job=1))
+        await asyncio.sleep(0)  # the start now waits for the ledger
+        assert not cell.engine.active
+        panel.subject.heartbeat_changed(False)
+        panel.subject.heartbeat_changed(True)
+        assert await starting == ACCEPTED
+        await cell.until(lambda: panel.read("packml_state") == PackML.HELD, "Held")
+        await cell.clock.sleep(60.0)
+        assert panel.read("packml_state") == PackML.HELD
+        assert cell.notes(1, "lease") == []
+        assert "heartbeat" in cell.notes(1, "pause")[0]["who"]
+        assert await panel.send(RESUME) == ACCEPTED
+        assert (await cell.finished(1))["outcome"] == "complete"
+        await panel.run_to_the_end()
+        assert cell.notes(2, "pause") == []
+
+    on_a_panel(write_config(tmp_path), script)
+
+
+def test_a_heartbeat_lost_while_a_start_is_refused_leaves_the_next_run_alone(tmp_path: Path) -> None:
+    async def script(cell: ObjectCell, panel: Panel) -> None:
+        adopting = asyncio.create_task(cell.engine.start(JOB, {}, adopt=7, who=WHO, channel="test"))
+        await asyncio.sleep(0)
+        assert not adopting.done()
+        panel.subject.heartbeat_changed(False)
+        with pytest.raises(CellError):
+            await adopting
+        await panel.run_to_the_end()
+        assert cell.notes(1, "pause") == []
 
     on_a_panel(write_config(tmp_path), script)
 
