@@ -23,6 +23,7 @@ from cell.formats.result import Result, Warning_
 from procedures.solve.camera import CameraChoice, check_views, choose_camera
 from procedures.solve.capture import FAR_T, UNITS_T, CaptureSet, Progress, load_capture
 from procedures.solve.hand_eye_report import Solved, fill_result
+from procedures.solve.other_orders import order_warnings
 
 ML = "ml"
 _MISMATCH = 0.05  # rad, or a quarter of what the arm turned
@@ -97,11 +98,21 @@ def _solve(loaded: CaptureSet, camera: CameraChoice, method: str) -> Result:
     solution = timed.answer
     _check_match(loaded, solution)
     _check_units(loaded, solution.at.X)
+    if not _timed(loaded):
+        warnings += order_warnings(solution)
     cov: np.ndarray | None = solution.cov
     if method != ML:
         solution, cov = _by_classic(solution, method)
     solved = Solved(loaded, rows, measured, camera, solution, cov, method, warnings, inputs)
     return fill_result(solved)
+
+
+def _timed(loaded: CaptureSet) -> bool:
+    """Whether poses and images were recorded together, each with its time: then no list was put in order."""
+    return all(
+        o.t is not None and o.frames and all(f.t is not None for f in o.frames)
+        for o in loaded.capture.observations
+    )
 
 
 def _given_noise(loaded: CaptureSet) -> dict[str, float]:
