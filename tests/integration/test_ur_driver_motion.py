@@ -16,7 +16,7 @@ from ur_driver_rig import LASTING, TOOL, Rig
 
 from cell.clock import MonotonicClock
 from cell.devices import Speed, ToolSettings, TrajectoryPiece
-from cell.errors import CellError
+from cell.errors import CellError, error
 from cell.motion import MotionBroker, measured_standstill
 from cell.poses import from_pose6
 from drivers.ur import UrArm
@@ -276,6 +276,32 @@ def test_a_program_started_in_the_last_moment_is_seen_by_the_dashboard(rig: Rig)
             with pytest.raises(CellError) as caught:
                 await arm._ask_permission()
             assert caught.value.name == "ARM_PROGRAM_RUNNING"
+
+    asyncio.run(scenario())
+
+
+def test_a_lease_that_fails_before_our_client_runs_leaves_a_foreign_program_alone(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The program comes up between our look at the state and the dashboard's answer, which never comes."""
+
+    async def scenario() -> None:
+        async with rig.connected() as arm:
+
+            async def deaf() -> None:
+                await asyncio.to_thread(rig.inject, "foreign-program")
+                await asyncio.sleep(0.3)
+                raise error("CALL_TIMEOUT", "the dashboard")
+
+            monkeypatch.setattr(arm, "_ask_permission", deaf)
+            broker, notes = MotionBroker(MonotonicClock()), Notes()
+            with pytest.raises(CellError) as caught:
+                async with broker.lease(arm, OpenGuard(), TOOL, SPEED, notes):
+                    pass
+            assert caught.value.name == "CALL_TIMEOUT"
+            await asyncio.sleep(0.3)
+            assert rig.truth()["program"] == "foreign"
+            assert not arm.motion_begun
 
     asyncio.run(scenario())
 
