@@ -180,6 +180,7 @@ class MotionLease:
             if isinstance(exc, RefusedError) or not self._arm.motion_begun:
                 # Nothing of ours was started, so there is nothing to stop; what others run stays untouched.
                 self._broker.release(self._arm)
+                self._note("motion", event="nothing begun", arm=self._arm.name)
             else:
                 # The motion client may be half up, so its end is the ladder's business too.
                 await run_to_its_end(self._end())
