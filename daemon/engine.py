@@ -61,7 +61,6 @@ class Engine:
         self.run: Run | None = None
         self.last: dict[str, Any] | None = None
         self.error: CellError | None = None
-        self.warnings = 0
         self.interrupted: list[int] = []
         self.loop_lag: Callable[[], dict[str, float]] = dict
         self._starting = False

@@ -3,7 +3,7 @@
 import asyncio
 import logging
 import random
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -185,9 +185,3 @@ class Supervisor:
 
     def status(self) -> dict[str, Any]:
         return {name: entry.status() for name, entry in self.devices.items()}
-
-
-def start_all(supervisor: Supervisor, spawn: Callable[[str, Any], None]) -> None:
-    """Start one task a device through ``spawn(name, coroutine)``."""
-    for name, entry in supervisor.devices.items():
-        spawn(f"device {name}", entry.run())
