@@ -1,0 +1,137 @@
+"""Joints that bring the calibrated flange to a wanted place: the inverse of an arm that has no closed form.
+
+A pose is wanted of an arm with six joints or more; a palletizer, whose flange stays level, has four numbers:
+x, y, z and the heading (yaw) of the flange's x axis about base z.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.kinematics.chain import pose_gap
+from calibration.kinematics.serial import SerialChain
+from cell.poses import Array
+
+TOLERANCE = 1e-9  # m and rad
+_STEPS = 60
+_LARGEST = 0.4  # rad at the links, or m, in one step
+_STARTS = (6, 24, 60)  # of the closest known poses: that many are tried before more are
+_TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """``q`` (k, j), NaN where nothing was found, and ``miss`` (k,), how far the best attempt stayed off
+    (largest of m and rad)."""
+
+    q: Array
+    miss: Array
+
+    @property
+    def found(self) -> NDArray[np.bool_]:
+        """(k,): whether the place was reached."""
+        return self.miss < TOLERANCE * 1e3
+
+
+def goals_from_yaw(rows: Array) -> Array:
+    """(k, 4, 4) level poses from x, y, z, yaw (k, 4)."""
+    c, s = np.cos(rows[:, 3]), np.sin(rows[:, 3])
+    out = np.tile(np.eye(4), (len(rows), 1, 1))
+    out[:, 0, 0], out[:, 0, 1], out[:, 1, 0], out[:, 1, 1] = c, -s, s, c
+    out[:, :3, 3] = rows[:, :3]
+    return out
+
+
+def yaw_of(T: Array) -> Array:
+    """(k,): heading of the x axis of poses (k, 4, 4) about base z."""
+    out: Array = np.arctan2(T[:, 1, 0], T[:, 0, 0])
+    return out
+
+
+def reach(chain: SerialChain, goals: Array, q_near: Array | None, known: Array, level: bool) -> Reached:
+    """Joints for the poses ``goals`` (k, 4, 4) in the base.
+
+    ``q_near`` (k, j) picks the branch; without it, and where it does not lead there, the joints of ``known``
+    (n, j) whose flange is closest are tried. ``level``: only x, y, z and the heading are wanted.
+    """
+    at = chain.flange(known)
+    order = np.array([_closest(at, goal, level) for goal in goals]).reshape(len(goals), len(known))
+    if q_near is not None:
+        near = np.array(q_near, dtype=float)
+    elif len(known):
+        near = known[order[:, 0]]
+    else:
+        raise ValueError("without q_near there must be known poses to start from")
+    q, miss = _descend(chain, goals, near, level)
+    for row in np.flatnonzero(miss >= TOLERANCE):
+        for first, end in pairwise((0, *_STARTS)):
+            starts = known[order[row, first:end]]
+            if not len(starts) or miss[row] < TOLERANCE:
+                break
+            found, off = _best_of(chain, goals[row], starts, near[row], level)
+            if off < miss[row]:
+                q[row], miss[row] = found, off
+    q[miss >= TOLERANCE * 1e3] = np.nan
+    return Reached(q, miss)
+
+
+def _best_of(chain: SerialChain, goal: Array, starts: Array, near: Array, level: bool) -> tuple[Array, float]:
+    """The joints closest to ``near`` of those that ``starts`` (m, j) lead to, and how far they miss."""
+    tried, off = _descend(chain, np.repeat(goal[None], len(starts), axis=0), starts, level)
+    tried = _same_turn(chain, tried, near)
+    away = np.where(off < TOLERANCE, np.linalg.norm(tried - near, axis=1), np.inf)
+    best = int(np.argmin(away)) if np.any(np.isfinite(away)) else int(np.argmin(off))
+    return tried[best], float(off[best])
+
+
+def _closest(at: Array, goal: Array, level: bool) -> NDArray[np.int64]:
+    away = np.linalg.norm(at[:, :3, 3] - goal[:3, 3], axis=1)
+    if not level:
+        cosine = 0.5 * (np.einsum("nij,ij->n", at[:, :3, :3], goal[:3, :3]) - 1.0)
+        away = away + 0.3 * np.arccos(np.clip(cosine, -1.0, 1.0))
+    return np.argsort(away).astype(np.int64)
+
+
+def _same_turn(chain: SerialChain, q: Array, near: Array) -> Array:
+    """``q`` (m, j) closest to ``near`` by full turns of the joints that drive one link directly."""
+    gear = np.sum(np.abs(chain.coupling), axis=0)
+    drives = np.abs(chain.coupling).argmax(axis=0)
+    direct = (np.count_nonzero(chain.coupling, axis=0) == 1) & ~chain.sliding[drives]
+    turn = np.where(direct, _TURN / np.maximum(gear, 1e-12), np.inf)
+    return np.where(direct, q - np.where(direct, turn, 0.0) * np.round((q - near) / turn), q)
+
+
+def _descend(chain: SerialChain, goals: Array, start: Array, level: bool) -> tuple[Array, Array]:
+    """Damped Newton steps (Nakamura and Hanafusa 1986) for all goals at once."""
+    q = np.array(start, dtype=float)
+    best, best_miss = q.copy(), np.full(len(q), np.inf)
+    gear = np.maximum(np.max(np.abs(chain.coupling), axis=0), 1e-12)
+    for _ in range(_STEPS + 1):
+        gap, J = _gap(chain, goals, q, level)
+        miss = np.max(np.abs(gap), axis=1)
+        better = miss < best_miss
+        best[better], best_miss[better] = q[better], miss[better]
+        if np.all(best_miss < TOLERANCE):
+            break
+        J = J / gear  # of what the links turn
+        Jt = J.swapaxes(1, 2)
+        damping = np.minimum(1e-3, miss**2)[:, None, None] + 1e-14
+        dq = (Jt @ np.linalg.solve(J @ Jt + damping * np.eye(J.shape[1]), gap[:, :, None]))[:, :, 0]
+        largest = np.max(np.abs(dq), axis=1, keepdims=True)
+        q = q + dq * np.minimum(1.0, _LARGEST / np.maximum(largest, 1e-12)) / gear
+    return best, best_miss
+
+
+def _gap(chain: SerialChain, goals: Array, q: Array, level: bool) -> tuple[Array, Array]:
+    T, J = chain.flange(q), chain.jacobians(q)
+    if not level:
+        return pose_gap(goals, T), J
+    x = T[:, :3, 0]
+    turn = yaw_of(goals) - yaw_of(T)
+    gap = np.column_stack([goals[:, :3, 3] - T[:, :3, 3], (turn + np.pi) % _TURN - np.pi])
+    # heading of the x axis: its velocity is omega x x
+    flat = np.maximum(x[:, 0] ** 2 + x[:, 1] ** 2, 1e-12)
+    heading = J[:, 5] - x[:, 2, None] * (x[:, 0, None] * J[:, 3] + x[:, 1, None] * J[:, 4]) / flat[:, None]
+    return gap, np.concatenate([J[:, :3], heading[:, None]], axis=1)

@@ -1,0 +1,73 @@
+"""Judged by readings that the solution did not see: nominal, registered only, and calibrated.
+
+Readings are dealt to the folds in turn; each fold is predicted by an arm solved from the others alone.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.identification.estimator import Problem, fit
+from calibration.identification.registration import Registration, register
+from calibration.identification.solution import Solution
+from cell.poses import Array
+
+FOLDS = 5
+Refit = Callable[[Problem, Array, Array], tuple[Array, Registration]]
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Distances (k,) in metres of the judged readings ``rows`` (k,) from where they were predicted.
+
+    ``nominal``: the arm as drawn, in the place of the tracker that the calibrated arm found.
+    ``registration``: the arm as drawn, in the place that suits it best. ``calibrated``: the solved arm.
+    """
+
+    rows: NDArray[np.int64]
+    nominal: Array
+    registration: Array
+    calibrated: Array
+
+
+def held_out(solution: Solution, refit: Refit | None = None) -> HeldOut:
+    """K-fold check over the readings in use; folds whose rest is too small are left out."""
+    problem, model = solution.problem, solution.model
+    used = np.flatnonzero(solution.used)
+    sigma = solution.noise.sigma(problem.range_m)
+    drawn = model.points(model.nominal, problem.Q, problem.target)
+    fold = np.arange(len(used)) % FOLDS
+    rows, distances = [], []
+    for k in range(FOLDS):
+        judged, rest = used[fold == k], used[fold != k]
+        if not len(judged) or 3 * len(rest) < solution.unknowns + 3 or _loses_target(problem, judged, rest):
+            continue
+        part, weight = problem.take(rest), sigma[rest] ** -2.0
+        x, place = (refit or _refit)(part, solution.x, weight)
+        best = register(part.p, drawn[:, rest], np.ones(len(rest)))
+        p = problem.p[:, judged]
+        solved = place.to_tracker(model.points(x, problem.Q[judged], problem.target[judged]))
+        away = (place.to_tracker(drawn[:, judged]), best.to_tracker(drawn[:, judged]), solved)
+        rows.append(judged)
+        distances.append([np.sqrt(np.sum((q - p) ** 2, axis=0)) for q in away])
+    if not rows:
+        none = np.zeros(0)
+        return HeldOut(np.zeros(0, dtype=np.int64), none, none, none)
+    nominal, registration, calibrated = (np.concatenate([d[i] for d in distances]) for i in range(3))
+    return HeldOut(np.concatenate(rows), nominal, registration, calibrated)
+
+
+def _refit(part: Problem, start: Array, weight: Array) -> tuple[Array, Registration]:
+    found = fit(part, start, weight, iterations=4)
+    return found.x, found.registration
+
+
+def _loses_target(problem: Problem, judged: NDArray[np.int64], rest: NDArray[np.int64]) -> bool:
+    return bool(np.setdiff1d(problem.target[judged], problem.target[rest]).size)
+
+
+def rms(distance: Array) -> float | None:
+    """Root mean square; None of nothing."""
+    return float(np.sqrt(np.mean(distance**2))) if len(distance) else None

@@ -1,0 +1,46 @@
+"""How far the calibrated arm will be off, at places that nobody measured."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtri
+
+from calibration.identification.solution import Solution
+from cell.poses import Array
+
+_PLACES = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """Per place: joints ``q`` (n, j), the reflector in the base ``p`` (n, 3) m, and the distance ``error95``
+    (n,) m that 95 % of prediction errors stay below."""
+
+    q: Array
+    p: Array
+    error95: Array
+
+
+def forecast(solution: Solution, Q: Array, target: int = 0) -> Forecast:
+    """The error of predicted places in the tracker frame, from the covariance of the parameters alone."""
+    p, cov = solution.predict(Q, target)
+    base = solution.registration.to_base(p.T).T
+    error = np.full(len(Q), np.nan) if cov is None else radius95(cov)
+    return Forecast(Q, base, error)
+
+
+def radius95(cov: Array) -> Array:
+    """(n,): lengths that 95 % of normal vectors with ``cov`` (n, 3, 3) stay below (Satterthwaite 1946)."""
+    trace = np.trace(cov, axis1=1, axis2=2)
+    square = np.maximum(np.sum(cov * cov, axis=(1, 2)), 1e-300)
+    out: Array = np.sqrt(square / np.maximum(trace, 1e-300) * chdtri(trace**2 / square, 0.05))
+    return out
+
+
+def places(Q: Array, count: int = _PLACES) -> Array:
+    """Joints (count, j) spread evenly over the ranges of ``Q`` (n, j), the same ones every time."""
+    rng = np.random.default_rng(0)
+    low, high = Q.min(axis=0), Q.max(axis=0)
+    strata = (np.argsort(rng.random((Q.shape[1], count)), axis=1).T + rng.random((count, Q.shape[1]))) / count
+    out: Array = low + strata * (high - low)
+    return out

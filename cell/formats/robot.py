@@ -1,0 +1,142 @@
+"""ROBOT: an arm by name, by the parameters of a palletizer, or link by link."""
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from cell.errors import error
+from cell.formats.reading import Strict, parse_part
+
+Six = Annotated[list[float], Field(min_length=6, max_length=6)]
+Point = Annotated[list[float], Field(min_length=3, max_length=3)]
+Positive = Annotated[float, Field(gt=0.0)]
+
+
+class Prior(Strict):
+    """Standard deviations of the parameters about their nominal values; m, rad and, for ratios, relative."""
+
+    length_m: Positive | None = None
+    angle_rad: Positive | None = None
+    ratio: Positive | None = None
+
+
+class Deltas(Strict):
+    """What a factory calibration of Universal Robots adds to the published DH table."""
+
+    delta_theta: Six | None = None
+    delta_d: Six | None = None
+    delta_a: Six | None = None
+    delta_alpha: Six | None = None
+
+
+class _Robot(Strict):
+    tool: dict[str, Point] = Field(default_factory=dict)
+    prior: Prior | None = None
+    notes: Any = None
+
+
+class NamedRobot(_Robot):
+    """An arm of Universal Robots."""
+
+    model: str
+    calibration: Deltas | None = None
+
+
+class PalletizerParameters(Strict):
+    """Four motors and a parallelogram; METHODS section 4. Lengths m, offsets rad, ratios link per motor."""
+
+    a1: float
+    a2: float
+    a3: float
+    a4: float
+    a5: float
+    d1: float
+    d5: float
+    k1: float
+    k2: float
+    k3: float
+    k5: float
+    t1: float
+    t2: float
+    t3: float
+    t5: float
+    tx: float
+    ty: float
+    tz: float
+
+
+class PalletizerRobot(_Robot):
+    """``tx``, ``ty``, ``tz`` of the parameters are the place of target "smr1" on the flange."""
+
+    family: Literal["palletizer4"]
+    parameters: PalletizerParameters
+
+    @model_validator(mode="after")
+    def _one_place_for_smr1(self) -> "PalletizerRobot":
+        own = [self.parameters.tx, self.parameters.ty, self.parameters.tz]
+        if self.tool.get("smr1", own) != own:
+            raise ValueError("(tool smr1) differs from tx, ty, tz of the parameters; leave it out of 'tool'")
+        return self
+
+
+class Link(Strict):
+    """``Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)``; ``beta`` only where two axes are near parallel."""
+
+    theta: float = 0.0
+    d: float = 0.0
+    a: float = 0.0
+    alpha: float = 0.0
+    beta: float | None = None
+    joint: Literal["revolute", "prismatic", "fixed"] = "revolute"
+
+
+class SerialRobot(_Robot):
+    """Any chain. ``coupling`` has a row for each moving link (or each link) and a column for each joint."""
+
+    family: Literal["serial"]
+    links: Annotated[list[Link], Field(min_length=1, max_length=30)]
+    coupling: list[list[float]] | None = None
+
+    @model_validator(mode="after")
+    def _coupling_fits_the_links(self) -> "SerialRobot":
+        moving = sum(link.joint != "fixed" for link in self.links)
+        if not moving:
+            raise ValueError("(links) has no link that moves; give 'joint' of the moving ones")
+        if self.coupling is None:
+            return self
+        rows, widths = len(self.coupling), {len(row) for row in self.coupling}
+        if rows not in (moving, len(self.links)) or len(widths) != 1 or widths == {0}:
+            raise ValueError(
+                f"(coupling) must have {moving} rows, one for each moving link, of equal length; it has "
+                f"{rows} rows of {', '.join(map(str, sorted(widths))) or 'no'} entries"
+            )
+        if rows == len(self.links):
+            for k, (link, row) in enumerate(zip(self.links, self.coupling, strict=True)):
+                if link.joint == "fixed" and any(row):
+                    raise ValueError(f"(coupling) row {k} moves a fixed link; write zeros there")
+        return self
+
+
+Robot = NamedRobot | PalletizerRobot | SerialRobot
+_FAMILIES: dict[str, type[PalletizerRobot] | type[SerialRobot]] = {
+    "palletizer4": PalletizerRobot,
+    "serial": SerialRobot,
+}
+
+
+def parse_robot(raw: object, where: str) -> Robot:
+    """``raw`` as a ROBOT; ``where`` names file and key in errors (``DATA_INVALID``)."""
+    if not isinstance(raw, Mapping):
+        raise error("DATA_INVALID", f"{where} must be a table with 'model' or 'family'; see ROBOT")
+    family = raw.get("family")
+    if family is None:
+        if "model" not in raw:
+            raise error("DATA_INVALID", f"{where} has neither 'model' nor 'family'; add one of them")
+        return parse_part(NamedRobot, raw, where)
+    if not isinstance(family, str) or family not in _FAMILIES:
+        near = get_close_matches(str(family), list(_FAMILIES), 1)
+        fix = f"did you mean {near[0]!r}?" if near else f"there is {', '.join(_FAMILIES)}"
+        raise error("DATA_INVALID", f"{where}.family {family!r} is not known; {fix}")
+    return parse_part(_FAMILIES[family], raw, where)

@@ -1,0 +1,198 @@
+"""A kinematic data set in memory: joints, tracker points, and the arm that they belong to."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.identification.estimator import Problem
+from calibration.identification.model import Model, make_model
+from calibration.identification.registration import robust_register
+from calibration.identification.solution import Solution
+from calibration.kinematics.families import ArmSpec, arm_spec
+from cell.errors import error
+from cell.formats.kincal import SCHEMA, Kincal
+from cell.formats.reading import parse, read_json
+from cell.formats.robot import parse_robot
+from procedures.solve.kincal_tables import is_table, read_table
+
+FILE_NAME = "kincal.json"
+FAR_P, _FAR_Q = 20.0, 4.0 * np.pi
+_ONE_TARGET = "smr1"
+_FEW = 3  # fewer points say nothing about units
+_MISFIT = 0.05  # of the points' spread: no arm is that far from its drawing
+_BETTER = 0.3
+
+
+@dataclass
+class KincalSet:
+    """Row k of ``Q`` (n, j), ``p`` (3, n) and ``target`` (n,) is sample ``rows[k]``; ``unusable`` samples
+    have no reading."""
+
+    path: Path
+    data: Kincal
+    spec: ArmSpec
+    problem: Problem
+    rows: list[int]
+    unusable: dict[int, str] = field(default_factory=dict)
+    warnings: list[tuple[str, str]] = field(default_factory=list)
+
+    @property
+    def model(self) -> Model:
+        return self.problem.model
+
+    @property
+    def indices(self) -> list[int]:
+        """The data set's own number of every sample."""
+        return [k if s.index is None else s.index for k, s in enumerate(self.data.samples)]
+
+    @property
+    def noise(self) -> dict[str, float]:
+        """Given noise levels."""
+        given = {} if self.data.noise is None else self.data.noise.model_dump(exclude_none=True)
+        return {k: float(v) for k, v in given.items()}
+
+
+def load_kincal(path: Path, robot: Path | None = None) -> KincalSet:
+    """Read and check a data set: a folder with kincal.json, a JSON file, CSV or MATLAB columns.
+
+    ``robot`` is a file with a ROBOT, which CSV and MATLAB need and which goes before the one in the data.
+    Raises an ``InputError`` that names file, field and fix.
+    """
+    file = path / FILE_NAME if path.is_dir() else path
+    raw = read_table(file) if is_table(file) else read_json(file)
+    data = parse(Kincal, raw, SCHEMA, str(file))
+    spec = _robot(file, data, robot)
+    names = _targets(file, data, spec)
+    unusable = {
+        k: "the tracker had no reading"
+        for k, s in enumerate(data.samples)
+        if s.p_tracker is None or None in s.p_tracker
+    }
+    rows = [k for k in range(len(data.samples)) if k not in unusable]
+    _check_joints(file, data, spec)
+    used = [names[k] for k in rows]
+    targets = list(dict.fromkeys(used)) or [_ONE_TARGET]
+    problem = Problem(
+        make_model(spec, targets),
+        np.array([data.samples[k].q for k in rows]).reshape(len(rows), spec.arm.joints),
+        np.array([data.samples[k].p_tracker for k in rows], dtype=float).reshape(len(rows), 3).T.copy(),
+        np.array([targets.index(name) for name in used], dtype=np.int64),
+    )
+    loaded = KincalSet(file, data, spec, problem, rows, unusable)
+    _check_units(loaded)
+    if problem.model.unknown_tools:
+        listed = ", ".join(problem.model.unknown_tools)
+        text = f"the robot's 'tool' has no place for {listed}; it was estimated from nothing"
+        loaded.warnings.append(("tool.unknown", text))
+    return loaded
+
+
+def _robot(file: Path, data: Kincal, robot: Path | None) -> ArmSpec:
+    if robot is not None:
+        raw: Any = read_json(robot)
+        inner = raw.get("robot")
+        where = f"{robot}: robot" if isinstance(inner, dict) else str(robot)
+        raw = inner if isinstance(inner, dict) else {k: v for k, v in raw.items() if k != "schema"}
+    elif data.robot is not None:
+        raw, where = data.robot, f"{file}: robot"
+    else:
+        raise error(
+            "DATA_INVALID", f"{file} does not say what arm it is of; give its ROBOT with --robot FILE"
+        )
+    return arm_spec(parse_robot(raw, where), where)
+
+
+def _targets(file: Path, data: Kincal, spec: ArmSpec) -> list[str]:
+    """The target of every sample; one that is not named must be the only one."""
+    named = {s.target for s in data.samples if s.target is not None}
+    known = sorted(named | set(spec.tools)) if named else sorted(spec.tools)
+    if len(spec.tools) == 1 and spec.tool_in_parameters and not named:
+        known = [spec.tool_in_parameters]
+    nameless = [k for k, s in enumerate(data.samples) if s.target is None]
+    if nameless and len(known) > 1:
+        raise error(
+            "DATA_INVALID",
+            f"{file}: samples[{nameless[0]}].target is missing, and there are {', '.join(known)}; name it",
+        )
+    only = known[0] if known else _ONE_TARGET
+    return [only if s.target is None else s.target for s in data.samples]
+
+
+def _check_joints(file: Path, data: Kincal, spec: ArmSpec) -> None:
+    joints = spec.arm.joints
+    for k, sample in enumerate(data.samples):
+        if len(sample.q) != joints:
+            raise error(
+                "DATA_INVALID",
+                f"{file}: samples[{k}].q has {len(sample.q)} joints; the robot has {joints}",
+            )
+
+
+def _check_units(loaded: KincalSet) -> None:
+    """Warn of angles and lengths that look like degrees and millimetres; refuse what certainly is."""
+    problem = loaded.problem
+    if problem.n < _FEW:
+        return
+    index = loaded.indices
+    gear = np.minimum(np.max(np.abs(problem.model.arm.base.coupling), axis=0), 1.0)
+    turned = np.flatnonzero(np.max(np.abs(problem.Q * gear), axis=1) > _FAR_Q)
+    far = np.flatnonzero(problem.range_m > FAR_P)
+    _refuse_other_units(loaded, bool(len(turned)))
+    if len(far):
+        text = f"p_tracker of sample {index[loaded.rows[far[0]]]} is more than {FAR_P:.0f} m from the tracker"
+        loaded.warnings.append(
+            ("units.translation", f"{text} ({len(far)} such): are the lengths in millimetres?")
+        )
+    if len(turned):
+        text = f"a joint of sample {index[loaded.rows[turned[0]]]} is beyond 4 pi rad"
+        loaded.warnings.append(("units.rotation", f"{text} ({len(turned)} such): are the angles in degrees?"))
+
+
+def _refuse_other_units(loaded: KincalSet, turned: bool) -> None:
+    """``DATA_INVALID`` when the nominal arm fits far better with degrees, millimetres or a mirrored frame."""
+    own = _misfit(loaded.problem, 1.0, 1.0, 1.0)
+    if own < _MISFIT:
+        return
+    options = {
+        (1.0, 1e-3, 1.0): "p_tracker is in millimetres; divide it by 1000",
+        (
+            1.0,
+            1.0,
+            -1.0,
+        ): "p_tracker is in a left-handed frame; swap two of its axes or change the sign of one",
+    }
+    if turned or np.max(np.abs(loaded.problem.Q)) > 2.0 * np.pi:
+        degrees = float(np.pi / 180.0)
+        options[degrees, 1.0, 1.0] = "q is in degrees; write radians"
+        options[degrees, 1e-3, 1.0] = "q is in degrees and p_tracker in millimetres; write rad and m"
+    misfits = {option: _misfit(loaded.problem, *option) for option in options}
+    best = min(misfits, key=misfits.__getitem__)
+    if misfits[best] < _BETTER * own and misfits[best] < 4.0 * _MISFIT:
+        raise error("DATA_INVALID", f"{loaded.path}: {options[best]} (the nominal arm fits then)")
+
+
+def _misfit(problem: Problem, q_unit: float, p_unit: float, hand: float) -> float:
+    """Median distance of the nominal arm's points from the tracker's, over the spread of the arm's."""
+    model = problem.model
+    f = model.points(model.nominal, q_unit * problem.Q, problem.target)
+    p = p_unit * problem.p * np.array([[1.0], [1.0], [hand]])
+    spread = float(np.sqrt(np.mean(np.sum((f - f.mean(axis=1, keepdims=True)) ** 2, axis=0))))
+    place = robust_register(p, f, np.ones(problem.n))
+    off = np.sqrt(np.sum((place.to_tracker(f) - p) ** 2, axis=0))
+    return float(np.median(off)) / max(spread, 1e-9)
+
+
+def check_match(loaded: KincalSet, solution: Solution) -> None:
+    """Refuse joints that do not belong to the points: even the adjusted arm is nowhere near."""
+    p = solution.problem.p[:, solution.used]
+    off = float(np.median(np.sqrt(np.sum(solution.e[:, solution.used] ** 2, axis=0))))
+    spread = float(np.sqrt(np.mean(np.sum((p - p.mean(axis=1, keepdims=True)) ** 2, axis=0))))
+    if off > _MISFIT * max(spread, 1e-9):
+        raise error(
+            "DATA_INVALID",
+            f"{loaded.path}: q does not belong to p_tracker: after calibration the points are still "
+            f"{1e3 * off:.1f} mm off (median) in a cloud of {1e3 * spread:.0f} mm; check the order of the "
+            "samples, the robot, and the order, signs and zero positions of its joints",
+        )

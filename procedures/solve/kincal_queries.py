@@ -1,0 +1,135 @@
+"""What is asked of a calibrated arm: where the tracker would see it, and which joints reach a pose."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.identification.application import goals_from_yaw, reach, yaw_of
+from calibration.identification.solution import Solution, predict
+from calibration.identification.workspace import radius95
+from calibration.kinematics.ur_models import JOINT_LIMITS
+from cell.errors import error
+from cell.formats.kincal import QUERY_SCHEMA, TARGETS_SCHEMA, KincalQuery, KincalTargets
+from cell.formats.reading import parse, read_json
+from cell.poses import Array, from_pose6
+from procedures.solve.kincal_data import KincalSet
+
+_TILT = 2e-3  # rad
+
+
+@dataclass(frozen=True, eq=False)
+class Query:
+    """Joints ``Q`` (n, j) whose readings of ``target`` are wanted; ``place`` (3,) when no sample has it."""
+
+    Q: Array
+    target: str
+    place: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """Flange poses ``goals`` (k, 4, 4) in the base; ``level`` says that only the heading is asked for."""
+
+    goals: Array
+    q_near: Array | None
+    level: bool
+
+
+def load_query(path: Path, loaded: KincalSet) -> Query:
+    """``cellward.kincal-query/1`` for the arm of the data set."""
+    query = parse(KincalQuery, read_json(path), QUERY_SCHEMA, str(path))
+    Q = _joints(path, "q", query.q, loaded.spec.arm.joints)
+    known = sorted({*loaded.model.targets, *loaded.spec.tools})
+    target = query.target or (loaded.model.targets[0] if len(loaded.model.targets) == 1 else None)
+    if target is None or target not in known:
+        said = "is missing" if target is None else f"{target!r} is not known"
+        raise error("DATA_INVALID", f"{path}: target {said}; there is {', '.join(known)}")
+    place = None if target in loaded.model.targets else loaded.spec.tools[target]
+    return Query(Q, target, place)
+
+
+def load_targets(path: Path, loaded: KincalSet) -> Wanted:
+    """``cellward.kincal-targets/1`` for the arm of the data set."""
+    asked = parse(KincalTargets, read_json(path), TARGETS_SCHEMA, str(path))
+    joints = loaded.spec.arm.joints
+    level = joints == 4
+    if joints < 4 or joints == 5:
+        raise error(
+            "DATA_INVALID", f"{path}: an arm with {joints} joints cannot reach a pose; 4, 6 or more can"
+        )
+    goals = np.empty((len(asked.targets), 4, 4))
+    for k, target in enumerate(asked.targets):
+        if len(target) == 6:
+            goals[k] = from_pose6(target).as_matrix()
+        elif level:
+            goals[k] = goals_from_yaw(np.array([target]))[0]
+        else:
+            raise error(
+                "DATA_INVALID",
+                f"{path}: targets[{k}] has 4 numbers; an arm with {joints} joints needs x, y, z, rx, ry, rz",
+            )
+    near = None if asked.q_near is None else _joints(path, "q_near", asked.q_near, joints)
+    return Wanted(goals, near, level)
+
+
+def _joints(path: Path, name: str, rows: list[list[float]], joints: int) -> Array:
+    for k, row in enumerate(rows):
+        if len(row) != joints:
+            raise error("DATA_INVALID", f"{path}: {name}[{k}] has {len(row)} joints; the robot has {joints}")
+    return np.array(rows, dtype=float).reshape(-1, joints)
+
+
+def answer_query(solution: Solution, query: Query) -> dict[str, object]:
+    """``p_tracker`` and, where there is a covariance, what 95 % of errors stay below."""
+    model, x, cov = solution.model, solution.x, solution.cov
+    if query.place is None:
+        p, own = solution.predict(query.Q, model.targets.index(query.target))
+    else:  # the arm is known, this reflector's place is as given
+        moved = x.copy()
+        moved[model.tool_rows()[:3]] = query.place
+        p, own = predict(model, moved, solution.registration, cov, query.Q, 0)
+    answer: dict[str, object] = {"p_tracker": p.tolist()}
+    if own is not None:
+        answer["p_tracker_95"] = radius95(own).tolist()
+    return answer
+
+
+def answer_targets(solution: Solution, wanted: Wanted) -> tuple[dict[str, object], list[tuple[str, str]]]:
+    """``q`` for the wanted poses, null where out of reach, and what is to be warned of."""
+    model = solution.model
+    chain = model.arm.chain(solution.x[: len(model.arm.names)])
+    found = reach(chain, wanted.goals, wanted.q_near, solution.problem.Q, wanted.level)
+    warnings = []
+    lost = np.flatnonzero(~found.found)
+    if len(lost):
+        warnings.append(
+            (
+                "targets.unreachable",
+                f"targets {_listed(lost)} are out of the calibrated arm's reach, or too far from q_near; "
+                "q is null there",
+            )
+        )
+    if model.arm.family == "ur":
+        beyond = np.flatnonzero(
+            np.any((found.q < JOINT_LIMITS[:, 0]) | (found.q > JOINT_LIMITS[:, 1]), axis=1) & found.found
+        )
+        if len(beyond):
+            text = f"targets {_listed(beyond)} need joints beyond the arm's limits; choose another q_near"
+            warnings.append(("targets.joint-limit", text))
+    if wanted.level and np.any(found.found):
+        reached = chain.flange(found.q[found.found])
+        flat = goals_from_yaw(np.column_stack([reached[:, :3, 3], yaw_of(wanted.goals[found.found])]))
+        tilt = np.arccos(np.clip(np.sum(wanted.goals[found.found][:, :3, 2] * flat[:, :3, 2], axis=1), -1, 1))
+        if np.max(tilt) > _TILT:
+            by = np.degrees(tilt.max())
+            text = f"the flange of this arm stays level; wanted poses are tilted by up to {by:.2f} deg"
+            warnings.append(("targets.tilt", text))
+    q = [None if np.any(np.isnan(row)) else [float(v) for v in row] for row in found.q]
+    return {"q": q}, warnings
+
+
+def _listed(rows: NDArray[np.int64]) -> str:
+    shown = ", ".join(str(int(k)) for k in rows[:8])
+    return f"{shown} and {len(rows) - 8} more" if len(rows) > 8 else shown
