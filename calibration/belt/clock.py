@@ -1,0 +1,188 @@
+"""When the counts were taken: stamps of a periodic sender, freed from the jitter of their way.
+
+An encoder sends every ``period``; its frames are stamped when they arrive, late by a jitter that is worth
+``speed * jitter`` of belt. The sender's own rhythm is a straight line through the stamps. Whether the stamps
+or the rhythm tell the truth is not assumed: an encoder that is sampled irregularly but stamped well is as
+possible, and the counts themselves tell, because the belt moves smoothly in the true time.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from cell.poses import Array
+
+_PHASE, _RATE = 0.1, 0.005  # gains of the loop that numbers the frames
+_LOST_RHYTHM = 0.5  # s without a frame
+_LOST = 0.6  # of a period: later than this, a frame is missing; lost frames are rarer than late ones
+_PULL = 0.3  # of a period; one late frame does not pull the rhythm further
+_BURST = 12  # frames that may come at once after a stall
+_QUANTUM = 12.0**-0.5  # counts; what rounding alone leaves
+_RECENT = 40  # blocks
+_BLOCK = 16  # frames in which the belt's motion is a parabola
+_RHYTHM = 0.35  # of a period: stamps further than this from the rhythm are late ones
+_STEP = 0.9  # of a period
+_NEAR = 4  # frames on either side that show a stray one
+_FAR, _FAR_SIGMAS = 2.0, 6.0  # counts
+_MOST_LATE = 0.15  # share of late stamps beyond which there is no rhythm
+
+
+@dataclass
+class FrameCounter:
+    """Numbers the frames of a sender by their stamps, lost ones counted; the period follows the sender.
+
+    A frame that comes before its turn belongs to a burst after a stall: it shares the number before it, and
+    :func:`distinct` moves the stalled ones back.
+    """
+
+    period: float
+    _slot: int = 0
+    _due: float | None = None
+    _open: int = 0  # numbers left out lately, which a burst may fill
+    _since: int = 0  # frames since then
+
+    def add(self, t: float) -> int:
+        """The number of the frame stamped ``t`` (s)."""
+        if self._due is None or t - self._due > _LOST_RHYTHM:
+            missed = 0 if self._due is None else round((t - self._due) / self.period)
+            self._slot += 1 + missed
+            self._due = t + self.period
+            self._open = 0
+            return self._slot
+        late = t - self._due
+        missed = self._missed(late / self.period)
+        late -= missed * self.period
+        late = min(max(late, -_PULL * self.period), _PULL * self.period)
+        self._slot += 1 + missed
+        self.period += _RATE * late
+        self._due += (1 + missed) * self.period + _PHASE * late
+        return self._slot
+
+    def _missed(self, late: float) -> int:
+        """Frames lost before one that is ``late`` periods late; -1 when it belongs to a burst."""
+        self._since += 1
+        if self._since > _BURST:
+            self._open = 0
+        missed = int(late + 1.0 - _LOST)
+        if late < -_LOST and self._open > 0:
+            missed = -1
+        if missed > 0:
+            self._since = 0
+        self._open += missed
+        return missed
+
+
+def distinct(slots: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The same numbers, each frame one of its own: late frames move back into the gap that they left."""
+    index = np.arange(len(slots))
+    least = np.minimum.accumulate((slots - index)[::-1])[::-1]
+    return np.asarray(least + index)
+
+
+@dataclass(frozen=True)
+class Timed:
+    """When the counts were taken (k,), s, and the standard deviation of one count about the belt's motion.
+
+    ``share`` is the part of the stamps' deviation from the rhythm that the counts follow; None where the
+    stamps show no rhythm and stand as they are.
+    """
+
+    t: Array
+    sigma: float
+    share: float | None
+
+
+def true_times(t: Array, slots: NDArray[np.int64], n: Array) -> Timed:
+    """Times of the counts ``n`` (k,) with stamps ``t`` (k,) and frame numbers ``slots`` (k,).
+
+    ``t_line + share * (t - t_line)``: ``share`` is found by regression in blocks of frames with the belt's
+    own motion (a parabola) projected out of both sides.
+    """
+    if len(t) < 2 * _BLOCK:
+        return Timed(t, _QUANTUM, None)
+    slots = distinct(slots)
+    line, period = _rhythm(t, slots)
+    off = t - line
+    if np.mean(np.abs(off) > _RHYTHM * period) > _MOST_LATE or _steps(off, period):
+        _, sigma = _share(slots, n, off, period, given=1.0)
+        return Timed(t, sigma, None)
+    share, sigma = _share(slots, n, off, period)
+    return Timed(line + share * off, sigma, share)
+
+
+def _rhythm(t: Array, slots: NDArray[np.int64]) -> tuple[Array, float]:
+    """Straight line through the stamps; late ones are found by their distance and left out."""
+    x = (slots - slots[-1]).astype(float)
+    use = np.ones(len(t), dtype=bool)
+    fit, rate = np.zeros(len(t)), 0.0
+    for _ in range(3):
+        rate, at = np.polyfit(x[use], t[use] - t[-1], 1)
+        fit = rate * x + at + t[-1]
+        off = t - fit
+        centre = np.median(off)
+        spread = 1.4826 * float(np.median(np.abs(off - centre)))
+        again = np.abs(off - centre) <= 4.0 * spread + 1e-6
+        if np.array_equal(again, use) or again.sum() < 0.5 * len(t):
+            break
+        use = again
+    return fit, float(rate)
+
+
+def _steps(off: Array, period: float) -> bool:
+    """Whether the deviation from the rhythm steps somewhere: then a frame got a wrong number."""
+    k = len(off) // _BLOCK
+    middle = np.median(off[len(off) - k * _BLOCK :].reshape(k, _BLOCK), axis=1)
+    return bool(np.ptp(middle) > _STEP * period)
+
+
+def strays(t: Array, n: Array, sigma: float) -> NDArray[np.bool_]:
+    """Which counts lie apart from the frames around them: swapped on their way, or with a wrong number.
+
+    The newest frames are never strays: a belt that starts looks like that.
+    """
+    found = np.zeros(len(t), dtype=bool)
+    wide = 2 * _NEAR
+    if len(t) < 2 * wide + 1:
+        return found
+    speed = (n[2 * wide :] - n[: -2 * wide]) / np.maximum(t[2 * wide :] - t[: -2 * wide], 1e-9)
+    speed = np.concatenate([np.full(_NEAR, speed[0]), speed, np.full(_NEAR, speed[-1])])
+    views = [sliding_window_view(a, 2 * _NEAR + 1) for a in (t, n)]
+    inner = slice(_NEAR, len(t) - _NEAR)
+    usual = np.median(views[1] - speed[:, None] * (views[0] - t[inner, None]), axis=1)
+    found[inner] = np.abs(n[inner] - usual) > _FAR + _FAR_SIGMAS * sigma
+    return found
+
+
+def _projector() -> Array:
+    u = np.linspace(-1.0, 1.0, _BLOCK)
+    basis, _ = np.linalg.qr(np.stack([np.ones(_BLOCK), u, u * u], axis=1))
+    return np.asarray(np.eye(_BLOCK) - basis @ basis.T)
+
+
+_PROJECT = _projector()
+
+
+def _share(
+    slots: NDArray[np.int64], n: Array, off: Array, period: float, given: float | None = None
+) -> tuple[float, float]:
+    """0 when the counts follow the rhythm, 1 when they follow the stamps; and what remains, in counts."""
+    k = len(n) // _BLOCK
+    rows = slice(len(n) - k * _BLOCK, None)
+    s, c, d = (a[rows].reshape(k, _BLOCK) for a in (slots, n, off))
+    whole = (s[:, -1] - s[:, 0]) == _BLOCK - 1
+    if not whole.any():
+        return 0.0, _QUANTUM
+    c, d = c[whole], d[whole]
+    speed = (c[:, -1] - c[:, 0]) / ((_BLOCK - 1) * period)
+    e = (c - c[:, :1]) @ _PROJECT
+    g = (d * speed[:, None]) @ _PROJECT
+    share = given or 0.0
+    for _ in range(2 if given is None else 0):
+        left = np.sum((e - share * g) ** 2, axis=1) / (_BLOCK - 3)
+        usual = left <= 4.0 * max(float(np.median(left)), _QUANTUM**2)  # not where the belt starts or stops
+        power = float(np.sum(g[usual] ** 2))
+        share = min(max(float(np.sum((e * g)[usual])) / (power + 1.0), 0.0), 1.0)
+    left = np.sum((e - share * g) ** 2, axis=1)[-_RECENT:] / (_BLOCK - 3)
+    return share, max(float(np.sqrt(np.median(left))), _QUANTUM)

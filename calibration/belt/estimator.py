@@ -1,0 +1,193 @@
+"""The belt's travel now, before and later, from encoder counts alone, frame by frame.
+
+Causal by construction: the estimator holds only what :meth:`BeltEstimator.add` has given it, and what it
+answers depends on nothing else, neither on earlier questions nor on the time of asking.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from calibration.belt.clock import FrameCounter, Timed, strays, true_times
+from calibration.belt.fit import Judge, Window, longest, newest_strays
+from calibration.belt.forecast import Changes, Forecast, Motion
+from calibration.belt.history import History
+from calibration.belt.kink import kinked
+from calibration.belt.ripple import Ripple, blocks, refine, search
+from calibration.belt.smooth import NEAR, smooth
+from calibration.belt.speeds import Speeds
+from calibration.belt.unwrap import Unwrapper, fastest_counts
+from cell.poses import Array
+
+LONG = 12.0  # s of history that a forecast looks at
+_SEARCH_EVERY = 0.25  # s between searches for ripple
+_BEND_WORTH = 1.6  # times as long as the line's window, before a parabola is believed
+_RIPPLE_WORTH = 1.3
+_RIPPLE_SIGMA = 1.5e-3  # m at 0.6 s; ripple that is known worse than this is not extrapolated
+_SPEED_EACH = 16  # frames
+_CHANGED = 0.2  # s; the motion is new
+_SHORT = 0.15  # s; a window so short may be cut by stray frames
+_LEARNING = 4  # searches from the start that are no measure of later ones
+_ORIGINS = 42  # past forecasts that tell how good forecasts are
+
+
+@dataclass(frozen=True)
+class Encoder:
+    """``m_per_count`` (m, signed), ``modulus`` (counts, None: never wraps), ``period`` (s, nominal)."""
+
+    m_per_count: float
+    modulus: int | None
+    period: float
+
+
+class BeltEstimator:
+    """Counts in, travel out. Times in seconds of one clock, travel in metres along the belt's direction.
+
+    Travel is zero at the first count. Fewer than two counts give no forecast.
+    """
+
+    def __init__(self, encoder: Encoder) -> None:
+        self.encoder = encoder
+        self.unwrapper = Unwrapper(encoder.modulus, fastest_counts(encoder.m_per_count))
+        self.frames = FrameCounter(encoder.period)
+        self.disordered = 0
+        self._history = History()
+        self._start = 0.0
+        self._zero = 0
+        self._every = max(8, round(_SEARCH_EVERY / encoder.period))
+        self._motions: dict[int, Motion] = {}
+        self._latest: tuple[int, Forecast] | None = None
+        self._speeds = Speeds()
+
+    def __len__(self) -> int:
+        return len(self._history)
+
+    @property
+    def newest(self) -> float | None:
+        """Stamp of the newest count in use."""
+        return self._history.at(len(self) - 1)[0] if len(self) else None
+
+    def extend(self, rows: Iterable[tuple[float, int]]) -> None:
+        """Several counts, oldest first."""
+        for t, count in rows:
+            self.add(t, count)
+
+    def add(self, t: float, count: int) -> None:
+        """One count stamped ``t``; stamps must not run backward (such counts are dropped and counted)."""
+        history, k = self._history, len(self)
+        last = history.at(k - 1) if k else None
+        if last is not None and t < last[0]:
+            self.disordered += 1
+            return
+        n = self.unwrapper.add(t, count)
+        if n is None:
+            return
+        if last is None:
+            self._start, self._zero = t, n
+        if last == (t, n - self._zero):
+            return
+        history.add(t, n - self._zero, self.frames.add(t))
+        if (k + 1) % _SPEED_EACH == 0 and k >= _SPEED_EACH:
+            before = history.at(k - _SPEED_EACH)
+            self._speeds.add(t, (n - self._zero - before[1]) / max(t - before[0], 1e-6))
+
+    def forecast(self) -> Forecast | None:
+        """The travel from here on, with its uncertainty; None with fewer than two counts or no time
+        between them.
+
+        What it answers does not change when more counts are added.
+        """
+        size = len(self)
+        if size < 2 or self._history.at(size - 1)[0] <= self._start:
+            return None
+        if self._latest is None or self._latest[0] != size:
+            motion = self._motion(size)
+            around, past = partial(self._around, size, motion), partial(self._past, size)
+            changes = Changes(0.0, 0.0)  # ripple is none
+            if motion.name != "ripple":
+                changes = self._speeds.changes(motion.now, self.encoder.m_per_count)
+            self._latest = (size, Forecast(self.encoder.m_per_count, motion, around, past, changes))
+        return self._latest[1]
+
+    def travel_at(self, t: float) -> float | None:
+        """Travel at ``t`` from the counts on both sides of it, m; None outside of what was counted."""
+        forecast = self.forecast()
+        if forecast is None or not self._history.at(self._history.first)[0] <= t <= forecast.now:
+            return None
+        value, _ = self._around(len(self), forecast.motion, np.array([t]))
+        return float(value[0]) * self.encoder.m_per_count
+
+    def _view(self, size: int) -> tuple[int, Timed]:
+        """Index of the first frame of the window that ends at frame ``size``, and the times in it."""
+        history = self._history
+        begin = min(history.find(history.at(size - 1)[0] - LONG, size), size - 2)
+        return begin, true_times(history.t(begin, size), history.slots(begin, size), history.n(begin, size))
+
+    def _motion(self, size: int, search_now: bool = False) -> Motion:
+        """How the belt moves as the first ``size`` counts show it."""
+        begin, timed = self._view(size)
+        now = self._history.at(size - 1)[0]
+        s, n = timed.t - now, self._history.n(begin, size)
+        good = ~strays(s, n, timed.sigma)
+        s, n = s[good], n[good]
+        judge = Judge(timed.sigma, self.encoder.period)
+        line, bend = longest(s, n, 1, judge), longest(s, n, 2, judge)
+        if max(line.length, bend.length) < _SHORT:
+            good = ~newest_strays(s, n, judge)
+            s, n = s[good], n[good]
+            line, bend = longest(s, n, 1, judge), longest(s, n, 2, judge)
+        window = bend if bend.ok and (bend.length > _BEND_WORTH * line.length or not line.ok) else line
+        if window.length < _CHANGED:
+            window = kinked(s, n, judge, self.encoder.m_per_count) or window
+        ripple = None
+        whole = window.ok and window.frames == len(s)
+        if not whole:
+            ripple = search(s, n, judge) if search_now else self._known_ripple(size, s, n, now, judge)
+        if ripple is not None and not self._better(ripple, window):
+            ripple = None
+        return Motion(
+            now, timed, begin, ripple or window, judge, *self._speeds.range(now, float(window.c[1]))
+        )
+
+    def _better(self, ripple: Ripple, window: Window) -> bool:
+        if not ripple.ok or ripple.length < _RIPPLE_WORTH * window.length:
+            return False
+        g = ripple.gradient(np.array([0.6]))[0]
+        return float(np.sqrt(g @ ripple.cov @ g)) * abs(self.encoder.m_per_count) < _RIPPLE_SIGMA
+
+    def _known_ripple(self, size: int, s: Array, n: Array, now: float, judge: Judge) -> Ripple | None:
+        """The ripple of the last search, refined with the counts since."""
+        at = size - size % self._every
+        searched = self._origin(at) if at else None
+        if searched is None or not isinstance(searched.fit, Ripple):
+            return None
+        found = searched.fit
+        length = min(found.length + now - searched.now, LONG)
+        rows = s >= -length
+        ripple, _ = refine(blocks(s[rows], n[rows], judge.period, 0.02), found.f, judge, found.order)
+        return ripple if ripple is not None and ripple.ok else None
+
+    def _origin(self, at: int) -> Motion:
+        """The motion that frame ``at`` showed, with a search for ripple."""
+        if at not in self._motions:
+            self._motions[at] = self._motion(at, search_now=True)
+            for old in [k for k in self._motions if k < at - 2 * _ORIGINS * self._every]:
+                del self._motions[old]
+        return self._motions[at]
+
+    def _past(self, size: int) -> list[Motion]:
+        """The last motions at the regular searches before frame ``size``, oldest first."""
+        last = size - size % self._every
+        ats = range(max(last - _ORIGINS * self._every, _LEARNING * self._every), last + 1, self._every)
+        return [self._origin(at) for at in ats]
+
+    def _around(self, size: int, motion: Motion, t: Array) -> tuple[Array, Array]:
+        """Travel (counts) at past ``t`` (k,) from the first ``size`` frames, and its standard deviation."""
+        begin, times = motion.begin, motion.timed.t
+        if float(np.min(t)) < times[min(NEAR, len(times) - 1)] and begin > self._history.first:
+            k = max(self._history.find(float(np.max(t)), size), self._history.first)
+            begin, timed = self._view(min(k + 20 * NEAR, size))
+            times = timed.t
+        return smooth(times, self._history.n(begin, begin + len(times)), t)

@@ -1,0 +1,181 @@
+"""What the belt does next: the fitted motion, carried on, and how far that can be trusted."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.belt.clock import Timed
+from calibration.belt.fit import Judge, Window
+from calibration.belt.ripple import Ripple
+from cell.poses import Array
+
+_UNKNOWN = 0.02  # of the speed: what a belt does that has not been watched yet
+_PERSISTS = 0.1  # s; belts do not change their acceleration sooner
+_COMPARABLE = 0.5  # of the time that this forecast rests on; others rest on too little to compare
+_HIDDEN, _SOON = 0.02, 0.2  # s
+_FEW = 4  # past forecasts that say something
+_QUANTUM = 12.0**-0.5
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion fitted to the counts up to ``now`` (stamp of the newest, s); positions in counts.
+
+    ``timed`` holds the true times of the frames from ``begin`` on. A parabola is followed for as long as it
+    has been seen and not beyond the speeds ``low`` and ``high`` (counts/s), then the speed stays.
+    """
+
+    now: float
+    timed: Timed
+    begin: int
+    fit: Window | Ripple
+    judge: Judge
+    low: float
+    high: float
+
+    @property
+    def name(self) -> str:
+        """``line``, ``bend`` or ``ripple``."""
+        if isinstance(self.fit, Ripple):
+            return "ripple"
+        return ("line", "bend")[self.fit.order - 1]
+
+    def covers(self, t: float) -> bool:
+        """Whether ``t`` is inside the window of the fit, or later."""
+        return self.fit.ok and t >= self.now - self.fit.length
+
+    def position(self, t: Array) -> Array:
+        """Counts at ``t`` (k,)."""
+        s = np.asarray(t, dtype=float) - self.now
+        if isinstance(self.fit, Ripple):
+            return self.fit.position(s)
+        c = self.fit.c
+        if len(c) == 2:
+            return np.asarray(c[0] + c[1] * s)
+        until = self._bends_for()
+        x = np.minimum(s, until)
+        return np.asarray(c[0] + c[1] * x + c[2] * x * x + (s - x) * (c[1] + 2.0 * c[2] * until))
+
+    def speed(self, t: Array) -> Array:
+        """Counts per second at ``t`` (k,)."""
+        s = np.asarray(t, dtype=float) - self.now
+        if isinstance(self.fit, Ripple):
+            return self.fit.speed(s)
+        c = self.fit.c
+        if len(c) == 2:
+            return np.full(len(s), c[1])
+        return np.asarray(c[1] + 2.0 * c[2] * np.minimum(s, self._bends_for()))
+
+    def _bends_for(self) -> float:
+        assert isinstance(self.fit, Window)
+        _, v, half = self.fit.c
+        bound = self.high if half > 0.0 else self.low
+        reach = (bound - v) / (2.0 * half) if abs(half) > 1e-9 else np.inf
+        return float(min(max(reach, 0.0), max(self.fit.length, _PERSISTS)))
+
+    def variance(self, a: float, b: float) -> float:
+        """Of the travel from ``a`` to ``b``, counts squared, if the motion goes on as fitted."""
+        g = self._gradient(b) - self._gradient(a)
+        return float(g @ self.fit.cov @ g)
+
+    def _gradient(self, t: float) -> Array:
+        s = t - self.now
+        if isinstance(self.fit, Ripple):
+            return np.asarray(self.fit.gradient(np.array([s]))[0])
+        return np.array([s**p for p in range(len(self.fit.c))])
+
+
+@dataclass(frozen=True)
+class Changes:
+    """How often (per second) the belt has lately begun or ended to change its speed, and how fast (m/s^2)."""
+
+    rate: float
+    acceleration: float
+
+    def variance(self, ahead: float) -> float:
+        """Of the travel over ``ahead`` seconds by a change that is not seen yet or comes meanwhile, m^2.
+
+        A change u before the end moves the belt by a u^2 / 2; u is anything up to ``ahead`` and the time in
+        which a change does not show. Over longer times the past forecasts know better.
+        """
+        u = ahead + _HIDDEN
+        if u > _SOON:
+            return 0.0
+        return float(min(self.rate * u, 1.0) * self.acceleration**2 * u**4 / 20.0)
+
+
+class Forecast:
+    """The travel of the belt before and after ``now``; metres along the belt, seconds.
+
+    ``past()`` are earlier motions, oldest first: how well they foretold what the counts then showed is the
+    error that no covariance knows of (a belt that stops).
+    """
+
+    def __init__(
+        self,
+        m_per_count: float,
+        motion: Motion,
+        around: Callable[[Array], tuple[Array, Array]],
+        past: Callable[[], Sequence[Motion]],
+        changes: Changes,
+    ) -> None:
+        self.m_per_count, self.motion = m_per_count, motion
+        self._around, self._past, self._changes = around, past, changes
+        self._errors: dict[float, float | None] = {}
+
+    @property
+    def now(self) -> float:
+        """Stamp of the newest count."""
+        return self.motion.now
+
+    def travel(self, t: float) -> float:
+        """Travel since the first count, m."""
+        if t > self.now or self.motion.covers(t):
+            return float(self.motion.position(np.array([t]))[0]) * self.m_per_count
+        return float(self._around(np.array([t]))[0][0]) * self.m_per_count
+
+    def travels(self, t: Array) -> Array:
+        """Travel at later times (k,), m."""
+        return self.motion.position(t) * self.m_per_count
+
+    def speed(self, t: float) -> float:
+        """Speed at ``t``, m/s; not meant for times before the fit's window."""
+        return float(self.motion.speed(np.array([t]))[0]) * self.m_per_count
+
+    def sigma(self, a: float, b: float) -> float:
+        """Standard deviation of the travel from ``a`` to ``b``, m."""
+        if a > self.now or self.motion.covers(a):
+            variance = self.motion.variance(a, b)
+        else:
+            variance = (
+                self.motion.variance(self.now, b)
+                + float(self._around(np.array([a]))[1][0]) ** 2
+                + _QUANTUM**2
+            )
+        ahead = b - self.now
+        if ahead > 0.0:
+            unforeseen = max(self.past_error(ahead) ** 2, self._changes.variance(ahead))
+            variance += unforeseen / self.m_per_count**2
+        return float(np.sqrt(variance)) * abs(self.m_per_count)
+
+    def past_error(self, ahead: float) -> float:
+        """RMS error of the last comparable forecasts over ``ahead`` seconds, m; a guess without any."""
+        key = round(ahead, 3)
+        if key not in self._errors:
+            self._errors[key] = self._measured(key)
+        measured = self._errors[key]
+        if measured is None:
+            return _UNKNOWN * abs(self.speed(self.now)) * ahead
+        return measured
+
+    def _measured(self, ahead: float) -> float | None:
+        known = _COMPARABLE * self.motion.fit.length
+        past = [m for m in self._past() if m.now + ahead <= self.now and m.fit.length >= known]
+        if len(past) < _FEW:
+            return None
+        at = np.array([m.now + ahead for m in past])
+        then, doubt = self._around(at)
+        foretold = np.array([float(m.position(at[k : k + 1])[0]) for k, m in enumerate(past)])
+        off = np.maximum((foretold - then) ** 2 - doubt**2, 0.0)
+        return float(np.sqrt(np.mean(off))) * abs(self.m_per_count)

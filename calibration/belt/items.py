@@ -1,0 +1,103 @@
+"""Where an item lies on the belt, from one sighting or several, in a frame that moves with the belt.
+
+A sighting of ``xy`` at exposure says that the item's origin on the belt is ``xy - dir * travel(exposure)``;
+the sightings of one item then agree but for the camera's noise and the time of exposure.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.poses import Array
+
+CAMERA_SIGMA = 3e-4  # m; until the sightings of one item tell
+LATENCY_SIGMA = 5e-3  # s; until exposures that are known tell
+_FEWEST = 8  # numbers that say how large a noise is
+_SMALLEST = 2e-5  # m
+_FAR, _FAR_SIGMAS = 1.5e-3, 6.0  # m
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """One detection: ``xy`` (m, base) at ``t`` (s); ``late`` is its arrival minus exposure where both are
+    known, ``sure`` whether the exposure is, else ``t`` was derived from the mean latency."""
+
+    xy: tuple[float, float]
+    t: float
+    arrived: float
+    sure: bool
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Standard deviations: of a sighting (m, per axis) and of a derived exposure (s)."""
+
+    camera: float
+    latency: float
+
+
+@dataclass(frozen=True)
+class Place:
+    """An item on the belt: ``along`` and ``across`` (m) where travel is zero; variances of both (m^2).
+
+    ``at`` is the exposure from which its travel is counted for the uncertainty (that of the newest
+    sighting in use), ``used`` which sightings it was made of.
+    """
+
+    along: float
+    across: float
+    var_along: float
+    var_across: float
+    at: float
+    used: NDArray[np.bool_]
+
+
+def latency_sigma(sightings: Sequence[Sighting]) -> float:
+    """Standard deviation of the latency, from the sightings whose exposure is known."""
+    late = np.array([s.arrived - s.t for s in sightings if s.sure])
+    if len(late) < _FEWEST:
+        return LATENCY_SIGMA
+    return max(float(np.std(late, ddof=1)), 1e-5)
+
+
+def camera_sigma(across: Sequence[Array]) -> float:
+    """Noise of a sighting, from how the sightings of each item scatter across the belt (m)."""
+    many = [np.asarray(a) for a in across if len(a) > 1]
+    degrees = sum(len(a) - 1 for a in many)
+    if degrees < _FEWEST:
+        return CAMERA_SIGMA
+    parts = np.array([float(np.var(a, ddof=1)) for a in many])
+    weights = np.array([len(a) - 1.0 for a in many])
+    limit = 9.0 * max(float(np.median(parts)) / 0.6, _SMALLEST**2)  # a false sighting is no noise
+    keep = parts <= limit
+    return max(float(np.sqrt(np.average(parts[keep], weights=weights[keep]))), _SMALLEST)
+
+
+def place(along: Array, across: Array, sightings: Sequence[Sighting], speed: Array, levels: Levels) -> Place:
+    """One item from its sightings: ``along`` and ``across`` (k,) in the belt's frame (travel taken off).
+
+    ``speed`` (k,) is the belt's at each exposure: a derived exposure is uncertain by speed times latency.
+    Of three or more sightings, one that lies far from the middle of them is left out.
+    """
+    sure = np.array([s.sure for s in sightings])
+    var_across = np.full(len(along), levels.camera**2)
+    var_along = levels.camera**2 + np.where(sure, 0.0, (np.asarray(speed) * levels.latency) ** 2)
+    used = np.ones(len(along), dtype=bool)
+    if len(along) >= 3:
+        for values, variance in ((along, var_along), (across, var_across)):
+            off = np.abs(values - np.median(values))
+            used &= off <= np.maximum(_FAR, _FAR_SIGMAS * np.sqrt(variance))
+        if not used.any():
+            used[:] = True
+    w = 1.0 / var_along[used]
+    newest = max(s.t for s, u in zip(sightings, used, strict=True) if u)
+    return Place(
+        along=float(np.sum(w * along[used]) / np.sum(w)),
+        across=float(np.mean(across[used])),
+        var_along=float(1.0 / np.sum(w)),
+        var_across=float(levels.camera**2 / used.sum()),
+        at=newest,
+        used=used,
+    )

@@ -1,0 +1,162 @@
+"""Items on a moving belt: counts and sightings in, positions and the meeting point out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.belt.arm_time import MotionLimits, rest_to_rest, slower_axis
+from calibration.belt.estimator import BeltEstimator
+from calibration.belt.forecast import Forecast
+from calibration.belt.items import Levels, Place, Sighting, camera_sigma, latency_sigma, place
+from calibration.belt.meeting import Zone, meeting_time
+from cell.poses import Array
+
+
+@dataclass(frozen=True)
+class Arm:
+    """The arm rests at ``wait_point`` (x, y in base, m) ``above`` (m) the item and goes down straight."""
+
+    limits: MotionLimits
+    wait_point: tuple[float, float]
+    above: float
+
+    @property
+    def descent_s(self) -> float:
+        """t2, seconds."""
+        return float(rest_to_rest(np.array(self.above), self.limits))
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """First contact at ``t`` (s) and ``xy`` (2,) in base (m)."""
+
+    t: float
+    xy: Array
+
+
+@dataclass(frozen=True)
+class Track:
+    """One item as it is known now; ``height`` is its z (m) at its newest sighting.
+
+    ``origins`` (k, 2) is where each sighting puts the item on the belt, along and across (m).
+    """
+
+    direction: Array
+    forecast: Forecast
+    place: Place
+    height: float
+    sightings: tuple[Sighting, ...]
+    origins: Array
+
+    @property
+    def flat(self) -> Array:
+        """The horizontal part of the belt's direction (2,)."""
+        return self.direction[:2]
+
+    @property
+    def unit(self) -> Array:
+        """The belt's direction seen from above (2,), a unit vector."""
+        return np.asarray(self.flat / np.linalg.norm(self.flat))
+
+    def xy(self, t: Array) -> Array:
+        """Position (k, 2) in base (m) at ``t`` (k,), now or later."""
+        u = self.unit
+        origin = self.place.along * u + self.place.across * np.array([-u[1], u[0]])
+        return np.asarray(origin + self.forecast.travels(t)[:, None] * self.flat)
+
+    def along(self, t: Array) -> Array:
+        """``dot(p, dir)`` (k,), where zones are given, m."""
+        rise = float(self.direction[2])
+        moved = self.forecast.travels(t) - self.forecast.travel(self.place.at)
+        return np.asarray(self.xy(t) @ self.flat + rise * (self.height + rise * moved))
+
+    def residuals(self) -> Array:
+        """Each sighting about the item's place (k, 2), along and across, m."""
+        return np.asarray(self.origins - np.array([self.place.along, self.place.across]))
+
+    def cov(self, t: float) -> Array:
+        """Covariance (2, 2) of the position at ``t``, m^2."""
+        u = self.unit
+        across = np.array([-u[1], u[0]])
+        travel = self.forecast.sigma(self.place.at, t) * float(np.linalg.norm(self.flat))
+        var = self.place.var_along + travel**2
+        return np.asarray(var * np.outer(u, u) + self.place.var_across * np.outer(across, across))
+
+    def meet(self, t0: float, arm: Arm, zone: Zone, dwell: float) -> Meeting | None:
+        """The earliest contact of an arm that leaves its waiting point at ``t0``."""
+        t2 = arm.descent_s
+
+        def arm_time(t: Array) -> Array:
+            return slower_axis(self.xy(t), np.array(arm.wait_point), arm.limits) + t2
+
+        t = meeting_time(t0, arm_time, self.along, zone, dwell)
+        return None if t is None else Meeting(t, self.xy(np.array([t]))[0])
+
+
+class BeltTracker:
+    """Holds what has arrived: counts in :attr:`belt`, sightings by item. Answers depend on nothing else."""
+
+    def __init__(self, belt: BeltEstimator, direction: Array) -> None:
+        """``direction`` is the belt's, a unit vector (3,) in base."""
+        self.belt = belt
+        self.direction = np.asarray(direction, dtype=float)
+        self._items: dict[str, list[tuple[Sighting, float]]] = {}
+        self._all: list[Sighting] = []
+
+    def see(self, item: str, sighting: Sighting, z: float) -> None:
+        """One sighting of ``item`` at height ``z`` (m) has arrived."""
+        self._items.setdefault(item, []).append((sighting, z))
+        self._all.append(sighting)
+
+    @property
+    def items(self) -> tuple[str, ...]:
+        """Items in the order in which they were first seen."""
+        return tuple(self._items)
+
+    def sightings(self, item: str) -> tuple[tuple[Sighting, float], ...]:
+        """Sightings of ``item`` with their heights (m), in the order of arrival."""
+        return tuple(self._items[item])
+
+    def seen(self, item: str) -> bool:
+        """Whether a sighting of ``item`` has arrived."""
+        return item in self._items
+
+    def track(self, item: str) -> Track | None:
+        """The item as known now; None when it has not been seen or nothing has been counted."""
+        seen = self._items.get(item)
+        forecast = self.belt.forecast()
+        if not seen or forecast is None:
+            return None
+        sightings = [s for s, _ in seen]
+        along, across = self._in_belt(sightings, forecast)
+        speed = np.array([_speed(forecast, s.t) for s in sightings])
+        found = place(along, across, sightings, speed, self.levels())
+        newest = max(seen, key=lambda pair: pair[0].t)
+        return Track(
+            self.direction, forecast, found, newest[1], tuple(sightings), np.stack([along, across], 1)
+        )
+
+    def levels(self) -> Levels:
+        """The noise of sightings, as those that have arrived show it."""
+        u = self._across()
+        across = [np.array([np.dot(s.xy, u) for s, _ in seen]) for seen in self._items.values()]
+        return Levels(camera_sigma(across), latency_sigma(self._all))
+
+    def _across(self) -> Array:
+        u = self.direction[:2] / np.linalg.norm(self.direction[:2])
+        return np.array([-u[1], u[0]])
+
+    def _in_belt(self, sightings: Sequence[Sighting], forecast: Forecast) -> tuple[Array, Array]:
+        """Positions along and across (k,) with the travel of the belt taken off."""
+        xy = np.array([s.xy for s in sightings])
+        travel = np.array([forecast.travel(s.t) for s in sightings])
+        across = self._across()
+        flat = self.direction[:2]
+        along = xy @ np.array([across[1], -across[0]]) - travel * float(np.linalg.norm(flat))
+        return along, xy @ across
+
+
+def _speed(forecast: Forecast, t: float) -> float:
+    """Speed about ``t`` in the past, m/s."""
+    return (forecast.travel(t + 0.01) - forecast.travel(t - 0.01)) / 0.02

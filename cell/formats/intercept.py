@@ -1,0 +1,145 @@
+"""``cellward.intercept/1``: counts of a belt, sightings of items on it, and questions where they will be.
+
+Read beyond the format: ``modulus`` may be null or absent for a counter that does not wrap.
+"""
+
+from typing import Annotated, Any
+
+from pydantic import Field, field_validator, model_validator
+
+from cell.formats.reading import Strict
+
+SCHEMA = "cellward.intercept/1"
+
+Positive = Annotated[float, Field(gt=0.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
+Id = int | str
+
+
+class Belt(Strict):
+    """The encoder's scale (given, or by wheel and resolution), the belt's direction in base, the range."""
+
+    m_per_count: float | None = None
+    wheel_circumference_m: Positive | None = None
+    counts_per_revolution: Positive | None = None
+    dir: Annotated[list[float], Field(min_length=2, max_length=3)]
+    modulus: Annotated[int, Field(ge=2)] | None = None
+    period: Positive
+    notes: Any = None
+
+    @field_validator("dir")
+    @classmethod
+    def _dir_points_somewhere(cls, v: list[float]) -> list[float]:
+        if v[0] ** 2 + v[1] ** 2 <= 0.25 * sum(x * x for x in v):
+            raise ValueError("must be a direction in base with a horizontal part, such as [1, 0, 0]")
+        return v
+
+    @model_validator(mode="after")
+    def _scale_is_given_once(self) -> "Belt":
+        wheel = (self.wheel_circumference_m, self.counts_per_revolution)
+        if self.m_per_count is None and None in wheel:
+            raise ValueError("needs m_per_count, or wheel_circumference_m and counts_per_revolution; add it")
+        if self.m_per_count == 0.0:
+            raise ValueError("has m_per_count 0; it is the travel in metres of one count")
+        if self.m_per_count is not None and None not in wheel:
+            assert self.wheel_circumference_m is not None
+            assert self.counts_per_revolution is not None
+            by_wheel = self.wheel_circumference_m / self.counts_per_revolution
+            if abs(abs(self.m_per_count) - by_wheel) > 1e-3 * by_wheel:
+                raise ValueError(f"has m_per_count and a wheel that gives {by_wheel:.6g}; keep the right one")
+        return self
+
+    @property
+    def scale(self) -> float:
+        """Metres per count."""
+        if self.m_per_count is not None:
+            return self.m_per_count
+        assert self.wheel_circumference_m is not None
+        assert self.counts_per_revolution is not None
+        return self.wheel_circumference_m / self.counts_per_revolution
+
+
+class Limits(Strict):
+    """Of each axis: m/s, m/s^2, m/s^3."""
+
+    v: Positive
+    a: Positive
+    j: Positive
+
+
+class Robot(Strict):
+    """Where the arm waits (base, m) and how fast it moves; ``above`` is its height over the item (m)."""
+
+    limits: Limits
+    wait_point: Annotated[list[float], Field(min_length=2, max_length=3)]
+    above: NotNegative
+    notes: Any = None
+
+
+class Detection(Strict):
+    """One sighting: exposed at ``t_exp`` (null: unknown), arrived at ``t_recv``; base, m."""
+
+    id: Id
+    t_recv: float
+    t_exp: float | None = None
+    xy: Annotated[list[float], Field(min_length=2, max_length=2)]
+    z: float = 0.0
+    notes: Any = None
+
+
+class Query(Strict):
+    """Where will item ``id`` be at ``t + h`` for each of ``horizons`` (s), asked at ``t``?"""
+
+    id: Id
+    t: float
+    horizons: list[Annotated[float, Field(ge=0.0, le=60.0)]]
+    notes: Any = None
+
+
+class ZoneTable(Strict):
+    """Range of ``dot(p, dir)`` in base in which the arm may touch items, m."""
+
+    min: float | None = None
+    max: float | None = None
+
+    @model_validator(mode="after")
+    def _edges_are_in_order(self) -> "ZoneTable":
+        if self.min is not None and self.max is not None and self.min >= self.max:
+            raise ValueError(f"has min {self.min} not below max {self.max}; swap or mend them")
+        return self
+
+
+class ClassicTable(Strict):
+    """Times of the source's method, s."""
+
+    T1_s: Positive | None = None
+    t2_s: NotNegative | None = None
+
+
+Count = tuple[float, Annotated[int, Field(ge=-(2**63), lt=2**64)]]
+
+
+class Intercept(Strict):
+    """The whole data set."""
+
+    schema_: Annotated[str, Field(alias="schema")]
+    belt: Belt
+    robot: Robot
+    encoder: list[Count]
+    detections: list[Detection]
+    latency_mean: NotNegative | None = None
+    queries: list[Query]
+    zone: ZoneTable | None = None
+    dwell_s: NotNegative | None = None
+    classic: ClassicTable | None = None
+    notes: Any = None
+
+    @model_validator(mode="after")
+    def _unknown_exposures_have_a_latency(self) -> "Intercept":
+        if self.latency_mean is None:
+            for k, d in enumerate(self.detections):
+                if d.t_exp is None:
+                    raise ValueError(
+                        f"has detections[{k}] without t_exp and no latency_mean; add latency_mean in seconds"
+                    )
+        return self

@@ -1,0 +1,126 @@
+"""An intercept data set in memory, in the order in which its data came to be known."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.belt.arm_time import MotionLimits
+from calibration.belt.estimator import Encoder
+from calibration.belt.items import Sighting
+from calibration.belt.meeting import Zone
+from calibration.belt.tracking import Arm
+from cell.errors import error
+from cell.formats.intercept import SCHEMA, Detection, Intercept, Query
+from cell.formats.reading import parse, read_json
+from cell.poses import Array
+
+FILE_NAME = "intercept.json"
+UNITS_T = "units.translation"
+_FAR = 20.0  # m
+_UNIT = 1e-3
+
+
+@dataclass
+class InterceptSet:
+    """``t`` (k,) and ``count`` (k,) of the encoder by stamp; ``detections`` by arrival, ``queries`` by time.
+
+    ``direction`` (3,) is the belt's unit vector in base. ``order`` is where each query stands in the file.
+    """
+
+    path: Path
+    data: Intercept
+    encoder: Encoder
+    direction: Array
+    arm: Arm
+    zone: Zone
+    dwell: float
+    t: Array
+    count: list[int]
+    detections: list[Detection]
+    queries: list[Query]
+    order: NDArray[np.int64]
+    warnings: list[tuple[str, str]] = field(default_factory=list)
+
+    def sighting(self, detection: Detection) -> Sighting:
+        """A detection with its exposure, derived from the mean latency where it is not known."""
+        xy, arrived, t = (detection.xy[0], detection.xy[1]), detection.t_recv, detection.t_exp
+        if t is not None:
+            return Sighting(xy, t, arrived, sure=True)
+        assert self.data.latency_mean is not None
+        return Sighting(xy, arrived - self.data.latency_mean, arrived, sure=False)
+
+
+def load_intercept(path: Path) -> InterceptSet:
+    """Read and check a data set (its JSON file, or a folder with ``intercept.json``)."""
+    file = path / FILE_NAME if path.is_dir() else path
+    data = parse(Intercept, read_json(file), SCHEMA, str(file))
+    belt, robot, zone = data.belt, data.robot, data.zone
+    rows = sorted(data.encoder, key=lambda row: row[0])
+    order = np.array(sorted(range(len(data.queries)), key=lambda k: data.queries[k].t), dtype=np.int64)
+    direction = np.array([*belt.dir, 0.0][:3])
+    limits = robot.limits
+    loaded = InterceptSet(
+        path=file,
+        data=data,
+        encoder=Encoder(belt.scale, belt.modulus, belt.period),
+        direction=direction / np.linalg.norm(direction),
+        arm=Arm(
+            MotionLimits(limits.v, limits.a, limits.j),
+            (robot.wait_point[0], robot.wait_point[1]),
+            robot.above,
+        ),
+        zone=Zone(None, None) if zone is None else Zone(zone.min, zone.max),
+        dwell=data.dwell_s or 0.0,
+        t=np.array([t for t, _ in rows]),
+        count=[c for _, c in rows],
+        detections=sorted(data.detections, key=lambda d: d.t_recv),
+        queries=[data.queries[k] for k in order],
+        order=order,
+    )
+    _check(loaded, float(np.linalg.norm(direction)))
+    return loaded
+
+
+def _check(loaded: InterceptSet, length: float) -> None:
+    """What can be told from the file alone: warnings, and one sentence for a file that contradicts itself."""
+    data, warn = loaded.data, loaded.warnings
+    if abs(length - 1.0) > _UNIT:
+        warn.append(("belt.dir", f"belt.dir has the length {length:.4g}; it is used as a unit vector"))
+    modulus = data.belt.modulus
+    beyond = 0 if modulus is None else sum(not -modulus <= c < modulus for c in loaded.count)
+    if beyond:
+        raise error(
+            "DATA_INVALID",
+            f"{loaded.path}: {beyond} counts of encoder lie outside of modulus {modulus}; mend belt.modulus",
+        )
+    stamps = [t for t, _ in data.encoder]
+    if any(b < a for a, b in pairwise(stamps)):
+        warn.append(("encoder.order", "encoder is not in the order of its stamps; it was sorted"))
+    warn.extend(_spacing(loaded.t, data.belt.period))
+    early = [d for d in data.detections if d.t_exp is not None and d.t_exp > d.t_recv]
+    if early:
+        text = f"{len(early)} detections (first: {early[0].id!r}) were exposed after they arrived"
+        warn.append(("detections.early", f"{text}: do t_exp and t_recv come from one clock?"))
+    places = [np.abs(d.xy).max() for d in data.detections] + [np.abs(data.robot.wait_point).max()]
+    if places and max(places) > _FAR:
+        text = f"a position is {max(places):.4g} m from the base: are lengths in millimetres?"
+        warn.append((UNITS_T, text))
+
+
+def _spacing(t: Array, period: float) -> Sequence[tuple[str, str]]:
+    if len(t) < 3 or t[-1] <= t[0]:
+        return []
+    steps = np.diff(t)
+    usual, longest = float(np.median(steps[steps > 0.0])), int(np.argmax(steps))
+    out = []
+    if not 0.8 < usual / period < 1.25:
+        text = f"counts come every {1e3 * usual:.3g} ms, belt.period says {1e3 * period:.3g} ms"
+        out.append(("encoder.period", f"{text}; the stamps were followed"))
+    if steps[longest] > max(0.1, 10.0 * usual):
+        text = f"no count for {steps[longest]:.2f} s after {t[longest]:.3f} s"
+        out.append(("encoder.gap", f"{text}; what the belt did in between is not known"))
+    return out

@@ -1,0 +1,151 @@
+"""What the belt does next: against motions that were integrated from a speed, and nothing else."""
+
+import numpy as np
+import pytest
+
+from bench.intercept import FINE, HORIZONS, M_PER_COUNT, speed_course
+from calibration.belt.estimator import BeltEstimator, Encoder
+from calibration.belt.history import History
+
+PERIOD = 0.005
+
+
+class Belt:
+    """A belt whose counts are fed to an estimator up to any time."""
+
+    def __init__(
+        self, kind: str, seed: int, v: float = 0.2, modulus: int = 65536, late: float = 3e-4
+    ) -> None:
+        rng = np.random.default_rng(seed)
+        course = speed_course(kind, rng, 12.0, v)
+        self.grid = np.arange(len(course)) * FINE
+        self.x = np.concatenate([[0.0], np.cumsum(0.5 * (course[1:] + course[:-1]) * FINE)])
+        instants = np.arange(2800) * PERIOD + 0.001
+        counts = np.floor(np.interp(instants, self.grid, self.x) / M_PER_COUNT + 0.4).astype(int)
+        self.stamps = instants + rng.exponential(late, len(instants))
+        self.counts = (counts + modulus - 3000) % modulus
+        self.estimator = BeltEstimator(Encoder(M_PER_COUNT, modulus, PERIOD))
+        self.fed = 0
+
+    def until(self, t: float) -> None:
+        while self.fed < len(self.stamps) and self.stamps[self.fed] <= t:
+            self.estimator.add(float(self.stamps[self.fed]), int(self.counts[self.fed]))
+            self.fed += 1
+
+    def errors(self, times: np.ndarray, since: float = 0.15) -> tuple[np.ndarray, np.ndarray]:
+        """Errors (k, h) of the travel from ``since`` before each time, and their own estimates."""
+        found, sigma = [], []
+        for t in times:
+            self.until(t)
+            forecast = self.estimator.forecast()
+            assert forecast is not None
+            ahead = t + np.array(HORIZONS)
+            true = np.interp(ahead, self.grid, self.x) - np.interp(t - since, self.grid, self.x)
+            found.append(forecast.travels(ahead) - forecast.travel(t - since) - true)
+            sigma.append([forecast.sigma(t - since, float(a)) for a in ahead])
+        return np.array(found), np.array(sigma)
+
+
+def rms(values: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.mean(values**2, axis=0))
+
+
+def test_a_constant_belt_is_foretold_to_a_few_micrometres() -> None:
+    errors, _ = Belt("constant", 1, v=0.1837).errors(np.linspace(3.0, 11.0, 25))
+    assert rms(errors)[-1] < 8e-6
+
+
+def test_a_belt_that_crawls_below_a_count_per_frame_is_foretold_within_a_count() -> None:
+    errors, _ = Belt("constant", 2, v=0.0031).errors(np.linspace(3.0, 11.0, 25))
+    assert np.abs(errors).max() < M_PER_COUNT
+
+
+def test_a_slow_change_of_speed_is_followed() -> None:
+    errors, _ = Belt("creep", 3).errors(np.linspace(4.0, 11.0, 25))
+    assert rms(errors)[-1] < 3e-5
+
+
+@pytest.mark.parametrize("seed", [4])
+def test_ripple_is_foretold_after_four_seconds(seed: int) -> None:
+    errors, sigma = Belt("ripple", seed).errors(np.linspace(4.0, 11.0, 20))
+    assert rms(errors)[-1] < 8e-5
+    assert np.all(np.isfinite(sigma))
+
+
+def test_stops_and_starts_are_followed_at_thirty_milliseconds() -> None:
+    errors, sigma = Belt("stop-start", 6).errors(np.linspace(3.0, 11.5, 90))
+    assert rms(errors)[0] < 2.2e-4
+    # What cannot be foretold is in the uncertainty as far as the belt has done it before.
+    assert 0.3 * rms(errors)[0] < rms(sigma)[0] < 3.0 * rms(errors)[0]
+
+
+def test_a_reversing_belt_is_followed_through_zero() -> None:
+    belt = Belt("reversal", 7)
+    errors, _ = belt.errors(np.linspace(2.0, 11.5, 60))
+    assert rms(errors)[0] < 2.5e-4
+    low, high = belt.estimator._speeds.range(11.5, 0.0)
+    assert low < -1000.0 < 1000.0 < high
+
+
+def test_a_standing_belt_stays_where_it_is() -> None:
+    subject = BeltEstimator(Encoder(M_PER_COUNT, 65536, PERIOD))
+    subject.extend((PERIOD * k, 17) for k in range(400))
+    forecast = subject.forecast()
+    assert forecast is not None
+    assert forecast.speed(2.0) == 0.0
+    assert forecast.travel(5.0) == 0.0
+    assert forecast.sigma(1.5, 2.6) < 1e-4
+
+
+def test_later_counts_change_nothing_in_a_forecast_that_was_made() -> None:
+    belt = Belt("ripple", 8)
+    belt.until(6.0)
+    made = belt.estimator.forecast()
+    assert made is not None
+    alone = Belt("ripple", 8)
+    alone.until(6.0)
+    again = alone.estimator.forecast()
+    assert again is not None
+    belt.until(9.0)
+    belt.estimator.forecast()
+    times = np.linspace(6.0, 7.0, 5)
+    assert np.array_equal(made.travels(times), again.travels(times))
+    assert [made.travel(t) for t in (0.5, 3.0, 5.99)] == [again.travel(t) for t in (0.5, 3.0, 5.99)]
+    assert made.sigma(5.9, 6.6) == again.sigma(5.9, 6.6)
+
+
+def test_forgetting_the_oldest_counts_changes_no_forecast(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = Belt("ripple", 8)
+    whole.until(11.0)
+    subject = Belt("ripple", 8)
+    subject.estimator._history = History(most=2 * 2500 // 5)
+    monkeypatch.setattr("calibration.belt.estimator.LONG", 2.0)
+    subject.until(11.0)
+    short, kept = subject.estimator.forecast(), subject.estimator._history
+    assert kept.first > 0
+    assert len(subject.estimator) == len(whole.estimator)
+    again = whole.estimator.forecast()
+    assert short is not None
+    assert again is not None
+    times = np.linspace(11.0, 11.6, 4)
+    assert np.array_equal(short.travels(times), again.travels(times))
+    assert short.travel(9.5) == again.travel(9.5)
+    assert subject.estimator.travel_at(0.5) is None
+    assert whole.estimator.travel_at(0.5) is not None
+
+
+def test_one_count_gives_no_forecast_and_two_give_one() -> None:
+    subject = BeltEstimator(Encoder(M_PER_COUNT, None, PERIOD))
+    assert subject.forecast() is None
+    subject.add(0.0, 5)
+    assert subject.forecast() is None
+    subject.add(0.005, 15)
+    forecast = subject.forecast()
+    assert forecast is not None
+    assert forecast.speed(0.005) == pytest.approx(0.2)
+
+
+def test_a_count_from_the_past_is_dropped_and_counted() -> None:
+    subject = BeltEstimator(Encoder(M_PER_COUNT, None, PERIOD))
+    subject.extend([(0.0, 0), (0.005, 10), (0.002, 4), (0.010, 20)])
+    assert (len(subject), subject.disordered) == (3, 1)
