@@ -1,0 +1,78 @@
+"""Weighted least squares of the intervals' middles: what plain averaging makes of the same edges.
+
+It is where the posterior starts, what finds blunders, and what the bench prints beside the answer.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.tool_frame.system import Model, Rows
+from cell.poses import Array
+
+_TUKEY = 4.685
+_ROUNDS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """``psi`` (d,) and ``e`` (m,) with the covariance (d+m, d+m) of both, and the noise ``sigma`` (m) that
+    the residuals show beyond what the intervals' widths explain. ``rest`` (n,) m are the residuals."""
+
+    psi: Array
+    e: Array
+    cov: Array
+    sigma: float
+    rest: Array
+
+
+def average(rows: Rows, model: Model, weight: Array | None = None, sigma: float = 0.0) -> Fit:
+    """The solution with ``sigma`` (m) of noise beside the widths; ``weight`` (n,) scales each edge's say."""
+    d, m = rows.X.shape[1], len(rows.labels)
+    A = design(rows)
+    sd = np.sqrt(rows.width**2 / 12.0 + rows.soft**2 + sigma**2 + 1e-16)
+    weight = np.ones(len(sd)) if weight is None else weight
+    prior = np.concatenate([np.minimum(model.prior_sd, 3.0 * model.trust), np.full(m, 10.0)])
+    scale = np.sqrt(1.0 / (A.T**2 @ (weight / sd**2) + 1.0 / prior**2))
+    W = A * scale
+    normal = (W.T * (weight / sd**2)) @ W + np.diag((scale / prior) ** 2)
+    theta = scale * np.linalg.solve(normal, W.T @ (weight / sd**2 * rows.middle))
+    cov = np.linalg.inv(normal) * np.outer(scale, scale)
+    rest = rows.middle - A @ theta
+    return Fit(theta[:d], theta[d:], cov, sigma, rest)
+
+
+def design(rows: Rows) -> Array:
+    """(n, d + m): what each edge says of the unknowns and of the edges' places."""
+    d = rows.X.shape[1]
+    A = np.zeros((len(rows.low), d + len(rows.labels)))
+    A[:, :d] = rows.X
+    A[np.arange(len(rows.low)), d + rows.edge] = 1.0
+    return A
+
+
+def robust(rows: Rows, model: Model) -> tuple[Fit, NDArray[np.bool_]]:
+    """The solution, and which rows are blunders: further off than width and noise of the others explain."""
+    fit = average(rows, model)
+    for _ in range(_ROUNDS):
+        beyond = np.maximum(np.abs(fit.rest) - 0.5 * rows.width, 0.0)
+        sigma = float(1.4826 * np.median(beyond)) if np.median(beyond) > 0.0 else 0.0
+        u = fit.rest / (np.sqrt(rows.width**2 / 12.0 + rows.soft**2 + sigma**2 + 1e-16) * _TUKEY)
+        weight = np.where(np.abs(u) < 1.0, (1.0 - u**2) ** 2, 1e-6)
+        fit = average(rows, model, weight, sigma)
+    sigma = excess(rows, fit.rest, weight)
+    A = design(rows)
+    known = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", A, fit.cov, A), 0.0))
+    limit = 0.5 * rows.width + 5.0 * np.sqrt(sigma**2 + rows.soft**2) + 3.0 * known + 1e-7
+    blunder = np.abs(fit.rest) > limit
+    return fit, blunder
+
+
+def excess(rows: Rows, rest: Array, weight: Array) -> float:
+    """Noise (m) in the residuals beyond the intervals' widths; of edges that have a say."""
+    total = float(np.sum(weight))
+    freedom = max(total - rows.X.shape[1] - len(rows.labels), 1.0)
+    found = float(np.sum(weight * rest**2)) / freedom
+    explained = float(np.sum(weight * (rows.width**2 / 12.0 + rows.soft**2))) / total
+    return float(np.sqrt(max(found - explained, 0.0)))

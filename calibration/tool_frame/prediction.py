@@ -1,0 +1,165 @@
+"""How well the beams will tell where the tool is, before anything moves: from speed, polls and passes.
+
+The passes that are planned are made up with polls at random phases, a few times and always the same, and go
+through the estimator itself with the noise as given: no simple formula holds for every number of passes
+(averaging has ``v P/sqrt(48)`` for the four edges of one way there and back; intervals that are laid over
+each other are better, with many passes by far).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.tool_frame.averaging import average
+from calibration.tool_frame.geometry import BEAMS
+from calibration.tool_frame.meeting import length95
+from calibration.tool_frame.posterior import posterior
+from calibration.tool_frame.system import Model, Rows
+from cell.poses import Array
+
+K95 = 1.96
+TYPICAL_RADIUS_M = 0.003
+_DRAWS, _POINTS = 10, 512
+_EDGES = (-1.0, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Expected covariance of a comparison with a reference that was measured in the same way.
+
+    ``cov`` (5, 5) is of the tool's point in x, y, z (m; along the two beams' normals and the axis) and of the
+    tilt about the two beams (rad; zero with one height). ``slide_m`` is how far the tool moves from poll to
+    poll; ``z_resolution_m`` the step that the bisection ends at.
+    """
+
+    cov: Array
+    slide_m: float
+    z_resolution_m: float
+    tilted: bool
+
+    @property
+    def U_xy_m(self) -> float:
+        """The length that 95 % of the errors across the beams stay below."""
+        return length95(self.cov[:2, :2])
+
+    @property
+    def U_z_m(self) -> float:
+        return K95 * float(np.sqrt(self.cov[2, 2]))
+
+    @property
+    def U_point_m(self) -> float:
+        return length95(self.cov[:3, :3])
+
+    @property
+    def U_tilt_rad(self) -> float | None:
+        return length95(self.cov[3:, 3:]) if self.tilted else None
+
+    @property
+    def sigma_xy_m(self) -> float:
+        """RMS length of the error across the beams."""
+        return float(np.sqrt(np.trace(self.cov[:2, :2])))
+
+
+def predict(
+    speed_m_s: float,
+    poll_period_s: float,
+    pairs: int,
+    z_resolution_m: float,
+    depths_m: Sequence[float] = (0.006,),
+    noise_m: float = 0.0,
+    staggered: bool = True,
+    reference_pairs: int | None = None,
+) -> Prediction:
+    """Uncertainty of the tool's displacement from ``pairs`` ways there and back at each of ``depths_m``
+    below the point, across each beam.
+
+    ``noise_m`` is the noise of edges beside the polls (the arm's repeatability). ``reference_pairs`` when the
+    reference had another number. ``staggered``: the polls of the passes are shifted against each other by
+    equal parts of the period.
+    """
+    rng = np.random.default_rng(4711)
+    slide = speed_m_s * poll_period_s
+    depths = np.array(depths_m, dtype=float)
+    tilted = float(np.ptp(depths)) > 0.0
+    model = Model(BEAMS, BEAMS if tilted else (), BEAMS if tilted else ())
+    covs = []
+    for _ in range(_DRAWS):
+        rows = _rows(
+            rng, model, speed_m_s, slide, (reference_pairs or pairs, pairs), depths, noise_m, staggered
+        )
+        fit = average(rows, model, None, noise_m)
+        found = posterior(rows, model, fit, noise_m, _POINTS, max(noise_m, 0.01 * slide))
+        d = len(model.names)
+        pick = [model.names.index(f"shift {b}") for b in BEAMS]
+        if tilted:
+            pick += [model.names.index(f"tilt {b}") for b in BEAMS]
+        covs.append(found.cov[:d, :d][np.ix_(pick, pick)])
+    mean = np.mean(covs, axis=0)
+    cov = np.zeros((5, 5))
+    place = [0, 1, 3, 4] if tilted else [0, 1]
+    cov[np.ix_(place, place)] = mean
+    cov[2, 2] = _height_variance(z_resolution_m)
+    return Prediction(cov, slide, z_resolution_m, tilted)
+
+
+def _height_variance(resolution: float) -> float:
+    """Of the product of two differences of uniform brackets: that of one is the square of a triangle."""
+    z = np.linspace(-1.0, 1.0, 2001)
+    # The likelihood is the product of two triangles, whose tops are ``delta`` apart.
+    tri = np.maximum(1.0 - np.abs(np.linspace(-1.0, 1.0, 41)), 0.0)
+    total = weight = 0.0
+    for delta, w in zip(np.linspace(-1.0, 1.0, 41), tri, strict=True):
+        p = np.maximum(1.0 - np.abs(z), 0.0) * np.maximum(1.0 - np.abs(z - delta), 0.0)
+        if p.sum() <= 0.0:
+            continue
+        p = p / p.sum()
+        mean = float(p @ z)
+        total += w * float(p @ (z - mean) ** 2)
+        weight += w
+    return resolution**2 * total / weight
+
+
+def _rows(
+    rng: np.random.Generator,
+    model: Model,
+    speed: float,
+    slide: float,
+    pairs: tuple[int, int],
+    depths: Array,
+    noise: float,
+    staggered: bool,
+) -> Rows:
+    low, high, edge, X, source = [], [], [], [], []
+    labels = [(b, k) for b in BEAMS for k in range(len(_EDGES))]
+    names, place = model.names, 0
+    # How the chord falls on the polls is not known before.
+    radius = {b: TYPICAL_RADIUS_M + slide * rng.random() for b in BEAMS}
+    for current, count in zip((False, True), pairs, strict=True):
+        for beam in BEAMS:
+            for depth in depths:
+                offset = rng.random()
+                for k in range(count):
+                    for direction in (1.0, -1.0):
+                        phase = offset + k / count if staggered else rng.random()
+                        phase += 0.0 if direction > 0.0 else rng.random()
+                        for j, side in enumerate(_EDGES):
+                            true = side * radius[beam] + noise * rng.normal()
+                            start = (np.floor(true / slide - phase) + phase) * slide
+                            row = np.zeros(len(names))
+                            row[0] = direction * speed
+                            if current:
+                                row[names.index(f"shift {beam}")] = -1.0
+                            tilt = f"tilt {beam}" if current else f"own tilt {beam}"
+                            if tilt in names:
+                                row[names.index(tilt)] = depth
+                            low.append(start)
+                            high.append(start + slide)
+                            edge.append(labels.index((beam, j)))
+                            X.append(row)
+                            source.append(place)
+                        place += 1
+    n = len(low)
+    return Rows(
+        np.array(low), np.array(high), np.zeros(n), np.array(edge), np.array(X), np.array(source), labels
+    )

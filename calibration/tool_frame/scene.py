@@ -1,0 +1,87 @@
+"""What a measurement with two crossed beams consists of, in memory. Metres, seconds; frames as named."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.poses import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A light beam in the base: any point of it, and its unit direction."""
+
+    point: Array
+    direction: Array
+
+    @classmethod
+    def of(cls, point: Sequence[float], direction: Sequence[float]) -> "Line":
+        d = np.array(direction, dtype=float)
+        return cls(np.array(point, dtype=float), d / np.linalg.norm(d))
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceTool:
+    """The tool that everything is held against, in the flange.
+
+    ``axis`` is a unit vector from the flange towards the point ``p``; ``radius`` that of the tool where it
+    crosses the beams.
+    """
+
+    p: Array
+    axis: Array
+    radius: float
+
+    @classmethod
+    def of(cls, p: Sequence[float], axis: Sequence[float], radius: float) -> "ReferenceTool":
+        point, a = np.array(p, dtype=float), np.array(axis, dtype=float)
+        a = a / np.linalg.norm(a)
+        return cls(point, -a if a @ point < 0.0 else a, float(radius))
+
+
+@dataclass(frozen=True, eq=False)
+class Pass:
+    """One way across a beam; ``index`` counts within its set, the reference's or the current one.
+
+    ``pose_xyz`` (n, 3) is the flange in the base at ``pose_t`` (n,); ``poll_v`` (m,) says whether the beam
+    was broken at ``poll_t`` (m,), ``poll_n`` counts its changes, ``poll_dt`` is half of each poll's time.
+    """
+
+    index: int
+    current: bool
+    beam: str
+    direction: int
+    pose_t: Array
+    pose_xyz: Array
+    poll_t: Array
+    poll_v: NDArray[np.bool_]
+    poll_n: NDArray[np.int64] | None = None
+    poll_dt: Array | None = None
+
+    @property
+    def name(self) -> str:
+        return f"{'current' if self.current else 'reference'} pass {self.index} (beam {self.beam})"
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """All passes in one attitude ``R`` = R_base_flange (3, 3)."""
+
+    R: Array
+    beams: Mapping[str, Line]
+    tool: ReferenceTool
+    passes: Sequence[Pass]
+
+    def take(self, keep: Sequence[int]) -> "Scene":
+        """Only the passes at the places ``keep`` of the list."""
+        return Scene(self.R, self.beams, self.tool, [self.passes[k] for k in keep])
+
+
+class Refusal(Exception):
+    """The data cannot determine the answer. ``name`` is fixed, ``words`` say what is missing."""
+
+    def __init__(self, name: str, words: str) -> None:
+        super().__init__(f"{name}: {words}")
+        self.name, self.words = name, words

@@ -1,0 +1,99 @@
+"""Which crossings tell where the tool is across the beams, and why the others do not."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.tool_frame.crossings import MAX_SPEED_CHANGE, Crossing, Seen
+from calibration.tool_frame.geometry import BEAMS
+from calibration.tool_frame.scene import Scene
+
+_SAME_HEIGHT_M = 2e-5
+_NEAR_TIP = 0.6  # of the chord: so far above the tip a shorter chord is the tip's rounding
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """``across`` are the places of the crossings in use across the beams; ``grazing`` those that met the
+    tip alone and tell the height only; ``hits`` and ``missed`` tell the height. ``reasons`` for the rest."""
+
+    across: Sequence[int]
+    grazing: Sequence[int]
+    hits: Sequence[int]
+    missed: Sequence[int]
+    reasons: Mapping[int, str]
+
+
+def select(scene: Scene, seen: Seen) -> Selection:
+    """Passes without their return edges, with changing speed or grazing the tip are sorted out."""
+    reasons = dict(seen.reasons)
+    alone = _without_return(scene, seen)
+    for k in alone:
+        reasons[k] = "the way there and the way back do not both show the tool"
+    hits = [k for k in (*seen.crossings, *seen.partial) if k not in alone]
+    missed = [k for k in seen.missed if k not in alone]
+    steady = []
+    for k in [k for k in hits if k in seen.crossings]:
+        change = seen.crossings[k].speed_change
+        if np.isinf(change):
+            reasons[k] = "the arm did not move across the beam at the times of the polls"
+        elif change > MAX_SPEED_CHANGE:
+            reasons[k] = f"the speed changed by {100.0 * change:.0f} % while the tool crossed the beam"
+        else:
+            steady.append(k)
+    grazing = _grazing(scene, seen, steady)
+    for k in grazing:
+        chord = seen.crossings[k].chord
+        reasons[k] = f"met the tip alone: its chord of {1e3 * chord:.2f} mm is shorter than the others'"
+    across = [k for k in steady if k not in grazing]
+    return Selection(across, sorted(grazing), hits, missed, reasons)
+
+
+def _without_return(scene: Scene, seen: Seen) -> set[int]:
+    """Both passes of each there-and-back of which only one shows the tool."""
+    found: set[int] = set()
+    for current in (False, True):
+        for beam in BEAMS:
+            own = [k for k, p in enumerate(scene.passes) if p.beam == beam and p.current == current]
+            own.sort(key=lambda k: float(scene.passes[k].pose_t[0]))
+            k = 0
+            while k + 1 < len(own):
+                a, b = scene.passes[own[k]], scene.passes[own[k + 1]]
+                same = abs(float(np.mean(a.pose_xyz[:, 2]) - np.mean(b.pose_xyz[:, 2]))) < _SAME_HEIGHT_M
+                if a.direction == b.direction or not same or a.direction != 1:
+                    k += 1
+                    continue
+                pair = (own[k], own[k + 1])
+                states = {j in seen.missed for j in pair}
+                decided = all(j in seen.crossings or j in seen.missed or j in seen.partial for j in pair)
+                if decided and len(states) == 2:
+                    found |= {own[k], own[k + 1]}
+                k += 2
+    return found
+
+
+def _grazing(scene: Scene, seen: Seen, steady: Sequence[int]) -> set[int]:
+    """Crossings near the tip whose chord is clearly shorter than those further up the tool."""
+    found: set[int] = set()
+    for beam in BEAMS:
+        for current in (False, True):
+            own = [k for k in steady if scene.passes[k].beam == beam and scene.passes[k].current == current]
+            if len(own) < 2:
+                continue
+            crossings = [seen.crossings[k] for k in own]
+            depth = -np.array([float(np.mean(c.above)) for c in crossings])
+            tip = float(np.min(depth))
+            full = _full_chord(crossings, depth)
+            for k, c, d in zip(own, crossings, depth, strict=True):
+                short = c.chord + c.slack + 6.0 * c.noise < full - 1e-6
+                if short and d - tip < _NEAR_TIP * full:
+                    found.add(k)
+    return found
+
+
+def _full_chord(crossings: Sequence[Crossing], depth: np.ndarray) -> float:
+    """The chord away from the tip, at its smallest that the intervals allow."""
+    far = depth > np.max(depth) - 0.5 * max(float(np.ptp(depth)), 1e-9) - _SAME_HEIGHT_M
+    picked = [c for c, use in zip(crossings, far, strict=True) if use]
+    return float(np.median([c.chord - c.slack for c in picked]))

@@ -1,0 +1,168 @@
+"""Edges as bounds on what is unknown.
+
+For edge ``k`` of a beam, seen at ``y`` along ``n`` with the reference's tool point, ``h`` along ``w``::
+
+    e_k = cos b (y - v tau - sgn(v) hysteresis/2 +- v lag/2 + s) + sin b (h + z)
+
+``b`` is the tilt that the beam sees, ``s`` and ``z`` the displacement of the tool's point along ``n`` and
+``w`` (none for the reference), ``tau`` the delay, ``hysteresis`` a shift along the way that does not depend
+on the speed, ``lag`` how much later the input clears than it breaks. The places ``e_k`` are the same for the
+reference and for the current tool, both ways and all heights, so nothing is assumed about radius or symmetry.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.tool_frame.crossings import Crossing
+from cell.poses import Array
+
+SPEEDS_DIFFER = 1.2
+_PRIOR = {"tau": 0.1, "lag": 0.1, "hysteresis": 2e-3, "shift": 0.1, "tilt": 0.5}
+_TRUST_AXIS_RAD = 1e-4
+_TRUST_STRAIGHT_RAD = 2e-4
+
+
+@dataclass(frozen=True)
+class Model:
+    """Which unknowns there are, in their order.
+
+    ``shifts`` are the groups of passes that are displaced against the reference's (named as their beam for
+    the current set). ``tilts`` and ``own_tilts`` name the beams at which the current tool, and the reference,
+    were seen at different heights, ``hints`` those of ``tilts`` whose heights are close together. ``delays``
+    is 1, or 2 when the reference and the current set have one each. ``free`` names unknowns that are clearly
+    not zero, where zero would be expected.
+    """
+
+    shifts: tuple[str, ...]
+    tilts: tuple[str, ...] = ()
+    own_tilts: tuple[str, ...] = ()
+    delays: int = 1
+    several_speeds: bool = False
+    hints: tuple[str, ...] = ()
+    free: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> list[str]:
+        found = ["tau"] if self.delays == 1 else ["tau", "tau_current"]
+        if self.several_speeds:
+            found += ["hysteresis", "lag"]
+        found += [f"shift {name}" for name in self.shifts]
+        found += [f"tilt {name}" for name in self.tilts]
+        return found + [f"own tilt {name}" for name in self.own_tilts]
+
+    def column(self, name: str) -> int | None:
+        names = self.names
+        return names.index(name) if name in names else None
+
+    @property
+    def prior_sd(self) -> Array:
+        """(d,) so wide that it only keeps what nothing measures from running away."""
+        kinds = [name.replace("own ", "").split()[0].split("_")[0] for name in self.names]
+        return np.array([_PRIOR[kind] for kind in kinds])
+
+    @property
+    def trust(self) -> Array:
+        """(d,) scale of a Cauchy prior about zero: a reference's axis is most often what it is said to be,
+        and where the data clearly show another one they are believed. inf where there is none."""
+        hints = {f"tilt {beam}": _TRUST_STRAIGHT_RAD for beam in self.hints}
+        own = {f"own tilt {beam}": _TRUST_AXIS_RAD for beam in self.own_tilts}
+        known = {name: scale for name, scale in {**hints, **own}.items() if name not in self.free}
+        return np.array([known.get(name, np.inf) for name in self.names])
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """``e[edge] + X psi`` lies in ``low .. high`` (n,) m, whose ends are off by about ``soft`` (n,) m.
+
+    ``source`` (n,) is the place of the pass in the scene, ``middle`` the middle of the bounds.
+    """
+
+    low: Array
+    high: Array
+    soft: Array
+    edge: NDArray[np.int64]
+    X: Array
+    source: NDArray[np.int64]
+    labels: Sequence[tuple[str, int]] = field(default_factory=tuple)
+
+    @property
+    def middle(self) -> Array:
+        found: Array = 0.5 * (self.low + self.high)
+        return found
+
+    @property
+    def width(self) -> Array:
+        found: Array = self.high - self.low
+        return found
+
+    def take(self, keep: NDArray[np.bool_]) -> "Rows":
+        return Rows(
+            self.low[keep],
+            self.high[keep],
+            self.soft[keep],
+            self.edge[keep],
+            self.X[keep],
+            self.source[keep],
+            self.labels,
+        )
+
+
+@dataclass(frozen=True)
+class At:
+    """Where the equations are linearised: tilts (rad) and displacements (m), by group; absent is zero."""
+
+    tilt: Mapping[str, float] = field(default_factory=dict)
+    own_tilt: Mapping[str, float] = field(default_factory=dict)
+    shift: Mapping[str, float] = field(default_factory=dict)
+    along_w: Mapping[str, float] = field(default_factory=dict)
+
+
+def several_speeds(crossings: Sequence[Crossing]) -> bool:
+    """Whether the passes are of clearly different speeds."""
+    speeds = [c.speed for c in crossings]
+    return bool(speeds) and max(speeds) > SPEEDS_DIFFER * min(speeds)
+
+
+def rows_of(
+    crossings: Mapping[int, Crossing],
+    groups: Mapping[int, str],
+    model: Model,
+    at: At,
+    height: Mapping[str, float],
+) -> Rows:
+    """The bounds of all ``crossings``. ``groups`` names the group of each; one that is not in
+    ``model.shifts`` is where displacement is counted from. ``height`` is added to ``h`` of each beam."""
+    column = {name: k for k, name in enumerate(model.names)}
+    labels = sorted({(c.source.beam, j) for c in crossings.values() for j in range(c.edges)})
+    number = {label: k for k, label in enumerate(labels)}
+    parts: list[tuple[Array, Array, Array, Array, Array, Array]] = []
+    for place, c in crossings.items():
+        beam, group = c.source.beam, groups[place]
+        moved, current = group in model.shifts, c.source.current
+        tilt = at.tilt.get(beam, 0.0) if current else at.own_tilt.get(beam, 0.0)
+        s, z = (at.shift.get(group, 0.0), at.along_w.get(group, 0.0)) if moved else (0.0, 0.0)
+        cos, sin = np.cos(tilt), np.sin(tilt)
+        h = c.above + height.get(beam, 0.0) + z
+        slope = cos * h - sin * (c.middle + s)
+        X = np.zeros((c.edges, len(column)))
+        delay = "tau_current" if model.delays == 2 and c.source.current else "tau"
+        X[:, column[delay]] = cos * c.v
+        if model.several_speeds:
+            X[:, column["hysteresis"]] = 0.5 * cos * np.sign(c.v)
+            X[:, column["lag"]] = 0.5 * cos * c.v * np.where(c.rising, -1.0, 1.0)
+        if moved:
+            X[:, column[f"shift {group}"]] = -cos
+        base = np.zeros(c.edges)
+        name = f"tilt {beam}" if current else f"own tilt {beam}"
+        if name in column:
+            X[:, column[name]] = -slope
+            base = -slope * tilt
+        offset = sin * h + base
+        count = np.array([number[beam, j] for j in range(c.edges)])
+        ends = np.full(c.edges, place)
+        parts.append((cos * c.low + offset, cos * c.high + offset, cos * c.soft, count, X, ends))
+    low, high, soft, edge, X, source = (np.concatenate(p) for p in zip(*parts, strict=True))
+    return Rows(low, high, soft / np.sqrt(3.0), edge.astype(np.int64), X, source.astype(np.int64), labels)

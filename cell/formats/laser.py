@@ -1,0 +1,136 @@
+"""``cellward.laser/1``: passes of a tool across two light beams, with a reference set and a current one.
+
+Two extensions of the format that runs use: ``poll_n`` is the counter of the input's changes as each poll read
+it, so that a pulse between two polls is seen; ``poll_dt`` is half of the time that each poll took.
+"""
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from cell.errors import error
+from cell.formats.reading import Strict, parse
+
+SCHEMA = "cellward.laser/1"
+BEAMS = ("xs", "ys")
+MAX_PASSES = 5000
+MAX_SAMPLES = 200_000  # of one pass
+_MIN_LENGTH = 1e-9
+
+Point = Annotated[list[float], Field(min_length=3, max_length=3)]
+Times = Annotated[list[float], Field(min_length=2, max_length=MAX_SAMPLES)]
+
+
+def _growing(times: list[float], what: str) -> list[float]:
+    t = np.array(times)
+    if len(late := np.flatnonzero(np.diff(t) <= 0.0)):
+        k = int(late[0]) + 1
+        raise ValueError(f"must grow from {what} to {what}; entry {k} is not after entry {k - 1}")
+    return times
+
+
+def _direction(v: list[float]) -> list[float]:
+    if float(np.linalg.norm(v)) < _MIN_LENGTH:
+        raise ValueError("must be a direction, not zeros")
+    return v
+
+
+class BeamLine(Strict):
+    """A beam in the base: any point of it (m), and its direction of any length."""
+
+    point: Point
+    dir: Point
+
+    @field_validator("dir")
+    @classmethod
+    def _dir_is_a_direction(cls, v: list[float]) -> list[float]:
+        return _direction(v)
+
+
+class BeamPair(Strict):
+    """``xs`` runs about along base x and is crossed along y; ``ys`` the other way round."""
+
+    xs: BeamLine
+    ys: BeamLine
+
+
+class ToolEntry(Strict):
+    """The tool of the reference in the flange: its point and axis, and its radius where it crosses (m)."""
+
+    id: str | None = None
+    p_ref: Point
+    axis_ref: Point
+    radius: Annotated[float, Field(gt=0.0, le=1.0)]
+
+    @field_validator("axis_ref")
+    @classmethod
+    def _axis_is_a_direction(cls, v: list[float]) -> list[float]:
+        return _direction(v)
+
+
+class PassEntry(Strict):
+    """One way across a beam: the flange in the base, and the polls of the beam's input (1: broken)."""
+
+    beam: Literal["xs", "ys"]
+    dir: Literal[1, -1]
+    z: float
+    pose_t: Times
+    pose_xyz: Annotated[list[Point], Field(min_length=2, max_length=MAX_SAMPLES)]
+    poll_t: Times
+    poll_v: list[Literal[0, 1]]
+    poll_n: list[Annotated[int, Field(ge=0)]] | None = None
+    poll_dt: list[Annotated[float, Field(ge=0.0, le=10.0)]] | None = None
+    notes: Any = None
+
+    @field_validator("pose_t")
+    @classmethod
+    def _poses_are_in_order(cls, v: list[float]) -> list[float]:
+        return _growing(v, "pose")
+
+    @field_validator("poll_t")
+    @classmethod
+    def _polls_are_in_order(cls, v: list[float]) -> list[float]:
+        return _growing(v, "poll")
+
+    @model_validator(mode="after")
+    def _lists_belong_together(self) -> "PassEntry":
+        for times, name in (
+            ("pose_t", "pose_xyz"),
+            ("poll_t", "poll_v"),
+            ("poll_t", "poll_n"),
+            ("poll_t", "poll_dt"),
+        ):
+            values = getattr(self, name)
+            if values is not None and len(values) != (wanted := len(getattr(self, times))):
+                raise ValueError(f"has {len(values)} entries in {name} and {wanted} in {times}; give as many")
+        return self
+
+
+class PassSet(Strict):
+    """Passes of one tool in one attitude; missed ones too."""
+
+    passes: Annotated[list[PassEntry], Field(max_length=MAX_PASSES)]
+    notes: Any = None
+
+
+class LaserData(Strict):
+    """The whole data set."""
+
+    schema_: Annotated[str, Field(alias="schema")]
+    R_base_flange: Point
+    beams: BeamPair
+    tool: ToolEntry
+    reference: PassSet
+    current: PassSet
+    notes: Any = None
+
+
+def parse_laser(raw: dict[str, Any], where: str, *, current: bool = True) -> LaserData:
+    """``raw`` as a data set; ``where`` names the file. Without ``current`` that set may be empty."""
+    data = parse(LaserData, raw, SCHEMA, where)
+    needed = {"reference": data.reference, **({"current": data.current} if current else {})}
+    for name, found in needed.items():
+        if not found.passes:
+            raise error("DATA_INVALID", f"{where}: {name}.passes is empty; give the passes of that tool")
+    return data

@@ -1,0 +1,101 @@
+"""Mean and covariance of intervals laid over each other: against integration on a grid, and against truth."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from calibration.tool_frame.averaging import average, excess
+from calibration.tool_frame.posterior import Posterior, posterior
+from calibration.tool_frame.system import Model, Rows
+
+SLIDE, SPEED = 1e-4, 0.02
+MODEL = Model(("xs", "ys"))
+LABELS = [("xs", 0), ("xs", 1), ("ys", 0), ("ys", 1)]
+
+
+def made(seed: int, pairs: int, noise: float = 0.0, wild: int = 0) -> tuple[Rows, np.ndarray]:
+    """Rows of ``pairs`` ways there and back in both sets, with polls at random; and the true unknowns."""
+    rng = np.random.default_rng(seed)
+    truth = np.array([0.3e-3 * rng.normal(), *rng.normal(size=2) * 3e-4])
+    edges = {label: rng.normal() * 1e-3 for label in LABELS}
+    low, edge, X = [], [], []
+    for current in (0.0, 1.0):
+        for number, (beam, k) in enumerate(LABELS):
+            for way in (1.0, -1.0) * pairs:
+                row = np.array([way * SPEED, -current * (beam == "xs"), -current * (beam == "ys")])
+                seen = edges[beam, k] + row @ truth + noise * rng.normal()
+                phase = rng.random() * SLIDE
+                low.append(np.floor((seen - phase) / SLIDE) * SLIDE + phase)
+                edge.append(number)
+                X.append(row)
+    start = np.array(low)
+    start[:wild] += 3.3e-4
+    source = np.arange(len(start))
+    return Rows(start, start + SLIDE, 0.0 * start, np.array(edge), np.array(X), source, LABELS), truth
+
+
+def solved(rows: Rows, points: int = 512) -> Posterior:
+    fit = average(rows, MODEL)
+    return posterior(rows, MODEL, fit, excess(rows, fit.rest, np.ones(len(rows.low))), points)
+
+
+def test_it_agrees_with_the_exact_region_that_the_intervals_leave() -> None:
+    """Uniform intervals leave a polytope; points of it are drawn by rejection from a box around it."""
+    rows, _ = made(11, 1)
+    found = posterior(rows, MODEL, average(rows, MODEL), 0.0, 8192, known_noise=2e-7)
+    rng = np.random.default_rng(1)
+    sd = np.sqrt(np.diag(found.cov))
+    draws = found.mean + rng.uniform(-2.8, 2.8, size=(600_000, len(sd))) * sd
+    A = np.zeros((len(rows.low), len(sd)))
+    A[:, :3] = rows.X
+    A[np.arange(len(rows.low)), 3 + rows.edge] = 1.0
+    inside = np.ones(len(draws), dtype=bool)
+    for row, low, high in zip(A, rows.low, rows.high, strict=True):
+        value = draws[inside] @ row
+        inside[inside] = (value >= low) & (value <= high)
+    exact = draws[inside]
+    assert len(exact) > 100
+    error = 1.0 / np.sqrt(len(exact))
+    assert np.all(np.abs(exact.mean(axis=0) - found.mean) / sd < 0.15 + 4.0 * error)
+    assert exact.std(axis=0) / sd == pytest.approx(np.ones(len(sd)), abs=0.1 + 3.0 * error)
+
+
+def test_more_points_do_not_change_the_answer() -> None:
+    rows, _ = made(1, 2)
+    few, many = solved(rows, 1024), solved(rows, 16384)
+    sd = np.sqrt(np.diag(many.cov))
+    assert np.all(np.abs(few.mean - many.mean) < 0.2 * sd)
+    assert np.sqrt(np.diag(few.cov)) == pytest.approx(sd, rel=0.2)
+
+
+def test_it_is_the_same_in_every_call() -> None:
+    rows, _ = made(4, 2)
+    assert np.array_equal(solved(rows).mean, solved(rows).mean)
+
+
+@pytest.mark.parametrize(("pairs", "noise"), [(2, 0.0), (4, 1.5e-5)])
+def test_errors_are_as_large_as_the_covariance_says(pairs: int, noise: float) -> None:
+    nees = []
+    for seed in range(48):
+        rows, truth = made(seed, pairs, noise)
+        found = solved(rows, 128)
+        e = found.mean[:3] - truth
+        nees.append(e @ np.linalg.solve(found.cov[:3, :3], e))
+    assert 1.8 < np.mean(nees) < 3.6
+    covered = float(np.mean(np.array(nees) < chi2.ppf(0.95, 3)))
+    assert covered >= 0.90
+
+
+def test_eight_passes_laid_over_each_other_are_far_better_than_their_mean() -> None:
+    ours, plain = [], []
+    for seed in range(40):
+        rows, truth = made(1000 + seed, 8)
+        ours.append(solved(rows, 128).mean[1:3] - truth[1:])
+        plain.append(average(rows, MODEL).psi[1:] - truth[1:])
+    assert np.std(ours) <= 0.6 * np.std(plain)
+
+
+def test_intervals_that_do_not_meet_widen_the_answer() -> None:
+    quiet, noisy = solved(made(7, 6)[0]), solved(made(7, 6, noise=6e-5)[0])
+    assert noisy.sigma > 3e-5 > quiet.sigma
+    assert np.sqrt(noisy.cov[1, 1]) > 2.0 * np.sqrt(quiet.cov[1, 1])
