@@ -1,0 +1,79 @@
+"""The life of one link: good until something breaks it, and everybody who waits is told what did."""
+
+import asyncio
+from typing import Any
+
+from cell.clock import Clock
+from cell.errors import CellError, error
+from cell.samples import Sample, Stream
+
+
+class Life:
+    """``begin`` at each opening, ``lose`` at the first failure; what ends the link is kept until then."""
+
+    def __init__(self, name: str, clock: Clock) -> None:
+        self._name, self._clock = name, clock
+        self._failure: CellError | None = error("DEVICE_LOST", f"{name} is not connected")
+        self._lost: asyncio.Future[CellError] | None = None
+
+    def begin(self) -> None:
+        """The link is being opened."""
+        self._failure = None
+        self._lost = asyncio.get_running_loop().create_future()
+
+    def lose(self, failure: CellError) -> bool:
+        """The link is broken; False when it was already."""
+        if self._failure is not None:
+            return False
+        self._failure = failure
+        if self._lost is not None and not self._lost.done():
+            self._lost.set_result(failure)
+        return True
+
+    @property
+    def good(self) -> bool:
+        return self._failure is None
+
+    @property
+    def failure(self) -> CellError | None:
+        """What broke the link; a new error each time, as it may be raised often."""
+        return None if self._failure is None else error(self._failure.name, self._failure.detail)
+
+    def require(self) -> None:
+        """Raise what broke the link."""
+        if (failure := self.failure) is not None:
+            raise failure
+
+    async def wait_lost(self) -> Exception:
+        """Block while the link is good; return what broke it."""
+        if self._lost is None:
+            return error("DEVICE_LOST", f"{self._name} was never opened")
+        return await asyncio.shield(self._lost)
+
+    async def wait_fresh(self, stream: Stream[Any], timeout: float, offset_s: float = 0.0) -> None:
+        """Return when a sample taken wholly after the call has arrived, else ``DEVICE_LOST``.
+
+        ``offset_s`` was subtracted from the stamps, for what happens before a sample is taken.
+        """
+        self.require()
+        assert self._lost is not None
+        asked = self._clock.now()
+        fresh: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+
+        def look(sample: Sample[Any]) -> None:
+            if sample.t + offset_s - sample.dt >= asked and not fresh.done():
+                fresh.set_result(None)
+
+        either: list[asyncio.Future[Any]] = [fresh, self._lost]
+        undo = stream.subscribe(look)
+        try:
+            await asyncio.wait(either, timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            undo()
+        self.require()
+        if not fresh.done():
+            last = stream.last()
+            newest = (
+                "there is none yet" if last is None else f"the last is {self._clock.now() - last.t:.3f} s old"
+            )
+            raise error("DEVICE_LOST", f"{self._name} gave no fresh sample in {timeout:g} s; {newest}")

@@ -1,0 +1,219 @@
+"""What ``[device.beams]`` in cell.toml may say."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal, Self
+from urllib.parse import SplitResult, parse_qsl, urlsplit
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from drivers.digital import InputConfig
+from drivers.modbus_inputs.models import GENERIC, MODELS, CounterPlace, LevelPlace, ModuleModel, Table
+from drivers.modbus_inputs.plan import ReadPlan, Span
+
+_PORTS = {"tcp": 502, "tls": 802}
+_BITS_PER_BYTE = 11.0
+
+WordOrder = Literal["high-first", "low-first"]
+TableName = Literal["coils", "discrete", "holding", "input"]
+RegisterTable = Literal["holding", "input"]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class LevelsConfig(_Section):
+    """Where a generic module keeps its levels: bits, or registers of 16 of them, lowest bit first."""
+
+    table: TableName = "discrete"
+    address: int = Field(default=0, ge=0, le=65535, description="Bit or register that holds input 0")
+
+
+class CountersConfig(_Section):
+    """Where a generic module keeps its counters of rising edges, one for each input in a row."""
+
+    table: RegisterTable = "input"
+    address: int = Field(ge=0, le=65535, description="First register of the counter of input 0")
+    width: Literal[16, 32] = 32
+    word_order: WordOrder = "high-first"
+
+
+class NumberConfig(_Section):
+    """Registers that hold one number."""
+
+    table: RegisterTable = "holding"
+    address: int = Field(ge=0, le=65535)
+    count: int = Field(default=1, ge=1, le=32, description="How many registers")
+    word_order: WordOrder = "high-first"
+
+    @property
+    def span(self) -> Span:
+        return Span(Table(self.table), self.address, self.count)
+
+
+class SerialConfig(NumberConfig):
+    """Registers that hold one number or one text."""
+
+    kind: Literal["number", "text"] = Field(
+        default="number", description="text: two characters a register, high byte first"
+    )
+
+
+class InputsConfig(_Section):
+    """Keys of a device with ``driver = "modbus-inputs"``."""
+
+    url: str = Field(
+        description="tcp://host:port, tls://host:port, or"
+        " rtu:///dev/ttyUSB0?baudrate=115200&parity=N&stopbits=1"
+    )
+    module: Literal["generic", "ioLogik-E1210", "ADAM-6050", "WAGO-750"] = "generic"
+    unit: int = Field(default=1, ge=0, le=255, description="Unit identifier; 1 to 247 on a serial line")
+    inputs: dict[str, InputConfig] = Field(
+        min_length=1,
+        description="By name, as in { xs = { address = 0, invert = false, stuck_on_s = 60.0 } }",
+    )
+    expect_serial: str | None = Field(default=None, description="Serial number that the module must have")
+    poll_period_s: float = Field(default=0.005, ge=0.001, le=1.0)
+    time_offset_s: float = Field(
+        default=0.0,
+        ge=-0.1,
+        le=0.1,
+        description="Subtracted from the stamps: how much later the module shows what its inputs see",
+    )
+    timeout_s: float = Field(default=0.05, ge=0.005, le=2.0, description="Longest wait for one reply")
+    connect_timeout_s: float = Field(default=3.0, gt=0.0, le=15.0)
+    lost_after_failures: int = Field(
+        default=3, ge=1, le=20, description="Polls in a row without an answer that end the link"
+    )
+    use_counters: bool = Field(
+        default=True, description="false: the module's counters are not enabled, levels alone are read"
+    )
+    levels: LevelsConfig | None = Field(default=None, description="generic module only")
+    counters: CountersConfig | None = Field(default=None, description="generic module only")
+    serial: SerialConfig | None = Field(
+        default=None, description="Where the serial number is, if function 43 does not tell it"
+    )
+    uptime: NumberConfig | None = Field(
+        default=None, description="A number that grows from the module's start on; looked at once a second"
+    )
+    tls_ca: str | None = Field(
+        default=None, description="PEM file that the module's certificate is checked with"
+    )
+    tls_certificate: str | None = Field(default=None, description="PEM file of our own certificate")
+    tls_key: str | None = Field(default=None, description="PEM file of our own key")
+    tls_server_name: str | None = Field(default=None, description="Name in the certificate; absent: the host")
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        place = parse_url(self.url)
+        self._check_tls(place)
+        if self.module != "generic" and (self.levels or self.counters):
+            raise ValueError(f"levels and counters are for module = 'generic'; {self.module} has its own")
+        self._check_channels()
+        self._check_line(place)
+        return self
+
+    @property
+    def place(self) -> "Place":
+        """Where the module is."""
+        return parse_url(self.url)
+
+    @property
+    def model(self) -> ModuleModel:
+        """The module's description, with what the config says about it."""
+        model = MODELS[self.module]
+        if self.levels is not None:
+            model = replace(model, levels=LevelPlace(Table(self.levels.table), self.levels.address))
+        if (c := self.counters) is not None:
+            low_first = c.word_order == "low-first"
+            model = replace(model, counters=CounterPlace(Table(c.table), c.address, c.width, low_first))
+        return model if self.use_counters else replace(model, counters=None)
+
+    @property
+    def plan(self) -> ReadPlan:
+        """What a poll reads; ``ValueError`` when no request can."""
+        return ReadPlan(self.model, [c.address for c in self.inputs.values()])
+
+    def _check_tls(self, place: "Place") -> None:
+        if place.scheme != "tls":
+            for key in ("tls_ca", "tls_certificate", "tls_key", "tls_server_name"):
+                if getattr(self, key) is not None:
+                    raise ValueError(f"{key} is for a tls:// url, not for {self.url}")
+        if (self.tls_certificate is None) != (self.tls_key is None):
+            raise ValueError("tls_certificate and tls_key are needed together")
+
+    def _check_channels(self) -> None:
+        names: dict[int, str] = {}
+        for name, config in self.inputs.items():
+            if (other := names.setdefault(config.address, name)) != name:
+                raise ValueError(f"inputs {other} and {name} have the same address {config.address}")
+            channels = MODELS[self.module].channels
+            if channels < GENERIC.channels and config.address >= channels:
+                raise ValueError(
+                    f"input {name} has address {config.address},"
+                    f" but {self.module} has inputs 0 to {channels - 1}"
+                )
+        self.plan  # noqa: B018 -- its sentence says which span is too wide
+
+    def _check_line(self, place: "Place") -> None:
+        if place.scheme != "rtu":
+            return
+        if not 1 <= self.unit <= 247:
+            raise ValueError(f"unit {self.unit} is not possible on a serial line; it has 1 to 247")
+        needed = self.plan.bytes_per_poll * _BITS_PER_BYTE / place.baudrate
+        if needed > self.poll_period_s:
+            raise ValueError(
+                f"poll_period_s = {self.poll_period_s:g} is too short: the bytes of a poll alone take"
+                f" {needed:.4f} s at {place.baudrate} baud"
+            )
+
+
+@dataclass(frozen=True)
+class Place:
+    """A parsed ``url``: ``host`` and ``port`` of tcp and tls, or ``host`` as the path of a serial line."""
+
+    scheme: Literal["tcp", "tls", "rtu"]
+    host: str
+    port: int = 0
+    baudrate: int = 115200
+    parity: str = "N"
+    stopbits: int = 1
+
+
+def parse_url(url: str) -> Place:
+    """``ValueError`` with a sentence for anything that is not a place of a module."""
+    parts = urlsplit(url)
+    query = dict(parse_qsl(parts.query, keep_blank_values=True))
+    if parts.scheme == "rtu":
+        return _serial_place(url, parts, query)
+    if parts.scheme not in ("tcp", "tls"):
+        raise ValueError(f"url '{url}' should begin with tcp://, tls:// or rtu://")
+    if query or parts.path.strip("/") or not parts.hostname or parts.username is not None:
+        raise ValueError(f"url '{url}' should be {parts.scheme}://host:port")
+    try:
+        port = parts.port or _PORTS[parts.scheme]
+    except ValueError:
+        raise ValueError(f"url '{url}' has a port that is no number from 1 to 65535") from None
+    return Place("tcp" if parts.scheme == "tcp" else "tls", parts.hostname, port)
+
+
+def _serial_place(url: str, parts: SplitResult, query: Mapping[str, str]) -> Place:
+    if parts.netloc or not parts.path.startswith("/"):
+        raise ValueError(f"url '{url}' should be rtu:///dev/NAME, with three slashes")
+    if unknown := sorted(set(query) - {"baudrate", "parity", "stopbits"}):
+        raise ValueError(
+            f"url '{url}' has the unknown setting '{unknown[0]}'; there is baudrate, parity, stopbits"
+        )
+    baudrate, parity, stopbits = (
+        query.get("baudrate", "115200"),
+        query.get("parity", "N"),
+        query.get("stopbits", "1"),
+    )
+    if not (baudrate.isascii() and baudrate.isdecimal() and 300 <= int(baudrate) <= 4_000_000):
+        raise ValueError(f"url '{url}': baudrate '{baudrate}' is no number from 300 to 4000000")
+    if parity not in ("N", "E", "O"):
+        raise ValueError(f"url '{url}': parity '{parity}' should be N, E or O")
+    if stopbits not in ("1", "2"):
+        raise ValueError(f"url '{url}': stopbits '{stopbits}' should be 1 or 2")
+    return Place("rtu", parts.path, 0, int(baudrate), parity, int(stopbits))

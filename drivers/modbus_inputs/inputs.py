@@ -1,0 +1,252 @@
+"""A module of digital inputs, polled over Modbus, as ``cell.devices.DigitalInputs``."""
+
+import asyncio
+import logging
+from typing import Any
+
+from cell.clock import Clock
+from cell.devices import Identity, InputsState
+from cell.errors import CellError, error
+from cell.samples import Quality, Sample, Stream
+from drivers.digital import StuckWatch
+from drivers.life import Life
+from drivers.modbus_inputs.changes import ChangeCount, CounterJump
+from drivers.modbus_inputs.config import InputsConfig
+from drivers.modbus_inputs.identify import identify, read_number
+from drivers.modbus_inputs.link import ModbusLink, NoAnswer
+from drivers.modbus_inputs.plan import Reading
+from drivers.modbus_inputs.ticker import Ticker
+
+log = logging.getLogger("cellward.devices")
+
+UPTIME_EVERY_S = 1.0
+# A counter is believed to stand still after so many rising edges that it did not count.
+MOST_UNSEEN = 2
+
+
+class ModbusInputs:
+    """Reconnecting is the supervisor's business: after an error ``close`` and ``open`` again.
+
+    A sample's number is that of its tick, so ``inputs.gaps`` counts the ticks without a poll, be it because
+    the one before took too long or because there was no answer.
+    """
+
+    Config = InputsConfig
+
+    def __init__(self, name: str, config: InputsConfig, clock: Clock) -> None:
+        self.name = name
+        self.names = tuple(config.inputs)
+        self.inputs: Stream[InputsState] = Stream(name, clock)
+        self._config, self._clock = config, clock
+        self._plan, self._highest_hz = config.plan, config.model.highest_hz
+        self._inverted = tuple(c.invert for c in config.inputs.values())
+        self._life = Life(name, clock)
+        self._stuck = StuckWatch(name, config.inputs)
+        self._link: ModbusLink | None = None
+        self._ticker: Ticker | None = None
+        self._polling: asyncio.Task[None] | None = None
+        self._identity: Identity | None = None
+        self._counts: list[ChangeCount] = []
+        self._begun = 0.0  # start of the newest good poll
+        self._round_trip_s = 0.0
+        self._failures = 0
+        self._failures_in_a_row = 0
+        self._uptime: tuple[float, int] | None = None
+        self._standing: set[str] = set()
+
+    # -- Device
+
+    async def open(self) -> None:
+        """Connect, ask who it is and poll once; ``DEVICE_UNREACHABLE`` or ``MODBUS_REFUSED``."""
+        await self.close()
+        self._life.begin()
+        self.inputs.new_epoch()
+        self._uptime, self._failures_in_a_row = None, 0
+        self._link = ModbusLink(self.name, self._config, self._clock, self._disconnected)
+        try:
+            await self._link.connect()
+            self._identity = await identify(self._link, self._config)
+            await self._first_poll()
+        except NoAnswer as exc:
+            unreachable = self._unreachable(exc)
+            await self.close()
+            raise unreachable from exc
+        except BaseException:
+            await self.close()
+            raise
+        self._ticker = Ticker(self._config.poll_period_s)
+        self._ticker.start()
+        self._polling = asyncio.create_task(self._poll_on(self._ticker), name=f"{self.name} polling")
+        self._polling.add_done_callback(self._note_end)
+
+    async def close(self) -> None:
+        """End polling and the connection."""
+        # First, because a reply that comes with the cancellation swallows it (asyncio.wait_for before 3.12).
+        self._life.lose(error("DEVICE_LOST", f"{self.name} was closed"))
+        polling, self._polling = self._polling, None
+        if polling is not None:
+            polling.cancel()
+            await asyncio.wait([polling])
+        if self._ticker is not None:
+            self._ticker.stop()
+        link, self._link, self._ticker = self._link, None, None
+        if link is not None:
+            await link.close()
+            await asyncio.sleep(0)  # an aborted transport closes its socket on the loop's next turn
+
+    async def identify(self) -> Identity:
+        """Model, serial and revision as the module told at opening; a twin's serial begins with 9999."""
+        self._life.require()
+        assert self._identity is not None
+        return self._identity
+
+    async def wait_fresh(self, timeout: float) -> None:
+        """Return when a poll made after the call has arrived, else ``DEVICE_LOST``."""
+        await self._life.wait_fresh(self.inputs, timeout, self._config.time_offset_s)
+
+    async def wait_lost(self) -> Exception:
+        """Block while the link is good; ``DEVICE_LOST``, ``MODULE_REBOOTED`` or ``MODBUS_REFUSED``."""
+        return await self._life.wait_lost()
+
+    def health(self) -> dict[str, Any]:
+        """Counts, age and round trip (s), levels, and for how long (s) inputs are stuck."""
+        last, now = self.inputs.last(), self._clock.now()
+        return {
+            "connected": self._life.good,
+            "age_s": None if last is None else now - last.t,
+            "polls": self.inputs.received,
+            "gaps": self.inputs.gaps,
+            "failures": self._failures,
+            "round_trip_s": self._round_trip_s,
+            "epoch": self.inputs.epoch,
+            "levels": {} if last is None else dict(zip(self.names, last.value.levels, strict=True)),
+            "changes": {} if last is None else dict(zip(self.names, last.value.changes, strict=True)),
+            "stuck_s": self._stuck.report(now),
+            "counters": self._counters_report(),
+        }
+
+    # -- polling
+
+    async def _first_poll(self) -> None:
+        for attempt in range(self._config.lost_after_failures):
+            begin = self._clock.now()
+            try:
+                reading = await self._read()
+            except NoAnswer:
+                if attempt + 1 == self._config.lost_after_failures:
+                    raise
+                continue
+            if not self._life.good:
+                raise NoAnswer("no second answer")
+            end, width = self._clock.now(), self._plan.width
+            counts: tuple[int | None, ...] = reading.counts or (None,) * len(reading.levels)
+            pairs = zip(reading.levels, counts, strict=True)
+            self._counts = [ChangeCount(level, count, width) for level, count in pairs]
+            self._stuck.begin(end, (0,) * len(self.names))
+            self._standing.clear()
+            self._push(reading, begin, end, 0)
+            return
+
+    async def _poll_on(self, ticker: Ticker) -> None:
+        while self._life.good:
+            tick = await ticker.wait()
+            begin = self._clock.now()
+            try:
+                reading = await self._read()
+                if not self._life.good:
+                    return
+                self._take(reading, begin, self._clock.now(), tick)
+                await self._look_at_uptime(begin)
+            except NoAnswer as exc:
+                self._failed(error("DEVICE_LOST", self._silence(str(exc))))
+            except CellError as exc:
+                if exc.name != "MODBUS_REFUSED":
+                    self._life.lose(exc)
+                    return
+                self._failed(exc)
+
+    async def _read(self) -> Reading:
+        assert self._link is not None
+        return self._plan.decode([await self._link.read(span) for span in self._plan.spans])
+
+    def _take(self, reading: Reading, begin: float, end: float, tick: int) -> None:
+        most = self._highest_hz * (end - self._begun) + 2.0
+        counts: tuple[int | None, ...] = reading.counts or (None,) * len(reading.levels)
+        for name, of, level, count in zip(self.names, self._counts, reading.levels, counts, strict=True):
+            try:
+                of.take(level, count, most)
+            except CounterJump as jump:
+                raise error(
+                    "MODULE_REBOOTED",
+                    f"{self.name}: the counter of {name} went {jump}; its module was restarted, or somebody"
+                    " cleared the counter",
+                ) from jump
+            if of.unseen >= MOST_UNSEEN and name not in self._standing:
+                self._standing.add(name)
+                log.warning("%s: %s changes, but its counter stands still", self.name, name)
+            elif of.unseen == 0:
+                self._standing.discard(name)
+        self._failures_in_a_row = 0
+        self._push(reading, begin, end, tick)
+
+    def _push(self, reading: Reading, begin: float, end: float, tick: int) -> None:
+        self._begun, self._round_trip_s = begin, end - begin
+        levels = tuple(raw != inv for raw, inv in zip(reading.levels, self._inverted, strict=True))
+        changes = tuple(of.changes for of in self._counts)
+        stuck = self._stuck.take(end, levels, changes)
+        quality = Quality.DEGRADED if stuck or self._standing else Quality.GOOD
+        t = 0.5 * (begin + end) - self._config.time_offset_s
+        self.inputs.push(Sample(InputsState(levels, changes), t, 0.5 * (end - begin), tick, quality))
+
+    async def _look_at_uptime(self, now: float) -> None:
+        place = self._config.uptime
+        if place is None or (self._uptime is not None and now - self._uptime[0] < UPTIME_EVERY_S):
+            return
+        assert self._link is not None
+        value = await read_number(self._link, place)
+        if self._uptime is not None and value < self._uptime[1]:
+            raise error("MODULE_REBOOTED", f"{self.name}: its uptime went from {self._uptime[1]} to {value}")
+        self._uptime = now, value
+
+    # -- loss
+
+    def _failed(self, exc: CellError) -> None:
+        self._failures += 1
+        self._failures_in_a_row += 1
+        if self._failures_in_a_row >= self._config.lost_after_failures:
+            self._life.lose(exc)
+
+    def _disconnected(self) -> None:
+        """The request in flight would wait its timeout for a connection that is gone."""
+        failure = error("DEVICE_LOST", self._silence("the other end closed the connection"))
+        if self._life.lose(failure) and self._polling is not None:
+            self._polling.cancel()
+
+    def _note_end(self, task: asyncio.Task[None]) -> None:
+        """A poll that fails for no reason of the link is a defect, and leaves the inputs unwatched."""
+        if not task.cancelled() and (failure := task.exception()) is not None:
+            self._life.lose(error("INTERNAL", f"{task.get_name()}: {failure!r}"))
+
+    def _unreachable(self, exc: NoAnswer) -> CellError:
+        what = f"unit {self._config.unit} gives {exc}"
+        if not self._life.good:
+            what = "the other end closes the connection"
+            if self._config.place.scheme == "tls" and self._config.tls_certificate is None:
+                what += "; it may want a certificate of ours (tls_certificate, tls_key)"
+        return error("DEVICE_UNREACHABLE", f"{self.name} at {self._config.url} connects, but {what}")
+
+    def _silence(self, what: str) -> str:
+        last = self.inputs.last()
+        head = f"{self.name} at {self._config.url}: {what}"
+        if last is None:
+            return f"{head}; nothing was heard on this connection"
+        levels = ", ".join(
+            f"{name} {'on' if level else 'off'}"
+            for name, level in zip(self.names, last.value.levels, strict=True)
+        )
+        return f"{head}; last heard {self._clock.now() - last.t:.3f} s ago: {levels}"
+
+    def _counters_report(self) -> str:
+        if not self._plan.width:
+            return "none"
+        return f"not counting: {', '.join(sorted(self._standing))}" if self._standing else "ok"

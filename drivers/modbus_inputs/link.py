@@ -1,0 +1,209 @@
+"""One Modbus connection through pymodbus, without its retries and without its reconnecting."""
+
+import ssl
+from collections.abc import Callable
+from typing import Any
+
+from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
+from pymodbus.exceptions import ModbusException
+from pymodbus.framer import FramerType
+from pymodbus.transport import CommParams, CommType
+
+from cell.clock import Clock
+from cell.errors import CellError, error
+from drivers.modbus_inputs.config import InputsConfig
+from drivers.modbus_inputs.models import Table
+from drivers.modbus_inputs.plan import Span
+
+# More than pymodbus would take before it closes the connection; when a link is lost is our decision.
+_NEVER = 1_000_000
+
+_CALLS = {
+    Table.COILS: "read_coils",
+    Table.DISCRETE: "read_discrete_inputs",
+    Table.HOLDING: "read_holding_registers",
+    Table.INPUT: "read_input_registers",
+}
+_REFUSALS = {
+    1: "it does not know this function; check module and the table of the registers",
+    2: "it has no such addresses; check module and the addresses of the inputs",
+    3: "it does not take this length; check module and the addresses of the inputs",
+    4: "it failed inside; look at the module's own page or lamps",
+    5: "it needs longer; raise poll_period_s",
+    6: "it is busy; raise poll_period_s or end other clients",
+    10: "the gateway has no path; check unit",
+    11: "nothing answers behind the gateway; check unit and the line behind it",
+}
+
+
+class NoAnswer(Exception):
+    """No reply, or none that can be used, to one request."""
+
+
+class ModbusLink:
+    """``disconnected`` is called once when the other end closes the connection."""
+
+    def __init__(
+        self, name: str, config: InputsConfig, clock: Clock, disconnected: Callable[[], None]
+    ) -> None:
+        self._name, self._config, self._clock = name, config, clock
+        self._disconnected = disconnected
+        self._client: Any = None
+        self._reason = ""
+
+    async def connect(self) -> None:
+        """Connect once; ``DEVICE_UNREACHABLE`` with the reason, also for certificates that do not fit."""
+        config = self._config
+        try:
+            self._client = client = self._make_client()
+        except (OSError, ssl.SSLError) as exc:
+            raise self._unreachable(f"the TLS files cannot be used: {exc}") from exc
+        except RuntimeError as exc:  # how pymodbus says that pyserial is not installed
+            raise self._unreachable(str(exc)) from exc
+        client.set_max_no_responses(_NEVER)
+        create = client.ctx.call_create
+
+        async def create_or_note() -> Any:
+            """pymodbus keeps the reason to itself."""
+            try:
+                return await create()
+            except Exception as exc:  # termios.error is no OSError, and would pass through pymodbus
+                self._reason = str(exc) or type(exc).__name__
+                raise OSError(self._reason) from exc
+
+        client.ctx.call_create = create_or_note
+        if not await client.connect():
+            reason = self._reason or f"no connection in {config.connect_timeout_s:g} s"
+            await self.close()
+            raise self._unreachable(reason)
+        # The one timeout of pymodbus is for connecting and for replies alike.
+        client.ctx.comm_params.timeout_connect = config.timeout_s
+
+    async def close(self) -> None:
+        """End the connection without waiting for the other end."""
+        client, self._client = self._client, None
+        if client is None:
+            return
+        if client.ctx.transport is not None and self._config.place.scheme != "rtu":
+            client.ctx.transport.abort()  # a close of TLS would wait for the other end
+        client.close()
+
+    async def read(self, span: Span) -> list[int]:
+        """Bits or registers; :class:`NoAnswer`, or ``MODBUS_REFUSED`` when the module says no."""
+        call = getattr(self._client, _CALLS[span.table])
+        reply = await self._ask(lambda: call(span.start, count=span.count, device_id=self._config.unit))
+        if reply.isError():
+            raise self._refused(str(span), reply)
+        values: list[int] = reply.bits if span.table.has_bits else reply.registers
+        if len(values) < span.count:
+            await self._let_late_replies_pass()
+            raise NoAnswer(f"a reply with {len(values)} values to {span}")
+        return values[: span.count]
+
+    async def identification(self, read_code: int, object_id: int) -> tuple[dict[int, bytes], int]:
+        """Objects of function 43/14, and the number of the next object, 0 at the end. Errors as ``read``."""
+        reply = await self._ask(
+            lambda: self._client.read_device_information(
+                read_code=read_code, object_id=object_id, device_id=self._config.unit
+            )
+        )
+        if reply.isError():
+            raise self._refused(f"function 43, object 0x{object_id:02X}", reply)
+        found = {n: v[0] if isinstance(v, list) else v for n, v in reply.information.items()}
+        return found, reply.next_object_id if reply.more_follows else 0
+
+    async def _ask(self, call: Callable[[], Any]) -> Any:
+        if self._client is None:
+            raise NoAnswer("the connection is closed")
+        try:
+            return await call()
+        except ModbusException as exc:
+            await self._let_late_replies_pass()
+            raise NoAnswer(f"no answer in {self._config.timeout_s:g} s") from exc
+
+    async def _let_late_replies_pass(self) -> None:
+        """Replies on a serial line carry no number: a late one must not answer the next request."""
+        if self._config.place.scheme == "rtu":
+            await self._clock.sleep(self._config.timeout_s)
+
+    def _refused(self, what: str, reply: Any) -> CellError:
+        code = reply.exception_code
+        why = _REFUSALS.get(code, "look it up in the module's manual")
+        return error(
+            "MODBUS_REFUSED",
+            f"{self._name} at {self._config.url}, unit {self._config.unit},"
+            f" answered exception {code} to {what}: {why}",
+        )
+
+    def _unreachable(self, reason: str) -> CellError:
+        return error("DEVICE_UNREACHABLE", f"{self._name} at {self._config.url}: {reason}")
+
+    def _make_client(self) -> Any:
+        config, place = self._config, self._config.place
+        common: dict[str, Any] = {
+            "name": self._name,
+            "reconnect_delay": 0,  # the supervisor reconnects
+            "timeout": config.connect_timeout_s,
+            "retries": 0,
+            "trace_connect": self._note_connection,
+        }
+        if place.scheme == "rtu":
+            serial = {"baudrate": place.baudrate, "parity": place.parity, "stopbits": place.stopbits}
+            return AsyncModbusSerialClient(place.host, **serial, **common)
+        if place.scheme == "tls":
+            return _TlsClient(place.host, place.port, _tls_context(config), **common)
+        return AsyncModbusTcpClient(place.host, port=place.port, **common)
+
+    def _note_connection(self, connected: bool) -> None:
+        if not connected and self._client is not None:
+            self._disconnected()
+
+
+class _TlsClient(AsyncModbusTcpClient):  # type: ignore[misc]
+    """Modbus over TLS with the framer of TCP.
+
+    That of pymodbus for TLS takes whatever has arrived for a whole frame, so a reply in two parts is lost.
+    """
+
+    def __init__(self, host: str, port: int, context: ssl.SSLContext, **common: Any) -> None:
+        self.comm_params = CommParams(
+            comm_type=CommType.TLS,
+            comm_name=common["name"],
+            host=host,
+            port=port,
+            sslctx=context,
+            reconnect_delay=common["reconnect_delay"],
+            timeout_connect=common["timeout"],
+        )
+        super().__init__(host, framer=FramerType.SOCKET, port=port, **common)
+
+
+class _NamedContext(ssl.SSLContext):
+    """Expects ``server_name`` in the certificate, whatever address was connected to."""
+
+    server_name: str | None = None
+
+    def wrap_bio(
+        self,
+        incoming: ssl.MemoryBIO,
+        outgoing: ssl.MemoryBIO,
+        server_side: bool = False,
+        server_hostname: str | bytes | None = None,
+        session: ssl.SSLSession | None = None,
+    ) -> ssl.SSLObject:
+        name = self.server_name or server_hostname
+        return super().wrap_bio(incoming, outgoing, server_side, name, session)
+
+
+def _tls_context(config: InputsConfig) -> ssl.SSLContext:
+    """Verifies certificate and name, always: an input that anybody can imitate would steer the arm."""
+    context = _NamedContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    context.server_name = config.tls_server_name
+    if config.tls_ca is not None:
+        context.load_verify_locations(config.tls_ca)
+    else:
+        context.load_default_certs()
+    if config.tls_certificate is not None:
+        context.load_cert_chain(config.tls_certificate, config.tls_key)
+    return context
