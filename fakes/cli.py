@@ -30,6 +30,8 @@ _EXIT_CODES = {
 app = typer.Typer(help="The twin of a cell on real protocols.", add_completion=False, no_args_is_help=True)
 operator_app = typer.Typer(help="What the operator does in the running twin.", no_args_is_help=True)
 app.add_typer(operator_app, name="operator")
+tool_app = typer.Typer(help="What happens to the tool in the running twin.", no_args_is_help=True)
+app.add_typer(tool_app, name="tool")
 out, err = Console(), Console(stderr=True)
 
 Folder = Annotated[
@@ -68,7 +70,7 @@ def fault(
     name: Annotated[str, typer.Argument(help="Fault, or clear; 'list' shows what each device can show.")],
     folder: Folder,
     arguments: Annotated[list[str] | None, typer.Argument(help="key=value, e.g. for_s=2")] = None,
-    device: Annotated[str, typer.Option(help="arm or camera")] = "arm",
+    device: Annotated[str, typer.Option(help="arm, camera or beams")] = "arm",
 ) -> None:
     """Inject a fault into the running twin."""
     if name == "list":
@@ -112,6 +114,26 @@ def place_next(folder: Folder) -> None:
 def remove(folder: Folder) -> None:
     """Take the target out of the cell."""
     ask(folder, {"do": "operator", "remove": True})
+
+
+Metres = Annotated[float, typer.Option(help="Shift of the tool's point in the flange, m.", min=-1, max=1)]
+Radians = Annotated[float, typer.Option(help="Turn about this axis of the flange, rad.", min=-3, max=3)]
+
+
+@tool_app.command()
+def bend(
+    folder: Folder, dx: Metres = 0.0, dy: Metres = 0.0, dz: Metres = 0.0, rx: Radians = 0.0, ry: Radians = 0.0
+) -> None:
+    """Bend the tool: its point and its direction, both counted from the drawing."""
+    pose = ask(folder, {"do": "tool", "bend": [dx, dy, dz, rx, ry, 0.0]})
+    out.print(f"T_flange_tool {json.dumps(pose)}", highlight=False, soft_wrap=True)
+
+
+@tool_app.command()
+def straighten(folder: Folder) -> None:
+    """Make the tool what the drawing says."""
+    pose = ask(folder, {"do": "tool", "straighten": True})
+    out.print(f"T_flange_tool {json.dumps(pose)}", highlight=False, soft_wrap=True)
 
 
 async def _serve(scenario: str, folder: Path, bind: str | None, automatic: bool) -> None:

@@ -122,7 +122,7 @@ class LinkFaults:
 
 @dataclass(eq=False)
 class Link:
-    """The sending side of one connection: ordered, bounded, and able to delay and to split.
+    """The sending side of one connection or serial line: ordered, bounded, and able to delay and to split.
 
     A peer that does not read is cut off when ``limit`` bytes wait for it, besides what is delayed on purpose.
     """
@@ -135,6 +135,8 @@ class Link:
 
     def __post_init__(self) -> None:
         sock = self.transport.get_extra_info("socket")
+        if sock is None:  # a serial line
+            return
         if sock.family != socket.AF_UNIX:
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, self.limit)

@@ -117,13 +117,32 @@ class Chain:
         out[:3] += np.cross(out[3:].T, point).T
         return out
 
+    def levers(self) -> Array:
+        """Upper bounds (6,) of each joint axis' distance from the flange, m, whatever the joints' angles.
+
+        A chain of points, each on its axis and near the one after it: whatever turns, the distance of two
+        neighbours stays.
+        """
+        out = np.empty(JOINTS)
+        point, far = self.M[:3, 3], 0.0
+        for i in reversed(range(JOINTS)):
+            moment, w = self.screws[i, :3], self.screws[i, 3:]
+            on_axis = np.cross(w, moment)
+            nearest = on_axis + w * (w @ (point - on_axis))
+            far += float(np.linalg.norm(point - nearest))
+            out[i], point = far, nearest
+        return out
+
     def inverse(self, T_base_flange: RigidTransform, q_near: ArrayLike, tolerance: float = 1e-10) -> Array:
         """Joint angles (6,) rad that reach the pose, found from ``q_near`` by damped Newton steps.
 
         Stays on the branch of ``q_near``. The damping follows Levenberg and Marquardt, so a start near a
         singularity slows down instead of leaping. Raises :class:`UnreachableError`.
         """
-        goal = T_base_flange.as_matrix()
+        return self.joints_at(T_base_flange.as_matrix(), q_near, tolerance)
+
+    def joints_at(self, goal: Array, q_near: ArrayLike, tolerance: float = 1e-10) -> Array:
+        """The same for a pose given as a 4x4 matrix."""
         q = np.array(q_near, dtype=float)
         gap = _gap(goal, self.matrix(q))
         damping = 1e-6

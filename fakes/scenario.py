@@ -10,12 +10,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from cell.errors import error
 from fakes._toml import to_toml
+from fakes.beam_truth import BeamTruth, CapsuleTruth, Channel, IoTruth, Three
 from fakes.kinematics import MODELS, LinkDeltas
 
 SCHEMA = "cellward.scenario/1"
 
 Six = Annotated[list[float], Field(min_length=6, max_length=6)]
-Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
 class _Strict(BaseModel):
@@ -57,13 +57,19 @@ class ArmTruth(_Strict):
         return self
 
 
+def _pin() -> list[CapsuleTruth]:
+    """60 mm long, 3 mm in radius, with the tool's point as its lowest one."""
+    return [CapsuleTruth.model_validate({"from": [0, 0, -0.003], "to": [0, 0, -0.057], "radius_m": 0.003})]
+
+
 class ToolTruth(_Strict):
-    """What is mounted on the flange."""
+    """What is mounted on the flange, as the drawing has it, and the shape of its end in the tool frame."""
 
     name: str = "gripper"
     T_flange_tool: Six = [0.0, 0.0, 0.18, 0.0, 0.0, 0.0]
     radius_m: float = Field(default=0.03, gt=0, le=0.5)
     payload_kg: float = Field(default=1.2, ge=0, le=50)
+    shape: list[CapsuleTruth] = Field(default_factory=_pin, min_length=1)
 
 
 class CameraTruth(_Strict):
@@ -115,19 +121,25 @@ class WorldTruth(_Strict):
     seed: int = Field(default=1, ge=0)
     arm: ArmTruth
     tool: ToolTruth = ToolTruth()
-    camera: CameraTruth
-    target: dict[str, Any]
-    placement: list[Placement] = Field(min_length=1)
+    camera: CameraTruth | None = None
+    target: dict[str, Any] | None = None
+    placement: list[Placement] = []
+    beams: dict[str, BeamTruth] = Field(default={}, description="usual names are xs, along x, and ys")
+    io: IoTruth | None = None
+    arm_inputs: dict[str, Annotated[Channel, Field(le=17)]] = Field(
+        default={}, description="the arm's own digital input of each beam"
+    )
     obstacle: list[Obstacle] = []
 
     @property
     def eye_in_hand(self) -> bool:
-        return self.camera.T_flange_camera is not None
+        return self.camera is not None and self.camera.T_flange_camera is not None
 
     @property
     def camera_mount(self) -> list[float]:
         """The camera's true pose in what carries it: the flange, or the base."""
-        return self.camera.T_flange_camera or self.camera.T_base_camera or []
+        camera = self.camera
+        return [] if camera is None else camera.T_flange_camera or camera.T_base_camera or []
 
     @property
     def target_mounts(self) -> list[list[float]]:
@@ -135,7 +147,23 @@ class WorldTruth(_Strict):
         return [p.T_base_target or p.T_flange_target or [] for p in self.placement]
 
     @model_validator(mode="after")
+    def _camera_and_target_come_together(self) -> Self:
+        given = [self.camera is not None, self.target is not None, bool(self.placement)]
+        if any(given) and not all(given):
+            raise ValueError("camera, target and placement belong together: give all of them, or none")
+        return self
+
+    @model_validator(mode="after")
+    def _only_beams_are_wired(self) -> Self:
+        wired = set(self.arm_inputs) | set(self.io.inputs if self.io is not None else ())
+        if strange := sorted(wired - set(self.beams)):
+            raise ValueError(f"{', '.join(strange)} is wired to an input, but is not among the beams")
+        return self
+
+    @model_validator(mode="after")
     def _placements_fit_the_setup(self) -> Self:
+        if self.camera is None:
+            return self
         wanted, other = ("T_base_target", "T_flange_target")[:: 1 if self.eye_in_hand else -1]
         for i, placement in enumerate(self.placement):
             if getattr(placement, wanted) is None or getattr(placement, other) is not None:
@@ -148,12 +176,16 @@ class FakeAddresses(_Strict):
 
     bind: str = Field(default="127.0.0.2", pattern=r"^127\.\d+\.\d+\.\d+$")
     frames_socket: str = "frames.sock"
+    io_port: int = Field(default=5502, ge=1024, le=65535, description="the input module's Modbus TCP port")
+    io_rtu: bool = Field(default=False, description="the input module also on a serial line, io.tty")
+    io_delay_s: float = Field(default=0.001, ge=0, le=1, description="the module's shortest reply time")
+    io_jitter_s: float = Field(default=0.001, ge=0, le=1, description="and what chance adds to it at most")
 
 
 class FaultEntry(_Strict):
     """``[[fault]]``: ``kind`` happens to ``device`` ``when_s`` seconds after the twin's start."""
 
-    device: Literal["arm", "camera"]
+    device: Literal["arm", "camera", "beams"]
     kind: str
     when_s: float = Field(ge=0)
     args: dict[str, Any] = {}
@@ -212,30 +244,37 @@ class Scenario(_Strict):
     def cell_toml(
         self,
         arm: dict[str, Any],
-        camera: dict[str, Any],
+        camera: dict[str, Any] | None,
         state_dir: str,
         control_socket: str,
         modbus: dict[str, Any] | None = None,
         overrides: dict[str, Any] | None = None,
         clock: str | None = None,
+        beams: dict[str, Any] | None = None,
     ) -> str:
         """A ready cell.toml for this twin (FORMATS.md section 2).
 
-        ``arm`` and ``camera`` are the device tables, driver and address included; ``modbus`` its section;
+        ``arm``, ``camera`` and ``beams`` are the device tables, driver and address included; those of a
+        camera or an input module that the scenario lacks are left out. ``modbus`` is its section;
         ``overrides`` are further top-level tables that replace generated ones of the same name; ``clock``
         names the virtual clock of the object face.
         """
-        world, role = self.world, "flange_camera" if self.world.eye_in_hand else "fixed_camera"
-        nominal = "T_flange_camera_nominal" if self.world.eye_in_hand else "T_base_camera_nominal"
-        tool = world.tool.model_dump(include={"name", "T_flange_tool", "radius_m"})
-        robot = {
-            "arm": "arm",
-            role: "camera",
-            nominal: world.camera.nominal,
+        world = self.world
+        robot: dict[str, Any] = {"arm": "arm"}
+        devices = {"arm": {**arm, "expect_serial": world.arm.serial}}
+        if world.camera is not None and camera is not None:
+            mount = "flange" if world.eye_in_hand else "base"
+            robot["flange_camera" if world.eye_in_hand else "fixed_camera"] = "camera"
+            robot[f"T_{mount}_camera_nominal"] = world.camera.nominal
+            devices["camera"] = {**camera, "expect_serial": world.camera.serial}
+        if world.io is not None and beams is not None:
+            robot["beams"] = "beams"
+            devices["beams"] = {**beams, "expect_serial": world.io.serial}
+        robot |= {
             "T_flange_target_nominal": self.cell.T_flange_target_nominal,
             "model": world.arm.model,
             "payload_kg": world.tool.payload_kg,
-            "tool": tool,
+            "tool": world.tool.model_dump(include={"name", "T_flange_tool", "radius_m"}),
         }
         tables: dict[str, Any] = {
             "schema": 1,
@@ -249,12 +288,10 @@ class Scenario(_Strict):
             "robot": robot,
             "limits": self.cell.limits,
             "poses": self.cell.poses or {"home": world.arm.q_start},
-            "device": {
-                "arm": {**arm, "expect_serial": world.arm.serial},
-                "camera": {**camera, "expect_serial": world.camera.serial},
-            },
-            "target": {"board": world.target},
+            "device": devices,
         }
+        if world.target is not None:
+            tables["target"] = {"board": world.target}
         if modbus is not None:
             tables["modbus"] = modbus
         if self.cell.job:
@@ -276,5 +313,5 @@ def _findings(exc: ValidationError) -> list[str]:
 
 
 def _known_keys() -> set[str]:
-    models = [*_Strict.__subclasses__()]
+    models: list[type[BaseModel]] = [*_Strict.__subclasses__(), BeamTruth, CapsuleTruth, IoTruth]
     return {info.alias or name for model in models for name, info in model.model_fields.items()}

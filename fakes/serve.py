@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,12 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from cell.errors import error
+from cell.poses import to_pose6
 from fakes.auto_operator import AutomaticOperator
 from fakes.control import SOCKET_NAME, make_private, serve_control
 from fakes.faults import Switchboard, parse_fault
-from fakes.frames.faults import CameraFaults
-from fakes.mirror import FrameProcess
 from fakes.scenario import Scenario
+from fakes.twin_camera import TwinCamera
+from fakes.twin_inputs import TwinInputs
 from fakes.ur import dashboard, primary, rtde
 from fakes.ur.build import controller_for
 from fakes.ur.controller import SCRIPT_PORT
@@ -22,8 +24,6 @@ from fakes.ur.injection import ControllerFaults
 from fakes.ur.state import controller_state
 from fakes.world import World
 
-START_TIMEOUT_S = 20.0
-CAMERA_RESTART_S = 2.0
 MODBUS_PORT = 5020
 UNIX_PATH_LIMIT = 107
 
@@ -51,15 +51,23 @@ class Twin:
         self.world = World.from_scenario(self.scenario, time.monotonic())
         self.controller = controller_for(self.world, self.bind)
         self._arm_faults = ControllerFaults(self.controller)
-        self._scenario_name = options.scenario
-        self._camera = self._new_camera()
         self.switchboard = Switchboard()
         self.switchboard.devices["arm"] = self._arm_faults
-        self.switchboard.devices["camera"] = CameraFaults(lambda message: self._camera.send(message))
+        self._camera: TwinCamera | None = None
+        self._inputs: TwinInputs | None = None
+        if self.scenario.world.camera is not None:
+            self._camera = TwinCamera(self.frames_socket, options.scenario, self.world)
+            self.switchboard.devices["camera"] = self._camera.faults
+        if self.world.inputs is not None:
+            self._inputs = TwinInputs(self.world.inputs, self.scenario.fakes, self.bind, self.folder)
+            self.switchboard.devices["beams"] = self._inputs.faults
         if options.automatic_operator or self.scenario.operator == "auto":
             self._operator = AutomaticOperator(self.controller.robot, self.world.operator)
         for fault in self.scenario.fault:
-            parse_fault(fault.kind, self.switchboard.devices[fault.device].offers(), fault.device)
+            device = self.switchboard.devices.get(fault.device)
+            if device is None:
+                raise error("CONFIG_INVALID", f"[[fault]] names {fault.device}, which the scenario has not")
+            parse_fault(fault.kind, device.offers(), fault.device)
         self._control: asyncio.Server | None = None
         self._timers: list[asyncio.TimerHandle] = []
 
@@ -84,9 +92,10 @@ class Twin:
         for timer in self._timers:
             timer.cancel()
         self._arm_faults.close()
-        if self._camera.alive:
-            asyncio.get_running_loop().remove_reader(self._camera.sentinel)
-        await asyncio.to_thread(self._camera.stop)
+        if self._inputs is not None:
+            await self._inputs.stop()
+        if self._camera is not None:
+            await self._camera.stop()
         await self.controller.stop()
         if self._control is not None:
             self._control.close()
@@ -105,16 +114,22 @@ class Twin:
             "script": SCRIPT_PORT,
             "primary": primary.PORT,
         }
-        return {
-            **{f"arm {name}": f"{self.bind}:{port}" for name, port in ports.items()},
-            "camera frames": f"frames+unix://{self.frames_socket}",
-        }
+        found = {f"arm {name}": f"{self.bind}:{port}" for name, port in ports.items()}
+        if self._camera is not None:
+            found["camera frames"] = self._frames_url
+        if self._inputs is not None:
+            found |= self._inputs.addresses()
+        return found
+
+    @property
+    def _frames_url(self) -> str:
+        return f"frames+unix://{self.frames_socket}"
 
     def truth(self) -> dict[str, Any]:
         """The world's truth and the arm's state now."""
         now = self.controller.now()
         return {
-            **self.world.truth(),
+            **self.world.truth(now),
             "placement": self.world.operator.placement_at(now),
             "arm": controller_state(self.controller),
         }
@@ -122,32 +137,12 @@ class Twin:
     async def _start_devices(self) -> None:
         try:
             await self.controller.start()
+            if self._inputs is not None:
+                await self._inputs.start()
         except OSError as exc:
             raise error("DEVICE_UNREACHABLE", f"the twin cannot listen on {self.bind}: {exc}") from exc
-        self._watch_camera()
-        async with asyncio.timeout(START_TIMEOUT_S):
-            while not self.frames_socket.exists():
-                if not self._camera.alive:
-                    raise error("CHILD_DIED", "the frame server ended while it started")
-                await asyncio.sleep(0.02)
-
-    # -- the camera's process
-
-    def _new_camera(self) -> FrameProcess:
-        return FrameProcess(str(self.frames_socket), self._scenario_name, self.world)
-
-    def _watch_camera(self) -> None:
-        self.frames_socket.unlink(missing_ok=True)
-        self._camera.start()
-        asyncio.get_running_loop().add_reader(self._camera.sentinel, self._camera_ended)
-
-    def _camera_ended(self) -> None:
-        """Somebody puts a dead camera right, after a while."""
-        loop = asyncio.get_running_loop()
-        loop.remove_reader(self._camera.sentinel)
-        self._camera.stop()
-        self._camera = self._new_camera()
-        self._timers.append(loop.call_later(CAMERA_RESTART_S, self._watch_camera))
+        if self._camera is not None:
+            await self._camera.start()
 
     # -- requests of the control socket
 
@@ -160,6 +155,8 @@ class Twin:
                 return {name: sorted(d.offers()) for name, d in self.switchboard.devices.items()}
             case {"do": "truth"}:
                 return self.truth()
+            case {"do": "operator"} if self._camera is None:
+                raise error("ARGUMENT_INVALID", "this twin's scenario has no target that could be moved")
             case {"do": "operator", "place": int(number)}:
                 # People count placements from one.
                 self.world.operator.confirm(number - 1, self.controller.now())
@@ -169,6 +166,12 @@ class Twin:
             case {"do": "operator", "remove": True}:
                 self.world.operator.remove(self.controller.now())
                 return None
+            case {"do": "tool", "bend": [*values]} if len(values) == 6 and all(map(_is_finite, values)):
+                self.world.tool.bend(self.controller.now(), values[:3], values[3:])
+                return to_pose6(self.world.T_flange_tool_at(self.controller.now())).tolist()
+            case {"do": "tool", "straighten": True}:
+                self.world.tool.straighten(self.controller.now())
+                return to_pose6(self.world.T_flange_tool_at(self.controller.now())).tolist()
             case _:
                 raise error("ARGUMENT_INVALID", f"a twin does not know the request {str(request)[:100]}")
 
@@ -180,7 +183,8 @@ class Twin:
     def _config_text(self) -> str:
         return self.scenario.cell_toml(
             arm={"driver": "ur", "host": self.bind},
-            camera={"driver": "oak", "source": f"frames+unix://{self.frames_socket}"},
+            camera={"driver": "oak", "source": self._frames_url} if self._camera is not None else None,
+            beams=self._inputs.device() if self._inputs is not None else None,
             state_dir=str(self.folder / "state"),
             control_socket=str(self.folder / "cellward.sock"),
             modbus={
@@ -190,6 +194,10 @@ class Twin:
                 "allow_accept": True,
             },
         )
+
+
+def _is_finite(value: Any) -> bool:
+    return isinstance(value, int | float) and math.isfinite(value)
 
 
 async def serve(options: TwinOptions, stop: asyncio.Event, ready: Callable[[Twin], None]) -> None:

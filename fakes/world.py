@@ -5,19 +5,24 @@ one: other links where the scenario has errors, and a small deviation that is ne
 """
 
 from bisect import bisect_right
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from cell.devices import Intrinsics
+from cell.errors import error
 from cell.poses import Array, exp_xi, from_pose6, to_pose6
+from fakes.beams import Beams
+from fakes.input_module import InputModule
 from fakes.kinematics import chain
-from fakes.scenario import Obstacle, Scenario, WorldTruth
-from fakes.segments import Segment
+from fakes.repeatability import Repeatability
+from fakes.scenario import CameraTruth, Obstacle, Scenario, WorldTruth
+from fakes.tool_motion import ToolMotion
+from fakes.tool_shape import ToolShape
 from fakes.track import Track
 
 Message = tuple[Any, ...]  # what keeps a mirror in step; picklable
@@ -86,42 +91,8 @@ class Operator:
             listener(t, placement)
 
 
-class _Repeatability:
-    """How far the true flange is off the reported one: a draw at each standstill, blended while moving."""
-
-    def __init__(self, seed: int, sigma_t: float, sigma_r: float) -> None:
-        self._seed, self._sigma = seed, np.array([sigma_t] * 3 + [sigma_r] * 3)
-        self._moves: deque[tuple[float, float]] = deque([(-np.inf, -np.inf)], maxlen=256)
-
-    def add(self, segment: Segment) -> None:
-        while len(self._moves) > 1 and self._moves[-1][0] >= segment.t0:
-            self._moves.pop()
-        if segment.settles:
-            self._moves.append((segment.t0, segment.t_end))
-
-    def moves(self) -> list[tuple[float, float]]:
-        return list(self._moves)
-
-    def load(self, moves: list[tuple[float, float]]) -> None:
-        self._moves = deque(moves, maxlen=self._moves.maxlen)
-
-    def at(self, t: float) -> Array:
-        """Deviation (6,), translation first, m and rad, in the flange."""
-        i = max(bisect_right([m[0] for m in self._moves], t) - 1, 0)
-        start, end = self._moves[i]
-        now = self._draw(start)
-        if i == 0 or t >= end:
-            return now
-        part = (t - start) / (end - start)
-        return part * now + (1.0 - part) * self._draw(self._moves[i - 1][0])
-
-    def _draw(self, start: float) -> Array:
-        key = 0 if start == -np.inf else round(start * 1e6) + 1
-        return self._sigma * np.random.default_rng([self._seed, key]).standard_normal(6)
-
-
 class World:
-    """Arm, camera, target and obstacles as they truly are."""
+    """Arm, tool, beams, camera, target and obstacles as they truly are."""
 
     def __init__(self, truth: WorldTruth, t0: float) -> None:
         self.config, self.t0 = truth, t0
@@ -129,19 +100,26 @@ class World:
         self.believed = chain(truth.arm.model, factory)
         self.true = chain(truth.arm.model, factory + truth.arm.error.deltas())
         self.track = Track(t0, truth.arm.q_start)
-        self.T_flange_tool = from_pose6(truth.tool.T_flange_tool)
-        self.target = truth.target
-        camera = truth.camera
+        self.T_flange_tool = from_pose6(truth.tool.T_flange_tool)  # as drawn
+        self.tool = ToolShape(t0, truth.tool)
+        self.target = truth.target or {}
         self.eye_in_hand = truth.eye_in_hand
-        self.T_mount_camera = from_pose6(truth.camera_mount)
-        fx, fy, cx, cy = camera.K
-        self.intrinsics = Intrinsics(camera.width, camera.height, (fx, fy, cx, cy), tuple(camera.dist))
+        if truth.camera is not None:
+            fx, fy, cx, cy = truth.camera.K
+            size = truth.camera.width, truth.camera.height
+            self.intrinsics = Intrinsics(*size, (fx, fy, cx, cy), tuple(truth.camera.dist))
+            self.T_mount_camera = from_pose6(truth.camera_mount)
         self.T_mount_target = [from_pose6(pose) for pose in truth.target_mounts]
         self.operator = Operator(t0, len(self.T_mount_target))
-        self._repeatability = _Repeatability(
+        self._repeatability = Repeatability(
             truth.seed, truth.arm.repeatability_t_m, truth.arm.repeatability_r_rad
         )
         self.track.listeners.append(self._repeatability.add)
+        self.beams = Beams(truth.beams, self._tool_motion(), self.tool.radii, t0)
+        if truth.beams:
+            self.track.listeners.append(self.beams.on_segment)
+            self.tool.listeners.append(lambda bend: self.beams.on_change(bend[0]))
+        self.inputs = None if truth.io is None else InputModule(truth.io, self.beams, t0)
 
     @classmethod
     def from_scenario(cls, scenario: Scenario, t0: float = 0.0) -> "World":
@@ -151,9 +129,12 @@ class World:
     def mirror_to(self, send: Callable[[Message], None]) -> None:
         """Hand ``send`` the state and then every change; by :meth:`apply` another world follows."""
         segments = self.track.snapshot()
-        send(("state", segments, self._repeatability.moves(), self.operator.history()))
+        blends, bends = self._repeatability.history(), self.tool.history()
+        beams = self.beams.snapshot(segments[0].t0)
+        send(("state", segments, blends, self.operator.history(), bends, beams))
         self.track.listeners.append(lambda segment: send(("segment", segment)))
         self.operator.listeners.append(lambda t, placement: send(("placement", t, placement)))
+        self.tool.listeners.append(lambda bend: send(("bend", bend)))
 
     def apply(self, message: Message) -> None:
         """Follow one message of another world's :meth:`mirror_to`."""
@@ -162,10 +143,14 @@ class World:
                 self.track.append(segment)
             case ("placement", t, placement):
                 self.operator.follow(t, placement)
-            case ("state", segments, moves, history):
+            case ("bend", bend):
+                self.tool.follow(bend)
+            case ("state", segments, blends, history, bends, beams):
                 self.track.load(segments)
-                self._repeatability.load(moves)
+                self._repeatability.load(blends)
                 self.operator.load(history)
+                self.tool.load(bends)
+                self.beams.load(beams, self._tool_motion())
             case _:
                 raise ValueError(f"a world does not know the message {message[0]!r}")
 
@@ -176,6 +161,25 @@ class World:
     def true_flange(self, t: float) -> RigidTransform:
         """``T_base_flange`` as it truly is."""
         return self.true.forward(self.track.at(t)[0]) * exp_xi(self._repeatability.at(t))
+
+    def T_flange_tool_at(self, t: float) -> RigidTransform:
+        """``T_flange_tool`` as it truly is, bent or not."""
+        return self.tool.T_flange_tool_at(t)
+
+    def arm_digital_in(self, t: float) -> int:
+        """The arm's own digital inputs as a word; a bit is set while its beam is broken."""
+        wired = self.config.arm_inputs.items()
+        return sum(self.beams.level(name, t) << bit for name, bit in wired)
+
+    @property
+    def camera(self) -> CameraTruth:
+        """The camera; ``CONFIG_INVALID`` when the scenario has none."""
+        if self.config.camera is None:
+            raise error("CONFIG_INVALID", "the scenario has no [world.camera]")
+        return self.config.camera
+
+    def _tool_motion(self) -> ToolMotion:
+        return ToolMotion(self.true, self._repeatability, self.tool, self.track.snapshot())
 
     def scene(self, t: float) -> Scene:
         """The true poses at ``t``."""
@@ -190,27 +194,26 @@ class World:
         return Scene(t, placement, flange, camera, target, seen)
 
     def contact_force(self, t: float, T_flange_tcp: RigidTransform) -> Array:
-        """Force (N) and moment (Nm) of obstacles on the tool's tip, (6,), in the base."""
+        """Force (N) of obstacles on the true tool's tip and its moment (Nm) about the TCP, (6,), in the
+        base."""
         force = np.zeros(6)
         if self.config.obstacle:
-            tip = (self.true_flange(t) * T_flange_tcp).translation
+            flange = self.true_flange(t)
+            tip = (flange * self.T_flange_tool_at(t)).translation
             for obstacle in self.config.obstacle:
                 force[:3] += _push(obstacle, tip)
+            force[3:] = np.cross(tip - (flange * T_flange_tcp).translation, force[:3])
         return force
 
-    def truth(self) -> dict[str, Any]:
-        """Everything a result may be judged against, as plain JSON values."""
-        camera, target = (
-            ("T_flange_camera", "T_base_target") if self.eye_in_hand else ("T_base_camera", "T_flange_target")
-        )
+    def truth(self, t: float = inf) -> dict[str, Any]:
+        """Everything a result may be judged against at ``t``, as plain JSON values."""
         return {
             "schema": "cellward.truth/1",
-            "setup": "eye-in-hand" if self.eye_in_hand else "eye-to-hand",
-            camera: to_pose6(self.T_mount_camera).tolist(),
-            target: [to_pose6(T).tolist() for T in self.T_mount_target],
-            "T_flange_tool": to_pose6(self.T_flange_tool).tolist(),
-            "camera": self.config.camera.model_dump(include={"serial", "width", "height", "K", "dist"}),
-            "target": self.target,
+            **self._camera_truth(),
+            "T_flange_tool": to_pose6(self.T_flange_tool_at(t)).tolist(),
+            "T_flange_tool_nominal": to_pose6(self.T_flange_tool).tolist(),
+            "tool_shape": [c.model_dump(by_alias=True) for c in self.config.tool.shape],
+            "beams": {name: beam.model_dump() for name, beam in self.config.beams.items()},
             "robot": {
                 "model": self.config.arm.model,
                 "serial": self.config.arm.serial,
@@ -218,10 +221,24 @@ class World:
                 "error": self.config.arm.error.model_dump(),
             },
             "noise": {
-                "sigma_px": self.config.camera.noise_px,
+                **({"sigma_px": self.config.camera.noise_px} if self.config.camera is not None else {}),
                 "sigma_flange_t": self.config.arm.repeatability_t_m,
                 "sigma_flange_r": self.config.arm.repeatability_r_rad,
             },
+        }
+
+    def _camera_truth(self) -> dict[str, Any]:
+        if self.config.camera is None:
+            return {}
+        camera, target = (
+            ("T_flange_camera", "T_base_target") if self.eye_in_hand else ("T_base_camera", "T_flange_target")
+        )
+        return {
+            "setup": "eye-in-hand" if self.eye_in_hand else "eye-to-hand",
+            camera: to_pose6(self.T_mount_camera).tolist(),
+            target: [to_pose6(T).tolist() for T in self.T_mount_target],
+            "camera": self.config.camera.model_dump(include={"serial", "width", "height", "K", "dist"}),
+            "target": self.target,
         }
 
 

@@ -60,7 +60,7 @@ class FrameServer:
     def __init__(self, world: World, socket_path: str) -> None:
         self.world, self.faults = world, FrameFaults()
         self.exposures = 0
-        camera = world.config.camera
+        camera = world.camera
         self._camera = camera
         self._renderer = Renderer(
             Optics(world.intrinsics, grey=camera.grey, seed=world.config.seed), make_plate(world.target)

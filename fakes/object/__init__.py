@@ -1,12 +1,13 @@
 """The object face of the twin: drivers and a clock on virtual time, named in a config.
 
-``fakes.object:ObjectArm`` and ``fakes.object:ObjectCamera`` are drivers, ``fakes.object:VirtualClock`` is
-their clock, and ``run_virtual`` runs a coroutine on the loop that all of them live on.
+``fakes.object:ObjectArm``, ``ObjectCamera`` and ``ObjectInputs`` are drivers, ``VirtualClock`` is their
+clock, and ``run_virtual`` runs a coroutine on the loop that all of them live on.
 """
 
 from fakes.object.arm import ObjectArm
 from fakes.object.camera import ObjectCamera
 from fakes.object.clock import VirtualClock
+from fakes.object.inputs import ObjectInputs
 from fakes.object.loop import DeadlockError, VirtualTimeLoop, run_virtual
 from fakes.object.registry import ObjectCell, cell_of, world_of
 
@@ -15,6 +16,7 @@ __all__ = [
     "ObjectArm",
     "ObjectCamera",
     "ObjectCell",
+    "ObjectInputs",
     "VirtualClock",
     "VirtualTimeLoop",
     "cell_of",

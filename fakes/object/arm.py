@@ -5,6 +5,7 @@ from weakref import ref
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from cell.clock import Clock
 from cell.devices import ArmState, Identity, ToolSettings
@@ -50,6 +51,7 @@ class ObjectArm(ObjectDevice):
         self.stream = self.state
         self._port: ref[ObjectMotionPort] | None = None
         self.motion_begun = False
+        self._tcp = RigidTransform.identity(), np.eye(4), np.zeros(6)  # of the newest sample
         self._resting: tuple[Segment, tuple[object, ...], ArmState] | None = None
 
     async def open(self) -> None:
@@ -136,7 +138,7 @@ class ObjectArm(ObjectDevice):
         segment = track.segment_at(t)
         modes = (c.robot_mode, c.safety_mode, c.program, id(c.T_flange_tcp))
         if self._resting is not None and self._resting[:2] == (segment, modes):
-            return replace(self._resting[2], stamp=c.stamp(t))
+            return replace(self._resting[2], stamp=c.stamp(t), digital_in=self.world.arm_digital_in(t))
         state = self._measure(t)
         if t >= segment.t_end:
             self._resting = (segment, modes, state)
@@ -145,8 +147,11 @@ class ObjectArm(ObjectDevice):
     def _measure(self, t: float) -> ArmState:
         c = self.controller
         q, qd = self.world.track.at(t)
-        tcp_offset6 = to_pose6(c.T_flange_tcp)
-        tcp_pose6 = to_pose6(self.world.believed.forward(q) * c.T_flange_tcp)
+        if self._tcp[0] is not c.T_flange_tcp:
+            self._tcp = c.T_flange_tcp, c.T_flange_tcp.as_matrix(), to_pose6(c.T_flange_tcp)
+        _, T_flange_tcp, tcp_offset6 = self._tcp
+        T = self.world.believed.matrix(q) @ T_flange_tcp
+        tcp_pose6 = np.concatenate([T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_rotvec()])
         tcp_speed = np.zeros(6)
         if np.any(qd):
             tcp_speed = self.world.believed.jacobian(q, tcp_offset6[:3]) @ qd
@@ -163,7 +168,7 @@ class ObjectArm(ObjectDevice):
             robot_mode=c.robot_mode,
             safety_mode=int(c.safety_mode),
             program_running=c.program is not Program.NONE,
-            digital_in=0,
+            digital_in=self.world.arm_digital_in(t),
             digital_out=0,
             stamp=c.stamp(t),
         )

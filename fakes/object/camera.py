@@ -35,7 +35,7 @@ class ObjectCamera(ObjectDevice):
         super().__init__(name, clock, self.head, config.lost_after_s)
         self.config = config
         self.world = self._cell.world
-        truth = self.world.config.camera
+        truth = self.world.camera
         self.frames: LazyStream[Frame] = LazyStream(
             f"{name}.frames",
             clock,
@@ -86,7 +86,7 @@ class ObjectCamera(ObjectDevice):
         return Frame(
             seq=tick,
             t_exposure=t,
-            exposure_s=self.world.config.camera.exposure_s,
+            exposure_s=self.world.camera.exposure_s,
             intrinsics=self.world.intrinsics,
             board=self.head.view(t, round(t / self.frames.period_s), self._target),
             serial=self.head.serial,

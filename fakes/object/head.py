@@ -19,7 +19,7 @@ class CameraHead(Plant):
     """Projects the true target into the image; pixel noise is a function of the seed and the tick."""
 
     def __init__(self, world: World, clock: Clock) -> None:
-        super().__init__("camera", clock, world.config.camera.serial)
+        super().__init__("camera", clock, world.camera.serial)
         self.world = world
         self._points = target_points(world.target)
         self._frozen_at: float | None = None
@@ -44,7 +44,7 @@ class CameraHead(Plant):
         points = np.ascontiguousarray(T.apply(self._points))
         if not self._is_seen(points, T.rotation.as_matrix()[:, 2] * faces_away(target)):
             return None
-        camera = self.world.config.camera
+        camera = self.world.camera
         uv = self._project(points)
         rng = np.random.default_rng([self.world.config.seed, tick + 1, 0xCA])
         uv = uv + camera.noise_px * rng.standard_normal(uv.shape)

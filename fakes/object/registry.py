@@ -4,21 +4,48 @@ import asyncio
 from weakref import WeakKeyDictionary
 
 from cell.clock import Clock
+from cell.errors import error
+from fakes.object._plant import Plant
 from fakes.object.controller import Controller
 from fakes.object.head import CameraHead
+from fakes.object.input_plant import InputPlant
 from fakes.scenario import FaultEntry, Scenario
 from fakes.world import World
 
 
 class ObjectCell:
-    """The physical side: world, robot controller, camera, and the scenario's faults."""
+    """The physical side: world, robot controller, what else the scenario has, and its faults."""
 
     def __init__(self, scenario: Scenario, clock: Clock) -> None:
         self.scenario = scenario
         self.world = World.from_scenario(scenario, clock.now())
         self.controller = Controller(self.world, clock)
-        self.camera = CameraHead(self.world, clock)
+        self.plants: dict[str, Plant] = {"arm": self.controller}
+        if scenario.world.camera is not None:
+            self.plants["camera"] = CameraHead(self.world, clock)
+        if self.world.inputs is not None:
+            self.plants["beams"] = InputPlant(self.world.inputs, clock)
         self._clock, self._started = clock, False
+
+    @property
+    def camera(self) -> CameraHead:
+        """The camera; ``CONFIG_INVALID`` when the scenario has none."""
+        plant = self.plant("camera")
+        assert isinstance(plant, CameraHead)
+        return plant
+
+    @property
+    def inputs(self) -> InputPlant:
+        """The input module; ``CONFIG_INVALID`` when the scenario has none."""
+        plant = self.plant("beams")
+        assert isinstance(plant, InputPlant)
+        return plant
+
+    def plant(self, device: str) -> Plant:
+        """The physical device; ``CONFIG_INVALID`` when the scenario has none."""
+        if device not in self.plants:
+            raise error("CONFIG_INVALID", f"the scenario has no {device}")
+        return self.plants[device]
 
     def start(self) -> None:
         """The first device was opened: the scenario's faults are scheduled from here."""
@@ -30,8 +57,7 @@ class ObjectCell:
 
     def inject(self, fault: FaultEntry) -> None:
         """Make ``fault`` happen now."""
-        plant = self.controller if fault.device == "arm" else self.camera
-        plant.inject(fault.kind, fault.args)
+        self.plant(fault.device).inject(fault.kind, fault.args)
 
 
 # A clock belongs to one run, so worlds of different runs never mix and go with their clock.

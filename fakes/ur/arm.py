@@ -130,7 +130,8 @@ class Arm:
         try:
             while not path.complete:
                 for _ in range(SAMPLES_PER_CYCLE):
-                    path.sample()
+                    if not path.complete:
+                        path.sample()
                 yield
         except UnreachableError as exc:
             raise ScriptError(f"movel: {exc}") from None

@@ -23,7 +23,9 @@ def controller_for(world: World, bind: str) -> Controller:
     """The controller of the arm in ``world``."""
     arm = world.config.arm
     identity = Identity(arm.model, arm.serial, parse_version(arm.version), arm.factory.deltas())
-    return Controller(bind, identity, world.track, world.believed, world.contact_force)
+    return Controller(
+        bind, identity, world.track, world.believed, world.contact_force, digital_in=world.arm_digital_in
+    )
 
 
 def build_controller(bind: str, scenario: Scenario | None, settings: Mapping[str, Any]) -> Controller:

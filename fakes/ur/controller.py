@@ -14,7 +14,7 @@ from fakes.ur import dashboard, primary, rtde
 from fakes.ur.dashboard import Dashboard, DashboardConnection
 from fakes.ur.faults import StreamFaults
 from fakes.ur.primary import PrimaryServer, TextConnection
-from fakes.ur.robot import ContactForce, Identity, Robot, no_contact
+from fakes.ur.robot import ContactForce, DigitalIn, Identity, Robot, no_contact, nothing_wired
 from fakes.ur.rtde import RtdeConnection, RtdeServer
 from fakes.ur.scripting import ScriptPort
 from fakes.ur.ticker import Ticker
@@ -38,11 +38,12 @@ class Controller:
     believed: Chain | None = None
     contact: ContactForce = no_contact
     now: Callable[[], float] = time.monotonic
+    digital_in: DigitalIn = nothing_wired
 
     def __post_init__(self) -> None:
         believed = self.believed or chain(self.identity.model, self.identity.deltas)
         self.faults = StreamFaults()
-        self.robot = Robot(self.identity, self.track, believed, self.now, self.contact)
+        self.robot = Robot(self.identity, self.track, believed, self.now, self.contact, self.digital_in)
         self.rtde = RtdeServer(self.robot, self.faults)
         self.dashboard = Dashboard(self.robot)
         self.scripts = ScriptPort(self.robot)

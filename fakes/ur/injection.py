@@ -3,11 +3,11 @@
 import asyncio
 import os
 import signal
-from collections.abc import Callable, Coroutine, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Coroutine
 from typing import Any
 
 from cell.errors import error
+from fakes.actions import Action, Actions, Arguments, amount, switch
 from fakes.faults import Fault, number
 from fakes.ur.controller import Controller
 from fakes.ur.dashboard import foreign_steps
@@ -15,17 +15,7 @@ from fakes.ur.runtime import Program, RuntimeState, ScriptError
 from fakes.ur.safety import SafetyMode
 from fakes.ur.variables import INPUTS, OUTPUTS
 
-Arguments = Mapping[str, Any]
 _JUNK = bytes(range(256))
-
-
-@dataclass(frozen=True)
-class _Action:
-    """How a fault begins, how it ends when it lasts, and which arguments it takes."""
-
-    begin: Callable[[Arguments], object]
-    end: Callable[[], object] | None = None
-    takes: frozenset[str] = frozenset()
 
 
 class ControllerFaults:
@@ -34,119 +24,91 @@ class ControllerFaults:
     def __init__(self, controller: Controller) -> None:
         self._controller, self._robot = controller, controller.robot
         self._tasks: set[asyncio.Task[None]] = set()
-        self._timers: list[asyncio.TimerHandle] = []
-        self._actions = self._stream_actions() | self._arm_actions()
+        self._actions = Actions(self._stream_actions() | self._arm_actions())
 
     def offers(self) -> frozenset[Fault]:
         """Every fault a controller can show."""
-        return frozenset(self._actions)
+        return self._actions.offers()
 
     def inject(self, fault: Fault, arguments: Arguments) -> None:
         """Begin ``fault``; ``for_s`` ends it by itself. ``ARGUMENT_INVALID`` for what it does not take."""
-        action = self._actions[fault]
-        takes = action.takes | ({"for_s"} if action.end is not None else frozenset())
-        unknown = set(arguments) - takes
-        if unknown:
-            wrong, right = ", ".join(sorted(unknown)), ", ".join(sorted(takes)) or "nothing"
-            raise error("ARGUMENT_INVALID", f"{fault} does not take {wrong}; it takes {right}")
-        duration = number(arguments, "for_s", 0.0)
-        action.begin(arguments)
-        if duration > 0 and action.end is not None:
-            self._timers.append(asyncio.get_running_loop().call_later(duration, action.end))
+        self._actions.inject(fault, arguments)
 
     def clear(self) -> None:
         """An operator puts all right: faults end, the arm is powered and remote, paused programs stop."""
-        self._forget_timers()
-        for action in self._actions.values():
-            if action.end is not None:
-                action.end()
+        self._actions.end_all()
         if self._robot.runtime.state in (RuntimeState.PAUSED, RuntimeState.PAUSING):
             self._robot.runtime.stop(self._robot.now())
         self._robot.safety.restore()
 
     def close(self) -> None:
         """Forget timers and reboots on their way."""
-        self._forget_timers()
+        self._actions.forget_timers()
         for task in self._tasks:
             task.cancel()
-
-    def _forget_timers(self) -> None:
-        for timer in self._timers:
-            timer.cancel()
-        self._timers.clear()
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.get_running_loop().create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    def _stream_actions(self) -> dict[Fault, _Action]:
+    def _stream_actions(self) -> dict[Fault, Action]:
         stream = self._controller.faults
 
-        def switch(owner: object, name: str, off: Any = False, on: Any = True) -> _Action:
-            return _Action(lambda a: setattr(owner, name, on), lambda: setattr(owner, name, off))
-
-        def amount(owner: object, name: str, default: float) -> _Action:
-            return _Action(
-                lambda a: setattr(owner, name, number(a, "s", default)),
-                lambda: setattr(owner, name, 0.0),
-                frozenset({"s"}),
-            )
-
         return {
-            Fault.REFUSE: _Action(self._refuse, lambda: self._spawn(self._controller.listen())),
-            Fault.DROP: _Action(lambda a: self._cut(a, reset=False), takes=frozenset({"ports"})),
-            Fault.RESET: _Action(lambda a: self._cut(a, reset=True), takes=frozenset({"ports"})),
+            Fault.REFUSE: Action(self._refuse, lambda: self._spawn(self._controller.listen())),
+            Fault.DROP: Action(lambda a: self._cut(a, reset=False), takes=frozenset({"ports"})),
+            Fault.RESET: Action(lambda a: self._cut(a, reset=True), takes=frozenset({"ports"})),
             Fault.HALF_OPEN: switch(stream.link, "half_open"),
             Fault.SPLIT: switch(stream.link, "split"),
             Fault.DELAY: amount(stream.link, "delay_s", 0.05),
-            Fault.JUNK: _Action(self._junk),
+            Fault.JUNK: Action(self._junk),
             Fault.SILENCE: switch(stream, "silent"),
             Fault.FREEZE: switch(stream, "freeze"),
             Fault.DUPLICATE: switch(stream, "duplicate"),
-            Fault.GAP: _Action(self._gap, takes=frozenset({"count"})),
-            Fault.CLOCK_JUMP: _Action(self._clock_jump, takes=frozenset({"s"})),
+            Fault.GAP: Action(self._gap, takes=frozenset({"count"})),
+            Fault.CLOCK_JUMP: Action(self._clock_jump, takes=frozenset({"s"})),
             Fault.LATE_FIRST_PACKAGE: amount(stream, "first_package_delay_s", 2.0),
             Fault.SLOW_DASHBOARD: amount(stream, "dashboard_delay_s", 1.0),
-            Fault.HANDSHAKE_MESSAGE: _Action(
+            Fault.HANDSHAKE_MESSAGE: Action(
                 lambda a: setattr(stream, "handshake_message", str(a.get("text", "controller is busy"))),
                 lambda: setattr(stream, "handshake_message", None),
                 frozenset({"text"}),
             ),
-            Fault.NOT_FOUND: _Action(
+            Fault.NOT_FOUND: Action(
                 self._not_found, lambda: setattr(stream, "missing", frozenset()), frozenset({"name"})
             ),
         }
 
-    def _arm_actions(self) -> dict[Fault, _Action]:
+    def _arm_actions(self) -> dict[Fault, Action]:
         robot = self._robot
 
         def release(*modes: SafetyMode) -> Callable[[], None]:
             return lambda: robot.safety.release(*modes)
 
         return {
-            Fault.PROTECTIVE_STOP: _Action(lambda a: robot.protective_stop()),
-            Fault.EMERGENCY_STOP: _Action(
+            Fault.PROTECTIVE_STOP: Action(lambda a: robot.protective_stop()),
+            Fault.EMERGENCY_STOP: Action(
                 lambda a: robot.emergency_stop(), release(SafetyMode.ROBOT_EMERGENCY_STOP)
             ),
-            Fault.SAFEGUARD_STOP: _Action(
+            Fault.SAFEGUARD_STOP: Action(
                 lambda a: robot.safeguard_stop(), release(SafetyMode.SAFEGUARD_STOP)
             ),
-            Fault.LOCAL_MODE: _Action(
+            Fault.LOCAL_MODE: Action(
                 lambda a: setattr(robot, "remote", False), lambda: setattr(robot, "remote", True)
             ),
-            Fault.FOREIGN_PROGRAM: _Action(
+            Fault.FOREIGN_PROGRAM: Action(
                 lambda a: robot.start(Program("foreign", foreign_steps(), "foreign")),
                 self._end_foreign_program,
             ),
-            Fault.REGISTER_IN_USE: _Action(
+            Fault.REGISTER_IN_USE: Action(
                 self._register_in_use,
                 lambda: self._controller.rtde.ownership.release(self),
                 frozenset({"name"}),
             ),
-            Fault.SCRIPT_DEATH: _Action(lambda a: self._script_death()),
-            Fault.REBOOT: _Action(self._reboot, takes=frozenset({"off_s", "serial"})),
-            Fault.KILL: _Action(lambda a: os.kill(os.getpid(), signal.SIGKILL)),
+            Fault.SCRIPT_DEATH: Action(lambda a: self._script_death()),
+            Fault.REBOOT: Action(self._reboot, takes=frozenset({"off_s", "serial"})),
+            Fault.KILL: Action(lambda a: os.kill(os.getpid(), signal.SIGKILL)),
         }
 
     # -- transport

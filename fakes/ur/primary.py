@@ -72,7 +72,7 @@ def robot_state(robot: "Robot", now: "Instant") -> bytes:
         (
             _robot_mode(robot, now),
             _joints(robot, now),
-            _masterboard(robot),
+            _masterboard(robot, now),
             _sub(4, "12d", *now.tcp_pose6, *robot.tool.offset6),
             kinematics_info(robot),
             _configuration(robot),
@@ -111,12 +111,12 @@ def _joints(robot: "Robot", now: "Instant") -> bytes:
     return _sub(1, "dddffffB" * 6, *values)
 
 
-def _masterboard(robot: "Robot") -> bytes:
+def _masterboard(robot: "Robot", now: "Instant") -> bytes:
     io = robot.io
     return _sub(
         3,
         "IIBBddbbddffffBBBIBBB",
-        io.digital_in & 0xFFFFFFFF,
+        robot.digital_in(now.t) & 0xFFFFFFFF,
         io.digital_out & 0xFFFFFFFF,
         *(0, 0, 0.0, 0.0),
         *(0, 0, *io.analog_out),

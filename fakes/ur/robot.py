@@ -22,6 +22,7 @@ from fakes.ur.runtime import Program, Runtime, ScriptError, Steps
 from fakes.ur.safety import RobotMode, Safety, SafetyMode
 
 ContactForce = Callable[[float, RigidTransform], Array]
+DigitalIn = Callable[[float], int]
 PROTECTIVE_DECEL = 10.0
 FORCE_LIMIT_N = 150.0
 EMERGENCY_DECEL = 20.0
@@ -30,6 +31,11 @@ EMERGENCY_DECEL = 20.0
 def no_contact(t: float, T_flange_tcp: RigidTransform) -> Array:
     """A world in which nothing touches the tool."""
     return np.zeros(6)
+
+
+def nothing_wired(t: float) -> int:
+    """No digital input is wired."""
+    return 0
 
 
 @dataclass(frozen=True)
@@ -112,8 +118,9 @@ class Robot:
         believed: Chain,
         now: Callable[[], float],
         contact: ContactForce = no_contact,
+        digital_in: DigitalIn = nothing_wired,
     ) -> None:
-        self.identity, self.now, self._contact = identity, now, contact
+        self.identity, self.now, self._contact, self._digital_in = identity, now, contact, digital_in
         self.tool = Tool()
         self.arm = Arm(track, believed, self.tool)
         self.arm.period = 1.0 / identity.rate
@@ -173,6 +180,10 @@ class Robot:
     def contact_force(self, t: float | None = None) -> Array:
         """Force and moment on the TCP in the base, (6,), N and Nm."""
         return self._contact(self.arm.t if t is None else t, self.tool.T_flange_tcp)
+
+    def digital_in(self, t: float) -> int:
+        """The digital inputs at ``t`` as a word."""
+        return self._digital_in(t) | self.io.digital_in
 
     # -- what programs set
 

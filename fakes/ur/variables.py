@@ -84,7 +84,7 @@ def _electrical() -> Iterator[tuple[str, Output]]:
     yield "actual_robot_voltage", Output("DOUBLE", lambda r, s: 48.0 if r.safety.powered else 0.0)
     yield "actual_robot_current", Output("DOUBLE", lambda r, s: 1.2 if r.safety.powered else 0.0)
     yield "actual_joint_voltage", Output("VECTOR6D", _constant((48.0,) * 6))
-    yield "actual_digital_input_bits", Output("UINT64", lambda r, s: r.io.digital_in)
+    yield "actual_digital_input_bits", Output("UINT64", lambda r, s: r.digital_in(s.t))
     yield "actual_digital_output_bits", Output("UINT64", lambda r, s: r.io.digital_out)
     yield "analog_io_types", Output("UINT32", _constant(0))
     for k in (0, 1):

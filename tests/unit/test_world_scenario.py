@@ -1,5 +1,6 @@
 """Scenario files: strict reading, and the cell.toml that goes with them."""
 
+import json
 import tomllib
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from fakes.targets import target_points
 from fakes.world import World
 
 SHIPPED = ("hand_eye", "hand_eye_to_hand")
+WITH_BEAMS = ("laser", "bay")
 FOLDER = Path(__file__).parents[2] / "fakes" / "scenarios"
 
 
@@ -139,3 +141,120 @@ def test_the_board_shows_whole_from_the_start_pose_in_every_placement(subject: S
         u, v = fx * x / z + cx, fy * y / z + cy
         assert 20 < u.min() < u.max() < subject.world.camera.width - 20
         assert 20 < v.min() < v.max() < subject.world.camera.height - 20
+
+
+# -- cells with beams
+
+
+@pytest.fixture(params=WITH_BEAMS)
+def beamed(request: pytest.FixtureRequest) -> Scenario:
+    return Scenario.load(request.param)
+
+
+def test_the_generated_cell_has_a_role_and_a_table_for_the_input_module(beamed: Scenario) -> None:
+    device = {"driver": "fakes.object:ObjectInputs", "scenario": "laser"}
+    cell = tomllib.loads(beamed.cell_toml({}, {}, "a", "b", beams=device))
+    assert cell["robot"]["beams"] == "beams"
+    assert cell["device"]["beams"] == {**device, "expect_serial": "99993300001"}
+    assert cell["job"]["laser-reference"]["xs"]["aux"] == "aux_xs"
+    assert "beams" not in tomllib.loads(beamed.cell_toml({}, {}, "a", "b"))["device"]
+
+
+def test_a_scenario_without_a_camera_makes_a_cell_without_one() -> None:
+    cell = tomllib.loads(Scenario.load("laser").cell_toml({}, {"driver": "oak"}, "a", "b", beams={}))
+    assert sorted(cell["device"]) == ["arm", "beams"]
+    assert not {"flange_camera", "fixed_camera", "T_base_camera_nominal"} & set(cell["robot"])
+    assert "target" not in cell
+
+
+def test_a_world_without_a_camera_has_the_rest_of_the_truth_and_says_what_it_lacks() -> None:
+    world = World.from_scenario(Scenario.load("laser"))
+    truth = json.loads(json.dumps(world.truth(), allow_nan=False))
+    assert truth["T_flange_tool"] == truth["T_flange_tool_nominal"]
+    assert set(truth["beams"]) == {"xs", "ys"}
+    assert "camera" not in truth
+    with pytest.raises(CellError, match=r"no \[world.camera\]"):
+        _ = world.camera
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("inputs = { xs = 0, ys = 1 }", "inputs = { xs = 0, zs = 1 }", "zs is wired to an input"),
+        ("hysteresis_m", "hysteresys_m", "did you mean hysteresis_m?"),
+        ("dir = [1.0, 0.004, 0.0008]", "dir = [0.0, 0.0, 0.0]", "dir has no length"),
+        ("from = [0.0, 0.0, -0.003],", "", "world.tool.shape.0.from"),
+    ],
+)
+def test_wrong_tables_of_beams_are_named(old: str, new: str, said: str) -> None:
+    text = (FOLDER / "laser.toml").read_text("utf-8")
+    assert old in text
+    with pytest.raises(InputError) as caught:
+        Scenario.parse(text.replace(old, new))
+    assert said in str(caught.value)
+
+
+def test_a_camera_without_a_target_is_refused() -> None:
+    text = (FOLDER / "hand_eye.toml").read_text("utf-8")
+    lines = [line for line in text.splitlines() if "placement]]" not in line and "T_base_target" not in line]
+    with pytest.raises(InputError, match="belong together"):
+        Scenario.parse("\n".join(lines))
+
+
+def test_the_beams_cross_slightly_askew_in_a_level_plane(beamed: Scenario) -> None:
+    xs, ys = (beamed.world.beams[name] for name in ("xs", "ys"))
+    u, v = (np.array(b.dir) / np.linalg.norm(b.dir) for b in (xs, ys))
+    assert np.rad2deg(np.arccos(u @ v)) == pytest.approx(88.5, abs=0.01)
+    assert max(abs(u[2]), abs(v[2])) < 1e-3
+    assert abs(xs.point[2] - ys.point[2]) < 5e-4
+
+
+def test_the_auxiliary_poses_are_beside_and_above_the_beams_with_the_tool_straight_down(
+    beamed: Scenario,
+) -> None:
+    arm, tool = chain(beamed.world.arm.model), from_pose6(beamed.world.tool.T_flange_tool)
+    job = beamed.cell.job["laser-reference"]
+    for name in ("xs", "ys"):
+        pose = arm.forward(beamed.cell.poses[f"aux_{name}"]) * tool
+        beam = beamed.world.beams[name]
+        off = pose.translation - np.array(beam.point)
+        across = np.array(job[name]["across"])
+        assert off @ across == pytest.approx(-0.015, abs=1e-4)
+        assert off[2] == pytest.approx(0.008, abs=4e-4)
+        down = Rotation.from_rotvec([np.pi, 0.0, 0.0])
+        assert (down.inv() * pose.rotation).magnitude() < 1e-5
+
+
+def test_a_pass_at_either_place_breaks_its_own_beam_and_no_other(beamed: Scenario) -> None:
+    """The search's plan, lowest pass included, done in the world with the true arm."""
+    job = beamed.cell.job["laser-reference"]
+    for name, other in (("xs", "ys"), ("ys", "xs")):
+        search = job[name]
+        across = np.array(search["across"])
+        along = np.array([-across[1], across[0], 0.0]) * search["along_m"]
+        for place in (np.zeros(3), along):
+            world = World.from_scenario(beamed)
+            tool = world.T_flange_tool
+            world.track.hold(0.0, beamed.cell.poses[f"aux_{name}"])
+            here = world.believed_flange(0.0) * tool
+            t = 1.0
+            for way in (place, [0.0, 0.0, -0.008 - 0.006 - job["tilt_height_m"]]):
+                here = RigidTransform.from_translation(way) * here
+                t = world.track.start_linear_move(t, world.believed, here, tool, 0.05, 0.5) + 0.1
+            assert world.beams.edges("xs", 0.0, t) == [] == world.beams.edges("ys", 0.0, t)
+            here = RigidTransform.from_translation(search["distance_m"] * across) * here
+            assert here.translation[2] > job["floor_m"]
+            end = world.track.start_linear_move(t, world.believed, here, tool, 0.05, 0.5)
+            (on, _), (off, _) = world.beams.edges(name, t, end)
+            assert off - on == pytest.approx(0.007 / 0.05, abs=0.003)
+            assert world.beams.count(other, end) == 0
+
+
+def test_nothing_of_the_board_is_near_the_beams() -> None:
+    bay = Scenario.load("bay").world
+    assert bay.target is not None
+    points = target_points(bay.target)
+    for mount in bay.target_mounts:
+        corners = from_pose6(mount).apply(points)
+        for beam in bay.beams.values():
+            assert np.linalg.norm(corners - np.array(beam.point), axis=1).min() > 0.4
