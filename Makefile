@@ -12,8 +12,10 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 demo: $(VENV)/.ready
 	$(BIN)/cellward demo
 
+# Tests in real time need the machine for themselves; those on virtual time share it.
 test: $(VENV)/.ready lint
-	$(BIN)/pytest
+	$(BIN)/pytest -m "not wire and not soak" --numprocesses 2 --dist worksteal
+	$(BIN)/pytest -m "wire and not soak"
 
 lint: $(VENV)/.ready
 	$(BIN)/ruff check .

@@ -258,3 +258,27 @@ class DepthCamera(Device, Protocol):
         returns. ``DEVICE_LOST`` when frames stop.
         """
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class InputsState:
+    """All inputs of a module as one poll found them; logical levels, after ``invert``.
+
+    ``changes`` counts every change of an input's level since the epoch began, short pulses between two polls
+    included where the module counts edges. Its parity follows the level: two polls with the same level and
+    ``changes`` two apart enclose a pulse.
+    """
+
+    levels: tuple[bool, ...]
+    changes: tuple[int, ...]
+
+
+class DigitalInputs(Device, Protocol):
+    """A group of digital inputs that are read together.
+
+    The :class:`~cell.samples.Sample` of a poll has the middle of request and reply as ``t`` and half of their
+    distance as ``dt``; :func:`cell.inputs.edges` turns polls into edges with their bracket.
+    """
+
+    names: tuple[str, ...]
+    inputs: Stream[InputsState]

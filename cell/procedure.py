@@ -9,6 +9,7 @@ import asyncio
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, TypeVar
@@ -16,7 +17,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 from pydantic import BaseModel
 
 from cell.clock import Clock
-from cell.devices import Arm, DepthCamera, Device
+from cell.devices import Arm, DepthCamera, Device, DigitalInputs
 from cell.errors import error
 from cell.motion import MotionLease
 
@@ -65,8 +66,30 @@ class Cell(Protocol):
         """The device that plays ``role`` in ``[robot]``; ``DEVICE_NOT_READY`` when it is not READY."""
         ...
 
-    def motion(self, run: "Run") -> AbstractAsyncContextManager[MotionLease]:
-        """The lease on the arm with the run's tool, limits and guard."""
+    def motion(
+        self, run: "Run", tool: Mapping[str, Any] | None = None
+    ) -> AbstractAsyncContextManager[MotionLease]:
+        """The lease on the arm with the run's limits and guard, and ``tool`` or else the run's tool."""
+        ...
+
+    async def propose(self, run: "Run", proposal: "Proposal", result: Mapping[str, Any]) -> int:
+        """Enter a proposed calibration in the ledger; returns its number."""
+        ...
+
+    async def accept(self, run: "Run", result_id: int, who: str, *, commit: bool) -> None:
+        """Accept a proposed calibration; with ``commit`` it takes effect at once."""
+        ...
+
+    async def commit(self, run: "Run", result_id: int) -> None:
+        """Put an accepted calibration into effect."""
+        ...
+
+    async def reject(self, run: "Run", result_id: int, why: str) -> None:
+        """Turn a calibration down that is not in effect yet."""
+        ...
+
+    async def add_trend(self, name: str, value: float) -> list[tuple[float, float]]:
+        """Keep one health number; returns its history of (wall time in s, value), oldest first."""
         ...
 
 
@@ -74,6 +97,19 @@ class Notebook(Protocol):
     """Where a run writes: a journal on disk."""
 
     def note(self, kind: str, **fields: Any) -> None: ...
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A calibration that a finished job offers.
+
+    ``name`` is its name in the ledger, ``value`` what takes effect, ``auto`` whether a passing result is
+    accepted without a person.
+    """
+
+    name: str
+    value: Any
+    auto: bool
 
 
 class Procedure(ABC):
@@ -85,6 +121,7 @@ class Procedure(ABC):
     State: ClassVar[type[StrEnum]]
     TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]]
     CHECKPOINTS: ClassVar[frozenset[Any]]
+    decides: ClassVar[bool] = False  # about what it proposed, itself and before it ends
 
     def __init__(self, config: Any) -> None:
         self.config = config
@@ -95,6 +132,10 @@ class Procedure(ABC):
 
     def check(self, values: Mapping[str, Any]) -> None:  # noqa: B027, most jobs name nothing
         """``ARGUMENT_INVALID`` when the parameters name something that ``values`` do not have."""
+
+    def proposal(self, run: "Run") -> Proposal | None:
+        """What a job that ended well proposes; not asked when the verdict is ``fail``."""
+        return None
 
     @abstractmethod
     async def run(self, run: "Run") -> None:
@@ -185,9 +226,16 @@ class Run:
         """The camera that plays ``role``."""
         return self.cell.device(role)  # type: ignore[return-value]
 
-    def motion(self) -> AbstractAsyncContextManager[MotionLease]:
-        """``async with run.motion() as lease``: the only way to move."""
-        return self.cell.motion(self)
+    def inputs(self, role: str) -> DigitalInputs:
+        """The group of digital inputs that plays ``role``."""
+        return self.cell.device(role)  # type: ignore[return-value]
+
+    def motion(self, tool: Mapping[str, Any] | None = None) -> AbstractAsyncContextManager[MotionLease]:
+        """``async with run.motion() as lease``: the only way to move.
+
+        ``tool`` (as ``values["tool"]``) replaces the run's tool for this lease: a candidate that is tried.
+        """
+        return self.cell.motion(self, tool)
 
     # -- what the engine calls
 

@@ -24,6 +24,7 @@ from daemon.logs import set_up_logging
 from daemon.modbus import ModbusFace
 from daemon.notify import Notifier
 from daemon.plc import PlcFace
+from daemon.results import reject_left_open
 from daemon.supervisor import Supervisor
 from daemon.worker import ProcessWorker
 from procedures.registry import JOBS
@@ -78,8 +79,8 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
 
         beats, lag = Beats(clock), LoopLag(clock)
         supervisor = Supervisor(supervised_devices(config, clock, beats))
-        context = CellContext(config, clock, worker, supervisor, MotionBroker(clock))
-        engine = Engine(context, ledger, JOBS, state / "runs")
+        context = CellContext(config, clock, worker, supervisor, MotionBroker(clock), ledger)
+        engine = Engine(context, JOBS, state / "runs")
         engine.loop_lag = lag.summary
         await _report_interrupted(engine, ledger)
 
@@ -159,6 +160,7 @@ async def _report_interrupted(engine: Engine, ledger: Ledger) -> None:
         await asyncio.to_thread(run.mark_interrupted)
         await asyncio.to_thread(ledger.end_run, run.run_id, "interrupted", None)
         engine.interrupted.append(run.run_id)
+    await asyncio.to_thread(reject_left_open, ledger, engine.jobs)
 
 
 async def _end(tasks: list[asyncio.Task[Any]]) -> None:

@@ -1,8 +1,11 @@
 """Devices from their sections of the configuration."""
 
+from collections.abc import Mapping
+from typing import Any
+
 from cell.clock import Clock
 from cell.devices import Device
-from daemon.config import CellConfig, driver_class
+from daemon.config import CellConfig, bindings, driver_class
 from daemon.health import Beats
 from daemon.supervisor import Expectation, SupervisedDevice
 
@@ -16,4 +19,14 @@ def supervised_devices(config: CellConfig, clock: Clock, beats: Beats) -> list[S
         device: Device = driver(name, own, clock)
         expect = Expectation(config.cell.twin, getattr(section, "expect_serial", None))
         made.append(SupervisedDevice(device, expect, clock, beats))
+    _bind(config, {entry.device.name: entry.device for entry in made})
     return made
+
+
+def _bind(config: CellConfig, devices: Mapping[str, Device]) -> None:
+    """Give each device those that its section names."""
+    for name, section in config.device.items():
+        others = {key: devices[getattr(section, key)] for key in bindings(driver_class(section.driver))}
+        if others:
+            binder: Any = devices[name]
+            binder.bind(**others)

@@ -236,12 +236,18 @@ _WRITES: dict[str, Callable[[Engine, _Params, str], Awaitable[Any]]] = {
     "pause": lambda engine, params, who: engine.pause(who),
     "resume": lambda engine, params, who: engine.resume(who),
     "reset": lambda engine, params, who: engine.reset(who),
-    "accept": lambda engine, params, who: engine.accept(params.get("result_id", int), who),
-    "reject": lambda engine, params, who: engine.reject(
-        params.get("result_id", int), who, params.get("why", str, "")
+    "accept": lambda engine, params, who: _brief(engine.accept(params.get("result_id", int), who)),
+    "reject": lambda engine, params, who: _brief(
+        engine.reject(params.get("result_id", int), who, params.get("why", str, ""))
     ),
-    "rollback": lambda engine, params, who: engine.rollback(params.get("name", str), who),
+    "rollback": lambda engine, params, who: _brief(engine.rollback(params.get("name", str), who)),
 }
+
+
+async def _brief(decision: Awaitable[dict[str, Any]]) -> dict[str, Any]:
+    """What was decided, without documents: a reference of megabytes would hold up the loop for its reply."""
+    entry = await decision
+    return {k: v for k, v in entry.items() if k != "result" and not isinstance(v, dict)}
 
 
 def _audited(method: str, params: dict[str, Any]) -> str:

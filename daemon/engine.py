@@ -14,17 +14,18 @@ from cell.clock import Clock
 from cell.devices import Arm, Device
 from cell.errors import CellError, LatchError, error
 from cell.motion import MotionBroker, MotionLease, run_to_its_end
-from cell.procedure import PackML, Procedure, Run, Worker
+from cell.procedure import PackML, Procedure, Proposal, Run, Worker
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder, load_run
 from daemon.config import CellConfig
-from daemon.results import propose_results
+from daemon.results import enter_proposal, propose_results
 from daemon.supervisor import Supervisor
-from daemon.values import resolve_values, tell_configured
+from daemon.values import resolve_values, tell_configured, without_passes
 from procedures.arm_setup import lease_settings
 
 log = logging.getLogger("cellward.engine")
 
+TREND_POINTS = 200  # of a health number, in a report
 WAITING = {PackML.IDLE, PackML.STOPPED, PackML.ABORTED, PackML.COMPLETE}
 
 
@@ -37,6 +38,7 @@ class CellContext:
     worker: Worker
     supervisor: Supervisor
     broker: MotionBroker
+    ledger: Ledger
 
     def device(self, role: str) -> Device:
         name = self.config.robot.roles().get(role)
@@ -44,19 +46,46 @@ class CellContext:
             raise error("DEVICE_NOT_READY", f"[robot] names no device for the role '{role}'")
         return self.supervisor.ready(name)
 
-    def motion(self, run: Run) -> AbstractAsyncContextManager[MotionLease]:
-        guard, tool, speed = lease_settings(run.values)
+    def motion(
+        self, run: Run, tool: Mapping[str, Any] | None = None
+    ) -> AbstractAsyncContextManager[MotionLease]:
+        values = run.values if tool is None else {**run.values, "tool": tool}
+        guard, settings, speed = lease_settings(values)
         arm: Arm = self.device("arm")  # type: ignore[assignment]
-        return self.broker.lease(arm, guard, tool, speed, run)
+        return self.broker.lease(arm, guard, settings, speed, run)
+
+    async def propose(self, run: Run, proposal: Proposal, result: Mapping[str, Any]) -> int:
+        return await asyncio.to_thread(enter_proposal, run, self.ledger, proposal, result)
+
+    async def accept(self, run: Run, result_id: int, who: str, *, commit: bool) -> None:
+        row = await asyncio.to_thread(self.ledger.accept, result_id, who, commit)
+        run.note("decision", event="accepted", name=row["name"], result_id=result_id, by=who)
+
+    async def commit(self, run: Run, result_id: int) -> None:
+        row = await asyncio.to_thread(self.ledger.commit, result_id)
+        what = {"name": row["name"], "result_id": result_id, "version": row["version"]}
+        try:
+            run.note("decision", event="committed", **what)
+        except CellError as exc:  # it is in effect all the same, and nobody may think otherwise
+            log.error("run %d: committed, but not in the journal (%s): %s", run.id, exc, what)
+
+    async def reject(self, run: Run, result_id: int, why: str) -> None:
+        row = await asyncio.to_thread(self.ledger.reject, result_id, f"run {run.id}", why)
+        run.note("decision", event="rejected", name=row["name"], result_id=result_id, why=why)
+
+    async def add_trend(self, name: str, value: float) -> list[tuple[float, float]]:
+        return await asyncio.to_thread(self._add_trend, name, value)
+
+    def _add_trend(self, name: str, value: float) -> list[tuple[float, float]]:
+        self.ledger.add_trend(name, value)
+        return self.ledger.trend(name, TREND_POINTS)
 
 
 class Engine:
     """Starts, steers and ends jobs; everything outside asks this object."""
 
-    def __init__(
-        self, context: CellContext, ledger: Ledger, jobs: Mapping[str, type[Procedure]], runs: Path
-    ) -> None:
-        self.context, self.ledger, self.jobs, self.runs = context, ledger, jobs, runs
+    def __init__(self, context: CellContext, jobs: Mapping[str, type[Procedure]], runs: Path) -> None:
+        self.context, self.ledger, self.jobs, self.runs = context, context.ledger, jobs, runs
         self.idle_state = PackML.IDLE
         self.run: Run | None = None
         self.last: dict[str, Any] | None = None
@@ -108,7 +137,7 @@ class Engine:
             "config": context.config.model_dump(mode="json"),
             "parameters": dict(params),
             "job_config": procedure.config.model_dump(mode="json"),
-            "values": values,
+            "values": without_passes(values),
             "identities": self._identities(devices),
         }
         adopted = self._adoptable(adopt, procedure, conditions) if adopt is not None else None
@@ -188,11 +217,31 @@ class Engine:
         return None if arm is None else arm.fault()
 
     async def accept(self, result_id: int, who: str) -> dict[str, Any]:
+        await self._check_decidable(result_id)
+        await self._check_confirmed(result_id)
         await asyncio.to_thread(tell_configured, self.context.config, self.ledger)
         return await asyncio.to_thread(self.ledger.accept, result_id, who)
 
     async def reject(self, result_id: int, who: str, why: str) -> dict[str, Any]:
+        await self._check_decidable(result_id)
         return await asyncio.to_thread(self.ledger.reject, result_id, who, why)
+
+    async def _check_decidable(self, result_id: int) -> None:
+        """``NOT_NOW`` for a result of the running job: it decides about it itself, or has yet to end."""
+        run = self.run if self._task is not None else None
+        if run is None:
+            return
+        row = await asyncio.to_thread(self.ledger.result, result_id)
+        if row["run_id"] == run.id:
+            raise error("NOT_NOW", f"run {run.id} ({run.procedure.name}) still works on result {result_id}")
+
+    async def _check_confirmed(self, result_id: int) -> None:
+        """``NOT_NOW`` for a candidate that its own run should have confirmed and could not even reject."""
+        job = await asyncio.to_thread(self.ledger.job_of_open_result, result_id)
+        if job is not None and job in self.jobs and self.jobs[job].decides:
+            raise error(
+                "NOT_NOW", f"result {result_id} was never confirmed by its {job}; reject it and start another"
+            )
 
     async def rollback(self, name: str, who: str) -> dict[str, Any]:
         await asyncio.to_thread(tell_configured, self.context.config, self.ledger)
@@ -422,7 +471,11 @@ def _failure_of(job: asyncio.Task[None]) -> CellError | None:
 
 
 def _summary(result: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """The part of a result that a status page shows."""
+    """The part of a result that a status page shows; the passes of a reference are megabytes."""
     if result is None:
         return None
-    return {k: result.get(k) for k in ("kind", "verdict", "reasons", "result", "uncertainty", "residuals")}
+    kept = {k: result.get(k) for k in ("kind", "verdict", "reasons", "result", "uncertainty", "residuals")}
+    if isinstance(answer := kept["result"], Mapping) and "passes" in answer:
+        kept["result"] = {k: v for k, v in answer.items() if k != "passes"}
+    kept["update"] = (result.get("inputs") or {}).get("update")
+    return kept

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import math
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
@@ -19,6 +20,7 @@ REFUSED = 0x8000
 PROTOCOL_VERSION = 0x0100
 READY, BUSY, DONE, FAULT, WARNING = (1 << i for i in range(5))
 RESULT_VALID, ARM_OK, CAMERA_OK = 1 << 6, 1 << 7, 1 << 8
+BEAMS_OK = 1 << 10
 STOPPED_BY_SAFETY, TWIN = 1 << 13, 1 << 14
 SAFETY_ERRORS = {"ARM_PROTECTIVE_STOP", "ARM_EMERGENCY_STOP", "ARM_SAFEGUARD_STOP"}
 
@@ -113,6 +115,7 @@ class PlcFace:
             "uptime_s": int(self._clock.now() - self._started),
             "spread_within_m": (found.get("spread_within") or {}).get("t_norm") or 0.0,
             "spread_across_m": (found.get("spread_across") or {}).get("t_norm") or 0.0,
+            **_tool_registers(found),
             "predicted_95_m": _predicted_95(answer),
         }
 
@@ -130,9 +133,10 @@ class PlcFace:
             DONE: last is not None and engine.packml is PackML.COMPLETE,
             FAULT: fault,
             WARNING: bool(last and last.get("verdict") == "warn"),
-            RESULT_VALID: bool(found and last and last["verdict"] != "fail"),
+            RESULT_VALID: bool(found and last and last["verdict"] != "fail" and _stands(last)),
             ARM_OK: arm,
             CAMERA_OK: camera,
+            BEAMS_OK: self._ok("beams") and not self._stuck("beams"),
             STOPPED_BY_SAFETY: stopped,
             TWIN: self._config.cell.twin,
         }
@@ -142,8 +146,32 @@ class PlcFace:
         name = self._config.robot.roles().get(role)
         return name is not None and self._supervisor.devices[name].state.value == "READY"
 
+    def _stuck(self, role: str) -> bool:
+        """Whether the device says that an input has not changed for longer than it should."""
+        name = self._config.robot.roles()[role]
+        return bool(self._supervisor.devices[name].device.health().get("stuck_s"))
+
+
+def _stands(last: Mapping[str, Any]) -> bool:
+    """False for a tool update that measured well and was not committed: the old frame is still in effect."""
+    update = (last.get("result") or {}).get("update") or {}
+    return not update or update.get("committed") is True
+
+
+def _tool_registers(found: Mapping[str, Any]) -> dict[str, float]:
+    """Displacement of the tool's point in the flange, and its tilt; 0 where it was not measured."""
+    moved, turned = found.get("dp_flange") or (0.0, 0.0, 0.0), found.get("drot_flange") or (0.0,)
+    return {
+        **{f"tool_offset_{axis}_m": float(v) for axis, v in zip("xyz", moved, strict=True)},
+        "tool_tilt_rad": math.hypot(*turned),
+    }
+
 
 def _predicted_95(answer: Mapping[str, Any]) -> float:
-    """The arm's absolute accuracy where it was estimated, else the 95 % error of the calibration itself."""
+    """The arm's absolute accuracy where it was estimated, else the 95 % error of the calibration itself.
+
+    That of a tool check is the uncertainty of the tool's point.
+    """
     accuracy = (answer.get("result") or {}).get("absolute_accuracy") or {}
-    return accuracy.get("predicted_95") or (answer.get("uncertainty") or {}).get("error95_t_m") or 0.0
+    own = answer.get("uncertainty") or {}
+    return accuracy.get("predicted_95") or own.get("error95_t_m") or own.get("U_point_m") or 0.0

@@ -2,16 +2,15 @@
 
 import asyncio
 import logging
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cell.procedure import Run
+from cell.procedure import Procedure, Proposal, Run
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder
 
 log = logging.getLogger("cellward.results")
-
-CALIBRATION_OF = {"eye-in-hand": "T_flange_camera", "eye-to-hand": "T_base_camera"}
 
 
 async def propose_results(run: Run, folder: RunFolder, ledger: Ledger) -> None:
@@ -39,17 +38,30 @@ async def _write_report(run: Run) -> None:
         run.note("error", event="no report", why=f"{type(exc).__name__}: {exc}")
 
 
+def enter_proposal(run: Run, ledger: Ledger, proposal: Proposal, result: Mapping[str, Any]) -> int:
+    """A proposed calibration in the ledger, with the configured value that it would replace."""
+    configured = run.values["configured"].get(proposal.name)
+    result_id = ledger.propose(proposal.name, proposal.value, result, run.id, configured)
+    run.note("decision", event="proposed", name=proposal.name, result_id=result_id)
+    return result_id
+
+
+def reject_left_open(ledger: Ledger, jobs: Mapping[str, type[Procedure]]) -> list[int]:
+    """Turn down what runs left open that decide themselves: they were interrupted, and never confirmed it."""
+    found = [i for job in jobs.values() if job.decides for i in ledger.open_results_of_job(job.name)]
+    for result_id in found:
+        row = ledger.reject(result_id, "daemon", "its run ended before it was confirmed")
+        log.warning(
+            "result %d (%s) was rejected: its run ended before it was confirmed", result_id, row["name"]
+        )
+    return found
+
+
 def _propose(run: Run, ledger: Ledger) -> None:
     assert run.result is not None
-    answer: dict[str, Any] | None = run.result.get("result")
-    setup = getattr(run.procedure.config, "setup", None)
-    if answer is None or setup is None or run.result["verdict"] == "fail":
+    if run.result["verdict"] == "fail" or (proposal := run.procedure.proposal(run)) is None:
         return
-    name = CALIBRATION_OF[setup]
-    nominal = run.values["configured"].get(name)
-    result_id = ledger.propose(name, answer[name], run.result, run.id, nominal)
-    run.note("decision", event="proposed", name=name, result_id=result_id)
-    policy = run.procedure.config.accept
-    if policy.auto and run.result["verdict"] == "pass":
+    result_id = enter_proposal(run, ledger, proposal, run.result)
+    if proposal.auto and run.result["verdict"] == "pass":
         ledger.accept(result_id, "policy")
-        run.note("decision", event="accepted", name=name, result_id=result_id, by="policy")
+        run.note("decision", event="accepted", name=proposal.name, result_id=result_id, by="policy")

@@ -4,13 +4,16 @@ The effective value of a calibration is the committed version, else the configur
 procedures never read the ledger; what is here is also what ``run.json`` keeps.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
+from cell.calibrations import laser_reference, time_offset, tool_calibration
 from cell.errors import error
 from cell.store.ledger import Ledger
 from daemon.config import CellConfig
 from daemon.supervisor import Supervisor
 
+INPUT_ROLES = ("beams",)  # whose time offset a job can measure
 CALIBRATIONS = {
     # setup of a capture: (ledger name, keys of [robot] with the nominal poses)
     "eye-in-hand": ("T_flange_camera", {"X": "T_flange_camera_nominal"}),
@@ -46,13 +49,63 @@ def resolve_values(config: CellConfig, ledger: Ledger, supervisor: Supervisor) -
             nominal["X"] = effective.value
             values["versions"][name] = effective.version
         values["calibration"][setup] = nominal or None
+    _resolve_tool(values, config, ledger)
+    _resolve_time_offsets(values, config, ledger)
     return values
+
+
+def _resolve_tool(values: dict[str, Any], config: CellConfig, ledger: Ledger) -> None:
+    """The tool's pose in effect, and the crossed-beam reference that belongs to this tool."""
+    tool = config.robot.tool
+    name = tool_calibration(tool.name)
+    values["tool"]["T_flange_tool"] = _effective(values, ledger, name, list(tool.T_flange_tool))
+    values["laser_reference"] = _effective(values, ledger, laser_reference(tool.name), None)
+    values["laser_floor_m"] = config.job_section("laser-reference").get("floor_m")
+
+
+def _resolve_time_offsets(values: dict[str, Any], config: CellConfig, ledger: Ledger) -> None:
+    """By role, the offset in effect and what the driver has already subtracted from its stamps."""
+    values["time_offset_s"] = {}
+    for role in INPUT_ROLES:
+        device = config.robot.roles().get(role)
+        if device is None:
+            continue
+        applied = float(getattr(config.device[device], "time_offset_s", 0.0))
+        effective = _effective(values, ledger, time_offset(device), applied)
+        values["time_offset_s"][role] = {"effective": effective, "applied": applied}
+
+
+def _effective(values: dict[str, Any], ledger: Ledger, name: str, configured: Any) -> Any:
+    values["configured"][name] = configured
+    effective = ledger.effective(name, configured)
+    if effective.conflict:
+        raise error(
+            "RESULT_CONFLICT", f"the configured value of {name} was edited since version {effective.version}"
+        )
+    if effective.version is not None:
+        values["versions"][name] = effective.version
+    return effective.value
+
+
+def without_passes(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values as ``run.json`` keeps them; the passes of a reference are in the run's own data set."""
+    reference = values.get("laser_reference")
+    if reference is None:
+        return dict(values)
+    return {**values, "laser_reference": {k: v for k, v in reference.items() if k != "passes"}}
 
 
 def tell_configured(config: CellConfig, ledger: Ledger) -> None:
     """Let the ledger know the configured values of today, against which it judges a decision."""
     for name, nominal_keys in CALIBRATIONS.values():
         ledger.effective(name, _nominal(config, nominal_keys).get("X"))
+    tool = config.robot.tool
+    ledger.effective(tool_calibration(tool.name), list(tool.T_flange_tool))
+    ledger.effective(laser_reference(tool.name), None)
+    for role in INPUT_ROLES:
+        if (device := config.robot.roles().get(role)) is not None:
+            applied = float(getattr(config.device[device], "time_offset_s", 0.0))
+            ledger.effective(time_offset(device), applied)
 
 
 def _nominal(config: CellConfig, keys: dict[str, str]) -> dict[str, list[float]]:

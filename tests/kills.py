@@ -4,10 +4,15 @@ import os
 import signal
 from collections.abc import Callable
 
-from tests.wire_cell import WireCell, pause, wait_for
+from tests.wire_cell import WireCell, pause, shipped, wait_for
 
 REST_LIMIT_S = 1.0
 AFTER_RESTART_S = 1.5
+
+
+def short_capture(poses: int) -> str:
+    """A scenario with one placement of so many poses."""
+    return shipped("hand_eye", placements=1, poses_per_placement=poses, frames_per_pose=2)
 
 
 def kill_the_daemon(cell: WireCell) -> None:
@@ -42,7 +47,7 @@ KINDS: dict[str, Callable[[WireCell], None]] = {
 
 def survive(cell: WireCell, kind: str, moment_s: float) -> float:
     """One kill, ``moment_s`` after the arm first moves; returns the seconds until the arm was at rest."""
-    run_id = cell.start_capture()
+    run_id = cell.start_job("cone-capture")
     wait_for(cell.moving, "motion", 20.0)
     pause(moment_s)
     before = len(cell.finished_poses(run_id))

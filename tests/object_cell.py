@@ -18,6 +18,7 @@ from daemon.composition import supervised_devices
 from daemon.config import CellConfig, load_config
 from daemon.engine import CellContext, Engine
 from daemon.health import Beats
+from daemon.results import reject_left_open
 from daemon.supervisor import Supervisor
 from daemon.worker import InlineWorker
 from fakes.object import ObjectCell as Plant
@@ -35,18 +36,28 @@ def write_config(
     scenario: str = "hand_eye",
     job: Mapping[str, Any] | None = None,
     arm_keys: Mapping[str, Any] | None = None,
+    beams_keys: Mapping[str, Any] | None = None,
+    jobs: Mapping[str, Mapping[str, Any]] | None = None,
     **overrides: Any,
 ) -> CellConfig:
-    """The scenario's own cell on the object face with a small plan."""
+    """The scenario's own cell on the object face with a small plan.
+
+    ``job`` goes into the section of the capture, ``jobs`` into those of other jobs.
+    """
     loaded = Scenario.load(scenario)
-    section = {**loaded.cell.job[JOB], **SMALL, **(job or {})}
+    sections = {name: dict(section) for name, section in loaded.cell.job.items()}
+    for name, keys in (jobs or {}).items():
+        sections[name] = {**sections.get(name, {}), **keys}
+    if JOB in sections:
+        sections[JOB] |= {**SMALL, **(job or {})}
     text = loaded.cell_toml(
         arm={"driver": "fakes.object:ObjectArm", "scenario": scenario, **(arm_keys or {})},
         camera={"driver": "fakes.object:ObjectCamera", "scenario": scenario},
         state_dir=str(folder / "state"),
         control_socket=str(folder / "control.sock"),
         clock="fakes.object:VirtualClock",
-        overrides={"job": {JOB: section}, **overrides},
+        beams={"driver": "fakes.object:ObjectInputs", "scenario": scenario, **(beams_keys or {})},
+        overrides={"job": sections, **overrides},
     )
     path = folder / "cell.toml"
     path.write_text(text, "utf-8")
@@ -68,16 +79,18 @@ class Eager(InlineWorker):
 class ObjectCell:
     """Supervisor and engine on an object world, and what an observer sees of them."""
 
-    def __init__(self, config: CellConfig, clock: VirtualClock) -> None:
-        self.config, self.clock = config, clock
+    def __init__(self, config: CellConfig, clock: VirtualClock, job: str = JOB) -> None:
+        self.config, self.clock, self.job = config, clock, job
         self.beats = Beats(clock)
         self.supervisor = Supervisor(supervised_devices(config, clock, self.beats))
         state = Path(config.cell.state_dir)
         self.runs = state / "runs"
         self.runs.mkdir(parents=True, exist_ok=True)
         self.ledger = Ledger(state / "ledger.sqlite")
-        self.context = CellContext(config, clock, Eager(clock), self.supervisor, MotionBroker(clock))
-        self.engine = Engine(self.context, self.ledger, JOBS, self.runs)
+        self.context = CellContext(
+            config, clock, Eager(clock), self.supervisor, MotionBroker(clock), self.ledger
+        )
+        self.engine = Engine(self.context, JOBS, self.runs)
         self._tasks: list[asyncio.Task[None]] = []
 
     @property
@@ -92,6 +105,7 @@ class ObjectCell:
         for run in await asyncio.to_thread(interrupted_runs, self.runs):
             await asyncio.to_thread(run.mark_interrupted)
             self.engine.interrupted.append(run.run_id)
+        await asyncio.to_thread(reject_left_open, self.ledger, JOBS)
         self._tasks = [
             asyncio.create_task(entry.run(), name=f"device {name}")
             for name, entry in self.supervisor.devices.items()
@@ -124,13 +138,13 @@ class ObjectCell:
     # -- running jobs
 
     async def start(self, **how: Any) -> int:
-        """Start a capture; returns its number."""
-        params = how.pop("params", {})
-        begun = await self.engine.start(JOB, params, who=WHO, channel="test", **how)
+        """Start the cell's job, or ``job``; returns the run's number."""
+        params, job = how.pop("params", {}), how.pop("job", self.job)
+        begun = await self.engine.start(job, params, who=WHO, channel="test", **how)
         return int(begun["run_id"])
 
     async def run_job(self, **how: Any) -> dict[str, Any]:
-        """Start a capture, be its operator, and return its ``end.json``."""
+        """Start a job, be its operator, and return its ``end.json``."""
         return await self.finished(await self.start(**how))
 
     async def finished(self, run_id: int) -> dict[str, Any]:
@@ -144,7 +158,8 @@ class ObjectCell:
         """Move the board to the next place and confirm, if a prompt is open."""
         run = self.engine.run
         if run is not None and run.prompt is not None:
-            self.plant.world.operator.move_on(self.clock.now())
+            if self.plant.world.operator.placements:
+                self.plant.world.operator.move_on(self.clock.now())
             await self.engine.confirm(run.prompt[0], WHO)
 
     async def until(self, true: Callable[[], Any], what: str, limit_s: float = 60.0) -> None:
@@ -209,9 +224,11 @@ class ObjectCell:
 
 
 @asynccontextmanager
-async def open_cell(config: CellConfig, clock: VirtualClock | None = None) -> AsyncIterator[ObjectCell]:
+async def open_cell(
+    config: CellConfig, clock: VirtualClock | None = None, job: str = JOB
+) -> AsyncIterator[ObjectCell]:
     """A cell with all its devices READY; at the end everything is closed."""
-    cell = ObjectCell(config, clock or VirtualClock())
+    cell = ObjectCell(config, clock or VirtualClock(), job)
     try:
         await cell.open()
         yield cell

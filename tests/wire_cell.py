@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +27,10 @@ SPEED_AT_REST_RAD_S = 0.002
 class WireCell:
     """Twin and daemon; the daemon can be killed, stopped and started again."""
 
-    def __init__(self, folder: Path, bind: str, poses: int, placements: int) -> None:
+    def __init__(self, folder: Path, bind: str, scenario: str) -> None:
         self.folder, self.bind = folder, bind
         self.scenario = folder / "scenario.toml"
-        self.scenario.write_text(_short_scenario(poses, placements), "utf-8")
+        self.scenario.write_text(scenario, "utf-8")
         self.twin: subprocess.Popen[bytes] | None = None
         self.daemon: subprocess.Popen[bytes] | None = None
 
@@ -97,8 +98,8 @@ class WireCell:
             return False
         return all(d["state"] == "READY" for d in devices)
 
-    def start_capture(self) -> int:
-        run: dict[str, int] = self.call("start", job="cone-capture")
+    def start_job(self, job: str) -> int:
+        run: dict[str, int] = self.call("start", job=job)
         return run["run_id"]
 
     def wait_for_end(self, timeout: float) -> dict[str, Any]:
@@ -164,16 +165,13 @@ def _as_the_service_runs() -> None:
         os.setpriority(os.PRIO_PROCESS, 0, -5)
 
 
-def _short_scenario(poses: int, placements: int) -> str:
-    """The shipped scenario with a smaller job; its truth stays as it is."""
-    from importlib.resources import files
-
-    text = files("fakes").joinpath("scenarios/hand_eye.toml").read_text("utf-8")
+def shipped(name: str, **keys: Any) -> str:
+    """A shipped scenario with other numbers for the keys of its jobs; its truth stays as it is."""
+    text = files("fakes").joinpath(f"scenarios/{name}.toml").read_text("utf-8")
     lines = []
     for line in text.splitlines():
         key = line.split("=")[0].strip()
-        new = {"placements": placements, "poses_per_placement": poses, "frames_per_pose": 2}.get(key)
-        lines.append(line if new is None else f"{key} = {new}")
+        lines.append(f"{key} = {keys[key]}" if key in keys else line)
     text = "\n".join(lines) + "\n"
     Scenario.parse(text)
     return text
@@ -192,9 +190,9 @@ def wait_for(condition: Callable[[], bool], what: str, timeout: float) -> None:
 
 
 @contextmanager
-def wire_cell(folder: Path, bind: str, poses: int = 4, placements: int = 1) -> Iterator[WireCell]:
+def wire_cell(folder: Path, bind: str, scenario: str) -> Iterator[WireCell]:
     """Twin and daemon, both ready; ended whatever happens, their logs shown when the test fails."""
-    cell = WireCell(folder, bind, poses, placements)
+    cell = WireCell(folder, bind, scenario)
     try:
         cell.start_twin()
         cell.start_daemon()

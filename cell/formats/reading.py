@@ -3,7 +3,7 @@
 import difflib
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -58,6 +58,11 @@ def parse(model: type[M], raw: dict[str, Any], schema: str, where: str) -> M:
     if found != schema:
         was = "has no schema" if found is None else f"has the schema {found!r}"
         raise error("DATA_INVALID", f"{where} {was}; this command reads {schema!r}")
+    return parse_part(model, raw, where)
+
+
+def parse_part(model: type[M], raw: Mapping[str, Any], where: str) -> M:
+    """A table without a schema of its own, as ``model``; ``where`` names file and table in errors."""
     try:
         return model.model_validate(raw)
     except ValidationError as exc:

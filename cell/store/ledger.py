@@ -193,6 +193,26 @@ class Ledger:
         )
         return [int(row["id"]) for row in rows]
 
+    def open_results_of_job(self, job: str) -> list[int]:
+        """The results of all runs of a job that wait for a decision."""
+        rows = self._rows(
+            "SELECT c.id FROM calibrations c JOIN runs r ON r.run_id = c.run_id"
+            " WHERE r.job = ? AND c.state IN (?, ?) ORDER BY c.id",
+            job,
+            *OPEN_STATES,
+        )
+        return [int(row["id"]) for row in rows]
+
+    def job_of_open_result(self, result_id: int) -> str | None:
+        """The job whose run proposed a result that waits for a decision; None for any other result."""
+        rows = self._rows(
+            "SELECT r.job FROM calibrations c JOIN runs r ON r.run_id = c.run_id"
+            " WHERE c.id = ? AND c.state IN (?, ?)",
+            result_id,
+            *OPEN_STATES,
+        )
+        return str(rows[0]["job"]) if rows else None
+
     def results(self, name: str | None = None, limit: int = 100) -> list[dict[str, Any]]:
         """Calibrations of every state, newest first, without the full result documents."""
         rows = self._rows(
@@ -235,10 +255,10 @@ class Ledger:
                 (key, to_json(value)),
             )
 
-    def add_trend(self, name: str, t: float, value: float) -> None:
-        """One point of a health number; ``t`` is wall time in seconds, for it spans restarts."""
+    def add_trend(self, name: str, value: float) -> None:
+        """One point of a health number, now; in wall time, for it spans restarts."""
         with self._transaction() as db:
-            db.execute("INSERT INTO trends (name, t, value) VALUES (?, ?, ?)", (name, t, value))
+            db.execute("INSERT INTO trends (name, t, value) VALUES (?, ?, ?)", (name, self._wall(), value))
 
     def trend(self, name: str, limit: int = 1000) -> list[tuple[float, float]]:
         """The newest ``limit`` points of a health number, oldest first."""

@@ -7,6 +7,7 @@ import typer
 from daemon.cli.jobs import connect
 from daemon.cli.options import ConfigOption, JsonOption, cell_paths
 from daemon.cli.output import local_time, out, out_json, say, table
+from daemon.cli.value_text import value_text
 
 ResultArgument = Annotated[
     int, typer.Argument(help="The number that 'cellward results' shows.", show_default=False)
@@ -15,7 +16,7 @@ ResultArgument = Annotated[
 
 def results(
     name: Annotated[
-        str | None, typer.Argument(help="Only this calibration, for instance T_flange_camera.")
+        str | None, typer.Argument(help="Only this calibration, for instance T_flange_tool.gripper.")
     ] = None,
     config: ConfigOption = None,
     as_json: JsonOption = False,
@@ -36,7 +37,17 @@ def results(
     elif not found:
         say("There are no results yet; a finished job proposes one.")
     else:
-        columns = ("result", "calibration", "state", "version", "run", "proposed", "decided by", "why")
+        columns = (
+            "result",
+            "calibration",
+            "state",
+            "version",
+            "run",
+            "proposed",
+            "decided by",
+            "why",
+            "value",
+        )
         out(table(columns, (_row(entry) for entry in found)))
         if waiting := [entry for entry in found if entry["state"] == "proposed"]:
             say(f"To decide: cellward accept {waiting[0]['id']}, or cellward reject {waiting[0]['id']}.")
@@ -44,7 +55,8 @@ def results(
 
 def _row(entry: dict[str, Any]) -> list[Any]:
     keys = ("id", "name", "state", "version", "run_id")
-    return [*(entry[k] for k in keys), local_time(entry["proposed"]), entry["who"], entry["why"]]
+    value = value_text(entry["name"], entry["value"])
+    return [*(entry[k] for k in keys), local_time(entry["proposed"]), entry["who"], entry["why"], value]
 
 
 def accept(result: ResultArgument, config: ConfigOption = None) -> None:
@@ -75,4 +87,5 @@ def rollback(
     with connect(config) as daemon:
         entry = daemon.call("rollback", name=name)
     now = f"version {entry['version']}" if entry["version"] is not None else "the configured value"
-    say(f"{name}: {now} is in effect from the next job on.")
+    value = f": {value_text(name, entry['value'])}" if "value" in entry else ""
+    say(f"{name}: {now} is in effect from the next job on{value}.")

@@ -7,8 +7,6 @@ import typer
 
 from cell.errors import error
 
-JOBS = ("cone-capture",)
-
 
 def demo(
     job: Annotated[list[str] | None, typer.Option("--job", help="Only this job; may be repeated.")] = None,
@@ -18,12 +16,15 @@ def demo(
     output: Annotated[Path, typer.Option("--out", help="Folder for the demo's files.")] = Path("demo-out"),
 ) -> None:
     """Start a twin and the daemon, run the jobs by a Modbus trigger, show the results beside the truth."""
-    if unknown := sorted(set(job or ()) - set(JOBS)):
-        raise error("UNKNOWN_JOB", f"the demo has no job '{unknown[0]}'; it has {', '.join(JOBS)}")
+    from daemon.demo.steps import STEPS, steps_of
+
+    if unknown := sorted(set(job or ()) - set(STEPS)):
+        raise error("UNKNOWN_JOB", f"the demo has no job '{unknown[0]}'; it has {', '.join(STEPS)}")
+    steps = steps_of(job or ())
     if fast:
         from daemon.demo.fast import run_fast
 
-        raise typer.Exit(run_fast(output.absolute()))
+        raise typer.Exit(run_fast(output.absolute(), steps))
     from daemon.demo.wire import run_wire
 
-    raise typer.Exit(run_wire(output.absolute()))
+    raise typer.Exit(run_wire(output.absolute(), steps))

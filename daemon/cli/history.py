@@ -125,19 +125,11 @@ def write_report(result: Mapping[str, Any], folder: Path, path: Path) -> None:
 def replay(run: RunArgument, config: ConfigOption = None, as_json: JsonOption = False) -> None:
     """Solve the data of a run again; exit code 1 when the answer differs by more than 1e-9 (relative)."""
     from daemon.cli.replay import TOLERANCE, differences
+    from procedures.replay import solve_again
 
     folder = load(config, run)
     recorded = result_of(folder)
-    data = folder.path / "capture.json"
-    if not data.exists():
-        raise error("NOT_FOUND", f"run {run} ({folder.job}) has no capture.json to solve")
-    from daemon.cli.offline import solve_data
-    from procedures.cone_capture.verdict import judged
-
-    again = solve_data("hand-eye", data, (recorded.get("inputs") or {}).get("method"))
-    if limits := (folder.info.get("job_config") or {}).get("accept"):
-        again = judged(again, limits)
-    found = differences(recorded, again)
+    found = differences(recorded, solve_again(folder.job, folder.path, folder.info, recorded))
     if as_json:
         out_json({"run_id": run, "same": not found, "tolerance": TOLERANCE, "differences": found})
     elif found:
@@ -152,7 +144,7 @@ def replay(run: RunArgument, config: ConfigOption = None, as_json: JsonOption = 
 def compare(
     first: RunArgument, second: RunArgument, config: ConfigOption = None, as_json: JsonOption = False
 ) -> None:
-    """The difference of two hand-eye results, against their uncertainties."""
+    """The difference of two results of the same kind, against their uncertainties."""
     from daemon.cli.compare import compare_results, comparison_text
 
     found = compare_results(*(result_of(load(config, number)) for number in (first, second)))

@@ -43,6 +43,11 @@ def deg(radians: float | None, digits: int = 4) -> str:
     return "unknown" if radians is None else f"{degrees(radians):.{digits}f} deg"
 
 
+def ms(seconds: float | None, digits: int = 2) -> str:
+    """A short time for people."""
+    return "unknown" if seconds is None else f"{1e3 * seconds:.{digits}f} ms"
+
+
 def pose_text(pose: Sequence[float]) -> str:
     """``[x, y, z, rx, ry, rz]`` for people: millimetres, and the rotation vector in degrees."""
     t = ", ".join(f"{1e3 * v:.3f}" for v in pose[:3])

@@ -1,6 +1,6 @@
 """The plan of a dry run as a table: every pose with every check."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import degrees
 from typing import Any
 
@@ -9,6 +9,10 @@ from daemon.cli.output import deg, mm, table
 HEADER = (
     "pose", "joints (deg)", "travel (deg)", "joint range (deg)", "keep-out (mm)", "workspace (mm)",
     "floor (mm)", "self (mm)", "singular",
+)  # fmt: skip
+SWEEP_HEADER = (
+    "sweep", "times", "tool's point from (mm)", "to (mm)", "joint range (deg)", "keep-out (mm)",
+    "workspace (mm)", "floor (mm)", "self (mm)", "singular",
 )  # fmt: skip
 
 
@@ -23,6 +27,7 @@ def plan_text(plan: Mapping[str, Any]) -> str:
             f"{len(poses)} poses, cone about {plan.get('axis', 'the board')}; margins to the limits:",
             table(HEADER, (_row(pose) for pose in poses)),
         ]
+    lines += _sweeps(plan)
     if plan.get("travel_rad") is not None:
         lines.append(
             f"joint travel {deg(plan['travel_rad'], 0)}; "
@@ -47,12 +52,37 @@ def prediction_text(predicted: Mapping[str, Any]) -> str:
     )
 
 
+def _sweeps(plan: Mapping[str, Any]) -> list[str]:
+    """The ways across the beams of a crossed-beam job, from the first to the deepest."""
+    sweeps = plan.get("sweeps", [])
+    if not sweeps:
+        return []
+    lines = ["Margins to the limits where each sweep is tightest:", table(SWEEP_HEADER, map(_sweep, sweeps))]
+    if (floor := plan.get("floor_m")) is not None:
+        lines.append(f"the tool's point does not go below {mm(floor, 1)} in base")
+    problems = plan.get("problems") or []
+    lines += [f"not possible: {problem}" for problem in problems]
+    return lines
+
+
+def _sweep(row: Mapping[str, Any]) -> list[str | None]:
+    sweeps = row.get("sweeps")
+    times = str(sweeps) if sweeps else None  # an approach crosses nothing
+    return [str(row["index"]), times, _at(row.get("from")), _at(row.get("to")), *_margins(row)]
+
+
+def _at(point: Sequence[float] | None) -> str | None:
+    return None if point is None else " ".join(f"{round(1e3 * v, 1) + 0.0:.1f}" for v in point)
+
+
 def _row(pose: Mapping[str, Any]) -> list[str | None]:
+    joints = " ".join(f"{round(degrees(v), 1) + 0.0:.1f}" for v in pose["q"])
+    return [str(pose["index"]), joints, _angle(pose.get("travel_rad")), *_margins(pose)]
+
+
+def _margins(pose: Mapping[str, Any]) -> list[str | None]:
     checks = pose.get("checks", {})
     return [
-        str(pose["index"]),
-        " ".join(f"{round(degrees(v), 1) + 0.0:.1f}" for v in pose["q"]),
-        _angle(pose.get("travel_rad")),
         _named(_angle(checks.get("joint_rad")), checks.get("joint")),
         _named(_length(checks.get("clearance_m")), checks.get("clearance")),
         _length(checks.get("workspace_m")),

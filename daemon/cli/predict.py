@@ -11,9 +11,11 @@ from calibration.targets import make_target
 from cell.errors import AbortError
 from cell.poses import Array, to_pose6
 from daemon.cli.plan_text import prediction_text
+from daemon.cli.predict_laser import predict_laser
 from daemon.config import CellConfig
 from procedures.cone_capture.config import ConeCaptureConfig
 from procedures.cone_capture.plan import PlanRequest, View, plan_placement
+from procedures.laser.config import LaserReferenceConfig
 
 # Neither the camera nor the board's place is known yet, so both are assumed, and said.
 ASSUMED_CAMERA: dict[str, Any] = {"width": 1280, "height": 800, "K": [800.0, 800.0, 639.5, 399.5], "dist": []}
@@ -25,10 +27,16 @@ NOMINAL = {
 
 def predictions(config: CellConfig) -> list[dict[str, Any]]:
     """One entry a configured job that can be predicted: ``job``, ``text`` and the figures."""
-    section = config.job_section("cone-capture")
-    if not section or "arm" not in config.robot.roles():
+    if "arm" not in config.robot.roles():
         return []
-    return [{"job": "cone-capture", **_cone_capture(config, ConeCaptureConfig.model_validate(section))}]
+    found = []
+    if section := config.job_section("cone-capture"):
+        job = ConeCaptureConfig.model_validate(section)
+        found.append({"job": "cone-capture", **_cone_capture(config, job)})
+    if section := config.job_section("laser-reference"):
+        beams = LaserReferenceConfig.model_validate(section)
+        found.append({"job": "laser-reference", **predict_laser(config, beams)})
+    return found
 
 
 def _cone_capture(config: CellConfig, job: ConeCaptureConfig) -> dict[str, Any]:

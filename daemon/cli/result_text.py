@@ -1,9 +1,12 @@
-"""A hand-eye result in words: what was found, how sure it is, and what it does not say."""
+"""A result in words: what was found, how sure it is, and what it does not say."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import degrees, sqrt
 from typing import Any
 
+from daemon.cli.intercept_text import intercept_lines
+from daemon.cli.kincal_text import kincal_lines
+from daemon.cli.laser_text import laser_lines, latency_lines, reference_lines
 from daemon.cli.output import deg, mm, pose_text
 
 SETUPS = {
@@ -28,11 +31,15 @@ def result_text(result: Mapping[str, Any]) -> str:
     if answer is None:
         lines.append("  no answer: the data cannot determine it")
     else:
-        lines += _answer(answer)
-        lines += _residuals(result.get("residuals") or {})
-        lines += _rejected(answer.get("rejected") or [])
+        lines += _BODIES.get(str(result.get("kind")), _hand_eye)(result, answer)
     lines += [f"  warning {w['code']}: {w['text']}" for w in warnings]
     return "\n".join(lines)
+
+
+def _hand_eye(result: Mapping[str, Any], answer: Mapping[str, Any]) -> list[str]:
+    lines = _answer(answer)
+    lines += _residuals(result.get("residuals") or {})
+    return lines + _rejected(answer.get("rejected") or [])
 
 
 def _answer(answer: Mapping[str, Any]) -> list[str]:
@@ -97,3 +104,12 @@ def _rejected(rejected: Sequence[Mapping[str, Any]]) -> list[str]:
     if len(rejected) > MOST_REJECTED_SHOWN:
         lines.append(f"    and {len(rejected) - MOST_REJECTED_SHOWN} more; --json lists them all")
     return lines
+
+
+_BODIES: dict[str, Callable[[Mapping[str, Any], Mapping[str, Any]], list[str]]] = {
+    "intercept": intercept_lines,
+    "kincal": kincal_lines,
+    "laser": laser_lines,
+    "laser-reference": reference_lines,
+    "latency": latency_lines,
+}

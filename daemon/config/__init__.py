@@ -1,6 +1,6 @@
 """``cell.toml``: read, checked in one go with places and hints, and never written by the program."""
 
-from daemon.config.drivers import DRIVERS, driver_class
+from daemon.config.drivers import DRIVERS, bindings, driver_class
 from daemon.config.findings import ConfigInvalid
 from daemon.config.load import CellConfig, load_config
 from daemon.config.models import DeviceSection, ModbusSection, split_bind
@@ -12,6 +12,7 @@ __all__ = [
     "ConfigInvalid",
     "DeviceSection",
     "ModbusSection",
+    "bindings",
     "driver_class",
     "init_text",
     "json_schema",

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from daemon.config.drivers import DRIVERS, INPUT_DRIVERS
 from daemon.config.findings import Findings, did_you_mean
 from daemon.config.locate import Path
 from daemon.config.models import ROLES, LimitsSection, is_loopback
@@ -27,7 +28,7 @@ def check_units(raw: Mapping[str, Any], findings: Findings) -> None:
 
 
 def check_names(raw: Mapping[str, Any], findings: Findings) -> None:
-    """Roles name devices, jobs name targets and poses."""
+    """Roles name devices, jobs name targets, poses and inputs."""
     devices, targets, poses = (_table(raw, key) for key in ("device", "target", "poses"))
     for role, name in _table(raw, "robot").items():
         if role in ROLES and isinstance(name, str) and name not in devices:
@@ -38,6 +39,33 @@ def check_names(raw: Mapping[str, Any], findings: Findings) -> None:
                 findings.add(("job", job, key), f"there is no [target.{name}]{did_you_mean(name, targets)}")
             if key.endswith("_pose") and isinstance(name, str) and name not in poses:
                 findings.add(("job", job, key), f"there is no '{name}' in [poses]{did_you_mean(name, poses)}")
+            aux = name.get("aux") if isinstance(name, dict) else None
+            if isinstance(aux, str) and aux not in poses:
+                findings.add(
+                    ("job", job, key, "aux"), f"there is no '{aux}' in [poses]{did_you_mean(aux, poses)}"
+                )
+    _check_inputs(raw, findings)
+
+
+def _check_inputs(raw: Mapping[str, Any], findings: Findings) -> None:
+    """Jobs name inputs of the device that has the role ``beams``, where its section lists them."""
+    device = _table(raw, "robot").get("beams", "beams")
+    section = _table(raw, "device").get(device) if isinstance(device, str) else None
+    if not isinstance(section, dict):
+        return
+    inputs, driver = section.get("inputs"), section.get("driver")
+    if isinstance(driver, str) and driver in DRIVERS and driver not in INPUT_DRIVERS:
+        known = " or ".join(repr(name) for name in INPUT_DRIVERS)
+        findings.add(("robot", "beams"), f"[device.{device}] has no inputs; its driver should be {known}")
+        return
+    for job, keys in _table(raw, "job").items():
+        for key, value in keys.items() if isinstance(keys, dict) else ():
+            name = value.get("input") if isinstance(value, dict) else None
+            if isinstance(name, str) and isinstance(inputs, dict) and name not in inputs:
+                findings.add(
+                    ("job", job, key, "input"),
+                    f"[device.{device}] has no input '{name}'; it has {', '.join(inputs) or 'none'}",
+                )
 
 
 def check_contradictions(raw: Mapping[str, Any], findings: Findings) -> None:

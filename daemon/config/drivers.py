@@ -10,7 +10,25 @@ from pydantic import BaseModel
 DRIVERS: dict[str, str] = {
     "ur": "drivers.ur:UrArm",
     "oak": "drivers.oak:OakCamera",
+    "modbus-inputs": "drivers.modbus_inputs:ModbusInputs",
+    "arm-inputs": "drivers.ur.inputs:ArmInputs",
 }
+INPUT_DRIVERS = ("modbus-inputs", "arm-inputs")  # those that can have the role "beams"
+
+
+def bindings(driver: Any) -> Mapping[str, type]:
+    """The keys of a driver's config that name another device, with the Protocol that this one must have.
+
+    Such a driver has ``BINDS`` and is given the devices by ``bind(key=device, ...)`` before it is opened.
+    """
+    found: Mapping[str, type] = getattr(driver, "BINDS", {})
+    return found
+
+
+def offers(driver: Any, protocol: type) -> bool:
+    """Whether the driver's devices have the methods of ``protocol``."""
+    methods = (name for name, item in vars(protocol).items() if callable(item) and not name.startswith("_"))
+    return all(callable(getattr(driver, name, None)) for name in methods)
 
 
 def driver_class(name: str, drivers: Mapping[str, str] = DRIVERS) -> Any:

@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field, SerializeAsAny, ValidationError, create_m
 from cell.errors import CellError, error
 from cell.store.files import read_json, to_json
 from daemon.config.checks import check_contradictions, check_names, check_units
-from daemon.config.drivers import DRIVERS, driver_class
+from daemon.config.drivers import DRIVERS, bindings, driver_class, offers
 from daemon.config.findings import ConfigInvalid, Findings, did_you_mean, with_detail
 from daemon.config.locate import locate
 from daemon.config.models import (
@@ -113,6 +113,7 @@ def check_config(
     devices = {
         name: _check_device(name, section, findings, drivers) for name, section in _tables(raw, "device")
     }
+    _check_bindings(devices, findings, drivers)
     targets = {name: _check_target(name, section, findings) for name, section in _tables(raw, "target")}
     for name, section in _tables(raw, "job"):
         _check_job(name, section, findings, jobs)
@@ -197,6 +198,23 @@ def _check_device(
         return None
     checked: DeviceSection | None = _validated(device_model(config), section, place, findings)
     return checked
+
+
+def _check_bindings(
+    devices: Mapping[str, DeviceSection | None], findings: Findings, drivers: Mapping[str, str]
+) -> None:
+    """Devices that work on another one name a device that exists and is of the right kind."""
+    for name, section in devices.items():
+        wanted = {} if section is None else bindings(driver_class(section.driver, drivers))
+        for key, protocol in wanted.items():
+            other = getattr(section, key)
+            place, kind = ("device", name, key), protocol.__name__.lower()
+            if other not in devices:
+                findings.add(place, f"there is no [device.{other}]{did_you_mean(other, devices)}")
+            elif (found := devices[other]) is not None and not offers(
+                driver_class(found.driver, drivers), protocol
+            ):
+                findings.add(place, f"[device.{other}] is no {kind}, its driver is '{found.driver}'")
 
 
 def _check_target(name: str, section: dict[str, Any], findings: Findings) -> dict[str, Any]:

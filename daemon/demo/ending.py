@@ -8,7 +8,10 @@ from cell.store.runs import load_run
 from daemon.cli.failures import FAILED, OK
 from daemon.cli.output import out, say
 from daemon.cli.result_text import result_text
-from daemon.demo.verdict import judge, judgement_text
+from daemon.demo.verdict import judge_camera
+from daemon.demo.verdict_laser import judge_beams, judge_tool
+
+JUDGES = {"hand-eye": judge_camera, "laser-reference": judge_beams, "laser": judge_tool}
 
 
 def conclude(runs: Path, run_id: int, truth: Mapping[str, Any]) -> int:
@@ -21,9 +24,11 @@ def conclude(runs: Path, run_id: int, truth: Mapping[str, Any]) -> int:
         say(f"run {run_id} ended {end['outcome']}{why}\nIts journal is in {run.path}")
         return FAILED
     out(result_text(result))
-    judgement = judge(result, truth)
-    out("\nBeside the twin's truth:")
-    out(judgement_text(judgement, result["result"]))
+    good = False
+    if result["result"] is not None:
+        good, text = JUDGES[result["kind"]](result, truth)
+        out("\nBeside the twin's truth:")
+        out(text)
     report = run.path / "report.html"
     out(f"report: {report if report.exists() else f'none was drawn; the journal in {run.path} says why'}")
-    return OK if result["verdict"] != "fail" and judgement.good else FAILED
+    return OK if result["verdict"] != "fail" and good else FAILED

@@ -1,4 +1,4 @@
-"""The fast demo: the same job in this process, on a world without protocols and a clock without waiting.
+"""The fast demo: the same jobs in this process, on a world without protocols and a clock without waiting.
 
 Its configuration names drivers and a clock as ``package.module:Class``; that name is all this code knows of
 them. The clock's module offers ``run_virtual``, which runs a coroutine on the loop that makes the clock jump.
@@ -8,6 +8,7 @@ import asyncio
 import importlib
 import logging
 import time
+from collections.abc import Sequence
 from contextlib import AsyncExitStack
 from importlib.resources import files
 from pathlib import Path
@@ -18,39 +19,42 @@ from cell.devices import DeviceState
 from cell.errors import error
 from cell.motion import MotionBroker
 from cell.store.ledger import Ledger
+from daemon.cli.failures import OK
 from daemon.cli.output import out, say
 from daemon.cli.progress import ProgressBar
 from daemon.composition import supervised_devices
 from daemon.config import CellConfig, load_config
 from daemon.demo.ending import conclude
+from daemon.demo.folder import begin_in
+from daemon.demo.steps import Step
 from daemon.engine import CellContext, Engine
 from daemon.health import Beats
 from daemon.supervisor import Supervisor
 from daemon.worker import InlineWorker
 from procedures.registry import JOBS
 
-JOB = "cone-capture"
 READY_S = 30.0
 POLL_S = 0.1
 WHO = "the demo"
 
 
-def run_fast(folder: Path) -> int:
+def run_fast(folder: Path, steps: Sequence[Step]) -> int:
     """Run the demo with its files in ``folder``; the exit code is that of the full one."""
-    out(f"Cellward demo, fast: {JOB} in one process. ETA under a minute.")
-    out("Arm, camera and clock are virtual objects here: no process, no protocol and no Modbus is exercised.")
-    folder.mkdir(parents=True, exist_ok=True)
+    out(f"Cellward demo, fast: {', '.join(s.job for s in steps)} in one process. ETA under a minute.")
+    out("All devices and the clock are virtual objects: no process, no protocol and no Modbus is exercised.")
+    begin_in(folder, "fast-state")
     logging.basicConfig(filename=folder / "fast.log", level=logging.INFO, force=True)
     config = load_config(_write_config(folder))
     assert config.cell.clock is not None
     module, _, name = config.cell.clock.partition(":")
     virtual = importlib.import_module(module)
     began = time.monotonic()
-    run_id, truth, seconds = virtual.run_virtual(_run(config, getattr(virtual, name)()))
+    runs, seconds = virtual.run_virtual(_run(config, getattr(virtual, name)(), steps))
     say(
         f"The log is {folder / 'fast.log'}. {seconds:.0f} s of the cell took {time.monotonic() - began:.1f} s"
     )
-    return conclude(Path(config.cell.state_dir) / "runs", run_id, truth)
+    where = Path(config.cell.state_dir) / "runs"
+    return max([conclude(where, run_id, truth) for run_id, truth in runs], default=OK)
 
 
 def _write_config(folder: Path) -> Path:
@@ -60,14 +64,16 @@ def _write_config(folder: Path) -> Path:
     return path
 
 
-async def _run(config: CellConfig, clock: Clock) -> tuple[int, dict[str, Any], float]:
-    """The number of the run, the truth, and how long it took on the cell's clock."""
+async def _run(
+    config: CellConfig, clock: Clock, steps: Sequence[Step]
+) -> tuple[list[tuple[int, dict[str, Any]]], float]:
+    """The number of each run with the truth after it, and how long all took on the cell's clock."""
     state = Path(config.cell.state_dir)
     supervisor = Supervisor(supervised_devices(config, clock, Beats(clock)))
     await asyncio.to_thread((state / "runs").mkdir, parents=True, exist_ok=True)
     ledger = await asyncio.to_thread(Ledger, state / "ledger.sqlite")
-    context = CellContext(config, clock, InlineWorker(), supervisor, MotionBroker(clock))
-    engine = Engine(context, ledger, JOBS, state / "runs")
+    context = CellContext(config, clock, InlineWorker(), supervisor, MotionBroker(clock), ledger)
+    engine = Engine(context, JOBS, state / "runs")
     async with AsyncExitStack() as stack:
         stack.callback(ledger.close)
         for name, entry in supervisor.devices.items():
@@ -76,22 +82,30 @@ async def _run(config: CellConfig, clock: Clock) -> tuple[int, dict[str, Any], f
         await _until_ready(supervisor, clock)
         arm: Any = supervisor.ready(config.robot.roles()["arm"])
         began = clock.now()
-        run_id = await _run_job(engine, arm.world.operator, clock)
-        return run_id, arm.world.truth(), clock.now() - began
+        runs = []
+        for step in steps:
+            run_id = await _run_step(engine, step, arm.world, clock)
+            runs.append((run_id, arm.world.truth()))
+        return runs, clock.now() - began
 
 
-async def _run_job(engine: Engine, operator: Any, clock: Clock) -> int:
-    """Start the job, and be the operator who moves the board and confirms."""
-    run_id: int = (await engine.start(JOB, {}, who=WHO, channel="demo"))["run_id"]
+async def _run_step(engine: Engine, step: Step, world: Any, clock: Clock) -> int:
+    """Do to the world what the step says, start its job, and be the operator who confirms."""
+    if step.bump is not None:
+        world.tool.bend(clock.now(), step.bump.shift_m, (*step.bump.tilt_rad, 0.0))
+        say("the tool was bumped")
+    run_id: int = (await engine.start(step.job, {}, who=WHO, channel="demo"))["run_id"]
     placement = 0
     with ProgressBar() as bar:
         while (status := engine.status())["run_id"] == run_id:
-            bar.show(f"run {run_id}, placement {placement + 1}", status["step"], status["steps"])
+            bar.show(f"{step.job}, run {run_id}", status["step"], status["steps"])
             if status["prompt"] is not None:
-                placement += 1
-                operator.confirm(placement, clock.now())
+                if step.moves_board:
+                    placement += 1
+                    world.operator.confirm(placement, clock.now())
+                    say(f"the operator moved the board to place {placement + 1}")
                 await engine.confirm(status["prompt"]["id"], WHO)
-                say(f"the operator moved the board to place {placement + 1} and confirmed")
+                say("the operator confirmed")
             await clock.sleep(POLL_S)
     return run_id
 

@@ -44,6 +44,12 @@ def judge(result: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
     return Judgement(name, found, true, xi, np.sqrt(np.diag(cov)), m2)
 
 
+def judge_camera(result: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[bool, str]:
+    """Whether a hand-eye answer agrees with the true pose, and the table that shows it."""
+    judgement = judge(result, truth)
+    return judgement.good, judgement_text(judgement, result["result"])
+
+
 def judgement_text(judgement: Judgement, answer: Mapping[str, Any]) -> str:
     """The table of the six components, the distance, and the two consistency figures."""
     scale = [1e3] * 3 + [degrees(1.0)] * 3

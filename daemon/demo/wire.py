@@ -1,4 +1,4 @@
-"""The demo on real protocols: twin and daemon as processes, the job triggered over Modbus."""
+"""The demo on real protocols: twin and daemon as processes, the jobs triggered over Modbus."""
 
 import json
 import signal
@@ -7,93 +7,100 @@ import stat
 import subprocess
 import time
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
 from cell.errors import CellError, RetryError, error
+from daemon.cli.failures import OK
 from daemon.cli.output import out, say
 from daemon.cli.progress import ProgressBar
 from daemon.demo import plc as registers
 from daemon.demo.children import Child, console_script
 from daemon.demo.ending import conclude
+from daemon.demo.folder import begin_in
 from daemon.demo.plc import POLL_S, Plc
+from daemon.demo.steps import Bump, Step, eta_text
 
-SCENARIO = "hand_eye"
-JOB, JOB_NUMBER = "cone-capture", 1
-ETA = "about 2 minutes: 3 placements of the board, 12 arm poses each, in real time"
-NEEDED_PORTS = (29999, 30001, 30003, 30004, 5020)  # dashboard, primary, script, RTDE; Modbus
+SCENARIO = "bay"
+NEEDED_PORTS = (29999, 30001, 30003, 30004, 5020, 5502)  # dashboard, primary, script, RTDE; Modbus servers
 TWIN_START_S = 60.0
 DAEMON_START_S = 90.0
 JOB_DEADLINE_S = 15 * 60.0
-OPERATOR_DEADLINE_S = 30.0
+TWIN_ANSWER_S = 30.0
 LAST_WORDS_S = 3.0
 PASSING = {"STALE_DATA", "DEVICE_NOT_READY"}
 START_ATTEMPTS, START_AGAIN_S = 4, 0.8
 LINE_EVERY_STEPS = 10
 
 
-def run_wire(folder: Path) -> int:
-    """Run the demo with its files in ``folder``; exit code 0 only when the answer agrees with the truth."""
-    out(f"Cellward demo on a twin: {JOB}. ETA {ETA}.")
-    folder.mkdir(parents=True, exist_ok=True)
+def run_wire(folder: Path, steps: Sequence[Step]) -> int:
+    """Run the demo with its files in ``folder``; exit code 0 only when every answer agrees with the truth."""
+    out(f"Cellward demo on a twin. ETA {eta_text(steps)}.")
+    begin_in(folder, "state")
     config = folder / "cell.toml"
+    runs: list[tuple[int, dict[str, Any]]] = []
     with _interrupted_once(), _no_socket_left(folder):
         say(f"Files and logs go to {folder}")
         with _twin(folder, config) as twin:
             settings = tomllib.loads(config.read_text("utf-8"))
-            truth = json.loads(_ask_twin(folder, "truth", "--json"))
             with _daemon(folder, config) as daemon, _plc(settings) as plc:
-                say(f"twin pid {twin.pid}, daemon pid {daemon.pid}; waiting for arm and camera")
+                say(f"twin pid {twin.pid}, daemon pid {daemon.pid}; waiting for the devices")
                 daemon.wait_for(plc.connect, "Modbus server", DAEMON_START_S)
-                daemon.wait_for(lambda: plc.poll().ready, "ready arm and camera", DAEMON_START_S)
-                try:
-                    run_id = _run_job(plc, folder, (twin, daemon))
-                except RetryError:  # a lost link; a daemon that is gone is the better reason
-                    daemon.check_alive(LAST_WORDS_S)
-                    raise
-    return conclude(Path(settings["cell"]["state_dir"]) / "runs", run_id, truth)
+                for step in steps:
+                    _wait_ready(plc, daemon, step)
+                    try:
+                        run_id = _run_step(plc, step, folder, (twin, daemon))
+                    except RetryError:  # a lost link; a daemon that is gone is the better reason
+                        daemon.check_alive(LAST_WORDS_S)
+                        raise
+                    runs.append((run_id, json.loads(_ask_twin(folder, "truth", "--json"))))
+    where = Path(settings["cell"]["state_dir"]) / "runs"
+    # Each is shown, also after one that failed.
+    return max([conclude(where, run_id, truth) for run_id, truth in runs], default=OK)
 
 
-def _run_job(plc: Plc, folder: Path, children: tuple[Child, ...]) -> int:
+def _wait_ready(plc: Plc, daemon: Child, step: Step) -> None:
+    daemon.wait_for(lambda: plc.poll().ready_with(step.needs), f"devices of {step.job}", DAEMON_START_S)
+
+
+def _run_step(plc: Plc, step: Step, folder: Path, children: tuple[Child, ...]) -> int:
     """Start the job as a PLC does, play the operator when it asks, and acknowledge the result."""
     begun = time.monotonic()
-    _start(plc)
-    say(f"the PLC started job {JOB_NUMBER} ({JOB}) over Modbus")
-    answered = 0
-    placement = 1
-    told = 0
+    if step.bump is not None:
+        _bump(plc, folder, step.bump)
+    _start(plc, step)
+    say(f"the PLC started job {step.number} ({step.job}) over Modbus")
+    answered, placement, told = 0, 1, 0
     with ProgressBar() as bar:
         while (status := plc.poll()).busy:
             for child in children:
                 child.check_alive()
             if time.monotonic() - begun > JOB_DEADLINE_S:
-                raise error("CALL_TIMEOUT", f"{JOB} had no end in {JOB_DEADLINE_S:g} s")
-            bar.show(f"run {status.run_id}, placement {placement}", status.step, status.steps)
+                raise error("CALL_TIMEOUT", f"{step.job} had no end in {JOB_DEADLINE_S:g} s")
+            bar.show(f"{step.job}, run {status.run_id}", status.step, status.steps)
             if not bar.visible and status.step >= told + LINE_EVERY_STEPS:
                 told = status.step
-                say(f"pose {status.step} of {status.steps}, {time.monotonic() - begun:.0f} s")
+                say(f"step {status.step} of {status.steps}, {time.monotonic() - begun:.0f} s")
             if status.prompt_id not in (0, answered):
                 placement += 1
-                _operator_places(plc, folder, placement)
+                did = _play_operator(plc, folder, step, placement)
                 plc.command(registers.CONFIRM, argument=status.prompt_id)
                 answered = status.prompt_id
-                say(
-                    f"prompt {answered}: the operator moved the board to place {placement}; the PLC confirmed"
-                )
+                say(f"prompt {answered}: {did}; the PLC confirmed")
             time.sleep(POLL_S)
     plc.command(registers.ACKNOWLEDGE)
     say(f"run {status.run_id} ended after {time.monotonic() - begun:.0f} s; the PLC acknowledged the result")
     return status.run_id
 
 
-def _start(plc: Plc) -> None:
+def _start(plc: Plc, step: Step) -> None:
     """Ask for the job; again when a device was late just then, for a refused start has done nothing."""
     for attempt in range(START_ATTEMPTS):
         try:
-            plc.command(registers.START, job=JOB_NUMBER)
+            plc.command(registers.START, job=step.number)
             return
         except CellError as refusal:
             if refusal.name not in PASSING or attempt + 1 == START_ATTEMPTS:
@@ -103,22 +110,31 @@ def _start(plc: Plc) -> None:
             plc.poll()
 
 
-def _operator_places(plc: Plc, folder: Path, placement: int) -> None:
-    """Tell the twin's operator, and keep beating meanwhile."""
-    command = [
-        str(console_script("cellward-twin")),
-        "operator",
-        "place",
-        str(placement),
-        "--out",
-        str(folder),
-    ]
+def _play_operator(plc: Plc, folder: Path, step: Step, placement: int) -> str:
+    """Do in the twin what the prompt asks for; returns what was done."""
+    if not step.moves_board:
+        return "the operator accepts what is proposed"
+    _tell_twin(plc, folder, "operator", "place", str(placement))
+    return f"the operator moved the board to place {placement}"
+
+
+def _bump(plc: Plc, folder: Path, bump: Bump) -> None:
+    shift = (f"--d{axis}={value!r}" for axis, value in zip("xyz", bump.shift_m, strict=True))
+    tilt = (f"--r{axis}={value!r}" for axis, value in zip("xy", bump.tilt_rad, strict=True))
+    _tell_twin(plc, folder, "tool", "bend", *shift, *tilt)
+    millimetres = ", ".join(f"{1e3 * v:g}" for v in bump.shift_m)
+    say(f"the tool was bumped: its point is off by ({millimetres}) mm and its axis is bent")
+
+
+def _tell_twin(plc: Plc, folder: Path, *words: str) -> None:
+    """Give the twin a command, and keep beating meanwhile."""
+    command = [str(console_script("cellward-twin")), *words, "--out", str(folder)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
-        give_up = time.monotonic() + OPERATOR_DEADLINE_S
+        give_up = time.monotonic() + TWIN_ANSWER_S
         try:
             while process.poll() is None:
                 if time.monotonic() > give_up:
-                    raise error("CALL_TIMEOUT", f"the twin's operator, after {OPERATOR_DEADLINE_S:g} s")
+                    raise error("CALL_TIMEOUT", f"the twin's '{words[0]}', after {TWIN_ANSWER_S:g} s")
                 plc.poll()
                 time.sleep(POLL_S)
         finally:
@@ -170,7 +186,7 @@ def _plc(settings: dict[str, Any]) -> Plc:
 
 def _ask_twin(folder: Path, *words: str) -> str:
     command = [str(console_script("cellward-twin")), *words, "--out", str(folder)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=OPERATOR_DEADLINE_S, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=TWIN_ANSWER_S, check=False)
     if done.returncode != 0:
         raise error(
             "CHILD_DIED", f"'{' '.join(command)}' ended with code {done.returncode}: {done.stderr.strip()}"

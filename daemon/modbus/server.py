@@ -111,6 +111,8 @@ class ModbusServer:
             writer.write(HEADER.pack(transaction, 0, len(reply) + 1, unit) + reply)
             async with asyncio.timeout(FRAME_TIMEOUT_S):
                 await writer.drain()
+            # Neither reading what has arrived nor writing waits: without this a full segment holds the loop.
+            await asyncio.sleep(0)
 
     def _reply(self, request: bytes, client: str) -> bytes:
         """The reply; a defect of ours is exception 4, logged once until requests succeed again."""

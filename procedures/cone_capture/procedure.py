@@ -16,7 +16,7 @@ from cell.devices import Arm, BoardView, DepthCamera, Frame
 from cell.errors import AbortError, CellError, RefusedError, error
 from cell.motion import MotionLease, measured_standstill
 from cell.poses import Array, to_pose6
-from cell.procedure import FinishRequested, Procedure, Run
+from cell.procedure import FinishRequested, Procedure, Proposal, Run
 from procedures.cone_capture.config import ConeCaptureConfig
 from procedures.cone_capture.judging import fault_of, moved_since, repeats, shows_board
 from procedures.cone_capture.plan import (
@@ -91,6 +91,13 @@ class ConeCapture(Procedure):
             name = getattr(self.config, key)
             if name is not None and name not in known:
                 raise error("ARGUMENT_INVALID", f"{key} '{name}' is unknown; there is {', '.join(known)}")
+
+    def proposal(self, run: Run) -> Proposal | None:
+        answer = (run.result or {}).get("result")
+        if answer is None:
+            return None
+        name = "T_flange_camera" if self.config.setup == "eye-in-hand" else "T_base_camera"
+        return Proposal(name, answer[name], self.config.accept.auto)
 
     @property
     def _camera_role(self) -> str:

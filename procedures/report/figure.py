@@ -11,7 +11,8 @@ from plotly.offline import get_plotlyjs
 from procedures.report.html import Html, el
 
 INK, SOFT, LINE, REJECTED = "#1b2430", "#5b6776", "#e3e7ec", "#b3261e"
-_PLACEMENTS = ("#1f5fa8", "#d1701c", "#2e8b57", "#7b4fa3", "#008b9a", "#a1497c", "#7a6a1f", "#4d4d4d")
+BEFORE, NOW = "#1f5fa8", "#d1701c"
+PALETTE = ("#1f5fa8", "#d1701c", "#2e8b57", "#7b4fa3", "#008b9a", "#a1497c", "#7a6a1f", "#4d4d4d")
 _MARGIN = {"l": 60, "r": 16, "t": 30, "b": 44}
 _LEGEND = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0}
 _CONFIG = {
@@ -24,7 +25,7 @@ _CONFIG = {
 
 def colour(groups: Sequence[int], group: int) -> str:
     """The colour of a placement, the same in every figure."""
-    return _PLACEMENTS[list(groups).index(group) % len(_PLACEMENTS)]
+    return PALETTE[list(groups).index(group) % len(PALETTE)]
 
 
 def label(value: object) -> str:
@@ -40,7 +41,11 @@ def plotly_script() -> str:
 
 def figure(height: int, **layout: Any) -> Any:
     """An empty figure with the report's fonts and margins."""
-    fig = go.Figure()
+    return dressed(go.Figure(), height, **layout)
+
+
+def dressed(fig: Any, height: int, **layout: Any) -> Any:
+    """``fig`` (one with several axes, say) with the report's fonts and margins."""
     fig.update_layout(
         template="simple_white",
         height=height,
@@ -51,6 +56,12 @@ def figure(height: int, **layout: Any) -> Any:
         **{"margin": _MARGIN, "legend": _LEGEND, **layout},
     )
     return fig
+
+
+def legend_below(height: int) -> dict[str, Any]:
+    """A legend under the titles of the x axes of a figure that is ``height`` pixels high."""
+    plot = height - int(_MARGIN["t"]) - int(_MARGIN["b"])
+    return {"y": -58.0 / plot, "yanchor": "top"}
 
 
 def embed(fig: Any, name: str) -> Html:

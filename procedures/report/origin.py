@@ -1,44 +1,12 @@
-"""Limits, and what the result was made from: data, versions, identities, calibrations, payload."""
+"""What a result was made from: data, versions, identities, calibrations, payload."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from cell.store.files import to_json
-from procedures.report.html import Html, absent, el, note, section, table
-from procedures.report.numbers import DASH, covariance, deg, dig, mm, number, radius95
+from procedures.report.html import Html, absent, el, section, table
+from procedures.report.numbers import DASH, dig, number
 from procedures.report.source import Source
-
-
-def limits_section(source: Source) -> Html | None:
-    """The limits of the job beside the figures they apply to."""
-    if source.answer is None:
-        return None
-    limits = dig(source.run, "job_config", "accept")
-    cov = covariance(dig(source.answer, "cov"))
-    rows = []
-    for name, limit, value, shown in (
-        ("95 % error of the position", "max_error_t_m", None if cov is None else radius95(cov[:3, :3]), mm),
-        (
-            "95 % error of the rotation",
-            "max_error_r_rad",
-            None if cov is None else radius95(cov[3:, 3:]),
-            deg,
-        ),
-    ):
-        most = number(dig(limits, limit))
-        if most is not None:
-            judged = DASH if value is None else ("within" if value <= most else "beyond")
-            rows.append((name, shown(value), shown(most), judged))
-    if not rows:
-        return section(
-            "Limits", absent("No limits were set: this result comes from a data set, not from a job.")
-        )
-    policy = "accepted by policy when it passes" if dig(limits, "auto") else "accepted by an operator"
-    return section(
-        "Limits",
-        table(("", "this result", "limit", ""), rows, "lrrl"),
-        note(f"A result is a proposal until it is {policy}; nothing uses it before."),
-    )
 
 
 def inputs_section(source: Source) -> Html:
@@ -69,6 +37,14 @@ def inputs_section(source: Source) -> Html:
         rows += [(key.replace("_", " "), shown.get(key, _plain)(value)) for key, value in inputs.items()]
     rows.append(("schema", source.result.get("schema")))
     return section("Inputs", table((), [(el("b", a), b) for a, b in rows]))
+
+
+def figures_section(source: Source) -> Html:
+    """The answer as it stands in the file, for kinds that have no sections of their own."""
+    if source.answer is None:
+        return section("The result", absent("There is no answer."))
+    rows = [(el("b", key), el("code", to_json(value))) for key, value in source.answer.items()]
+    return section("The result", table((), rows))
 
 
 def _rows(*pairs: tuple[str, Any]) -> list[tuple[object, object]]:

@@ -16,27 +16,40 @@ _MOST_ROWS = 200
 
 
 def timeline_section(source: Source) -> Html | None:
-    """None for a result without a run."""
+    """The run of a result of any kind."""
+    return timeline(source)
+
+
+def events(source: Source, *names: str) -> Counter[str]:
+    """How often each of the events ``names`` stands in the journal; those that do not are left out."""
+    return Counter(str(e["event"]) for e in _timed(source) if e.get("event") in names)
+
+
+def timeline(source: Source, summary: str = "") -> Html | None:
+    """``summary`` (without its full stop), a strip of the states, and a table; None without a run."""
     if not source.run and not source.journal:
         return None
     title = "The run"
-    entries = [e for e in source.journal if number(e.get("t")) is not None]
+    entries = _timed(source)
     if not entries:
         return section(title, absent("The journal has no entries."))
     origin = float(entries[0]["t"])
     rows = [(f"{e['t'] - origin:.1f}", e.get("kind"), _what(e)) for e in entries if _notable(e)]
     more = len(rows) - _MOST_ROWS
-    taken = sum(1 for e in entries if e.get("event") == "pose taken")
-    skipped = Counter(str(e["event"]) for e in entries if e.get("event") in ("pose skipped", "pose failed"))
-    words = f"{taken} poses were taken; " + ", ".join(f"{n} times {event}" for event, n in skipped.items())
-    outcome = "" if source.end else " The report was drawn before the run had ended."
+    words = [f"{summary}."] if summary else []
+    if not source.end:
+        words.append("The report was drawn before the run had ended.")
     return section(
         title,
-        note((words if skipped else f"{taken} poses were taken and none was skipped") + "." + outcome),
+        note(" ".join(words)) if words else None,
         _strip(entries, origin),
         table(("s", "kind", "what"), rows[:_MOST_ROWS], "rl"),
         note(f"{more} more entries are in journal.jsonl.") if more > 0 else None,
     )
+
+
+def _timed(source: Source) -> list[dict[str, Any]]:
+    return [e for e in source.journal if number(e.get("t")) is not None]
 
 
 def _notable(entry: Mapping[str, Any]) -> bool:
@@ -54,7 +67,15 @@ def _what(entry: Mapping[str, Any]) -> str:
     if event == "plan":
         return _plan(entry)
     details = [str(entry[key]) for key in ("why", "text") if entry.get(key) and str(entry[key]) != event]
-    for key, words in (("pose", "pose"), ("who", "by"), ("observations", "observations"), ("poses", "poses")):
+    for key, words in (
+        ("pose", "pose"),
+        ("who", "by"),
+        ("observations", "observations"),
+        ("poses", "poses"),
+        ("beam", "beam"),
+        ("name", "of"),
+        ("version", "version"),
+    ):
         if entry.get(key) is not None:
             details.append(f"{words} {entry[key]}")
     return ": ".join([event, ", ".join(details)]) if details else event
@@ -62,6 +83,9 @@ def _what(entry: Mapping[str, Any]) -> str:
 
 def _plan(entry: Mapping[str, Any]) -> str:
     plan = entry.get("plan")
+    if dig(plan, "sweeps") is not None:
+        problems = "; ".join(str(p) for p in dig(plan, "problems") or [])
+        return f"plan: {dig(plan, 'note')}" + (f"; not possible: {problems}" if problems else "")
     poses, rejected = dig(plan, "poses") or [], dig(plan, "rejected") or []
     text = f"plan of placement {int(entry.get('group') or 0) + 1}: {len(poses)} poses"
     predicted = dig(plan, "predicted", "error95_t_m")

@@ -1,6 +1,6 @@
 """From a run folder or a result to one HTML file."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,41 +8,14 @@ import numpy as np
 
 from cell.errors import error
 from cell.store.files import write_atomic
-from procedures.report.answer import result_section, verdict_section
-from procedures.report.checks import (
-    consistency_section,
-    cross_check_section,
-    held_out_section,
-    intrinsics_section,
-    noise_section,
-    observability_section,
-)
-from procedures.report.comparison import comparison_section
 from procedures.report.figure import plotly_script
 from procedures.report.html import Html, absent, document, el, join
-from procedures.report.origin import inputs_section, limits_section
-from procedures.report.residuals import residuals_section
-from procedures.report.scene import scene_section, views_section
-from procedures.report.source import Source, from_folder, from_result
-from procedures.report.timeline import timeline_section
+from procedures.report.kinds import layout_of
+from procedures.report.layout import Section
+from procedures.report.numbers import dig
+from procedures.report.source import Source, of_folder, read_result
 
 FILE_NAME = "report.html"
-Section = Callable[[Source], Html | None]
-_ANSWERED: tuple[Section, ...] = (result_section, limits_section)
-_REFUSED: tuple[Section, ...] = (observability_section,)
-_REST: tuple[Section, ...] = (
-    views_section,
-    held_out_section,
-    comparison_section,
-    residuals_section,
-    consistency_section,
-    cross_check_section,
-    noise_section,
-    intrinsics_section,
-    observability_section,
-    timeline_section,
-    inputs_section,
-)
 
 
 def write_report(
@@ -50,10 +23,10 @@ def write_report(
 ) -> Path:
     """Draw the report of a run folder, or of a result mapping, to ``path``; returns where it is.
 
-    A folder needs ``result.json``; ``capture.json``, ``run.json``, ``journal.jsonl`` and ``end.json`` are
-    used when they are there, and ``path`` is ``report.html`` in it unless given. A mapping needs ``path``,
-    and ``data`` (a capture data set, or ``inputs.path`` of the result) for what shows poses. A figure whose
-    data are absent or damaged is left out and said to be. Raises ``FILE_MISSING`` or ``FILE_UNREADABLE`` for
+    A folder needs ``result.json``; its data set, ``run.json``, ``journal.jsonl`` and ``end.json`` are used
+    when they are there, and ``path`` is ``report.html`` in it unless given. A mapping needs ``path``, and
+    ``data`` (a data set, or ``inputs.path`` of the result) for what shows measurements. A figure whose data
+    are absent or damaged is left out and said to be. Raises ``FILE_MISSING`` or ``FILE_UNREADABLE`` for
     the result, ``DISK_FULL`` or ``DISK_FAILED`` for the report.
     """
     if isinstance(source, Path):
@@ -66,23 +39,34 @@ def write_report(
     return path
 
 
+def from_folder(folder: Path) -> Source:
+    """A run folder as the sections of its kind want it."""
+    result = read_result(folder)
+    layout = layout_of(result)
+    source: Source = of_folder(layout.source, result, folder, layout.data_file)
+    return source
+
+
+def from_result(result: Mapping[str, Any], data: Path | None) -> Source:
+    """A result alone; its data set is ``data``, or what ``inputs.path`` names."""
+    named = dig(result, "inputs", "path")
+    if data is None and isinstance(named, str):
+        data = Path(named)
+    source: Source = layout_of(result).source(result, data)
+    return source
+
+
 def render(source: Source) -> str:
     """The whole file as text."""
-    title = _title(source)
-    answered = source.answer is not None
-    left = _ANSWERED if answered else _REFUSED
-    rest = [part for part in _REST if answered or part not in _REFUSED]
+    layout = layout_of(source.result)
+    title, page = layout.title(source), layout.page(source)
+    columns = [el("div", *(_guarded(part, source) for part in parts)) for parts in (page.left, page.right)]
     body = join(
         [
             el("header", el("h1", title), el("p", _subtitle(source))),
-            _guarded(verdict_section, source),
-            el(
-                "div",
-                el("div", *(_guarded(part, source) for part in left)),
-                _guarded(scene_section, source),
-                class_="pair",
-            ),
-            *(_guarded(part, source) for part in rest),
+            *(_guarded(part, source) for part in page.top),
+            el("div", *columns, class_="pair"),
+            *(_guarded(part, source) for part in page.rest),
             *(absent(line) for line in source.missing),
             el(
                 "footer",
@@ -93,18 +77,13 @@ def render(source: Source) -> str:
     return document(title, body, plotly_script())
 
 
-def _guarded(part: Section, source: Source) -> Html | None:
+def _guarded(part: Section[Any], source: Source) -> Html | None:
     """A section, or a sentence in its place when what it needs is damaged."""
     try:
         return part(source)
     except (LookupError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError) as exc:
         name = part.__name__.removesuffix("_section").replace("_", " ")
         return absent(f"The section '{name}' cannot be drawn from this result: {type(exc).__name__}: {exc}")
-
-
-def _title(source: Source) -> str:
-    kind = {"hand-eye": "Hand-eye calibration"}.get(str(source.result.get("kind")), "Result")
-    return f"{kind}: camera in {source.parent}"
 
 
 def _subtitle(source: Source) -> str:

@@ -14,10 +14,16 @@ import pytest
 
 from cell.errors import CellError
 from daemon.demo import wire
-from daemon.demo.wire import run_wire
+from daemon.demo.steps import CONE_CAPTURE
+from daemon.demo.wire import run_wire as run_steps
 
+STEPS = [CONE_CAPTURE]
 STAND_INS = Path(__file__).with_name("demo_stand_ins.py")
 pytestmark = pytest.mark.wire
+
+
+def run_wire(folder: Path) -> int:
+    return run_steps(folder, STEPS)
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.kills import KINDS, survive
+from tests.kills import KINDS, short_capture, survive
 from tests.wire_cell import WireCell, wire_cell
 
 pytestmark = [pytest.mark.wire, pytest.mark.slow, pytest.mark.restarts_children]
@@ -12,7 +12,7 @@ pytestmark = [pytest.mark.wire, pytest.mark.slow, pytest.mark.restarts_children]
 
 @pytest.fixture(scope="module")
 def subject(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireCell]:
-    with wire_cell(tmp_path_factory.mktemp("cell"), "127.0.0.60", poses=3) as cell:
+    with wire_cell(tmp_path_factory.mktemp("cell"), "127.0.0.60", short_capture(3)) as cell:
         yield cell
 
 

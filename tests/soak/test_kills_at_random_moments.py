@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.kills import KINDS, survive
+from tests.kills import KINDS, short_capture, survive
 from tests.wire_cell import wire_cell
 
 pytestmark = [pytest.mark.soak, pytest.mark.wire]
@@ -15,7 +15,7 @@ pytestmark = [pytest.mark.soak, pytest.mark.wire]
 def test_ten_kills_at_random_moments(kind: str, tmp_path: Path) -> None:
     rng = random.Random(kind)
     rests = []
-    with wire_cell(tmp_path, "127.0.0.61", poses=6) as cell:
+    with wire_cell(tmp_path, "127.0.0.61", short_capture(6)) as cell:
         for attempt in range(10):
             moment = rng.uniform(0.0, 10.0)
             rest = survive(cell, kind, moment)

@@ -31,9 +31,24 @@ def test_a_valid_file_is_said_to_be_valid_with_what_can_be_expected(
     assert "is valid" in shown.out
     assert "12 of 12 poses are reached" in shown.out
     assert "expected error below" in shown.out
-    (prediction,) = json.loads(as_json.out)["predictions"]
+    prediction, beams = json.loads(as_json.out)["predictions"]
     # 36 poses at half a metre with 0.1 px: between a hundredth and half a millimetre.
     assert 1e-5 < prediction["predicted"]["error95_t_m"] < 5e-4
+
+    assert "every sweep keeps the limits" in shown.out
+    assert beams["slide_m"] == pytest.approx(0.02 * 0.005)
+    assert beams["problems"] == []
+    assert 0.0 < beams["U_z_m"] < beams["U_xy_m"] < beams["slide_m"]
+
+
+def test_beams_below_the_floor_are_predicted_with_their_reason(
+    subject: CommandLine, objects: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "low.toml"
+    path.write_text(objects.read_text().replace("floor_m = 0.19", "floor_m = 0.25"))
+    done = subject("check", "-c", path)
+    assert done.code == 0
+    assert "no room to search" in done.out
 
 
 def test_a_board_out_of_reach_is_predicted_with_its_reason(
@@ -74,7 +89,11 @@ def test_the_probe_names_who_answers(subject: CommandLine, objects: Path) -> Non
     done = subject("check", "--probe", "-c", objects, "--json")
     assert done.code == 0
     found = {d["device"]: (d["answer"], d["serial"]) for d in json.loads(done.out)["devices"]}
-    assert found == {"arm": ("ok", "99991100001"), "camera": ("ok", "99992200001")}
+    assert found == {
+        "arm": ("ok", "99991100001"),
+        "camera": ("ok", "99992200001"),
+        "beams": ("ok", "99993300001"),
+    }
 
 
 def test_a_probe_that_finds_another_device_is_refused(
@@ -94,10 +113,10 @@ def test_a_probe_without_devices_says_which_are_missing_with_exit_code_3(
     path = tmp_path / "absent.toml"
     text = objects.read_text().replace('clock = "fakes.object:VirtualClock"\n', "")
     text = text.replace(
-        'driver = "fakes.object:ObjectArm"\nscenario = "hand_eye"', 'driver = "ur"\nhost = "127.0.0.11"'
+        'driver = "fakes.object:ObjectArm"\nscenario = "bay"', 'driver = "ur"\nhost = "127.0.0.11"'
     )
     text = text.replace(
-        'driver = "fakes.object:ObjectCamera"\nscenario = "hand_eye"',
+        'driver = "fakes.object:ObjectCamera"\nscenario = "bay"',
         f'driver = "oak"\nsource = "frames+unix://{tmp_path}/absent.sock"',
     )
     path.write_text(text)

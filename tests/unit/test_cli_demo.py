@@ -24,6 +24,7 @@ from cell.poses import exp_xi, from_pose6, to_pose6
 from daemon.config import ModbusSection
 from daemon.demo import plc as registers
 from daemon.demo.children import Child
+from daemon.demo.folder import begin_in
 from daemon.demo.plc import Plc
 from daemon.demo.verdict import M2_LIMIT, judge, judgement_text
 from daemon.demo.wire import _no_socket_left
@@ -83,7 +84,9 @@ def test_the_plc_speaks_the_register_map_of_the_daemon() -> None:
         assert subject.connect()
         subject.command(registers.START, job=1)
         status = subject.command(registers.CONFIRM, argument=0x70001)
-    assert (status.ready, status.busy, status.packml, status.error_code) == (True, True, 6, 3001)
+    assert status.ready_with(registers.ARM_OK | registers.CAMERA_OK)
+    assert not status.ready_with(registers.BEAMS_OK)
+    assert (status.busy, status.packml, status.error_code) == (True, 6, 3001)
     assert (status.run_id, status.prompt_id, status.step, status.steps) == (0x12345, 0x70001, 12, 60)
     assert [(c.code, c.job, c.argument_uint32) for c in stand_in.commands] == [(1, 1, 0), (10, 0, 0x70001)]
     assert [c.sequence for c in stand_in.commands] == [1, 2]  # 65535 is followed by 1
@@ -181,6 +184,17 @@ def test_only_sockets_that_nobody_answers_are_taken_away(tmp_path: Path) -> None
     assert sorted(p.name for p in tmp_path.iterdir()) == ["alive.sock", "twin.log"]
 
 
+def test_what_an_earlier_demo_left_is_kept_under_another_name(tmp_path: Path) -> None:
+    for left in ("first", "second"):
+        begin_in(tmp_path, "state")
+        (tmp_path / "state").mkdir()
+        (tmp_path / "state" / left).touch()
+    begin_in(tmp_path, "state")
+    assert sorted(p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*")) == [
+        "state-1", "state-1/first", "state-2", "state-2/second",
+    ]  # fmt: skip
+
+
 def test_the_judgement_weighs_the_error_with_the_stated_covariance() -> None:
     result = hand_eye_result()
     sigma = np.array([1e-4, 2e-4, 3e-4, 1e-4, 2e-4, 3e-4])
@@ -210,8 +224,8 @@ def test_the_fast_demo_has_the_cell_that_the_twin_would_write() -> None:
     text = files("daemon.demo").joinpath("fast.toml").read_text("utf-8")
     subject = tomllib.loads(text)
     scenario = Scenario.load(subject["device"]["arm"]["scenario"])
-    written = tomllib.loads(scenario.cell_toml({}, {}, "", ""))
+    written = tomllib.loads(scenario.cell_toml({}, {}, "", "", beams={}))
     for section in ("robot", "limits", "poses", "target", "job"):
         assert subject[section] == written[section]
-    for device in ("arm", "camera"):
+    for device in ("arm", "camera", "beams"):
         assert subject["device"][device]["expect_serial"] == written["device"][device]["expect_serial"]

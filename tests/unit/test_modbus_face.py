@@ -550,6 +550,47 @@ def test_a_stream_that_is_not_modbus_is_closed_and_the_next_connection_works(
     talk(subject, script)
 
 
+def test_garbage_of_a_stranger_leaves_a_polling_plc_and_answers_what_came_before_it(
+    subject: ModbusFace,
+) -> None:
+    async def script(plc: Client) -> None:
+        for noise in (b"\xff" * 50, bytes(range(256)) * 200, b"GET / HTTP/1.1\r\n\r\n"):
+            vandal = await connect(subject, "127.0.0.44")
+            vandal.writer.write(vandal.frame("0400080001") + noise)
+            assert (await vandal.reply())[2].hex() == "04020100"
+            assert await plc.ask("0400080001") == "04020100"
+            assert await vandal.ended()
+            await vandal.close()
+        assert await plc.ask("0400080001") == "04020100"
+
+    talk(subject, script)
+
+
+def test_pipelined_requests_of_a_stranger_leave_a_polling_plc_its_turn(
+    subject: ModbusFace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They come in one segment and are answered one a turn: the PLC waits for a few of them, not for all."""
+    answered = 0
+
+    def counted(*request: Any) -> bytes:
+        nonlocal answered
+        answered += 1
+        return respond(*request)
+
+    monkeypatch.setattr("daemon.modbus.server.respond", counted)
+
+    async def script(plc: Client) -> None:
+        stranger = await connect(subject, "127.0.0.44")
+        stranger.writer.write(b"".join(stranger.frame("0400080001") for _ in range(3000)))
+        await stranger.reply()
+        assert await plc.ask("0400080001") == "04020100"
+        assert answered < 200
+        assert [(await stranger.reply())[0] for _ in range(2999)] == list(range(2, 3001))
+        await stranger.close()
+
+    talk(subject, script)
+
+
 def test_an_unfinished_request_is_given_up(subject: ModbusFace, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("daemon.modbus.server.FRAME_TIMEOUT_S", 0.1)
 

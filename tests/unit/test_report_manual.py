@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 
 from calibration.targets import make_target
+from cell.formats import laser
 from cell.formats.capture import SCHEMA, Capture, TargetTable
 from cell.formats.reading import parse
 from cell.poses import from_pose6, log_xi
 from procedures.solve.hand_eye import solve_hand_eye
+from procedures.solve.laser import solve_laser
 
 MANUAL = (Path(__file__).parents[2] / "docs" / "data-sets.md").read_text("utf-8")
-EXAMPLES: list[dict[str, Any]] = [
-    json.loads(block) for block in re.findall(r"```json\n(.*?)```", MANUAL, re.S)
-]
+ALL: list[dict[str, Any]] = [json.loads(block) for block in re.findall(r"```json\n(.*?)```", MANUAL, re.S)]
+EXAMPLES = [e for e in ALL if e["schema"] == SCHEMA]
 
 
 def test_there_is_one_example_for_each_target() -> None:
@@ -48,4 +49,17 @@ def test_keys_of_a_result_are_explained(tmp_path: Path) -> None:
     result = solve_hand_eye(tmp_path)
     for part in (result, result["result"], result["residuals"]):
         assert isinstance(part, dict)
+        assert [key for key in part if key not in ("schema", "kind") and f"`{key}`" not in MANUAL] == []
+
+
+def test_the_laser_example_gives_the_stated_answer_and_its_keys_are_explained(tmp_path: Path) -> None:
+    (example,) = [e for e in ALL if e["schema"] == laser.SCHEMA]
+    (tmp_path / "laser.json").write_text(json.dumps(example))
+    stated = re.search(r"^dp_flange = (\[.*\]), 95 % of errors below ([0-9.]+) m$", MANUAL, re.M)
+    assert stated is not None
+    result = solve_laser(tmp_path)
+    assert result["result"]["dp_flange"] == pytest.approx(json.loads(stated[1]), abs=5e-5)
+    assert result["uncertainty"]["U_point_m"] == pytest.approx(float(stated[2]), rel=0.1)
+    classic = solve_laser(tmp_path, method="classic")
+    for part in (result, result["result"], classic["result"]):
         assert [key for key in part if key not in ("schema", "kind") and f"`{key}`" not in MANUAL] == []

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from procedures.report.hand_eye_source import HandEyeSource
 from procedures.report.html import Html, absent, bullets, el, facts, note, paragraph, section, table
 from procedures.report.numbers import DASH, deg, dig, mm, mms, number, px
-from procedures.report.source import Source
 
 _SPREADS = (
     (
@@ -25,7 +25,7 @@ _SPREADS = (
 )
 
 
-def consistency_section(source: Source) -> Html | None:
+def consistency_section(source: HandEyeSource) -> Html | None:
     """The two spreads with their noise floors, once more for calibrated kinematics when that ran."""
     if source.answer is None:
         return None
@@ -80,7 +80,7 @@ def _accuracy(accuracy: Any) -> list[tuple[str, object, str]]:
     ]
 
 
-def _estimates(source: Source) -> Html | None:
+def _estimates(source: HandEyeSource) -> Html | None:
     found = dig(source.answer, "estimates")
     X = source.X
     if not isinstance(found, Mapping) or X is None:
@@ -103,7 +103,7 @@ def _text(value: Any) -> str:
     return DASH if value is None else str(value)
 
 
-def held_out_section(source: Source) -> Html | None:
+def held_out_section(source: HandEyeSource) -> Html | None:
     """Figures from solutions that did not see what they are judged by."""
     if source.answer is None:
         return None
@@ -129,7 +129,7 @@ def _pair(value: Any) -> str:
     return f"{mm(dig(value, 't'))}, {deg(dig(value, 'r'))}"
 
 
-def cross_check_section(source: Source) -> Html | None:
+def cross_check_section(source: HandEyeSource) -> Html | None:
     """X of ordinary solvers beside ours."""
     found = dig(source.result, "residuals", "cross_check")
     if source.answer is None:
@@ -165,7 +165,7 @@ def _method(name: object) -> str:
     return f"{str(name).capitalize()} (OpenCV)"
 
 
-def noise_section(source: Source) -> Html | None:
+def noise_section(source: HandEyeSource) -> Html | None:
     """The noise levels behind the weights, and the lens that was used."""
     if source.answer is None:
         return None
@@ -192,7 +192,7 @@ def noise_section(source: Source) -> Html | None:
     return section("Noise levels", facts(rows) if rows else absent("The result names no noise levels."))
 
 
-def intrinsics_section(source: Source) -> Html | None:
+def intrinsics_section(source: HandEyeSource) -> Html | None:
     """The intrinsics in use, and how well they fit."""
     if source.answer is None:
         return None
@@ -225,7 +225,7 @@ def intrinsics_section(source: Source) -> Html | None:
     )
 
 
-def observability_section(source: Source) -> Html:
+def observability_section(source: HandEyeSource) -> Html:
     """What the data could not determine, or determine least, in words."""
     found = source.result.get("observability")
     lines: list[object] = [el("b", f"Not determined: {words}") for words in dig(found, "unobservable") or []]

@@ -7,17 +7,17 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from cell.poses import Array
-from procedures.report.figure import REJECTED, SOFT, colour, embed, figure
+from procedures.report.figure import REJECTED, SOFT, colour, dressed, embed, figure
+from procedures.report.hand_eye_measured import Measured
+from procedures.report.hand_eye_source import HandEyeSource
 from procedures.report.html import Html, absent, note, section
-from procedures.report.measured import Measured
 from procedures.report.numbers import dig
-from procedures.report.source import Source
 
 _FILL = 1.75  # diagonal of what is shown, in the units of plotly's camera
 _AXES = (("x", "#c0392b"), ("y", "#2e8b57"), ("z", "#1f5fa8"))
 
 
-def rejected_of(source: Source) -> dict[int, str]:
+def rejected_of(source: HandEyeSource) -> dict[int, str]:
     """Index and reason of each observation that was not used."""
     listed = dig(source.answer, "rejected")
     if source.answer is None:
@@ -26,7 +26,7 @@ def rejected_of(source: Source) -> dict[int, str]:
     return {int(dig(r, "index")): str(dig(r, "reason")) for r in rows if dig(r, "index") is not None}
 
 
-def scene_section(source: Source) -> Html:
+def scene_section(source: HandEyeSource) -> Html:
     """The poses in space; the two plain views follow in :func:`views_section`."""
     measured = source.measured
     title = "The poses in space"
@@ -44,7 +44,7 @@ def scene_section(source: Source) -> Html:
     return section(title, embed(_scene(source, measured), "scene"), note(words), name="space")
 
 
-def camera_poses(source: Source, measured: Measured) -> Array:
+def camera_poses(source: HandEyeSource, measured: Measured) -> Array:
     """T_base_camera (n, 4, 4) of each observation; the flange where there is no answer."""
     X = source.X
     if X is None:
@@ -54,7 +54,7 @@ def camera_poses(source: Source, measured: Measured) -> Array:
     return np.broadcast_to(X, measured.F.shape)
 
 
-def boards(source: Source, measured: Measured) -> list[tuple[int, int | None, Array]]:
+def boards(source: HandEyeSource, measured: Measured) -> list[tuple[int, int | None, Array]]:
     """Group, index (None for a placement) and outline (5, 3, closed) of each target in the base."""
     closed = np.vstack([measured.outline, measured.outline[:1]])
     targets = source.targets
@@ -70,7 +70,7 @@ def boards(source: Source, measured: Measured) -> list[tuple[int, int | None, Ar
     return found
 
 
-def _scene(source: Source, measured: Measured) -> Any:
+def _scene(source: HandEyeSource, measured: Measured) -> Any:
     fig = figure(450, margin={"l": 0, "r": 0, "t": 0, "b": 0})
     groups = sorted(set(measured.group.tolist()))
     rejected = rejected_of(source)
@@ -179,7 +179,7 @@ def _plate(outline: Array, tint: str) -> Any:
     )
 
 
-def _add_rejected(fig: Any, source: Source, measured: Measured, rejected: dict[int, str]) -> None:
+def _add_rejected(fig: Any, source: HandEyeSource, measured: Measured, rejected: dict[int, str]) -> None:
     rows = [k for k, index in enumerate(measured.index) if int(index) in rejected]
     if not rows:
         return
@@ -198,7 +198,7 @@ def _add_rejected(fig: Any, source: Source, measured: Measured, rejected: dict[i
     )
 
 
-def views_section(source: Source) -> Html | None:
+def views_section(source: HandEyeSource) -> Html | None:
     """The same from above and from the side, to scale: also readable on paper."""
     measured = source.measured
     if measured is None or source.X is None:
@@ -206,7 +206,7 @@ def views_section(source: Source) -> Html | None:
     fig = make_subplots(
         1, 2, subplot_titles=("from above (x, y)", "from the side (x, z)"), horizontal_spacing=0.1
     )
-    fig.update_layout(figure(380).layout)
+    dressed(fig, 380)
     groups = sorted(set(measured.group.tolist()))
     rejected = rejected_of(source)
     poses = camera_poses(source, measured)

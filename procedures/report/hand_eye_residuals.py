@@ -7,11 +7,11 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from procedures.report.figure import REJECTED, colour, embed, figure, label
+from procedures.report.figure import REJECTED, colour, dressed, embed, label
+from procedures.report.hand_eye_scene import rejected_of
+from procedures.report.hand_eye_source import HandEyeSource
 from procedures.report.html import Html, absent, el, facts, note, section, table
 from procedures.report.numbers import deg, dig, mm, number, px
-from procedures.report.scene import rejected_of
-from procedures.report.source import Source
 
 _ROWS = (
     ("t", "position, mm", 1e3),
@@ -20,7 +20,7 @@ _ROWS = (
 )
 
 
-def residuals_section(source: Source) -> Html | None:
+def residuals_section(source: HandEyeSource) -> Html | None:
     """Three figures over the number of the observation, and the summary figures in words."""
     if source.answer is None:
         return None
@@ -48,7 +48,7 @@ def residuals_section(source: Source) -> Html | None:
 def _figure(entries: list[Mapping[str, Any]], rejected: dict[int, str]) -> Any:
     groups = sorted({int(e.get("group") or 0) for e in entries})
     fig = make_subplots(3, 1, shared_xaxes=True, vertical_spacing=0.05)
-    fig.update_layout(figure(470).layout)
+    dressed(fig, 470)
     for row, (key, title, scale) in enumerate(_ROWS, start=1):
         for group in groups:
             mine = [e for e in entries if int(e.get("group") or 0) == group]
@@ -98,7 +98,7 @@ def _hover(entry: Mapping[str, Any], rejected: dict[int, str]) -> str:
     return "<br>".join([*lines, label(why)] if why else lines)
 
 
-def _summary(source: Source) -> list[tuple[str, object, str]]:
+def _summary(source: HandEyeSource) -> list[tuple[str, object, str]]:
     found = source.result.get("residuals")
     frame = source.target_parent
     rows: list[tuple[str, object, str]] = []
@@ -135,7 +135,7 @@ def _pair(value: Any) -> str:
     return f"{mm(dig(value, 't'))}, {deg(dig(value, 'r'))}"
 
 
-def _rejected_table(source: Source) -> Html:
+def _rejected_table(source: HandEyeSource) -> Html:
     rejected = rejected_of(source)
     if not rejected:
         return note("Every observation was used.")

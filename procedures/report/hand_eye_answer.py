@@ -1,20 +1,15 @@
-"""The first page: the verdict with its reasons, and the answer with its uncertainty."""
+"""The first page: the verdict, the answer with its uncertainty, and the limits it is judged by."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from procedures.report.html import Html, absent, bullets, el, note, paragraph, section, table
+from procedures.report.hand_eye_source import HandEyeSource
+from procedures.report.html import Html, absent, el, note, section, table
 from procedures.report.numbers import DASH, K95, covariance, deg, degs, dig, mm, mms, number, radius95
-from procedures.report.source import Source
+from procedures.report.verdict import banner, cards
 
-_HEADLINE = {
-    "pass": "Pass",
-    "warn": "Pass with warnings",
-    "fail": "Fail",
-}
 _REMEDY = {
     "too-few-poses": "Take more poses. Three usable ones are the least; 15 to 20 at each placement are good.",
     "poses-not-distinct": "The recorded flange poses are equal. Check that the arm moved between the images "
@@ -27,70 +22,38 @@ _REMEDY = {
 }
 
 
-def verdict_section(source: Source) -> Html:
+def verdict_section(source: HandEyeSource) -> Html:
     """The verdict, why, and four figures to take away."""
-    result = source.result
-    verdict = str(result.get("verdict"))
-    refused = source.answer is None
-    headline = "Refused: the data cannot determine the answer" if refused else _HEADLINE.get(verdict, verdict)
-    unfinished = dig(source.end, "outcome") not in (None, "complete")
-    if unfinished:
-        headline += f" (but the run ended {dig(source.end, 'outcome')})"
-    warnings = [w for w in result.get("warnings") or [] if isinstance(w, Mapping)]
-    told = {w.get("text") for w in warnings}
-    reasons = [r for r in result.get("reasons") or [] if r not in told]
-    body: list[object] = []
-    if reasons:
-        body.append(bullets(reasons))
-    if refused:
-        body.append(paragraph(el("b", "What to do. "), _remedy(source)))
-    if warnings:
-        body.append(bullets(el("span", el("code", w.get("code")), " ", w.get("text")) for w in warnings))
-    if not body:
-        body.append(paragraph("No finding: the data determine the answer and nothing is to be warned of."))
-    kind = verdict if verdict in _HEADLINE else "fail"
-    if unfinished and kind == "pass":
-        kind = "warn"
-    banner = el("div", el("h2", headline), *body, class_=f"verdict {kind}")
-    return banner if refused else Html(banner + _cards(source))
+    top = banner(source, _REMEDY, "Mend what the reason names, take the poses again, and solve again.")
+    return top if source.answer is None else Html(top + _cards(source))
 
 
-def _remedy(source: Source) -> str:
-    name = dig(source.result, "observability", "refused")
-    if name is None:
-        name = next(iter(source.result.get("reasons") or [""])).split(":")[0]
-    return _REMEDY.get(str(name), "Mend what the reason names, take the poses again, and solve again.")
-
-
-def _cards(source: Source) -> Html:
+def _cards(source: HandEyeSource) -> Html:
     cov = covariance(dig(source.answer, "cov"))
     t95, r95 = (DASH, DASH) if cov is None else (mm(radius95(cov[:3, :3])), deg(radius95(cov[3:, 3:])))
     held = dig(source.result, "heldout", "rms")
     used, total = (dig(source.result, "inputs", key) for key in ("used", "observations"))
-    return el(
-        "div",
-        _card(t95, "95 % of position errors of the camera are below this, if the model holds"),
-        _card(r95, "95 % of its rotation errors are below this, if the model holds"),
-        _card(
-            f"{mm(dig(held, 't'))}, {deg(dig(held, 'r'))}",
-            "held-out check: target's pose by poses that the solution did not see, RMS",
-        ),
-        _card(
-            f"{_or_dash(used)} of {_or_dash(total)}", "observations used; each one left out has its reason"
-        ),
-        class_="cards",
+    return cards(
+        (
+            (t95, "95 % of position errors of the camera are below this, if the model holds"),
+            (r95, "95 % of its rotation errors are below this, if the model holds"),
+            (
+                f"{mm(dig(held, 't'))}, {deg(dig(held, 'r'))}",
+                "held-out check: target's pose by poses that the solution did not see, RMS",
+            ),
+            (
+                f"{_or_dash(used)} of {_or_dash(total)}",
+                "observations used; each one left out has its reason",
+            ),
+        )
     )
-
-
-def _card(value: str, meaning: str) -> Html:
-    return el("div", el("b", value), el("span", meaning), class_="card")
 
 
 def _or_dash(value: Any) -> str:
     return DASH if value is None else str(value)
 
 
-def result_section(source: Source) -> Html:
+def result_section(source: HandEyeSource) -> Html:
     """X in millimetres and degrees, with 95 % intervals along the axes of the frame it is given in."""
     X, parent = source.X, source.parent
     title = f"The result: camera in {parent}"
@@ -126,4 +89,36 @@ def result_section(source: Source) -> Html:
         ),
         note("As in files (m, rad): ", el("code", f"[{raw}]")),
         note("Quaternion x, y, z, w: ", el("code", quaternion)),
+    )
+
+
+def limits_section(source: HandEyeSource) -> Html | None:
+    """The limits of the job beside the figures they apply to."""
+    if source.answer is None:
+        return None
+    limits = dig(source.run, "job_config", "accept")
+    cov = covariance(dig(source.answer, "cov"))
+    rows = []
+    for name, limit, value, shown in (
+        ("95 % error of the position", "max_error_t_m", None if cov is None else radius95(cov[:3, :3]), mm),
+        (
+            "95 % error of the rotation",
+            "max_error_r_rad",
+            None if cov is None else radius95(cov[3:, 3:]),
+            deg,
+        ),
+    ):
+        most = number(dig(limits, limit))
+        if most is not None:
+            judged = DASH if value is None else ("within" if value <= most else "beyond")
+            rows.append((name, shown(value), shown(most), judged))
+    if not rows:
+        return section(
+            "Limits", absent("No limits were set: this result comes from a data set, not from a job.")
+        )
+    policy = "accepted by policy when it passes" if dig(limits, "auto") else "accepted by an operator"
+    return section(
+        "Limits",
+        table(("", "this result", "limit", ""), rows, "lrrl"),
+        note(f"A result is a proposal until it is {policy}; nothing uses it before."),
     )

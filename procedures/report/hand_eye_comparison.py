@@ -10,15 +10,15 @@ from plotly.subplots import make_subplots
 from calibration.hand_eye import se3
 from calibration.hand_eye.leave_out import spread_about_mean
 from cell.poses import Array
-from procedures.report.figure import colour, embed, figure
+from procedures.report.figure import colour, dressed, embed
+from procedures.report.hand_eye_measured import Measured
+from procedures.report.hand_eye_scene import rejected_of
+from procedures.report.hand_eye_source import HandEyeSource
 from procedures.report.html import Html, absent, note, paragraph, section, table
-from procedures.report.measured import Measured
 from procedures.report.numbers import deg, degs, mm, mms
-from procedures.report.scene import rejected_of
-from procedures.report.source import Source
 
 
-def comparison_section(source: Source) -> Html | None:
+def comparison_section(source: HandEyeSource) -> Html | None:
     """How far the result is from the pose before, and how the target's poses agree under each."""
     X, before = source.X, source.before
     if X is None:
@@ -44,7 +44,7 @@ def comparison_section(source: Source) -> Html | None:
     )
 
 
-def _spreads(source: Source, old: Array, new: Array) -> list[Html]:
+def _spreads(source: HandEyeSource, old: Array, new: Array) -> list[Html]:
     measured = source.measured
     if measured is None:
         return [absent("The data set is not at hand, so the spread under both poses cannot be shown.")]
@@ -89,7 +89,7 @@ def _deviations(poses: Array, number: NDArray[np.intp]) -> Array:
 def _figure(measured: Measured, away: list[Array], group: NDArray[np.int64]) -> Any:
     titles = ("before", "now, same scale", "now, enlarged")
     fig = make_subplots(1, 3, subplot_titles=titles, horizontal_spacing=0.08)
-    fig.update_layout(figure(340).layout)
+    dressed(fig, 340)
     groups = sorted(set(measured.group.tolist()))
     old, new = (1e3 * a for a in away)
     wide = 1.08 * max(float(np.abs(old).max()), float(np.abs(new).max()))

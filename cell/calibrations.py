@@ -1,0 +1,16 @@
+"""What the ledger calls a calibration. A tool's belong to the tool, so a changed tool never inherits them."""
+
+
+def tool_calibration(tool: str) -> str:
+    """``T_flange_tool`` of the tool with this name."""
+    return f"T_flange_tool.{tool}"
+
+
+def laser_reference(tool: str) -> str:
+    """The crossed-beam reference of the tool with this name."""
+    return f"laser_reference.{tool}"
+
+
+def time_offset(device: str) -> str:
+    """The constant delay of a device's stamps, s."""
+    return f"time_offset_s.{device}"

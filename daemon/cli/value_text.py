@@ -1,0 +1,33 @@
+"""The value of a calibration in a few words: a pose, a crossed-beam reference, a delay."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from daemon.cli.output import ms, pose_text
+
+
+def value_text(name: str, value: Any) -> str:
+    """One line. A reference with all its passes is megabytes; ``--json`` prints it."""
+    if value is None:
+        return "none"
+    if isinstance(value, list) and len(value) == 6:
+        return pose_text(value)
+    if name.startswith("time_offset_s.") and isinstance(value, int | float):
+        return ms(value)
+    if isinstance(value, Mapping):
+        return _document(value)
+    return str(value)
+
+
+def _document(value: Mapping[str, Any]) -> str:
+    if value.get("schema") != "cellward.laser-reference/1":
+        return f"{value.get('schema', 'a document')} with {len(value)} entries"
+    tool, hits = value.get("tool") or {}, value.get("hits") or {}
+    at = ", ".join(f"{beam} [{_point(p)}] mm" for beam, p in hits.items() if p is not None)
+    passes = len(value.get("passes") or [])
+    text = f"tool {tool.get('id')}, flange at the beams {at or 'unknown'}, {passes} passes"
+    return f"{text}, delay {ms(value['tau_s'])}" if value.get("tau_s") is not None else text
+
+
+def _point(p: Any) -> str:
+    return ", ".join(f"{1e3 * v:.3f}" for v in p)

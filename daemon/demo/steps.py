@@ -1,0 +1,70 @@
+"""What the demo shows: which runs each of its jobs takes, and what happens to the twin around them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from daemon.demo import plc
+
+
+@dataclass(frozen=True)
+class Bump:
+    """The tool is hit: its point is shifted, and its axis tilted about x and y, both in the flange frame."""
+
+    shift_m: tuple[float, float, float]
+    tilt_rad: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One run: what must be ready, how long it takes on real protocols, and what is done to the twin before.
+
+    ``moves_board`` says what a prompt asks of the operator: to place the board anew, else only to confirm.
+    """
+
+    job: str
+    number: int
+    needs: int
+    seconds: int
+    text: str
+    moves_board: bool = False
+    bump: Bump | None = None
+
+
+CONE_CAPTURE = Step(
+    "cone-capture",
+    1,
+    plc.ARM_OK | plc.CAMERA_OK,
+    75,
+    "3 placements of the board, 12 arm poses each",
+    moves_board=True,
+)
+LASER_REFERENCE = Step(
+    "laser-reference",
+    2,
+    plc.ARM_OK | plc.BEAMS_OK,
+    60,
+    "the good tool through both beams, at two places each",
+)
+LASER_UPDATE = Step(
+    "laser-update",
+    4,
+    plc.ARM_OK | plc.BEAMS_OK,
+    75,
+    "the tool is bumped, measured, corrected, and measured again",
+    bump=Bump((0.0012, -0.0007, 0.0005), (0.008, -0.006)),
+)
+STEPS: dict[str, tuple[Step, ...]] = {
+    "cone-capture": (CONE_CAPTURE,),
+    "laser-update": (LASER_REFERENCE, LASER_UPDATE),
+}
+
+
+def steps_of(jobs: Sequence[str]) -> list[Step]:
+    """The runs of these jobs of the demo, in the demo's own order; all without any."""
+    return [step for job, steps in STEPS.items() if not jobs or job in jobs for step in steps]
+
+
+def eta_text(steps: Sequence[Step]) -> str:
+    """How long it takes and what is to be seen, in one sentence."""
+    minutes = max(round(sum(step.seconds for step in steps) / 60), 1)
+    return f"about {minutes} minute{'s' * (minutes > 1)} in real time: " + "; ".join(s.text for s in steps)

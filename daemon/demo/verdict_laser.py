@@ -1,0 +1,85 @@
+"""The results of the crossed-beam jobs beside the twin's truth."""
+
+from collections.abc import Mapping
+from math import asin, degrees
+from typing import Any
+
+import numpy as np
+
+from cell.poses import Array, from_pose6
+from daemon.cli.output import table
+
+# 95 % limits widened to 99.73 %, by the quantiles of chi-square with 3 and with 2 degrees of freedom.
+SURE_POINT = 1.346
+SURE_TILT = 1.405
+
+
+def judge_tool(result: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[bool, str]:
+    """The committed tool frame against the true one: where its point is, and which way its axis goes."""
+    answer, sure = result["result"], result["uncertainty"]
+    found, true = from_pose6(answer["T_flange_tool"]), from_pose6(truth["T_flange_tool"])
+    off = found.translation - true.translation
+    apart = float(np.linalg.norm(off))
+    tilt = _angle(_axis(found), _axis(true))
+    accepted = bool(result["inputs"].get("update", {}).get("committed", False))
+    limit, tilt_limit = SURE_POINT * sure["U_point_m"], SURE_TILT * sure["U_tilt_rad"]
+    good = accepted and apart <= limit and tilt <= tilt_limit
+    rows = [
+        (f"point {axis}, mm", *(f"{1e3 * v[i]:.4f}" for v in (found.translation, true.translation, off)))
+        for i, axis in enumerate("xyz")
+    ]
+    words = "consistent with" if good else "NOT consistent with"
+    text = [
+        "T_flange_tool after the correction",
+        table(("", "found", "truth", "error"), rows),
+        f"the point is {1e3 * apart:.4f} mm off (U95 {1e3 * sure['U_point_m']:.4f} mm), "
+        f"the axis {degrees(tilt):.4f} deg (U95 {degrees(sure['U_tilt_rad']):.4f} deg)",
+        f"{words} the stated uncertainty",
+        "the second scan met the reference and the new frame is in effect"
+        if accepted
+        else "the new frame was NOT put into effect",
+    ]
+    return good, "\n".join(text)
+
+
+def judge_beams(result: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[bool, str]:
+    """The beams of a reference against the true ones: how far apart where they are crossed, and the angle.
+
+    The point of the tool breaks a beam of light when it is within the beam's radius, so the line that it
+    meets lies that much above the middle of the light.
+    """
+    limit = SURE_POINT * result["uncertainty"]["U_point_m"]
+    good, rows = True, []
+    for name, beam in result["result"]["beams"].items():
+        point, line = np.array(beam["point"]), np.array(beam["dir"])
+        true = truth["beams"][name]
+        upper = np.array([0.0, 0.0, true["radius_m"] - 0.5 * true["hysteresis_m"]])
+        apart = _distance(point, np.array(true["point"]) + upper, _unit(np.array(true["dir"])))
+        good = good and apart <= limit
+        rows.append((name, f"{1e3 * apart:.4f}", f"{1e3 * _angle(line, np.array(true['dir'])):.3f}"))
+    words = "consistent with" if good else "NOT consistent with"
+    text = table(("beam", "off the true line, mm", "angle between, mrad"), rows)
+    return (
+        good,
+        f"{text}\n{words} the stated uncertainty (U95 of the point {1e3 * limit / SURE_POINT:.4f} mm)",
+    )
+
+
+def _axis(T: Any) -> Array:
+    z: Array = T.rotation.as_matrix()[:, 2]
+    return z
+
+
+def _unit(v: Array) -> Array:
+    u: Array = v / np.linalg.norm(v)
+    return u
+
+
+def _angle(a: Array, b: Array) -> float:
+    """Between two lines, rad."""
+    return asin(min(float(np.linalg.norm(np.cross(_unit(a), _unit(b)))), 1.0))
+
+
+def _distance(p: Array, q: Array, u: Array) -> float:
+    """Of ``p`` from the line through ``q`` along the unit vector ``u``."""
+    return float(np.linalg.norm(np.cross(p - q, u)))

@@ -1,0 +1,91 @@
+"""Job ``laser-check``: where the tool is now, against its reference; measured, and nothing proposed."""
+
+import asyncio
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+from cell.procedure import Procedure, Run
+from procedures.laser.config import LaserCheckConfig, Search
+from procedures.laser.health import keep_trends
+from procedures.laser.judging import finished_early, judge_check
+from procedures.laser.measurement import Measurement, check_poses, check_speeds, data_header, reference_of
+from procedures.laser.record import PassRecord
+from procedures.laser.solving import solve_current
+from procedures.laser.states import CHECKPOINTS, SCAN, ScanState
+
+S = ScanState
+
+
+class LaserCheck(Procedure):
+    """Measures the tool against its reference."""
+
+    name: ClassVar[str] = "laser-check"
+    number: ClassVar[int] = 3
+    Config = LaserCheckConfig
+    State = ScanState
+    TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = SCAN
+    CHECKPOINTS: ClassVar[frozenset[Any]] = CHECKPOINTS
+
+    config: LaserCheckConfig
+
+    def uses(self) -> tuple[str, ...]:
+        return ("arm", "beams")
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        check_poses({"retract_pose": self.config.retract_pose}, values)
+        check_speeds(reference_of(values)["search"], values)
+
+    async def run(self, run: Run) -> None:
+        await measure(run, measurement_of(run, self.config), self.config)
+
+    async def dry_run(self, run: Run) -> dict[str, Any]:
+        """Every sweep with the guard's findings; nothing moves."""
+        measurement = measurement_of(run, self.config)
+        measurement.check_fixture()
+        return await measurement.plan()
+
+
+def measurement_of(run: Run, config: LaserCheckConfig) -> Measurement:
+    """The measurement that the reference of this tool defines."""
+    reference = reference_of(run.values)
+    p_ref = [float(v) for v in reference["tool"]["p_ref"]]
+    search = Search.from_reference(reference, run.values["laser_floor_m"])
+    return Measurement(run, search, 1, p_ref, float(reference["time_offset_s"]), config.retract_pose)
+
+
+async def measure(run: Run, measurement: Measurement, config: LaserCheckConfig) -> None:
+    """One scan of both beams, solved and judged; the judged document is ``run.result``."""
+    await run.enter(S.PREPARE)
+    measurement.check_fixture()
+    record = PassRecord(run.folder)
+    scan = measurement.scan(record)
+    await scan.check_clear()
+    await run.enter(S.PLAN)
+    await measurement.plan_and_note()
+    async with run.motion() as lease:
+        await scan.take(lease)
+    await run.enter(S.SOLVE, f"{len(record.passes)} ways")
+    reference = run.values["laser_reference"]
+    header = data_header(measurement, reference)
+    path = await asyncio.to_thread(record.write_data_set, header, reference["passes"], record.passes)
+    if not scan.complete:
+        run.result = finished_early("laser", len(record.passes))
+        return
+    run.note("solve", event="started", passes=len(record.passes))
+    run.result = await run.worker.call(solved_check, path, known_of(run.values), config.model_dump())
+    await keep_trends(run)
+
+
+def known_of(values: Mapping[str, Any]) -> dict[str, Any]:
+    """What judging a check needs of a run's values."""
+    return {
+        "T_flange_tool_ref": list(values["laser_reference"]["T_flange_tool"]),
+        "T_flange_tool_last": list(values["tool"]["T_flange_tool"]),
+        "offset_s": float(values["laser_reference"]["time_offset_s"]),
+    }
+
+
+def solved_check(path: Path, known: Mapping[str, Any], config: Mapping[str, Any]) -> dict[str, Any]:
+    """``cellward.result/1`` of a measurement against a reference, judged; for the worker process."""
+    return judge_check(solve_current(path), known, config)

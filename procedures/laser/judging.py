@@ -1,0 +1,138 @@
+"""The verdict of a crossed-beam measurement: the solver's answer held against the limits of the job.
+
+Pure: the job and ``cellward replay`` come to the same document from the same data.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from cell.formats.result import Result
+from cell.poses import from_pose6, to_pose6
+
+DEG = float(np.degrees(1.0))
+
+
+def corrected_tool(T_ref: Sequence[float], T_last: Sequence[float], answer: Mapping[str, Any]) -> list[float]:
+    """``T_flange_tool`` (a pose6) whose point is moved and whose axis is turned as measured.
+
+    ``T_ref`` is the tool of the reference, ``T_last`` the one in effect, which keeps its attitude when no
+    tilt was measured. The beam is hit at the same point of the base, so
+    ``p + R t = const`` and ``t_new = t_ref - R^T (p_new - p_ref)``, which is ``t_ref + dp_flange``.
+    """
+    ref = from_pose6(T_ref)
+    t = ref.translation + np.array(answer["dp_flange"])
+    if answer["drot_flange"] is None:
+        rotation = from_pose6(T_last).rotation
+    else:
+        rotation = Rotation.from_rotvec(answer["drot_flange"]) * ref.rotation
+    return [float(v) for v in to_pose6(RigidTransform.from_components(t, rotation))]
+
+
+def finished_early(kind: str, ways: int) -> dict[str, Any]:
+    """What a run comes to that was finished before both beams were measured: its passes are kept."""
+    why = f"finished-early: {ways} ways were taken, and both beams must be measured to the end"
+    return Result(kind=kind, verdict="fail", reasons=[why], result=None).as_json()
+
+
+def judge_reference(result: Mapping[str, Any], config: Mapping[str, Any]) -> dict[str, Any]:
+    """A reference: beams level and in one plane, and the point known well enough."""
+    if result["result"] is None:
+        return dict(result)
+    plane = result["result"]["plane"]
+    reasons = [
+        f"max_slope_rad: beam {beam} rises by {DEG * abs(slope):.2f} deg against base x-y, the limit is "
+        f"{DEG * config['max_slope_rad']:.2f} deg"
+        for beam, slope in plane["slope_rad"].items()
+        if abs(slope) > config["max_slope_rad"]
+    ]
+    if abs(plane["gap_m"]) > config["max_plane_gap_m"]:
+        reasons.append(
+            f"max_plane_gap_m: the beams pass each other at {1e3 * abs(plane['gap_m']):.2f} mm, the limit is "
+            f"{1e3 * config['max_plane_gap_m']:g} mm"
+        )
+    return _with(result, [*reasons, *_uncertainty_reasons(result, config["max_U_m"])], {})
+
+
+def judge_check(
+    result: Mapping[str, Any], known: Mapping[str, Any], config: Mapping[str, Any]
+) -> dict[str, Any]:
+    """A measurement against the reference and against the tool in effect.
+
+    ``known`` has ``T_flange_tool_ref`` and ``T_flange_tool_last`` (pose6 each) and ``offset_s``, the delay of
+    the inputs that the stamps were corrected by, in all.
+    """
+    answer = result["result"]
+    if answer is None:
+        return dict(result)
+    T_ref, offset_s = known["T_flange_tool_ref"], known["offset_s"]
+    T_new = corrected_tool(T_ref, known["T_flange_tool_last"], answer)
+    moved = {
+        "against_reference": moved_between(T_ref, T_new),
+        "against_last": moved_between(known["T_flange_tool_last"], T_new),
+    }
+    reasons = [text for key, found in moved.items() for text in _bent(key, found, config[key])]
+    reasons += _uncertainty_reasons(result, config["max_U_m"])
+    warnings = []
+    if (tau := answer.get("tau")) is not None and abs(tau) > config["max_latency_s"]:
+        warnings.append(
+            {
+                "code": "laser.latency",
+                "text": f"the inputs are late by {1e3 * (offset_s + tau):.1f} ms, configured are "
+                f"{1e3 * offset_s:.1f} ms; run latency-calibration",
+            }
+        )
+    more = {"T_flange_tool": T_new, **moved, "latency_s": None if tau is None else offset_s + tau}
+    return _with(result, reasons, more, warnings)
+
+
+def moved_between(before: Sequence[float], now: Sequence[float]) -> dict[str, Any]:
+    """How far the tool's point moved (m, in the flange) and by how much its axis turned (rad)."""
+    a, b = from_pose6(before), from_pose6(now)
+    z = np.array([0.0, 0.0, 1.0])
+    turn = float(np.arccos(np.clip(a.rotation.apply(z) @ b.rotation.apply(z), -1.0, 1.0)))
+    shift = b.translation - a.translation
+    return {"shift_m": shift.tolist(), "shift": float(np.linalg.norm(shift)), "tilt_rad": turn}
+
+
+def _bent(key: str, found: Mapping[str, Any], limits: Mapping[str, Any]) -> list[str]:
+    against = {"against_reference": "the reference", "against_last": "the last result"}[key]
+    reasons = []
+    if found["shift"] > limits["max_shift_m"]:
+        reasons.append(
+            f"bent tool: {key}.max_shift_m: the point is {1e3 * found['shift']:.2f} mm off {against}, "
+            f"the limit is {1e3 * limits['max_shift_m']:g} mm"
+        )
+    if found["tilt_rad"] > limits["max_tilt_rad"]:
+        reasons.append(
+            f"bent tool: {key}.max_tilt_rad: the axis is {DEG * found['tilt_rad']:.2f} deg off {against}, "
+            f"the limit is {DEG * limits['max_tilt_rad']:.2f} deg"
+        )
+    return reasons
+
+
+def _uncertainty_reasons(result: Mapping[str, Any], limit: float) -> list[str]:
+    U = result["uncertainty"]["U_point_m"]
+    if limit < U:
+        return [f"max_U_m: 95 % of the errors stay below {1e3 * U:.3g} mm, the limit is {1e3 * limit:g} mm"]
+    return []
+
+
+def _with(
+    result: Mapping[str, Any],
+    reasons: list[str],
+    answer: Mapping[str, Any],
+    warnings: Sequence[Mapping[str, Any]] = (),
+) -> dict[str, Any]:
+    verdict = "fail" if reasons else result["verdict"]
+    if verdict == "pass" and warnings:
+        verdict = "warn"
+    return {
+        **result,
+        "verdict": verdict,
+        "reasons": [*reasons, *result["reasons"]],
+        "warnings": [*result.get("warnings", []), *warnings],
+        "result": {**result["result"], **answer},
+    }

@@ -1,0 +1,145 @@
+"""What the crossed-beam jobs share: from a geometry to a checked plan, a scan, and a data set."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cell.errors import error
+from cell.poses import from_pose6
+from cell.procedure import Run
+from procedures.arm_setup import lease_settings
+from procedures.laser.config import BEAMS, Search
+from procedures.laser.path import course
+from procedures.laser.plan import PlanRequest, check_plan, plan_scan
+from procedures.laser.record import PassRecord
+from procedures.laser.scan import Scan
+
+FRESH_S = 0.1
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One fixture and one reference, for as many scans as a job makes.
+
+    ``p_ref`` (3,) is the tool's point of the reference in the flange; None while a reference is made.
+    ``offset_s`` is the delay of the inputs that the stamps are corrected by: that of the reference, not
+    today's, for the passes of both must be late alike.
+    """
+
+    run: Run
+    search: Search
+    places: int
+    p_ref: list[float] | None
+    offset_s: float
+    retract_pose: str | None
+
+    def check_fixture(self) -> None:
+        """``LASER_OTHER_FIXTURE`` when the geometry was made with other inputs than there are."""
+        if self.run.adopted is not None:
+            raise error(
+                "NOT_NOW", "a crossed-beam run cannot be adopted: its passes belong together; start anew"
+            )
+        inputs = self.run.inputs("beams")
+        if inputs.name != self.search.device:
+            raise error(
+                "LASER_OTHER_FIXTURE", f"it used the inputs '{self.search.device}', not '{inputs.name}'"
+            )
+        for beam in BEAMS:
+            if (name := self.search.beam(beam).input) not in inputs.names:
+                known = ", ".join(inputs.names)
+                raise error("LASER_OTHER_FIXTURE", f"{inputs.name} has no input '{name}', there is {known}")
+
+    async def plan(self, tool: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Every sweep with the guard's findings, with ``tool`` instead of the run's; nothing moves."""
+        values = {k: v for k, v in self.run.values.items() if k != "laser_reference"}  # it has all its passes
+        values["tool"] = dict(tool or values["tool"])
+        q = self.run.arm().state.latest(FRESH_S).value.q
+        request = PlanRequest(values, self.search.model_dump(), self.p_ref, self.places, q.tolist())
+        return await self.run.worker.call(plan_scan, request)
+
+    def scan(self, record: PassRecord, tool: Mapping[str, Any] | None = None) -> Scan:
+        """A scan that is ready to be taken."""
+        values = self.run.values
+        pose = (tool or values["tool"])["T_flange_tool"]
+        way = course(self.search, values["robot"], pose, self.p_ref, self.places)
+        _, _, speed = lease_settings(values)
+        late = self.offset_s - float(values["time_offset_s"]["beams"]["applied"])
+        return Scan(self.run, self.search, way, record, speed, late, self.retract_pose)
+
+    async def plan_and_note(self, tool: Mapping[str, Any] | None = None) -> None:
+        """The plan in the journal before anything moves; ``LASER_PLAN_REFUSED`` when the guard forbids it."""
+        plan = await self.plan(tool)
+        self.run.note("decision", event="plan", plan=plan)
+        check_plan(plan)
+
+
+def check_speeds(search: Mapping[str, Any], values: Mapping[str, Any]) -> None:
+    """``MOTION_LIMIT`` when a sweep would be faster than the cell allows."""
+    allowed = values["limits"]["speed_m_s"]
+    for key in ("search_speed_m_s", "measure_speed_m_s"):
+        if search[key] > allowed:
+            raise error("MOTION_LIMIT", f"{key} is {search[key]:g} m/s, [limits] speed_m_s {allowed:g} m/s")
+
+
+def check_poses(names: Mapping[str, str | None], values: Mapping[str, Any]) -> None:
+    """``ARGUMENT_INVALID`` when a key names a pose that is not in ``[poses]``."""
+    for key, name in names.items():
+        if name is not None and name not in values["poses"]:
+            known = ", ".join(values["poses"]) or "none"
+            raise error("ARGUMENT_INVALID", f"{key} '{name}' is not in [poses]; there is {known}")
+
+
+def reference_of(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The reference of this tool; ``LASER_NO_REFERENCE``, or ``LASER_OTHER_FIXTURE`` when it does not fit.
+
+    A pose that was taught anew means that fixture, tool or cell was moved.
+    """
+    tool = values["tool"]["name"]
+    reference: dict[str, Any] | None = values.get("laser_reference")
+    if reference is None:
+        raise error("LASER_NO_REFERENCE", f"tool '{tool}'")
+    if reference["tool"]["id"] != tool:
+        raise error("LASER_NO_REFERENCE", f"it is of tool '{reference['tool']['id']}', not '{tool}'")
+    search = Search.from_reference(reference, None)
+    for name in BEAMS:
+        beam = search.beam(name)
+        now = values["poses"].get(beam.aux)
+        if now is None:
+            raise error("LASER_OTHER_FIXTURE", f"[poses] has no '{beam.aux}' any more")
+        if float(np.max(np.abs(np.array(now) - np.array(beam.q)))) > 1e-6:
+            raise error("LASER_OTHER_FIXTURE", f"the pose '{beam.aux}' was taught anew since")
+    return reference
+
+
+def data_header(measurement: Measurement, reference: Mapping[str, Any]) -> dict[str, Any]:
+    """Attitude, beams and tool of a ``cellward.laser/1`` data set that is held against ``reference``."""
+    return {
+        "R_base_flange": list(reference["R_base_flange"]),
+        "beams": reference["beams"],
+        "tool": reference["tool"],
+    }
+
+
+def nominal_header(
+    measurement: Measurement, tool: Mapping[str, Any], radius_m: float | None
+) -> dict[str, Any]:
+    """The same while there is no reference: beams and tool as configured."""
+    way = course(measurement.search, measurement.run.values["robot"], tool["T_flange_tool"], None, 1)
+    T = from_pose6(tool["T_flange_tool"])
+    beams = {}
+    for station in way.stations:
+        beam = measurement.search.beam(station.beam)
+        middle = way.tip(station.at(0.5 * station.distance_m, 0.0))
+        beams[station.beam] = {"point": middle.tolist(), "dir": beam.along_unit.tolist()}
+    return {
+        "R_base_flange": way.R_base_flange.as_rotvec().tolist(),
+        "beams": beams,
+        "tool": {
+            "id": tool["name"],
+            "p_ref": T.translation.tolist(),
+            "axis_ref": T.rotation.apply([0.0, 0.0, 1.0]).tolist(),
+            "radius": radius_m if radius_m is not None else tool["radius_m"],
+        },
+    }

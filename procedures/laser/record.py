@@ -1,0 +1,57 @@
+"""The raw data of a crossed-beam measurement on disk: one line a way, durable before the next move.
+
+``passes.jsonl`` has every way with what became of it. ``laser.json`` is the data set of the usable ones,
+written before anything is solved.
+"""
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from cell.store.files import disk_errors, to_json, write_atomic
+from procedures.laser.sweep import Way
+
+PASSES_FILE = "passes.jsonl"
+DATA_FILE = "laser.json"
+SECOND = "second"  # folder of the scan with the candidate tool
+
+
+@dataclass
+class PassRecord:
+    """The ways of one scan. Methods that write block on the disk: call them in a thread."""
+
+    folder: Path
+    passes: list[dict[str, Any]] = field(default_factory=list)
+
+    def add(self, ways: tuple[Way, ...], phase: str, place: int, why_not: str | None) -> None:
+        """Ways that belong together; ``why_not`` says why they are not used. On disk when this returns."""
+        entries = [{**way.as_pass(), "notes": {"phase": phase, "place": place}} for way in ways]
+        about = {"used": why_not is None, "why": why_not}
+        path = self.folder / PASSES_FILE
+        with disk_errors(path):
+            self.folder.mkdir(exist_ok=True)
+            with path.open("a", encoding="utf-8") as file:
+                file.writelines(json.dumps({**about, **e}, allow_nan=False) + "\n" for e in entries)
+                file.flush()
+                os.fsync(file.fileno())
+        if why_not is None:
+            self.passes += entries
+
+    def write_data_set(
+        self, header: Mapping[str, Any], reference: Sequence[Any], current: Sequence[Any]
+    ) -> Path:
+        """``laser.json``: ``header`` has attitude, beams and tool; then the passes of both."""
+        data = {
+            "schema": "cellward.laser/1",
+            **header,
+            "reference": {"passes": list(reference)},
+            "current": {"passes": list(current)},
+        }
+        path = self.folder / DATA_FILE
+        with disk_errors(path):
+            self.folder.mkdir(exist_ok=True)
+        write_atomic(path, to_json(data) + "\n")
+        return path

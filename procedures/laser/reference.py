@@ -1,0 +1,95 @@
+"""Job ``laser-reference``: where the beams are, and where a tool that is known to be good meets them."""
+
+import asyncio
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+from cell.calibrations import laser_reference
+from cell.procedure import Procedure, Proposal, Run
+from procedures.laser.config import LaserReferenceConfig, Search
+from procedures.laser.health import keep_trends
+from procedures.laser.judging import finished_early, judge_reference
+from procedures.laser.measurement import Measurement, check_poses, check_speeds, nominal_header
+from procedures.laser.record import PassRecord
+from procedures.laser.solving import solve_new_reference
+from procedures.laser.states import CHECKPOINTS, SCAN, ScanState
+
+S = ScanState
+PLACES = 2  # along each beam: two points make a line
+
+
+class LaserReference(Procedure):
+    """Measures both beams at two places and proposes the reference of this tool."""
+
+    name: ClassVar[str] = "laser-reference"
+    number: ClassVar[int] = 2
+    Config = LaserReferenceConfig
+    State = ScanState
+    TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = SCAN
+    CHECKPOINTS: ClassVar[frozenset[Any]] = CHECKPOINTS
+
+    config: LaserReferenceConfig
+
+    def uses(self) -> tuple[str, ...]:
+        return ("arm", "beams")
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        c = self.config
+        check_poses({"xs.aux": c.xs.aux, "ys.aux": c.ys.aux, "retract_pose": c.retract_pose}, values)
+        check_speeds(c.model_dump(), values)
+
+    def proposal(self, run: Run) -> Proposal | None:
+        answer = (run.result or {}).get("result")
+        if answer is None:
+            return None
+        return Proposal(laser_reference(run.values["tool"]["name"]), answer, self.config.accept.auto)
+
+    async def run(self, run: Run) -> None:
+        await run.enter(S.PREPARE)
+        measurement = self._measurement(run)
+        measurement.check_fixture()
+        record = PassRecord(run.folder)
+        scan = measurement.scan(record)
+        await scan.check_clear()
+        await run.enter(S.PLAN)
+        await measurement.plan_and_note()
+        async with run.motion() as lease:
+            await scan.take(lease)
+        await run.enter(S.SOLVE, f"{len(record.passes)} ways")
+        tool = run.values["tool"]
+        header = nominal_header(measurement, tool, self.config.pin_radius_m)
+        path = await asyncio.to_thread(record.write_data_set, header, record.passes, [])
+        if not scan.complete:
+            run.result = finished_early("laser-reference", len(record.passes))
+            return
+        run.note("solve", event="started", passes=len(record.passes))
+        known = known_of(self.config, run.values, measurement.search.device)
+        run.result = await run.worker.call(solved_reference, path, known, self.config.model_dump())
+        await keep_trends(run)
+
+    async def dry_run(self, run: Run) -> dict[str, Any]:
+        """Every sweep with the guard's findings; nothing moves."""
+        measurement = self._measurement(run)
+        measurement.check_fixture()
+        return await measurement.plan()
+
+    def _measurement(self, run: Run) -> Measurement:
+        search = Search.from_config(self.config, run.values["poses"], run.inputs("beams").name)
+        offset_s = float(run.values["time_offset_s"]["beams"]["effective"])
+        return Measurement(run, search, PLACES, None, offset_s, self.config.retract_pose)
+
+
+def known_of(config: LaserReferenceConfig, values: Mapping[str, Any], device: str) -> dict[str, Any]:
+    """What a reference keeps beside what was measured."""
+    search = Search.from_config(config, values["poses"], device)
+    return {
+        "search": search.model_dump(),
+        "T_flange_tool": list(values["tool"]["T_flange_tool"]),
+        "time_offset_s": float(values["time_offset_s"]["beams"]["effective"]),
+    }
+
+
+def solved_reference(path: Path, known: Mapping[str, Any], config: Mapping[str, Any]) -> dict[str, Any]:
+    """``cellward.result/1`` of a reference, judged; for the worker process."""
+    return judge_reference(solve_new_reference(path, known), config)

@@ -1,0 +1,310 @@
+"""One scan of both beams: search down, bisect in height, measure slowly, at one or two places and heights.
+
+The search is that of the source: out and back across the beam, a step down when nothing triggered, a trigger
+on the way out alone thrown away. The arm rests between the ways; what they showed is on disk before the next.
+"""
+
+import asyncio
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from cell.devices import DigitalInputs, Speed
+from cell.errors import error
+from cell.motion import MotionLease
+from cell.procedure import FinishRequested, Run
+from procedures.laser.config import BEAMS, Search
+from procedures.laser.faults import Fault, crossing_fault, fault_of, gap_of, one_sided, stuck_dark
+from procedures.laser.path import Course, Station, deepest, way_out
+from procedures.laser.record import PassRecord
+from procedures.laser.states import ScanState as S
+from procedures.laser.sweep import POLL_TIMEOUT_S, Beam, Sweeper, Way
+
+SAME_M = 1e-6
+FRESH_S = 0.1
+GOLDEN = 0.6180339887498949  # multiples of it, modulo 1, are spread evenly however many they are
+Pair = tuple[Way, Way]
+Judge = Callable[[Way, Way], Fault | None]
+
+
+@dataclass(frozen=True)
+class Hit:
+    """The tool's point meets the beam between the depths ``clear`` and ``hit``; it crosses in ``s`` (2,)."""
+
+    clear: float
+    hit: float
+    s: tuple[float, float]
+
+
+class Scan:
+    """Takes the passes of one course; ``complete`` says whether all that were planned are there."""
+
+    def __init__(
+        self,
+        run: Run,
+        search: Search,
+        course: Course,
+        record: PassRecord,
+        speed: Speed,
+        offset_s: float,
+        retract_pose: str | None,
+    ) -> None:
+        self.run, self.search, self.course, self.record = run, search, course, record
+        self.inputs: DigitalInputs = run.inputs("beams")
+        self.complete = False
+        self._speed, self._offset_s, self._retract_pose = speed, offset_s, retract_pose
+        self._beams = {
+            name: Beam(name, self.inputs.names.index(search.beam(name).input), search.beam(name).across_unit)
+            for name in BEAMS
+        }
+        heights = (search.measure_depth_m, search.measure_depth_m + search.tilt_height_m)
+        self._heights = heights if search.tilt_height_m > 0.0 else heights[:1]
+        self._lease: MotionLease
+        self._sweeper: Sweeper
+        self._station: Station
+        self._s, self._depth = 0.0, 0.0
+        self._missing: dict[str, str] = {}
+        self._taken, self._groups = 0, 0
+
+    async def check_clear(self) -> None:
+        """``LASER_BEAM_DARK`` when a beam is broken, with no tool near it."""
+        if dark := await self._dark():
+            raise error("LASER_BEAM_DARK", f"beam {dark[0]} is broken before anything moved")
+
+    async def take(self, lease: MotionLease) -> None:
+        """All passes; after a finish those that were taken by then. The tool ends clear of the beams."""
+        run, arm = self.run, self.run.arm()
+        self._lease = lease
+        self._sweeper = Sweeper(arm, self.inputs, lease, run.clock, self._offset_s)
+        self._first = True
+        heights = sum(len(self._heights) if s.place == 0 else 1 for s in self.course.stations)
+        run.progress(0, heights * self.search.passes)
+        with suppress(FinishRequested):
+            for station in self.course.stations:
+                if station.beam not in self._missing:
+                    await self._take_station(station)
+            self.complete = True
+        if run.state == S.SWEEP:
+            await self._lift("finished early")
+        if self.complete:
+            self._raise_missing()
+        await run.enter(S.RETRACT)
+        if self._retract_pose is not None:
+            await lease.move_joints(np.array(run.values["poses"][self._retract_pose]))
+
+    async def _take_station(self, station: Station) -> None:
+        await self._approach(station)
+        hit = await self._find()
+        if hit is None:
+            self._missing[station.beam] = self._searched()
+        elif not self._missing:
+            hit = await self._bisect(hit)
+            middle = 0.5 * (hit.clear + hit.hit)
+            self.run.note(
+                "decision", event="hit", beam=station.beam, place=station.place, depth_m=round(middle, 6)
+            )
+            for below in self._heights if station.place == 0 else self._heights[:1]:
+                await self._measure(middle + below)
+        await self._lift(f"{station.name} is done")
+
+    # -- the steps
+
+    async def _approach(self, station: Station) -> None:
+        await self.run.enter(S.APPROACH, station.name)
+        if self._first:
+            self._first = False
+            await leave_fixture(self.run, self._lease, self.course)
+        if station.place == 0:
+            await self._lease.move_joints(station.q)
+        self._station, self._s, self._depth = station, 0.0, 0.0
+        if not station.taught:
+            await self._lease.move_linear(station.start)
+        await self.run.clock.sleep(self.search.settle_s)
+        if dark := await self._dark():
+            raise error(
+                "LASER_TOOL_TOO_LONG", f"beam {dark[0]} is broken at the auxiliary point of {station.name}"
+            )
+
+    async def _find(self) -> Hit | None:
+        """Down by steps until out and back both trigger; None when it did not down to the limit."""
+        step, lowest = self.search.descend_step_m, deepest(self.search, self.course, self._station)
+        clear: float | None = None
+        found: Hit | None = None
+        lost = 0
+        while True:
+            out, back = await self._search_pair("search", 0.0, self._station.distance_m)
+            if out.triggered and back.triggered:
+                found = Hit(self._depth - step, self._depth, self._span(out, back))
+                if clear is not None:
+                    return replace(found, clear=clear)
+                await self._up_a_step(step)
+                continue
+            if found is not None:
+                return replace(found, clear=self._depth)
+            if (fault := one_sided(out, back)) is not None:
+                lost += 1
+                if lost > self.search.retries:
+                    raise fault.error(lost)
+            else:
+                clear = self._depth
+            if self._depth + step > lowest + SAME_M:
+                return None
+            await self.run.enter(S.DESCEND, f"to {1e3 * (self._depth + step):.1f} mm")
+            await self._move(0.0, self._depth + step)
+
+    async def _up_a_step(self, step: float) -> None:
+        """The beam was met at once: look for the height at which it is not."""
+        up = step - self._depth
+        if up > self.search.tool_margin_m + SAME_M:
+            raise error(
+                "LASER_TOOL_TOO_LONG",
+                f"{self._station.name} is met {-1e3 * self._depth:.1f} mm above the auxiliary point already",
+            )
+        await self.run.enter(S.LIFT, "met at once, so the tool is longer than believed")
+        await self._move(0.0, -up)
+
+    async def _bisect(self, hit: Hit) -> Hit:
+        """Halve the interval of heights until it is ``z_resolution_m``."""
+        begin, end = self._window(hit.s, self.search.search_speed_m_s)
+        while hit.hit - hit.clear > self.search.z_resolution_m:
+            middle = 0.5 * (hit.clear + hit.hit)
+            await self.run.enter(S.BISECT, f"{1e3 * (hit.hit - hit.clear):.3f} mm left")
+            await self._move(begin, middle)
+            for _ in range(self.search.retries + 1):
+                out, back = await self._search_pair("bisect", begin, end)
+                if one_sided(out, back) is None:
+                    break  # else the beam is just grazed, or an edge was lost
+            both = out.triggered and back.triggered
+            hit = replace(hit, hit=middle) if both else replace(hit, clear=middle)
+        return hit
+
+    async def _measure(self, depth: float) -> None:
+        """Cross once to see where the beam is at this depth, then slowly as often as asked."""
+        search, run = self.search, self.run
+        await run.enter(S.MEASURE, f"{self._station.name}, {1e3 * depth:.2f} mm down")
+        await self._move(0.0, self._depth)
+        await self._move(0.0, depth)
+        speed = replace(self._speed, tcp_m_s=search.search_speed_m_s)
+        seen = await self._pair(
+            "locate", 0.0, self._station.distance_m, speed, partial(crossing_fault, search=search)
+        )
+        begin, end = self._window(self._span(*seen), search.measure_speed_m_s)
+        await self._move(begin, depth)
+        speed = replace(self._speed, tcp_m_s=search.measure_speed_m_s)
+        period = float(np.median(np.diff([p.t for p in seen[0].polls])))
+        judge = partial(fault_of, search=search)
+        for stagger in self._staggers():
+            wait = stagger[0] * period, stagger[1] * period
+            await self._pair("measure", begin, end, speed, judge, wait)
+            self._taken += 1
+            run.progress(self._taken, run.steps)
+
+    def _staggers(self) -> list[tuple[float, float]]:
+        """For each pass, by which share of the polls' period its two ways begin after a poll.
+
+        Polls that fall differently in each way narrow the intervals of the edges together. The shares are
+        spread evenly, those of the ways back between those of the ways out, and anew for each height.
+        """
+        self._groups += 1
+        shares = (GOLDEN * self._groups + np.arange(2 * self.search.passes) / (2 * self.search.passes)) % 1.0
+        return [(float(a), float(b)) for a, b in shares.reshape(-1, 2)]
+
+    async def _lift(self, why: str) -> None:
+        await self.run.enter(S.LIFT, why)
+        top = min(0.0, self._depth)
+        await self._move(self._s, top)
+        await self._move(0.0, top)
+
+    # -- there and back
+
+    async def _search_pair(self, phase: str, begin: float, end: float) -> Pair:
+        """Fast; what shows on one way alone is kept on disk and not used."""
+        speed = replace(self._speed, tcp_m_s=self.search.search_speed_m_s)
+        return await self._pair(
+            phase,
+            begin,
+            end,
+            speed,
+            lambda out, back: gap_of((out, back), self.search) or stuck_dark(out, back),
+        )
+
+    async def _pair(
+        self,
+        phase: str,
+        begin: float,
+        end: float,
+        speed: Speed,
+        judge: Judge,
+        after_poll_s: tuple[float, float] = (0.0, 0.0),
+    ) -> Pair:
+        """From where the arm stands to ``end`` and back to ``begin``, again while ``judge`` finds a fault."""
+        run, station = self.run, self._station
+        beam = self._beams[station.beam]
+        for attempt in range(1, self.search.retries + 2):
+            await run.enter(S.SWEEP, f"{phase}, attempt {attempt}" if attempt > 1 else phase)
+            far, near = station.at(end, self._depth), station.at(begin, self._depth)
+            out = await self._sweeper.cross(beam, 1, far, speed, after_poll_s[0])
+            await run.enter(S.RETURN)
+            back = await self._sweeper.cross(beam, -1, near, speed, after_poll_s[1])
+            fault = judge(out, back)
+            why_not = fault or one_sided(out, back)
+            text = why_not.text if why_not else "only finds where to measure" if phase == "locate" else None
+            await asyncio.to_thread(self.record.add, (out, back), phase, station.place, text)
+            if why_not is not None:
+                run.note("decision", event="pass not used", phase=phase, attempt=attempt, why=why_not.text)
+            if fault is None:
+                return out, back
+            last = fault.error(attempt)
+        raise last
+
+    async def _move(self, s: float, depth: float) -> None:
+        if abs(s - self._s) < SAME_M and abs(depth - self._depth) < SAME_M:
+            return
+        await self._lease.move_linear(self._station.at(s, depth))
+        self._s, self._depth = s, depth
+        await self.run.clock.sleep(self.search.settle_s)
+
+    def _span(self, out: Way, back: Way) -> tuple[float, float]:
+        """From the first edge to the last of both ways, m from the auxiliary point."""
+        s = self._station.s_of(np.concatenate([out.edge_positions(), back.edge_positions()]))
+        return float(np.min(s)), float(np.max(s))
+
+    def _window(self, span: tuple[float, float], speed_m_s: float) -> tuple[float, float]:
+        """The part of the way that holds the crossing, with room to get up to speed and to slow down."""
+        lead = self.search.lead_m + speed_m_s**2 / (2.0 * self._speed.tcp_m_s2)
+        return max(span[0] - lead, 0.0), min(span[1] + lead, self._station.distance_m)
+
+    # -- what the beams say
+
+    async def _dark(self) -> list[str]:
+        """The beams that are broken now."""
+        await self.inputs.wait_fresh(POLL_TIMEOUT_S)
+        newest = self.inputs.inputs.last()
+        assert newest is not None
+        return [name for name, beam in self._beams.items() if newest.value.levels[beam.index]]
+
+    def _searched(self) -> str:
+        begin, end = self._station.start, self._station.at(0.0, self._depth)
+        high, low = (1e3 * float(self.course.tip(T)[2]) for T in (begin, end))
+        return (
+            f"{self._station.name} was not met from a height of the tool's point of {high:.1f} mm down to "
+            f"{low:.1f} mm"
+        )
+
+    def _raise_missing(self) -> None:
+        if len(self._missing) == len(BEAMS):
+            raise error("LASER_TOOL_NOT_FOUND", "; ".join(self._missing.values()))
+        for beam, text in self._missing.items():
+            other = next(name for name in BEAMS if name != beam)
+            raise error("LASER_BEAM_STUCK", f"{text}, while beam {other} was")
+
+
+async def leave_fixture(run: Run, lease: MotionLease, course: Course) -> None:
+    """Straight up first when the tool stands between the sensors."""
+    state = run.arm().state.latest(FRESH_S).value
+    if (above := way_out(course, state.T_base_flange)) is not None:
+        run.note("decision", event="lifted first", why="the tool stood between the sensors")
+        await lease.move_linear(above)

@@ -1,0 +1,251 @@
+"""Job ``laser-update``: measure the tool, propose its new frame, try it, and only then put it into effect.
+
+The proposal is tried by a second scan under a lease that carries the candidate: the same flange path shifted
+so that the candidate's point follows the reference's path. Only when the point meets the reference within its
+uncertainty is it committed; in every other way out it is rejected, and the old frame stays.
+"""
+
+import asyncio
+from collections.abc import Mapping
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from cell.calibrations import tool_calibration
+from cell.errors import CellError
+from cell.motion import run_to_its_end
+from cell.procedure import FinishRequested, Procedure, Proposal, Run
+from procedures.laser.check import known_of, measure, measurement_of, solved_check
+from procedures.laser.config import LaserUpdateConfig
+from procedures.laser.judging import DEG
+from procedures.laser.measurement import (
+    Measurement,
+    check_poses,
+    check_speeds,
+    data_header,
+    reference_of,
+)
+from procedures.laser.record import SECOND, PassRecord
+from procedures.laser.solving import compare_second
+from procedures.laser.states import CHECKPOINTS, SCAN
+
+
+class State(StrEnum):
+    """A scan, the decision, a second scan, and what came of it."""
+
+    PREPARE = "prepare"
+    PLAN = "plan"
+    APPROACH = "approach"
+    SWEEP = "sweep"
+    RETURN = "return"
+    DESCEND = "descend"
+    BISECT = "bisect"
+    MEASURE = "measure"
+    LIFT = "lift"
+    RETRACT = "retract"
+    SOLVE = "solve"
+    ASK = "ask"
+    VERIFY = "verify"
+    COMPARE = "compare"
+    COMMIT = "commit"
+    REJECT = "reject"
+
+
+S = State
+
+
+class LaserUpdate(Procedure):
+    """Measures the tool against its reference and corrects its frame."""
+
+    name: ClassVar[str] = "laser-update"
+    number: ClassVar[int] = 4
+    Config = LaserUpdateConfig
+    State = State
+    TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = {
+        **SCAN,
+        S.RETRACT: frozenset({S.SOLVE, S.COMPARE}),
+        S.SOLVE: frozenset({S.ASK, S.VERIFY}),
+        S.ASK: frozenset({S.VERIFY, S.REJECT}),
+        S.VERIFY: frozenset({S.APPROACH}),
+        S.COMPARE: frozenset({S.COMMIT, S.REJECT}),
+        S.COMMIT: frozenset(),
+        S.REJECT: frozenset(),
+    }
+    CHECKPOINTS: ClassVar[frozenset[Any]] = CHECKPOINTS
+    decides: ClassVar[bool] = True
+
+    config: LaserUpdateConfig
+
+    def uses(self) -> tuple[str, ...]:
+        return ("arm", "beams")
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        check_poses({"retract_pose": self.config.retract_pose}, values)
+        check_speeds(reference_of(values)["search"], values)
+
+    async def run(self, run: Run) -> None:
+        measurement = measurement_of(run, self.config)
+        await measure(run, measurement, self.config)
+        assert run.result is not None
+        if run.result["result"] is None or run.result["verdict"] == "fail":
+            run.note("decision", event="nothing proposed", why="; ".join(run.result["reasons"]))
+            return
+        await _Candidate(self.config, run, measurement).decide()
+
+    async def dry_run(self, run: Run) -> dict[str, Any]:
+        """Every sweep of the first scan with the guard's findings; the second is the same, shifted."""
+        measurement = measurement_of(run, self.config)
+        measurement.check_fixture()
+        return await measurement.plan()
+
+
+class _Candidate:
+    """A measured tool frame on its way to be committed or rejected, never left in between."""
+
+    def __init__(self, config: LaserUpdateConfig, run: Run, measurement: Measurement) -> None:
+        assert run.result is not None
+        self.config, self.run, self.measurement = config, run, measurement
+        self.result: dict[str, Any] = run.result
+        self.name = run.values["tool"]["name"]
+        self.tool = {**run.values["tool"], "T_flange_tool": self.result["result"]["T_flange_tool"]}
+        self.why = "the run ended before the candidate was confirmed"
+        self.open: int | None = None  # the proposal's number until it is decided
+
+    async def decide(self) -> None:
+        """The ledger is written to the end even when the run is stopped meanwhile: no decision is half."""
+        try:
+            await run_to_its_end(self._propose())
+            if not await self._accepted():
+                return
+            await self._verify()
+            if not self.why:
+                await self.run.enter(S.COMMIT)
+                await run_to_its_end(self._commit())
+        except CellError as exc:
+            self.why = str(exc)
+            raise
+        finally:
+            if self.open is not None:
+                await run_to_its_end(self._reject(self.open))
+
+    async def _propose(self) -> None:
+        proposal = Proposal(tool_calibration(self.name), self.tool["T_flange_tool"], False)
+        self.open = await self.run.cell.propose(self.run, proposal, self.result)
+
+    async def _commit(self) -> None:
+        assert self.open is not None
+        await self.run.cell.commit(self.run, self.open)
+        self.open = None
+        self._tell(committed=True)
+
+    async def _reject(self, result_id: int) -> None:
+        self._tell(committed=False, why=self.why)
+        _fail(self.result, f"not confirmed: {self.why}")
+        await self.run.cell.reject(self.run, result_id, self.why)
+
+    async def _accepted(self) -> bool:
+        """By policy, or by the operator: a confirm accepts, everything else rejects."""
+        run = self.run
+        assert self.open is not None
+        if self.config.accept.auto and self.result["verdict"] == "pass":
+            await run.cell.accept(run, self.open, "policy", commit=False)
+            self._tell(accepted_by="policy")
+            return True
+        await run.enter(S.ASK)
+        try:
+            await run.ask(self._question())
+        except FinishRequested:
+            await run.enter(S.REJECT)
+            self.why = "finished by the operator instead of accepted"
+            return False
+        await run.cell.accept(run, self.open, "operator", commit=False)
+        self._tell(accepted_by="operator")
+        return True
+
+    async def _verify(self) -> None:
+        """Scan again with the candidate; ``why`` becomes empty when the point meets the reference."""
+        run = self.run
+        await run.enter(S.VERIFY, "second scan, with the candidate tool")
+        record = PassRecord(run.folder / SECOND)
+        scan = self.measurement.scan(record, self.tool)
+        await scan.check_clear()
+        await self.measurement.plan_and_note(self.tool)
+        async with run.motion(tool=self.tool) as lease:
+            await scan.take(lease)
+        await run.enter(S.COMPARE, f"{len(record.passes)} ways")
+        reference = run.values["laser_reference"]
+        if not scan.complete:  # its ways are in passes.jsonl
+            self.why = "the second scan was finished early"
+        else:
+            header = data_header(self.measurement, reference)
+            path = await asyncio.to_thread(record.write_data_set, header, reference["passes"], record.passes)
+            known = {k: reference[k] for k in ("T_flange_tool", "R_base_flange")}
+            second = await run.worker.call(compare_second, path, self.result["result"], known)
+            self._tell(second_scan=second)
+            self.why = why_not(second, self.config.max_U_m)
+            run.note("decision", event="second scan", **second)
+        if self.why:
+            await run.enter(S.REJECT, self.why)
+
+    def _tell(self, **facts: Any) -> None:
+        """Into the result's ``inputs``: what was decided, and why."""
+        self.result.setdefault("inputs", {}).setdefault("update", {}).update(facts)
+
+    def _question(self) -> str:
+        answer, U = self.result["result"], self.result["uncertainty"]["U_point_m"]
+        dx, dy, dz = (1e3 * v for v in answer["dp_flange"])
+        turned = "the tilt was not measured"
+        if answer["drot_flange"] is not None:
+            tilt = float(np.linalg.norm(answer["drot_flange"]))
+            turned = f"its axis turned by {DEG * tilt:.2f} deg"
+        last = answer["against_last"]
+        return (
+            f"Tool '{self.name}': its point moved by {dx:+.3f}, {dy:+.3f}, {dz:+.3f} mm in the flange since "
+            f"the reference, {turned} (95 % uncertainty of the point {1e3 * U:.3f} mm). Against the frame in "
+            f"effect it moved by {1e3 * last['shift']:.3f} mm and {DEG * last['tilt_rad']:.2f} deg. Confirm "
+            "to accept the new frame and try it in a second scan; finish or abort to reject it."
+        )
+
+
+def why_not(second: Mapping[str, Any], max_U_m: float) -> str:
+    """Why the candidate cannot be committed, empty when it can. A scan that says little confirms nothing."""
+    if second["apart"] is None:
+        return "; ".join(["the second scan cannot be solved", *second["reasons"]])
+    if second["U_point_m"] > max_U_m:
+        return (
+            f"second scan: 95 % of the errors stay below {1e3 * second['U_point_m']:.3f} mm, the limit "
+            f"max_U_m is {1e3 * max_U_m:g} mm"
+        )
+    if second["meets"]:
+        return ""
+    return (
+        f"second scan: the tool's point is {1e3 * second['apart']:.3f} mm off the reference, more than its "
+        f"uncertainty of {1e3 * second['U_m']:.3f} mm"
+    )
+
+
+def _fail(result: dict[str, Any], why: str) -> None:
+    result["verdict"], result["reasons"] = "fail", [why, *result["reasons"]]
+
+
+def solved_update(
+    path: Path, values: Mapping[str, Any], config: Mapping[str, Any], recorded: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The result document of an update from its data sets, the second scan's included if there is one.
+
+    What a person decided is taken from ``recorded``, the result as the run left it.
+    """
+    result = solved_check(path, known_of(values), config)
+    second = path.parent / SECOND / path.name
+    decided = recorded.get("inputs", {}).get("update", {})
+    if result["result"] is None or not decided:
+        return result
+    why = decided.get("why", "")
+    if second.exists():
+        compared = compare_second(second, result["result"], values["laser_reference"])
+        why = why_not(compared, config["max_U_m"]) or why
+    if why:
+        _fail(result, f"not confirmed: {why}")
+    return result

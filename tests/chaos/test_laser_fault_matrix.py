@@ -1,0 +1,236 @@
+"""Device-level faults at every state of the crossed-beam jobs, on virtual time.
+
+Whatever happens and whenever: the arm ends at rest, the run has one terminal entry that names the right
+error, no candidate stays open or takes effect, and after the cause is gone and a reset the next run succeeds.
+
+A fault strikes run after run in one cell, each time at another state; that the next run gets as far as the
+state it is struck in shows that the one before left nothing behind. Each kind of fault takes a share of the
+states in turn, so that every state meets several kinds and every kind an early and a late state; all pairs
+are in the long runs. What is solved does not matter here, what is committed does.
+"""
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cell.calibrations import tool_calibration
+from fakes.object import run_virtual
+from procedures.laser.update import State
+from tests.object_cell import WHO, ObjectCell, no_report
+from tests.unit.laser_cell import TOOL, laser_cell, laser_config
+from tests.unit.laser_made import Solved, drawn_reference, solved
+
+__all__ = ["no_report", "solved"]
+pytestmark = pytest.mark.usefixtures("no_report")
+
+# -- the states, and where a fault can be felt
+
+SECOND = "second scan"  # at the first sweep with the candidate
+MOMENTS = [*(s.value for s in State if s.value not in ("reject",)), SECOND]
+BEFORE = {"prepare", "plan"}
+LENT = {"approach", "sweep", "return", "descend", "bisect", "measure", "lift", "retract"}
+BETWEEN = {"solve", "ask", "verify"}
+AT_THE_NEXT_LEASE = BEFORE | LENT | BETWEEN | {SECOND}
+EVERYWHERE = AT_THE_NEXT_LEASE | {"compare"}
+IN_MOTION = LENT | {SECOND}
+AT_THE_NEXT_SWEEP = BEFORE | LENT | BETWEEN | {SECOND}
+ON_THE_WAY_S = 0.03
+
+BEAM_ERRORS = (
+    "LASER_BEAM_DARK LASER_BEAM_STUCK LASER_TOOL_NOT_FOUND LASER_TOOL_TOO_LONG LASER_RETURN_LOST LASER_EDGES"
+)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A fault, the errors that may come of it, and the moments at which it can be felt at all."""
+
+    device: str
+    fault: str
+    errors: frozenset[str]
+    felt: set[str]
+    arguments: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        return " ".join([self.device, self.fault, *(str(v) for v in self.arguments.values())])
+
+
+def kind(device: str, fault: str, errors: str, felt: set[str], **arguments: Any) -> Kind:
+    return Kind(device, fault, frozenset(errors.split()), felt, arguments)
+
+
+KINDS = [
+    kind("arm", "protective-stop", "ARM_PROTECTIVE_STOP", EVERYWHERE),
+    kind("arm", "emergency-stop", "ARM_EMERGENCY_STOP", EVERYWHERE),
+    kind("arm", "safeguard-stop", "ARM_SAFEGUARD_STOP", EVERYWHERE),
+    kind("arm", "local-mode", "ARM_LOCAL_MODE", AT_THE_NEXT_LEASE),
+    kind("arm", "drop", "DEVICE_LOST", EVERYWHERE),
+    kind("arm", "silence", "DEVICE_LOST STALE_DATA", EVERYWHERE),
+    kind("arm", "reboot", "ARM_REBOOTED DEVICE_LOST", EVERYWHERE),
+    kind("arm", "script-death", "ARM_SCRIPT_DIED", IN_MOTION),
+    kind("arm", "child-crash", "CHILD_DIED", IN_MOTION),
+    kind("arm", "watchdog", "MOTION_WATCHDOG", IN_MOTION),
+    kind("arm", "foreign-program", "ARM_PROGRAM_RUNNING", AT_THE_NEXT_LEASE),
+    kind("arm", "register-in-use", "ARM_REGISTER_CONFLICT", AT_THE_NEXT_LEASE),
+    # On the last way the next call is that of the stop ladder, which has a deadline and further steps.
+    kind("arm", "hang", "CALL_TIMEOUT", AT_THE_NEXT_LEASE - {"retract"}),
+    kind("beams", "drop", "DEVICE_LOST", EVERYWHERE),
+    kind("beams", "silence", "DEVICE_LOST STALE_DATA", EVERYWHERE),
+    kind("beams", "reboot", "DEVICE_LOST", EVERYWHERE),
+    kind("beams", "stuck", BEAM_ERRORS, AT_THE_NEXT_SWEEP, level="on"),
+    kind("beams", "stuck", BEAM_ERRORS, AT_THE_NEXT_SWEEP, level="off"),
+]
+SHARE = 2  # moments of one kind
+STRIDE = 8
+
+
+PLAN = {"z_resolution_m": 0.008, "retries": 0}
+
+
+def share_of(number: int, kinds: Sequence[Kind] = KINDS) -> list[str]:
+    """The moments of one kind: spread over the job, and others for the next kind."""
+    return [MOMENTS[(number + i * STRIDE) % len(MOMENTS)] for i in range(SHARE)]
+
+
+Strike = tuple[Kind, str]
+GROUPS = [KINDS[i : i + 3] for i in range(0, len(KINDS), 3)]  # in one cell, one after the other
+CELLS = [
+    pytest.param(
+        [(k, moment) for k in group for moment in share_of(KINDS.index(k))],
+        id=", ".join(k.label for k in group),
+    )
+    for group in GROUPS
+]
+ALL = [pytest.param([(k, moment) for moment in MOMENTS], id=k.label) for k in KINDS]
+
+
+def test_every_state_meets_several_kinds_of_fault() -> None:
+    met = [moment for i in range(len(KINDS)) for moment in share_of(i)]
+    assert all(met.count(moment) >= 2 for moment in MOMENTS)
+
+
+@pytest.mark.parametrize("strikes", CELLS)
+def test_a_fault_ends_an_update_safely_and_the_next_run_succeeds(
+    strikes: list[Strike], tmp_path: Path, solved: Solved
+) -> None:
+    strike_updates(strikes, tmp_path, solved)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("strikes", ALL)
+def test_a_fault_at_any_state_ends_an_update_safely(
+    strikes: list[Strike], tmp_path: Path, solved: Solved
+) -> None:
+    strike_updates(strikes, tmp_path, solved)
+
+
+def strike_updates(strikes: list[Strike], folder: Path, solved: Solved) -> None:
+    update = {"accept": {"auto": True}, "retract_pose": "home", "max_duration_s": 25.0}
+    plan = {**PLAN, "z_resolution_m": 0.005} if "bisect" in {m for _, m in strikes} else PLAN
+    config = laser_config(folder, reference=plan, update=update)
+
+    async def main() -> None:
+        async with laser_cell(config, "laser-update", drawn_reference(config)) as cell:
+            for fault, moment in strikes:
+                await strike(cell, fault, moment, solved)
+            end = await cell.run_job(job="laser-check")
+            assert (end["outcome"], end["verdict"]) == ("complete", "pass"), end["error"]
+
+    run_virtual(main())
+
+
+async def strike(cell: ObjectCell, fault: Kind, moment: str, solved: Solved) -> None:
+    before = {row["id"] for row in cell.ledger.results()}
+    solved.verdict = "warn" if moment == "ask" else "pass"  # only what passes is accepted without asking
+    struck = inject_at(cell, moment, fault)
+    end = await cell.run_job()
+    solved.verdict = "pass"
+    assert struck, f"the job never was at {moment} for {fault.label}"
+    await cell.clock.sleep(0.5)
+    assert cell.at_rest()
+    states = [row["state"] for row in cell.ledger.results() if row["id"] not in before]
+    if moment == "commit":  # what is being written is written; the run may still end for the fault
+        assert end["error"] is None or end["error"]["name"] in fault.errors
+        assert states == ["committed"]
+        cell.ledger.rollback(tool_calibration(TOOL), WHO)
+    elif moment in fault.felt:
+        assert end["error"] is not None, f"{end['outcome']} in spite of {fault.label} at {moment}"
+        assert (end["outcome"], end["packml"]) == ("aborted", "ABORTED")
+        assert end["error"]["name"] in fault.errors, (fault.label, moment, end["error"])
+        assert set(states) <= {"rejected"}
+    else:
+        assert end["outcome"] == "complete", (fault.label, moment, end["error"])
+        assert states == ["committed"]
+        cell.ledger.rollback(tool_calibration(TOOL), WHO)
+    await put_right(cell)
+
+
+def inject_at(cell: ObjectCell, moment: str, fault: Kind) -> list[str]:
+    """Strike once when the job is at ``moment``; the list holds the state when it did."""
+    plant, struck = cell.plant.plants[fault.device], list[str]()
+    loop = asyncio.get_running_loop()
+
+    def look() -> None:
+        run = cell.engine.run
+        if struck or not cell.engine.active or run is None or run.state is None:
+            return
+        state = run.state.value
+        second = any(to.value == "verify" for _, to in run.visited)
+        if state == moment or (moment == SECOND and second and state == "sweep"):
+            struck.append(state)
+            strike = partial(plant.inject, fault.fault, fault.arguments)
+            loop.call_later(ON_THE_WAY_S, strike) if state in LENT else strike()
+
+    cell.engine.subscribe(look)
+    return struck
+
+
+async def put_right(cell: ObjectCell) -> None:
+    """What a person does: mend the cause, wait for the devices, reset."""
+    for plant in cell.plant.plants.values():
+        plant.clear()
+    await cell.until(cell.all_ready, "all devices back", 30.0)
+    await cell.clock.sleep(0.1)  # until the stream shows it
+    await cell.engine.reset(WHO)
+
+
+# -- the other jobs share all states but those of the decision: a thin share of the faults shows that they do
+
+THIN = [
+    ("laser-reference", "descend", KINDS[0]),
+    ("laser-reference", "measure", KINDS[15]),
+    ("laser-reference", "solve", KINDS[4]),
+    ("laser-check", "approach", KINDS[12]),
+    ("laser-check", "return", KINDS[13]),
+    ("laser-check", "lift", KINDS[9]),
+]
+
+
+@pytest.mark.parametrize(
+    ("job", "moment", "fault"), THIN, ids=lambda x: x.label if isinstance(x, Kind) else x
+)
+def test_a_fault_ends_the_other_jobs_as_safely(
+    job: str, moment: str, fault: Kind, tmp_path: Path, solved: Solved
+) -> None:
+    sections = {"retract_pose": "home", "max_duration_s": 25.0}
+    config = laser_config(tmp_path, reference={**PLAN, **sections}, check=sections)
+
+    async def main() -> None:
+        async with laser_cell(config, job, drawn_reference(config)) as cell:
+            struck = inject_at(cell, moment, fault)
+            end = await cell.run_job()
+            assert struck
+            await cell.clock.sleep(0.5)
+            assert cell.at_rest()
+            assert (end["outcome"], end["error"]["name"] in fault.errors) == ("aborted", True), end["error"]
+            assert cell.ledger.results(limit=1)[0]["run_id"] == 0, "nothing was proposed"
+            await put_right(cell)
+            assert (await cell.run_job())["outcome"] == "complete"
+
+    run_virtual(main())
