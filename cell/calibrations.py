@@ -14,3 +14,13 @@ def laser_reference(tool: str) -> str:
 def time_offset(device: str) -> str:
     """The constant delay of a device's stamps, s."""
     return f"time_offset_s.{device}"
+
+
+def kinematics(device: str) -> str:
+    """The calibrated ROBOT of an arm."""
+    return f"kinematics.{device}"
+
+
+def belt_scale(device: str) -> str:
+    """Metres per count and direction of the belt whose encoder this is."""
+    return f"belt.{device}"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from cell.poses import Array, from_pose6
-from cell.samples import Stream
+from cell.samples import Sample, Stream
 
 
 class DeviceState(StrEnum):
@@ -282,3 +282,111 @@ class DigitalInputs(Device, Protocol):
 
     names: tuple[str, ...]
     inputs: Stream[InputsState]
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerState:
+    """What a tracker sees now; ``point`` is None while it has no distance."""
+
+    point: Array | None  # (3,) of the reflector's centre in the tracker frame, m
+    locked: bool
+    status: str = ""  # in the instrument's words, when something is not as it should be
+
+
+@dataclass(frozen=True)
+class StablePoint:
+    """The mean of the readings within a window during which the reflector stood still."""
+
+    point: Array  # (3,) tracker frame, m
+    scatter_m: float  # RMS distance of the readings from their mean
+    count: int
+    window_s: float
+    temperature_c: float | None = None
+    pressure_pa: float | None = None
+    warnings: tuple[str, ...] = ()  # codes and words of what the instrument doubts; the point is valid
+
+
+@dataclass(frozen=True)
+class TrackerNoise:
+    """Standard deviation of one reading along one axis: ``sigma0_m`` plus ``sigma_per_m`` times the range."""
+
+    sigma0_m: float
+    sigma_per_m: float
+
+
+class LaserTracker(Device, Protocol):
+    """A laser tracker or total station that follows one reflector at a time.
+
+    A reflector that cannot be measured is a state, not the end of the link: ``find`` and ``measure`` raise
+    ``TRACKER_NO_TARGET``, ``TRACKER_BEAM_BROKEN`` or ``TRACKER_UNSTABLE`` and may be called again.
+    """
+
+    noise: TrackerNoise  # as stated for the instrument; results are weighed with it
+    readings: Stream[TrackerState]
+
+    async def select(self, reflector: str) -> None:
+        """Use the constant of this reflector from now on (``[device.NAME] reflectors``); read back."""
+        ...
+
+    async def find(self, near: Array | None, timeout: float) -> None:
+        """Point at ``near`` (3,), tracker frame, or stay; search there and lock."""
+        ...
+
+    async def measure(self, window_s: float, max_scatter_m: float, timeout: float) -> Sample[StablePoint]:
+        """A stable point read wholly after the call; ``t`` is the middle of the window, ``dt`` its half."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class JointState:
+    """Joints of an arm that is only observed."""
+
+    q: Array  # (n,) motor side, rad or m
+    at_rest: bool
+    at_pose: int | None = None  # the number of the pose that the arm's own program says it stands at
+
+
+class ObservedArm(Device, Protocol):
+    """An arm that its own program or an operator moves; we read its joints and ask for poses."""
+
+    axes: int
+    joints: Stream[JointState]
+
+    async def request(self, number: int, q: Array) -> bool:
+        """Offer pose ``number`` (from 1) with joints ``q`` (n,) to the arm's program.
+
+        False when the arm has no such handshake, so a person must move it. Number 0 takes a request back.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderState:
+    """A belt encoder; ``count`` goes on where the device's own range wraps."""
+
+    count: int  # unwrapped since the epoch began
+    raw: int  # as the device sent it
+
+
+class Encoder(Device, Protocol):
+    """A counter that turns with a belt."""
+
+    modulus: int  # the device's own range: raw is 0 ... modulus - 1
+    period_s: float  # nominal interval of its messages
+    counts: Stream[EncoderState]
+
+
+class Gripper(Device, Protocol):
+    """Takes and lets go; whether it holds something is measured."""
+
+    async def grip(self, timeout: float) -> bool:
+        """Close; True when something is held, by the confirm input, within ``timeout`` s."""
+        ...
+
+    async def release(self, timeout: float) -> bool:
+        """Open; True when nothing is held any more."""
+        ...
+
+    def holding(self, max_age: float) -> bool:
+        """Whether something is held; ``STALE_DATA`` when the input was not read lately."""
+        ...

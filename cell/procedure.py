@@ -17,7 +17,16 @@ from typing import Any, ClassVar, Protocol, TypeVar
 from pydantic import BaseModel
 
 from cell.clock import Clock
-from cell.devices import Arm, DepthCamera, Device, DigitalInputs
+from cell.devices import (
+    Arm,
+    DepthCamera,
+    Device,
+    DigitalInputs,
+    Encoder,
+    Gripper,
+    LaserTracker,
+    ObservedArm,
+)
 from cell.errors import error
 from cell.motion import MotionLease
 
@@ -229,6 +238,22 @@ class Run:
     def inputs(self, role: str) -> DigitalInputs:
         """The group of digital inputs that plays ``role``."""
         return self.cell.device(role)  # type: ignore[return-value]
+
+    def tracker(self) -> LaserTracker:
+        """The laser tracker of this cell."""
+        return self.cell.device("tracker")  # type: ignore[return-value]
+
+    def observed_arm(self) -> ObservedArm:
+        """The arm that this cell reads but does not move."""
+        return self.cell.device("observed_arm")  # type: ignore[return-value]
+
+    def encoder(self) -> Encoder:
+        """The belt's encoder."""
+        return self.cell.device("belt")  # type: ignore[return-value]
+
+    def gripper(self) -> Gripper:
+        """The gripper on the arm."""
+        return self.cell.device("gripper")  # type: ignore[return-value]
 
     def motion(self, tool: Mapping[str, Any] | None = None) -> AbstractAsyncContextManager[MotionLease]:
         """``async with run.motion() as lease``: the only way to move.

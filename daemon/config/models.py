@@ -8,7 +8,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 UR_MODELS = (
     "ur3", "ur5", "ur10", "ur3e", "ur5e", "ur7e", "ur10e", "ur12e", "ur16e", "ur20", "ur30",
 )  # fmt: skip
-ROLES = ("arm", "flange_camera", "fixed_camera", "beams", "belt", "tracker", "gripper")
+ROLES = (
+    "arm", "observed_arm", "flange_camera", "fixed_camera", "beams", "belt", "tracker", "gripper",
+)  # fmt: skip
 MAX_SOCKET_PATH = 107  # sun_path of AF_UNIX without its final zero
 
 
@@ -113,6 +115,7 @@ class RobotSection(Section):
     """Which device plays which role, and what is mounted on the arm."""
 
     arm: str | None = None
+    observed_arm: str | None = Field(default=None, description="an arm that is read, not moved")
     flange_camera: str | None = None
     fixed_camera: str | None = None
     beams: str | None = None
@@ -128,6 +131,9 @@ class RobotSection(Section):
     )
     model: str = Field(
         default="ur10e", min_length=1, description=f"{', '.join(UR_MODELS)}, or a ROBOT file (JSON)"
+    )
+    observed_model: str | None = Field(
+        default=None, min_length=1, description="ROBOT file (JSON) of the observed arm"
     )
     payload_kg: float = Field(default=0.0, ge=0, le=100.0)
     centre_of_mass_m: Point = Field(
