@@ -12,6 +12,7 @@ from cell.errors import error
 from fakes._toml import to_toml
 from fakes.beam_truth import BeamTruth, CapsuleTruth, Channel, IoTruth, Three
 from fakes.kinematics import MODELS, LinkDeltas
+from fakes.tracker_truth import ReflectorTruth, TrackerTruth
 
 SCHEMA = "cellward.scenario/1"
 
@@ -130,6 +131,10 @@ class WorldTruth(_Strict):
         default={}, description="the arm's own digital input of each beam"
     )
     obstacle: list[Obstacle] = []
+    tracker: TrackerTruth | None = None
+    reflectors: dict[str, ReflectorTruth] = Field(
+        default={}, description="on an arm, or monuments on the base; all of them are there at once"
+    )
 
     @property
     def eye_in_hand(self) -> bool:
@@ -161,6 +166,12 @@ class WorldTruth(_Strict):
         return self
 
     @model_validator(mode="after")
+    def _reflectors_have_a_tracker(self) -> Self:
+        if self.reflectors and self.tracker is None:
+            raise ValueError("reflectors are there for a tracker: give [world.tracker] too")
+        return self
+
+    @model_validator(mode="after")
     def _placements_fit_the_setup(self) -> Self:
         if self.camera is None:
             return self
@@ -185,7 +196,7 @@ class FakeAddresses(_Strict):
 class FaultEntry(_Strict):
     """``[[fault]]``: ``kind`` happens to ``device`` ``when_s`` seconds after the twin's start."""
 
-    device: Literal["arm", "camera", "beams"]
+    device: Literal["arm", "camera", "beams", "tracker"]
     kind: str
     when_s: float = Field(ge=0)
     args: dict[str, Any] = {}
@@ -251,11 +262,12 @@ class Scenario(_Strict):
         overrides: dict[str, Any] | None = None,
         clock: str | None = None,
         beams: dict[str, Any] | None = None,
+        tracker: dict[str, Any] | None = None,
     ) -> str:
         """A ready cell.toml for this twin (FORMATS.md section 2).
 
-        ``arm``, ``camera`` and ``beams`` are the device tables, driver and address included; those of a
-        camera or an input module that the scenario lacks are left out. ``modbus`` is its section;
+        ``arm``, ``camera``, ``beams`` and ``tracker`` are the device tables, driver and address included;
+        those of devices that the scenario lacks are left out. ``modbus`` is its section;
         ``overrides`` are further top-level tables that replace generated ones of the same name; ``clock``
         names the virtual clock of the object face.
         """
@@ -270,6 +282,9 @@ class Scenario(_Strict):
         if world.io is not None and beams is not None:
             robot["beams"] = "beams"
             devices["beams"] = {**beams, "expect_serial": world.io.serial}
+        if world.tracker is not None and tracker is not None:
+            robot["tracker"] = "tracker"
+            devices["tracker"] = {**tracker, "expect_serial": world.tracker.serial}
         robot |= {
             "T_flange_target_nominal": self.cell.T_flange_target_nominal,
             "model": world.arm.model,
@@ -313,5 +328,7 @@ def _findings(exc: ValidationError) -> list[str]:
 
 
 def _known_keys() -> set[str]:
-    models: list[type[BaseModel]] = [*_Strict.__subclasses__(), BeamTruth, CapsuleTruth, IoTruth]
+    models: list[type[BaseModel]] = [
+        *_Strict.__subclasses__(), BeamTruth, CapsuleTruth, IoTruth, TrackerTruth, ReflectorTruth,
+    ]  # fmt: skip
     return {info.alias or name for model in models for name, info in model.model_fields.items()}
