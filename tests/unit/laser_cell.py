@@ -7,11 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform
 
 from cell.calibrations import laser_reference, tool_calibration
-from cell.poses import Array, from_pose6
+from cell.poses import Array, from_pose6, to_pose6
 from daemon.config import CellConfig
 from fakes.object import VirtualClock
+from procedures.laser.solving import compare_second
 from tests.object_cell import ObjectCell, open_cell, write_config
 
 SCENARIO = "laser"
@@ -109,3 +112,18 @@ def passes(cell: ObjectCell, run_id: int) -> list[dict[str, Any]]:
     """The lines of ``passes.jsonl``."""
     path = cell.folder(run_id).path / "passes.jsonl"
     return [json.loads(line) for line in path.read_text("utf-8").splitlines()] if path.exists() else []
+
+
+def the_plain_rule_misses(
+    folder: Path, first: Mapping[str, Any], reference: Mapping[str, Any], by_m: float
+) -> None:
+    """The source's "standard + offset" adds the flange's offset in the base: the second scan refuses it.
+
+    ``folder`` is that of an update, ``first`` its answer, ``by_m`` twice the true displacement in x.
+    """
+    ref = from_pose6(reference["T_flange_tool"])
+    t = ref.translation + np.array(first["flange_offset_base"])
+    plain = to_pose6(RigidTransform.from_components(t, ref.rotation)).tolist()
+    found = compare_second(folder / "second" / "laser.json", {**first, "T_flange_tool": plain}, reference)
+    assert not found["meets"]
+    assert found["apart"] == pytest.approx(by_m, abs=found["U_m"]), "x is doubled"

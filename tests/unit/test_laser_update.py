@@ -7,16 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import RigidTransform
 
 from cell.calibrations import laser_reference, time_offset, tool_calibration
 from cell.errors import error
-from cell.poses import from_pose6, to_pose6
+from cell.poses import from_pose6
 from daemon.cli.replay import differences
 from fakes.object import VirtualClock, run_virtual
 from procedures.laser.config import Search
 from procedures.laser.judging import judge_check
-from procedures.laser.solving import compare_second
 from procedures.replay import solve_again
 from tests.object_cell import WHO, ObjectCell, no_report, refused
 from tests.unit.laser_cell import (
@@ -27,6 +25,7 @@ from tests.unit.laser_cell import (
     passes,
     point_of,
     states_of_results,
+    the_plain_rule_misses,
     true_axis,
     true_point,
 )
@@ -87,7 +86,7 @@ def test_a_bent_tool_is_measured_tried_and_written_within_its_uncertainty(tmp_pa
             assert {"beams.latency_s.beams", f"tool.offset_x_m.{TOOL}"} <= set(result["inputs"]["trend"])
             assert cell.at_rest()
             assert replayed(cell, 1) == []
-            check_the_plain_rule(cell.folder(2).path, result["result"], row["value"])
+            the_plain_rule_misses(cell.folder(2).path, result["result"], row["value"], 2.0 * BEND[0][0])
             now = await cell.engine.rollback(tool_calibration(TOOL), WHO)
             assert now["version"] is None, "one step back is the configured tool"
 
@@ -98,16 +97,6 @@ def replayed(cell: ObjectCell, run_id: int) -> list[Any]:
     """What differs when the run's data are solved again."""
     folder, recorded = cell.folder(run_id), cell.result(run_id)
     return differences(recorded, solve_again(folder.job, folder.path, folder.info, recorded))
-
-
-def check_the_plain_rule(folder: Path, first: dict[str, Any], reference: dict[str, Any]) -> None:
-    """The source's "standard + offset" adds the flange's offset in the base; the second scan refuses it."""
-    ref = from_pose6(reference["T_flange_tool"])
-    t = ref.translation + np.array(first["flange_offset_base"])
-    plain = to_pose6(RigidTransform.from_components(t, ref.rotation)).tolist()
-    found = compare_second(folder / "second" / "laser.json", {**first, "T_flange_tool": plain}, reference)
-    assert not found["meets"]
-    assert found["apart"] == pytest.approx(2.0 * BEND[0][0], abs=found["U_m"]), "x is doubled"
 
 
 def test_an_operator_is_shown_the_figures_and_a_confirm_accepts(tmp_path: Path, solved: Solved) -> None:
