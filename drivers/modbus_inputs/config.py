@@ -1,15 +1,15 @@
 """What ``[device.beams]`` in cell.toml may say."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, Self
-from urllib.parse import SplitResult, parse_qsl, urlsplit
+from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from drivers.digital import InputConfig
 from drivers.modbus_inputs.models import GENERIC, MODELS, CounterPlace, LevelPlace, ModuleModel, Table
 from drivers.modbus_inputs.plan import ReadPlan, Span
+from drivers.serial_url import parse_serial
 
 _PORTS = {"tcp": 502, "tls": 802}
 _BITS_PER_BYTE = 11.0
@@ -184,36 +184,15 @@ class Place:
 def parse_url(url: str) -> Place:
     """``ValueError`` with a sentence for anything that is not a place of a module."""
     parts = urlsplit(url)
-    query = dict(parse_qsl(parts.query, keep_blank_values=True))
     if parts.scheme == "rtu":
-        return _serial_place(url, parts, query)
+        line = parse_serial(url)
+        return Place("rtu", line.path, 0, line.baudrate, line.parity, line.stopbits)
     if parts.scheme not in ("tcp", "tls"):
         raise ValueError(f"url '{url}' should begin with tcp://, tls:// or rtu://")
-    if query or parts.path.strip("/") or not parts.hostname or parts.username is not None:
+    if parts.query or parts.path.strip("/") or not parts.hostname or parts.username is not None:
         raise ValueError(f"url '{url}' should be {parts.scheme}://host:port")
     try:
         port = parts.port or _PORTS[parts.scheme]
     except ValueError:
         raise ValueError(f"url '{url}' has a port that is no number from 1 to 65535") from None
     return Place("tcp" if parts.scheme == "tcp" else "tls", parts.hostname, port)
-
-
-def _serial_place(url: str, parts: SplitResult, query: Mapping[str, str]) -> Place:
-    if parts.netloc or not parts.path.startswith("/"):
-        raise ValueError(f"url '{url}' should be rtu:///dev/NAME, with three slashes")
-    if unknown := sorted(set(query) - {"baudrate", "parity", "stopbits"}):
-        raise ValueError(
-            f"url '{url}' has the unknown setting '{unknown[0]}'; there is baudrate, parity, stopbits"
-        )
-    baudrate, parity, stopbits = (
-        query.get("baudrate", "115200"),
-        query.get("parity", "N"),
-        query.get("stopbits", "1"),
-    )
-    if not (baudrate.isascii() and baudrate.isdecimal() and 300 <= int(baudrate) <= 4_000_000):
-        raise ValueError(f"url '{url}': baudrate '{baudrate}' is no number from 300 to 4000000")
-    if parity not in ("N", "E", "O"):
-        raise ValueError(f"url '{url}': parity '{parity}' should be N, E or O")
-    if stopbits not in ("1", "2"):
-        raise ValueError(f"url '{url}': stopbits '{stopbits}' should be 1 or 2")
-    return Place("rtu", parts.path, 0, int(baudrate), parity, int(stopbits))
