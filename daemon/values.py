@@ -7,13 +7,14 @@ procedures never read the ledger; what is here is also what ``run.json`` keeps.
 from collections.abc import Mapping
 from typing import Any
 
-from cell.calibrations import laser_reference, time_offset, tool_calibration
+from cell.calibrations import kinematics, laser_reference, time_offset, tool_calibration
 from cell.errors import error
 from cell.store.ledger import Ledger
 from daemon.config import CellConfig
 from daemon.supervisor import Supervisor
 
 INPUT_ROLES = ("beams",)  # whose time offset a job can measure
+ARM_ROLES = ("arm", "observed_arm")  # whose kinematics a job can measure
 CALIBRATIONS = {
     # setup of a capture: (ledger name, keys of [robot] with the nominal poses)
     "eye-in-hand": ("T_flange_camera", {"X": "T_flange_camera_nominal"}),
@@ -51,6 +52,7 @@ def resolve_values(config: CellConfig, ledger: Ledger, supervisor: Supervisor) -
         values["calibration"][setup] = nominal or None
     _resolve_tool(values, config, ledger)
     _resolve_time_offsets(values, config, ledger)
+    _resolve_kinematics(values, config, ledger)
     return values
 
 
@@ -73,6 +75,19 @@ def _resolve_time_offsets(values: dict[str, Any], config: CellConfig, ledger: Le
         applied = float(getattr(config.device[device], "time_offset_s", 0.0))
         effective = _effective(values, ledger, time_offset(device), applied)
         values["time_offset_s"][role] = {"effective": effective, "applied": applied}
+
+
+def _resolve_kinematics(values: dict[str, Any], config: CellConfig, ledger: Ledger) -> None:
+    """By role, the calibrated arm in effect (what ``tracker-sampling`` proposed); None while there is none.
+
+    It says where the true flange is. The controller goes on to believe its own model, which is ``robot``.
+    """
+    devices = config.robot.roles()
+    values["kinematics"] = {
+        role: _effective(values, ledger, kinematics(devices[role]), None)
+        for role in ARM_ROLES
+        if role in devices
+    }
 
 
 def _effective(values: dict[str, Any], ledger: Ledger, name: str, configured: Any) -> Any:
@@ -102,6 +117,9 @@ def tell_configured(config: CellConfig, ledger: Ledger) -> None:
     tool = config.robot.tool
     ledger.effective(tool_calibration(tool.name), list(tool.T_flange_tool))
     ledger.effective(laser_reference(tool.name), None)
+    for role in ARM_ROLES:
+        if (device := config.robot.roles().get(role)) is not None:
+            ledger.effective(kinematics(device), None)
     for role in INPUT_ROLES:
         if (device := config.robot.roles().get(role)) is not None:
             applied = float(getattr(config.device[device], "time_offset_s", 0.0))

@@ -1,0 +1,50 @@
+"""What has to be commanded: the believed inverse of the command must bring the *true* flange to its place."""
+
+import numpy as np
+import pytest
+from kincal_scene import joints, make_scene
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from calibration.identification.correction import chain_of, corrected_flange_target
+from calibration.identification.solution import identify
+from calibration.kinematics import UrArm
+from calibration.kinematics.families import arm_spec, robot_document
+from cell.errors import CellError
+from cell.formats.robot import parse_robot
+
+
+def test_a_controller_that_inverts_its_own_model_then_brings_the_true_flange_there() -> None:
+    scene = make_scene("ur10e", 3, 120, noise=1e-6)
+    solved = identify(scene.problem, {})
+    spec = arm_spec(parse_robot(scene.data["robot"], "robot"))
+    own = len(solved.model.arm.names)
+    tools = dict(zip(solved.model.targets, solved.model.tools(solved.x), strict=True))
+    calibrated = chain_of(robot_document(spec, solved.model.arm, solved.x[:own], tools))
+    controller = chain_of({"model": "ur10e"})
+    believed = UrArm("ur10e")
+    # The place of the reflector is what was measured: its error is that of the arm and not of the gauge.
+    tool, truth = tools["smr1"], scene.truth
+    registration = solved.registration
+    off, uncorrected = [], []
+    for q in joints("ur10e", np.random.default_rng(5), 20):
+        wanted = RigidTransform.from_matrix(calibrated.flange(q[None])[0])
+        p_wanted = registration.to_tracker(wanted.apply(tool)[:, None])[:, 0]
+        near = q + 0.01
+        found = corrected_flange_target(wanted, near, calibrated, controller)
+        for target, list_ in ((found.T_base_flange, off), (wanted, uncorrected)):
+            q_told = believed.inverse(target, near)
+            assert q_told is not None
+            reached = truth.p_tracker(q_told[None], ["smr1"])[0]
+            list_.append(np.linalg.norm(reached - p_wanted))
+        np.testing.assert_allclose(found.q, believed.inverse(found.T_base_flange, near), atol=1e-6)
+        assert found.shift_m > 0.0
+    assert max(off) < 5e-6
+    assert np.median(uncorrected) > 1e-3
+
+
+def test_a_pose_out_of_reach_is_refused_with_its_place() -> None:
+    chain = chain_of({"model": "ur10e"})
+    far = RigidTransform.from_components([5.0, 0.0, 0.0], Rotation.identity())
+    with pytest.raises(CellError, match=r"5\.000, 0\.000, 0\.000") as caught:
+        corrected_flange_target(far, np.array([0.0, -1.5, 1.5, -1.5, -1.5, 0.0]), chain, chain)
+    assert caught.value.name == "MOTION_UNREACHABLE"
