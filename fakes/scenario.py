@@ -1,6 +1,7 @@
 """A scenario: what the twin's world truly is, where its fakes listen, and which faults happen when."""
 
 import difflib
+import json
 import tomllib
 from importlib.resources import files
 from pathlib import Path
@@ -12,9 +13,11 @@ from cell.errors import error
 from fakes._toml import to_toml
 from fakes.beam_truth import BeamTruth, CapsuleTruth, Channel, IoTruth, Three
 from fakes.kinematics import MODELS, LinkDeltas
+from fakes.observed_truth import ObservedTruth, PalletizerErrors, PalletizerTable
 from fakes.tracker_truth import ReflectorTruth, TrackerTruth
 
 SCHEMA = "cellward.scenario/1"
+OBSERVED, OBSERVED_MODEL = "palletizer", "palletizer.json"
 
 Six = Annotated[list[float], Field(min_length=6, max_length=6)]
 
@@ -131,6 +134,7 @@ class WorldTruth(_Strict):
         default={}, description="the arm's own digital input of each beam"
     )
     obstacle: list[Obstacle] = []
+    observed: ObservedTruth | None = Field(default=None, description="an arm that its own program moves")
     tracker: TrackerTruth | None = None
     reflectors: dict[str, ReflectorTruth] = Field(
         default={}, description="on an arm, or monuments on the base; all of them are there at once"
@@ -169,6 +173,8 @@ class WorldTruth(_Strict):
     def _reflectors_have_a_tracker(self) -> Self:
         if self.reflectors and self.tracker is None:
             raise ValueError("reflectors are there for a tracker: give [world.tracker] too")
+        if self.observed is None and any(r.on == "observed" for r in self.reflectors.values()):
+            raise ValueError('a reflector is on = "observed", but there is no [world.observed]')
         return self
 
     @model_validator(mode="after")
@@ -191,12 +197,18 @@ class FakeAddresses(_Strict):
     io_rtu: bool = Field(default=False, description="the input module also on a serial line, io.tty")
     io_delay_s: float = Field(default=0.001, ge=0, le=1, description="the module's shortest reply time")
     io_jitter_s: float = Field(default=0.001, ge=0, le=1, description="and what chance adds to it at most")
+    observed_port: int = Field(
+        default=5503, ge=1024, le=65535, description="Modbus TCP port of the observed arm's controller"
+    )
+    observed_by: Literal["registers", "file"] = Field(
+        default="registers", description="file: the arm's program appends each rest to joints.csv instead"
+    )
 
 
 class FaultEntry(_Strict):
     """``[[fault]]``: ``kind`` happens to ``device`` ``when_s`` seconds after the twin's start."""
 
-    device: Literal["arm", "camera", "beams", "tracker"]
+    device: Literal["arm", "camera", "beams", "tracker", "palletizer"]
     kind: str
     when_s: float = Field(ge=0)
     args: dict[str, Any] = {}
@@ -263,11 +275,13 @@ class Scenario(_Strict):
         clock: str | None = None,
         beams: dict[str, Any] | None = None,
         tracker: dict[str, Any] | None = None,
+        observed: dict[str, Any] | None = None,
     ) -> str:
         """A ready cell.toml for this twin (FORMATS.md section 2).
 
-        ``arm``, ``camera``, ``beams`` and ``tracker`` are the device tables, driver and address included;
-        those of devices that the scenario lacks are left out. ``modbus`` is its section;
+        ``arm``, ``camera``, ``beams``, ``tracker`` and ``observed`` are the device tables, driver and address
+        included; those of devices that the scenario lacks are left out. The file that ``observed_model``
+        names is written by :meth:`write_observed_model`. ``modbus`` is its section;
         ``overrides`` are further top-level tables that replace generated ones of the same name; ``clock``
         names the virtual clock of the object face.
         """
@@ -285,6 +299,10 @@ class Scenario(_Strict):
         if world.tracker is not None and tracker is not None:
             robot["tracker"] = "tracker"
             devices["tracker"] = {**tracker, "expect_serial": world.tracker.serial}
+        if world.observed is not None and observed is not None:
+            robot["observed_arm"] = OBSERVED
+            robot["observed_model"] = OBSERVED_MODEL
+            devices[OBSERVED] = {**observed, "expect_serial": world.observed.serial}
         robot |= {
             "T_flange_target_nominal": self.cell.T_flange_target_nominal,
             "model": world.arm.model,
@@ -313,6 +331,11 @@ class Scenario(_Strict):
             tables["job"] = self.cell.job
         return to_toml({**tables, **(overrides or {})})
 
+    def write_observed_model(self, folder: Path) -> None:
+        """Write the ROBOT that the observed arm's controller believes in beside the cell.toml."""
+        if self.world.observed is not None:
+            (folder / OBSERVED_MODEL).write_text(json.dumps(self.world.observed.robot, indent=1), "utf-8")
+
 
 def _findings(exc: ValidationError) -> list[str]:
     """One sentence a finding, with the place, and the nearest known key for an unknown one."""
@@ -330,5 +353,6 @@ def _findings(exc: ValidationError) -> list[str]:
 def _known_keys() -> set[str]:
     models: list[type[BaseModel]] = [
         *_Strict.__subclasses__(), BeamTruth, CapsuleTruth, IoTruth, TrackerTruth, ReflectorTruth,
+        ObservedTruth, PalletizerTable, PalletizerErrors,
     ]  # fmt: skip
     return {info.alias or name for model in models for name, info in model.model_fields.items()}

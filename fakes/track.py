@@ -39,7 +39,8 @@ class Track:
         """Joints (rad) and joint speeds (rad/s) at ``t``; before the history the oldest known joints."""
         segment = self.segment_at(t)
         if t < segment.t0:
-            return segment.at(segment.t0)[0], np.zeros(6)
+            q = segment.at(segment.t0)[0]
+            return q, np.zeros_like(q)
         return segment.at(t)
 
     def segment_at(self, t: float) -> Segment:

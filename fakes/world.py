@@ -19,6 +19,7 @@ from cell.poses import Array, exp_xi, from_pose6, to_pose6
 from fakes.beams import Beams
 from fakes.input_module import InputModule
 from fakes.kinematics import chain
+from fakes.observed import ObservedPalletizer
 from fakes.repeatability import Repeatability
 from fakes.scenario import CameraTruth, Obstacle, Scenario, WorldTruth
 from fakes.tool_motion import ToolMotion
@@ -119,6 +120,9 @@ class World:
         if truth.beams:
             self.track.listeners.append(self.beams.on_segment)
             self.tool.listeners.append(lambda bend: self.beams.on_change(bend[0]))
+        self.observed = (
+            None if truth.observed is None else ObservedPalletizer(truth.observed, truth.seed, t0)
+        )
         self.inputs = None if truth.io is None else InputModule(truth.io, self.beams, t0)
 
     @classmethod
@@ -220,6 +224,7 @@ class World:
                 "factory": self.config.arm.factory.model_dump(),
                 "error": self.config.arm.error.model_dump(),
             },
+            **({} if self.observed is None else {"observed": self.observed.report(t)}),
             "noise": {
                 **({"sigma_px": self.config.camera.noise_px} if self.config.camera is not None else {}),
                 "sigma_flange_t": self.config.arm.repeatability_t_m,

@@ -1,0 +1,60 @@
+"""The twin's palletizer in its own terms: a plane linkage that turns about a post, and a wrist that yaws.
+
+A rod from the foot to the wrist makes a parallelogram of upper arm and forearm, so the flange never tips.
+Everything then happens in one vertical plane: lengths along it, elevations above the horizon, and two turns
+about the vertical. The solver that judges the twin multiplies Denavit-Hartenberg links; the two meet only in
+a test.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import RigidTransform, Rotation
+
+JOINTS = 4
+
+
+@dataclass(frozen=True)
+class Palletizer:
+    """Lengths (m), offsets (rad) and ratios (link per motor) by the letters of METHODS section 4.
+
+    ``a1`` post to shoulder and ``d1`` its height, ``a2`` upper arm, ``a3`` forearm, ``a4`` wrist to the yaw
+    axis, ``d5`` flange above the wrist, ``a5`` flange off the yaw axis; ``k`` and ``t`` of the four motors.
+    """
+
+    a1: float
+    a2: float
+    a3: float
+    a4: float
+    a5: float
+    d1: float
+    d5: float
+    k1: float
+    k2: float
+    k3: float
+    k5: float
+    t1: float
+    t2: float
+    t3: float
+    t5: float
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, float]) -> "Palletizer":
+        """From a table that has these and perhaps other keys."""
+        return cls(**{field.name: float(values[field.name]) for field in fields(cls)})
+
+    def flange(self, q: ArrayLike) -> RigidTransform:
+        """``T_base_flange`` for motor-side joints ``q`` = [q1, q2, q3, q5], (4,) or (n, 4), rad."""
+        q1, q2, q3, q5 = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
+        heading = self.k1 * q1 + self.t1
+        upper = self.k2 * q2 + self.t2
+        fore = upper + self.k3 * q3 + self.t3
+        yaw = heading + self.k5 * q5 + self.t5
+        out = self.a1 + self.a2 * np.cos(upper) + self.a3 * np.cos(fore) + self.a4
+        up = self.d1 + self.a2 * np.sin(upper) + self.a3 * np.sin(fore) + self.d5
+        x = out * np.cos(heading) + self.a5 * np.cos(yaw)
+        y = out * np.sin(heading) + self.a5 * np.sin(yaw)
+        turn = Rotation.from_rotvec(np.stack([0.0 * yaw, 0.0 * yaw, yaw], axis=-1))
+        return RigidTransform.from_components(np.stack([x, y, up], axis=-1), turn)
