@@ -229,6 +229,17 @@ class BoardView:
 
 
 @dataclass(frozen=True, slots=True)
+class ItemView:
+    """One item wholly in one frame, in the camera frame: the middle of its upper face and how it lies."""
+
+    point: Array  # (3,) m
+    axis: Array  # (3,) unit vector along the longer side; its sign has no meaning
+    size_m: tuple[float, float]  # length, width
+    height_m: float  # above the belt
+    sigma_m: float  # of ``point``, per axis, as its rim scatters
+
+
+@dataclass(frozen=True, slots=True)
 class Frame:
     """One exposure as the vision child reports it; ``t_exposure`` is the middle of the exposure."""
 
@@ -240,6 +251,7 @@ class Frame:
     serial: str
     colour_file: Path | None = None
     depth_file: Path | None = None
+    items: tuple[ItemView, ...] | None = None  # None: nobody looked for items
 
 
 class DepthCamera(Device, Protocol):
@@ -249,6 +261,10 @@ class DepthCamera(Device, Protocol):
 
     async def set_target(self, target: dict[str, Any] | None) -> None:
         """Choose the board to look for (a capture set's ``target`` table); None looks for nothing."""
+        ...
+
+    async def set_items(self, spec: dict[str, Any] | None) -> None:
+        """Look for items on a belt too (``ItemSpec`` of ``calibration.items``); None ends that."""
         ...
 
     async def capture(self, count: int, folder: Path, stem: str, after: float) -> Sequence[Frame]:

@@ -24,8 +24,8 @@ class OakCamera:
     """An OAK, or a frame server in its place, behind a supervised child process.
 
     The child holds depthai and the detectors, and dies with the daemon. A child that dies is a camera that
-    dropped: :meth:`wait_lost` says ``CHILD_DIED``, and a new :meth:`open` starts another one. The target
-    chosen by :meth:`set_target` outlives the connection.
+    dropped: :meth:`wait_lost` says ``CHILD_DIED``, and a new :meth:`open` starts another one. What was chosen
+    by :meth:`set_target` and :meth:`set_items` outlives the connection.
     """
 
     Config = OakConfig
@@ -40,6 +40,7 @@ class OakCamera:
         self._identity: asyncio.Future[Identity] | None = None
         self._watch: asyncio.Task[None] | None = None
         self._target: dict[str, Any] | None = None
+        self._items: dict[str, Any] | None = None
         self._mean_grey: float | None = None
         self._repeated = 0
 
@@ -59,7 +60,8 @@ class OakCamera:
             async with asyncio.timeout(self.config.open_timeout_s):
                 await self._link.start(self._child_module)
                 config = self.config.model_dump()
-                self._link.send({"type": "configure", "config": config, "target": self._target})
+                chosen = {"target": self._target, "items": self._items}
+                self._link.send({"type": "configure", "config": config, **chosen})
                 await self._first_frame(self._link)
         except TimeoutError:
             await self.close()
@@ -114,7 +116,7 @@ class OakCamera:
         return await asyncio.shield(self._link.lost)
 
     def health(self) -> dict[str, Any]:
-        """Frames received and missed; age (s), corners and brightness of the newest; the child's pid."""
+        """Frames received and missed; age (s), corners, items and brightness of the newest; the child's pid."""
         last = self.frames.last()
         board = last.value.board if last else None
         return {
@@ -123,6 +125,7 @@ class OakCamera:
             "repeated": self._repeated,
             "age_s": None if last is None else self._clock.now() - last.t,
             "corners": None if board is None else len(board.ids),
+            "items": None if last is None or last.value.items is None else len(last.value.items),
             "mean_grey": self._mean_grey,
             "child_pid": self._link.pid if self._link else None,
         }
@@ -141,6 +144,20 @@ class OakCamera:
             await self._link.request({"type": "target", "target": target}, _TARGET_TIMEOUT_S)
         except BaseException:
             self._target = before
+            raise
+
+    async def set_items(self, spec: dict[str, Any] | None) -> None:
+        """Look for items by ``spec`` from the next frame on; its error when the detector refuses it.
+
+        Without a connection the choice is kept for the next one.
+        """
+        before, self._items = self._items, spec
+        if self._link is None:
+            return
+        try:
+            await self._link.request({"type": "items", "items": spec}, _TARGET_TIMEOUT_S)
+        except BaseException:
+            self._items = before
             raise
 
     async def capture(self, count: int, folder: Path, stem: str, after: float) -> Sequence[Frame]:

@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
@@ -21,7 +22,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.devices import BoardView, Frame
+from cell.devices import BoardView, Frame, Intrinsics, ItemView
 from cell.errors import CellError, error
 from drivers.oak.capture import Capture
 from drivers.oak.config import OakConfig
@@ -57,10 +58,24 @@ class Detector(Protocol):
     def detect(self, image: NDArray[np.uint8]) -> Detection | None: ...
 
 
-TargetFactory = Callable[[Mapping[str, Any]], Detector]
+class ItemFinder(Protocol):
+    """Looks for items in a colour image (h, w, 3) BGR with aligned depth (h, w) in mm."""
+
+    def find(self, colour: NDArray[np.uint8], depth: NDArray[np.uint16]) -> tuple[ItemView, ...]: ...
 
 
-def main(make_target: TargetFactory) -> None:
+@dataclass(frozen=True)
+class Detectors:
+    """How the child makes what looks at frames, from the tables that the daemon sends.
+
+    ``items`` checks its table at once and gives a factory for the camera that turns out to be there.
+    """
+
+    target: Callable[[Mapping[str, Any]], Detector]
+    items: Callable[[Mapping[str, Any]], Callable[[Intrinsics], ItemFinder]]
+
+
+def main(detectors: Detectors) -> None:
     """Run the child on the socket whose descriptor is the first argument; returns never."""
     parent = int(sys.argv[2])
     ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
@@ -73,7 +88,7 @@ def main(make_target: TargetFactory) -> None:
     link = ParentLink(socket.socket(fileno=int(sys.argv[1])))
     link.wait_for_commands()
     try:
-        VisionChild(link, make_target).run()
+        VisionChild(link, detectors).run()
     except Exception as exc:
         link.fail(exc)
     os._exit(0)  # native threads may not want to end
@@ -121,9 +136,11 @@ class ParentLink:
 class VisionChild:
     """Looks at frames and answers commands, between which nothing is shared."""
 
-    def __init__(self, link: ParentLink, make_target: TargetFactory) -> None:
-        self._link, self._make_target = link, make_target
+    def __init__(self, link: ParentLink, detectors: Detectors) -> None:
+        self._link, self._detectors = link, detectors
         self._detector: Detector | None = None
+        self._finder_for: Callable[[Intrinsics], ItemFinder] | None = None
+        self._finder: tuple[Intrinsics, ItemFinder] | None = None
         self._captures: list[Capture] = []
         # One thread: on a machine that is too busy, files come late before frames are missed.
         self._writer = ThreadPoolExecutor(1, "png")
@@ -133,6 +150,7 @@ class VisionChild:
         first = self._link.commands.get()
         config = OakConfig.model_validate(first["config"])
         self._choose(first["target"])
+        self._choose_items(first["items"])
         from drivers.oak.pipeline import open_source  # imports depthai, which reads the environment
 
         with open_source(config) as source:
@@ -172,6 +190,9 @@ class VisionChild:
         if message["type"] == "target":
             self._choose(message["target"])
             self._answer(message["id"], {})
+        elif message["type"] == "items":
+            self._choose_items(message["items"])
+            self._answer(message["id"], {})
         elif message["type"] == "capture":
             answer = partial(self._answer, message["id"])
             self._captures.append(Capture(message, self._writer, answer))
@@ -179,7 +200,11 @@ class VisionChild:
             raise error("PROTOCOL_VIOLATION", f"the vision child knows no command {message['type']!r}")
 
     def _choose(self, target: Mapping[str, Any] | None) -> None:
-        self._detector = None if target is None else self._make_target(target)
+        self._detector = None if target is None else self._detectors.target(target)
+
+    def _choose_items(self, spec: Mapping[str, Any] | None) -> None:
+        self._finder_for = None if spec is None else self._detectors.items(spec)
+        self._finder = None
 
     def _look(self, shot: "Shot", serial: str, time_offset_s: float) -> None:
         grey = cv2.cvtColor(shot.colour, cv2.COLOR_BGR2GRAY)
@@ -190,6 +215,7 @@ class VisionChild:
             intrinsics=shot.intrinsics,
             board=self._board(grey),
             serial=serial,
+            items=self._items(shot),
         )
         self._link.send({"type": "frame", "mean_grey": _mean(grey), "frame": frame_to_json(frame)})
         for capture in self._captures:
@@ -202,6 +228,13 @@ class VisionChild:
             return None
         ids = np.asarray(found.ids, dtype=np.int64).ravel()
         return BoardView(ids, np.asarray(found.corners, dtype=float).reshape(-1, 2), _mean(grey))
+
+    def _items(self, shot: "Shot") -> tuple[ItemView, ...] | None:
+        if self._finder_for is None or shot.depth is None:
+            return None
+        if self._finder is None or self._finder[0] != shot.intrinsics:
+            self._finder = shot.intrinsics, self._finder_for(shot.intrinsics)
+        return self._finder[1].find(shot.colour, shot.depth)
 
     def _answer(self, request: int, fields: Message) -> None:
         self._link.send({"type": "answer", "id": request, **fields})

@@ -1,7 +1,7 @@
 """What the daemon and the vision child say to each other: JSON objects, each after its length.
 
-To the child: ``configure`` once, with the target to begin with, then ``target`` and ``capture``, each with
-an ``id`` that the ``answer`` repeats. From the child: ``ready`` with the identity at the first frame, a
+To the child: ``configure`` once, with the target and the items to begin with, then ``target``, ``items`` and
+``capture``, each with an ``id`` that the ``answer`` repeats. From the child: ``ready`` with the identity at the first frame, a
 ``frame`` for every exposure, ``failed`` with a coded error before it ends by itself. Pixels never cross.
 """
 
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cell.devices import BoardView, Frame, Intrinsics
+from cell.devices import BoardView, Frame, Intrinsics, ItemView
 from cell.errors import CellError, catalogue, error
 
 Message = dict[str, Any]
@@ -85,6 +85,7 @@ def frame_to_json(frame: Frame) -> Message:
         and {"ids": board.ids.tolist(), "corners": board.corners.tolist(), "mean_grey": board.mean_grey},
         "colour_file": frame.colour_file and str(frame.colour_file),
         "depth_file": frame.depth_file and str(frame.depth_file),
+        "items": None if frame.items is None else [_item_to_json(item) for item in frame.items],
     }
 
 
@@ -106,4 +107,26 @@ def frame_from_json(message: Message) -> Frame:
         serial=message["serial"],
         colour_file=message["colour_file"] and Path(message["colour_file"]),
         depth_file=message["depth_file"] and Path(message["depth_file"]),
+        items=None if message["items"] is None else tuple(_item_from_json(item) for item in message["items"]),
+    )
+
+
+def _item_to_json(item: ItemView) -> Message:
+    return {
+        "point": item.point.tolist(),
+        "axis": item.axis.tolist(),
+        "size_m": list(item.size_m),
+        "height_m": item.height_m,
+        "sigma_m": item.sigma_m,
+    }
+
+
+def _item_from_json(message: Message) -> ItemView:
+    length, width = message["size_m"]
+    return ItemView(
+        point=np.array(message["point"], dtype=float),
+        axis=np.array(message["axis"], dtype=float),
+        size_m=(length, width),
+        height_m=message["height_m"],
+        sigma_m=message["sigma_m"],
     )

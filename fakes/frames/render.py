@@ -232,6 +232,11 @@ def _to_canvas(K: Array) -> Array:
     return np.array([[_SS, 0.0, half], [0.0, _SS, half], [0.0, 0.0, 1.0]]) @ K
 
 
+def pixel_rays(camera: Intrinsics) -> NDArray[np.float32]:
+    """Undistorted rays (x/z, y/z, 1) of every pixel, (h, w, 3)."""
+    return _ray_grid((camera.width, camera.height), camera.matrix, np.asarray(camera.dist, dtype=float), ss=1)
+
+
 def _ray_grid(size: tuple[int, int], K: Array, dist: Array, ss: int) -> NDArray[np.float32]:
     """Undistorted rays (x/z, y/z, 1) of every canvas pixel, shape (ss h, ss w, 3).
 

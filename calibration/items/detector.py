@@ -1,0 +1,182 @@
+"""Items that stand out of a belt: segmented in depth, measured along their rim in colour.
+
+Depth says that something is there and how high it is; its edges are blurred by several pixels on any real
+stereo camera. Colour has sharp edges but does not know what is top and what is side. So the upper face comes
+from depth, and its rim is moved to the edge that colour shows (:mod:`calibration.items.rim`).
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.items.rim import measured_rim
+from calibration.items.shape import Outline, outline
+from cell.devices import Intrinsics, ItemView
+from cell.errors import error
+from cell.poses import Array
+
+Image = NDArray[np.uint8]
+Depth = NDArray[np.uint16]
+
+_COARSE = 4  # px between the points that the first look takes
+_MARGIN = 20  # px around an item that its rim may need
+_RIM_PX = 3  # closer to the edge of the picture an item may be cut
+_BAND_M = 0.004  # of depth about an upper face; stereo is no better
+
+
+@dataclass(frozen=True)
+class ItemSpec:
+    """What to look for. ``plane`` is the belt in the camera: unit normal towards the camera (3,) and its
+    product with any point of the belt (m). ``region`` (k, 3) m, in the camera, bounds the part of the belt
+    that is looked at, or None. Heights are above the belt; ``size_m`` bounds an item's longer side.
+    """
+
+    normal: tuple[float, float, float]
+    offset_m: float
+    min_height_m: float
+    max_height_m: float
+    size_m: tuple[float, float]
+    region: tuple[tuple[float, float, float], ...] | None = None
+
+    @classmethod
+    def from_mapping(cls, raw: Mapping[str, Any]) -> "ItemSpec":
+        """From plain values as they cross the pipe to the vision child; ``ARGUMENT_INVALID``."""
+        try:
+            region = raw.get("region")
+            spec = cls(
+                tuple(float(v) for v in raw["normal"]),  # type: ignore[arg-type]
+                float(raw["offset_m"]),
+                float(raw["min_height_m"]),
+                float(raw["max_height_m"]),
+                (float(raw["size_m"][0]), float(raw["size_m"][1])),
+                None if region is None else tuple(tuple(float(v) for v in p) for p in region),  # type: ignore[misc]
+            )
+        except (KeyError, TypeError, ValueError, IndexError) as exc:
+            raise error("ARGUMENT_INVALID", f"items: {type(exc).__name__} {exc}") from exc
+        if abs(float(np.linalg.norm(spec.normal)) - 1.0) > 1e-6:
+            raise error("ARGUMENT_INVALID", "items.normal is no unit vector")
+        if not 0.0 < spec.min_height_m < spec.max_height_m or not 0.0 < spec.size_m[0] < spec.size_m[1]:
+            raise error("ARGUMENT_INVALID", "items: heights and sizes must be positive and grow")
+        return spec
+
+
+class ItemDetector:
+    """Finds all items that are wholly in the picture."""
+
+    def __init__(self, spec: ItemSpec, camera: Intrinsics) -> None:
+        self.spec, self.camera = spec, camera
+        self._K, self._dist = camera.matrix, np.asarray(camera.dist, dtype=float)
+        self._normal = np.array(spec.normal)
+        across, down = (np.arange(0, n, _COARSE, dtype=float) for n in (camera.width, camera.height))
+        u, v = np.meshgrid(across, down)
+        rays = self.rays(np.stack([u.ravel(), v.ravel()], axis=1))
+        self._slope = (rays @ self._normal).reshape(u.shape).astype(np.float32)
+        self._inside = self._region_mask(u.shape)
+
+    def rays(self, pixels: Array) -> Array:
+        """Directions (n, 3) with z = 1 of ``pixels`` (n, 2), without the lens's distortion."""
+        if not len(pixels):
+            return np.empty((0, 3))
+        xy = cv2.undistortPoints(pixels.reshape(-1, 1, 2), self._K, self._dist).reshape(-1, 2)
+        return np.column_stack([xy, np.ones(len(xy))])
+
+    def find(self, colour: Image, depth: Depth) -> tuple[ItemView, ...]:
+        """Items in ``colour`` (h, w, 3) BGR with ``depth`` (h, w) in mm aligned to it, 0 = invalid."""
+        found = (self._measure(box, colour, depth) for box in self._candidates(depth))
+        return tuple(item for item in found if item is not None)
+
+    def _candidates(self, depth: Depth) -> Iterator[tuple[int, int, int, int]]:
+        """Boxes x0, y0, x1, y1 (px) around what stands out."""
+        coarse = depth[::_COARSE, ::_COARSE]
+        height = self._heights(coarse, self._slope)
+        low, high = 0.5 * self.spec.min_height_m, self.spec.max_height_m + _BAND_M
+        mask = ((height > low) & (height < high) & (coarse > 0) & self._inside).astype(np.uint8)
+        mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+        count, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+        for x, y, w, h, _ in stats[1:count]:
+            x0, y0 = _COARSE * int(x) - _MARGIN, _COARSE * int(y) - _MARGIN
+            x1, y1 = _COARSE * int(x + w) + _MARGIN, _COARSE * int(y + h) + _MARGIN
+            yield max(x0, 0), max(y0, 0), min(x1, self.camera.width), min(y1, self.camera.height)
+
+    def _measure(self, box: tuple[int, int, int, int], colour: Image, depth: Depth) -> ItemView | None:
+        x0, y0, x1, y1 = box
+        window = depth[y0:y1, x0:x1]
+        u, v = np.meshgrid(np.arange(x0, x1, dtype=float), np.arange(y0, y1, dtype=float))
+        slope = (self.rays(np.stack([u.ravel(), v.ravel()], axis=1)) @ self._normal).reshape(u.shape)
+        height = self._heights(window, slope)
+        valid = (window > 0) & (height > 0.5 * self.spec.min_height_m)
+        if valid.sum() < 50:
+            return None
+        top = float(np.percentile(height[valid], 70.0))
+        face = _largest(valid & (np.abs(height - top) < _BAND_M))
+        if face is None:
+            return None
+        top = float(np.mean(height[face]))
+        if not self.spec.min_height_m <= top <= self.spec.max_height_m:
+            return None
+        rim = measured_rim(colour[y0:y1, x0:x1], face, partial(self._side_px, np.array([x0, y0]), top))
+        if rim is None:
+            return None
+        pixels = rim.points + np.array([x0, y0])
+        edge = np.array([self.camera.width, self.camera.height]) - 1.0 - _RIM_PX
+        if np.any(pixels < _RIM_PX) or np.any(pixels > edge):
+            return None
+        return self._view(outline(self._on_face(pixels, top), self._normal), top, rim.sigma_px)
+
+    def _view(self, shape: Outline, height: float, sigma_px: float) -> ItemView | None:
+        low, high = self.spec.size_m
+        if not low <= shape.length <= high:
+            return None
+        metres_per_px = float(shape.centre[2]) / float(self._K[0, 0])
+        return ItemView(
+            point=shape.centre,
+            axis=shape.axis,
+            size_m=(shape.length, shape.width),
+            height_m=height,
+            sigma_m=sigma_px * metres_per_px,
+        )
+
+    def _on_face(self, pixels: Array, height: float) -> Array:
+        """Points (n, 3) m: the sights through ``pixels`` (n, 2) meet the plane ``height`` over the belt."""
+        rays = self.rays(pixels)
+        out: Array = rays * ((self.spec.offset_m + height) / (rays @ self._normal))[:, None]
+        return out
+
+    def _side_px(self, corner: Array, height: float, points: Array, normals: Array) -> Array:
+        """How far the foot of an item reaches beyond its upper rim at ``points`` (n, 2) of a window, px."""
+        rim = self._on_face(points + corner, height)
+        foot = rim - height * self._normal
+        pixels = cv2.projectPoints(foot, np.zeros(3), np.zeros(3), self._K, self._dist)[0].reshape(-1, 2)
+        out: Array = np.sum((pixels - points - corner) * normals, axis=1)
+        return out
+
+    def _heights(self, depth: Depth, slope: Array) -> Array:
+        out: Array = depth * 0.001 * slope - self.spec.offset_m
+        return out
+
+    def _region_mask(self, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+        if self.spec.region is None:
+            return np.ones(shape, dtype=bool)
+        points = np.array(self.spec.region)
+        if np.any(points[:, 2] <= 0.0):
+            raise error("ARGUMENT_INVALID", "items.region is partly behind the camera")
+        pixels = cv2.projectPoints(points, np.zeros(3), np.zeros(3), self._K, self._dist)[0].reshape(-1, 2)
+        mask = np.zeros(shape, np.uint8)
+        cv2.fillPoly(mask, [np.round(pixels / _COARSE).astype(np.int32)], 1)
+        return mask.astype(bool)
+
+
+def _largest(mask: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
+    """The largest connected part of ``mask``, without specks and holes of noise."""
+    clean = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    clean = cv2.morphologyEx(clean, cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(clean, connectivity=4)
+    if count < 2:
+        return None
+    best = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
+    return np.asarray(labels == best)

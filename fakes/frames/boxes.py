@@ -1,0 +1,132 @@
+"""Boxes on a belt, drawn into colour and depth as a camera sees them.
+
+A box is convex, so it is its visible faces; each is a polygon whose edges are followed through the lens. It
+is filled on a canvas with ``_SS`` times as many pixels, where canvas index = ``_SS x + (_SS - 1)/2``.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
+
+from cell.poses import Array
+from fakes.frames.plates import Image
+
+_SS = 4
+_PAD = 3  # px
+_PER_EDGE = 6
+_NEAREST_M = 0.05
+_SIDE_SHADE = 0.45  # light comes from above
+_BLUR_PX = 0.7
+# Corners of a box in units of half its size, and its faces, each counter-clockwise from outside.
+_CORNERS = np.array([[x, y, z] for z in (-1.0, 0.0) for y in (-0.5, 0.5) for x in (-0.5, 0.5)])
+_FACES = ((4, 5, 7, 6), (0, 1, 5, 4), (1, 3, 7, 5), (3, 2, 6, 7), (2, 0, 4, 6))
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """``T_camera_top``: middle of the upper face, x along ``size_m[0]``, z up; sizes m; ``colour`` BGR."""
+
+    T_camera_top: RigidTransform
+    size_m: tuple[float, float, float]
+    colour: tuple[float, float, float]
+
+    def corners(self) -> Array:
+        """(8, 3) m in the camera: four below, four above."""
+        out: Array = self.T_camera_top.apply(_CORNERS * self.size_m)
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Face:
+    plane: tuple[Array, float]  # outward normal and its product with the face's points, in the camera
+    rim: Array  # (n, 2) px
+    colour: tuple[float, ...]
+
+
+class BoxPainter:
+    """Draws boxes for one camera: matrix ``K`` (3, 3), ``dist``, and ``rays`` (h, w, 3) of its pixels."""
+
+    def __init__(self, K: Array, dist: Array, rays: NDArray[np.float32]) -> None:
+        self._K, self._dist, self._rays = K, dist, rays
+
+    def paint(self, colour: Image, depth: NDArray[np.float32], looks: Sequence[Sequence[Box]]) -> None:
+        """Draw into ``colour`` (h, w, 3) the mean over ``looks``, which are equal steps through the
+        exposure with the same boxes in the same order; into ``depth`` (h, w) mm the middle one."""
+        if not looks:
+            return
+        for boxes in zip(*looks, strict=True):
+            if any(box.corners()[:, 2].min() < _NEAREST_M for box in boxes):
+                continue
+            seen = [self._faces(box) for box in boxes]
+            self._paint_colour(colour, seen)
+            self._paint_depth(depth, seen[len(seen) // 2])
+
+    def _faces(self, box: Box) -> list[_Face]:
+        """Those that are turned to the camera, the upper one last."""
+        corners, found = box.corners(), []
+        for k, face in enumerate(_FACES):
+            points = corners[list(face)]
+            normal = np.cross(points[1] - points[0], points[2] - points[1])
+            normal /= np.linalg.norm(normal)
+            if normal @ points[0] >= 0.0:
+                continue
+            s = np.arange(_PER_EDGE) / _PER_EDGE
+            after = np.roll(points, -1, axis=0)
+            rim = (points[:, None] + s[None, :, None] * (after - points)[:, None]).reshape(-1, 3)
+            pixels = cv2.projectPoints(rim, np.zeros(3), np.zeros(3), self._K, self._dist)[0].reshape(-1, 2)
+            shade = 1.0 if k == 0 else _SIDE_SHADE * (1.0 + 0.15 * k)
+            found.append(
+                _Face((normal, float(normal @ points[0])), pixels, tuple(shade * c for c in box.colour))
+            )
+        return found[::-1]
+
+    def _paint_colour(self, colour: Image, seen: Sequence[list[_Face]]) -> None:
+        window = self._window([face.rim for faces in seen for face in faces])
+        if window is None:
+            return
+        x0, y0, x1, y1 = window
+        region = colour[y0:y1, x0:x1]
+        big = cv2.resize(region, None, fx=_SS, fy=_SS, interpolation=cv2.INTER_NEAREST)
+        total = np.zeros(region.shape, np.float32)
+        for faces in seen:
+            canvas = big.copy()
+            for face in faces:
+                cv2.fillPoly(
+                    canvas, [_fixed(_SS * (face.rim - [x0, y0]) + (_SS - 1) / 2)], face.colour, shift=4
+                )
+            total += cv2.resize(canvas, (x1 - x0, y1 - y0), interpolation=cv2.INTER_AREA)
+        mean = cv2.GaussianBlur(total / len(seen), (0, 0), _BLUR_PX)
+        region[:] = np.clip(mean + 0.5, 0, 255).astype(np.uint8)
+
+    def _paint_depth(self, depth: NDArray[np.float32], faces: list[_Face]) -> None:
+        window = self._window([face.rim for face in faces])
+        if window is None:
+            return
+        x0, y0, x1, y1 = window
+        region, rays = depth[y0:y1, x0:x1], self._rays[y0:y1, x0:x1]
+        for face in faces:
+            mask = np.zeros(region.shape, np.uint8)
+            cv2.fillPoly(mask, [_fixed(face.rim - [x0, y0])], 1, shift=4)
+            inside = mask.astype(bool)
+            normal, offset = face.plane
+            region[inside] = 1000.0 * offset / (rays[inside] @ normal.astype(np.float32))
+
+    def _window(self, rims: list[Array]) -> tuple[int, int, int, int] | None:
+        if not rims:
+            return None
+        height, width = self._rays.shape[:2]
+        points = np.vstack(rims)
+        low = np.maximum(np.floor(points.min(axis=0)).astype(int) - _PAD, 0)
+        high = np.minimum(np.ceil(points.max(axis=0)).astype(int) + _PAD + 1, [width, height])
+        if np.any(high - low < 2):
+            return None
+        return int(low[0]), int(low[1]), int(high[0]), int(high[1])
+
+
+def _fixed(points: Array) -> NDArray[np.int32]:
+    """Fixed-point coordinates with four binary places, as ``shift=4`` takes them."""
+    return np.round(points * 16.0).astype(np.int32)

@@ -1,0 +1,72 @@
+"""Pictures of boxes on a belt under a camera that looks down at a slant."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from calibration.items import ItemDetector, ItemSpec
+from cell.devices import Intrinsics
+from cell.poses import Array
+from fakes.frames.boxes import Box, BoxPainter
+from fakes.frames.render import pixel_rays
+
+CAMERA = Intrinsics(1280, 800, (802.4, 801.7, 644.2, 396.8), (0.021, -0.043, 0.0006, -0.0004, 0.0))
+T_BASE_CAMERA = RigidTransform.from_components(
+    [0.1, -0.6, 0.80], Rotation.from_euler("xyz", [188, 5, 12], degrees=True)
+)
+SIZE = (0.06, 0.04, 0.03)
+ORANGE = (40.0, 120.0, 230.0)
+BELT_GREY = 55
+
+
+class Scene:
+    """Draws boxes given by x, y (m) and yaw (rad) in the base, whose z = 0 is the belt."""
+
+    def __init__(self, seed: int = 1) -> None:
+        self._rng = np.random.default_rng(seed)
+        K, dist = CAMERA.matrix, np.array(CAMERA.dist)
+        self.rays = pixel_rays(CAMERA)
+        self._painter = BoxPainter(K, dist, self.rays)
+        self._T = T_BASE_CAMERA.inv()
+        self.normal = self._T.rotation.apply([0.0, 0.0, 1.0])
+        self.offset_m = float(self.normal @ self._T.translation)
+
+    def spec(self, **changes: object) -> ItemSpec:
+        return ItemSpec.from_mapping(
+            {
+                "normal": self.normal.tolist(),
+                "offset_m": self.offset_m,
+                "min_height_m": 0.01,
+                "max_height_m": 0.08,
+                "size_m": [0.03, 0.15],
+                **changes,
+            }
+        )
+
+    def detector(self, **changes: object) -> ItemDetector:
+        return ItemDetector(self.spec(**changes), CAMERA)
+
+    def picture(
+        self,
+        boxes: Sequence[tuple[float, float, float]],
+        speed_m_s: float = 0.0,
+        size: tuple[float, float, float] = SIZE,
+        colour: tuple[float, float, float] = ORANGE,
+    ) -> tuple[Array, Array]:
+        """Colour and depth of an exposure of 8 ms in whose middle the boxes are where they are said to be."""
+        picture = np.full((CAMERA.height, CAMERA.width, 3), BELT_GREY, np.uint8)
+        slope = self.rays @ self.normal.astype(np.float32)
+        depth = (1000.0 * self.offset_m / slope).astype(np.float32)
+        looks = [
+            [self._box(x + speed_m_s * dt, y, yaw, size, colour) for x, y, yaw in boxes]
+            for dt in np.linspace(-0.004, 0.004, 5)
+        ]
+        self._painter.paint(picture, depth, looks)
+        noisy = picture + self._rng.normal(0.0, 2.0, picture.shape)
+        rough = depth + self._rng.normal(0.0, 1.0, depth.shape)
+        return np.clip(noisy, 0, 255).astype(np.uint8), np.clip(rough + 0.5, 0, 65535).astype(np.uint16)
+
+    def _box(self, x: float, y: float, yaw: float, size: tuple[float, float, float], colour: object) -> Box:
+        top = RigidTransform.from_components([x, y, size[2]], Rotation.from_euler("z", yaw))
+        return Box(self._T * top, size, colour)  # type: ignore[arg-type]
