@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from cell.procedure import Procedure, Run
+from cell.store.files import read_json
 from procedures.laser.config import LaserCheckConfig, Search
 from procedures.laser.health import keep_trends
 from procedures.laser.judging import finished_early, judge_check
@@ -68,10 +69,9 @@ async def measure(run: Run, measurement: Measurement, config: LaserCheckConfig) 
     await run.enter(S.SOLVE, f"{len(record.passes)} ways")
     reference = run.values["laser_reference"]
     header = data_header(measurement, reference)
-    path = await asyncio.to_thread(record.write_data_set, header, reference["passes"], record.passes)
-    if not scan.complete:
-        run.result = finished_early("laser", len(record.passes))
-        return
+    path = await asyncio.to_thread(
+        record.write_data_set, header, reference["passes"], record.passes, scan.complete
+    )
     run.note("solve", event="started", passes=len(record.passes))
     run.result = await run.worker.call(solved_check, path, known_of(run.values), config.model_dump())
     await keep_trends(run)
@@ -88,4 +88,5 @@ def known_of(values: Mapping[str, Any]) -> dict[str, Any]:
 
 def solved_check(path: Path, known: Mapping[str, Any], config: Mapping[str, Any]) -> dict[str, Any]:
     """``cellward.result/1`` of a measurement against a reference, judged; for the worker process."""
-    return judge_check(solve_current(path), known, config)
+    early = finished_early("laser", read_json(path))
+    return early or judge_check(solve_current(path), known, config)

@@ -11,6 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from cell.formats.result import Result
 from cell.poses import from_pose6, to_pose6
+from procedures.laser.record import FINISHED_EARLY
 
 DEG = float(np.degrees(1.0))
 
@@ -31,8 +32,14 @@ def corrected_tool(T_ref: Sequence[float], T_last: Sequence[float], answer: Mapp
     return [float(v) for v in to_pose6(RigidTransform.from_components(t, rotation))]
 
 
-def finished_early(kind: str, ways: int) -> dict[str, Any]:
-    """What a run comes to that was finished before both beams were measured: its passes are kept."""
+def finished_early(kind: str, data: Mapping[str, Any]) -> dict[str, Any] | None:
+    """What a run comes to that was finished before both beams were measured, whose passes are ``data``.
+
+    None for the data of a run that was not.
+    """
+    ways = (data.get("notes") or {}).get(FINISHED_EARLY)
+    if ways is None:
+        return None
     why = f"finished-early: {ways} ways were taken, and both beams must be measured to the end"
     return Result(kind=kind, verdict="fail", reasons=[why], result=None).as_json()
 

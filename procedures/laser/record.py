@@ -16,6 +16,7 @@ from procedures.laser.sweep import Way
 
 PASSES_FILE = "passes.jsonl"
 DATA_FILE = "laser.json"
+FINISHED_EARLY = "finished_early_after_ways"  # in the notes of a data set
 SECOND = "second"  # folder of the scan with the candidate tool
 
 
@@ -41,15 +42,21 @@ class PassRecord:
             self.passes += entries
 
     def write_data_set(
-        self, header: Mapping[str, Any], reference: Sequence[Any], current: Sequence[Any]
+        self, header: Mapping[str, Any], reference: Sequence[Any], current: Sequence[Any], complete: bool
     ) -> Path:
-        """``laser.json``: ``header`` has attitude, beams and tool; then the passes of both."""
+        """``laser.json``: ``header`` has attitude, beams and tool; then the passes of both.
+
+        Without ``complete`` its notes say that the run was finished early and after how many ways, so that
+        whoever solves it again comes to the verdict of the run.
+        """
         data = {
             "schema": "cellward.laser/1",
             **header,
             "reference": {"passes": list(reference)},
             "current": {"passes": list(current)},
         }
+        if not complete:
+            data["notes"] = {FINISHED_EARLY: len(self.passes)}
         path = self.folder / DATA_FILE
         with disk_errors(path):
             self.folder.mkdir(exist_ok=True)

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 from cell.calibrations import laser_reference
 from cell.procedure import Procedure, Proposal, Run
+from cell.store.files import read_json
 from procedures.laser.config import LaserReferenceConfig, Search
 from procedures.laser.health import keep_trends
 from procedures.laser.judging import finished_early, judge_reference
@@ -59,10 +60,7 @@ class LaserReference(Procedure):
         await run.enter(S.SOLVE, f"{len(record.passes)} ways")
         tool = run.values["tool"]
         header = nominal_header(measurement, tool, self.config.pin_radius_m)
-        path = await asyncio.to_thread(record.write_data_set, header, record.passes, [])
-        if not scan.complete:
-            run.result = finished_early("laser-reference", len(record.passes))
-            return
+        path = await asyncio.to_thread(record.write_data_set, header, record.passes, [], scan.complete)
         run.note("solve", event="started", passes=len(record.passes))
         known = known_of(self.config, run.values, measurement.search.device)
         run.result = await run.worker.call(solved_reference, path, known, self.config.model_dump())
@@ -92,4 +90,5 @@ def known_of(config: LaserReferenceConfig, values: Mapping[str, Any], device: st
 
 def solved_reference(path: Path, known: Mapping[str, Any], config: Mapping[str, Any]) -> dict[str, Any]:
     """``cellward.result/1`` of a reference, judged; for the worker process."""
-    return judge_reference(solve_new_reference(path, known), config)
+    early = finished_early("laser-reference", read_json(path))
+    return early or judge_reference(solve_new_reference(path, known), config)

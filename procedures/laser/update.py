@@ -180,7 +180,9 @@ class _Candidate:
             self.why = "the second scan was finished early"
         else:
             header = data_header(self.measurement, reference)
-            path = await asyncio.to_thread(record.write_data_set, header, reference["passes"], record.passes)
+            path = await asyncio.to_thread(
+                record.write_data_set, header, reference["passes"], record.passes, scan.complete
+            )
             known = {k: reference[k] for k in ("T_flange_tool", "R_base_flange")}
             second = await run.worker.call(compare_second, path, self.result["result"], known)
             self._tell(second_scan=second)
