@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.identification.classic import solve_classic
 from calibration.identification.estimator import Problem
-from calibration.identification.model import Model, make_model
+from calibration.identification.model import Model, Targets, make_model
 from calibration.identification.registration import Registration, register
 from calibration.identification.selection import choose_poses
 from calibration.identification.solution import identify
@@ -207,9 +207,13 @@ def print_plan() -> bool:
         tracker = np.array([[3.5], [0.0], [-1.0]])
 
         def promise(
-            Q: Array, model: Model = model, family: Family = family, tracker: Array = tracker
+            Q: Array,
+            target: Targets,
+            model: Model = model,
+            family: Family = family,
+            tracker: Array = tracker,
         ) -> Array:
-            f = model.points(model.nominal, Q, np.zeros(len(Q), dtype=np.int64))
+            f = model.points(model.nominal, Q, target)
             sigma = SIGMA0 + SIGMA_PER_M * np.linalg.norm(f - tracker, axis=0)
             inside = np.all(np.clip(Q, family.low, family.high) == Q, axis=1)
             return np.where(inside, sigma, np.nan)

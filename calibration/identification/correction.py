@@ -33,7 +33,7 @@ class Correction:
 
 
 def chain_of(robot: Mapping[str, Any]) -> SerialChain:
-    """The chain of a ROBOT: that of ``kinematics.<device>`` (its ``robot``), or what a controller believes."""
+    """The chain of a ROBOT: the ``robot`` of ``kinematics.<device>``, or what a controller believes."""
     return arm_spec(parse_robot(robot, "robot")).arm.base
 
 
@@ -56,7 +56,7 @@ def corrected_flange_target(
         where = ", ".join(f"{v:.3f}" for v in T_wanted.translation)
         raise error(
             "MOTION_UNREACHABLE",
-            f"the calibrated arm comes within {1e3 * found.miss[0]:.2f} mm (or mrad) of the pose at {where} m",
+            f"the calibrated arm stays {1e3 * found.miss[0]:.2f} mm (or mrad) off the pose at {where} m",
         )
     q = found.q[0]
     told = RigidTransform.from_matrix(controller.flange(q[None])[0])

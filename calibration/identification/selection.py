@@ -22,7 +22,7 @@ _FIRST_STEP, _SHRINK = 0.5, 0.7  # rad at the links, or m
 _DRAWS = 40
 
 Rows = Sequence[int] | NDArray[np.int64]
-Promise = Callable[[Array], Array]
+Promise = Callable[[Array, Targets], Array]
 
 RULE_POSES = 50
 RULE_ANGLE = np.radians(15.0)
@@ -125,12 +125,12 @@ def choose_poses(
 ) -> Plan:
     """``count`` poses out of ``candidates`` (c, j) and their neighbourhood.
 
-    ``promise(Q)`` (n, j) -> (n,) is what the tracker promises at a pose (standard deviation along one axis,
-    m), NaN where the arm may not go or the reflector is not seen. Raises ``ValueError`` when fewer than
+    ``promise(Q, target)`` (n, j), (n,) -> (n,) is what the tracker promises there (standard deviation along
+    one axis, m), NaN where the arm may not go or the reflector is not seen. Raises ``ValueError`` when fewer than
     ``count`` candidates are possible. The same input gives the same plan.
     """
     rng = np.random.default_rng(0)
-    sigma = promise(candidates)
+    sigma = promise(candidates, target)
     possible = np.isfinite(sigma)
     Q, target, sigma = candidates[possible], target[possible], sigma[possible]
     if len(Q) < count:
@@ -146,7 +146,7 @@ def choose_poses(
         step = _FIRST_STEP * _SHRINK**sweep / gear
         near = (q[:, None] + rng.normal(size=(len(q), _NEARBY, q.shape[1])) * step).reshape(-1, q.shape[1])
         around = np.repeat(own, _NEARBY)
-        sigma = promise(near)
+        sigma = promise(near, around)
         possible = np.isfinite(sigma)
         q, own, s = (
             np.concatenate([q, near[possible]]),

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.identification.application import goals_from_yaw, reach, yaw_of
 from calibration.identification.exports import last_to_flange, ros_kinematics, ur_deltas, urdf
+from calibration.identification.model import Targets
 from calibration.identification.selection import choose_poses, source_rule
 from calibration.identification.solution import identify
 from calibration.identification.workspace import forecast, places, radius95
@@ -78,8 +79,8 @@ def test_thirty_chosen_poses_predict_better_than_thirty_random_ones(kind: str) -
     candidates, validation = joints(kind, rng, 500), joints(kind, rng, 150)
     low, high = candidates.min(axis=0), candidates.max(axis=0)
 
-    def promise(Q: Array) -> Array:
-        f = model.points(model.nominal, Q, np.zeros(len(Q), dtype=np.int64))
+    def promise(Q: Array, target: Targets) -> Array:
+        f = model.points(model.nominal, Q, target)
         sigma = 15e-6 + 6e-6 * np.linalg.norm(f - np.array([[3.5], [0.0], [-1.0]]), axis=0)
         inside = np.all(np.clip(Q, low, high) == Q, axis=1)
         return np.where(inside & (f[2] > 0.0), sigma, np.nan)
@@ -87,7 +88,7 @@ def test_thirty_chosen_poses_predict_better_than_thirty_random_ones(kind: str) -
     none = np.zeros(500, dtype=np.int64)
     plan = choose_poses(model, model.nominal, candidates, none, promise, validation, 30)
     assert plan.q.shape == (30, candidates.shape[1])
-    assert np.all(np.isfinite(promise(plan.q)))
+    assert np.all(np.isfinite(promise(plan.q, plan.target)))
     assert plan.predicted_rms <= LIMITS[kind] * plan.random_rms
     again = choose_poses(model, model.nominal, candidates, none, promise, validation, 30)
     np.testing.assert_array_equal(again.q, plan.q)
@@ -98,7 +99,7 @@ def test_a_plan_that_has_too_few_possible_poses_says_so() -> None:
     Q = joints("palletizer", np.random.default_rng(5), 40)
     with pytest.raises(ValueError, match="only 0 of 40 candidate poses are possible; 30 are wanted"):
         choose_poses(
-            model, model.nominal, Q, np.zeros(40, dtype=np.int64), lambda q: np.full(len(q), np.nan), Q, 30
+            model, model.nominal, Q, np.zeros(40, dtype=np.int64), lambda q, _: np.full(len(q), np.nan), Q, 30
         )
 
 
