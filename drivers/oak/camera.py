@@ -116,7 +116,7 @@ class OakCamera:
         return await asyncio.shield(self._link.lost)
 
     def health(self) -> dict[str, Any]:
-        """Frames received and missed; age (s), corners, items and brightness of the newest; the child's pid."""
+        """Frames received and missed; age (s), corners, items, brightness of the newest; the child's pid."""
         last = self.frames.last()
         board = last.value.board if last else None
         return {

@@ -1,8 +1,9 @@
 """What the daemon and the vision child say to each other: JSON objects, each after its length.
 
 To the child: ``configure`` once, with the target and the items to begin with, then ``target``, ``items`` and
-``capture``, each with an ``id`` that the ``answer`` repeats. From the child: ``ready`` with the identity at the first frame, a
-``frame`` for every exposure, ``failed`` with a coded error before it ends by itself. Pixels never cross.
+``capture``, each with an ``id`` that the ``answer`` repeats. From the child: ``ready`` with the identity at
+the first frame, a ``frame`` for every exposure, ``failed`` with a coded error before it ends by itself.
+Pixels never cross.
 """
 
 import json
