@@ -54,6 +54,10 @@ class Fault(StrEnum):
     SCRIPT_DEATH = "script-death"
     LATE_FIRST_PACKAGE = "late-first-package"
     SLOW_DASHBOARD = "slow-dashboard"
+    # observed arm
+    UNASKED_MOVE = "unasked-move"  # somebody jogs it while it should stand
+    SKIP_POSE = "skip-pose"  # its program says that it is at the next pose and has not gone there
+    WRONG_ORDER = "wrong-order"  # at the next request its program goes where the last one was
     # whole device
     REBOOT = "reboot"  # the device restarts, on request with another identity
     KILL = "kill"  # the process ends without a word

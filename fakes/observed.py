@@ -187,7 +187,7 @@ class ObservedPalletizer:
             if stuck.at(t) is not None:
                 stuck.put(t, None)
 
-    def creep(self, t: float, rad: float) -> None:
+    def jog(self, t: float, rad: float) -> None:
         """At ``t`` somebody jogs every joint by ``rad``; the program still says that it stands there."""
         low, high = np.array(self.truth.limits).T
         q = self.track.at(t)[0]

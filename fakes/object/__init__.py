@@ -1,7 +1,7 @@
 """The object face of the twin: drivers and a clock on virtual time, named in a config.
 
-``fakes.object:ObjectArm``, ``ObjectCamera`` and ``ObjectInputs`` are drivers, ``VirtualClock`` is their
-clock, and ``run_virtual`` runs a coroutine on the loop that all of them live on.
+``fakes.object:ObjectArm``, ``ObjectCamera`` and their like are drivers, ``VirtualClock`` is their clock, and
+``run_virtual`` runs a coroutine on the loop that all of them live on.
 """
 
 from fakes.object.arm import ObjectArm
@@ -9,6 +9,7 @@ from fakes.object.camera import ObjectCamera
 from fakes.object.clock import VirtualClock
 from fakes.object.inputs import ObjectInputs
 from fakes.object.loop import DeadlockError, VirtualTimeLoop, run_virtual
+from fakes.object.observed import ObjectObservedArm
 from fakes.object.registry import ObjectCell, cell_of, world_of
 
 __all__ = [
@@ -17,6 +18,7 @@ __all__ = [
     "ObjectCamera",
     "ObjectCell",
     "ObjectInputs",
+    "ObjectObservedArm",
     "VirtualClock",
     "VirtualTimeLoop",
     "cell_of",

@@ -9,6 +9,7 @@ from fakes.object._plant import Plant
 from fakes.object.controller import Controller
 from fakes.object.head import CameraHead
 from fakes.object.input_plant import InputPlant
+from fakes.object.observed_plant import ObservedPlant
 from fakes.scenario import FaultEntry, Scenario
 from fakes.world import World
 
@@ -25,6 +26,8 @@ class ObjectCell:
             self.plants["camera"] = CameraHead(self.world, clock)
         if self.world.inputs is not None:
             self.plants["beams"] = InputPlant(self.world.inputs, clock)
+        if self.world.observed is not None:
+            self.plants["palletizer"] = ObservedPlant(self.world.observed, clock)
         self._clock, self._started = clock, False
 
     @property
@@ -39,6 +42,13 @@ class ObjectCell:
         """The input module; ``CONFIG_INVALID`` when the scenario has none."""
         plant = self.plant("beams")
         assert isinstance(plant, InputPlant)
+        return plant
+
+    @property
+    def observed(self) -> ObservedPlant:
+        """The observed arm; ``CONFIG_INVALID`` when the scenario has none."""
+        plant = self.plant("palletizer")
+        assert isinstance(plant, ObservedPlant)
         return plant
 
     def plant(self, device: str) -> Plant:
