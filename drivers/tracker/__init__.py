@@ -1,0 +1,1 @@
+"""Laser trackers and total stations: GeoCOM over a serial line or TCP."""

@@ -1,0 +1,24 @@
+"""What the device sections of all trackers have in common."""
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class TrackerSection(BaseModel):
+    """Unknown keys are errors; lengths in metres, angles in radians."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class TrackerConfig(TrackerSection):
+    """Keys of every tracker."""
+
+    min_readings: int = Field(
+        default=3, ge=2, le=1000, description="A point is the mean of so many readings at least"
+    )
+    time_offset_s: float = Field(
+        default=0.0,
+        ge=-0.5,
+        le=5.0,
+        description="Subtracted from the stamps of all readings: how old they are when they come",
+    )
+    connect_timeout_s: float = Field(default=3.0, gt=0.0, le=15.0)
