@@ -44,6 +44,19 @@ class ReflectorTruth(_Strict):
         return self
 
 
+class BoxTruth(_Strict):
+    """A box along the axes of the base, m."""
+
+    min: Three
+    max: Three
+
+    @model_validator(mode="after")
+    def _has_room(self) -> Self:
+        if not all(low < high for low, high in zip(self.min, self.max, strict=True)):
+            raise ValueError("min is not below max along every axis")
+        return self
+
+
 class TrackerTruth(_Strict):
     """``[world.tracker]``: the instrument on its stand.
 
@@ -70,13 +83,12 @@ class TrackerTruth(_Strict):
     )
     turn_rad_s: float = Field(default=3.0, gt=0, le=20)
     search_s: float = Field(default=0.5, ge=0, le=10)
+    aim_rad: float = Field(default=0.001, gt=0, le=0.1, description="how far off its aim it still measures")
     measure_s: float = Field(default=0.05, ge=0, le=10, description="one distance")
     constant_m: float = Field(default=0.0, ge=-0.1, le=0.1, description="reflector constant it is set to")
     temperature_c: float = Field(default=20.0, ge=-40, le=60)
     pressure_pa: float = Field(default=101325.0, ge=50e3, le=120e3)
-    arm_radius_m: float = Field(
-        default=0.0, ge=0, le=0.5, description="the arm's links hide what is behind them; 0: they do not"
-    )
+    opaque: list[BoxTruth] = Field(default=[], description="what hides the reflectors behind it")
 
     @model_validator(mode="after")
     def _limits_in_order(self) -> Self:

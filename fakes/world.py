@@ -22,9 +22,11 @@ from fakes.kinematics import chain
 from fakes.observed import ObservedPalletizer
 from fakes.repeatability import Repeatability
 from fakes.scenario import CameraTruth, Obstacle, Scenario, WorldTruth
+from fakes.segments import Segment
 from fakes.tool_motion import ToolMotion
 from fakes.tool_shape import ToolShape
 from fakes.track import Track
+from fakes.tracker import Tracker
 
 Message = tuple[Any, ...]  # what keeps a mirror in step; picklable
 
@@ -120,10 +122,16 @@ class World:
         if truth.beams:
             self.track.listeners.append(self.beams.on_segment)
             self.tool.listeners.append(lambda bend: self.beams.on_change(bend[0]))
-        self.observed = (
-            None if truth.observed is None else ObservedPalletizer(truth.observed, truth.seed, t0)
-        )
+        self.observed = None if truth.observed is None else ObservedPalletizer(truth.observed, truth.seed, t0)
         self.inputs = None if truth.io is None else InputModule(truth.io, self.beams, t0)
+        self.tracker: Tracker | None = None
+        if (tracker := truth.tracker) is not None:
+            seed, reflectors = truth.seed, truth.reflectors
+            self.tracker = Tracker(tracker, reflectors, self.carrier, self.stands_still, seed, t0)
+            self.track.listeners.append(self._tracker_looks)
+            self._tracker_looks_until = t0
+            if self.observed is not None:
+                self.observed.listeners.append(self.tracker.advance)
 
     @classmethod
     def from_scenario(cls, scenario: Scenario, t0: float = 0.0) -> "World":
@@ -165,6 +173,38 @@ class World:
     def true_flange(self, t: float) -> RigidTransform:
         """``T_base_flange`` as it truly is."""
         return self.true.forward(self.track.at(t)[0]) * exp_xi(self._repeatability.at(t))
+
+    def carrier(self, on: str, t: float) -> RigidTransform:
+        """Where in the base that truly is which a reflector may be ``on``: arm or base."""
+        match on:
+            case "arm":
+                return self.true_flange(t)
+            case "base":
+                return RigidTransform.identity()
+            case "observed" if self.observed is not None:
+                return self.observed.true_flange(t)
+            case _:
+                raise error("CONFIG_INVALID", f"the scenario has no {on} arm that could carry a reflector")
+
+    def stands_still(self, on: str, t: float) -> bool:
+        """Whether what a reflector may be ``on`` does not move from ``t`` on, as far as is planned."""
+        track = self.observed.track if on == "observed" and self.observed is not None else self.track
+        return on == "base" or not track.is_moving(t)
+
+    def reflector_position(self, name: str, t: float) -> Array:
+        """The true centre (3,) of a reflector in the base, m; ``CONFIG_INVALID`` when there is none."""
+        if self.tracker is None or name not in self.tracker.reflectors:
+            raise error("CONFIG_INVALID", f"the scenario has no reflector {name}")
+        return self.tracker.sight.position(name, t)
+
+    def _tracker_looks(self, segment: Segment) -> None:
+        """Before the track forgets it: what the arm did until the segment before this one began.
+
+        Not until this one: it may lie in the future, behind a braking that may yet be replaced.
+        """
+        if self.tracker is not None:
+            self.tracker.advance(self._tracker_looks_until)
+        self._tracker_looks_until = segment.t0
 
     def T_flange_tool_at(self, t: float) -> RigidTransform:
         """``T_flange_tool`` as it truly is, bent or not."""
@@ -218,6 +258,7 @@ class World:
             "T_flange_tool_nominal": to_pose6(self.T_flange_tool).tolist(),
             "tool_shape": [c.model_dump(by_alias=True) for c in self.config.tool.shape],
             "beams": {name: beam.model_dump() for name, beam in self.config.beams.items()},
+            **({} if self.tracker is None else {"tracker": self.tracker.told(t)}),
             "robot": {
                 "model": self.config.arm.model,
                 "serial": self.config.arm.serial,
