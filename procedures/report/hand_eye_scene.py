@@ -7,14 +7,12 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from cell.poses import Array
-from procedures.report.figure import REJECTED, SOFT, colour, dressed, embed, figure
+from procedures.report.figure import REJECTED, colour, dressed, embed, figure
 from procedures.report.hand_eye_measured import Measured
 from procedures.report.hand_eye_source import HandEyeSource
 from procedures.report.html import Html, absent, note, section
 from procedures.report.numbers import dig
-
-_FILL = 1.75  # diagonal of what is shown, in the units of plotly's camera
-_AXES = (("x", "#c0392b"), ("y", "#2e8b57"), ("z", "#1f5fa8"))
+from procedures.report.space import base_axes, lines, space, with_gaps
 
 
 def rejected_of(source: HandEyeSource) -> dict[int, str]:
@@ -86,47 +84,18 @@ def _scene(source: HandEyeSource, measured: Measured) -> Any:
             shapes = [_frustum(poses[k], measured.aspect, size) for k in used]
             if source.X is None:
                 shapes = [_triad(poses[k], size) for k in used]
-            fig.add_trace(_lines(shapes, tint, 1.6, name))
+            fig.add_trace(lines(shapes, tint, 1.6, name))
         plates = [o for g, index, o in outlines if g == group and index not in rejected]
-        fig.add_trace(_lines(plates, tint, 5.0 if not fixed else 2.0, f"target, {name}", fixed))
+        fig.add_trace(lines(plates, tint, 5.0 if not fixed else 2.0, f"target, {name}", fixed))
         for plate in plates if not fixed else []:
             fig.add_trace(_plate(plate, tint))
     if fixed:
-        fig.add_trace(_lines([_frustum(poses[0], measured.aspect, 1.6 * size)], "#1b2430", 4.0, "camera"))
+        fig.add_trace(lines([_frustum(poses[0], measured.aspect, 1.6 * size)], "#1b2430", 4.0, "camera"))
     _add_rejected(fig, source, measured, rejected)
-    for axis, (letter, tint) in enumerate(_AXES):
-        end = 3.0 * size * np.eye(3)[axis]
-        fig.add_trace(_lines([np.array([np.zeros(3), end])], tint, 5.0, f"base {letter}", False))
+    fig.add_traces(base_axes(3.0 * size))
     corners = np.vstack([poses[:, :3, 3], 3.0 * size * np.eye(3), np.zeros(3), *(o for _, _, o in outlines)])
-    fig.update_layout(scene=_space(corners, size), showlegend=False)
+    fig.update_layout(scene=space(corners, size), showlegend=False)
     return fig
-
-
-def _space(corners: Array, margin: float) -> dict[str, Any]:
-    """Axes to one scale round the points ``corners`` (m, 3), so large that they just fill the picture."""
-    low, high = corners.min(axis=0) - margin, corners.max(axis=0) + margin
-    ratio = _FILL * (high - low) / np.linalg.norm(high - low)
-    axis = {"backgroundcolor": "#fff", "gridcolor": "#e3e7ec", "zerolinecolor": "#c5ccd5", "color": SOFT}
-    return {
-        "annotations": [
-            {
-                "x": 0,
-                "y": 0,
-                "z": 0,
-                "text": "base",
-                "showarrow": False,
-                "yshift": -14,
-                "font": {"color": SOFT},
-            }
-        ],
-        "aspectmode": "manual",
-        "aspectratio": dict(zip("xyz", ratio.tolist(), strict=True)),
-        "camera": {"eye": {"x": 1.0, "y": -1.35, "z": 0.65}, "center": {"x": 0, "y": 0, "z": -0.17}},
-        **{
-            f"{k}axis": {**axis, "title": {"text": f"{k}, m"}, "range": [low[i], high[i]]}
-            for i, k in enumerate("xyz")
-        },
-    }
 
 
 def _size(poses: Array, outlines: list[tuple[int, int | None, Array]]) -> float:
@@ -148,23 +117,6 @@ def _triad(T: Array, size: float) -> Array:
     o = np.zeros(3)
     path = np.array([size * np.eye(3)[0], o, size * np.eye(3)[1], o, size * np.eye(3)[2]])
     return np.asarray(path @ T[:3, :3].T + T[:3, 3])
-
-
-def _lines(shapes: list[Array], tint: str, width: float, name: str, show: bool = True) -> Any:
-    gap = np.full((1, 3), np.nan)
-    path = np.vstack([np.vstack([s, gap]) for s in shapes]) if shapes else gap
-    return go.Scatter3d(
-        **{k: _with_gaps(path[:, i]) for i, k in enumerate("xyz")},
-        mode="lines",
-        line={"color": tint, "width": width},
-        name=name,
-        showlegend=show,
-        hoverinfo="name",
-    )
-
-
-def _with_gaps(values: Array) -> list[float | None]:
-    return [None if np.isnan(v) else round(float(v), 5) for v in values]
 
 
 def _plate(outline: Array, tint: str) -> Any:
@@ -237,7 +189,7 @@ def views_section(source: HandEyeSource) -> Html | None:
             title_text=f"{second}, m", scaleanchor=f"x{column if column > 1 else ''}", row=1, col=column
         )
     fig.update_layout(showlegend=False)
-    lines = (
+    words = (
         "A dot is a camera and its line the way it looks"
         if measured.setup == "eye-in-hand"
         else "The square is the camera"
@@ -245,14 +197,14 @@ def views_section(source: HandEyeSource) -> Html | None:
     return section(
         "Two plain views",
         embed(fig, "views"),
-        note(f"{lines}; the outlines are the targets, red where not used. Base frame, to scale."),
+        note(f"{words}; the outlines are the targets, red where not used. Base frame, to scale."),
     )
 
 
 def _flat(shapes: list[Array], tint: str, width: float) -> Any:
     gap = np.full((1, 2), np.nan)
     path = np.vstack([np.vstack([s, gap]) for s in shapes]) if shapes else gap
-    x, y = _with_gaps(path[:, 0]), _with_gaps(path[:, 1])
+    x, y = with_gaps(path[:, 0]), with_gaps(path[:, 1])
     return go.Scatter(x=x, y=y, mode="lines", line={"color": tint, "width": width}, hoverinfo="skip")
 
 

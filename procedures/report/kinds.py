@@ -5,6 +5,7 @@ from typing import Any
 
 from procedures.report.hand_eye import HAND_EYE
 from procedures.report.html import Html
+from procedures.report.kincal import KINCAL
 from procedures.report.laser import LASER
 from procedures.report.layout import Layout, Page
 from procedures.report.origin import figures_section, inputs_section
@@ -28,7 +29,12 @@ PLAIN = Layout(
     title=lambda source: f"Result: {source.result.get('kind')}",
     page=_plain_page,
 )
-LAYOUTS: dict[str, Layout[Any]] = {"hand-eye": HAND_EYE, "laser": LASER, "laser-reference": LASER}
+LAYOUTS: dict[str, Layout[Any]] = {
+    "hand-eye": HAND_EYE,
+    "kincal": KINCAL,
+    "laser": LASER,
+    "laser-reference": LASER,
+}
 
 
 def layout_of(result: Mapping[str, Any]) -> Layout[Any]:

@@ -60,9 +60,7 @@ def load_kincal(path: Path, robot: Path | None = None) -> KincalSet:
     ``robot`` is a file with a ROBOT, which CSV and MATLAB need and which goes before the one in the data.
     Raises an ``InputError`` that names file, field and fix.
     """
-    file = path / FILE_NAME if path.is_dir() else path
-    raw = read_table(file) if is_table(file) else read_json(file)
-    data = parse(Kincal, raw, SCHEMA, str(file))
+    file, data = read_kincal(path)
     spec = _robot(file, data, robot)
     names = _targets(file, data, spec)
     unusable = {
@@ -87,6 +85,13 @@ def load_kincal(path: Path, robot: Path | None = None) -> KincalSet:
         text = f"the robot's 'tool' has no place for {listed}; it was estimated from nothing"
         loaded.warnings.append(("tool.unknown", text))
     return loaded
+
+
+def read_kincal(path: Path) -> tuple[Path, Kincal]:
+    """The file and its samples, without the arm; raises an ``InputError``."""
+    file = path / FILE_NAME if path.is_dir() else path
+    raw = read_table(file) if is_table(file) else read_json(file)
+    return file, parse(Kincal, raw, SCHEMA, str(file))
 
 
 def _robot(file: Path, data: Kincal, robot: Path | None) -> ArmSpec:

@@ -1,0 +1,174 @@
+"""The report of a kinematic calibration: every figure in it agrees with the result and with the arm."""
+
+import copy
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from kincal_scene import Scene, make_scene
+from test_report_page import HOSTILE, Page
+
+from calibration.identification.solution import identify
+from calibration.identification.workspace import forecast
+from procedures.report.kincal_source import KincalSource, kind_of
+from procedures.report.write import from_result, render, write_report
+from procedures.solve.kincal import solve_kincal
+
+
+@pytest.fixture(scope="module", params=["ur10e", "palletizer"])
+def kind(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture(scope="module")
+def scene(kind: str) -> Scene:
+    return make_scene(kind, 3, 60, blunders=2)
+
+
+@pytest.fixture(scope="module")
+def path(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return scene.write(tmp_path_factory.mktemp("set"))
+
+
+@pytest.fixture(scope="module")
+def result(path: Path) -> dict[str, Any]:
+    return solve_kincal(path)
+
+
+@pytest.fixture(autouse=True)
+def no_plotly(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("procedures.report.write.plotly_script", lambda: "")
+
+
+@pytest.fixture(scope="module")
+def source(result: dict[str, Any], path: Path) -> KincalSource:
+    found = from_result(result, path)
+    assert isinstance(found, KincalSource)
+    return found
+
+
+@pytest.fixture
+def subject(source: KincalSource) -> Page:
+    return Page(render(source))
+
+
+def text_of(page: Page) -> str:
+    return " ".join(" ".join(page.words).split())
+
+
+def test_every_figure_is_drawn_and_nothing_asks_the_network(subject: Page) -> None:
+    names = {a.get("id") for tag, a in subject.elements if tag == "div"}
+    assert {"before-after", "map", "space", "residuals"} <= names
+    for _, attributes in subject.elements:
+        assert not {"src", "href", "action", "data", "srcset"} & attributes.keys()
+    assert "cannot be drawn" not in text_of(subject)
+
+
+def test_three_figures_stand_beside_the_trackers_uncertainty(subject: Page, result: dict[str, Any]) -> None:
+    text, answer, held = text_of(subject), result["result"], result["heldout"]
+    tracker = result["uncertainty"]["tracker"]
+    own = f"{1e3 * tracker['sigma_axis']:.3f} mm {1e3 * tracker['sigma_3d']:.3f} mm"
+    for name, words in (
+        ("nominal", "nominal"),
+        ("registration_only", "registration only"),
+        ("calibrated", "calibrated"),
+    ):
+        rms, largest = answer[f"rms_{name}"], held["max"][name]
+        assert f"{words} {1e3 * rms:.3f} mm {1e3 * largest:.3f} mm {own}" in text
+    assert tracker["sigma_3d"] == pytest.approx(np.sqrt(3.0) * tracker["sigma_axis"])
+
+
+def test_rank_and_combinations_are_told_in_words(subject: Page, result: dict[str, Any]) -> None:
+    text = text_of(subject)
+    assert f"Rank {result['result']['rank']} of {len(result['result']['parameters'])}" in text
+    assert result["result"]["unidentifiable"]
+    assert all(words in text for words in result["result"]["unidentifiable"])
+
+
+def test_parameters_are_listed_with_their_interval_and_open_ones_have_none(
+    subject: Page, result: dict[str, Any]
+) -> None:
+    text, answer = text_of(subject), result["result"]
+    for name, sigma in answer["sigma"].items():
+        scale = {"length": 1e3, "angle": 1e3, "ratio": 1.0}[kind_of(name)]
+        digits = 6 if kind_of(name) == "ratio" else 4
+        shown = "open" if sigma is None else f"{1.96 * scale * sigma:.{digits}f}"
+        row = text[text.index(f" {name} ", text.index("drawn calibrated change")) :][:90]
+        assert f" {shown} " in row
+
+
+def test_kinds_of_parameters_agree_with_the_model(source: KincalSource) -> None:
+    assert source.model is not None
+    assert [kind_of(name) for name in source.model.names] == list(source.model.kinds)
+
+
+def test_rejected_samples_are_listed_with_their_reasons(subject: Page, scene: Scene) -> None:
+    text = text_of(subject)
+    for index in scene.blunders:
+        assert f" {index} disagrees with the others by" in text
+
+
+def test_rule_of_the_source_is_told_with_its_verdict(subject: Page) -> None:
+    assert "not kept 60 poses, smallest step" in text_of(subject)
+
+
+def test_poses_are_drawn_where_the_reflector_truly_was(source: KincalSource, scene: Scene) -> None:
+    """To a few millimetres: the gauge of the tracker's place and the base is the arm's drawing."""
+    T, measured = source.T_base_tracker, source.measured
+    assert T is not None and measured is not None and source.frames is not None
+    used = [k for k, index in enumerate(measured.index) if index not in scene.blunders]
+    at = measured.p_tracker @ T[:3, :3].T + T[:3, 3]
+    points = [scene.truth.flange(q) @ [*scene.truth.tools["smr1"], 1.0] for q in measured.Q]
+    assert np.abs(at - np.array(points)[:, :3])[used].max() < 0.02
+    flange = np.array([scene.truth.flange(q)[:3, 3] for q in measured.Q])
+    assert np.abs(source.frames[:, -1] - flange).max() < 0.02
+
+
+def test_map_has_the_errors_that_the_solution_predicts(source: KincalSource, scene: Scene) -> None:
+    at = source.forecast_at(scene.Q)
+    own = forecast(identify(scene.problem, {}), scene.Q)
+    assert at is not None and source.forecast is not None
+    np.testing.assert_allclose(at.error95, own.error95, rtol=1e-5)
+    np.testing.assert_allclose(at.p, own.p, atol=5e-4)  # predicted, not as the tracker read it
+    assert len(source.forecast.p) == 8000
+
+
+def test_without_its_data_set_the_page_says_what_is_absent(result: dict[str, Any]) -> None:
+    text = text_of(Page(render(from_result(result, None))))
+    assert "No data set is at hand, so the poses cannot be drawn." in text
+    assert "200 joint vectors spread" in text
+
+
+def test_a_refusal_names_what_is_lacking_and_what_to_do(scene: Scene, tmp_path: Path) -> None:
+    few = scene.changed(samples=scene.data["samples"][:6])
+    path = few.write(tmp_path)
+    text = text_of(Page(render(from_result(solve_kincal(path), path))))
+    assert "Refused: the data cannot determine the answer" in text
+    assert "too-few-poses" in text and "Measure more poses" in text
+
+
+def test_the_classic_method_shows_no_uncertainty_that_it_lacks(path: Path) -> None:
+    text = text_of(Page(render(from_result(solve_kincal(path, method="classic"), path))))
+    assert "no error can be predicted" in text and "it gives no uncertainty" in text
+
+
+def test_text_of_the_data_is_escaped(scene: Scene, tmp_path: Path) -> None:
+    data = copy.deepcopy(scene.data)
+    for sample in data["samples"]:
+        sample["target"] = HOSTILE
+    data["robot"]["tool"] = {**data["robot"].get("tool", {}), HOSTILE: [0.1, 0.05, -0.1]}
+    path = tmp_path / "kincal.json"
+    path.write_text(json.dumps(data))
+    page = write_report(solve_kincal(path), tmp_path / "r.html", data=path).read_text("utf-8")
+    assert "<img src=x" not in page and "<script>alert" not in page
+
+
+def test_a_damaged_section_says_so_and_the_others_stand(result: dict[str, Any], path: Path) -> None:
+    damaged = copy.deepcopy(result)
+    damaged["residuals"]["per_sample"][0]["e_base"] = "wrong"
+    damaged["result"]["parameters"] = 3
+    damaged["uncertainty"]["predicted_95"] = None
+    text = text_of(Page(render(from_result(damaged, path))))
+    assert "Held-out check" in text and "The poses in space" in text
