@@ -1,4 +1,4 @@
-"""The input module on the twin's switchboard: faults of its wires, and those of its inputs passed on."""
+"""A Modbus device on the twin's switchboard: faults of its wires, and those behind them passed on."""
 
 import asyncio
 from collections.abc import Coroutine
@@ -7,15 +7,16 @@ from typing import Any
 from cell.errors import error
 from fakes.actions import Action, Actions, Arguments, amount, switch
 from fakes.faults import Fault, Faulty, number
+from fakes.modbus_io.module import Module
 from fakes.modbus_io.wires import ModuleWires
 
 _JUNK = bytes(range(256))
 
 
 class ModuleFaults:
-    """Injects faults into one module; lasting ones end after ``for_s`` seconds or with ``clear``.
+    """Injects faults into one device; lasting ones end after ``for_s`` seconds or with ``clear``.
 
-    ``inputs`` is what shows the faults of the inputs themselves (stuck, bounce, ...). A serial line cannot
+    ``inputs`` is what shows the faults of what the device reads (stuck, bounce, ...). A serial line cannot
     refuse, drop or reset; it shows every other fault of the wires.
     """
 
@@ -49,8 +50,9 @@ class ModuleFaults:
             self._actions.inject(fault, arguments)
         elif self._inputs is not None:
             self._inputs.inject(fault, arguments)
-            if fault == Fault.WRAP:  # a clear that came before would move the wrap elsewhere
-                self._wires.service.module.follow_inputs()
+            module = self._wires.service.module
+            if fault == Fault.WRAP and isinstance(module, Module):
+                module.follow_inputs()  # a clear that came before would move the wrap elsewhere
 
     def clear(self) -> None:
         """End every fault that lasts."""

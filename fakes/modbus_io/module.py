@@ -9,6 +9,28 @@ from cell.errors import error
 COUNTER_MODULUS = 1 << 32
 
 
+Action = Callable[[], None]
+
+
+class Unit(Protocol):
+    """What a wire asks: four tables as they are at this instant, and what a write would do.
+
+    ``coil`` and ``register`` raise :class:`~fakes.modbus_io.pdu.Refused` before anything has happened.
+    """
+
+    @property
+    def identity(self) -> "Identity": ...
+    def coils(self) -> Mapping[int, bool]: ...
+    def discrete(self) -> Mapping[int, bool]: ...
+    def holding(self) -> Mapping[int, int]: ...
+    def input(self) -> Mapping[int, int]: ...
+    def coil(self, address: int, on: bool) -> Action: ...
+    def register(self, address: int, value: int) -> Action: ...
+    def restart(self, serial: str | None = None) -> None:
+        """Begin as after power was lost; with ``serial`` another device is in its place."""
+        ...
+
+
 class Inputs(Protocol):
     """The physics: what each input sees at cell time ``t`` (s), asked with times that never run back."""
 
@@ -65,8 +87,8 @@ class RegisterMap(Protocol):
     def discrete(self, now: Snapshot) -> Mapping[int, bool]: ...
     def holding(self, now: Snapshot) -> Mapping[int, int]: ...
     def input(self, now: Snapshot) -> Mapping[int, int]: ...
-    def coil(self, module: "Module", address: int, on: bool) -> Callable[[], None]: ...
-    def register(self, module: "Module", address: int, value: int) -> Callable[[], None]: ...
+    def coil(self, module: "Module", address: int, on: bool) -> Action: ...
+    def register(self, module: "Module", address: int, value: int) -> Action: ...
 
 
 @dataclass
@@ -124,6 +146,24 @@ class Module:
             tuple(counter.overflown for counter in self._counters),
             tuple(self._outputs),
         )
+
+    def coils(self) -> Mapping[int, bool]:
+        return self.registers.coils(self.snapshot())
+
+    def discrete(self) -> Mapping[int, bool]:
+        return self.registers.discrete(self.snapshot())
+
+    def holding(self) -> Mapping[int, int]:
+        return self.registers.holding(self.snapshot())
+
+    def input(self) -> Mapping[int, int]:
+        return self.registers.input(self.snapshot())
+
+    def coil(self, address: int, on: bool) -> Action:
+        return self.registers.coil(self, address, on)
+
+    def register(self, address: int, value: int) -> Action:
+        return self.registers.register(self, address, value)
 
     def set_count(self, channel: int, value: int) -> None:
         """Let the counter go on from ``value``; 0 clears it."""

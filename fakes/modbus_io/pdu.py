@@ -6,7 +6,7 @@ A read is answered from one snapshot of the module; a write of several is done w
 import struct
 from collections.abc import Callable, Mapping
 
-from fakes.modbus_io.module import Module
+from fakes.modbus_io.module import Unit
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_FAILURE = 1, 2, 3, 4
 MOST_BITS_READ, MOST_BITS_WRITTEN, MOST_WORDS_READ, MOST_WORDS_WRITTEN = 2000, 1968, 125, 123
@@ -23,14 +23,14 @@ class Refused(Exception):
         self.code = code
 
 
-def respond(module: Module, request: bytes) -> bytes:
+def respond(unit: Unit, request: bytes) -> bytes:
     """The reply to ``request`` (function code and data), an exception reply included."""
     function = request[0]
     try:
         handler = _FUNCTIONS.get(function)
         if handler is None:
             raise Refused(ILLEGAL_FUNCTION)
-        return bytes([function]) + handler(module, request[1:])
+        return bytes([function]) + handler(unit, request[1:])
     except Refused as refusal:
         return exception(function, refusal.code)
 
@@ -40,61 +40,61 @@ def exception(function: int, code: int) -> bytes:
     return bytes([function | 0x80, code])
 
 
-def _read_coils(module: Module, data: bytes) -> bytes:
-    return _bits(module.registers.coils(module.snapshot()), data)
+def _read_coils(unit: Unit, data: bytes) -> bytes:
+    return _bits(unit.coils(), data)
 
 
-def _read_discrete(module: Module, data: bytes) -> bytes:
-    return _bits(module.registers.discrete(module.snapshot()), data)
+def _read_discrete(unit: Unit, data: bytes) -> bytes:
+    return _bits(unit.discrete(), data)
 
 
-def _read_holding(module: Module, data: bytes) -> bytes:
-    return _words(module.registers.holding(module.snapshot()), data)
+def _read_holding(unit: Unit, data: bytes) -> bytes:
+    return _words(unit.holding(), data)
 
 
-def _read_input(module: Module, data: bytes) -> bytes:
-    return _words(module.registers.input(module.snapshot()), data)
+def _read_input(unit: Unit, data: bytes) -> bytes:
+    return _words(unit.input(), data)
 
 
-def _write_coil(module: Module, data: bytes) -> bytes:
+def _write_coil(unit: Unit, data: bytes) -> bytes:
     address, value = _unpack(">HH", data)
     if value not in (0x0000, 0xFF00):
         raise Refused(ILLEGAL_VALUE)
-    module.registers.coil(module, address, value != 0)()
+    unit.coil(address, value != 0)()
     return data
 
 
-def _write_register(module: Module, data: bytes) -> bytes:
+def _write_register(unit: Unit, data: bytes) -> bytes:
     address, value = _unpack(">HH", data)
-    module.registers.register(module, address, value)()
+    unit.register(address, value)()
     return data
 
 
-def _write_coils(module: Module, data: bytes) -> bytes:
+def _write_coils(unit: Unit, data: bytes) -> bytes:
     address, count, size = _unpack(">HHB", data[:5])
     packed = data[5:]
     if not 1 <= count <= MOST_BITS_WRITTEN or size != (count + 7) // 8 or len(packed) != size:
         raise Refused(ILLEGAL_VALUE)
     bits = [bool(packed[i // 8] >> i % 8 & 1) for i in range(count)]
-    _all([module.registers.coil(module, address + i, bit) for i, bit in enumerate(bits)])
+    _all([unit.coil(address + i, bit) for i, bit in enumerate(bits)])
     return data[:4]
 
 
-def _write_registers(module: Module, data: bytes) -> bytes:
+def _write_registers(unit: Unit, data: bytes) -> bytes:
     address, count, size = _unpack(">HHB", data[:5])
     if not 1 <= count <= MOST_WORDS_WRITTEN or size != 2 * count or len(data) != 5 + size:
         raise Refused(ILLEGAL_VALUE)
     words = struct.unpack(f">{count}H", data[5:])
-    _all([module.registers.register(module, address + i, word) for i, word in enumerate(words)])
+    _all([unit.register(address + i, word) for i, word in enumerate(words)])
     return data[:4]
 
 
-def _identify(module: Module, data: bytes) -> bytes:
+def _identify(unit: Unit, data: bytes) -> bytes:
     """Device identification: basic, regular and extended streams, or a single object."""
     if data[:1] != bytes([READ_IDENTIFICATION]):
         raise Refused(ILLEGAL_FUNCTION)
     _, code, first = _unpack(">BBB", data)
-    objects = {number: text.encode() for number, text in module.identity.objects().items()}
+    objects = {number: text.encode() for number, text in unit.identity.objects().items()}
     if code == 4:
         if first not in objects:
             raise Refused(ILLEGAL_ADDRESS)
@@ -114,7 +114,7 @@ def _identify(module: Module, data: bytes) -> bytes:
     return bytes([READ_IDENTIFICATION, code, CONFORMITY, more, following, told]) + body
 
 
-_FUNCTIONS: dict[int, Callable[[Module, bytes], bytes]] = {
+_FUNCTIONS: dict[int, Callable[[Unit, bytes], bytes]] = {
     1: _read_coils,
     2: _read_discrete,
     3: _read_holding,

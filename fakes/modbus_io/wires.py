@@ -5,7 +5,7 @@ import ssl
 from dataclasses import dataclass
 from pathlib import Path
 
-from fakes.modbus_io.module import Module
+from fakes.modbus_io.module import Unit
 from fakes.modbus_io.rtu import RtuLine
 from fakes.modbus_io.service import Pace, Service
 from fakes.modbus_io.tcp import Connection, Connections
@@ -27,7 +27,7 @@ class ModuleWires:
     """One module on any number of addresses and at most one serial line."""
 
     def __init__(
-        self, module: Module, places: tuple[TcpPlace, ...], line: Path | None = None, pace: Pace | None = None
+        self, module: Unit, places: tuple[TcpPlace, ...], line: Path | None = None, pace: Pace | None = None
     ) -> None:
         self.service = Service(module, pace or Pace())
         self.connections = Connections(self.service)
