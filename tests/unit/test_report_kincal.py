@@ -117,7 +117,9 @@ def test_rule_of_the_source_is_told_with_its_verdict(subject: Page) -> None:
 def test_poses_are_drawn_where_the_reflector_truly_was(source: KincalSource, scene: Scene) -> None:
     """To a few millimetres: the gauge of the tracker's place and the base is the arm's drawing."""
     T, measured = source.T_base_tracker, source.measured
-    assert T is not None and measured is not None and source.frames is not None
+    assert T is not None
+    assert measured is not None
+    assert source.frames is not None
     used = [k for k, index in enumerate(measured.index) if index not in scene.blunders]
     at = measured.p_tracker @ T[:3, :3].T + T[:3, 3]
     points = [scene.truth.flange(q) @ [*scene.truth.tools["smr1"], 1.0] for q in measured.Q]
@@ -129,7 +131,8 @@ def test_poses_are_drawn_where_the_reflector_truly_was(source: KincalSource, sce
 def test_map_has_the_errors_that_the_solution_predicts(source: KincalSource, scene: Scene) -> None:
     at = source.forecast_at(scene.Q)
     own = forecast(identify(scene.problem, {}), scene.Q)
-    assert at is not None and source.forecast is not None
+    assert at is not None
+    assert source.forecast is not None
     np.testing.assert_allclose(at.error95, own.error95, rtol=1e-5)
     np.testing.assert_allclose(at.p, own.p, atol=5e-4)  # predicted, not as the tracker read it
     assert len(source.forecast.p) == 8000
@@ -146,12 +149,14 @@ def test_a_refusal_names_what_is_lacking_and_what_to_do(scene: Scene, tmp_path: 
     path = few.write(tmp_path)
     text = text_of(Page(render(from_result(solve_kincal(path), path))))
     assert "Refused: the data cannot determine the answer" in text
-    assert "too-few-poses" in text and "Measure more poses" in text
+    assert "too-few-poses" in text
+    assert "Measure more poses" in text
 
 
 def test_the_classic_method_shows_no_uncertainty_that_it_lacks(path: Path) -> None:
     text = text_of(Page(render(from_result(solve_kincal(path, method="classic"), path))))
-    assert "no error can be predicted" in text and "it gives no uncertainty" in text
+    assert "no error can be predicted" in text
+    assert "it gives no uncertainty" in text
 
 
 def test_text_of_the_data_is_escaped(scene: Scene, tmp_path: Path) -> None:
@@ -162,7 +167,8 @@ def test_text_of_the_data_is_escaped(scene: Scene, tmp_path: Path) -> None:
     path = tmp_path / "kincal.json"
     path.write_text(json.dumps(data))
     page = write_report(solve_kincal(path), tmp_path / "r.html", data=path).read_text("utf-8")
-    assert "<img src=x" not in page and "<script>alert" not in page
+    assert "<img src=x" not in page
+    assert "<script>alert" not in page
 
 
 def test_a_damaged_section_says_so_and_the_others_stand(result: dict[str, Any], path: Path) -> None:
@@ -171,4 +177,5 @@ def test_a_damaged_section_says_so_and_the_others_stand(result: dict[str, Any], 
     damaged["result"]["parameters"] = 3
     damaged["uncertainty"]["predicted_95"] = None
     text = text_of(Page(render(from_result(damaged, path))))
-    assert "Held-out check" in text and "The poses in space" in text
+    assert "Held-out check" in text
+    assert "The poses in space" in text
