@@ -12,6 +12,7 @@ DRIVERS: dict[str, str] = {
     "oak": "drivers.oak:OakCamera",
     "modbus-inputs": "drivers.modbus_inputs:ModbusInputs",
     "arm-inputs": "drivers.ur.inputs:ArmInputs",
+    "arm-gripper": "drivers.ur.gripper:ArmGripper",
 }
 INPUT_DRIVERS = ("modbus-inputs", "arm-inputs")  # those that can have the role "beams"
 

@@ -53,6 +53,11 @@ class UrArm:
         self._lost_future: asyncio.Future[CellError] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
 
+    @property
+    def host(self) -> str:
+        """The controller's address, for what else speaks with it."""
+        return self._config.host
+
     async def open(self) -> None:
         """Connect the state stream, the primary port and the dashboard; the robot's program is untouched."""
         await self.close()

@@ -63,6 +63,20 @@ class RtdeLink:
         reply = await self.request(rtde.request_outputs(names, frequency_hz), Kind.OUTPUTS, timeout)
         return rtde.parse_recipe(names, reply.payload)
 
+    async def setup_inputs(self, names: Sequence[str], timeout: float) -> Recipe:
+        """Claim input variables for writing; id 0 when one is ``NOT_FOUND`` or ``IN_USE``."""
+        reply = await self.request(rtde.request_inputs(names), Kind.INPUTS, timeout)
+        return rtde.parse_recipe(names, reply.payload)
+
+    async def send(self, values: bytes) -> None:
+        """Write the packed values of an input recipe; ``DEVICE_LOST`` when the link is gone."""
+        if self._failure is not None:
+            raise self._failure
+        try:
+            await self._loop.sock_sendall(self._sock, rtde.encode(Kind.DATA, values))
+        except OSError as exc:
+            raise error("DEVICE_LOST", f"RTDE to {self.host}: {exc}") from exc
+
     async def start(self, on_data: OnData, timeout: float) -> None:
         """Start the stream: ``on_data(payload, arrival)`` on every package from now on."""
         self._on_data = on_data

@@ -1,0 +1,178 @@
+"""A gripper on an output of the arm with a confirm input, written by an input recipe of our own RTDE link."""
+
+import asyncio
+from typing import Any, ClassVar
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from cell.clock import Clock
+from cell.devices import Arm, ArmState, Device, Identity
+from cell.errors import CellError, error
+from cell.samples import Sample
+from drivers.life import Life
+from drivers.ur.inputs import DIGITAL_INPUTS
+from drivers.ur.rtde import Recipe
+from drivers.ur.rtde_link import RtdeLink
+
+# Names of RTDE's input variables, and the number of the first output of each bank as we count them.
+_BANKS = (("standard_digital_output", 0), ("configurable_digital_output", 8), ("tool_digital_output", 16))
+_READ_BACK_S = 0.1
+
+
+class ArmGripperConfig(BaseModel):
+    """Keys of a device with ``driver = "arm-gripper"``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    arm: str = Field(default="arm", description="The device whose outputs and inputs these are")
+    output: int = Field(
+        ge=0, lt=DIGITAL_INPUTS, description="0-7 standard, 8-15 configurable, 16-17 in the tool; on closes"
+    )
+    invert_output: bool = Field(default=False, description="Off closes")
+    confirm: int = Field(ge=0, lt=DIGITAL_INPUTS, description="Input that is on while something is held")
+    invert_confirm: bool = False
+    connect_timeout_s: float = Field(default=3.0, gt=0.0, le=15.0)
+
+
+class ArmGripper:
+    """``cell.devices.Gripper``. It changes its output in :meth:`grip` and :meth:`release` only, so neither
+    opening nor losing the link lets a held part fall; an output keeps its level when nobody writes it."""
+
+    Config = ArmGripperConfig
+    BINDS: ClassVar[dict[str, type]] = {"arm": Arm}
+
+    def __init__(self, name: str, config: ArmGripperConfig, clock: Clock) -> None:
+        self.name = name
+        self._config, self._clock = config, clock
+        self._life = Life(name, clock)
+        self._arm: Any = None
+        self._identity: Identity | None = None
+        self._link: RtdeLink | None = None
+        self._recipe: Recipe | None = None
+        self._watch: asyncio.Task[None] | None = None
+        self._bank, first = [b for b in _BANKS if b[1] <= config.output][-1]
+        self._bit = 1 << (config.output - first)
+
+    def bind(self, arm: Device) -> None:
+        """The arm that the config names."""
+        self._arm = arm
+
+    async def open(self) -> None:
+        """Claim the output; ``ARM_REGISTER_CONFLICT`` when another RTDE client has it."""
+        await self.close()
+        host = getattr(self._arm, "host", None)
+        if host is None:
+            raise error(
+                "CONFIG_INVALID", f"{self.name}: {self._arm.name} has no RTDE; its driver should be 'ur'"
+            )
+        self._life.begin()
+        try:
+            self._identity = await self._arm.identify()
+            timeout = self._config.connect_timeout_s
+            self._link = await RtdeLink.connect(host, self._clock, self._lose, timeout)
+            names = (f"{self._bank}_mask", self._bank)
+            recipe = await self._link.setup_inputs(names, timeout)
+            if recipe.id == 0:
+                raise error(
+                    "ARM_REGISTER_CONFLICT", f"{self.name}: {', '.join(names)}: {', '.join(recipe.types)}"
+                )
+            self._recipe = recipe
+            self._watch = asyncio.create_task(self._watch_arm(), name=f"{self.name} watch")
+        except BaseException:
+            await self.close()
+            raise
+
+    async def close(self) -> None:
+        """Give the output back as it is."""
+        watch, self._watch = self._watch, None
+        if watch is not None:
+            watch.cancel()
+            await asyncio.wait([watch])
+        link, self._link, self._recipe = self._link, None, None
+        if link is not None:
+            link.close()
+        self._life.lose(error("DEVICE_LOST", f"{self.name} was closed"))
+
+    async def identify(self) -> Identity:
+        """That of the arm."""
+        self._life.require()
+        assert self._identity is not None
+        return self._identity
+
+    async def wait_fresh(self, timeout: float) -> None:
+        """Return when the arm has sent a state after the call, else ``DEVICE_LOST``."""
+        await self._life.wait_fresh(self._arm.state, timeout)
+
+    async def wait_lost(self) -> Exception:
+        """Block while link and arm are good; return what broke them."""
+        return await self._life.wait_lost()
+
+    def health(self) -> dict[str, Any]:
+        """Whether the fingers are told to close, and whether something is held; None while unknown."""
+        last = self._arm.state.last() if self._life.good else None
+        return {
+            "connected": self._life.good,
+            "closed": None if last is None else self._is_closed(last.value),
+            "holding": None if last is None else self._is_held(last.value),
+        }
+
+    async def grip(self, timeout: float) -> bool:
+        """Close; True when the confirm input came within ``timeout`` s."""
+        await self._write(True)
+        return await self._becomes(self._is_held, True, timeout)
+
+    async def release(self, timeout: float) -> bool:
+        """Open; True when the confirm input went within ``timeout`` s."""
+        await self._write(False)
+        return await self._becomes(self._is_held, False, timeout)
+
+    def holding(self, max_age: float) -> bool:
+        """Whether something is held, from a state at most ``max_age`` s old; else ``STALE_DATA``."""
+        self._life.require()
+        return self._is_held(self._arm.state.latest(max_age).value)
+
+    async def _write(self, close: bool) -> None:
+        """Set the output and see it set; ``CALL_TIMEOUT`` when the arm's own state does not show it."""
+        self._life.require()
+        assert self._link is not None
+        assert self._recipe is not None
+        level = self._bit if close is not self._config.invert_output else 0
+        for mask in (self._bit, 0):  # the controller keeps the last mask, so the bit is let go again
+            await self._link.send(self._recipe.pack({f"{self._bank}_mask": mask, self._bank: level}))
+        if not await self._becomes(self._is_closed, close, _READ_BACK_S):
+            raise error(
+                "CALL_TIMEOUT",
+                f"{self.name}: output {self._config.output} did not follow in {_READ_BACK_S:g} s",
+            )
+
+    async def _becomes(self, what: Any, wanted: bool, timeout: float) -> bool:
+        """Whether ``what`` of the arm's states is ``wanted`` within ``timeout`` s; a lost link raises."""
+        done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+
+        def look(sample: Sample[ArmState]) -> None:
+            if what(sample.value) is wanted and not done.done():
+                done.set_result(None)
+
+        lost: asyncio.Future[Any] = asyncio.ensure_future(self._life.wait_lost())
+        undo = self._arm.state.subscribe(look)
+        try:
+            either: list[asyncio.Future[Any]] = [done, lost]
+            await asyncio.wait(either, timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            undo()
+            lost.cancel()
+        self._life.require()
+        return done.done()
+
+    def _is_closed(self, state: ArmState) -> bool:
+        return bool(state.digital_out >> self._config.output & 1) is not self._config.invert_output
+
+    def _is_held(self, state: ArmState) -> bool:
+        return bool(state.digital_in >> self._config.confirm & 1) is not self._config.invert_confirm
+
+    def _lose(self, failure: CellError) -> None:
+        self._life.lose(failure)
+
+    async def _watch_arm(self) -> None:
+        cause = await self._arm.wait_lost()
+        self._life.lose(error("DEVICE_LOST", f"{self.name}: {self._arm.name} is lost: {cause}"))

@@ -1,0 +1,43 @@
+"""What a scenario says about the items on a belt, and about the gripper that takes them."""
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Three = Annotated[list[float], Field(min_length=3, max_length=3)]
+
+
+class ItemsTruth(BaseModel):
+    """``[world.items]``: boxes that come down the belt one after the other, for ever or ``count`` of them.
+
+    An item is placed by the belt's own travel, so a belt that stops brings none.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    size_m: Three = Field(default=[0.06, 0.04, 0.03], description="length, width, height")
+    colour: Three = Field(default=[40.0, 120.0, 230.0], description="blue, green, red; of 255")
+    spacing_m: float = Field(default=0.25, gt=0, le=10, description="between middles, along the belt")
+    jitter_m: float = Field(default=0.0, ge=0, le=5, description="of the spacing, at most, either way")
+    lateral_m: float = Field(default=0.0, ge=0, le=1, description="off the belt's middle at most")
+    yaw_rad: float = Field(default=0.0, ge=0, le=1.6, description="turned at most, either way")
+    first_m: float = Field(default=0.3, ge=-10, le=10, description="of the first, upstream of the origin")
+    count: int = Field(default=0, ge=0, description="0: without end")
+    gone_m: float = Field(default=1.5, gt=0, le=50, description="downstream of the origin it falls off")
+
+
+class GripperTruth(BaseModel):
+    """``[world.gripper]``: two fingers on the arm, moved by one of its digital outputs.
+
+    It takes an item only when, at the moment its fingers have closed, the tool's point is close enough to
+    the middle of the item's upper face and hardly moves against it.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    output: int = Field(default=0, ge=0, le=17, description="of the arm: on closes")
+    confirm: int = Field(default=7, ge=0, le=17, description="input of the arm: on while something is held")
+    close_s: float = Field(default=0.04, ge=0, le=2)
+    open_s: float = Field(default=0.04, ge=0, le=2)
+    within_m: float = Field(default=0.003, gt=0, le=0.1)
+    below_m_s: float = Field(default=0.02, gt=0, le=1)
