@@ -13,6 +13,8 @@ DRIVERS: dict[str, str] = {
     "modbus-inputs": "drivers.modbus_inputs:ModbusInputs",
     "arm-inputs": "drivers.ur.inputs:ArmInputs",
     "arm-gripper": "drivers.ur.gripper:ArmGripper",
+    "canopen-encoder": "drivers.can_encoder:CanopenEncoder",
+    "raw-can-encoder": "drivers.can_encoder:RawCanEncoder",
 }
 INPUT_DRIVERS = ("modbus-inputs", "arm-inputs")  # those that can have the role "beams"
 

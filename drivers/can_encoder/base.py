@@ -1,0 +1,197 @@
+"""What every encoder on CAN has: the link, its watch, and counts from positions."""
+
+import asyncio
+import logging
+from collections.abc import Sequence
+from typing import Any
+
+import can
+
+from cell.clock import Clock
+from cell.devices import EncoderState, Identity
+from cell.errors import CellError, error
+from cell.samples import Quality, Sample, Stream
+from drivers.can_encoder.config import BusConfig
+from drivers.can_encoder.counts import Missing, Unwrap
+from drivers.can_encoder.link import CanLink
+from drivers.can_encoder.stamps import Stamps, stamps_for
+from drivers.life import Life
+
+log = logging.getLogger("cellward.devices")
+
+_LOOKS_BEFORE_LOST = 5  # the watch looks so often within lost_after_s
+
+
+class CanEncoder:
+    """``cell.devices.Encoder`` without the words of a particular encoder.
+
+    Reconnecting is the supervisor's business: after an error ``close`` and ``open`` again. A sample's number
+    grows by one for each period, so ``counts.gaps`` counts the frames that did not come.
+    """
+
+    def __init__(self, name: str, config: BusConfig, clock: Clock, modulus: int) -> None:
+        self.name = name
+        self.modulus = modulus
+        self.period_s = config.period_s
+        self.counts: Stream[EncoderState] = Stream(name, clock, keep=16384)
+        self._bus_config, self._clock = config, clock
+        self._life = Life(name, clock)
+        self._link: CanLink | None = None
+        self._identity: Identity | None = None
+        self._stamps: Stamps = stamps_for(config.place, config.period_s, clock)
+        self._unwrap, self._missing = Unwrap(modulus), Missing(config.period_s)
+        self._seq = 0
+        self._running = False  # positions are believed
+        self._heard = 0.0
+        self._watching: asyncio.Task[None] | None = None
+        self._quality = Quality.GOOD
+
+    # -- Device
+
+    async def open(self) -> None:
+        """Open the bus and bring the encoder to sending; ``DEVICE_UNREACHABLE`` and what a setup raises."""
+        await self.close()
+        self._life.begin()
+        self._link = CanLink(
+            self.name, self._bus_config.bus, self._ids(), self._take, self._lose, self._clock
+        )
+        try:
+            await self._link.open(self._bus_config.connect_timeout_s)
+            self._identity = await self._begin()
+            self._life.require()
+        except BaseException:
+            await self.close()
+            raise
+        self._start_counting()
+        self._watching = asyncio.create_task(self._watch(), name=f"{self.name} watch")
+
+    async def close(self) -> None:
+        """End everything, the encoder itself excepted: it goes on sending to others."""
+        self._lose(error("DEVICE_LOST", f"{self.name} was closed"))
+        watching, self._watching = self._watching, None
+        if watching is not None:
+            watching.cancel()
+            await asyncio.wait([watching])
+        link, self._link = self._link, None
+        if link is not None:
+            await link.close()
+
+    async def identify(self) -> Identity:
+        """Who the encoder said it is; a twin's serial begins with 9999."""
+        self._life.require()
+        assert self._identity is not None
+        return self._identity
+
+    async def wait_fresh(self, timeout: float) -> None:
+        """Return when a position stamped after the call has arrived, else ``DEVICE_LOST``."""
+        await self._life.wait_fresh(self.counts, timeout, self._bus_config.time_offset_s)
+
+    async def wait_lost(self) -> Exception:
+        """Block while the link is good; return what broke it."""
+        return await self._life.wait_lost()
+
+    def health(self) -> dict[str, Any]:
+        """Count, age (s), frames, gaps, lines that were no frames, stamps that were not believed."""
+        last, link = self.counts.last(), self._link
+        return {
+            "connected": self._life.good,
+            "age_s": None if last is None else self._clock.now() - last.t,
+            "count": None if last is None else last.value.count,
+            "raw": None if last is None else last.value.raw,
+            "modulus": self.modulus,
+            "frames": 0 if link is None else link.frames,
+            "gaps": self.counts.gaps,
+            "malformed": 0 if link is None else link.malformed,
+            "error_frames": 0 if link is None else link.error_frames,
+            "stamps_refused": self._stamps.refused,
+            "dt_s": None if last is None else last.dt,
+            "epoch": self.counts.epoch,
+        }
+
+    # -- what an encoder adds
+
+    def _ids(self) -> list[tuple[int, bool]]:
+        """Identifiers of interest, and whether each is extended."""
+        raise NotImplementedError
+
+    async def _begin(self) -> Identity:
+        """Bring the encoder to sending."""
+        raise NotImplementedError
+
+    def _position(self, message: can.Message) -> int | None:
+        """The raw position in a frame, None when it is none."""
+        raise NotImplementedError
+
+    def _other(self, message: can.Message) -> None:
+        """Take a frame that carries no position."""
+
+    def _look(self, now: float) -> None:
+        """Look after more than the positions, every now and then."""
+
+    # -- frames
+
+    def _start_counting(self) -> None:
+        """A new epoch: what the counts were before has nothing to do with them."""
+        self.counts.new_epoch()
+        self._unwrap, self._missing = Unwrap(self.modulus), Missing(self.period_s)
+        self._heard = self._clock.now()
+        self._running = True
+
+    def _take(self, messages: Sequence[can.Message], looked: float, now: float) -> None:
+        positions: list[tuple[can.Message, int]] = []
+        for message in messages:
+            if message.is_remote_frame:
+                continue
+            raw = self._position(message)
+            if raw is not None:
+                positions.append((message, raw))
+                continue
+            self._push(positions, looked, now)  # another frame may end the epoch
+            positions = []
+            self._other(message)
+        self._push(positions, looked, now)
+
+    def _push(self, positions: Sequence[tuple[can.Message, int]], looked: float, now: float) -> None:
+        if not positions or not self._running or not self._life.good:
+            return
+        self._heard = now
+        stamps = self._stamps.take([message for message, _ in positions], looked, now)
+        last = self.counts.last()
+        earliest = -1.0 if last is None else last.t
+        for (_, raw), (stamp, dt) in zip(positions, stamps, strict=True):
+            earliest = t = max(stamp - self._bus_config.time_offset_s, earliest)
+            try:
+                count = self._unwrap.take(t, raw)
+            except ValueError as exc:
+                self._lose(error("ENCODER_RANGE", f"{self.name}: position {exc}"))
+                return
+            self._seq += 1 + self._missing.before(t)
+            self.counts.push(Sample(EncoderState(count, raw), t, dt, self._seq, self._quality))
+
+    # -- loss
+
+    async def _watch(self) -> None:
+        """Nobody else tells that frames have ended: not the gateway, not the adapter, not the bus."""
+        limit = self._bus_config.lost_after_s
+        while self._life.good:
+            await self._clock.sleep(limit / _LOOKS_BEFORE_LOST)
+            now = self._clock.now()
+            if self._running and now - self._heard > limit:
+                assert self._link is not None
+                heard, why = self._heard, await self._link.why_silent()
+                if self._heard == heard:
+                    self._lose(self._silence(now, why))
+            self._look(now)
+
+    def _silence(self, now: float, why: str) -> CellError:
+        last = self.counts.last()
+        heard = "none was heard" if last is None else f"the last was {last.value.raw}"
+        return error(
+            "CAN_BUS_OFF" if "bus error" in why else "DEVICE_LOST",
+            f"{self.name} on {self._bus_config.bus}: no position for {now - self._heard:.3f} s, {heard}"
+            + (f"; the adapter reports {why}" if why else ""),
+        )
+
+    def _lose(self, failure: CellError) -> None:
+        self._running = False
+        self._life.lose(failure)

@@ -1,0 +1,174 @@
+"""An encoder with CANopen's device profile 406."""
+
+import asyncio
+import logging
+from typing import Any
+
+import can
+
+from cell.clock import Clock
+from cell.devices import Identity
+from cell.errors import CellError, error
+from cell.samples import Quality
+from drivers.can_encoder.base import CanEncoder
+from drivers.can_encoder.config import CanopenEncoderConfig
+from drivers.can_encoder.sdo import REPLY_ID, SdoClient
+from drivers.can_encoder.setup import NodeSetup, set_up
+from drivers.can_encoder.words import emergency_words, state_words
+
+log = logging.getLogger("cellward.devices")
+
+_EMERGENCY_ID, _HEARTBEAT_ID = 0x080, 0x700
+_BOOT_UP, _OPERATIONAL = 0, 5
+_SDO_TIMEOUT_S = 0.2
+_MOST_BOOTS = 3  # during one setup
+_BEATS_MISSED = 3.0
+
+
+class CanopenEncoder(CanEncoder):
+    """Configures its node at every opening, and again when the node says that it was restarted.
+
+    A restarted node's position has nothing to do with the one before, so the counts begin a new epoch, as
+    they do at a reconnection. The link is kept: there are no samples until the node sends again.
+    """
+
+    Config = CanopenEncoderConfig
+
+    def __init__(self, name: str, config: CanopenEncoderConfig, clock: Clock) -> None:
+        super().__init__(name, config, clock, config.range_counts or 1 << 32)
+        self._config = config
+        self._setup: NodeSetup | None = None
+        self._sdo: SdoClient | None = None
+        self._boots = 0
+        self._resets = 0
+        self._starting: asyncio.Task[None] | None = None
+        self._beat = 0.0
+        self._wrong_beats = 0
+        self._emergency = ""
+        self._speed: int | None = None
+
+    async def close(self) -> None:
+        """End everything; the node goes on sending."""
+        starting, self._starting = self._starting, None
+        if starting is not None:
+            starting.cancel()
+            await asyncio.wait([starting])
+        await super().close()
+
+    def health(self) -> dict[str, Any]:
+        """As every encoder's, with the node's resets, emergency in words, and its own speed."""
+        return super().health() | {
+            "node": self._config.node,
+            "resets": self._resets,
+            "emergency": self._emergency,
+            "speed_raw": self._speed,
+            "heartbeat": bool(self._setup and self._setup.heartbeat),
+        }
+
+    def _ids(self) -> list[tuple[int, bool]]:
+        node = self._config.node
+        numbers = (self._config.position_id, REPLY_ID + node, _HEARTBEAT_ID + node, _EMERGENCY_ID + node)
+        return [(number, False) for number in numbers]
+
+    async def _begin(self) -> Identity:
+        self._emergency, self._quality, self._speed = "", Quality.GOOD, None
+        self._setup = None
+        link = self._link
+        assert link is not None
+        self._sdo = SdoClient(self.name, self._config.node, link.send, _SDO_TIMEOUT_S)
+        for _ in range(_MOST_BOOTS):
+            boots = self._boots
+            setup = await set_up(self.name, self._config, self._sdo, link.send, self._clock)
+            if boots == self._boots:
+                break
+        else:
+            raise error("DEVICE_LOST", f"{self.name}: node {self._config.node} restarts again and again")
+        self._setup, self.modulus = setup, setup.modulus
+        self._beat, self._wrong_beats = self._clock.now(), 0
+        return setup.identity
+
+    def _position(self, message: can.Message) -> int | None:
+        if message.arbitration_id != self._config.position_id or message.is_extended_id:
+            return None
+        setup = self._setup
+        if setup is None or len(message.data) < setup.position.stop:
+            return None
+        if setup.speed is not None:
+            self._speed = int.from_bytes(message.data[setup.speed], "little", signed=True)
+        return int.from_bytes(message.data[setup.position], "little")
+
+    def _other(self, message: can.Message) -> None:
+        number, node, data = message.arbitration_id, self._config.node, bytes(message.data)
+        if message.is_extended_id:
+            return
+        if number == REPLY_ID + node and self._sdo is not None:
+            self._sdo.receive(data)
+        elif number == _HEARTBEAT_ID + node and data:
+            self._heartbeat(data[0] & 0x7F)
+        elif number == _EMERGENCY_ID + node and len(data) >= 3:
+            self._told(int.from_bytes(data[:2], "little"), data[2])
+
+    # -- the node's state
+
+    def _heartbeat(self, state: int) -> None:
+        self._beat = self._clock.now()
+        if state == _BOOT_UP:
+            self._boots += 1
+            if self._running:
+                self._restarted()
+            return
+        wrong = self._running and state != _OPERATIONAL
+        self._wrong_beats = self._wrong_beats + 1 if wrong else 0
+        if self._wrong_beats >= 2:  # one may have been on its way when we started the node
+            self._lose(
+                error(
+                    "ENCODER_NOT_OPERATIONAL",
+                    f"{self.name}: node {self._config.node} is {state_words(state)}, and not by us",
+                )
+            )
+
+    def _restarted(self) -> None:
+        self._resets += 1
+        self._running = False
+        self.counts.new_epoch()
+        log.warning("%s: node %d was restarted, it is configured again", self.name, self._config.node)
+        self._starting = asyncio.create_task(self._start_again(), name=f"{self.name} setup")
+
+    async def _start_again(self) -> None:
+        begun, before = self._clock.now(), self._identity
+        try:
+            found = await self._begin()
+        except CellError as exc:
+            self._lose(exc)
+            return
+        if before is not None and found != before:
+            self._lose(
+                error("DEVICE_LOST", f"{self.name}: another device answers as node {self._config.node} now")
+            )
+            return
+        if self._life.good:
+            self._start_counting()
+            log.info("%s: counts again after %.2f s", self.name, self._clock.now() - begun)
+
+    def _look(self, now: float) -> None:
+        limit = max(_BEATS_MISSED * self._config.heartbeat_s, self._config.lost_after_s)
+        watched = self._running and self._setup is not None and self._setup.heartbeat
+        if watched and now - self._beat > limit:
+            self._lose(
+                error(
+                    "DEVICE_LOST",
+                    f"{self.name}: node {self._config.node} sent no heartbeat for {now - self._beat:.2f} s",
+                )
+            )
+
+    def _told(self, code: int, register: int) -> None:
+        """An emergency lasts until the node takes it back with code 0."""
+        words = emergency_words(code, register) if code or register else ""
+        if words == self._emergency:
+            return
+        if words:
+            log.warning("%s: node %d reports %s", self.name, self._config.node, words)
+        else:
+            log.info("%s: node %d is without error again", self.name, self._config.node)
+        self._emergency = words
+        self._quality = Quality.DEGRADED if words else Quality.GOOD

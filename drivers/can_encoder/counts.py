@@ -1,0 +1,59 @@
+"""Counts that go on where the encoder's own range wraps, and the number of frames that did not come."""
+
+_FORGIVE_AFTER = 12  # frames; a burst after a stall is shorter
+_LOST = 0.6  # of a period: later than that and a frame is missing; lost ones are rarer than late ones
+_RATE = 0.3  # how fast the speed follows
+
+
+class Unwrap:
+    """Takes the shortest way from where the count is expected; ``modulus`` need not be a power of two."""
+
+    def __init__(self, modulus: int) -> None:
+        self._modulus = modulus
+        self._last: tuple[float, int] | None = None  # t, raw
+        self._speed = 0.0  # counts a second
+        self._count = 0
+
+    def take(self, t: float, raw: int) -> int:
+        """The unwrapped count at ``t`` (s); the first is 0. ``ValueError`` outside the range."""
+        if not 0 <= raw < self._modulus:
+            raise ValueError(f"{raw} is outside 0 to {self._modulus - 1}")
+        if self._last is not None:
+            t0, raw0 = self._last
+            passed = t - t0
+            expected = round(self._speed * passed)
+            half = self._modulus // 2
+            step = (raw - raw0 - expected + half) % self._modulus - half + expected
+            self._count += step
+            if passed > 0.0:
+                self._speed += _RATE * (step / passed - self._speed)
+        self._last = t, raw
+        return self._count
+
+
+class Missing:
+    """How many frames of a periodic sender are missing before each, from their stamps.
+
+    One that comes late looks as if another were missing, until the next comes early: that one pays it back.
+    """
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s = period_s
+        self._last: float | None = None
+        self._credit, self._since = 0, 0
+
+    def before(self, t: float) -> int:
+        """Frames lost between the last and the one stamped ``t`` (s)."""
+        last, self._last = self._last, t
+        if last is None:
+            return 0
+        missing = int((t - last) / self._period_s + 1.0 - _LOST) - 1
+        self._since += 1
+        if self._since > _FORGIVE_AFTER:
+            self._credit, self._since = 0, 0
+        if missing < 0:
+            self._credit, self._since = self._credit + 1, 0
+            return 0
+        used = min(self._credit, missing)
+        self._credit -= used
+        return missing - used

@@ -1,0 +1,97 @@
+"""python-can's bus on a serial adapter, mended for a long life.
+
+The original reads byte by byte, ends its reader for good at one malformed line, hands out frames whose data
+were cut off, and keeps the file open when the adapter was pulled out. Its codec is used as it is.
+"""
+
+import os
+import re
+import select
+from collections import deque
+from contextlib import suppress
+
+import can
+from can.interfaces.slcan import slcanBus
+
+from drivers.can_encoder.place import Place
+
+_CHUNK = 4096
+_LONGEST_LINE = 64
+_FRAME = re.compile(r"[tTrR]")
+_FLAGS = re.compile(r"F([0-9A-Fa-f]{2})")
+_REFUSED = "\a"
+
+
+class SerialBus(slcanBus):
+    """``recv`` raises ``CanOperationError`` once when the adapter is gone; never sleeps."""
+
+    def __init__(self, place: Place, timeout: float) -> None:
+        self.malformed = 0
+        self.flags: int | None = None  # the adapter's answer to :meth:`ask_flags`
+        self._raw = bytearray()
+        self._lines: deque[str] = deque()
+        super().__init__(
+            place.channel,
+            tty_baudrate=place.baudrate,
+            bitrate=place.bit_rate,
+            sleep_after_open=0.0,
+            timeout=0.0,
+        )
+        self.serialPortOrig.write_timeout = timeout
+
+    def ask_flags(self) -> None:
+        """Ask for the adapter's status flags; the answer comes among the frames."""
+        self.flags = None
+        self._write("F")
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        while self._lines or self._fill(timeout):
+            line = self._lines.popleft()
+            if _FRAME.match(line):
+                if (message := self._decoded(line)) is not None:
+                    return message, False
+                self.malformed += 1
+            elif found := _FLAGS.fullmatch(line):
+                self.flags = int(found[1], 16)
+        return None, False
+
+    def _decoded(self, line: str) -> can.Message | None:
+        """The frame, or None when the line is not exactly one; a time stamp of four digits may follow."""
+        head = 5 if line[0] in "tr" else 10
+        try:
+            self._queue.put_nowait(line)
+            message, _ = super()._recv_internal(0)
+        except (ValueError, LookupError):
+            return None
+        if message is None or message.dlc > 8:
+            return None
+        digits = 0 if message.is_remote_frame else 2 * message.dlc
+        return message if len(line) - head - digits in (0, 4) else None
+
+    def _fill(self, timeout: float | None) -> bool:
+        """Read what has arrived; whether there are whole lines."""
+        if timeout != 0 and not select.select([self.fileno()], [], [], timeout)[0]:
+            return False
+        try:
+            chunk = os.read(self.fileno(), _CHUNK)
+        except BlockingIOError:
+            return False
+        except OSError as exc:
+            raise can.CanOperationError(f"the adapter is gone ({exc.strerror})") from exc
+        if not chunk:
+            raise can.CanOperationError("the adapter is gone (its line was closed)")
+        self._raw += chunk
+        *lines, rest = self._raw.split(b"\r")
+        if len(rest) > _LONGEST_LINE:
+            self.malformed += 1
+            rest = rest[:0]
+        self._raw = bytearray(rest)
+        self._lines += [line.decode("ascii", "replace").lstrip(_REFUSED) for line in lines if line]
+        return bool(self._lines)
+
+    def shutdown(self) -> None:
+        """Close channel and file; the channel of an adapter that is gone needs no closing."""
+        with suppress(can.CanError, OSError):
+            super().shutdown()
+        with suppress(OSError):
+            self.serialPortOrig.close()

@@ -1,0 +1,112 @@
+"""When frames were on the bus, in CLOCK_MONOTONIC seconds, and how far that can be trusted."""
+
+import time
+from collections.abc import Sequence
+from typing import Protocol
+
+import can
+
+from cell.clock import Clock, ClockModel
+from drivers.can_encoder.place import Place
+
+_KERNEL_DT_S = 50e-6
+_KERNEL_SLACK_S = 0.05  # a stamp further outside its bracket is not believed
+_GATEWAY_DT_S = 200e-6
+_HOST_DT_S = 250e-6  # a USB adapter's frame of 125 us or 1 ms, and the way to us
+_FORGET = 0.98  # of the scatter, from one frame to the next
+
+Stamp = tuple[float, float]  # t, dt
+
+
+class Stamps(Protocol):
+    """``take`` gives ``(t, dt)`` for each message; all arrived between ``looked`` and ``now``."""
+
+    @property
+    def refused(self) -> int:
+        """Stamps that cannot be true; the time of arrival took their place."""
+        ...
+
+    def take(self, messages: Sequence[can.Message], looked: float, now: float) -> list[Stamp]: ...
+
+
+def stamps_for(place: Place, period_s: float, clock: Clock) -> Stamps:
+    """The best that the interface offers."""
+    if place.interface == "socketcan":
+        return KernelStamps(clock)
+    return GatewayStamps() if place.interface == "socketcand" else HostStamps(period_s)
+
+
+class KernelStamps:
+    """The kernel's stamps are CLOCK_REALTIME, which steps; its offset is read at every look."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self.refused = 0
+
+    def take(self, messages: Sequence[can.Message], looked: float, now: float) -> list[Stamp]:
+        before = self._clock.now()
+        real = time.time()
+        after = self._clock.now()
+        offset, dt = 0.5 * (before + after) - real, _KERNEL_DT_S + 0.5 * (after - before)
+        return [self._checked(m.timestamp + offset, looked, now, dt) for m in messages]
+
+    def _checked(self, t: float, looked: float, now: float, dt: float) -> Stamp:
+        if looked - _KERNEL_SLACK_S <= t <= now + dt:
+            return min(t, now), dt
+        self.refused += 1
+        return 0.5 * (min(looked, now) + now), max(0.5 * (now - looked), dt)
+
+
+class GatewayStamps:
+    """Stamps of a gateway with a clock of its own, seen through :class:`~cell.clock.ClockModel`.
+
+    The shortest way through the network cannot be seen from here: it is in ``time_offset_s``.
+    """
+
+    def __init__(self) -> None:
+        self._clock = ClockModel()
+        self._last: float | None = None
+
+    @property
+    def refused(self) -> int:
+        return self._clock.resets
+
+    def take(self, messages: Sequence[can.Message], looked: float, now: float) -> list[Stamp]:
+        found = []
+        for message in messages:
+            resets = self._clock.resets
+            t = self._clock.observe(message.timestamp, now)
+            dt = _GATEWAY_DT_S
+            if self._clock.resets > resets or self._last is None:
+                dt = max(dt, 0.5 * (now - looked))  # nothing but the arrival is known of it
+            self._last = message.timestamp
+            found.append((t, dt))
+        return found
+
+
+class HostStamps:
+    """Frames without a stamp: they count from their arrival here.
+
+    Several that were found together came one after the other, a period apart. How much arrivals have lately
+    scattered about whole periods is what a single one may be wrong by.
+    """
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s = period_s
+        self._last: float | None = None
+        self._scatter = 0.0
+        self.refused = 0
+
+    def take(self, messages: Sequence[can.Message], looked: float, now: float) -> list[Stamp]:
+        if not messages:
+            return []
+        if self._last is not None:
+            whole = max(round((now - self._last) / self._period_s), 1)
+            off = abs(now - self._last - whole * self._period_s)
+            self._scatter = max(_FORGET * self._scatter, min(off, self._period_s))
+        self._last = now
+        floor = min(looked, now)
+        waited = 0.5 * min(self._period_s, now - floor) if len(messages) > 1 else 0.0
+        back = range(len(messages) - 1, -1, -1)
+        dt = _HOST_DT_S + max(self._scatter, waited)
+        return [(max(now - k * self._period_s, floor), dt) for k in back]
