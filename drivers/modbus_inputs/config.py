@@ -1,17 +1,16 @@
 """What ``[device.beams]`` in cell.toml may say."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal, Self
-from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from drivers.digital import InputConfig
+from drivers.modbus_inputs.link import LinkSettings, TlsFiles
 from drivers.modbus_inputs.models import GENERIC, MODELS, CounterPlace, LevelPlace, ModuleModel, Table
+from drivers.modbus_inputs.place import Place, parse_url
 from drivers.modbus_inputs.plan import ReadPlan, Span
-from drivers.serial_url import parse_serial
 
-_PORTS = {"tcp": 502, "tls": 802}
 _BITS_PER_BYTE = 11.0
 
 WordOrder = Literal["high-first", "low-first"]
@@ -115,9 +114,17 @@ class InputsConfig(_Section):
         return self
 
     @property
-    def place(self) -> "Place":
-        """Where the module is."""
-        return parse_url(self.url)
+    def link(self) -> LinkSettings:
+        """How to connect."""
+        return LinkSettings(
+            url=self.url,
+            place=parse_url(self.url),
+            unit=self.unit,
+            timeout_s=self.timeout_s,
+            connect_timeout_s=self.connect_timeout_s,
+            keys="module and the addresses of the inputs",
+            tls=TlsFiles(self.tls_ca, self.tls_certificate, self.tls_key, self.tls_server_name),
+        )
 
     @property
     def model(self) -> ModuleModel:
@@ -135,7 +142,7 @@ class InputsConfig(_Section):
         """What a poll reads; ``ValueError`` when no request can."""
         return ReadPlan(self.model, [c.address for c in self.inputs.values()])
 
-    def _check_tls(self, place: "Place") -> None:
+    def _check_tls(self, place: Place) -> None:
         if place.scheme != "tls":
             for key in ("tls_ca", "tls_certificate", "tls_key", "tls_server_name"):
                 if getattr(self, key) is not None:
@@ -156,7 +163,7 @@ class InputsConfig(_Section):
                 )
         self.plan  # noqa: B018 -- its sentence says which span is too wide
 
-    def _check_line(self, place: "Place") -> None:
+    def _check_line(self, place: Place) -> None:
         if place.scheme != "rtu":
             return
         if not 1 <= self.unit <= 247:
@@ -167,32 +174,3 @@ class InputsConfig(_Section):
                 f"poll_period_s = {self.poll_period_s:g} is too short: the bytes of a poll alone take"
                 f" {needed:.4f} s at {place.baudrate} baud"
             )
-
-
-@dataclass(frozen=True)
-class Place:
-    """A parsed ``url``: ``host`` and ``port`` of tcp and tls, or ``host`` as the path of a serial line."""
-
-    scheme: Literal["tcp", "tls", "rtu"]
-    host: str
-    port: int = 0
-    baudrate: int = 115200
-    parity: str = "N"
-    stopbits: int = 1
-
-
-def parse_url(url: str) -> Place:
-    """``ValueError`` with a sentence for anything that is not a place of a module."""
-    parts = urlsplit(url)
-    if parts.scheme == "rtu":
-        line = parse_serial(url)
-        return Place("rtu", line.path, 0, line.baudrate, line.parity, line.stopbits)
-    if parts.scheme not in ("tcp", "tls"):
-        raise ValueError(f"url '{url}' should begin with tcp://, tls:// or rtu://")
-    if parts.query or parts.path.strip("/") or not parts.hostname or parts.username is not None:
-        raise ValueError(f"url '{url}' should be {parts.scheme}://host:port")
-    try:
-        port = parts.port or _PORTS[parts.scheme]
-    except ValueError:
-        raise ValueError(f"url '{url}' has a port that is no number from 1 to 65535") from None
-    return Place("tcp" if parts.scheme == "tcp" else "tls", parts.hostname, port)

@@ -2,7 +2,7 @@
 
 from cell.devices import Identity
 from cell.errors import CellError
-from drivers.modbus_inputs.config import InputsConfig, NumberConfig, SerialConfig
+from drivers.modbus_inputs.config import NumberConfig, SerialConfig
 from drivers.modbus_inputs.link import ModbusLink, NoAnswer
 from drivers.modbus_inputs.plan import words_to_int
 
@@ -11,13 +11,16 @@ _BASIC, _SINGLE = 1, 4
 _MOST_PARTS = 8
 
 
-async def identify(link: ModbusLink, config: InputsConfig) -> Identity:
-    """Ask the module; many do not know function 43, and some do not even refuse it."""
+async def identify(link: ModbusLink, called: str, place: SerialConfig | None) -> Identity:
+    """Ask the device, which the config calls ``called`` and whose serial may be in registers at ``place``.
+
+    Many do not know function 43, and some do not even refuse it.
+    """
     told = await _basic(link)
     serial = await _single(link, SERIAL) if told else ""
-    if not serial and config.serial is not None:
-        serial = await _registers(link, config.serial)
-    model = told.get(PRODUCT) or config.module
+    if not serial and place is not None:
+        serial = await _registers(link, place)
+    model = told.get(PRODUCT) or called
     extra = {"vendor": told[VENDOR]} if told.get(VENDOR) else {}
     return Identity(model, serial, told.get(REVISION, ""), extra)
 

@@ -62,10 +62,10 @@ class ModbusInputs:
         self._life.begin()
         self.inputs.new_epoch()
         self._uptime, self._failures_in_a_row = None, 0
-        self._link = ModbusLink(self.name, self._config, self._clock, self._disconnected)
+        self._link = ModbusLink(self.name, self._config.link, self._clock, self._disconnected)
         try:
             await self._link.connect()
-            self._identity = await identify(self._link, self._config)
+            self._identity = await identify(self._link, self._config.module, self._config.serial)
             await self._first_poll()
         except NoAnswer as exc:
             unreachable = self._unreachable(exc)
@@ -231,7 +231,7 @@ class ModbusInputs:
         what = f"unit {self._config.unit} gives {exc}"
         if not self._life.good:
             what = "the other end closes the connection"
-            if self._config.place.scheme == "tls" and self._config.tls_certificate is None:
+            if self._config.link.place.scheme == "tls" and self._config.tls_certificate is None:
                 what += "; it may want a certificate of ours (tls_certificate, tls_key)"
         return error("DEVICE_UNREACHABLE", f"{self.name} at {self._config.url} connects, but {what}")
 

@@ -1,7 +1,8 @@
 """One Modbus connection through pymodbus, without its retries and without its reconnecting."""
 
 import ssl
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
@@ -11,8 +12,8 @@ from pymodbus.transport import CommParams, CommType
 
 from cell.clock import Clock
 from cell.errors import CellError, error
-from drivers.modbus_inputs.config import InputsConfig
 from drivers.modbus_inputs.models import Table
+from drivers.modbus_inputs.place import Place
 from drivers.modbus_inputs.plan import Span
 
 # More than pymodbus would take before it closes the connection; when a link is lost is our decision.
@@ -25,9 +26,9 @@ _CALLS = {
     Table.INPUT: "read_input_registers",
 }
 _REFUSALS = {
-    1: "it does not know this function; check module and the table of the registers",
-    2: "it has no such addresses; check module and the addresses of the inputs",
-    3: "it does not take this length; check module and the addresses of the inputs",
+    1: "it does not know this function; check {keys}",
+    2: "it has no such addresses; check {keys}",
+    3: "it does not take this; check {keys}",
     4: "it failed inside; look at the module's own page or lamps",
     5: "it needs longer; raise poll_period_s",
     6: "it is busy; raise poll_period_s or end other clients",
@@ -40,11 +41,34 @@ class NoAnswer(Exception):
     """No reply, or none that can be used, to one request."""
 
 
+@dataclass(frozen=True)
+class TlsFiles:
+    """PEM files, and the name that the other end's certificate must have; absent: the host."""
+
+    ca: str | None = None
+    certificate: str | None = None
+    key: str | None = None
+    server_name: str | None = None
+
+
+@dataclass(frozen=True)
+class LinkSettings:
+    """Where a device is and how long to wait; ``keys`` of its section are named when it refuses a request."""
+
+    url: str
+    place: Place
+    unit: int
+    timeout_s: float
+    connect_timeout_s: float
+    keys: str
+    tls: TlsFiles = TlsFiles()
+
+
 class ModbusLink:
     """``disconnected`` is called once when the other end closes the connection."""
 
     def __init__(
-        self, name: str, config: InputsConfig, clock: Clock, disconnected: Callable[[], None]
+        self, name: str, config: LinkSettings, clock: Clock, disconnected: Callable[[], None]
     ) -> None:
         self._name, self._config, self._clock = name, config, clock
         self._disconnected = disconnected
@@ -100,6 +124,15 @@ class ModbusLink:
             raise NoAnswer(f"a reply with {len(values)} values to {span}")
         return values[: span.count]
 
+    async def write(self, start: int, words: Sequence[int]) -> None:
+        """Write holding registers from ``start`` on in one request; errors as :meth:`read`."""
+        reply = await self._ask(
+            lambda: self._client.write_registers(start, list(words), device_id=self._config.unit)
+        )
+        if reply.isError():
+            last = start + len(words) - 1
+            raise self._refused(f"function 16, addresses 0x{start:04X} to 0x{last:04X}", reply)
+
     async def identification(self, read_code: int, object_id: int) -> tuple[dict[int, bytes], int]:
         """Objects of function 43/14, and the number of the next object, 0 at the end. Errors as ``read``."""
         reply = await self._ask(
@@ -128,7 +161,7 @@ class ModbusLink:
 
     def _refused(self, what: str, reply: Any) -> CellError:
         code = reply.exception_code
-        why = _REFUSALS.get(code, "look it up in the module's manual")
+        why = _REFUSALS.get(code, "look it up in its manual").format(keys=self._config.keys)
         return error(
             "MODBUS_REFUSED",
             f"{self._name} at {self._config.url}, unit {self._config.unit},"
@@ -151,7 +184,7 @@ class ModbusLink:
             serial = {"baudrate": place.baudrate, "parity": place.parity, "stopbits": place.stopbits}
             return AsyncModbusSerialClient(place.host, **serial, **common)
         if place.scheme == "tls":
-            return _TlsClient(place.host, place.port, _tls_context(config), **common)
+            return _TlsClient(place.host, place.port, _tls_context(config.tls), **common)
         return AsyncModbusTcpClient(place.host, port=place.port, **common)
 
     def _note_connection(self, connected: bool) -> None:
@@ -195,15 +228,15 @@ class _NamedContext(ssl.SSLContext):
         return super().wrap_bio(incoming, outgoing, server_side, name, session)
 
 
-def _tls_context(config: InputsConfig) -> ssl.SSLContext:
+def _tls_context(files: TlsFiles) -> ssl.SSLContext:
     """Verifies certificate and name, always: an input that anybody can imitate would steer the arm."""
     context = _NamedContext(ssl.PROTOCOL_TLS_CLIENT)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
-    context.server_name = config.tls_server_name
-    if config.tls_ca is not None:
-        context.load_verify_locations(config.tls_ca)
+    context.server_name = files.server_name
+    if files.ca is not None:
+        context.load_verify_locations(files.ca)
     else:
         context.load_default_certs()
-    if config.tls_certificate is not None:
-        context.load_cert_chain(config.tls_certificate, config.tls_key)
+    if files.certificate is not None:
+        context.load_cert_chain(files.certificate, files.key)
     return context

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from drivers.modbus_inputs.config import InputsConfig, Place, parse_url
+from drivers.modbus_inputs.config import InputsConfig
+from drivers.modbus_inputs.place import Place, parse_url
 from drivers.modbus_inputs.plan import words_to_int
 
 TCP = "tcp://192.168.10.30:502"
