@@ -54,6 +54,14 @@ class Fault(StrEnum):
     SCRIPT_DEATH = "script-death"
     LATE_FIRST_PACKAGE = "late-first-package"
     SLOW_DASHBOARD = "slow-dashboard"
+    # tracker
+    BEAM_BREAK = "beam-break"  # something stands between it and the reflectors
+    OUT_OF_VIEW = "out-of-view"  # reflectors face somewhere else
+    STAND_MOVED = "stand-moved"  # somebody pushed its stand
+    WRONG_CONSTANT = "wrong-constant"  # somebody set another reflector constant on its panel
+    VIBRATION = "vibration"  # the point is never at rest
+    DOUBTFUL = "doubtful"  # it does not vouch for its points
+    RETURN_CODE = "return-code"  # a command ends with this code
     # observed arm
     UNASKED_MOVE = "unasked-move"  # somebody jogs it while it should stand
     SKIP_POSE = "skip-pose"  # its program says that it is at the next pose and has not gone there

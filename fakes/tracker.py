@@ -107,6 +107,11 @@ class Tracker:
         aim = self.aim(t)
         self.target, self.status, self._aim = None, NOT_AIMED, aim
 
+    def restart(self, t: float) -> None:
+        """It has been switched off and on: it follows nothing and has the constant it had at first."""
+        self.turn_to(t, 0.0, np.pi / 2)
+        self._follows, self.constant_m = False, self.truth.constant_m
+
     def follow(self, t: float, on: bool) -> None:
         """Follow what it aims at when that moves, or stay."""
         self._aim, self._follows = self.aim(t), on

@@ -11,6 +11,7 @@ from fakes.object.inputs import ObjectInputs
 from fakes.object.loop import DeadlockError, VirtualTimeLoop, run_virtual
 from fakes.object.observed import ObjectObservedArm
 from fakes.object.registry import ObjectCell, cell_of, world_of
+from fakes.object.tracker import ObjectTracker
 
 __all__ = [
     "DeadlockError",
@@ -19,6 +20,7 @@ __all__ = [
     "ObjectCell",
     "ObjectInputs",
     "ObjectObservedArm",
+    "ObjectTracker",
     "VirtualClock",
     "VirtualTimeLoop",
     "cell_of",

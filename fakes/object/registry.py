@@ -10,6 +10,7 @@ from fakes.object.controller import Controller
 from fakes.object.head import CameraHead
 from fakes.object.input_plant import InputPlant
 from fakes.object.observed_plant import ObservedPlant
+from fakes.object.tracker_plant import TrackerPlant
 from fakes.scenario import FaultEntry, Scenario
 from fakes.world import World
 
@@ -28,6 +29,8 @@ class ObjectCell:
             self.plants["beams"] = InputPlant(self.world.inputs, clock)
         if self.world.observed is not None:
             self.plants["palletizer"] = ObservedPlant(self.world.observed, clock)
+        if self.world.tracker is not None:
+            self.plants["tracker"] = TrackerPlant(self.world.tracker, clock)
         self._clock, self._started = clock, False
 
     @property
@@ -49,6 +52,13 @@ class ObjectCell:
         """The observed arm; ``CONFIG_INVALID`` when the scenario has none."""
         plant = self.plant("palletizer")
         assert isinstance(plant, ObservedPlant)
+        return plant
+
+    @property
+    def tracker(self) -> TrackerPlant:
+        """The laser tracker; ``CONFIG_INVALID`` when the scenario has none."""
+        plant = self.plant("tracker")
+        assert isinstance(plant, TrackerPlant)
         return plant
 
     def plant(self, device: str) -> Plant:
