@@ -17,7 +17,9 @@ from cell.devices import Intrinsics
 from cell.errors import error
 from cell.poses import Array, exp_xi, from_pose6, to_pose6
 from fakes.beams import Beams
+from fakes.gripper import Gripper
 from fakes.input_module import InputModule
+from fakes.items import Items
 from fakes.kinematics import chain
 from fakes.observed import ObservedPalletizer
 from fakes.repeatability import Repeatability
@@ -123,6 +125,8 @@ class World:
             self.track.listeners.append(self.beams.on_segment)
             self.tool.listeners.append(lambda bend: self.beams.on_change(bend[0]))
         self.observed = None if truth.observed is None else ObservedPalletizer(truth.observed, truth.seed, t0)
+        self.items: Items | None = None
+        self.gripper: Gripper | None = None
         self.inputs = None if truth.io is None else InputModule(truth.io, self.beams, t0)
         self.tracker: Tracker | None = None
         if (tracker := truth.tracker) is not None:

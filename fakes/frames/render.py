@@ -17,6 +17,7 @@ from scipy.spatial.transform import RigidTransform
 
 from cell.devices import Intrinsics
 from cell.poses import Array
+from fakes.frames.boxes import Box, BoxPainter
 from fakes.frames.plates import Image, Plate
 
 Depth = NDArray[np.uint16]
@@ -42,6 +43,14 @@ class Optics:
     seed: int = 1
 
 
+@dataclass(frozen=True, eq=False)
+class Band:
+    """A conveyor belt that the camera sees: its corners (4, 3) m in the camera, in order."""
+
+    corners: Array
+    grey: float = 55.0
+
+
 @dataclass(frozen=True)
 class Picture:
     """``colour`` (h, w, 3) BGR and ``depth`` (h, w) in mm, 0 = invalid, aligned to it."""
@@ -51,9 +60,10 @@ class Picture:
 
 
 class Renderer:
-    """Draws one plate as one camera sees it; holds buffers, so one instance per thread."""
+    """Draws one plate as one camera sees it, and boxes on a belt; holds buffers, so one instance per
+    thread."""
 
-    def __init__(self, optics: Optics, plate: Plate) -> None:
+    def __init__(self, optics: Optics, plate: Plate, band: Band | None = None) -> None:
         self.optics, self.plate = optics, plate
         camera = optics.intrinsics
         self._size = (camera.width, camera.height)
@@ -61,7 +71,11 @@ class Renderer:
         self._K, self._dist = camera.matrix, np.asarray(camera.dist, dtype=float)
         self._rays = _ray_grid(self._size, self._K, self._dist, ss=1)
         self._lens = _Lens(self._size, self._K, self._dist) if self._dist.any() else None
+        self._boxes = BoxPainter(self._K, self._dist, self._rays)
         self._background = _background(self._size, optics.grey, self._rng)
+        self._far = np.full(self._background.shape, 1000.0 * optics.background_m, np.float32)
+        if band is not None:
+            self._lay(band)
         self._noise = [
             self._rng.normal(0.0, optics.noise_grey, (camera.height, camera.width, 3))
             .round()
@@ -73,17 +87,40 @@ class Renderer:
             for _ in range(_NOISE_FRAMES)
         ]
 
-    def render(self, poses: Sequence[RigidTransform | None], gain: float = 1.0) -> Picture:
+    def render(
+        self,
+        poses: Sequence[RigidTransform | None],
+        gain: float = 1.0,
+        boxes: Sequence[Sequence[Box]] = (),
+    ) -> Picture:
         """The picture for ``T_camera_target`` at equal steps through the exposure (one for a camera at rest).
 
         ``gain`` is the exposure relative to normal. ``None``, a plate seen from behind, and one partly
-        behind the camera leave the background. Depth is taken at the middle pose.
+        behind the camera leave the background. ``boxes`` are the same boxes at each of these steps. Depth is
+        taken at the middle pose.
         """
         grey = self._background.copy()
         looks = [view for pose in poses if pose is not None and (view := self._look(pose)) is not None]
         if looks:
             self._paint(grey, looks)
-        return Picture(self._expose(grey, gain), self._depth(looks[len(looks) // 2] if looks else None))
+        depth = self._depth(looks[len(looks) // 2] if looks else None)
+        colour: Image = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+        self._boxes.paint(colour, depth, boxes)
+        return Picture(self._expose(colour, gain), self._measured(depth))
+
+    def _lay(self, band: Band) -> None:
+        """Draw the belt into what never changes, with the grain of its fabric."""
+        normal = np.cross(band.corners[1] - band.corners[0], band.corners[3] - band.corners[0])
+        rim = np.concatenate([np.linspace(a, b, 32)[:-1] for a, b in _edges(band.corners)])
+        pixels = cv2.projectPoints(
+            rim[rim[:, 2] > _NEAREST_M], np.zeros(3), np.zeros(3), self._K, self._dist
+        )[0]
+        mask = np.zeros(self._background.shape, np.uint8)
+        cv2.fillPoly(mask, [np.round(pixels.reshape(-1, 2)).astype(np.int32)], 1)
+        inside = mask.astype(bool)
+        grain = self._rng.normal(band.grey, 2.0, self._background.shape)
+        self._background[inside] = np.clip(grain, 0, 255).astype(np.uint8)[inside]
+        self._far[inside] = 1000.0 * float(normal @ band.corners[0]) / (self._rays[inside] @ normal)
 
     def _look(self, T_camera_target: RigidTransform) -> "_View | None":
         """Where the plate is in the image, or None when its front is not wholly before the camera."""
@@ -152,25 +189,27 @@ class Renderer:
         ratio = 1.0 / (self.plate.m_per_px * canvas_px_per_m)
         return int(np.clip(round(np.log2(max(ratio, 1e-3))), 0, len(self.plate.levels) - 1))
 
-    def _expose(self, grey: Image, gain: float) -> Image:
+    def _expose(self, colour: Image, gain: float) -> Image:
         noise = self._noise[self._rng.integers(_NOISE_FRAMES)]
         if gain != 1.0:
-            grey = cv2.convertScaleAbs(grey, alpha=gain)
-        colour: Image = cv2.add(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), noise, dtype=cv2.CV_8U)
-        return colour
+            colour = cv2.convertScaleAbs(colour, alpha=gain)
+        exposed: Image = cv2.add(colour, noise, dtype=cv2.CV_8U)
+        return exposed
 
-    def _depth(self, view: "_View | None") -> Depth:
+    def _depth(self, view: "_View | None") -> NDArray[np.float32]:
         """Plane depth ``z = (n . p)/(n . ray)`` in mm where the plate is, the background elsewhere."""
-        noise = self._depth_noise[self._rng.integers(_NOISE_FRAMES)]
-        depth = cv2.add(noise, 1000.0 * self.optics.background_m)
+        depth = self._far.copy()
         if view is not None:
             x0, y0, x1, y1 = view.box
             n = view.inward.astype(np.float32)
             slope = cv2.transform(self._rays[y0:y1, x0:x1], n[None, :])
             plane = cv2.divide(1000.0 * float(view.inward @ view.point), slope)
-            plane = cv2.add(plane, noise[y0:y1, x0:x1])
             cv2.copyTo(plane, view.mask(view.box), depth[y0:y1, x0:x1])
-        rounded: Depth = cv2.add(cv2.max(depth, 0.0), 0.5).astype(np.uint16)
+        return depth
+
+    def _measured(self, depth: NDArray[np.float32]) -> Depth:
+        noisy = cv2.add(depth, self._depth_noise[self._rng.integers(_NOISE_FRAMES)])
+        rounded: Depth = cv2.add(cv2.max(noisy, 0.0), 0.5).astype(np.uint16)
         return rounded
 
 
@@ -217,6 +256,10 @@ class _Lens:
             self._canvas, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
         return bent
+
+
+def _edges(corners: Array) -> list[tuple[Array, Array]]:
+    return [(corners[k], corners[(k + 1) % len(corners)]) for k in range(len(corners))]
 
 
 def _clip(pixels: Array, bounds: tuple[int, int, int, int]) -> tuple[int, int, int, int] | None:

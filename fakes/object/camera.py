@@ -47,6 +47,7 @@ class ObjectCamera(ObjectDevice):
         )
         self.stream = self.frames
         self._target: dict[str, Any] | None = None
+        self._items: dict[str, Any] | None = None
 
     async def open(self) -> None:
         """Connect; ``DEVICE_UNREACHABLE`` while the camera refuses."""
@@ -62,6 +63,11 @@ class ObjectCamera(ObjectDevice):
         """Look for this board from now on."""
         self.frames.fill()
         self._target = None if target is None else dict(target)
+
+    async def set_items(self, spec: dict[str, Any] | None) -> None:
+        """Look for items by this table from now on."""
+        self.frames.fill()
+        self._items = None if spec is None else dict(spec)
 
     async def capture(self, count: int, folder: Path, stem: str, after: float) -> Sequence[Frame]:
         """``count`` frames exposed wholly after ``after``; this face writes no files."""
@@ -83,11 +89,13 @@ class ObjectCamera(ObjectDevice):
         self.head.inject(kind, arguments)
 
     def _expose(self, t: float, tick: int) -> Frame:
+        number = round(t / self.frames.period_s)
         return Frame(
             seq=tick,
             t_exposure=t,
             exposure_s=self.world.camera.exposure_s,
             intrinsics=self.world.intrinsics,
-            board=self.head.view(t, round(t / self.frames.period_s), self._target),
+            board=self.head.view(t, number, self._target),
             serial=self.head.serial,
+            items=self.head.items(t, number, self._items),
         )

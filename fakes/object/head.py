@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 
 from cell.clock import Clock
-from cell.devices import BoardView
+from cell.devices import BoardView, ItemView
 from cell.poses import Array
 from fakes.object._plant import Plant
+from fakes.object.item_sight import Look, items_seen
 from fakes.targets import faces_away, target_points
 from fakes.world import World
 
@@ -53,6 +54,16 @@ class CameraHead(Plant):
         if not inside.any():
             return None
         return BoardView(np.flatnonzero(inside).astype(np.int64), uv[inside], camera.grey)
+
+    def items(self, t: float, tick: int, spec: dict[str, Any] | None) -> tuple[ItemView, ...] | None:
+        """What a search for items by ``spec`` finds in the exposure around ``t``; None when nobody looks."""
+        if spec is None or self.world.items is None:
+            return None
+        if self._frozen_at is not None:
+            t, tick = self._frozen_at, -1
+        camera = self.world.camera
+        look = Look(self._project, (camera.width, camera.height), self.world.config.seed, tick + 1)
+        return items_seen(self.world.items, self.world.scene(t).T_base_camera, t, spec, look)
 
     def _is_seen(self, points: Array, into_target: Array) -> bool:
         if points[:, 2].min() < 0.05:

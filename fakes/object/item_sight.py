@@ -1,0 +1,70 @@
+"""What the camera of the object face finds on the belt, without a picture."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from cell.devices import ItemView
+from cell.poses import Array
+from fakes.items import Items
+
+_SIGMA_M, _SIGMA_RAD = 0.00013, 0.009  # as the detector of the wire face does on drawn boxes
+_RIM_PX = 5.0
+_LOOK_M = 3.0  # along the belt, each way
+
+
+def items_seen(
+    items: Items, T_base_camera: RigidTransform, t: float, spec: Mapping[str, Any], look: "Look"
+) -> tuple[ItemView, ...]:
+    """Those that lie wholly in the picture and are what ``spec`` (``ItemSpec`` as a table) asks for."""
+    T_camera_base, normal = T_base_camera.inv(), np.array(spec["normal"], dtype=float)
+    found = []
+    for number, T_base_top in items.on_belt(t, -_LOOK_M, _LOOK_M):
+        top = T_camera_base * T_base_top
+        corners = top.apply(_corners(items.truth.size_m))
+        if corners[:, 2].min() < 0.05 or not look.holds(corners):
+            continue
+        height = float(normal @ top.translation) - float(spec["offset_m"])
+        if not spec["min_height_m"] <= height <= spec["max_height_m"]:
+            continue
+        if not spec["size_m"][0] <= max(items.truth.size_m[:2]) <= spec["size_m"][1]:
+            continue
+        if not _within(top.translation, spec.get("region"), normal):
+            continue
+        rng = np.random.default_rng([look.seed, look.tick, number, 0x5EE])
+        off = _SIGMA_M * rng.standard_normal(3)
+        turn = _SIGMA_RAD * rng.standard_normal()
+        axis = top.rotation.apply([np.cos(turn), np.sin(turn), 0.0])
+        length, width = sorted(items.truth.size_m[:2], reverse=True)
+        found.append(ItemView(top.translation + off, axis, (length, width), height, _SIGMA_M))
+    return tuple(found)
+
+
+class Look:
+    """One exposure: ``project`` (n, 3) m to (n, 2) px in a picture of ``size`` px."""
+
+    def __init__(self, project: Any, size: tuple[int, int], seed: int, tick: int) -> None:
+        self._project, self._size = project, np.array(size, dtype=float)
+        self.seed, self.tick = seed, tick
+
+    def holds(self, points: Array) -> bool:
+        """Whether all of ``points`` (n, 3) are in the picture."""
+        uv = self._project(np.ascontiguousarray(points))
+        return bool(np.all((uv > _RIM_PX) & (uv < self._size - 1.0 - _RIM_PX)))
+
+
+def _corners(size_m: list[float]) -> Array:
+    half = 0.5 * np.array(size_m[:2])
+    return np.array([[x * half[0], y * half[1], 0.0] for x in (-1, 1) for y in (-1, 1)])
+
+
+def _within(point: Array, region: Any, normal: Array) -> bool:
+    """Whether ``point`` is over the convex polygon ``region`` (k, 3), both in the camera."""
+    if region is None:
+        return True
+    corners = np.array(region, dtype=float)
+    after = np.roll(corners, -1, axis=0)
+    side = np.cross(after - corners, point - corners) @ normal
+    return bool(np.all(side >= 0.0) or np.all(side <= 0.0))
