@@ -11,7 +11,7 @@ HEADER = (
     "floor (mm)", "self (mm)", "singular",
 )  # fmt: skip
 SWEEP_HEADER = (
-    "sweep", "times", "tool's point from (mm)", "to (mm)", "joint range (deg)", "keep-out (mm)",
+    "move", "across", "tool's point from (mm)", "to (mm)", "joint range (deg)", "keep-out (mm)",
     "workspace (mm)", "floor (mm)", "self (mm)", "singular",
 )  # fmt: skip
 
@@ -53,11 +53,14 @@ def prediction_text(predicted: Mapping[str, Any]) -> str:
 
 
 def _sweeps(plan: Mapping[str, Any]) -> list[str]:
-    """The ways across the beams of a crossed-beam job, from the first to the deepest."""
+    """The moves of a crossed-beam job in order; 'across' says how often one crosses a beam and comes back."""
     sweeps = plan.get("sweeps", [])
     if not sweeps:
         return []
-    lines = ["Margins to the limits where each sweep is tightest:", table(SWEEP_HEADER, map(_sweep, sweeps))]
+    lines = [
+        "Every move in order, with the margins to the limits where it is tightest:",
+        table(SWEEP_HEADER, map(_sweep, sweeps)),
+    ]
     if (floor := plan.get("floor_m")) is not None:
         lines.append(f"the tool's point does not go below {mm(floor, 1)} in base")
     problems = plan.get("problems") or []

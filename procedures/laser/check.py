@@ -41,7 +41,7 @@ class LaserCheck(Procedure):
         await measure(run, measurement_of(run, self.config), self.config)
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
-        """Every sweep with the guard's findings; nothing moves."""
+        """Every move with the guard's findings; nothing moves."""
         measurement = measurement_of(run, self.config)
         measurement.check_fixture()
         return await measurement.plan()

@@ -105,6 +105,12 @@ class SearchSection(_Strict):
     retries: int = Field(default=3, ge=0, le=20, description="of a pass that cannot be used")
     settle_s: float = Field(default=0.05, ge=0, le=5.0)
 
+    @property
+    def heights(self) -> tuple[float, ...]:
+        """How far below the height at which the point meets a beam it is measured, m; one or two."""
+        deeper = (self.measure_depth_m + self.tilt_height_m,) if self.tilt_height_m > 0.0 else ()
+        return (self.measure_depth_m, *deeper)
+
     @model_validator(mode="after")
     def _edges_come_in_pairs(self) -> Self:
         if self.edges % 2:

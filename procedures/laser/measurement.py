@@ -52,11 +52,13 @@ class Measurement:
                 raise error("LASER_OTHER_FIXTURE", f"{inputs.name} has no input '{name}', there is {known}")
 
     async def plan(self, tool: Mapping[str, Any] | None = None) -> dict[str, Any]:
-        """Every sweep with the guard's findings, with ``tool`` instead of the run's; nothing moves."""
+        """Every move with the guard's findings, with ``tool`` instead of the run's; nothing moves."""
         values = {k: v for k, v in self.run.values.items() if k != "laser_reference"}  # it has all its passes
         values["tool"] = dict(tool or values["tool"])
         q = self.run.arm().state.latest(FRESH_S).value.q
-        request = PlanRequest(values, self.search.model_dump(), self.p_ref, self.places, q.tolist())
+        request = PlanRequest(
+            values, self.search.model_dump(), self.p_ref, self.places, q.tolist(), self.retract_pose
+        )
         return await self.run.worker.call(plan_scan, request)
 
     def scan(self, record: PassRecord, tool: Mapping[str, Any] | None = None) -> Scan:

@@ -115,11 +115,20 @@ def way_out(course: Course, flange: RigidTransform) -> RigidTransform | None:
     return None
 
 
+def heights_at(search: Search, station: Station) -> tuple[float, ...]:
+    """How far below the beam's height a station is measured, m; one is enough to find where the beam runs."""
+    return search.heights if station.place == 0 else search.heights[:1]
+
+
+def highest(search: Search) -> float:
+    """How far above the auxiliary point the search may go when the beam is met at once, m."""
+    return search.tool_margin_m
+
+
 def deepest(search: Search, course: Course, station: Station) -> float:
     """How far down the search may go from the auxiliary point, m.
 
     Below what it finds there must be room to measure, at both heights, above the floor.
     """
     room = float(course.tip(station.start)[2]) - search.floor_m
-    below = search.measure_depth_m + search.tilt_height_m
-    return min(search.max_descents * search.descend_step_m, room - below)
+    return min(search.max_descents * search.descend_step_m, room - search.heights[-1])

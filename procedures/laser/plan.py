@@ -1,7 +1,7 @@
-"""The plan of a scan, for the worker process: every move that may come, held against the guard."""
+"""The plan of a scan, for the worker process: every move that may come, in order, held against the guard."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,62 +12,58 @@ from cell.guard import MotionGuard, Tool
 from cell.poses import Array
 from procedures.arm_setup import lease_settings
 from procedures.laser.config import Search
-from procedures.laser.path import Course, Station, course, deepest
+from procedures.laser.path import Course, Station, course, deepest, heights_at, highest, way_out
 
 MOTION_ERRORS = ("MOTION_LIMIT", "MOTION_COLLISION", "MOTION_UNREACHABLE")
 
 
 @dataclass(frozen=True)
 class PlanRequest:
-    """A scan to plan; ``q`` (6,) rad is where the arm stands, ``p_ref`` the tool's point of the reference."""
+    """A scan to plan; ``q`` (6,) rad is where the arm stands, ``p_ref`` the tool's point of the reference.
+
+    ``retract`` names the pose that it ends at, None to stay above the last beam.
+    """
 
     values: dict[str, Any]
     search: dict[str, Any]
     p_ref: list[float] | None
     places: int
     q: list[float]
+    retract: str | None = None
 
 
 def plan_scan(request: PlanRequest) -> dict[str, Any]:
-    """Every sweep from the auxiliary points to the greatest depth, each with the guard's findings.
+    """Every move from where the arm stands to the retract pose, each with the guard's findings.
 
-    The guard knows the tool as longer by ``tool_margin_m``. ``problem`` of a sweep names what forbids it.
+    The guard knows the tool as longer by ``tool_margin_m``. ``sweeps`` are the moves, in order; ``sweeps`` of
+    a move says how often it is made at most, there and back, and ``problem`` what forbids it. After a problem
+    the rest of that station is left out.
     """
     values, search = request.values, Search.model_validate(request.search)
-    guard, tool, _ = lease_settings(values)
     way = course(search, values["robot"], values["tool"]["T_flange_tool"], request.p_ref, request.places)
-    longer = _longer(guard, values["tool"], search.tool_margin_m)
-    rows: list[dict[str, Any]] = []
-    q = np.array(request.q)
+    moves = Moves(longer_tool(values, search.tool_margin_m), way, np.array(request.q))
+    moves.leave_fixture()
     for station in way.stations:
-        if station.place == 0:
-            rows.append(_approach(longer, station, q))
-            q = station.q
-        rows += _sweeps(longer, way, search, station)
-    total = sum(row["sweeps"] for row in rows)
-    problems = [f"{row['index']}: {row['problem']}" for row in rows if row["problem"]]
-    return {
-        "sweeps": rows,
-        "note": (
-            f"{total} sweeps at most, each there and back; checked with a tool that is "
-            f"{1e3 * search.tool_margin_m:g} mm longer than {values['tool']['name']} is believed to be "
-            f"({1e3 * float(np.linalg.norm(tool.T_flange_tool.translation)):.1f} mm)"
-        ),
-        "floor_m": search.floor_m,
-        "problems": problems,
-    }
+        moves.approach(station)
+        _station(moves, search, station)
+        if not moves.possible:  # what comes after is told as if the tool stood beside the beam again
+            moves.q = station.q
+    if request.retract is not None:
+        moves.joints("retract", np.array(values["poses"][request.retract]))
+    return moves.as_plan(values["tool"], search)
 
 
 def check_plan(plan: Mapping[str, Any]) -> None:
-    """``PLAN_INFEASIBLE`` with the first problem when the plan has any."""
+    """``LASER_PLAN_REFUSED`` with the first problem when the plan has any."""
     problems = plan["problems"]
     if problems:
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         raise error("LASER_PLAN_REFUSED", f"{problems[0]}{more}")
 
 
-def _longer(guard: MotionGuard, tool: Mapping[str, Any], margin_m: float) -> MotionGuard:
-    drawn = Tool.from_mapping(tool)
+def longer_tool(values: Mapping[str, Any], margin_m: float) -> MotionGuard:
+    """The guard of a run's values, with a tool that is longer by ``margin_m`` than it is believed to be."""
+    guard, drawn = lease_settings(values)[0], Tool.from_mapping(values["tool"])
     length = float(np.linalg.norm(drawn.T_flange_tool.translation))
     stretch = 1.0 + margin_m / length if length > 0.0 else 1.0
     T = RigidTransform.from_components(
@@ -76,102 +72,156 @@ def _longer(guard: MotionGuard, tool: Mapping[str, Any], margin_m: float) -> Mot
     return MotionGuard(guard.model, guard.limits, Tool(T, drawn.radius_m, drawn.name, drawn.attachments))
 
 
-def _approach(guard: MotionGuard, station: Station, q: Array) -> dict[str, Any]:
-    problem = None
-    try:
-        guard.check_path_joints(q, station.q)
-    except CellError as exc:
-        problem = _told(exc)
-    return {
-        "index": f"{station.beam} approach",
-        "beam": station.beam,
-        "q": station.q.tolist(),
-        "checks": guard.describe(station.q).as_dict(),
-        "problem": problem,
-        "sweeps": 0,
-    }
-
-
-def _sweeps(guard: MotionGuard, way: Course, search: Search, station: Station) -> list[dict[str, Any]]:
-    """One row a height: the descents of the search, and at last the deepest that is measured at."""
-    limit = deepest(search, way, station)
-    if limit < 0.0:
-        low = 1e3 * (float(way.tip(station.start)[2]) - search.floor_m)
-        text = (
+def _station(moves: "Moves", search: Search, station: Station) -> None:
+    """Down by steps, up by steps where the beam is met at once; bisection; measured below the lowest."""
+    limit = deepest(search, moves.way, station)
+    if moves.possible and limit < 0.0:
+        low = 1e3 * (float(moves.way.tip(station.start)[2]) - search.floor_m)
+        moves.refuse(
+            station,
             f"no room to search: the point is {low:.1f} mm above the floor, and measuring needs "
-            f"{1e3 * (search.measure_depth_m + search.tilt_height_m):.1f} mm"
+            f"{1e3 * (search.measure_depth_m + search.tilt_height_m):.1f} mm",
         )
-        return [_row(station, 0.0, way, station.q, guard, 0, text)]
-    steps = int(np.floor(limit / search.descend_step_m + 1e-9))
-    depths = [k * search.descend_step_m for k in range(steps + 1)]
-    tilt = search.tilt_height_m if station.place == 0 else 0.0  # one height is enough to find the beam
-    measured = [d for d in (search.measure_depth_m, tilt) if d > 0.0]
-    bisections = int(np.ceil(np.log2(max(search.descend_step_m / search.z_resolution_m, 1.0))))
-    rows, before, q, problem = [], station.start, station.q, None
-    try:
-        q = _line(guard, guard.model.forward(q), station.start, q)
-    except CellError as exc:
-        problem = _told(exc)
-    q_far = q
-    for depth in (*depths, depths[-1] + sum(measured)):
-        last = depth > depths[-1]
-        count = bisections + len(measured) * (1 + search.passes) if last else 1
-        here = station.at(0.0, depth)
+        return
+    step = search.descend_step_m
+    moves.sweeps(station, 0.0, 1)
+    for k in range(1, int(np.floor(highest(search) / step + 1e-9)) + 1):
+        moves.sweeps(station, -k * step, 1, ", if met at once")
+    lowest = 0.0
+    for k in range(1, int(np.floor(limit / step + 1e-9)) + 1):
+        lowest = k * step
+        moves.sweeps(station, lowest, 1)
+    if bisections := int(np.ceil(np.log2(max(step / search.z_resolution_m, 1.0)))):
+        moves.sweeps(station, lowest, bisections, " or higher, bisection")
+    for below in heights_at(search, station):
+        moves.sweeps(station, lowest + below, 1 + search.passes, " or higher, measured")
+    moves.lift(station)
+
+
+@dataclass
+class Moves:
+    """Moves in the order in which they are made, each checked from where the one before it ended."""
+
+    guard: MotionGuard
+    way: Course
+    q: Array  # (6,) where the arm stands
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    possible: bool = True  # so far, since the last approach
+
+    def __post_init__(self) -> None:
+        self.q_far = self.q  # at the far end of the last sweep
+
+    def leave_fixture(self) -> None:
+        """Straight up, when the tool stands between the sensors."""
+        above = way_out(self.way, self.guard.model.forward(self.q))
+        if above is not None:
+            self.line("lift out of the fixture", above)
+
+    def approach(self, station: Station) -> None:
+        """To the place's start: in joints to the auxiliary point, then straight where it is another."""
+        self.possible = True
+        if station.place == 0:
+            self.joints(f"{station.beam} approach", station.q, beam=station.beam)
+        if self.possible and not station.taught:
+            self.line(_named(station, "start"), station.start, beam=station.beam, place=station.place)
+
+    def joints(self, index: str, q: Array, **more: Any) -> None:
+        """A move in joints to ``q`` (6,) rad."""
+        problem = None
         try:
-            if problem is None:
-                q = _line(guard, before, here, q)
-                q_far = _line(guard, here, station.at(station.distance_m, depth), q)
+            self.guard.check_path_joints(self.q, q)
         except CellError as exc:
-            problem = _told(exc)
-        worst = min((q, q_far), key=lambda joints: _tightest(guard, joints))
-        rows.append(_row(station, depth, way, worst, guard, count, problem))
-        if problem is not None:
-            break
-        before = here
-    return rows
+            problem = self._told(exc)
+        before, self.q = self.q, q
+        self._row(index, self._tightest(before, q), problem, **more)
+
+    def line(self, index: str, to: RigidTransform, **more: Any) -> None:
+        """A move of the tool on a line until the flange has this pose."""
+        before, problem = self.q, None
+        try:
+            self.q = self._line_to(to)
+        except CellError as exc:
+            problem = self._told(exc)
+        begin = self.way.tip(self.guard.model.forward(before))
+        ends = {"from": begin.tolist(), "to": self.way.tip(to).tolist()}
+        self._row(index, self._tightest(before, self.q), problem, **more, **ends)
+
+    def sweeps(self, station: Station, depth: float, times: int, when: str = "") -> None:
+        """Down or up beside the beam to ``depth`` m, and ``times`` across it and back."""
+        if not self.possible:
+            return
+        near, far = station.at(0.0, depth), station.at(station.distance_m, depth)
+        worst, problem = self.q, None
+        try:
+            self.q = self._line_to(near)
+            self.q_far = self._line_to(far)
+            worst = self._tightest(self.q, self.q_far)
+        except CellError as exc:
+            problem = self._told(exc)
+        more = {"beam": station.beam, "place": station.place, "depth_m": depth, "sweeps": times}
+        ends = {"from": self.way.tip(near).tolist(), "to": self.way.tip(far).tolist()}
+        self._row(_named(station, f"at {1e3 * depth:.1f} mm{when}"), worst, problem, **more, **ends)
+
+    def lift(self, station: Station) -> None:
+        """Straight up from the far end of the last sweep, which is the farthest there is, and back."""
+        if not self.possible:
+            return
+        about = {"beam": station.beam, "place": station.place}
+        self.q = self.q_far
+        self.line(_named(station, "lift"), station.at(station.distance_m, 0.0), **about)
+        self.line(_named(station, "back"), station.start, **about)
+
+    def refuse(self, station: Station, problem: str) -> None:
+        """A station that cannot be measured at all."""
+        ends = {"from": self.way.tip(station.start).tolist(), "to": None}
+        self._row(
+            _named(station, "at 0.0 mm"), self.q, problem, beam=station.beam, place=station.place, **ends
+        )
+
+    def as_plan(self, tool: Mapping[str, Any], search: Search) -> dict[str, Any]:
+        """What a dry run shows."""
+        total = sum(row["sweeps"] for row in self.rows)
+        length = float(np.linalg.norm(tool["T_flange_tool"][:3]))
+        return {
+            "sweeps": self.rows,
+            "note": (
+                f"{total} sweeps at most, each there and back; checked with a tool that is "
+                f"{1e3 * search.tool_margin_m:g} mm longer than {tool['name']} is believed to be "
+                f"({1e3 * length:.1f} mm)"
+            ),
+            "floor_m": search.floor_m,
+            "problems": [f"{row['index']}: {row['problem']}" for row in self.rows if row["problem"]],
+        }
+
+    def _line_to(self, to: RigidTransform) -> Array:
+        """Check the line from where the arm stands and give the joints (6,) at its end."""
+        self.guard.check_path_linear(self.guard.model.forward(self.q), to, self.q)
+        found = self.guard.model.inverse(to, self.q)
+        if found is None:
+            raise error("MOTION_UNREACHABLE", "the end of the line has no joints within range")
+        return found
+
+    def _tightest(self, *ends: Array) -> Array:
+        """The joints (6,) that are nearest to a limit of the guard's."""
+
+        def margin(q: Array) -> float:
+            found = self.guard.describe(q)
+            clearance = np.inf if found.clearance_m is None else found.clearance_m
+            return min(clearance, found.workspace_m, found.floor_m, found.self_m)
+
+        return min(ends, key=margin)
+
+    def _row(self, index: str, q: Array, problem: str | None, **more: Any) -> None:
+        self.possible = self.possible and problem is None
+        row = {"index": index, "q": [float(v) for v in q], "problem": problem, "sweeps": 0, **more}
+        self.rows.append({**row, "checks": self.guard.describe(q).as_dict()})
+
+    def _told(self, exc: CellError) -> str:
+        """A finding of the guard; anything else is not for a plan."""
+        if exc.name not in MOTION_ERRORS:
+            raise exc
+        return str(exc)
 
 
-def _line(guard: MotionGuard, a: RigidTransform, b: RigidTransform, q: Array) -> Array:
-    """Check a line of the tool and give the joints (6,) at its end."""
-    guard.check_path_linear(a, b, q)
-    found = guard.model.inverse(b, q)
-    if found is None:
-        raise error("MOTION_UNREACHABLE", "the end of the line has no joints within range")
-    return found
-
-
-def _row(
-    station: Station,
-    depth: float,
-    way: Course,
-    q: Array,
-    guard: MotionGuard,
-    sweeps: int,
-    problem: str | None,
-) -> dict[str, Any]:
-    tip, end = way.tip(station.at(0.0, depth)), way.tip(station.at(station.distance_m, depth))
-    return {
-        "index": f"{station.beam} {station.place + 1} at {1e3 * depth:.1f} mm",
-        "beam": station.beam,
-        "place": station.place,
-        "depth_m": depth,
-        "from": tip.tolist(),
-        "to": end.tolist(),
-        "q": [float(v) for v in q],
-        "checks": guard.describe(q).as_dict(),
-        "problem": problem,
-        "sweeps": sweeps,
-    }
-
-
-def _tightest(guard: MotionGuard, q: Array) -> float:
-    margins = guard.describe(q)
-    clearance = np.inf if margins.clearance_m is None else margins.clearance_m
-    return min(clearance, margins.workspace_m, margins.floor_m, margins.self_m)
-
-
-def _told(exc: CellError) -> str:
-    """A finding of the guard; anything else is not for a plan."""
-    if exc.name not in MOTION_ERRORS:
-        raise exc
-    return str(exc)
+def _named(station: Station, what: str) -> str:
+    return f"{station.beam} {station.place + 1} {what}"

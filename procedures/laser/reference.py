@@ -67,7 +67,7 @@ class LaserReference(Procedure):
         await keep_trends(run)
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
-        """Every sweep with the guard's findings; nothing moves."""
+        """Every move with the guard's findings; nothing moves."""
         measurement = self._measurement(run)
         measurement.check_fixture()
         return await measurement.plan()

@@ -18,7 +18,7 @@ from cell.motion import MotionLease
 from cell.procedure import FinishRequested, Run
 from procedures.laser.config import BEAMS, Search
 from procedures.laser.faults import Fault, crossing_fault, fault_of, gap_of, one_sided, stuck_dark
-from procedures.laser.path import Course, Station, deepest, way_out
+from procedures.laser.path import Course, Station, deepest, heights_at, highest, way_out
 from procedures.laser.record import PassRecord
 from procedures.laser.states import ScanState as S
 from procedures.laser.sweep import POLL_TIMEOUT_S, Beam, Sweeper, Way
@@ -60,8 +60,6 @@ class Scan:
             name: Beam(name, self.inputs.names.index(search.beam(name).input), search.beam(name).across_unit)
             for name in BEAMS
         }
-        heights = (search.measure_depth_m, search.measure_depth_m + search.tilt_height_m)
-        self._heights = heights if search.tilt_height_m > 0.0 else heights[:1]
         self._lease: MotionLease
         self._sweeper: Sweeper
         self._station: Station
@@ -76,12 +74,12 @@ class Scan:
 
     async def take(self, lease: MotionLease) -> None:
         """All passes; after a finish those that were taken by then. The tool ends clear of the beams."""
-        run, arm = self.run, self.run.arm()
+        run, arm, search = self.run, self.run.arm(), self.search
         self._lease = lease
         self._sweeper = Sweeper(arm, self.inputs, lease, run.clock, self._offset_s)
         self._first = True
-        heights = sum(len(self._heights) if s.place == 0 else 1 for s in self.course.stations)
-        run.progress(0, heights * self.search.passes)
+        heights = sum(len(heights_at(search, s)) for s in self.course.stations)
+        run.progress(0, heights * search.passes)
         with suppress(FinishRequested):
             for station in self.course.stations:
                 if station.beam not in self._missing:
@@ -106,7 +104,7 @@ class Scan:
             self.run.note(
                 "decision", event="hit", beam=station.beam, place=station.place, depth_m=round(middle, 6)
             )
-            for below in self._heights if station.place == 0 else self._heights[:1]:
+            for below in heights_at(self.search, station):
                 await self._measure(middle + below)
         await self._lift(f"{station.name} is done")
 
@@ -158,7 +156,7 @@ class Scan:
     async def _up_a_step(self, step: float) -> None:
         """The beam was met at once: look for the height at which it is not."""
         up = step - self._depth
-        if up > self.search.tool_margin_m + SAME_M:
+        if up > highest(self.search) + SAME_M:
             raise error(
                 "LASER_TOOL_TOO_LONG",
                 f"{self._station.name} is met {-1e3 * self._depth:.1f} mm above the auxiliary point already",

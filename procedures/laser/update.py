@@ -95,10 +95,12 @@ class LaserUpdate(Procedure):
         await _Candidate(self.config, run, measurement).decide()
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
-        """Every sweep of the first scan with the guard's findings; the second is the same, shifted."""
+        """Every move of the first scan with the guard's findings; nothing moves."""
         measurement = measurement_of(run, self.config)
         measurement.check_fixture()
-        return await measurement.plan()
+        plan = await measurement.plan()
+        again = "once accepted, all of it again with the candidate's point on the same path, checked then"
+        return {**plan, "note": f"{plan['note']}; {again}"}
 
 
 class _Candidate:

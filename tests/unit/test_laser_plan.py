@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from scipy.spatial.transform import RigidTransform
 
 from calibration.kinematics import robot_from_spec
 from cell.errors import InputError
@@ -32,16 +33,23 @@ def search(**keys: Any) -> Search:
     return Search.from_config(config, SHIPPED.poses, "beams")
 
 
-def plan(tool: dict[str, Any] | None = None, limits: dict[str, Any] | None = None, **keys: Any) -> Any:
+def plan(
+    tool: dict[str, Any] | None = None,
+    limits: dict[str, Any] | None = None,
+    q: list[float] | None = None,
+    retract: str | None = None,
+    **keys: Any,
+) -> Any:
     values = {
         "robot": ROBOT,
         "tool": tool or TOOL,
         "payload_kg": 1.0,
         "centre_of_mass_m": [0.0, 0.0, 0.0],
         "limits": {"joint_accel_rad_s2": 1.4, **SHIPPED.limits, **(limits or {})},
+        "poses": {**SHIPPED.poses, "far": [SHIPPED.poses["home"][0] - 1.5, *SHIPPED.poses["home"][1:]]},
     }
-    q = list(SHIPPED.poses["home"])
-    return plan_scan(PlanRequest(values, search(**keys).model_dump(), None, 2, q))
+    q = q or list(SHIPPED.poses["home"])
+    return plan_scan(PlanRequest(values, search(**keys).model_dump(), None, 2, q, retract))
 
 
 @pytest.mark.parametrize(
@@ -105,8 +113,17 @@ def test_the_search_leaves_room_to_measure_above_the_floor() -> None:
 def test_every_sweep_down_to_the_limit_is_listed_with_what_the_guard_says() -> None:
     found = plan(max_descents=2)
     assert found["problems"] == []
-    rows = [row for row in found["sweeps"] if row["beam"] == "xs" and row.get("place") == 0]
-    assert [round(row["depth_m"], 4) for row in rows] == [0.0, 0.005, 0.01, 0.041]
+    rows = [row for row in found["sweeps"] if row["index"].startswith("xs 1") and row["sweeps"]]
+    assert [(round(row["depth_m"], 4), row["sweeps"]) for row in rows] == [
+        (0.0, 1),
+        (-0.005, 1),
+        (-0.01, 1),
+        (0.005, 1),
+        (0.01, 1),
+        (0.01, 8),  # 5 mm halved until 0.02 mm
+        (0.016, 1 + 8),
+        (0.041, 1 + 8),
+    ]
     model = robot_from_spec(ROBOT)
     for row in rows:
         length = np.linalg.norm(np.array(row["to"]) - row["from"])
@@ -117,13 +134,68 @@ def test_every_sweep_down_to_the_limit_is_listed_with_what_the_guard_says() -> N
     assert sum(row["sweeps"] for row in found["sweeps"]) > 4 * 2 * 8
 
 
+def test_the_moves_are_listed_in_the_order_in_which_they_are_made() -> None:
+    found = plan(max_descents=1, retract="home")
+    names = [row["index"] for row in found["sweeps"]]
+    assert names == [
+        "xs approach",
+        "xs 1 at 0.0 mm",
+        "xs 1 at -5.0 mm, if met at once",
+        "xs 1 at -10.0 mm, if met at once",
+        "xs 1 at 5.0 mm",
+        "xs 1 at 5.0 mm or higher, bisection",
+        "xs 1 at 11.0 mm or higher, measured",
+        "xs 1 at 36.0 mm or higher, measured",
+        "xs 1 lift",
+        "xs 1 back",
+        "xs 2 start",
+        *(n for n in names if n.startswith("xs 2 at")),
+        "xs 2 lift",
+        "xs 2 back",
+        "ys approach",
+        *(n for n in names if n.startswith("ys 1 at")),
+        "ys 1 lift",
+        "ys 1 back",
+        "ys 2 start",
+        *(n for n in names if n.startswith("ys 2 at")),
+        "ys 2 lift",
+        "ys 2 back",
+        "retract",
+    ]
+    lift = next(row for row in found["sweeps"] if row["index"] == "xs 1 lift")
+    assert np.array(lift["to"]) - lift["from"] == pytest.approx([0.0, 0.0, 0.036], abs=1e-9)
+    assert found["problems"] == []
+
+
+def test_a_tool_that_stands_between_the_sensors_is_lifted_first() -> None:
+    model = robot_from_spec(ROBOT)
+    beside = np.array(SHIPPED.poses["aux_xs"])
+    aux = model.forward(beside)
+    low = RigidTransform.from_components(aux.translation - [0.0, 0.0, 0.02], aux.rotation)
+    q = model.inverse(low, beside)
+    assert q is not None
+    first, second, *_ = plan(q=q.tolist(), max_descents=1)["sweeps"]
+    assert (first["index"], second["index"]) == ("lift out of the fixture", "xs approach")
+    assert np.array(first["to"]) - first["from"] == pytest.approx([0.0, 0.0, 0.02], abs=1e-6)
+
+
+def test_a_box_in_the_way_of_the_retract_is_found() -> None:
+    post = {"name": "post", "min": [-0.05, 0.5, 0.2], "max": [0.05, 0.9, 0.8]}
+    assert plan(limits={"keep_out": [post]}, max_descents=1)["problems"] == []
+    (problem,) = plan(limits={"keep_out": [post]}, max_descents=1, retract="far")["problems"]
+    assert problem.startswith("retract: ")
+    assert "'post'" in problem
+
+
 def test_the_guard_sees_the_tool_longer_than_it_is_believed_to_be() -> None:
     under = [{"min": [-1.3, -1.3, 0.195], "max": [1.3, 1.3, 1.8]}]
     keys = {"max_descents": 2, "floor_m": 0.0}
     assert plan(limits={"workspace": under}, tool_margin_m=0.005, **keys)["problems"] == []
     found = plan(limits={"workspace": under}, tool_margin_m=0.03, **keys)
     assert "'pin' and the workspace" in found["problems"][0]
-    with pytest.raises(Exception, match=r"cannot be crossed within the limits: xs 1 at 41\.0 mm"):
+    with pytest.raises(
+        Exception, match=r"cannot be crossed within the limits: xs 1 at 41\.0 mm or higher, measured"
+    ):
         check_plan(found)
 
 
