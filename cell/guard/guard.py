@@ -95,6 +95,15 @@ class MotionGuard:
         joints = _six(q)
         return margins_of(joints, self.model, self._rules, self._body.ends(joints[None]), JOINTS)
 
+    @property
+    def radii(self) -> Array:
+        """(m,) m: the radii of the capsules that stand for links and tool."""
+        return self._body.radii
+
+    def capsule_ends(self, Q: Array) -> Array:
+        """(n, m, 2, 3) m: both ends of every capsule in the base, for joints ``Q`` (n, 6)."""
+        return self._body.ends(Q)
+
     def _check(self, Q: Array, places: list[str], slack_limit: Array) -> None:
         self._check_joint_range(Q, places)
         finding = self._rules.first_broken(self._body.ends(Q), slack_limit)

@@ -1,0 +1,159 @@
+"""What an integrator can set for the sampling of an arm with a laser tracker."""
+
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Two = Annotated[list[float], Field(min_length=2, max_length=2)]
+Three = Annotated[list[float], Field(min_length=3, max_length=3)]
+Six = Annotated[list[float], Field(min_length=6, max_length=6)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Reflector(_Strict):
+    """A reflector on the flange. Its name is the one of ``[device.NAME] reflectors``."""
+
+    point: Three = Field(description="m, in the flange; to about 20 mm, it is measured too")
+    normal: Three | None = Field(default=None, description="where it looks, in the flange; else everywhere")
+    half_angle_rad: float = Field(
+        default=0.45, gt=0, le=np.pi, description="that the beam may come off normal; leave some room"
+    )
+
+    @model_validator(mode="after")
+    def _looks_somewhere(self) -> Self:
+        if self.normal is not None and not np.linalg.norm(self.normal) > 0.0:
+            raise ValueError("normal has no length; give the direction in which the reflector looks")
+        return self
+
+
+class Monument(_Strict):
+    """A reflector that is fixed to the floor or the base: it shows whether the tracker's stand moves."""
+
+    point: Three = Field(description="m, in the base; to about 50 mm, its place is measured first")
+
+
+class Sight(_Strict):
+    """Where the tracker can measure, and how far its beam has to stay from the arm."""
+
+    range_m: Two = Field(default=[0.8, 30.0], description="least and greatest distance")
+    elevation_rad: Two = Field(default=[-0.8, 1.2], description="lowest and highest beam at the tracker")
+    clearance_m: float = Field(
+        default=0.03,
+        ge=0,
+        le=0.5,
+        description="between the beam and links, tool and keep-out boxes",
+    )
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        for name in ("range_m", "elevation_rad"):
+            low, high = getattr(self, name)
+            if not low < high:
+                raise ValueError(f"{name} is [low, high]; {low:g} is not below {high:g}")
+        return self
+
+
+class Acceptance(_Strict):
+    """Limits on the result; within them it may be accepted without a person when ``auto`` is set."""
+
+    max_error_m: float = Field(
+        default=0.0003, gt=0, le=0.1, description="95 % of prediction errors, anywhere that was sampled"
+    )
+    auto: bool = Field(default=False, description="accept a passing result without asking")
+
+
+class TrackerSamplingConfig(_Strict):
+    """``[job.tracker-sampling]``."""
+
+    arm: Literal["arm", "observed_arm"] = Field(
+        default="arm", description="role in [robot]: the arm that is moved, or one that is only read"
+    )
+    reflectors: dict[str, Reflector] = Field(min_length=1, description="[..reflectors.NAME] on the flange")
+    monuments: dict[str, Monument] = Field(default_factory=dict, description="[..monuments.NAME] in the base")
+    poses: int = Field(default=40, ge=6, le=500, description="to measure, those set aside included")
+    held_out_share: float = Field(
+        default=0.2, ge=0, le=0.5, description="of the poses: set aside before solving, to judge the result"
+    )
+    monument_every: int = Field(default=10, ge=1, le=500, description="poses between looks at the monuments")
+    max_drift_m: float = Field(
+        default=0.0001,
+        gt=0,
+        le=0.1,
+        description="a monument further off than this, and than noise, moved",
+    )
+    T_base_tracker_nominal: Six | None = Field(
+        default=None,
+        description="the tracker in the base, to 0.1 m and 2 deg; else the job finds it",
+    )
+    locate_poses: int = Field(default=4, ge=3, le=20, description="to find the tracker's place with")
+    max_locate_error_m: float = Field(
+        default=0.02, gt=0, le=0.5, description="of the drawn arm at these poses, in its best place"
+    )
+    joint_ranges_rad: list[Two] | None = Field(
+        default=None,
+        description="[low, high] of each joint; else half a turn each way",
+    )
+    sight: Sight = Field(default_factory=lambda: Sight())
+    settle_s: float = Field(default=0.5, ge=0, le=60)
+    window_s: float = Field(default=1.0, gt=0, le=60, description="of one stable point")
+    max_scatter_m: float = Field(default=0.0002, gt=0, le=0.01, description="of the readings in the window")
+    measure_timeout_s: float = Field(default=10.0, gt=0, le=300)
+    find_timeout_s: float = Field(default=15.0, gt=0, le=300)
+    retries_per_pose: int = Field(default=2, ge=0, le=10)
+    reacquire_wait_s: float = Field(
+        default=1.0, ge=0, le=60, description="before a lost reflector is searched for"
+    )
+    max_surprise_m: float = Field(
+        default=0.05, gt=0, le=1.0, description="between where a reflector is seen and where it should be"
+    )
+    max_motion_m: float = Field(
+        default=0.00005, gt=0, le=0.01, description="of the flange while it is measured, by the joints"
+    )
+    swap_by_operator: bool = Field(
+        default=False, description="there is one reflector, and a person puts it where the job asks"
+    )
+    request_timeout_s: float = Field(
+        default=120.0, gt=0, le=3600, description="for an observed arm's program to get to a pose"
+    )
+    pose_tolerance_rad: float = Field(
+        default=0.02,
+        gt=0,
+        le=1.0,
+        description="an observed arm further off is measured all the same, and told",
+    )
+    payload_kg: float | None = Field(
+        default=None,
+        ge=0,
+        le=2000,
+        description="on the flange; else [robot] payload_kg, which it must equal",
+    )
+    max_predicted_m: float = Field(
+        default=0.0003,
+        gt=0,
+        le=0.1,
+        description="95 % of errors at the plan's worst place; beyond, nothing moves",
+    )
+    max_duration_s: float = Field(default=4 * 3600.0, gt=0)
+    accept: Acceptance = Field(default_factory=lambda: Acceptance())
+
+    @property
+    def held_out(self) -> int:
+        """Poses that are set aside."""
+        return round(self.poses * self.held_out_share)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if both := sorted(set(self.reflectors) & set(self.monuments)):
+            raise ValueError(f"'{both[0]}' is a reflector and a monument; each needs a name of its own")
+        if self.arm == "observed_arm" and self.joint_ranges_rad is None:
+            raise ValueError("joint_ranges_rad is missing; an observed arm's joints have no known limits")
+        if self.arm == "observed_arm" and self.payload_kg is None:
+            raise ValueError("payload_kg is missing; [robot] payload_kg is that of the arm that is moved")
+        for k, (low, high) in enumerate(self.joint_ranges_rad or ()):
+            if not low <= high:
+                raise ValueError(f"joint_ranges_rad[{k}] is [low, high]; {low:g} is above {high:g}")
+        return self
