@@ -4,22 +4,14 @@ A pseudo-terminal has no parity and no speed of its own; the speed that the clie
 """
 
 import asyncio
-import os
-import termios
-import tty
-from contextlib import suppress
 from pathlib import Path
 
-from fakes.faults import Link
 from fakes.modbus_io.service import Service
+from fakes.terminal import Terminal
 
 SMALLEST_FRAME, LARGEST_FRAME = 4, 256
 BROADCAST = 0
 _BITS_PER_CHARACTER, _CHARACTERS, _SHORTEST_SILENCE_S = 11, 3.5, 0.00175
-_BAUD = {
-    getattr(termios, f"B{rate}"): rate
-    for rate in (300, 600, 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)
-}
 
 
 def crc16(data: bytes) -> int:
@@ -56,9 +48,7 @@ class RtuLine:
 
     def __init__(self, service: Service, link: Path) -> None:
         self._service, self.path = service, link
-        self._ours: int | None = None
-        self._theirs: int | None = None
-        self._link: Link | None = None
+        self._terminal = Terminal(link, service.faults.link, self._received)
         self._buffer = bytearray()
         self._silence: asyncio.TimerHandle | None = None
         self._pending: set[asyncio.TimerHandle] = set()
@@ -66,30 +56,17 @@ class RtuLine:
 
     def open(self) -> None:
         """Make the terminal and its link."""
-        self._ours, self._theirs = os.openpty()
-        tty.setraw(self._theirs)
-        os.set_blocking(self._ours, False)
-        self._link = Link(_Terminal(self._ours), self._service.faults.link)
-        self.path.unlink(missing_ok=True)
-        self.path.symlink_to(os.ttyname(self._theirs))
-        asyncio.get_running_loop().add_reader(self._ours, self._readable)
+        self._terminal.open()
 
     def close(self) -> None:
         """Remove the link and the terminal."""
-        if self._ours is None or self._theirs is None or self._link is None:
-            return
-        asyncio.get_running_loop().remove_reader(self._ours)
         self.mute()
-        self._link.close()
-        self.path.unlink(missing_ok=True)
-        os.close(self._ours)
-        os.close(self._theirs)
-        self._ours = self._theirs = self._link = None
+        self._terminal.close()
 
     def send(self, data: bytes) -> None:
         """Put bytes on the line."""
-        if self._link is not None and self.powered:
-            self._link.send(data)
+        if self.powered:
+            self._terminal.send(data)
 
     def mute(self) -> None:
         """Forget what was asked, as at a loss of power."""
@@ -100,20 +77,15 @@ class RtuLine:
         self._pending.clear()
         self._buffer.clear()
 
-    def _readable(self) -> None:
-        assert self._ours is not None
-        assert self._theirs is not None
-        with suppress(BlockingIOError):
-            data = os.read(self._ours, 4096)
-            if self._service.faults.link.half_open or not self.powered:
-                return
-            # One byte more than a frame may have is enough to know that it is none.
-            self._buffer += data[: LARGEST_FRAME + 1 - len(self._buffer)]
-            if self._silence is not None:
-                self._silence.cancel()
-            baud = _BAUD.get(termios.tcgetattr(self._theirs)[4], 115200)
-            loop = asyncio.get_running_loop()
-            self._silence = loop.call_later(silence_s(baud), self._frame_ended)
+    def _received(self, data: bytes) -> None:
+        if not self.powered:
+            return
+        # One byte more than a frame may have is enough to know that it is none.
+        self._buffer += data[: LARGEST_FRAME + 1 - len(self._buffer)]
+        if self._silence is not None:
+            self._silence.cancel()
+        loop = asyncio.get_running_loop()
+        self._silence = loop.call_later(silence_s(self._terminal.baudrate), self._frame_ended)
 
     def _frame_ended(self) -> None:
         self._silence = None
@@ -126,32 +98,8 @@ class RtuLine:
             self._pending.discard(timer)
             unit, pdu = request
             reply = self._service.reply(pdu)
-            if unit != BROADCAST and self._link is not None:
-                self._service.send(self._link, frame(unit, reply))
+            if unit != BROADCAST and self._terminal.link is not None:
+                self._service.send(self._terminal.link, frame(unit, reply))
 
         timer = self._service.later(answer)
         self._pending.add(timer)
-
-
-class _Terminal(asyncio.Transport):
-    """Writes to a terminal; what it does not take is lost, as on a line with nobody at its end."""
-
-    def __init__(self, descriptor: int) -> None:
-        super().__init__()
-        self._descriptor: int | None = descriptor
-
-    def write(self, data: bytes | bytearray | memoryview) -> None:
-        if self._descriptor is not None:
-            with suppress(BlockingIOError):
-                os.write(self._descriptor, data)
-
-    def is_closing(self) -> bool:
-        return self._descriptor is None
-
-    def close(self) -> None:
-        self._descriptor = None
-
-    abort = close
-
-    def get_write_buffer_size(self) -> int:
-        return 0

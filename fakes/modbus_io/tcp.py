@@ -6,6 +6,7 @@ frame. Requests of one connection are processed in order, and read no faster tha
 
 import asyncio
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from fakes.faults import Link
@@ -66,9 +67,8 @@ def frame(transaction: int, unit: int, pdu: bytes) -> bytes:
 class Connections:
     """The open connections of one module, over TCP and TLS alike; the one silent longest makes room."""
 
-    def __init__(self, service: Service) -> None:
-        self.service = service
-        self.accepting = False
+    def __init__(self, service: Service, accepting: Callable[[], bool]) -> None:
+        self.service, self.accepting = service, accepting
         self._open: dict[Connection, None] = {}  # in the order in which they were last heard
 
     def __len__(self) -> int:
@@ -113,7 +113,7 @@ class Connection(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
         self._transport, self._link = transport, Link(transport, self._service.faults.link)
-        if self._connections.accepting:
+        if self._connections.accepting():
             self._connections.heard(self)
         else:  # it was on its way when the listener closed
             self._link.close(reset=True)
