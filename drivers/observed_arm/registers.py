@@ -138,15 +138,12 @@ class RegisterSource:
     # -- asking
 
     def _request_words(self, number: int, q: Array) -> list[list[int]]:
-        if not 0 < number <= LARGEST_NUMBER:
-            raise error(
-                "ARGUMENT_INVALID", f"{self._name}: pose number {number} is not 0 to {LARGEST_NUMBER}"
-            )
-        if np.shape(q) != (len(self._encodings),) or not all(isfinite(x) for x in q):
-            raise error(
-                "ARGUMENT_INVALID", f"{self._name}: pose {number} needs {len(self._encodings)} joints"
-            )
+        axes = len(self._encodings)
         try:
+            if not 0 < number <= LARGEST_NUMBER:
+                raise ValueError(f"its number is not 0 to {LARGEST_NUMBER}")
+            if np.shape(q) != (axes,):
+                raise ValueError(f"it needs {axes} joints")
             return [e.encode(float(x)) for e, x in zip(self._encodings, q, strict=True)]
         except ValueError as exc:
             raise error("ARGUMENT_INVALID", f"{self._name}: pose {number}: {exc}") from exc
