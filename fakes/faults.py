@@ -39,6 +39,14 @@ class Fault(StrEnum):
     WRAP = "wrap"  # a counter wraps
     STUCK = "stuck"  # an input keeps its level
     BOUNCE = "bounce"  # an input bounces at each edge
+    # belt and CAN
+    SLIP = "slip"  # the encoder's wheel gets ahead of the belt
+    UNPLUG = "unplug"  # the encoder's connector is pulled, its bus and adapters stay
+    BUS_OFF = "bus-off"  # the CAN controller of the adapter has given up
+    NODE_STOP = "node-stop"  # another master stops the node
+    ALARM = "alarm"  # the device reports a fault of its own
+    BELT_STOP = "belt-stop"  # the belt stands
+    BELT_REVERSE = "belt-reverse"  # the belt runs the other way
     # camera
     LOST_BOARD = "lost-board"  # the target is not in the view
     DARK = "dark"  # too little light

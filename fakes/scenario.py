@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from cell.errors import error
 from fakes._toml import to_toml
 from fakes.beam_truth import BeamTruth, CapsuleTruth, Channel, IoTruth, Three
+from fakes.belt_truth import BeltTruth, PhaseTruth, RippleTruth, StopsTruth
 from fakes.kinematics import MODELS, LinkDeltas
 from fakes.observed_truth import ObservedTruth, PalletizerErrors, PalletizerTable
 from fakes.tracker_truth import ReflectorTruth, TrackerTruth
@@ -134,6 +135,7 @@ class WorldTruth(_Strict):
         default={}, description="the arm's own digital input of each beam"
     )
     obstacle: list[Obstacle] = []
+    belt: BeltTruth | None = None
     observed: ObservedTruth | None = Field(default=None, description="an arm that its own program moves")
     tracker: TrackerTruth | None = None
     reflectors: dict[str, ReflectorTruth] = Field(
@@ -197,6 +199,10 @@ class FakeAddresses(_Strict):
     io_rtu: bool = Field(default=False, description="the input module also on a serial line, io.tty")
     io_delay_s: float = Field(default=0.001, ge=0, le=1, description="the module's shortest reply time")
     io_jitter_s: float = Field(default=0.001, ge=0, le=1, description="and what chance adds to it at most")
+    can: Literal["slcan", "socketcand"] = Field(
+        default="slcan", description="the adapter that the generated cell.toml names; both are there"
+    )
+    can_port: int = Field(default=29536, ge=1024, le=65535, description="TCP port of the CAN gateway")
     observed_port: int = Field(
         default=5503, ge=1024, le=65535, description="Modbus TCP port of the observed arm's controller"
     )
@@ -208,7 +214,7 @@ class FakeAddresses(_Strict):
 class FaultEntry(_Strict):
     """``[[fault]]``: ``kind`` happens to ``device`` ``when_s`` seconds after the twin's start."""
 
-    device: Literal["arm", "camera", "beams", "tracker", "palletizer"]
+    device: Literal["arm", "camera", "beams", "tracker", "palletizer", "belt"]
     kind: str
     when_s: float = Field(ge=0)
     args: dict[str, Any] = {}
@@ -276,12 +282,13 @@ class Scenario(_Strict):
         beams: dict[str, Any] | None = None,
         tracker: dict[str, Any] | None = None,
         observed: dict[str, Any] | None = None,
+        belt: dict[str, Any] | None = None,
     ) -> str:
         """A ready cell.toml for this twin (FORMATS.md section 2).
 
-        ``arm``, ``camera``, ``beams``, ``tracker`` and ``observed`` are the device tables, driver and address
-        included; those of devices that the scenario lacks are left out. The file that ``observed_model``
-        names is written by :meth:`write_observed_model`. ``modbus`` is its section;
+        ``arm``, ``camera``, ``beams``, ``tracker``, ``observed`` and ``belt`` are the device tables, driver
+        and address included; those of devices that the scenario lacks are left out. The file that
+        ``observed_model`` names is written by :meth:`write_observed_model`. ``modbus`` is its section;
         ``overrides`` are further top-level tables that replace generated ones of the same name; ``clock``
         names the virtual clock of the object face.
         """
@@ -303,6 +310,9 @@ class Scenario(_Strict):
             robot["observed_arm"] = OBSERVED
             robot["observed_model"] = OBSERVED_MODEL
             devices[OBSERVED] = {**observed, "expect_serial": world.observed.serial}
+        if world.belt is not None and belt is not None:
+            robot["belt"] = "belt"
+            devices["belt"] = {**belt, "expect_serial": world.belt.serial}
         robot |= {
             "T_flange_target_nominal": self.cell.T_flange_target_nominal,
             "model": world.arm.model,
@@ -353,6 +363,6 @@ def _findings(exc: ValidationError) -> list[str]:
 def _known_keys() -> set[str]:
     models: list[type[BaseModel]] = [
         *_Strict.__subclasses__(), BeamTruth, CapsuleTruth, IoTruth, TrackerTruth, ReflectorTruth,
-        ObservedTruth, PalletizerTable, PalletizerErrors,
+        ObservedTruth, PalletizerTable, PalletizerErrors, BeltTruth, PhaseTruth, StopsTruth, RippleTruth,
     ]  # fmt: skip
     return {info.alias or name for model in models for name, info in model.model_fields.items()}

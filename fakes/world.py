@@ -17,6 +17,8 @@ from cell.devices import Intrinsics
 from cell.errors import error
 from cell.poses import Array, exp_xi, from_pose6, to_pose6
 from fakes.beams import Beams
+from fakes.belt import Belt
+from fakes.belt_encoder import BeltEncoder
 from fakes.gripper import Gripper
 from fakes.input_module import InputModule
 from fakes.items import Items
@@ -125,6 +127,11 @@ class World:
             self.track.listeners.append(self.beams.on_segment)
             self.tool.listeners.append(lambda bend: self.beams.on_change(bend[0]))
         self.observed = None if truth.observed is None else ObservedPalletizer(truth.observed, truth.seed, t0)
+        self.belt: Belt | None = None
+        self.encoder: BeltEncoder | None = None
+        if truth.belt is not None:
+            self.belt = Belt(truth.belt, truth.seed, t0)
+            self.encoder = BeltEncoder(truth.belt, self.belt, t0)
         self.items: Items | None = None
         self.gripper: Gripper | None = None
         self.inputs = None if truth.io is None else InputModule(truth.io, self.beams, t0)
@@ -148,6 +155,9 @@ class World:
         blends, bends = self._repeatability.history(), self.tool.history()
         beams = self.beams.snapshot(segments[0].t0)
         send(("state", segments, blends, self.operator.history(), bends, beams))
+        if self.belt is not None:
+            send(("belt", self.belt.orders()))
+            self.belt.listeners.append(lambda order: send(("belt-order", order)))
         self.track.listeners.append(lambda segment: send(("segment", segment)))
         self.operator.listeners.append(lambda t, placement: send(("placement", t, placement)))
         self.tool.listeners.append(lambda bend: send(("bend", bend)))
@@ -159,6 +169,10 @@ class World:
                 self.track.append(segment)
             case ("placement", t, placement):
                 self.operator.follow(t, placement)
+            case ("belt", orders) if self.belt is not None:
+                self.belt.load(orders)
+            case ("belt-order", order) if self.belt is not None:
+                self.belt.follow(order)
             case ("bend", bend):
                 self.tool.follow(bend)
             case ("state", segments, blends, history, bends, beams):
@@ -263,6 +277,7 @@ class World:
             "tool_shape": [c.model_dump(by_alias=True) for c in self.config.tool.shape],
             "beams": {name: beam.model_dump() for name, beam in self.config.beams.items()},
             **({} if self.tracker is None else {"tracker": self.tracker.told(t)}),
+            **self._belt_truth(t),
             "robot": {
                 "model": self.config.arm.model,
                 "serial": self.config.arm.serial,
@@ -276,6 +291,14 @@ class World:
                 "sigma_flange_r": self.config.arm.repeatability_r_rad,
             },
         }
+
+    def _belt_truth(self, t: float) -> dict[str, Any]:
+        if self.belt is None:
+            return {}
+        known = {"serial", "node", "m_per_count", "modulus", "period_s", "origin"}
+        now = {} if t == inf else {"travel_m": self.belt.travel_at(t), "speed_m_s": self.belt.speed_at(t)}
+        of_belt = self.belt.truth.model_dump(include=known) | {"dir": self.belt.direction.tolist(), **now}
+        return {"belt": of_belt}
 
     def _camera_truth(self) -> dict[str, Any]:
         if self.config.camera is None:
