@@ -4,6 +4,7 @@ from typing import Annotated, Any
 
 import typer
 
+from daemon.cli.failures import BAD_INPUT
 from daemon.cli.options import ConfigOption, JsonOption, config_path
 from daemon.cli.output import out, out_json, say, table
 
@@ -16,30 +17,41 @@ def check(
     config: ConfigOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Check the configuration (every finding at once), and predict what the jobs can reach."""
+    """Check the configuration (every finding at once), and predict what the jobs can reach.
+
+    Exit code 2 when a job cannot succeed with it; a warning alone changes nothing.
+    """
     from daemon.cli.predict import predictions
+    from daemon.cli.predict_values import found_in
     from daemon.config import load_config
 
     path = config_path(config)
     loaded = load_config(path)
-    for warning in loaded.warnings:
-        say(f"Warning: {warning}")
     expected = predictions(loaded)
+    problems = found_in(expected, "problems")
+    warnings = [*loaded.warnings, *found_in(expected, "cautions")]
+    for problem in problems:
+        say(f"Error: {problem}")
+    for warning in warnings:
+        say(f"Warning: {warning}")
     found = _probe(loaded) if probe else []
     if as_json:
-        out_json(
-            {"config": str(path), "warnings": loaded.warnings, "predictions": expected, "devices": found}
-        )
+        shown = {"config": str(path), "problems": problems, "warnings": warnings, "predictions": expected}
+        out_json({**shown, "devices": found})
     else:
-        out(f"{path} is valid: cell '{loaded.cell.name}', {len(loaded.device)} devices")
+        about = f"cell '{loaded.cell.name}', {len(loaded.device)} devices"
+        failing = "could be read, but jobs cannot succeed with it" if problems else "is valid"
+        out(f"{path} {failing}: {about}")
         for job in expected:
             out(f"{job['job']} {job['text']}")
         if probe:
             columns = ("device", "answer", "model", "serial")
             out(table(columns, ([d["device"], d["answer"], d["model"], d["serial"]] for d in found)))
-    if bad := [d for d in found if d["exit_code"]]:
+    bad = [d for d in found if d["exit_code"]]
+    if bad:
         say(bad[0]["hint"])
-        raise typer.Exit(bad[0]["exit_code"])
+    if problems or bad:
+        raise typer.Exit(BAD_INPUT if problems else bad[0]["exit_code"])
 
 
 def _probe(config: Any) -> list[dict[str, Any]]:

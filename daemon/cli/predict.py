@@ -12,6 +12,7 @@ from cell.errors import AbortError
 from cell.poses import Array, to_pose6
 from daemon.cli.plan_text import prediction_text
 from daemon.cli.predict_laser import predict_laser
+from daemon.cli.predict_values import configured_values
 from daemon.config import CellConfig
 from procedures.cone_capture.config import ConeCaptureConfig
 from procedures.cone_capture.plan import PlanRequest, View, plan_placement
@@ -26,7 +27,10 @@ NOMINAL = {
 
 
 def predictions(config: CellConfig) -> list[dict[str, Any]]:
-    """One entry a configured job that can be predicted: ``job``, ``text`` and the figures."""
+    """One entry a configured job that can be predicted: ``job``, ``text``, the figures, and what was found.
+
+    ``problems`` keep the job from succeeding, ``cautions`` do not; each is a sentence with its fix.
+    """
     if "arm" not in config.robot.roles():
         return []
     found = []
@@ -52,7 +56,7 @@ def _cone_capture(config: CellConfig, job: ConeCaptureConfig) -> dict[str, Any]:
     try:
         plan = plan_placement(_request(config, job, calibration, np.array(q))).as_dict()
     except AbortError as exc:
-        return {"text": f"{where}: {exc}. {exc.hint}", "reached": 0}
+        return {"text": where, "reached": 0, "cautions": [f"{where}: {exc}. {exc.hint}"]}
     reached, wanted = len(plan["poses"]), job.poses_per_placement
     text = f"{where}: {reached} of {wanted} poses are reached"
     predicted = plan.get("predicted")
@@ -65,13 +69,7 @@ def _request(
     config: CellConfig, job: ConeCaptureConfig, calibration: dict[str, Any], q: Array
 ) -> PlanRequest:
     target = dict(config.target[job.target])
-    values: dict[str, Any] = {
-        "robot": config.robot.robot_spec(),
-        "tool": config.robot.tool.model_dump(mode="json"),
-        "payload_kg": config.robot.payload_kg,
-        "centre_of_mass_m": list(config.robot.centre_of_mass_m),
-        "limits": config.limits.model_dump(mode="json"),
-    }
+    values = configured_values(config)
     flange = robot_from_spec(values["robot"]).forward(q)
     return PlanRequest(
         setup=job.setup,

@@ -1,32 +1,40 @@
 """What ``cellward check`` expects of the crossed beams: slide, height, uncertainty, and what is reached."""
 
-from math import degrees
+from collections.abc import Iterator
+from math import degrees, sqrt
 from typing import Any
 
 from calibration.tool_frame.prediction import Prediction, predict
 from cell.errors import CellError
+from daemon.cli.predict_values import configured_values
 from daemon.config import CellConfig
-from procedures.laser.config import LaserReferenceConfig, Search
+from procedures.laser.config import LaserCheckConfig, LaserReferenceConfig, LaserUpdateConfig, Search
+from procedures.laser.measurement import SPEEDS
 from procedures.laser.plan import PlanRequest, plan_scan
 
 NOISE_M = 1e-5  # what an arm repeats a short way to, when nothing else is known
 PLACES = 2  # along each beam, for a reference
+SLOWER = "lower measure_speed_m_s, take more passes, or poll more often"
 
 
 def predict_laser(config: CellConfig, job: LaserReferenceConfig) -> dict[str, Any]:
-    """``text`` and the figures, for a tool that is compared with its reference."""
+    """``text`` and the figures for a tool that is compared with its reference, and what was found.
+
+    ``problems``: the jobs cannot succeed with these; ``cautions``: they can, but not as well as is asked.
+    """
     device = config.robot.roles().get("beams")
     if device is None:
         return {"text": "no prediction without a device for [robot] beams"}
     period = getattr(config.device[device], "poll_period_s", None)
-    depths = [job.measure_depth_m + h for h in ((0.0, job.tilt_height_m) if job.tilt_height_m else (0.0,))]
-    text = []
+    problems = [*_speeds(config, job), *_pin(config, job)]
+    cautions: list[str] = []
+    text: list[str] = []
     figures: dict[str, Any] = {}
     if period is None:
         text.append(f"no prediction of the uncertainty: {device} has no poll_period_s")
     else:
         expected = predict(
-            job.measure_speed_m_s, period, job.passes, job.z_resolution_m, depths, noise_m=NOISE_M
+            job.measure_speed_m_s, period, job.passes, job.z_resolution_m, job.heights, noise_m=NOISE_M
         )
         text.append(_words(expected, job, period))
         figures = {
@@ -34,11 +42,17 @@ def predict_laser(config: CellConfig, job: LaserReferenceConfig) -> dict[str, An
             "z_resolution_m": expected.z_resolution_m,
             "U_xy_m": expected.U_xy_m,
             "U_z_m": expected.U_z_m,
+            "U_point_m": expected.U_point_m,
             "U_tilt_rad": expected.U_tilt_rad,
             "assumed_noise_m": NOISE_M,
         }
-    reach = _reach(config, job, device)
-    return {"text": "; ".join([*text, reach["text"]]), **figures, "problems": reach["problems"]}
+        problems += _polls(device, period, job)
+        cautions += _uncertainty(config, job, expected.U_point_m)
+    unreached = _reach(config, job, device)
+    problems += unreached
+    if not unreached:
+        text.append("every move keeps the limits")
+    return {"text": "; ".join(text), **figures, "problems": problems, "cautions": cautions}
 
 
 def _words(expected: Prediction, job: LaserReferenceConfig, period: float) -> str:
@@ -55,25 +69,67 @@ def _words(expected: Prediction, job: LaserReferenceConfig, period: float) -> st
     )
 
 
-def _reach(config: CellConfig, job: LaserReferenceConfig, device: str) -> dict[str, Any]:
-    """Every sweep held against the guard, from the first auxiliary point."""
-    missing = [name for name in (job.xs.aux, job.ys.aux) if name not in config.poses]
+def _speeds(config: CellConfig, job: LaserReferenceConfig) -> Iterator[str]:
+    allowed = config.limits.speed_m_s
+    for key in SPEEDS:
+        if (wanted := getattr(job, key)) > allowed:
+            yield (
+                f"{key} is {wanted:g} m/s and [limits] speed_m_s {allowed:g} m/s; lower the one or raise the "
+                "other"
+            )
+
+
+def _pin(config: CellConfig, job: LaserReferenceConfig) -> Iterator[str]:
+    """A sweep begins and ends with a free beam, and is at constant speed from edge to edge."""
+    wide = 2.0 * (job.pin_radius_m or config.robot.tool.radius_m)
+    source = "pin_radius_m" if job.pin_radius_m else "[robot] tool.radius_m, as there is no pin_radius_m"
+    for name, beam in (("xs", job.xs), ("ys", job.ys)):
+        if wide + 2.0 * job.lead_m > beam.distance_m:
+            yield (
+                f"{name}.distance_m is {1e3 * beam.distance_m:g} mm, and a tool {1e3 * wide:g} mm wide (by "
+                f"{source}) with lead_m of {1e3 * job.lead_m:g} mm on both sides needs "
+                f"{1e3 * (wide + 2.0 * job.lead_m):g} mm; make {name}.distance_m longer"
+            )
+
+
+def _polls(device: str, period: float, job: LaserReferenceConfig) -> Iterator[str]:
+    if period > job.max_poll_gap_s:
+        yield (
+            f"[device.{device}] poll_period_s is {1e3 * period:g} ms, longer than max_poll_gap_s of "
+            f"{1e3 * job.max_poll_gap_s:g} ms, so every pass would be refused; poll more often"
+        )
+
+
+def _uncertainty(config: CellConfig, job: LaserReferenceConfig, U: float) -> Iterator[str]:
+    """Limits that the expected uncertainty is beyond: such a run ends with the verdict fail."""
+    expected: list[tuple[str, float, float]] = [("laser-reference", U / sqrt(2.0), job.max_U_m)]  # U has both
+    for name, model in (("laser-check", LaserCheckConfig), ("laser-update", LaserUpdateConfig)):
+        expected.append((name, U, model.model_validate(config.job_section(name)).max_U_m))
+    for name, found, limit in expected:
+        if found > limit:
+            yield (
+                f"95 % of the errors of the point are expected below {1e3 * found:.3f} mm, and "
+                f"[job.{name}] max_U_m is {1e3 * limit:g} mm; {SLOWER}"
+            )
+
+
+def _reach(config: CellConfig, job: LaserReferenceConfig, device: str) -> list[str]:
+    """Every move held against the guard, from the first auxiliary point; one sentence for all that is not."""
+    aux = {"xs": job.xs.aux, "ys": job.ys.aux}
+    missing = [f"{name}.aux '{pose}'" for name, pose in aux.items() if pose not in config.poses]
     if missing:
-        text = f"[poses] has no '{missing[0]}', which is an auxiliary point"
-        return {"text": text, "problems": [text]}
-    values = {
-        "robot": config.robot.robot_spec(),
-        "tool": config.robot.tool.model_dump(mode="json"),
-        "payload_kg": config.robot.payload_kg,
-        "centre_of_mass_m": list(config.robot.centre_of_mass_m),
-        "limits": config.limits.model_dump(mode="json"),
-    }
+        return [f"[poses] has no entry for {' and '.join(missing)}; teach it there"]
     search = Search.from_config(job, config.poses, device)
-    q = config.poses[job.xs.aux]
+    q = list(config.poses[job.xs.aux])
+    request = PlanRequest(configured_values(config), search.model_dump(), None, PLACES, q, job.retract_pose)
     try:
-        plan = plan_scan(PlanRequest(values, search.model_dump(), None, PLACES, list(q)))
+        problems = plan_scan(request)["problems"]
     except CellError as exc:
-        return {"text": str(exc), "problems": [str(exc)]}
-    problems = plan["problems"]
-    text = "every sweep keeps the limits" if not problems else f"not all is reached: {problems[0]}"
-    return {"text": text, "problems": problems}
+        return [f"{exc.detail}"]
+    if not problems:
+        return []
+    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    return [
+        f"not every move is possible: {problems[0]}{more}; change '{aux['xs']}' or '{aux['ys']}', floor_m, "
+        "max_descents, or what [limits] has there"
+    ]

@@ -17,6 +17,7 @@ from procedures.laser.record import PassRecord
 from procedures.laser.scan import Scan
 
 FRESH_S = 0.1
+SPEEDS = ("search_speed_m_s", "measure_speed_m_s")
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class Measurement:
 def check_speeds(search: Mapping[str, Any], values: Mapping[str, Any]) -> None:
     """``MOTION_LIMIT`` when a sweep would be faster than the cell allows."""
     allowed = values["limits"]["speed_m_s"]
-    for key in ("search_speed_m_s", "measure_speed_m_s"):
+    for key in SPEEDS:
         if search[key] > allowed:
             raise error("MOTION_LIMIT", f"{key} is {search[key]:g} m/s, [limits] speed_m_s {allowed:g} m/s")
 

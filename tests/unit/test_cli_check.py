@@ -35,20 +35,78 @@ def test_a_valid_file_is_said_to_be_valid_with_what_can_be_expected(
     # 36 poses at half a metre with 0.1 px: between a hundredth and half a millimetre.
     assert 1e-5 < prediction["predicted"]["error95_t_m"] < 5e-4
 
-    assert "every sweep keeps the limits" in shown.out
+    assert "every move keeps the limits" in shown.out
     assert beams["slide_m"] == pytest.approx(0.02 * 0.005)
     assert beams["problems"] == []
     assert 0.0 < beams["U_z_m"] < beams["U_xy_m"] < beams["slide_m"]
 
 
-def test_beams_below_the_floor_are_predicted_with_their_reason(
-    subject: CommandLine, objects: Path, tmp_path: Path
+def changed(objects: Path, was: str, now: str) -> Path:
+    """A copy of the configuration with a line changed."""
+    text = objects.read_text()
+    assert was in text
+    path = objects.with_name("changed.toml")
+    path.write_text(text.replace(was, now))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "told"),
+    [
+        ("floor_m = 0.19", "floor_m = 0.25", "no room to search: the point is 8.0 mm above the floor"),
+        (
+            "search_speed_m_s = 0.05",
+            "search_speed_m_s = 0.4",
+            "search_speed_m_s is 0.4 m/s and [limits] speed_m_s 0.25 m/s; lower the one or raise the other",
+        ),
+        (
+            "pin_radius_m = 0.003",
+            "pin_radius_m = 0.016",
+            "xs.distance_m is 30 mm, and a tool 32 mm wide (by pin_radius_m) with lead_m of 4 mm on both "
+            "sides needs 40 mm; make xs.distance_m longer",
+        ),
+        (
+            "floor_m = 0.19",
+            "floor_m = 0.19\nmax_poll_gap_s = 0.004",
+            "[device.beams] poll_period_s is 5 ms, longer than max_poll_gap_s of 4 ms, so every pass would "
+            "be refused; poll more often",
+        ),
+        ("aux_ys = [-1.02", "aux_ys = [2.02", "'aux_ys' differ by 174.2 deg in attitude"),
+        ("max = [1.3, 1.3, 1.8]", "max = [1.3, 0.46, 1.8]", "not every move is possible: xs "),
+    ],
+)
+def test_what_a_crossed_beam_job_cannot_do_comes_first_with_its_fix_and_exit_code_2(
+    subject: CommandLine, objects: Path, was: str, now: str, told: str
 ) -> None:
-    path = tmp_path / "low.toml"
-    path.write_text(objects.read_text().replace("floor_m = 0.19", "floor_m = 0.25"))
-    done = subject("check", "-c", path)
-    assert done.code == 0
-    assert "no room to search" in done.out
+    path = changed(objects, was, now)
+    done, as_json = subject("check", "-c", path), subject("check", "-c", path, "--json")
+    assert (done.code, as_json.code) == (2, 2)
+    first = done.err.splitlines()[0]
+    assert first.startswith("Error: laser-reference: ")
+    assert told in done.err
+    assert "jobs cannot succeed with it" in done.out
+    assert any(told in problem for problem in json.loads(as_json.out)["problems"])
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "told"),
+    [
+        (
+            "measure_speed_m_s = 0.02",
+            "measure_speed_m_s = 0.25",
+            "[job.laser-update] max_U_m is 0.2 mm; lower measure_speed_m_s, take more passes",
+        ),
+        ("floor_m = 0.19", "floor_m = 0.19\nmax_U_m = 1e-6", "[job.laser-reference] max_U_m is 0.001 mm"),
+    ],
+)
+def test_an_uncertainty_beyond_its_limit_is_a_warning_with_its_fix(
+    subject: CommandLine, objects: Path, was: str, now: str, told: str
+) -> None:
+    done = subject("check", "-c", changed(objects, was, now))
+    assert done.code == 0, done.err
+    assert "Warning: laser-reference: 95 % of the errors" in done.err
+    assert told in done.err
+    assert "is valid" in done.out
 
 
 def test_a_board_out_of_reach_is_predicted_with_its_reason(
@@ -57,8 +115,8 @@ def test_a_board_out_of_reach_is_predicted_with_its_reason(
     path = tmp_path / "far.toml"
     path.write_text(objects.read_text().replace("max = [1.3, 1.3, 1.8]", "max = [1.3, 1.3, 0.3]"))
     done = subject("check", "-c", path)
-    assert done.code == 0
-    assert "Not enough poses can be reached" in done.out
+    assert "Warning: cone-capture: from pose 'home'" in done.err
+    assert "Not enough poses can be reached" in done.err
 
 
 def test_without_a_nominal_pose_there_is_no_prediction_and_that_is_said(
