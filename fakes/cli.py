@@ -70,7 +70,7 @@ def fault(
     name: Annotated[str, typer.Argument(help="Fault, or clear; 'list' shows what each device can show.")],
     folder: Folder,
     arguments: Annotated[list[str] | None, typer.Argument(help="key=value, e.g. for_s=2")] = None,
-    device: Annotated[str, typer.Option(help="arm, camera or beams")] = "arm",
+    device: Annotated[str, typer.Option(help="As 'list' names them: arm, camera, beams, ...")] = "arm",
 ) -> None:
     """Inject a fault into the running twin."""
     if name == "list":
@@ -114,6 +114,19 @@ def place_next(folder: Folder) -> None:
 def remove(folder: Folder) -> None:
     """Take the target out of the cell."""
     ask(folder, {"do": "operator", "remove": True})
+
+
+@app.command()
+def jog(
+    joints: Annotated[str, typer.Argument(help="Joints of the observed arm in rad, as in 0.1,1.5,-1.5,0")],
+    folder: Folder,
+) -> None:
+    """Move the observed arm, as somebody at its pendant would."""
+    try:
+        q = [float(x) for x in joints.split(",")]
+    except ValueError:
+        raise typer.BadParameter(f"{joints!r} is not a list of numbers", param_hint="JOINTS") from None
+    out.print(f"there in {ask(folder, {'do': 'observed', 'go': q}):.1f} s")
 
 
 Metres = Annotated[float, typer.Option(help="Shift of the tool's point in the flange, m.", min=-1, max=1)]

@@ -129,7 +129,7 @@ class ObservedPalletizer:
         if number == 0:
             return self._withdraw(t)
         wanted = np.array(q, dtype=float)
-        if wanted.shape != (JOINTS,) or not np.all(np.isfinite(wanted)) or not self._within(wanted):
+        if not self.within(wanted):
             self._status.put(t, Status.REFUSED)
             return Status.REFUSED
         told, target = number, wanted
@@ -170,8 +170,13 @@ class ObservedPalletizer:
         self._status.put(t, Status.IDLE)
         return Status.IDLE
 
-    def _within(self, q: Array) -> bool:
-        return all(low <= x <= high for (low, high), x in zip(self.truth.limits, q, strict=True))
+    def within(self, q: ArrayLike) -> bool:
+        """Whether joints (4,) rad are within the arm's limits."""
+        wanted = np.array(q, dtype=float)
+        if wanted.shape != (JOINTS,):
+            return False
+        low, high = np.array(self.truth.limits).T
+        return bool(np.all((low <= wanted) & (wanted <= high)))
 
     # -- faults
 

@@ -14,7 +14,8 @@ from cell.poses import to_pose6
 from fakes.auto_operator import AutomaticOperator
 from fakes.control import SOCKET_NAME, make_private, serve_control
 from fakes.faults import Switchboard, parse_fault
-from fakes.scenario import Scenario
+from fakes.observed_twin import TwinObserved
+from fakes.scenario import OBSERVED, Scenario
 from fakes.twin_camera import TwinCamera
 from fakes.twin_inputs import TwinInputs
 from fakes.ur import dashboard, primary, rtde
@@ -61,6 +62,10 @@ class Twin:
         if self.world.inputs is not None:
             self._inputs = TwinInputs(self.world.inputs, self.scenario.fakes, self.bind, self.folder)
             self.switchboard.devices["beams"] = self._inputs.faults
+        self._observed: TwinObserved | None = None
+        if self.world.observed is not None:
+            self._observed = TwinObserved(self.world.observed, self.scenario.fakes, self.bind, self.folder)
+            self.switchboard.devices[OBSERVED] = self._observed.faults
         if options.automatic_operator or self.scenario.operator == "auto":
             self._operator = AutomaticOperator(self.controller.robot, self.world.operator)
         for fault in self.scenario.fault:
@@ -94,6 +99,8 @@ class Twin:
         self._arm_faults.close()
         if self._inputs is not None:
             await self._inputs.stop()
+        if self._observed is not None:
+            await self._observed.stop()
         if self._camera is not None:
             await self._camera.stop()
         await self.controller.stop()
@@ -119,6 +126,8 @@ class Twin:
             found["camera frames"] = self._frames_url
         if self._inputs is not None:
             found |= self._inputs.addresses()
+        if self._observed is not None:
+            found |= self._observed.addresses()
         return found
 
     @property
@@ -139,6 +148,8 @@ class Twin:
             await self.controller.start()
             if self._inputs is not None:
                 await self._inputs.start()
+            if self._observed is not None:
+                await self._observed.start()
         except OSError as exc:
             raise error("DEVICE_UNREACHABLE", f"the twin cannot listen on {self.bind}: {exc}") from exc
         if self._camera is not None:
@@ -166,6 +177,8 @@ class Twin:
             case {"do": "operator", "remove": True}:
                 self.world.operator.remove(self.controller.now())
                 return None
+            case {"do": "observed", "go": [*q]} if all(map(_is_finite, q)):
+                return self._jog([float(x) for x in q])
             case {"do": "tool", "bend": [*values]} if len(values) == 6 and all(map(_is_finite, values)):
                 self.world.tool.bend(self.controller.now(), values[:3], values[3:])
                 return to_pose6(self.world.T_flange_tool_at(self.controller.now())).tolist()
@@ -175,7 +188,18 @@ class Twin:
             case _:
                 raise error("ARGUMENT_INVALID", f"a twin does not know the request {str(request)[:100]}")
 
+    def _jog(self, q: list[float]) -> float:
+        """Somebody at the pendant moves the observed arm; returns in how many seconds it rests there."""
+        arm = self.world.observed
+        if arm is None:
+            raise error("ARGUMENT_INVALID", "this twin's scenario has no observed arm")
+        if not arm.within(q):
+            raise error("ARGUMENT_INVALID", f"{q} is not within the arm's limits {arm.truth.limits}")
+        now = time.monotonic()
+        return arm.go(now, q) - now
+
     def _write_cell_toml(self) -> None:
+        self.scenario.write_observed_model(self.folder)
         draft = self.cell_toml.with_suffix(".new")
         draft.write_text(self._config_text(), "utf-8")
         draft.rename(self.cell_toml)
@@ -185,6 +209,7 @@ class Twin:
             arm={"driver": "ur", "host": self.bind},
             camera={"driver": "oak", "source": self._frames_url} if self._camera is not None else None,
             beams=self._inputs.device() if self._inputs is not None else None,
+            observed=self._observed.device() if self._observed is not None else None,
             state_dir=str(self.folder / "state"),
             control_socket=str(self.folder / "cellward.sock"),
             modbus={
