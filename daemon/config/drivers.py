@@ -12,6 +12,7 @@ DRIVERS: dict[str, str] = {
     "oak": "drivers.oak:OakCamera",
     "modbus-inputs": "drivers.modbus_inputs:ModbusInputs",
     "arm-inputs": "drivers.ur.inputs:ArmInputs",
+    "geocom": "drivers.tracker:GeocomTracker",
     "observed-arm": "drivers.observed_arm:ObservedArmReader",
     "arm-gripper": "drivers.ur.gripper:ArmGripper",
     "canopen-encoder": "drivers.can_encoder:CanopenEncoder",

@@ -101,6 +101,11 @@ class GeocomConfig(TrackerConfig):
         parse_place(self.url)
         if self.measure_with == "tracking" and self.tracking == "off":
             raise ValueError("measure_with = 'tracking' needs tracking = 'rapid' or 'standard'")
+        if self.measure_with == "tracking" and self.reading == "simple":
+            raise ValueError(
+                "measure_with = 'tracking' needs reading = 'full' or 'coordinates', which tell a new distance"
+                " from an old one"
+            )
         if (self.temperature_c is None) != (self.pressure_pa is None):
             raise ValueError("temperature_c and pressure_pa are needed together")
         return self

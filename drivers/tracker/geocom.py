@@ -1,0 +1,308 @@
+"""A total station that speaks GeoCOM, as ``cell.devices.LaserTracker``."""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+from typing import Any, TypeVar
+
+from cell.clock import Clock
+from cell.devices import Identity, StablePoint, TrackerNoise, TrackerState
+from cell.errors import CellError, error
+from cell.poses import Array
+from cell.samples import Quality, Sample, Stream
+from drivers.life import Life
+from drivers.tracker.geocom_config import GeocomConfig
+from drivers.tracker.geocom_session import NoAnswer, Session
+from drivers.tracker.geocom_station import NO_POINT, Reading, Station
+from drivers.tracker.geocom_text import Unreadable
+from drivers.tracker.stable import StableWindow
+from drivers.tracker.wire import Link, connect
+
+log = logging.getLogger("cellward.devices")
+
+T = TypeVar("T")
+
+_CLOSE_S = 0.02  # a loop's timer may be early by its resolution
+_MOST_MISSES = 2  # distances in a row that fail before the beam counts as broken
+
+
+class GeocomTracker:
+    """Points are in the frame of ``drivers.tracker.frames``: right-handed, z up, y at the circle's zero.
+
+    ``readings`` has a point only while the instrument is locked and tracks distances, and all of
+    :meth:`measure`'s. Opening turns nothing; only :meth:`find` does. Reconnecting is the supervisor's
+    business: after an error ``close`` and ``open`` again.
+    """
+
+    Config = GeocomConfig
+
+    def __init__(self, name: str, config: GeocomConfig, clock: Clock) -> None:
+        self.name = name
+        self.noise = TrackerNoise(config.sigma0_m, config.sigma_per_m)
+        self.readings: Stream[TrackerState] = Stream(name, clock)
+        self._config, self._clock = config, clock
+        self._life = Life(name, clock)
+        self._turn = asyncio.Lock()  # polling, finding and measuring one at a time
+        self._link: Link | None = None
+        self._session: Session | None = None
+        self._station: Station | None = None
+        self._polling: asyncio.Task[None] | None = None
+        self._identity: Identity | None = None
+        self._selected: str | None = None
+        self._found = False  # a reflector was found, so that one that is missing was lost
+        self._locked = self._tracking = False
+        self._seq = 0
+        self._status = ""
+
+    # -- Device
+
+    async def open(self) -> None:
+        """Connect, ask who it is, set it up and poll once; ``DEVICE_UNREACHABLE`` or what it refuses."""
+        await self.close()
+        self._life.begin()
+        self.readings.new_epoch()
+        self._selected, self._found, self._locked, self._tracking = None, False, False, False
+        self._turn = asyncio.Lock()
+        session = Session(self._write, self._clock, self._config.checksum)
+        self._session = session
+        self._station = station = Station(self.name, self._config, session, self._clock)
+        try:
+            self._link = await connect(
+                self._config.place, session.received, self._dropped, self._config.connect_timeout_s
+            )
+            await station.wake()
+            self._identity = await station.identify()
+            await station.set_up()
+            await self._poll(station)
+        except OSError as exc:
+            await self.close()
+            raise self._unreachable(f"{exc}") from exc
+        except (NoAnswer, Unreadable) as exc:
+            await self.close()
+            raise self._unreachable(f"connects, but {exc}") from exc
+        except BaseException:
+            await self.close()
+            raise
+        self._polling = asyncio.create_task(self._poll_on(station), name=f"{self.name} polling")
+        self._polling.add_done_callback(self._note_end)
+
+    async def close(self) -> None:
+        """End polling and the connection; a search under way in the instrument is stopped."""
+        self._life.lose(error("DEVICE_LOST", f"{self.name} was closed"))
+        polling, self._polling = self._polling, None
+        if polling is not None:
+            polling.cancel()
+            await asyncio.wait([polling])
+        link, self._link = self._link, None
+        if self._session is not None:
+            self._session.end(f"{self.name} was closed")
+        if link is not None:
+            link.close()
+            await asyncio.sleep(0)  # an aborted transport closes its socket on the loop's next turn
+
+    async def identify(self) -> Identity:
+        """Name, serial number and versions as told at opening; a twin's serial begins with 9999."""
+        self._life.require()
+        assert self._identity is not None
+        return self._identity
+
+    async def wait_fresh(self, timeout: float) -> None:
+        """Return when a reading made after the call has arrived, with or without a point."""
+        await self._life.wait_fresh(self.readings, timeout, self._config.time_offset_s)
+
+    async def wait_lost(self) -> Exception:
+        """Block while the link is good; ``DEVICE_LOST`` or ``PROTOCOL_VIOLATION``."""
+        return await self._life.wait_lost()
+
+    def health(self) -> dict[str, Any]:
+        """Age (s), reflector and lock, what the instrument says, and counts of requests and bad replies."""
+        last = self.readings.last()
+        return {
+            "connected": self._life.good,
+            "age_s": None if last is None else self._clock.now() - last.t,
+            "epoch": self.readings.epoch,
+            "reflector": self._selected,
+            "locked": self._locked,
+            "status": self._status,
+            **({} if self._session is None else self._session.counts),
+        }
+
+    # -- LaserTracker
+
+    async def select(self, reflector: str) -> None:
+        """Write the prism constant of ``reflector`` and read it back; needed once after every opening."""
+        if reflector not in self._config.reflectors:
+            known = ", ".join(self._config.reflectors)
+            raise error("TRACKER_REFLECTOR_UNKNOWN", f"{self.name} has {known}, but not '{reflector}'")
+        async with self._turn:
+            self._selected = None
+            self._tracking = False
+            await self._do(lambda station: station.use(self._config.reflectors[reflector]))
+            self._selected = reflector
+
+    async def find(self, near: Array | None, timeout: float) -> None:
+        """Turn to ``near`` (3,), tracker frame, search around there, aim and lock.
+
+        ``TRACKER_NO_TARGET`` when there is no reflector, or not within ``timeout`` s; ``TRACKER_FAULT``,
+        ``TRACKER_REFUSED`` or another of the 23xx when the instrument cannot look.
+        """
+        deadline = self._clock.now() + timeout
+        async with self._turn:
+            self._found = self._locked = self._tracking = False
+
+            def left() -> float:
+                if (rest := deadline - self._clock.now()) <= 0:
+                    raise self._not_found(timeout)
+                return min(rest, self._config.motion_timeout_s)
+
+            async def look(station: Station) -> None:
+                try:
+                    if near is not None:
+                        await station.turn_to(near, left())
+                    await station.search(left())
+                    await station.lock(left())
+                except NoAnswer as exc:
+                    if self._clock.now() < deadline - _CLOSE_S:
+                        raise
+                    raise self._not_found(timeout) from exc
+
+            await self._do(look)
+            self._found = self._locked = True
+
+    async def measure(self, window_s: float, max_scatter_m: float, timeout: float) -> Sample[StablePoint]:
+        """The mean of distances that were all measured after the call and agree.
+
+        At least ``window_s`` seconds and ``min_readings`` readings, RMS of their distances from the mean at
+        most ``max_scatter_m``. ``TRACKER_UNSTABLE`` when that takes longer than ``timeout`` s,
+        ``TRACKER_BEAM_BROKEN`` when a reflector that was found gives no distance any more, and
+        ``TRACKER_NO_TARGET`` when there was none.
+        """
+        if self._selected is None:
+            raise error(
+                "TRACKER_SETTING", f"no reflector of {self.name} was selected, so its constant is not known"
+            )
+        window = StableWindow(window_s, max_scatter_m, self._config.min_readings)
+        deadline = self._clock.now() + timeout
+        async with self._turn:
+            return await self._do(lambda station: self._measure(station, window, deadline, timeout))
+
+    async def _measure(
+        self, station: Station, window: StableWindow, deadline: float, timeout: float
+    ) -> Sample[StablePoint]:
+        single = self._config.measure_with == "single"
+        self._tracking = not single
+        if not single:
+            await station.start_tracking()
+        misses, distance_time = 0, None
+        while (left := deadline - self._clock.now()) > 0:
+            wait = min(left, self._config.distance_timeout_s)
+            reading = await (station.single(wait) if single else station.read(wait))
+            if reading.distance_time is not None and reading.distance_time == distance_time:
+                await self._clock.sleep(0.02)  # the same distance once more
+                continue
+            distance_time = reading.distance_time
+            if reading.point is not None:
+                self._found = self._locked = True
+                misses = 0
+                pushed = self._push(reading)
+                if window.add(pushed.t, pushed.dt, reading.point, reading.warning):
+                    return window.sample(pushed.seq, *await station.air())
+                continue
+            if reading.code.meaning not in NO_POINT:
+                raise reading.code.as_error(self.name)
+            window.restart()
+            misses += 1
+            locked = await station.is_locked()
+            self._locked = bool(locked)
+            self._push(reading)
+            if locked is False or misses >= _MOST_MISSES:
+                raise self._lost_target(reading)
+        raise window.unstable(self.name, timeout)
+
+    # -- polling
+
+    async def _poll_on(self, station: Station) -> None:
+        while self._life.good:
+            await self._clock.sleep(self._config.poll_period_s)
+            if self._turn.locked():
+                continue
+            async with self._turn:
+                try:
+                    await self._do(self._poll)
+                except CellError as exc:
+                    if not self._life.good:
+                        return
+                    self._tell(str(exc))
+
+    async def _poll(self, station: Station) -> None:
+        locked = await station.is_locked()
+        if locked is not None:
+            self._locked = locked
+        if self._locked and not self._tracking and self._config.tracking != "off":
+            await station.start_tracking()
+            self._tracking = True
+        reading = await (station.read(0.0) if self._locked and self._tracking else station.angles())
+        if locked is None and self._tracking and reading.point is None:
+            self._locked = False  # it does not tell; that there is no distance has to do
+        self._push(reading)
+
+    def _push(self, reading: Reading) -> Sample[TrackerState]:
+        status = reading.warning
+        self._tell(status)
+        quality = Quality.GOOD if not status else Quality.DEGRADED
+        self._seq += 1
+        sample = Sample(
+            TrackerState(reading.point, self._locked, status),
+            reading.t - self._config.time_offset_s,
+            reading.dt,
+            self._seq,
+            quality,
+        )
+        self.readings.push(sample)
+        return sample
+
+    def _tell(self, status: str) -> None:
+        """One line when the instrument begins to complain of something else."""
+        if status and status != self._status:
+            log.info("%s says %s", self.name, status)
+        self._status = status
+
+    # -- loss
+
+    async def _do(self, what: Callable[[Station], Awaitable[T]]) -> T:
+        """With the open station; no answer ends the link, and so does a reply that cannot be understood."""
+        self._life.require()
+        assert self._station is not None
+        try:
+            return await what(self._station)
+        except NoAnswer as exc:
+            self._life.lose(error("DEVICE_LOST", f"{self.name} at {self._config.url}: {exc}"))
+        except Unreadable as exc:
+            self._life.lose(error("PROTOCOL_VIOLATION", f"{self.name} at {self._config.url}: {exc}"))
+        failure = self._life.failure
+        assert failure is not None
+        raise failure
+
+    def _write(self, data: bytes) -> None:
+        if self._link is not None:
+            self._link.write(data)
+
+    def _dropped(self, reason: str) -> None:
+        if self._session is not None:
+            self._session.end(reason)
+        self._life.lose(error("DEVICE_LOST", f"{self.name} at {self._config.url}: {reason}"))
+
+    def _note_end(self, task: asyncio.Task[None]) -> None:
+        """Polling that fails for no reason of the link is a defect, and leaves the tracker unwatched."""
+        if not task.cancelled() and (failure := task.exception()) is not None:
+            self._life.lose(error("INTERNAL", f"{task.get_name()}: {failure!r}"))
+
+    def _unreachable(self, what: str) -> CellError:
+        return error("DEVICE_UNREACHABLE", f"{self.name} at {self._config.url}: {what}")
+
+    def _not_found(self, timeout: float) -> CellError:
+        return error("TRACKER_NO_TARGET", f"{self.name} found nothing in {timeout:g} s")
+
+    def _lost_target(self, reading: Reading) -> CellError:
+        name = "TRACKER_BEAM_BROKEN" if self._found else "TRACKER_NO_TARGET"
+        return error(name, f"{self.name} says {reading.code}")
