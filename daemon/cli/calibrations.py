@@ -7,7 +7,7 @@ import typer
 from daemon.cli.jobs import connect
 from daemon.cli.options import ConfigOption, JsonOption, cell_paths
 from daemon.cli.output import local_time, out, out_json, say, table
-from daemon.cli.value_text import value_text
+from daemon.cli.value_text import in_a_list, value_text
 
 ResultArgument = Annotated[
     int, typer.Argument(help="The number that 'cellward results' shows.", show_default=False)
@@ -15,13 +15,20 @@ ResultArgument = Annotated[
 
 
 def results(
-    name: Annotated[
-        str | None, typer.Argument(help="Only this calibration, for instance T_flange_tool.gripper.")
+    which: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[NAME|NUMBER]",
+            help="Only this calibration, for instance T_flange_tool.gripper, or this result.",
+        ),
     ] = None,
     config: ConfigOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Proposed, committed and earlier calibrations, newest first."""
+    """Proposed, committed and earlier calibrations, newest first.
+
+    ``--json`` tells a document, such as a crossed-beam reference, in a line; with its name or number in full.
+    """
     paths = cell_paths(config)
     found: list[dict[str, Any]] = []
     if paths.ledger.exists():
@@ -29,11 +36,14 @@ def results(
 
         ledger = Ledger(paths.ledger, read_only=True)
         try:
-            found = ledger.results(name)
+            if which is not None and which.isdecimal():
+                found = [ledger.result(int(which))]
+            else:
+                found = ledger.results(which)
         finally:
             ledger.close()
     if as_json:
-        out_json(found)
+        out_json(found if which is not None else [in_a_list(entry) for entry in found])
     elif not found:
         say("There are no results yet; a finished job proposes one.")
     else:

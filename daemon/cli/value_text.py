@@ -7,7 +7,7 @@ from daemon.cli.output import ms, pose_text
 
 
 def value_text(name: str, value: Any) -> str:
-    """One line. A reference with all its passes is megabytes; ``--json`` prints it."""
+    """One line."""
     if value is None:
         return "none"
     if isinstance(value, list) and len(value) == 6:
@@ -17,6 +17,14 @@ def value_text(name: str, value: Any) -> str:
     if isinstance(value, Mapping):
         return _document(value)
     return str(value)
+
+
+def in_a_list(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """An entry of the ledger with a document (a reference is megabytes with its passes) told in a line."""
+    if not isinstance(entry["value"], Mapping):
+        return dict(entry)
+    told = {"schema": entry["value"].get("schema"), "summary": value_text(entry["name"], entry["value"])}
+    return {**entry, "value": told}
 
 
 def _document(value: Mapping[str, Any]) -> str:

@@ -185,8 +185,27 @@ def test_results_shows_a_tool_frame_and_a_summary_of_a_reference(
     assert "32 passes" in shown
     assert "8.10 ms" in shown
     assert len(shown) < 2000
-    whole = json.loads(subject("results", "laser_reference.pin", "--json").out)
-    assert len(whole[0]["value"]["passes"]) == 32
+
+
+def test_results_as_json_keep_documents_for_who_asks_for_one(cell: CellOnDisk, subject: CommandLine) -> None:
+    cell.state.mkdir()
+    ledger = Ledger(cell.state / "ledger.sqlite")
+    number = ledger.propose("laser_reference.pin", REFERENCE, {"verdict": "pass"}, 1, None)
+    ledger.propose("T_flange_tool.pin", [0.0012, -0.0007, 0.1805, 0.0, 0.0, 0.0], {}, 2, [0.0] * 6)
+    ledger.close()
+    listed = subject("results", "--json").out
+    assert len(listed) < 2000
+    tool, reference = json.loads(listed)
+    assert tool["value"][:2] == [0.0012, -0.0007]
+    assert reference["value"]["schema"] == REFERENCE["schema"]
+    assert "32 passes" in reference["value"]["summary"]
+    for which in ("laser_reference.pin", number):
+        (whole,) = json.loads(subject("results", which, "--json").out)
+        assert whole["value"] == REFERENCE
+    assert "32 passes" in subject("results", number).out
+    unknown = subject("results", 99)
+    assert unknown.code == 2
+    assert "99" in unknown.err
 
 
 def test_compare_weighs_the_displacements_of_two_checks(cell: CellOnDisk, subject: CommandLine) -> None:
