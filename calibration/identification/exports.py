@@ -91,6 +91,20 @@ def urdf(chain: SerialChain, name: str, tools: Mapping[str, Array], limits: Arra
     return "\n".join([*lines, "</robot>", ""])
 
 
+def urdf_fixed(name: str, parent: str, child: str, T: Array) -> str:
+    """A URDF of two links and the fixed joint between them; ``T`` (4, 4) is the child in the parent."""
+    return "\n".join(
+        [
+            '<?xml version="1.0"?>',
+            f"<robot name={quoteattr(name)}>",
+            f"  <link name={quoteattr(parent)}/>",
+            *_fixed(child, T, parent),
+            "</robot>",
+            "",
+        ]
+    )
+
+
 def _moving_xml(
     joint: str, j: int, ratio: float, leader: dict[int, tuple[str, float]], limits: Array | None
 ) -> list[str]:
@@ -112,7 +126,7 @@ def _fixed(name: str, T: Array, parent: str) -> list[str]:
         f"  <link name={quoteattr(name)}/>",
         f'  <joint name={quoteattr(name + "_fixed")} type="fixed">',
         f"    {_origin_xml(T)}",
-        f'    <parent link="{parent}"/>',
+        f"    <parent link={quoteattr(parent)}/>",
         f"    <child link={quoteattr(name)}/>",
         "  </joint>",
     ]

@@ -184,6 +184,18 @@ class Ledger:
             conflict = row["config_value"] != self._configured[name]
             return Effective(row["value"], row["version"], conflict, row["id"])
 
+    def in_effect(self, name: str) -> dict[str, Any] | None:
+        """The committed version with its full result document, None when there is none.
+
+        ``edited`` says whether today's configured value, if this process told it, is not the one replaced.
+        """
+        with self._lock:
+            row = self._committed(name)
+            if row is None:
+                return None
+            configured = self._configured.get(name, row["config_value"])
+            return {**row, "edited": configured != row["config_value"]}
+
     def open_results_of(self, run_id: int) -> list[int]:
         """The results of a run that wait for a decision."""
         rows = self._rows(

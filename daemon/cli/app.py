@@ -2,7 +2,7 @@
 
 import typer
 
-from daemon.cli import calibrations, check, demo, history, jobs, offline, setup
+from daemon.cli import calibrations, check, demo, export, history, jobs, offline, setup
 
 app = typer.Typer(
     name="cellward",
@@ -35,6 +35,7 @@ PANELS = {
         calibrations.accept,
         calibrations.reject,
         calibrations.rollback,
+        export.export,
     ),
     "Without a cell": (offline.solve, setup.explain),
 }

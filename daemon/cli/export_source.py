@@ -1,0 +1,187 @@
+"""What is exported: a committed version from the ledger, or the answer of a result file."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.kinematics.ur_models import UR_MODELS
+from cell.errors import error
+from cell.formats.reading import read_json
+from daemon.cli.options import CellPaths
+from procedures.report.numbers import covariance, dig, number, radius95
+
+POSE, KINEMATICS, VALUE = "pose", "kinematics", "value"
+_OF_RESULT = {  # kind of a result: where in it the value is, and what it is called
+    "hand-eye": ("T_flange_camera", "T_base_camera"),
+    "laser": ("T_flange_tool",),
+    "kincal": ("robot",),
+}
+
+
+@dataclass(frozen=True)
+class Exported:
+    """One calibration with what a reader has to know of it. ``value`` is a pose6, or as the ledger has it.
+
+    ``uncertainty`` has SI numbers by name and ``told`` the same in words. ``model`` is the arm's type where
+    one is known. ``tool`` is what ``T_flange_tool`` is of.
+    """
+
+    name: str
+    value: Any
+    version: int | None
+    date: str
+    source: str
+    uncertainty: dict[str, Any]
+    told: str
+    warnings: list[str] = field(default_factory=list)
+    model: str | None = None
+
+    @property
+    def kind(self) -> str:
+        """How it can be written: a pose, an arm's kinematics, or just a value."""
+        if self.name.split(".")[0] == "kinematics":
+            return KINEMATICS
+        return POSE if self.frames is not None else VALUE
+
+    @property
+    def frames(self) -> tuple[str, str] | None:
+        """Parent and child of ``T_parent_child``; None for anything else."""
+        parts = self.name.split(".")[0].split("_")
+        is_pose = (
+            len(parts) == 3 and parts[0] == "T" and isinstance(self.value, list) and len(self.value) == 6
+        )
+        return (parts[1], parts[2]) if is_pose else None
+
+    @property
+    def direction(self) -> str:
+        """In words: what maps to what."""
+        if self.kind == KINEMATICS:
+            return "flange in base, from the joints"
+        return "" if self.frames is None else f"{self.frames[1]} in {self.frames[0]}"
+
+    @property
+    def ur_model(self) -> str | None:
+        """The type of a UR arm; None for an arm of another maker."""
+        model = self.robot.get("model") or self.model
+        return str(model) if model in UR_MODELS else None
+
+    @property
+    def robot(self) -> dict[str, Any]:
+        """The ROBOT of a ``kinematics`` value."""
+        found = self.value.get("robot", self.value) if isinstance(self.value, Mapping) else None
+        if not isinstance(found, Mapping):
+            raise error("DATA_INVALID", f"{self.name} holds no ROBOT; measure again with tracker-sampling")
+        return dict(found)
+
+
+def from_file(path: Path) -> Exported:
+    """The answer of a ``cellward.result/1`` file or run folder; one that failed is refused."""
+    file = path / "result.json" if path.is_dir() else path
+    result = read_json(file)
+    kind, answer = result.get("kind"), result.get("result")
+    if result.get("schema") != "cellward.result/1":
+        raise error("DATA_INVALID", f"{file} is no result (cellward.result/1); give one, or a ledger name")
+    keys = _OF_RESULT.get(str(kind))
+    if keys is None:
+        names = ", ".join(_OF_RESULT)
+        raise error("DATA_INVALID", f"{file} is a result of kind {kind!r}; those of {names} can be exported")
+    if not isinstance(answer, Mapping) or result.get("verdict") == "fail":
+        why = next(iter(result.get("reasons") or ["its verdict is fail"]))
+        raise error("DATA_INVALID", f"{file} holds nothing to use: {why}")
+    key = next((k for k in keys if answer.get(k) is not None), None)
+    if key is None:
+        raise error("DATA_INVALID", f"{file} has no {' or '.join(keys)}; only a job's result has")
+    tool = dig(result, "inputs", "tool")
+    name = {"robot": "kinematics", "T_flange_tool": f"T_flange_tool.{tool or 'tool'}"}.get(key, key)
+    changed = datetime.fromtimestamp(file.stat().st_mtime, UTC)
+    value = {"robot": answer[key]} if key == "robot" else answer[key]
+    return _of(name, value, result, None, changed, f"result file {file.name}")
+
+
+def from_ledger(name: str, paths: CellPaths) -> Exported:
+    """The version of ``name`` in effect. ``NOT_FOUND`` when none is committed, ``RESULT_CONFLICT`` when the
+    configured value was edited since."""
+    from daemon.config import load_config
+    from daemon.values import tell_configured
+
+    if not paths.ledger.exists():
+        raise error("NOT_FOUND", f"{name}: nothing is committed in this cell yet; {paths.ledger} is missing")
+    from cell.store.ledger import Ledger
+
+    ledger = Ledger(paths.ledger, read_only=True)
+    try:
+        tell_configured(load_config(paths.config), ledger)
+        found = ledger.in_effect(name)
+        rows = ledger.results()
+    finally:
+        ledger.close()
+    if found is None:
+        raise error("NOT_FOUND", _not_committed(name, rows))
+    if found["edited"]:
+        raise error(
+            "RESULT_CONFLICT",
+            f"the configured value of {name} was edited since version {found['version']} replaced it",
+        )
+    decided = datetime.fromtimestamp(found["decided"] or found["proposed"], UTC)
+    source = f"result {found['id']} of run {found['run_id']}, accepted by {found['who']}"
+    return _of(name, found["value"], found["result"] or {}, found["version"], decided, source)
+
+
+def _not_committed(name: str, rows: list[dict[str, Any]]) -> str:
+    waiting = [r["id"] for r in rows if r["name"] == name and r["state"] in ("proposed", "accepted")]
+    if waiting:
+        return f"{name} has no committed version; 'cellward accept {waiting[0]}' commits the one that waits"
+    there = sorted({r["name"] for r in rows if r["state"] == "committed"})
+    return f"{name} has no committed version; there is {', '.join(there) or 'none of any name'}"
+
+
+def _of(
+    name: str, value: Any, result: Mapping[str, Any], version: int | None, date: datetime, source: str
+) -> Exported:
+    uncertainty, told = uncertainty_of(name, result)
+    warnings = [str(w.get("text")) for w in result.get("warnings") or [] if isinstance(w, Mapping)]
+    stamp = date.isoformat(timespec="seconds").replace("+00:00", "Z")
+    model = dig(result, "inputs", "robot", "model")
+    return Exported(name, value, version, stamp, source, uncertainty, told, warnings, model)
+
+
+def uncertainty_of(name: str, result: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
+    """Numbers (m, rad) and words of what the result document says of its own uncertainty."""
+    if name.split(".")[0] == "kinematics":
+        return _of_arm(result)
+    cov = covariance(dig(result, "result", "cov")) if result.get("kind") == "hand-eye" else None
+    t = number(dig(result, "uncertainty", "U_point_m"))
+    r = number(dig(result, "uncertainty", "U_tilt_rad"))
+    found: dict[str, Any] = {}
+    if cov is not None:
+        t, r = radius95(cov[:3, :3]), radius95(cov[3:, 3:])
+        sigma = np.sqrt(np.maximum(np.diag(cov), 0.0))
+        found = {"sigma_m": sigma[:3].tolist(), "sigma_rad": sigma[3:].tolist()}
+    if t is None:
+        return {}, "the result states no uncertainty"
+    told = f"95 % of errors below {1e3 * t:.4f} mm"
+    found["error_95_m"] = t
+    if r is not None:
+        found["error_95_rad"] = r
+        told += f" and {np.degrees(r):.4f} deg"
+    return found, told
+
+
+def _of_arm(result: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
+    predicted = number(dig(result, "uncertainty", "predicted_95", "workspace", "max"))
+    rms = number(dig(result, "result", "rms_calibrated"))
+    tracker = number(dig(result, "uncertainty", "tracker", "sigma_3d"))
+    names = {"predicted_error_95_m": predicted, "held_out_rms_m": rms, "tracker_sigma_3d_m": tracker}
+    words = []
+    if predicted is not None:
+        words.append(f"95 % of prediction errors below {1e3 * predicted:.4f} mm in the sampled joint ranges")
+    if rms is not None:
+        words.append(f"{1e3 * rms:.4f} mm RMS on held-out poses")
+    if tracker is not None:
+        words.append(f"the tracker's own noise is {1e3 * tracker:.4f} mm")
+    found = {key: v for key, v in names.items() if v is not None}
+    return found, "; ".join(words) or "the result states no uncertainty"
