@@ -277,9 +277,10 @@ def test_ur_calibration_is_read_back_as_the_same_arm_and_carries_its_warning(
     for q in joints("ur10e", np.random.default_rng(3), 5):
         T = np.eye(4)
         for i in range(6):  # UR's own order: theta, d, a, alpha
-            T = T @ spin(q[i] + drawn.theta[i] + deltas["delta_theta"][i])
-            T = T @ matrix([drawn.a[i] + deltas["delta_a"][i], 0, drawn.d[i] + deltas["delta_d"][i]],
-                           Rotation.from_rotvec([drawn.alpha[i] + deltas["delta_alpha"][i], 0, 0]))  # fmt: skip
+            theta, d, a, alpha = (
+                getattr(drawn, key)[i] + deltas[f"delta_{key}"][i] for key in ("theta", "d", "a", "alpha")
+            )
+            T = T @ spin(q[i] + theta) @ matrix([a, 0, d], Rotation.from_rotvec([alpha, 0, 0]))
         np.testing.assert_allclose(T, flange_of(arm, q), atol=1e-9)  # over hundreds of metres
 
 
@@ -308,13 +309,14 @@ def test_a_result_file_can_be_exported_and_its_json_is_a_robot_for_the_solver(
 @pytest.mark.parametrize(
     ("name", "form", "told"),
     [
-        ("T_flange_camera", "ur-calibration", "is a pose, and ur-calibration holds an arm's kinematics; it can be "
-         "exported as urscript, ros, urdf, yaml, json"),
-        ("kinematics.arm", "urscript", "is an arm's kinematics, which URScript cannot set; it can be exported as "
-         "ros, urdf, yaml, json, ur-calibration"),
+        ("T_flange_camera", "ur-calibration", "is a pose, and ur-calibration holds an arm's kinematics; "
+         "it can be exported as urscript, ros, urdf, yaml, json"),
+        ("kinematics.arm", "urscript", "is an arm's kinematics, which URScript cannot set; "
+         "it can be exported as ros, urdf, yaml, json, ur-calibration"),
         ("kinematics.pal", "ros", "is not of a Universal Robots arm"),
         ("kinematics.pal", "ur-calibration", "it can be exported as urdf, yaml, json"),
-        ("time_offset_s.beams", "ros", "is neither a pose nor an arm's kinematics; it can be exported as yaml"),
+        ("time_offset_s.beams", "ros", "is neither a pose nor an arm's kinematics; it can be "
+         "exported as yaml, json"),
         ("T_flange_camera", "urdff", "did you mean urdf?"),
     ],
 )  # fmt: skip
