@@ -13,6 +13,7 @@ from cell.errors import error
 from fakes._toml import to_toml
 from fakes.beam_truth import BeamTruth, CapsuleTruth, Channel, IoTruth, Three
 from fakes.belt_truth import BeltTruth, PhaseTruth, RippleTruth, StopsTruth
+from fakes.item_truth import GripperTruth, ItemsTruth
 from fakes.kinematics import MODELS, LinkDeltas
 from fakes.observed_truth import ObservedTruth, PalletizerErrors, PalletizerTable
 from fakes.tracker_truth import ReflectorTruth, TrackerTruth
@@ -136,6 +137,8 @@ class WorldTruth(_Strict):
     )
     obstacle: list[Obstacle] = []
     belt: BeltTruth | None = None
+    items: ItemsTruth | None = None
+    gripper: GripperTruth | None = None
     observed: ObservedTruth | None = Field(default=None, description="an arm that its own program moves")
     tracker: TrackerTruth | None = None
     reflectors: dict[str, ReflectorTruth] = Field(
@@ -177,6 +180,12 @@ class WorldTruth(_Strict):
             raise ValueError("reflectors are there for a tracker: give [world.tracker] too")
         if self.observed is None and any(r.on == "observed" for r in self.reflectors.values()):
             raise ValueError('a reflector is on = "observed", but there is no [world.observed]')
+        return self
+
+    @model_validator(mode="after")
+    def _items_lie_on_a_belt(self) -> Self:
+        if self.items is not None and self.belt is None:
+            raise ValueError("items lie on a belt: give [world.belt] too")
         return self
 
     @model_validator(mode="after")
@@ -283,12 +292,13 @@ class Scenario(_Strict):
         tracker: dict[str, Any] | None = None,
         observed: dict[str, Any] | None = None,
         belt: dict[str, Any] | None = None,
+        gripper: dict[str, Any] | None = None,
     ) -> str:
         """A ready cell.toml for this twin (FORMATS.md section 2).
 
-        ``arm``, ``camera``, ``beams``, ``tracker``, ``observed`` and ``belt`` are the device tables, driver
-        and address included; those of devices that the scenario lacks are left out. The file that
-        ``observed_model`` names is written by :meth:`write_observed_model`. ``modbus`` is its section;
+        ``arm``, ``camera``, ``beams``, ``tracker``, ``observed``, ``belt`` and ``gripper`` are the device
+        tables, driver and address included; those of devices that the scenario lacks are left out. The file
+        that ``observed_model`` names is written by :meth:`write_observed_model`. ``modbus`` is its section;
         ``overrides`` are further top-level tables that replace generated ones of the same name; ``clock``
         names the virtual clock of the object face.
         """
@@ -313,6 +323,9 @@ class Scenario(_Strict):
         if world.belt is not None and belt is not None:
             robot["belt"] = "belt"
             devices["belt"] = {**belt, "expect_serial": world.belt.serial}
+        if world.gripper is not None and gripper is not None:
+            robot["gripper"] = "gripper"
+            devices["gripper"] = gripper
         robot |= {
             "T_flange_target_nominal": self.cell.T_flange_target_nominal,
             "model": world.arm.model,
@@ -364,5 +377,6 @@ def _known_keys() -> set[str]:
     models: list[type[BaseModel]] = [
         *_Strict.__subclasses__(), BeamTruth, CapsuleTruth, IoTruth, TrackerTruth, ReflectorTruth,
         ObservedTruth, PalletizerTable, PalletizerErrors, BeltTruth, PhaseTruth, StopsTruth, RippleTruth,
+        ItemsTruth, GripperTruth,
     ]  # fmt: skip
     return {info.alias or name for model in models for name, info in model.model_fields.items()}

@@ -133,7 +133,11 @@ class World:
             self.belt = Belt(truth.belt, truth.seed, t0)
             self.encoder = BeltEncoder(truth.belt, self.belt, t0)
         self.items: Items | None = None
+        if truth.items is not None and self.belt is not None:
+            self.items = Items(truth.items, self.belt, truth.seed)
         self.gripper: Gripper | None = None
+        if truth.gripper is not None:
+            self.gripper = Gripper(truth.gripper, self.items, self.tool_point)
         self.inputs = None if truth.io is None else InputModule(truth.io, self.beams, t0)
         self.tracker: Tracker | None = None
         if (tracker := truth.tracker) is not None:
@@ -158,6 +162,9 @@ class World:
         if self.belt is not None:
             send(("belt", self.belt.orders()))
             self.belt.listeners.append(lambda order: send(("belt-order", order)))
+        if self.items is not None:
+            send(("items", self.items.taken()))
+            self.items.listeners.append(lambda number, t: send(("taken", number, t)))
         self.track.listeners.append(lambda segment: send(("segment", segment)))
         self.operator.listeners.append(lambda t, placement: send(("placement", t, placement)))
         self.tool.listeners.append(lambda bend: send(("bend", bend)))
@@ -173,6 +180,10 @@ class World:
                 self.belt.load(orders)
             case ("belt-order", order) if self.belt is not None:
                 self.belt.follow(order)
+            case ("items", taken) if self.items is not None:
+                self.items.load(taken)
+            case ("taken", number, t) if self.items is not None:
+                self.items.take(number, t)
             case ("bend", bend):
                 self.tool.follow(bend)
             case ("state", segments, blends, history, bends, beams):
@@ -224,14 +235,27 @@ class World:
             self.tracker.advance(self._tracker_looks_until)
         self._tracker_looks_until = segment.t0
 
+    def tool_point(self, t: float) -> Array:
+        """(3,) the true tool's point in the base."""
+        point: Array = (self.true_flange(t) * self.T_flange_tool_at(t)).translation
+        return point
+
     def T_flange_tool_at(self, t: float) -> RigidTransform:
         """``T_flange_tool`` as it truly is, bent or not."""
         return self.tool.T_flange_tool_at(t)
 
     def arm_digital_in(self, t: float) -> int:
-        """The arm's own digital inputs as a word; a bit is set while its beam is broken."""
+        """The arm's own digital inputs as a word; bits are on while a beam is broken or the gripper holds."""
         wired = self.config.arm_inputs.items()
-        return sum(self.beams.level(name, t) << bit for name, bit in wired)
+        word = sum(self.beams.level(name, t) << bit for name, bit in wired)
+        if self.gripper is not None and self.gripper.holds(t) is not None:
+            word |= 1 << self.gripper.truth.confirm
+        return word
+
+    def set_arm_output(self, t: float, word: int) -> None:
+        """The arm's digital outputs are ``word`` from ``t`` on."""
+        if self.gripper is not None:
+            self.gripper.command(t, bool(word >> self.gripper.truth.output & 1))
 
     @property
     def camera(self) -> CameraTruth:
@@ -298,7 +322,8 @@ class World:
         known = {"serial", "node", "m_per_count", "modulus", "period_s", "origin"}
         now = {} if t == inf else {"travel_m": self.belt.travel_at(t), "speed_m_s": self.belt.speed_at(t)}
         of_belt = self.belt.truth.model_dump(include=known) | {"dir": self.belt.direction.tolist(), **now}
-        return {"belt": of_belt}
+        picking = {} if self.gripper is None or t == inf else {"gripper": self.gripper.truth_at(t)}
+        return {"belt": of_belt, **picking}
 
     def _camera_truth(self) -> dict[str, Any]:
         if self.config.camera is None:

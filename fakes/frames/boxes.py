@@ -19,6 +19,7 @@ _SS = 4
 _PAD = 3  # px
 _PER_EDGE = 6
 _NEAREST_M = 0.05
+_WIDEST = 1.2  # x/z or y/z
 _SIDE_SHADE = 0.45  # light comes from above
 _BLUR_PX = 0.7
 # Corners of a box in units of half its size, and its faces, each counter-clockwise from outside.
@@ -59,7 +60,7 @@ class BoxPainter:
         if not looks:
             return
         for boxes in zip(*looks, strict=True):
-            if any(box.corners()[:, 2].min() < _NEAREST_M for box in boxes):
+            if any(_out_of_sight(box.corners()) for box in boxes):
                 continue
             seen = [self._faces(box) for box in boxes]
             self._paint_colour(colour, seen)
@@ -125,6 +126,13 @@ class BoxPainter:
         if np.any(high - low < 2):
             return None
         return int(low[0]), int(low[1]), int(high[0]), int(high[1])
+
+
+def _out_of_sight(corners: Array) -> bool:
+    """Behind the camera, or so far beside it that the distortion polynomial folds back."""
+    if corners[:, 2].min() < _NEAREST_M:
+        return True
+    return bool(np.abs(corners[:, :2] / corners[:, 2:]).max() > _WIDEST)
 
 
 def _fixed(points: Array) -> NDArray[np.int32]:

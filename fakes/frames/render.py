@@ -45,9 +45,10 @@ class Optics:
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """A conveyor belt that the camera sees: its corners (4, 3) m in the camera, in order."""
+    """A belt through the whole picture: ``T_camera_belt`` has its x along the belt and its z out of it."""
 
-    corners: Array
+    T_camera_belt: RigidTransform
+    half_width_m: float = 0.2
     grey: float = 55.0
 
 
@@ -110,17 +111,15 @@ class Renderer:
 
     def _lay(self, band: Band) -> None:
         """Draw the belt into what never changes, with the grain of its fabric."""
-        normal = np.cross(band.corners[1] - band.corners[0], band.corners[3] - band.corners[0])
-        rim = np.concatenate([np.linspace(a, b, 32)[:-1] for a, b in _edges(band.corners)])
-        pixels = cv2.projectPoints(
-            rim[rim[:, 2] > _NEAREST_M], np.zeros(3), np.zeros(3), self._K, self._dist
-        )[0]
-        mask = np.zeros(self._background.shape, np.uint8)
-        cv2.fillPoly(mask, [np.round(pixels.reshape(-1, 2)).astype(np.int32)], 1)
-        inside = mask.astype(bool)
+        T = band.T_camera_belt
+        _, across, normal = T.rotation.as_matrix().T.astype(np.float32)
+        slope = self._rays @ normal
+        depth = np.float32(normal @ T.translation) / np.where(slope < 0.0, slope, -1.0)
+        off = depth * (self._rays @ across) - np.float32(across @ T.translation)
+        inside = (slope < 0.0) & (depth > 0.0) & (np.abs(off) < band.half_width_m)
         grain = self._rng.normal(band.grey, 2.0, self._background.shape)
         self._background[inside] = np.clip(grain, 0, 255).astype(np.uint8)[inside]
-        self._far[inside] = 1000.0 * float(normal @ band.corners[0]) / (self._rays[inside] @ normal)
+        self._far[inside] = 1000.0 * depth[inside]
 
     def _look(self, T_camera_target: RigidTransform) -> "_View | None":
         """Where the plate is in the image, or None when its front is not wholly before the camera."""
@@ -256,10 +255,6 @@ class _Lens:
             self._canvas, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
         return bent
-
-
-def _edges(corners: Array) -> list[tuple[Array, Array]]:
-    return [(corners[k], corners[(k + 1) % len(corners)]) for k in range(len(corners))]
 
 
 def _clip(pixels: Array, bounds: tuple[int, int, int, int]) -> tuple[int, int, int, int] | None:

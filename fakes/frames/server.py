@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 
 from fakes.faults import Fault
+from fakes.frames.belt_view import belt_seen, boxes_seen
 from fakes.frames.faults import FrameFaults
 from fakes.frames.plates import make_plate
 from fakes.frames.render import Optics, Picture, Renderer
@@ -28,6 +29,7 @@ from fakes.world import Message, World
 # The world's changes come through a pipe; a scene is looked at when those up to its time have arrived.
 _MIRROR_LAG_S = 0.012
 _BLUR_FROM_RAD = 0.0004  # a third of a pixel: below that a moving camera's exposure is one instant
+_BLUR_FROM_M = 0.0002
 _SUB_EXPOSURES = 3
 _JUNK = bytes(range(256)) * 64
 
@@ -63,7 +65,9 @@ class FrameServer:
         camera = world.camera
         self._camera = camera
         self._renderer = Renderer(
-            Optics(world.intrinsics, grey=camera.grey, seed=world.config.seed), make_plate(world.target)
+            Optics(world.intrinsics, grey=camera.grey, seed=world.config.seed),
+            make_plate(world.target),
+            belt_seen(world),
         )
         self._lock = threading.Lock()  # of the world, the faults and the list of clients
         self._stopping = threading.Event()
@@ -142,10 +146,14 @@ class FrameServer:
             if self._moves(t - half, t + half):
                 times = list(np.linspace(t - half, t + half, _SUB_EXPOSURES))
             poses = [None if self.faults.lost_board else self.world.scene(k).T_camera_target for k in times]
-        return self._renderer.render(poses, self.faults.gain)
+            boxes = boxes_seen(self.world, times)
+        return self._renderer.render(poses, self.faults.gain, boxes)
 
     def _moves(self, t0: float, t1: float) -> bool:
-        """Whether the target moves visibly in the image between the two times."""
+        """Whether the target, or the belt, moves visibly in the image between the two times."""
+        belt = self.world.belt
+        if belt is not None and abs(belt.travel_at(t1) - belt.travel_at(t0)) > _BLUR_FROM_M:
+            return True
         a, b = (self.world.scene(t).T_camera_target for t in (t0, t1))
         if a is None or b is None:
             return False

@@ -7,6 +7,7 @@
 from fakes.object.arm import ObjectArm
 from fakes.object.camera import ObjectCamera
 from fakes.object.clock import VirtualClock
+from fakes.object.gripper import ObjectGripper
 from fakes.object.inputs import ObjectInputs
 from fakes.object.loop import DeadlockError, VirtualTimeLoop, run_virtual
 from fakes.object.observed import ObjectObservedArm
@@ -18,6 +19,7 @@ __all__ = [
     "ObjectArm",
     "ObjectCamera",
     "ObjectCell",
+    "ObjectGripper",
     "ObjectInputs",
     "ObjectObservedArm",
     "ObjectTracker",

@@ -23,9 +23,11 @@ def controller_for(world: World, bind: str) -> Controller:
     """The controller of the arm in ``world``."""
     arm = world.config.arm
     identity = Identity(arm.model, arm.serial, parse_version(arm.version), arm.factory.deltas())
-    return Controller(
+    made = Controller(
         bind, identity, world.track, world.believed, world.contact_force, digital_in=world.arm_digital_in
     )
+    made.robot.io.listeners.append(lambda word: world.set_arm_output(made.now(), word))
+    return made
 
 
 def build_controller(bind: str, scenario: Scenario | None, settings: Mapping[str, Any]) -> Controller:

@@ -1,6 +1,6 @@
 """What RTDE clients write: registers, outputs behind masks, the speed slider; and the watchdog over them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 Written = Mapping[str, float | tuple[float, ...]]
@@ -21,10 +21,15 @@ class InputOutput:
     digital_out: int = 0
     analog_out: list[float] = field(default_factory=lambda: [0.0, 0.0])
     speed_fraction: float = 1.0
+    listeners: list[Callable[[int], None]] = field(default_factory=list)  # of the digital outputs
 
     def write_digital(self, shift: int, mask: int, value: int) -> None:
         """Set the outputs of one bank that ``mask`` names."""
-        self.digital_out = (self.digital_out & ~(mask << shift)) | ((value & mask) << shift)
+        before = self.digital_out
+        self.digital_out = (before & ~(mask << shift)) | ((value & mask) << shift)
+        if self.digital_out != before:
+            for listener in tuple(self.listeners):
+                listener(self.digital_out)
 
 
 @dataclass
