@@ -43,6 +43,11 @@ class NamedRobot(_Robot):
     model: str
     calibration: Deltas | None = None
 
+    @property
+    def joints(self) -> int:
+        """How many numbers a joint vector has."""
+        return 6
+
 
 class PalletizerParameters(Strict):
     """Four motors and a parallelogram; METHODS section 4. Lengths m, offsets rad, ratios link per motor."""
@@ -73,6 +78,11 @@ class PalletizerRobot(_Robot):
     family: Literal["palletizer4"]
     parameters: PalletizerParameters
 
+    @property
+    def joints(self) -> int:
+        """How many numbers a joint vector has."""
+        return 4
+
     @model_validator(mode="after")
     def _one_place_for_smr1(self) -> "PalletizerRobot":
         own = [self.parameters.tx, self.parameters.ty, self.parameters.tz]
@@ -98,6 +108,13 @@ class SerialRobot(_Robot):
     family: Literal["serial"]
     links: Annotated[list[Link], Field(min_length=1, max_length=30)]
     coupling: list[list[float]] | None = None
+
+    @property
+    def joints(self) -> int:
+        """How many numbers a joint vector has."""
+        if self.coupling is not None:
+            return len(self.coupling[0])
+        return sum(link.joint != "fixed" for link in self.links)
 
     @model_validator(mode="after")
     def _coupling_fits_the_links(self) -> "SerialRobot":

@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import BaseModel, Field, SerializeAsAny, ValidationError, create_model
 
 from cell.errors import CellError, error
+from cell.formats.robot import parse_robot
 from cell.store.files import read_json, to_json
 from daemon.config.checks import check_contradictions, check_names, check_units
 from daemon.config.drivers import DRIVERS, bindings, driver_class, offers
@@ -37,6 +38,7 @@ class Robot(RobotSection):
     """``[robot]`` with its names resolved."""
 
     spec: dict[str, Any] = Field(default_factory=dict, description="the ROBOT of the data formats")
+    observed_spec: dict[str, Any] | None = Field(default=None, description="the same of the observed arm")
     devices: dict[str, str] = Field(default_factory=dict, description="device by role")
 
     def roles(self) -> dict[str, str]:
@@ -46,6 +48,10 @@ class Robot(RobotSection):
     def robot_spec(self) -> dict[str, Any]:
         """The ROBOT of the data formats that ``model`` names."""
         return dict(self.spec)
+
+    def observed_robot_spec(self) -> dict[str, Any] | None:
+        """The ROBOT that ``observed_model`` names: what the observed arm's controller believes."""
+        return None if self.observed_spec is None else dict(self.observed_spec)
 
 
 class CellConfig(BaseModel):
@@ -119,12 +125,14 @@ def check_config(
         _check_job(name, section, findings, jobs)
     fixed = _validated(FixedSections, raw, (), findings)
     spec = _robot_spec(raw, findings, path)
+    observed = _observed_spec(raw, devices, findings, path)
     findings.raise_if_any()
     assert fixed is not None
     named = {role: getattr(fixed.robot, role) or role for role in ROLES}
     robot = Robot.model_construct(
         **dict(fixed.robot),
         spec=spec,
+        observed_spec=observed,
         devices={role: name for role, name in named.items() if name in devices},
     )
     sections = {key: getattr(fixed, key) for key in CellConfig.model_fields if hasattr(fixed, key)}
@@ -241,9 +249,38 @@ def _robot_spec(raw: Mapping[str, Any], findings: Findings, path: Path) -> dict[
     """The ROBOT that ``robot.model`` names: a known arm, or a JSON file beside the configuration."""
     section = raw.get("robot")
     model = section.get("model", "ur10e") if isinstance(section, dict) else "ur10e"
+    return _named_robot(model, ("robot", "model"), findings, path)
+
+
+def _observed_spec(
+    raw: Mapping[str, Any], devices: Mapping[str, DeviceSection | None], findings: Findings, path: Path
+) -> dict[str, Any] | None:
+    """The ROBOT that ``robot.observed_model`` names; it has as many joints as the device reads."""
+    robot = raw.get("robot")
+    section = robot if isinstance(robot, dict) else {}
+    model = section.get("observed_model")
+    if not isinstance(model, str):
+        return None
+    place = ("robot", "observed_model")
+    spec = _named_robot(model, place, findings, path)
+    if not spec:
+        return None
+    try:
+        axes = parse_robot(spec, model).joints
+    except CellError as exc:
+        findings.add(place, with_detail(exc))
+        return None
+    name = section.get("observed_arm", "observed_arm")
+    read = getattr(devices.get(name), "joints", None) if isinstance(name, str) else None
+    if isinstance(read, list) and len(read) != axes:
+        findings.add(("device", str(name), "joints"), f"reads {len(read)} joints, but {model} has {axes}")
+    return spec
+
+
+def _named_robot(model: Any, place: tuple[str, ...], findings: Findings, path: Path) -> dict[str, Any]:
+    """The ROBOT called ``model``; empty, with a finding, when there is none."""
     if not isinstance(model, str) or model in UR_MODELS:
         return {"model": model}
-    place = ("robot", "model")
     if not model.endswith(".json"):
         hint = did_you_mean(model, UR_MODELS) or f", there is {', '.join(UR_MODELS)}, or a file NAME.json"
         findings.add(place, f"there is no arm '{model}'{hint}")

@@ -1,5 +1,6 @@
 """``cell.toml``: everything wrong with it at once, each with its line, and what a right one means."""
 
+import json
 import pickle
 from contextlib import suppress
 from pathlib import Path
@@ -296,6 +297,54 @@ def test_the_robots_own_parameters_are_read_from_beside_the_config(tmp_path: Pat
     (tmp_path / "own.json").write_text('{"model": "ur10e", "calibration": {"delta_a": [0, 0, 0, 0, 0, 0]}}')
     subject = load(tmp_path, GOOD.replace("[robot]", '[robot]\nmodel = "own.json"'))
     assert "calibration" in subject.robot.robot_spec()
+
+
+PALLETIZER = {
+    "family": "palletizer4",
+    "parameters": {
+        name: 1.0
+        for group, of in {"a": "12345", "d": "15", "k": "1235", "t": "1235xyz"}.items()
+        for name in (group + letter for letter in of)
+    },
+}
+
+
+def with_observed(robot: Any, model: str = "palletizer.json", joints: int = 4) -> str:
+    rows = ", ".join(f"{{ address = {2 * i} }}" for i in range(joints))
+    return GOOD.replace("[robot]", f'[robot]\nobserved_model = "{model}"') + (
+        '[device.observed_arm]\ndriver = "drivers.observed_arm:ObservedArmReader"\n'
+        f'url = "tcp://127.0.0.1:502"\njoints = [{rows}]\n'
+    )
+
+
+def test_the_observed_arms_model_is_read_from_beside_the_config(tmp_path: Path) -> None:
+    assert load(tmp_path, GOOD).robot.observed_robot_spec() is None
+    (tmp_path / "palletizer.json").write_text(json.dumps(PALLETIZER))
+    subject = load(tmp_path, with_observed(PALLETIZER))
+    assert subject.robot.observed_robot_spec() == PALLETIZER
+    assert subject.robot.roles()["observed_arm"] == "observed_arm"
+    named = load(tmp_path, with_observed(None, "ur5e", 6))
+    assert named.robot.observed_robot_spec() == {"model": "ur5e"}
+
+
+@pytest.mark.parametrize(
+    ("robot", "model", "joints", "finding"),
+    [
+        (None, "palletizer.json", 4, "palletizer.json"),
+        (None, "ur55e", 6, "there is no arm 'ur55e', did you mean 'ur5e'?"),
+        ({"links": []}, "palletizer.json", 4, "is no ROBOT: it has neither 'model' nor 'family'"),
+        ({"family": "palletiser4"}, "palletizer.json", 4, "did you mean 'palletizer4'?"),
+        (PALLETIZER | {"parameters": {"a1": 1.0}}, "palletizer.json", 4, "is missing"),
+        (PALLETIZER, "palletizer.json", 3, "observed_arm.joints: reads 3 joints, but palletizer.json has 4"),
+    ],
+)
+def test_a_wrong_model_of_the_observed_arm_is_a_finding(
+    tmp_path: Path, robot: Any, model: str, joints: int, finding: str
+) -> None:
+    if robot is not None:
+        (tmp_path / "palletizer.json").write_text(json.dumps(robot))
+    found = findings(tmp_path, with_observed(robot, model, joints))
+    assert any(finding in line for line in found), found
 
 
 @st.composite
