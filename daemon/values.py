@@ -28,7 +28,6 @@ def resolve_values(config: CellConfig, ledger: Ledger, supervisor: Supervisor) -
     values: dict[str, Any] = {
         "robot": robot_spec(config, supervisor),
         "observed_robot": config.robot.observed_robot_spec(),
-        "observed_robot": config.robot.observed_robot_spec(),
         "tool": robot.tool.model_dump(mode="json"),
         "payload_kg": robot.payload_kg,
         "centre_of_mass_m": list(robot.centre_of_mass_m),
