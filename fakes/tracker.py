@@ -60,7 +60,7 @@ class Tracker:
         self.target: str | None = None
         self.status = NOT_AIMED
         self._still, self._seed, self._t0 = still, seed, t0
-        self._follows = False
+        self.follows = False
         self._aim = (0.0, np.pi / 2)
         self._seen = t0  # until then it is known what happened to the target
 
@@ -91,7 +91,7 @@ class Tracker:
             return
         for when in self._looks(since, t):
             if status := self._lost(self.target, when):
-                self._aim = polar(self.sight.local(self.target, when)) if self._follows else self._aim
+                self._aim = polar(self.sight.local(self.target, when)) if self.follows else self._aim
                 self.target, self.status = None, status
                 return
 
@@ -110,11 +110,11 @@ class Tracker:
     def restart(self, t: float) -> None:
         """It has been switched off and on: it follows nothing and has the constant it had at first."""
         self.turn_to(t, 0.0, np.pi / 2)
-        self._follows, self.constant_m = False, self.truth.constant_m
+        self.follows, self.constant_m = False, self.truth.constant_m
 
     def follow(self, t: float, on: bool) -> None:
         """Follow what it aims at when that moves, or stay."""
-        self._aim, self._follows = self.aim(t), on
+        self._aim, self.follows = self.aim(t), on
 
     def search(self, t: float, half_hz: float, half_v: float) -> str:
         """Look for reflectors about the aim and aim at the nearest; empty, or why that fails.
@@ -146,7 +146,7 @@ class Tracker:
     def aim(self, t: float) -> tuple[float, float]:
         """Hz and V to which it points, rad."""
         self.advance(t)
-        if self.target is not None and self._follows:
+        if self.target is not None and self.follows:
             return polar(self.sight.local(self.target, t))
         return self._aim
 
@@ -190,7 +190,7 @@ class Tracker:
 
     def _lost(self, name: str, t: float) -> str:
         hindrance = self.sight.hindrance(name, t)
-        if hindrance or self._follows:
+        if hindrance or self.follows:
             return hindrance
         off = _angle(direction(*self._aim), self.sight.local(name, t))
         return NOT_AIMED if off > self.truth.aim_rad else ""

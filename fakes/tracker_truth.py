@@ -68,7 +68,7 @@ class TrackerTruth(_Strict):
         default="99994400001", pattern=r"^9999\d+$", description="twin serials begin with 9999"
     )
     name: str = "Twin tracker"
-    version: str = "1.2.3"
+    version: str = Field(default="1.2.3", pattern=r"^\d+\.\d+\.\d+$")
     T_base_tracker: Six
     sigma0_m: float = Field(default=15e-6, ge=0, le=0.01, description="noise of a reading along one axis")
     sigma_per_m: float = Field(default=6e-6, ge=0, le=0.001, description="and what each metre of range adds")

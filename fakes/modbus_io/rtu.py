@@ -6,8 +6,9 @@ A pseudo-terminal has no parity and no speed of its own; the speed that the clie
 import asyncio
 from pathlib import Path
 
+from fakes import _crc
 from fakes.modbus_io.service import Service
-from fakes.terminal import Terminal
+from fakes.terminal import PseudoTerminal
 
 SMALLEST_FRAME, LARGEST_FRAME = 4, 256
 BROADCAST = 0
@@ -15,13 +16,8 @@ _BITS_PER_CHARACTER, _CHARACTERS, _SHORTEST_SILENCE_S = 11, 3.5, 0.00175
 
 
 def crc16(data: bytes) -> int:
-    """The CRC of Modbus RTU: reflected polynomial 0xA001, start 0xFFFF; sent low byte first."""
-    crc = 0xFFFF
-    for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            crc = crc >> 1 ^ (0xA001 if crc & 1 else 0)
-    return crc
+    """The CRC of Modbus RTU: it starts from 0xFFFF, and is sent low byte first."""
+    return _crc.crc16(data, 0xFFFF)
 
 
 def frame(unit: int, pdu: bytes) -> bytes:
@@ -48,7 +44,7 @@ class RtuLine:
 
     def __init__(self, service: Service, link: Path) -> None:
         self._service, self.path = service, link
-        self._terminal = Terminal(link, service.faults.link, self._received)
+        self._terminal = PseudoTerminal(link, service.faults.link, self._received)
         self._buffer = bytearray()
         self._silence: asyncio.TimerHandle | None = None
         self._pending: set[asyncio.TimerHandle] = set()

@@ -1,0 +1,148 @@
+"""The wires of one station: TCP and a serial line, with power that can be cut."""
+
+import asyncio
+from collections.abc import Iterable
+from pathlib import Path
+
+from fakes.faults import Link
+from fakes.geocom.conversation import Conversation, LineFaults
+from fakes.geocom.instrument import Instrument
+from fakes.listening import Listener, TcpPlace
+from fakes.terminal import PseudoTerminal
+
+
+class StationWires:
+    """Everybody on any wire talks to the same ``instrument``."""
+
+    def __init__(self, instrument: Instrument, places: Iterable[TcpPlace], line: Path | None = None) -> None:
+        self.instrument, self.faults = instrument, LineFaults()
+        self.clients: set[Client] = set()
+        self._listener = Listener(lambda: Client(self), places)
+        self._serial: Conversation | None = None
+        self.line = PseudoTerminal(line, self.faults.link, self._on_line) if line is not None else None
+
+    @property
+    def addresses(self) -> list[tuple[str, int]]:
+        """Where it listens; the ports are known after :meth:`start`."""
+        return self._listener.addresses
+
+    @property
+    def accepting(self) -> bool:
+        """Whether connections are accepted."""
+        return self._listener.accepting
+
+    async def start(self) -> None:
+        """Listen; ``OSError`` when an address is taken, and then nothing is left open."""
+        try:
+            await self.listen()
+            self._open_line()
+        except OSError:
+            await self.stop()
+            raise
+
+    async def stop(self) -> None:
+        """Close everything."""
+        self._listener.off = True
+        self._listener.refuse()
+        for client in tuple(self.clients):
+            client.close(abort=True)
+        await self._listener.closed()
+        self._close_line()
+
+    async def listen(self) -> None:
+        """Accept connections; not while it is without power."""
+        await self._listener.listen()
+
+    def refuse(self) -> None:
+        """Accept no connections; open ones stay."""
+        self._listener.refuse()
+
+    def cut(self, reset: bool = False) -> None:
+        """End open connections, with FIN or with RST."""
+        for client in tuple(self.clients):
+            client.close(reset)
+
+    def junk(self, data: bytes) -> None:
+        """Send bytes that nobody asked for, on every wire."""
+        for client in self.clients:
+            client.send(data)
+        if self.line is not None:
+            self.line.send(data)
+
+    async def reboot(self, boot_s: float, serial: str | None = None) -> None:
+        """Lose power for ``boot_s``: connections go, the line is dead, settings and lock are gone."""
+        self._listener.off = True
+        self.refuse()
+        self.cut(reset=True)
+        self._end_serial()
+        self.instrument.tracker.restart(self.instrument.now())
+        self.instrument.restart(serial)
+        await asyncio.sleep(boot_s)
+        self._listener.off = False
+        if self.line is not None and self.line.link is not None:
+            self._serial = Conversation(self.instrument, self.line.link, self.faults)
+        await self.listen()
+
+    def _open_line(self) -> None:
+        if self.line is not None:
+            self.line.open()
+            assert self.line.link is not None
+            self._serial = Conversation(self.instrument, self.line.link, self.faults)
+
+    def _close_line(self) -> None:
+        self._end_serial()
+        if self.line is not None:
+            self.line.close()
+
+    def _end_serial(self) -> None:
+        if self._serial is not None:
+            self._serial.close()
+            self._serial = None
+
+    def _on_line(self, data: bytes) -> None:
+        if self._serial is not None:
+            self._serial.received(data)
+
+
+class Client(asyncio.Protocol):
+    """One TCP connection."""
+
+    def __init__(self, wires: StationWires) -> None:
+        self._wires = wires
+        self._link: Link | None = None
+        self._conversation: Conversation | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._link = Link(transport, self._wires.faults.link)
+        if not self._wires.accepting:  # it was on its way when the listener closed
+            self._link.close(reset=True)
+            return
+        self._wires.clients.add(self)
+        self._conversation = Conversation(self._wires.instrument, self._link, self._wires.faults)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._forget()
+
+    def data_received(self, data: bytes) -> None:
+        if self._conversation is not None and not self._wires.faults.link.half_open:
+            self._conversation.received(data)
+
+    def send(self, data: bytes) -> None:
+        """Queue bytes."""
+        if self._link is not None:
+            self._link.send(data)
+
+    def close(self, reset: bool = False, abort: bool = False) -> None:
+        """End the connection: FIN, or RST with ``reset``; ``abort`` does not wait for who reads nothing."""
+        self._forget()
+        if self._link is not None:
+            self._link.close(reset)
+            if abort:
+                self._link.transport.abort()
+
+    def _forget(self) -> None:
+        self._wires.clients.discard(self)
+        if self._conversation is not None:
+            self._conversation.close()
+            self._conversation = None
