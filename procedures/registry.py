@@ -6,6 +6,7 @@ from procedures.laser.check import LaserCheck
 from procedures.laser.reference import LaserReference
 from procedures.laser.update import LaserUpdate
 from procedures.latency import LatencyCalibration
+from procedures.tracker import TrackerSampling
 
-_ALL = (ConeCapture, LaserReference, LaserCheck, LaserUpdate, LatencyCalibration)
+_ALL = (ConeCapture, LaserReference, LaserCheck, LaserUpdate, TrackerSampling, LatencyCalibration)
 JOBS: dict[str, type[Procedure]] = {job.name: job for job in _ALL}

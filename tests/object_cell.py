@@ -37,6 +37,7 @@ def write_config(
     job: Mapping[str, Any] | None = None,
     arm_keys: Mapping[str, Any] | None = None,
     beams_keys: Mapping[str, Any] | None = None,
+    tracker_keys: Mapping[str, Any] | None = None,
     jobs: Mapping[str, Mapping[str, Any]] | None = None,
     **overrides: Any,
 ) -> CellConfig:
@@ -57,6 +58,7 @@ def write_config(
         control_socket=str(folder / "control.sock"),
         clock="fakes.object:VirtualClock",
         beams={"driver": "fakes.object:ObjectInputs", "scenario": scenario, **(beams_keys or {})},
+        tracker={"driver": "fakes.object:ObjectTracker", "scenario": scenario, **(tracker_keys or {})},
         overrides={"job": sections, **overrides},
     )
     path = folder / "cell.toml"

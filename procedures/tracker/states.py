@@ -1,6 +1,6 @@
 """The states that a sampling goes through.
 
-NEXT is between two poses, with the arm at rest: a pause holds there, a finish ends there. MOVE is a move of
+NEXT is between two poses, with the arm at rest: a pause holds there, and every finish goes by it. MOVE is
 ours, REQUEST asks the program or the operator of an arm that is only observed.
 """
 
@@ -31,16 +31,16 @@ S = State
 TRANSITIONS: Mapping[Any, frozenset[Any]] = {
     None: frozenset({S.PREPARE}),
     S.PREPARE: frozenset({S.PLAN, S.MONUMENTS}),
-    S.PLAN: frozenset({S.LOCATE, S.SWAP, S.NEXT, S.SOLVE}),
-    S.LOCATE: frozenset({S.NEXT, S.MONUMENTS, S.PLAN, S.SWAP, S.SOLVE}),
+    S.PLAN: frozenset({S.LOCATE, S.SWAP, S.NEXT}),
+    S.LOCATE: frozenset({S.NEXT, S.MONUMENTS, S.PLAN}),
     S.MONUMENTS: frozenset({S.PLAN, S.SWAP, S.NEXT, S.REACQUIRE, S.SOLVE}),
-    S.SWAP: frozenset({S.NEXT, S.SOLVE}),
+    S.SWAP: frozenset({S.NEXT}),
     S.NEXT: frozenset({S.MOVE, S.REQUEST, S.LOCATE, S.MONUMENTS, S.SWAP, S.SOLVE}),
     S.MOVE: frozenset({S.SETTLE, S.NEXT}),
-    S.REQUEST: frozenset({S.SETTLE, S.NEXT, S.SOLVE}),
+    S.REQUEST: frozenset({S.SETTLE, S.NEXT}),
     S.SETTLE: frozenset({S.MEASURE}),
     S.MEASURE: frozenset({S.SETTLE, S.REACQUIRE, S.NEXT}),
-    S.REACQUIRE: frozenset({S.SETTLE, S.MONUMENTS, S.NEXT}),
+    S.REACQUIRE: frozenset({S.SETTLE, S.MONUMENTS}),
     S.SOLVE: frozenset(),
 }
 CHECKPOINTS = frozenset({S.NEXT})

@@ -1,0 +1,173 @@
+"""The two kinds of arms that can be sampled: one that we move, and one that we only read."""
+
+from collections.abc import AsyncIterator
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from typing import Protocol
+
+import numpy as np
+
+from cell.devices import JointState
+from cell.errors import error
+from cell.motion import MotionLease, measured_standstill
+from cell.poses import Array
+from cell.procedure import Run
+from cell.samples import Sample
+from procedures.tracker.config import TrackerSamplingConfig
+from procedures.tracker.plan import Visit
+from procedures.tracker.states import State
+
+STANDSTILL_TIMEOUT_S = 3.0
+FRESH_S = 0.1
+LOOK_S = 0.05
+REST_TIMEOUT_S = 10.0
+
+
+class SampledArm(Protocol):
+    """What the job needs of an arm, whoever moves it."""
+
+    name: str
+    travel: State
+
+    def session(self) -> AbstractAsyncContextManager[None]:
+        """While it can be sent to poses; nobody may be near an arm that we move."""
+        ...
+
+    async def go(self, visit: Visit, what: str) -> None:
+        """Return when it has got to the pose, or as near as its own program takes it."""
+        ...
+
+    async def rest(self) -> None:
+        """Return when it is measured to be at rest; ``POSE_UNSTABLE`` else."""
+        ...
+
+    def now(self) -> Array:
+        """(j,): the joints as they are."""
+        ...
+
+    def joints(self, t0: float, t1: float) -> Array:
+        """(k, j): what was read of the joints from ``t0`` to ``t1``, at least one row."""
+        ...
+
+
+class MovedArm:
+    """``[robot] arm``: moved under the motion lease."""
+
+    travel = State.MOVE
+
+    def __init__(self, run: Run) -> None:
+        self._run, self._arm = run, run.arm()
+        self.name = self._arm.name
+        self._lease: MotionLease | None = None
+
+    @asynccontextmanager
+    async def session(self) -> AsyncIterator[None]:
+        async with self._run.motion() as lease:
+            self._lease = lease
+            try:
+                yield
+            finally:
+                self._lease = None
+
+    async def go(self, visit: Visit, what: str) -> None:
+        assert self._lease is not None
+        for q in (*visit.via, visit.q):
+            await self._lease.move_joints(np.array(q))
+
+    async def rest(self) -> None:
+        if not await measured_standstill(self._arm, STANDSTILL_TIMEOUT_S):
+            raise error("POSE_UNSTABLE", f"{self.name} did not come to rest in {STANDSTILL_TIMEOUT_S:g} s")
+
+    def now(self) -> Array:
+        return self._arm.state.latest(FRESH_S).value.q
+
+    def joints(self, t0: float, t1: float) -> Array:
+        rows = [s.value.q for s in self._arm.state.between(t0, t1)]
+        if not rows:
+            raise error("STALE_DATA", f"{self.name} gave no state while its reflector was measured")
+        return np.array(rows)
+
+
+class WatchedArm:
+    """``[robot] observed_arm``: its own program or an operator moves it, asked by us.
+
+    A request is answered by the number that the arm's program shows. Without that handshake a person is asked
+    to move the arm and to confirm. Either way only joints that were read after the request count.
+    """
+
+    travel = State.REQUEST
+
+    def __init__(self, run: Run, config: TrackerSamplingConfig) -> None:
+        self._run, self._config, self._arm = run, config, run.observed_arm()
+        self.name = self._arm.name
+        self._asked_t = -np.inf
+        self._number = 0
+
+    @asynccontextmanager
+    async def session(self) -> AsyncIterator[None]:
+        try:
+            yield
+        finally:
+            if self._number:
+                await self._arm.request(0, self.now())
+
+    async def go(self, visit: Visit, what: str) -> None:
+        clock, q = self._run.clock, np.array(visit.q)
+        newest = self._arm.joints.last()
+        shown = 0 if newest is None else newest.value.at_pose or 0
+        self._number = 1 + max(self._number, shown)  # a number that it shows already would answer nothing
+        self._asked_t = clock.now()
+        if not await self._arm.request(self._number, q):
+            self._number = 0
+            await self._run.ask(
+                f"{what}: move {self.name} to {_joints_text(q)} and let it rest, then confirm."
+            )
+            await self.rest()
+            return
+        give_up = clock.now() + self._config.request_timeout_s
+        while not ((state := self._fresh()) and state.at_rest and state.at_pose == self._number):
+            if clock.now() > give_up:
+                raise error("OBSERVED_ARM_NOT_THERE", self._missed(what))
+            await clock.sleep(LOOK_S)
+
+    def _fresh(self) -> JointState | None:
+        """What was read since the request."""
+        sample = self._sample()
+        return sample.value if sample is not None and sample.t > self._asked_t else None
+
+    def _sample(self) -> Sample[JointState] | None:
+        return self._arm.joints.last()
+
+    def _missed(self, what: str) -> str:
+        state = self._fresh()
+        limit = f"within {self._config.request_timeout_s:g} s"
+        if state is None:
+            return f"{what}: {self.name} gave no joints {limit}"
+        shows = "no number" if state.at_pose is None else f"number {state.at_pose}"
+        moves = "at rest" if state.at_rest else "still moving"
+        return f"{what}: {self.name} is {moves} and shows {shows}, not {self._number}, {limit}"
+
+    async def rest(self) -> None:
+        clock = self._run.clock
+        give_up = clock.now() + REST_TIMEOUT_S
+        while not ((state := self._fresh()) and state.at_rest):
+            if clock.now() > give_up:
+                found = "gave no joints since it was asked" if state is None else "still moves"
+                raise error("POSE_UNSTABLE", f"{self.name} {found}, after {REST_TIMEOUT_S:g} s")
+            await clock.sleep(LOOK_S)
+
+    def now(self) -> Array:
+        sample = self._sample()
+        if sample is None:
+            raise error("STALE_DATA", f"{self.name} has given no joints yet")
+        return sample.value.q
+
+    def joints(self, t0: float, t1: float) -> Array:
+        samples = self._arm.joints.between(t0, t1)
+        if any(not s.value.at_rest for s in samples):
+            raise error("POSE_UNSTABLE", f"{self.name} moved while its reflector was measured")
+        # One that writes its joints once it rests writes nothing more while it is measured.
+        return np.array([s.value.q for s in samples]) if samples else self.now()[None]
+
+
+def _joints_text(q: Array) -> str:
+    return ", ".join(f"{np.degrees(v):.2f}" for v in q) + " deg"

@@ -1,0 +1,175 @@
+"""The verdict of a sampling: the solver's answer held against the poses set aside and the limits of the job.
+
+Pure but for reading the data sets: the job and ``cellward replay`` come to the same document.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.identification.held_out import rms
+from calibration.identification.registration import register
+from calibration.kinematics.families import arm_spec
+from cell.formats.robot import parse_robot
+from cell.poses import Array, from_pose6, to_pose6
+from cell.store.files import read_json
+from procedures.solve.kincal import solve_kincal
+from procedures.tracker.record import HELD_OUT_FILE
+
+_MANY_LOST = 0.1
+_SURPRISE = 2.0  # times what is expected of the poses set aside
+
+
+def solve_within_limits(path: Path, config: Mapping[str, Any]) -> dict[str, Any]:
+    """``cellward.result/1`` of a run's ``kincal.json``, judged; for the worker process."""
+    return judged(solve_kincal(path), path, config)
+
+
+def judged(result: Mapping[str, Any], path: Path, config: Mapping[str, Any]) -> dict[str, Any]:
+    """``result`` with what the poses set aside say, with the facts of the run and the verdict on both.
+
+    A result beyond a limit stays filled, and the reason names the limit.
+    """
+    data, aside = read_json(path), read_json(path.parent / HELD_OUT_FILE)
+    facts = data["notes"]["sampling"]
+    result = {**result, "inputs": {**result["inputs"], "sampling": facts}}
+    answer = result["result"]
+    if answer is None:
+        return result
+    heldout = dict(result["heldout"])
+    if aside["samples"]:
+        heldout["set_aside"] = set_aside(answer, data, aside, heldout["tracker_3d"])
+    found = (heldout.get("set_aside") or heldout)["rms"]
+    predicted = result["uncertainty"]["predicted_95"]["workspace"]
+    accuracy = {
+        "before": found["registration_only"],
+        "after": found["calibrated"],
+        "predicted_95": predicted["max"],
+        "direction": "of reflectors in the tracker frame; before: the drawn arm in its best place, after: on "
+        "poses that the solver did not see, the tracker's noise included",
+    }
+    reasons = _beyond(heldout.get("set_aside"), predicted["max"], config["accept"]["max_error_m"])
+    warnings = _warnings(heldout.get("set_aside"), predicted["median"], facts)
+    verdict = "fail" if reasons else "warn" if warnings else result["verdict"]
+    return {
+        **result,
+        "verdict": verdict,
+        "reasons": [*reasons, *result["reasons"], *(text for _, text in warnings)],
+        "warnings": [*result["warnings"], *({"code": c, "text": t} for c, t in warnings)],
+        "result": {**answer, "absolute_accuracy": accuracy},
+        "heldout": heldout,
+    }
+
+
+def set_aside(
+    answer: Mapping[str, Any], solved: Mapping[str, Any], aside: Mapping[str, Any], tracker_3d: float
+) -> dict[str, Any]:
+    """Distances (m) of the readings set aside from where the exported arm, and the drawn one, predict them.
+
+    The drawn arm once in the place of the tracker that the calibrated one found, and once in the place that
+    suits the solved readings best.
+    """
+    T_tracker_base = from_pose6(answer["T_tracker_base"])
+    p = np.array([s["p_tracker"] for s in aside["samples"]])
+    calibrated = T_tracker_base.apply(places(answer["robot"], aside["samples"]))
+    drawn = places(solved["robot"], aside["samples"])
+    p_solved = np.array([s["p_tracker"] for s in solved["samples"]]).T
+    best = register(p_solved, places(solved["robot"], solved["samples"]).T, np.ones(p_solved.shape[1]))
+    off = {
+        "nominal": np.linalg.norm(T_tracker_base.apply(drawn) - p, axis=1),
+        "registration_only": np.linalg.norm(best.to_tracker(drawn.T).T - p, axis=1),
+        "calibrated": np.linalg.norm(calibrated - p, axis=1),
+    }
+    return {
+        "samples": len(p),
+        "rms": {name: rms(d) for name, d in off.items()},
+        "max": {name: float(d.max()) for name, d in off.items()},
+        "tracker_3d": tracker_3d,
+        "per_sample": [
+            {"index": s["index"], "target": s["target"], **{name: float(d[k]) for name, d in off.items()}}
+            for k, s in enumerate(aside["samples"])
+        ],
+        "meaning": "distance (m) of readings that were set aside before solving from their prediction; the "
+        "tracker's own noise (tracker_3d, RMS) is in it",
+    }
+
+
+def places(robot: Mapping[str, Any], samples: list[Any]) -> Array:
+    """(n, 3): where a ROBOT has the reflectors of ``samples``, in its base."""
+    spec = arm_spec(parse_robot(robot, "robot"))
+    flange = spec.arm.base.flange(np.array([s["q"] for s in samples]))
+    tools = np.array([spec.tools[s["target"]] for s in samples])
+    out: Array = np.einsum("nij,nj->ni", flange[:, :3, :3], tools) + flange[:, :3, 3]
+    return out
+
+
+def _beyond(aside: Mapping[str, Any] | None, predicted_95: float, limit: float) -> list[str]:
+    reasons = []
+    if not predicted_95 <= limit:
+        reasons.append(
+            f"max_error_m: at the worst place 95 % of the prediction errors stay below "
+            f"{1e3 * predicted_95:.3g} mm, the limit is {1e3 * limit:g} mm"
+        )
+    if aside is not None:
+        own = float(np.sqrt(max(aside["rms"]["calibrated"] ** 2 - aside["tracker_3d"] ** 2, 0.0)))
+        if own > limit:
+            reasons.append(
+                f"max_error_m: readings that were set aside are {1e3 * own:.3g} mm off their prediction (RMS "
+                f"beyond the tracker's own noise), the limit is {1e3 * limit:g} mm"
+            )
+    return reasons
+
+
+def _warnings(
+    aside: Mapping[str, Any] | None, predicted_95: float, facts: Mapping[str, Any]
+) -> list[tuple[str, str]]:
+    out: list[tuple[str, str]] = []
+    monuments = facts["monuments"]
+    if monuments is None:
+        out.append(
+            ("tracker.no-monuments", "no monument was looked at, so nothing says that the stand stood")
+        )
+    else:
+        if monuments["beyond_noise"]:
+            text = (
+                f"monuments moved by up to {1e3 * monuments['max_moved_m']:.3f} mm, which is within the limit"
+            )
+            out.append(("tracker.drift", f"{text}, but more than noise"))
+        if late := monuments["samples_since_last_look"]:
+            out.append(("tracker.not-looked", f"after the last {late} poses no monument was looked at"))
+    if aside is None:
+        out.append(("heldout.none-aside", "no pose was set aside, so only the folds judge the result"))
+    else:
+        expected = float(np.hypot(aside["tracker_3d"], predicted_95))
+        if (found := aside["rms"]["calibrated"]) > _SURPRISE * expected:
+            text = f"readings that were set aside are {1e3 * found:.3f} mm off (RMS)"
+            out.append(("heldout.surprise", f"{text}; up to {1e3 * expected:.3f} mm were expected"))
+    if facts["wanted"] - facts["measured"] > _MANY_LOST * facts["wanted"]:
+        out.append(
+            ("samples.lost", f"{facts['measured']} of {facts['wanted']} wanted poses could be measured")
+        )
+    return out
+
+
+def proposal_value(result: Mapping[str, Any], payload_kg: float, robot: Mapping[str, Any]) -> dict[str, Any]:
+    """What ``kinematics.<device>`` holds: the calibrated ROBOT, where the tracker stood, and how good it is.
+
+    ``robot`` is what the controller believes. Lengths in metres.
+    """
+    answer, found = result["result"], result["heldout"]
+    found = found.get("set_aside") or found
+    return {
+        "robot": answer["robot"],
+        "controller": dict(robot),
+        "T_base_tracker": [float(v) for v in to_pose6(from_pose6(answer["T_tracker_base"]).inv())],
+        "payload_kg": payload_kg,
+        "rank": answer["rank"],
+        "unidentifiable": answer["unidentifiable"],
+        "rms_registration_only": found["rms"]["registration_only"],
+        "rms_calibrated": found["rms"]["calibrated"],
+        "held_out": found["samples"],
+        "tracker_3d": found["tracker_3d"],
+        "predicted_95": answer["absolute_accuracy"]["predicted_95"],
+    }

@@ -1,0 +1,75 @@
+"""Job ``tracker-sampling``: reflectors on a flange, seen by a laser tracker at poses that tell most."""
+
+import asyncio
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from cell.calibrations import kinematics
+from cell.errors import error
+from cell.procedure import Procedure, Proposal, Run
+from procedures.tracker.config import TrackerSamplingConfig
+from procedures.tracker.health import keep_trends
+from procedures.tracker.judging import proposal_value, solve_within_limits
+from procedures.tracker.sampling import Sampling, payload_of
+from procedures.tracker.space import robot_of
+from procedures.tracker.states import CHECKPOINTS, TRANSITIONS, State
+
+MIN_SAMPLES = 3
+PAYLOAD_SAME_KG = 1e-3
+
+
+class TrackerSampling(Procedure):
+    """Measures an arm with a laser tracker and proposes its kinematics."""
+
+    name: ClassVar[str] = "tracker-sampling"
+    number: ClassVar[int] = 5
+    Config = TrackerSamplingConfig
+    State = State
+    TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = TRANSITIONS
+    CHECKPOINTS: ClassVar[frozenset[Any]] = CHECKPOINTS
+
+    config: TrackerSamplingConfig
+
+    def uses(self) -> tuple[str, ...]:
+        return (self.config.arm, "tracker")
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        config = self.config
+        robot_of(values, config)
+        configured = float(values["payload_kg"])
+        if config.arm == "arm" and abs(payload_of(config, values) - configured) > PAYLOAD_SAME_KG:
+            raise error(
+                "PAYLOAD_DIFFERS",
+                f"[job.tracker-sampling] payload_kg is {config.payload_kg:g} kg, and [robot] payload_kg, "
+                f"which the controller is told, {configured:g} kg",
+            )
+
+    def proposal(self, run: Run) -> Proposal | None:
+        if (run.result or {}).get("result") is None:
+            return None
+        assert run.result is not None
+        value = proposal_value(
+            run.result, payload_of(self.config, run.values), robot_of(run.values, self.config)
+        )
+        device = run.cell.device(self.config.arm).name
+        return Proposal(kinematics(device), value, self.config.accept.auto)
+
+    async def run(self, run: Run) -> None:
+        sampling = Sampling(self.config, run)
+        await sampling.take_all()
+        await run.enter(State.SOLVE, f"{len(sampling.record.samples)} poses")
+        if len(sampling.record.samples) < MIN_SAMPLES:
+            raise error("TRACKER_INCOMPLETE", f"{len(sampling.record.samples)} poses were finished")
+        path = await asyncio.to_thread(sampling.write)
+        run.note("solve", event="started", samples=len(sampling.record.samples))
+        run.result = await run.worker.call(solve_within_limits, path, self.config.model_dump())
+        await keep_trends(run)
+
+    async def dry_run(self, run: Run) -> dict[str, Any]:
+        """Every pose with the guard's findings and what the plan promises; nothing moves."""
+        sampling = Sampling(self.config, run)
+        plan = await sampling.plan()
+        if self.config.T_base_tracker_nominal is None:
+            note = "without T_base_tracker_nominal the job finds the tracker first, then plans in its view"
+            return {"note": note, **plan.listing}
+        return plan.listing

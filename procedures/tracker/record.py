@@ -1,0 +1,111 @@
+"""The raw data of a sampling on disk: one line a finished pose, durable before the next one.
+
+``samples.jsonl`` also has the tracker's place and every look at a monument, which taking up again needs.
+``kincal.json`` and ``heldout.json`` are the data sets made of it, written when solving starts: what is solved
+and what was set aside to judge it.
+"""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from cell.errors import error
+from cell.store.files import disk_errors, to_json, write_atomic
+
+SAMPLES_FILE = "samples.jsonl"
+DATA_FILE = "kincal.json"
+HELD_OUT_FILE = "heldout.json"
+HEADER_SCHEMA = "cellward.tracker-samples/1"
+SCHEMA = "cellward.kincal/1"
+_OWN = ("held_out", "asked_q")  # of a sample's line, not of the data format
+
+
+@dataclass
+class SampleRecord:
+    """What one run has measured. Methods that write block on the disk: call them in a thread."""
+
+    folder: Path
+    header: dict[str, Any] = field(default_factory=dict)
+    samples: list[dict[str, Any]] = field(default_factory=list)
+    looks: list[dict[str, Any]] = field(default_factory=list)  # at the monuments, oldest first
+    T_base_tracker: list[float] | None = None
+
+    @classmethod
+    def read(cls, folder: Path) -> "SampleRecord":
+        """The finished poses of a run folder; a line torn by a kill is left out.
+
+        ``FILE_UNREADABLE`` when a whole line is damaged.
+        """
+        record, path = cls(folder), folder / SAMPLES_FILE
+        if not path.exists():
+            return record
+        for number, line in enumerate(path.read_bytes().splitlines(keepends=True), 1):
+            if not line.endswith(b"\n"):
+                break
+            try:
+                record._take(json.loads(line))
+            except (ValueError, KeyError, TypeError, AttributeError) as exc:
+                raise error("FILE_UNREADABLE", f"{path}:{number}: no line of a tracker's samples") from exc
+        return record
+
+    def begin(self, header: Mapping[str, Any], adopted: "SampleRecord | None" = None) -> None:
+        """Write the header, and take over what ``adopted`` has measured."""
+        self._append({"kind": "header", "schema": HEADER_SCHEMA, **header})
+        if adopted is None:
+            return
+        if adopted.T_base_tracker is not None:
+            self.place_tracker(adopted.T_base_tracker)
+        for look in adopted.looks:
+            self.add_look(look)
+        for sample in adopted.samples:
+            self.add_sample(sample)
+
+    def place_tracker(self, T_base_tracker: list[float]) -> None:
+        """Where the tracker was found (pose6)."""
+        self._append({"kind": "tracker", "T_base_tracker": T_base_tracker})
+
+    def add_look(self, look: Mapping[str, Any]) -> None:
+        """One look at the monuments: ``after`` so many samples, ``points`` by name."""
+        self._append({"kind": "monuments", **look})
+
+    def add_sample(self, sample: Mapping[str, Any]) -> None:
+        """One finished pose; on disk when this returns."""
+        self._append({"kind": "sample", **sample})
+
+    @property
+    def unlooked(self) -> int:
+        """Samples since the last look at the monuments."""
+        return len(self.samples) - int(self.looks[-1]["after"] if self.looks else 0)
+
+    def write_data_sets(self, notes: Mapping[str, Any]) -> Path:
+        """``kincal.json`` and ``heldout.json``; returns the path of the first."""
+        for name, aside in ((HELD_OUT_FILE, True), (DATA_FILE, False)):
+            samples = [
+                {k: v for k, v in s.items() if k not in _OWN} for s in self.samples if s["held_out"] is aside
+            ]
+            data = {"schema": SCHEMA, **self.header, "samples": samples, "notes": dict(notes)}
+            write_atomic(self.folder / name, to_json(data, indent=1) + "\n")
+        return self.folder / DATA_FILE
+
+    def _append(self, entry: Mapping[str, Any]) -> None:
+        path = self.folder / SAMPLES_FILE
+        with disk_errors(path), path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(entry, allow_nan=False) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        self._take(entry)
+
+    def _take(self, entry: Mapping[str, Any]) -> None:
+        rest = {k: v for k, v in entry.items() if k != "kind"}
+        match entry["kind"]:
+            case "header":
+                self.header = {k: v for k, v in rest.items() if k != "schema"}
+            case "tracker":
+                self.T_base_tracker = rest["T_base_tracker"]
+            case "monuments":
+                self.looks.append({"after": rest["after"], "t": rest["t"], "points": rest["points"]})
+            case "sample":
+                self.samples.append(rest)

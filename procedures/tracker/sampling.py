@@ -1,0 +1,406 @@
+"""One sampling from the first look to the last: poses, retries, monuments, and what is on disk of them."""
+
+import asyncio
+from collections import deque
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.identification.registration import Registration, robust_register
+from cell.devices import StablePoint
+from cell.errors import CellError, error
+from cell.poses import Array
+from cell.procedure import FinishRequested, Run
+from cell.samples import Sample
+from procedures.tracker.arms import MovedArm, SampledArm, WatchedArm
+from procedures.tracker.config import TrackerSamplingConfig
+from procedures.tracker.eye import AGAIN, LOST, Eye
+from procedures.tracker.locating import apart, locate, pose6_of, registration_of
+from procedures.tracker.monuments import compare, drift_summary, moved_text
+from procedures.tracker.plan import PlanRequest, SamplingPlan, Visit, measured_entries, plan_sampling
+from procedures.tracker.record import SampleRecord
+from procedures.tracker.space import Space, make_space, robot_of
+from procedures.tracker.states import State as S
+
+LOST_IN_A_ROW = 5
+PLACE_TRUST_M = 0.4  # of a reflector seen from where T_base_tracker_nominal has the tracker
+MONUMENT_TRUST_M = 0.2  # of a monument's place in the config
+ELSEWHERE_M, ELSEWHERE_RAD = 0.03, 0.01  # a plan holds where the tracker stands no further off than this
+SKIPPED = ("MOTION_LIMIT", "MOTION_COLLISION", "MOTION_UNREACHABLE", "OBSERVED_ARM_NOT_THERE")
+
+
+class Sampling:
+    """The data and the devices of one run, and the steps that work on them."""
+
+    def __init__(self, config: TrackerSamplingConfig, run: Run) -> None:
+        self.config, self.run = config, run
+        self.arm: SampledArm = MovedArm(run) if config.arm == "arm" else WatchedArm(run, config)
+        self.eye = Eye(run, config)
+        self.record = SampleRecord(run.folder)
+        noise = self.eye.tracker.noise
+        self.noise = {"sigma0": noise.sigma0_m, "sigma_per_m": noise.sigma_per_m}
+        self.space: Space = make_space(run.values, config, self.noise, None)
+        self.reflectors = list(config.reflectors)
+        self.place: Registration | None = None
+        if config.T_base_tracker_nominal is not None:
+            self.place = registration_of(config.T_base_tracker_nominal)
+        self.listing: dict[str, Any] = {}
+        self._mounted: str | None = None
+        self._lost: list[tuple[Visit, str]] = []
+
+    # -- the whole
+
+    async def take_all(self) -> None:
+        """Everything up to the last pose; after a finish what was taken by then."""
+        with suppress(FinishRequested):
+            await self._take_all()
+        if self.run.state not in (S.NEXT, S.MONUMENTS):
+            with suppress(FinishRequested):
+                await self.run.enter(S.NEXT, "finished early")
+        if self.run.state is S.NEXT and self.record.looks and self.record.unlooked:
+            with suppress(FinishRequested):
+                await self.look_at_monuments()
+
+    async def _take_all(self) -> None:
+        run, config = self.run, self.config
+        await run.enter(S.PREPARE)
+        adopted = await self._begin_record()
+        if adopted:
+            await self.look_at_monuments()
+            plan = await self._plan()
+        else:
+            plan = await self._plan()
+            T_planned = config.T_base_tracker_nominal
+            await self._locate(plan)
+            if config.monuments:
+                await self.look_at_monuments()
+            if T_planned is None or self._elsewhere(T_planned):
+                plan = await self._plan()
+        self.listing = plan.listing
+        for batch in self._batches(plan.visits):
+            await self._mount(batch[0].reflector)
+            await self._take_batch(batch)
+            if config.monuments and self.record.unlooked >= config.monument_every:
+                await self.look_at_monuments()
+        if again := [visit for visit, _ in self._lost]:
+            self._lost = []
+            for batch in self._batches(again):
+                await self._mount(batch[0].reflector)
+                await self._take_batch(batch, give_up=False)
+
+    async def plan(self) -> SamplingPlan:
+        """The plan as it would be now; nothing moves."""
+        place = None if self.place is None else pose6_of(self.place)
+        values = {k: v for k, v in self.run.values.items() if k not in ("laser_reference", "kinematics")}
+        request = PlanRequest(
+            values=values,
+            config=self.config.model_dump(),
+            noise=self.noise,
+            T_base_tracker=place,
+            q_start=[float(v) for v in self.arm.now()],
+            measured=measured_entries(self.record.samples),
+        )
+        return await self.run.worker.call(plan_sampling, request)
+
+    async def _plan(self) -> SamplingPlan:
+        known = (
+            "where the tracker stands is known" if self.place is not None else "wherever the tracker stands"
+        )
+        await self.run.enter(S.PLAN, known)
+        plan = await self.plan()
+        self.run.note("decision", event="plan", plan=plan.listing)
+        return plan
+
+    def _batches(self, visits: Sequence[Visit]) -> list[list[Visit]]:
+        """Poses between two looks at the monuments, or between two places of a carried reflector."""
+        batches: list[list[Visit]] = []
+        every = self.config.monument_every if self.config.monuments else len(visits)
+        for visit in visits:
+            carried = self.config.swap_by_operator and batches and batches[-1][0].reflector != visit.reflector
+            if not batches or carried or len(batches[-1]) >= every:
+                batches.append([])
+            batches[-1].append(visit)
+        return batches
+
+    async def _begin_record(self) -> bool:
+        """Write the header; True when poses of a run before this one are taken over."""
+        config, run = self.config, self.run
+        header = {
+            "robot": robot_of(run.values, config),
+            "noise": self.noise,
+            "payload_kg": payload_of(config, run.values),
+        }
+        adopted = None
+        if run.adopted is not None:
+            adopted = await asyncio.to_thread(SampleRecord.read, run.adopted)
+            if not (adopted.samples and adopted.looks):
+                adopted = None
+                run.note("decision", event="nothing adopted", why=_why_not_adopted(run.adopted))
+        await asyncio.to_thread(self.record.begin, header, adopted)
+        if adopted is None:
+            return False
+        assert self.record.T_base_tracker is not None
+        self.place = registration_of(self.record.T_base_tracker)
+        run.note("decision", event="adopted", poses=len(self.record.samples))
+        return True
+
+    # -- the tracker's place
+
+    async def _locate(self, plan: SamplingPlan) -> None:
+        """Measure a few poses far apart; what is known from then on finds every reflector."""
+        run, config = self.run, self.config
+        first = self.reflectors[0]
+        await run.enter(S.LOCATE, f"{len(plan.locate)} poses")
+        wanted = f"Put reflector {first} into its nest. " if config.swap_by_operator else ""
+        if self.place is None:
+            wanted += f"Point the tracker at reflector {first} and let it lock. "
+        if wanted:
+            careful = "; the arm moves then" if config.arm == "arm" else ""
+            await run.ask(f"{wanted}Confirm when that is done{careful}.")
+        self._mounted = first
+        measured: list[tuple[Array, Array]] = []
+        async with self.arm.session():
+            for number, visit in enumerate(plan.locate, 1):
+                near = self._expected(np.array(visit.q), first)
+                text = f"pose {number} of {len(plan.locate)} to find the tracker's place with"
+                found = await self._visit(visit, near, PLACE_TRUST_M, text)
+                if found is not None:
+                    q, sample = found
+                    measured.append((sample.value.point, self._drawn(q, first)))
+            await run.enter(S.NEXT, "located")
+        await run.enter(S.LOCATE, f"{len(measured)} of {len(plan.locate)} poses were measured")
+        p_tracker, p_base = (np.array([m[k] for m in measured]).reshape(-1, 3) for k in (0, 1))
+        self.place = locate(p_tracker, p_base, config.max_locate_error_m)
+        T = pose6_of(self.place)
+        await asyncio.to_thread(self.record.place_tracker, T)
+        run.note("decision", event="located", T_base_tracker=T)
+
+    def _elsewhere(self, T_planned: Sequence[float]) -> bool:
+        assert self.place is not None
+        shift, turn = apart(T_planned, pose6_of(self.place))
+        moved = shift > ELSEWHERE_M or turn > ELSEWHERE_RAD
+        if moved:
+            self.run.note("decision", event="planned anew", shift_m=shift, turn_rad=turn)
+        return moved
+
+    def _drawn(self, q: Array, reflector: str) -> Array:
+        """(3,): where the drawn arm has a reflector, in the base."""
+        target = np.array([self.reflectors.index(reflector)])
+        out: Array = self.space.points(np.asarray(q)[None], target)[0]
+        return out
+
+    def _expected(self, q: Array, reflector: str) -> Array | None:
+        """(3,): where the tracker should see it; None while nobody knows."""
+        if self.place is None:
+            return None
+        out: Array = self.place.to_tracker(self._drawn(q, reflector)[:, None])[:, 0]
+        return out
+
+    def _place_anew(self) -> None:
+        """All samples tell of the tracker's place; more of them tell it better."""
+        samples = self.record.samples
+        p = np.array([s["p_tracker"] for s in samples]).T
+        f = np.array([self._drawn(np.array(s["q"]), s["target"]) for s in samples]).T
+        if np.linalg.matrix_rank(f - f.mean(axis=1, keepdims=True), tol=0.1) == 3:
+            self.place = robust_register(p, f, np.ones(len(samples)))
+
+    # -- poses
+
+    async def _take_batch(self, batch: Sequence[Visit], give_up: bool = True) -> None:
+        """Poses without anybody near the arm; ``give_up`` when too many in a row cannot be had."""
+        run = self.run
+        in_a_row = 0
+        waiting = deque(batch)
+        async with self.arm.session():
+            while waiting:
+                visit = waiting.popleft()
+                self._show_progress()
+                near = self._expected(np.array(visit.q), visit.reflector)
+                number = len(self.record.samples) + 1
+                text = f"pose {number} of {self.config.poses}, reflector {visit.reflector}"
+                found = await self._visit(visit, near, self.config.max_surprise_m, text)
+                if found is not None:
+                    await self._keep(visit, *found)
+                    in_a_row = 0
+                    continue
+                in_a_row += 1
+                if give_up and in_a_row >= LOST_IN_A_ROW:
+                    assert self._why is not None
+                    raise self._why
+            self._show_progress()
+            await run.enter(S.NEXT, "the arm rests")
+
+    def _show_progress(self) -> None:
+        self.run.progress(len(self.record.samples), self.config.poses)
+
+    async def _visit(
+        self, visit: Visit, near: Array | None, surprise_m: float, text: str
+    ) -> tuple[Array, Sample[StablePoint]] | None:
+        """Go there and measure, again where it fails; None when the pose had to be given up."""
+        run = self.run
+        await run.enter(S.NEXT, text)
+        await run.enter(self.arm.travel, text)
+        try:
+            await self.arm.go(visit, text)
+        except CellError as refusal:
+            if refusal.name not in SKIPPED:
+                raise
+            self._give_up(visit, refusal)
+            return None
+        for attempt in range(1, self.config.retries_per_pose + 2):
+            await run.enter(S.SETTLE, f"attempt {attempt}")
+            try:
+                await self.arm.rest()
+                await run.clock.sleep(self.config.settle_s)
+                await run.enter(S.MEASURE)
+                return await self._measure(visit, near, surprise_m)
+            except CellError as failure:
+                if failure.name not in AGAIN or run.state is S.SETTLE:
+                    raise
+                run.note("decision", event="pose failed", q=visit.q, attempt=attempt, why=str(failure))
+                self._why = failure
+                if failure.name in LOST and attempt <= self.config.retries_per_pose:
+                    await run.enter(S.REACQUIRE, failure.detail)
+                    await self.eye.find_again(near)
+        self._give_up(visit, self._why)
+        return None
+
+    async def _measure(
+        self, visit: Visit, near: Array | None, surprise_m: float
+    ) -> tuple[Array, Sample[StablePoint]]:
+        """One try: joints (j,) and the point, the arm at rest all the while; one of ``AGAIN`` else."""
+        found = await self.eye.measure(visit.reflector, near, surprise_m)
+        Q = self.arm.joints(found.t - found.dt, found.t + found.dt)
+        target = np.full(len(Q), self.reflectors.index(visit.reflector), dtype=np.int64)
+        p = self.space.points(Q, target)
+        motion = float(np.max(np.linalg.norm(p - p.mean(axis=0), axis=1)))
+        if motion > self.config.max_motion_m:
+            raise error("POSE_UNSTABLE", f"the joints moved the reflector by {1e3 * motion:.3f} mm")
+        return Q.mean(axis=0), found
+
+    _why: CellError | None = None
+
+    def _give_up(self, visit: Visit, why: CellError | None) -> None:
+        self._why = why
+        self._lost.append((visit, str(why)))
+        self.run.note("decision", event="pose skipped", q=visit.q, why=str(why))
+
+    async def _keep(self, visit: Visit, q: Array, found: Sample[StablePoint]) -> None:
+        point = found.value
+        off = float(np.max(np.abs(q - np.array(visit.q))))
+        sample = {
+            "index": 1 + max((int(s["index"]) for s in self.record.samples), default=-1),
+            "q": [float(v) for v in q],
+            "p_tracker": [float(v) for v in point.point],
+            "target": visit.reflector,
+            "t": found.t,
+            "scatter_m": point.scatter_m,
+            "held_out": visit.held_out,
+            "asked_q": visit.q,
+            "notes": {
+                "readings": point.count,
+                "window_s": point.window_s,
+                "temperature_c": point.temperature_c,
+                "pressure_pa": point.pressure_pa,
+                "warnings": list(point.warnings),
+            },
+        }
+        await asyncio.to_thread(self.record.add_sample, sample)
+        elsewhere = {"off_rad": off} if off > self.config.pose_tolerance_rad else {}
+        self.run.note("decision", event="pose taken", index=sample["index"], **elsewhere)
+        self._place_anew()
+
+    async def _mount(self, reflector: str) -> None:
+        """A person puts the one reflector into the nest that comes next."""
+        if not self.config.swap_by_operator or self._mounted == reflector:
+            return
+        await self.run.enter(S.SWAP, reflector)
+        await self.run.ask(f"Put the reflector into nest {reflector} on the flange, then confirm.")
+        self._mounted = reflector
+
+    # -- monuments
+
+    async def look_at_monuments(self) -> None:
+        """Measure them, and ``TRACKER_MOVED`` when one is not where the first look saw it."""
+        run, config, record = self.run, self.config, self.record
+        assert self.place is not None
+        await run.enter(S.MONUMENTS, f"after {len(record.samples)} poses")
+        points: dict[str, Any] = {}
+        failure: CellError | None = None
+        for name, monument in config.monuments.items():
+            first = record.looks[0]["points"].get(name) if record.looks else None
+            near = self.place.to_tracker(np.array(monument.point)[:, None])[:, 0]
+            if first is not None:
+                near = np.array(first["p_tracker"])
+            found = await self._look_at(name, near)
+            if isinstance(found, CellError):
+                failure = found
+                run.note("decision", event="monument not seen", monument=name, why=str(found))
+                continue
+            points[name] = {
+                "p_tracker": [float(v) for v in found.value.point],
+                "sigma_m": self.eye.sigma_m(found.value.point),
+                "scatter_m": found.value.scatter_m,
+            }
+        moved = compare(record.looks[0]["points"], points) if record.looks else None
+        if failure is not None and (not points or moved == []):
+            raise failure
+        await asyncio.to_thread(
+            record.add_look, {"after": len(record.samples), "t": run.clock.now(), "points": points}
+        )
+        if moved is not None and (text := moved_text(moved, config.max_drift_m)) is not None:
+            raise error(
+                "TRACKER_MOVED", f"{text}; poses since the look before cannot be used with the others"
+            )
+
+    async def _look_at(self, name: str, near: Array) -> Sample[StablePoint] | CellError:
+        if self.config.swap_by_operator:
+            await self.run.ask(f"Put the reflector on monument {name}, then confirm.")
+            self._mounted = None
+        for attempt in range(1, self.config.retries_per_pose + 2):
+            try:
+                return await self.eye.measure(name, near, MONUMENT_TRUST_M)
+            except CellError as failure:
+                if failure.name not in AGAIN:
+                    raise
+                last = failure
+            if attempt <= self.config.retries_per_pose:
+                await self.run.enter(S.REACQUIRE, last.detail)
+                await self.eye.find_again(near)
+                await self.run.enter(S.MONUMENTS, name)
+        return last
+
+    # -- the end
+
+    def facts(self) -> dict[str, Any]:
+        """What a result says of the way it was measured; in the data sets, so that replay says the same."""
+        record, config = self.record, self.config
+        return {
+            "arm": self.arm.name,
+            "role": config.arm,
+            "tracker": self.eye.tracker.name,
+            "wanted": config.poses,
+            "measured": len(record.samples),
+            "set_aside": sum(bool(s["held_out"]) for s in record.samples),
+            "lost": [{"q": visit.q, "target": visit.reflector, "why": why} for visit, why in self._lost],
+            "T_base_tracker": record.T_base_tracker,
+            "predicted": self.listing.get("predicted"),
+            "reflectors": {name: list(r.point) for name, r in config.reflectors.items()},
+            "monuments": drift_summary(record.looks, config.max_drift_m, len(record.samples)),
+        }
+
+    def write(self) -> Path:
+        """The data sets of what was measured; blocks on the disk."""
+        return self.record.write_data_sets({"sampling": self.facts()})
+
+
+def payload_of(config: TrackerSamplingConfig, values: dict[str, Any] | Any) -> float:
+    """What hangs on the flange, kg."""
+    return float(values["payload_kg"] if config.payload_kg is None else config.payload_kg)
+
+
+def _why_not_adopted(folder: Path) -> str:
+    return f"{folder.name} has no finished pose, or no look at monuments that vouches for the tracker's place"

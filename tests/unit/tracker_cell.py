@@ -1,0 +1,73 @@
+"""The tracker's job in a cell on virtual time: short plans, and what the arm truly does."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from daemon.config import CellConfig
+from fakes.scenario import Scenario
+from tests.object_cell import write_config
+
+JOB = "tracker-sampling"
+BRISK = {
+    "speed_m_s": 1.0,
+    "accel_m_s2": 10.0,
+    "joint_speed_rad_s": 3.0,
+    "joint_accel_rad_s2": 20.0,
+    "workspace": [{"min": [-1.4, -1.4, 0.0], "max": [1.4, 1.4, 1.8]}],
+}
+QUICK = {
+    "poses": 12,
+    "settle_s": 0.1,
+    "window_s": 0.2,
+    "reacquire_wait_s": 0.2,
+    "find_timeout_s": 2.0,
+    "max_predicted_m": 0.01,
+    "accept": {"max_error_m": 0.01},
+}
+
+
+def reflectors(scenario: str, *names: str) -> dict[str, Any]:
+    """Those of the scenario as the operator believes them: where they sit, and which way they look."""
+    truth = Scenario.load(scenario).world.reflectors
+    return {
+        name: {"point": truth[name].point}
+        | ({"normal": truth[name].normal, "half_angle_rad": 0.9} if truth[name].normal else {})
+        for name in names
+    }
+
+
+def monuments(scenario: str) -> dict[str, Any]:
+    """The scenario's monuments, as configured to a centimetre."""
+    truth = Scenario.load(scenario).world.reflectors
+    return {
+        name: {"point": [round(v + 0.01, 3) for v in r.point]} for name, r in truth.items() if r.on == "base"
+    }
+
+
+def nominal_tracker(scenario: str) -> list[float]:
+    """Where the drawing has the tracker: 30 mm and half a degree off."""
+    tracker = Scenario.load(scenario).world.tracker
+    assert tracker is not None
+    x, y, z, rx, ry, rz = tracker.T_base_tracker
+    return [x + 0.02, y - 0.02, z + 0.01, rx, ry, rz + 0.009]
+
+
+def tracker_config(
+    folder: Path,
+    job: Mapping[str, Any] | None = None,
+    quick: bool = True,
+    scenario: str = "tracker",
+    **overrides: Any,
+) -> CellConfig:
+    """The cell of a tracker and a UR10e with fast moves and few poses; ``job`` goes into the job's section."""
+    section: dict[str, Any] = {
+        "reflectors": reflectors(scenario, "smr1"),
+        "monuments": monuments(scenario),
+        "T_base_tracker_nominal": nominal_tracker(scenario),
+        **(QUICK if quick else {}),
+        **(job or {}),
+    }
+    section = {key: value for key, value in section.items() if value is not None}
+    overrides.setdefault("limits", BRISK)
+    return write_config(folder, scenario, jobs={JOB: section}, **overrides)
