@@ -38,6 +38,7 @@ def write_config(
     arm_keys: Mapping[str, Any] | None = None,
     beams_keys: Mapping[str, Any] | None = None,
     tracker_keys: Mapping[str, Any] | None = None,
+    observed_keys: Mapping[str, Any] | None = None,
     jobs: Mapping[str, Mapping[str, Any]] | None = None,
     **overrides: Any,
 ) -> CellConfig:
@@ -59,8 +60,15 @@ def write_config(
         clock="fakes.object:VirtualClock",
         beams={"driver": "fakes.object:ObjectInputs", "scenario": scenario, **(beams_keys or {})},
         tracker={"driver": "fakes.object:ObjectTracker", "scenario": scenario, **(tracker_keys or {})},
+        observed={
+            "driver": "fakes.object:ObjectObservedArm",
+            "scenario": scenario,
+            "allow_requests": True,
+            **(observed_keys or {}),
+        },
         overrides={"job": sections, **overrides},
     )
+    loaded.write_observed_model(folder)
     path = folder / "cell.toml"
     path.write_text(text, "utf-8")
     path.chmod(0o600)

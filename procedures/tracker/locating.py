@@ -24,9 +24,8 @@ def pose6_of(place: Registration) -> list[float]:
 
 def locate(p_tracker: Array, p_base: Array, limit_m: float) -> Registration:
     """The place from points (n, 3) of both; ``TRACKER_NOT_LOCATED`` when they do not fit or lie on a line."""
-    spread = np.linalg.svd(p_base - p_base.mean(axis=0), compute_uv=False)
-    if len(p_base) < 3 or spread[1] < _FLAT:
-        raise error("TRACKER_NOT_LOCATED", f"{len(p_base)} points were measured, and they lie on a line")
+    if len(p_base) < 3 or np.linalg.svd(p_base - p_base.mean(axis=0), compute_uv=False)[1] < _FLAT:
+        raise error("TRACKER_NOT_LOCATED", f"the {len(p_base)} points measured lie on a line")
     place = robust_register(p_tracker.T, p_base.T, np.ones(len(p_base)))
     off = np.linalg.norm(place.to_tracker(p_base.T).T - p_tracker, axis=1)
     rms = float(np.sqrt(np.mean(off**2)))

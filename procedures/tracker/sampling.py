@@ -26,6 +26,7 @@ from procedures.tracker.space import Space, make_space, robot_of
 from procedures.tracker.states import State as S
 
 LOST_IN_A_ROW = 5
+LEAST_POINTS = 3  # for the tracker's place
 PLACE_TRUST_M = 0.4  # of a reflector seen from where T_base_tracker_nominal has the tracker
 MONUMENT_TRUST_M = 0.2  # of a monument's place in the config
 ELSEWHERE_M, ELSEWHERE_RAD = 0.03, 0.01  # a plan holds where the tracker stands no further off than this
@@ -172,6 +173,8 @@ class Sampling:
                     measured.append((sample.value.point, self._drawn(q, first)))
             await run.enter(S.NEXT, "located")
         await run.enter(S.LOCATE, f"{len(measured)} of {len(plan.locate)} poses were measured")
+        if len(measured) < LEAST_POINTS and self._why is not None:
+            raise self._why
         p_tracker, p_base = (np.array([m[k] for m in measured]).reshape(-1, 3) for k in (0, 1))
         self.place = locate(p_tracker, p_base, config.max_locate_error_m)
         T = pose6_of(self.place)

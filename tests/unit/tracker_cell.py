@@ -60,7 +60,7 @@ def tracker_config(
     scenario: str = "tracker",
     **overrides: Any,
 ) -> CellConfig:
-    """The cell of a tracker and a UR10e with fast moves and few poses; ``job`` goes into the job's section."""
+    """The cell of a tracker and a UR10e with fast moves and few poses; ``job`` goes into its section."""
     section: dict[str, Any] = {
         "reflectors": reflectors(scenario, "smr1"),
         "monuments": monuments(scenario),
@@ -68,6 +68,16 @@ def tracker_config(
         **(QUICK if quick else {}),
         **(job or {}),
     }
+    observed = Scenario.load(scenario).world.observed
+    if observed is not None:
+        p = observed.parameters
+        section |= {
+            "arm": "observed_arm",
+            "payload_kg": 40.0,
+            "joint_ranges_rad": [list(low_high) for low_high in observed.limits],
+            "reflectors": {"smr1": {"point": [p.tx, p.ty, p.tz]}},
+            **(job or {}),
+        }
     section = {key: value for key, value in section.items() if value is not None}
     overrides.setdefault("limits", BRISK)
     return write_config(folder, scenario, jobs={JOB: section}, **overrides)
