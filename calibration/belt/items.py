@@ -4,7 +4,7 @@ A sighting of ``xy`` at exposure says that the item's origin on the belt is ``xy
 the sightings of one item then agree but for the camera's noise and the time of exposure.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,7 +54,7 @@ class Place:
     used: NDArray[np.bool_]
 
 
-def latency_sigma(sightings: Sequence[Sighting]) -> float:
+def latency_sigma(sightings: Iterable[Sighting]) -> float:
     """Standard deviation of the latency, from the sightings whose exposure is known."""
     late = np.array([s.arrived - s.t for s in sightings if s.sure])
     if len(late) < _FEWEST:

@@ -1,5 +1,6 @@
 """Items on a moving belt: counts and sightings in, positions and the meeting point out."""
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,6 +12,9 @@ from calibration.belt.forecast import Forecast
 from calibration.belt.items import Levels, Place, Sighting, camera_sigma, latency_sigma, place
 from calibration.belt.meeting import Zone, meeting_time
 from cell.poses import Array
+
+_GONE = 40  # items whose scatter still tells the camera's noise
+_SIGHTINGS = 1000  # that tell the latency
 
 
 @dataclass(frozen=True)
@@ -102,7 +106,8 @@ class BeltTracker:
         self.belt = belt
         self.direction = np.asarray(direction, dtype=float)
         self._items: dict[str, list[tuple[Sighting, float]]] = {}
-        self._all: list[Sighting] = []
+        self._gone: deque[list[Sighting]] = deque(maxlen=_GONE)
+        self._all: deque[Sighting] = deque(maxlen=_SIGHTINGS)
 
     def see(self, item: str, sighting: Sighting, z: float) -> None:
         """One sighting of ``item`` at height ``z`` (m) has arrived."""
@@ -122,10 +127,19 @@ class BeltTracker:
         """Whether a sighting of ``item`` has arrived."""
         return item in self._items
 
-    def track(self, item: str) -> Track | None:
-        """The item as known now; None when it has not been seen or nothing has been counted."""
+    def forget(self, item: str) -> None:
+        """Answer no more about an item that is gone; what it showed of the noise is kept for a while."""
+        seen = self._items.pop(item, None)
+        if seen is not None:
+            self._gone.append([s for s, _ in seen])
+
+    def track(self, item: str, forecast: Forecast | None = None) -> Track | None:
+        """The item as known now; None when it has not been seen or nothing has been counted.
+
+        ``forecast`` is the belt's of now where the caller has it already.
+        """
         seen = self._items.get(item)
-        forecast = self.belt.forecast()
+        forecast = forecast or self.belt.forecast()
         if not seen or forecast is None:
             return None
         sightings = [s for s, _ in seen]
@@ -140,7 +154,8 @@ class BeltTracker:
     def levels(self) -> Levels:
         """The noise of sightings, as those that have arrived show it."""
         u = self._across()
-        across = [np.array([np.dot(s.xy, u) for s, _ in seen]) for seen in self._items.values()]
+        known = [*self._gone, *([s for s, _ in seen] for seen in self._items.values())]
+        across = [np.array([np.dot(s.xy, u) for s in sightings]) for sightings in known]
         return Levels(camera_sigma(across), latency_sigma(self._all))
 
     def _across(self) -> Array:

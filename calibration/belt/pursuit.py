@@ -1,0 +1,131 @@
+"""A tool's jerk-limited way to something that moves, and with it.
+
+All motion is planned relative to an *origin*, which is a place in the base or an item that rides on the belt:
+to meet an item is to come to rest in the item's own frame. Time-optimal profiles with limited jerk are
+ruckig's (Berscheid and Kroeger, Jerk-limited real-time trajectory generation with arbitrary target states,
+2021). Four axes: x, y, z in the base (m) and the yaw of the tool about base z (rad).
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from ruckig import InputParameter, Result, Ruckig, Synchronization, Trajectory
+
+from calibration.belt.tracking import Track
+from cell.errors import error
+from cell.poses import Array
+
+AXES = 4
+_DT = 0.004  # s, over which the change of a forecast's speed is taken
+_LEAST_SHARE = 0.1  # of the limit that is left for moving against a belt
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Position, velocity and acceleration, (4,) each: m and rad, per s, per s^2."""
+
+    p: Array
+    v: Array
+    a: Array
+
+    @classmethod
+    def still(cls, p: Array) -> "State":
+        """At rest."""
+        return cls(np.asarray(p, dtype=float), np.zeros(AXES), np.zeros(AXES))
+
+    def __add__(self, other: "State") -> "State":
+        return State(self.p + other.p, self.v + other.v, self.a + other.a)
+
+    def __sub__(self, other: "State") -> "State":
+        return State(self.p - other.p, self.v - other.v, self.a - other.a)
+
+
+class Origin(Protocol):
+    """What a motion is relative to, at any time."""
+
+    def at(self, t: float) -> State: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A place (4,) that does not move."""
+
+    p: Array
+
+    def at(self, t: float) -> State:
+        del t
+        return State.still(self.p)
+
+
+@dataclass(frozen=True, eq=False)
+class Ride:
+    """An item as it is foretold now: its grasp point, and the ``yaw`` (rad) of the tool that fits it."""
+
+    track: Track
+    yaw: float
+
+    def at(self, t: float) -> State:
+        track = self.track
+        forecast, way = track.forecast, track.direction
+        xy = track.xy(np.array([t]))[0]
+        rise = float(way[2]) * (forecast.travel(t) - forecast.travel(track.place.at))
+        before, now, after = (forecast.speed(max(s, forecast.now)) for s in (t - _DT, t, t + _DT))
+        return State(
+            np.array([*xy, track.height + rise, self.yaw]),
+            np.array([*(now * way), 0.0]),
+            np.array([*((after - before) / (2.0 * _DT) * way), 0.0]),
+        )
+
+
+@dataclass(frozen=True)
+class PursuitLimits:
+    """Of each of x, y, z (m/s, m/s^2, m/s^3) and of the yaw (rad/s, rad/s^2, rad/s^3)."""
+
+    v: float
+    a: float
+    j: float
+    yaw_v: float = 2.0
+    yaw_a: float = 12.0
+    yaw_j: float = 160.0
+
+
+class Leg:
+    """One motion from a state to rest at an ``offset`` (4,) from an origin; from then on it stays there."""
+
+    def __init__(self, t0: float, trajectory: Trajectory, origin: Origin) -> None:
+        self.t0, self.origin = t0, origin
+        self._trajectory = trajectory
+
+    @property
+    def t1(self) -> float:
+        """When it has arrived, s."""
+        return float(self.t0 + self._trajectory.duration)
+
+    def at(self, t: float) -> State:
+        """The tool in the base at ``t``."""
+        p, v, a = self._trajectory.at_time(max(t - self.t0, 0.0))
+        return self.origin.at(t) + State(np.array(p), np.array(v), np.array(a))
+
+
+def plan(t0: float, state: State, origin: Origin, offset: Array, limits: PursuitLimits) -> Leg:
+    """The fastest way from ``state`` at ``t0`` to rest at ``offset`` (4,) from ``origin``.
+
+    A state beyond the limits is first brought back within them. ``PLAN_INFEASIBLE`` when ruckig finds none.
+    """
+    away = origin.at(t0)
+    relative = state - away
+    wanted = InputParameter(AXES)
+    wanted.current_position, wanted.current_velocity = relative.p.tolist(), relative.v.tolist()
+    wanted.current_acceleration = relative.a.tolist()
+    wanted.target_position = np.asarray(offset, dtype=float).tolist()
+    own = np.array([limits.v] * 3 + [limits.yaw_v])
+    wanted.max_velocity = np.maximum(own - np.abs(away.v), _LEAST_SHARE * own).tolist()
+    wanted.max_acceleration = [limits.a] * 3 + [limits.yaw_a]
+    wanted.max_jerk = [limits.j] * 3 + [limits.yaw_j]
+    wanted.synchronization = Synchronization.Time
+    trajectory = Trajectory(AXES)
+    result = Ruckig(AXES).calculate(wanted, trajectory)
+    if result not in (Result.Working, Result.Finished):
+        raise error("PLAN_INFEASIBLE", f"no motion within the limits: {result}")
+    return Leg(t0, trajectory, origin)

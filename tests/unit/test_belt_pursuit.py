@@ -1,0 +1,83 @@
+"""Motion relative to an item that rides on a belt: exact arrival, limits, and changes of plan on the way."""
+
+import numpy as np
+import pytest
+
+from calibration.belt.pursuit import Leg, Place, PursuitLimits, State, plan
+
+LIMITS = PursuitLimits(v=1.0, a=6.0, j=80.0)
+SPEED = np.array([0.2, -0.05, 0.0, 0.0])
+START = State.still(np.array([0.1, 0.5, 0.3, 0.0]))
+
+
+class Conveyor:
+    """A straight ride with a ripple, known exactly."""
+
+    def __init__(self, p0: np.ndarray, ripple: float = 0.0) -> None:
+        self.p0, self.ripple = p0, ripple
+
+    def at(self, t: float) -> State:
+        w = 7.0
+        s = t + self.ripple * np.sin(w * t)
+        ds, dds = 1.0 + self.ripple * w * np.cos(w * t), -self.ripple * w * w * np.sin(w * t)
+        return State(self.p0 + SPEED * s, SPEED * ds, SPEED * dds)
+
+
+RIDE = Conveyor(np.array([-0.2, 0.6, 0.15, 0.4]))
+ABOVE = np.array([0.0, 0.0, 0.05, 0.0])
+
+
+def sampled(leg: Leg, step: float = 0.002) -> tuple[np.ndarray, ...]:
+    times = np.arange(leg.t0, leg.t1 + 0.2, step)
+    states = [leg.at(float(t)) for t in times]
+    return times, *(np.array([getattr(s, k) for s in states]) for k in "pva")
+
+
+def test_the_tool_ends_at_rest_in_the_items_frame_and_stays_there() -> None:
+    leg = plan(1.0, START, RIDE, ABOVE, LIMITS)
+    for t in (leg.t1, leg.t1 + 0.5):
+        off = leg.at(t) - RIDE.at(t)
+        assert off.p == pytest.approx(ABOVE, abs=1e-9)
+        assert off.v == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_leg_begins_in_the_state_it_was_planned_from() -> None:
+    moving = State(START.p, np.array([0.3, -0.1, 0.05, 0.2]), np.array([1.0, 0.0, -0.5, 0.0]))
+    found = plan(1.0, moving, RIDE, ABOVE, LIMITS).at(1.0)
+    assert found.p == pytest.approx(moving.p, abs=1e-12)
+    assert found.v == pytest.approx(moving.v, abs=1e-12)
+    assert found.a == pytest.approx(moving.a, abs=1e-12)
+
+
+def test_speed_in_the_base_and_acceleration_stay_within_the_limits() -> None:
+    _, _, v, a = sampled(plan(0.0, START, RIDE, ABOVE, LIMITS))
+    assert np.abs(v[:, :3]).max() <= LIMITS.v + 1e-9
+    assert np.abs(a[:, :3]).max() <= LIMITS.a + 1e-9
+
+
+def test_velocity_is_the_derivative_of_position_also_on_a_belt_with_ripple() -> None:
+    rippling = Conveyor(RIDE.p0, ripple=0.02)
+    times, p, v, _ = sampled(plan(0.0, START, rippling, ABOVE, LIMITS), 0.0005)
+    differences = (p[2:] - p[:-2]) / (times[2:] - times[:-2])[:, None]
+    assert np.abs(differences - v[1:-1]).max() < 2e-4
+
+
+def test_a_plan_changed_on_the_way_goes_on_without_a_jump() -> None:
+    first = plan(0.0, START, RIDE, ABOVE, LIMITS)
+    now = 0.5 * first.t1
+    moved = Conveyor(RIDE.p0 + np.array([0.004, -0.002, 0.0, 0.0]))
+    second = plan(now, first.at(now), moved, ABOVE, LIMITS)
+    assert second.at(now).p == pytest.approx(first.at(now).p, abs=1e-12)
+    assert second.at(now).v == pytest.approx(first.at(now).v, abs=1e-12)
+    assert (second.at(second.t1) - moved.at(second.t1)).p == pytest.approx(ABOVE, abs=1e-9)
+
+
+def test_a_place_that_stands_is_reached_as_fast_as_the_limits_let() -> None:
+    goal = Place(START.p + np.array([0.3, 0.0, 0.0, 0.0]))
+    leg = plan(0.0, START, goal, np.zeros(4), LIMITS)
+    # Constant jerk, acceleration and speed phases of a rest-to-rest move (closed form).
+    d, v, a, j = 0.3, LIMITS.v, LIMITS.a, LIMITS.j
+    expected = (
+        d / v + v / a + a / j if d >= v * (v / a + a / j) else a / j + np.sqrt((a / j) ** 2 + 4 * d / a)
+    )
+    assert leg.t1 == pytest.approx(expected, rel=1e-6)
