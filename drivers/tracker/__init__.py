@@ -1,6 +1,8 @@
-"""Laser trackers and total stations: GeoCOM over a serial line or TCP."""
+"""Laser trackers and total stations: GeoCOM, or any program that sends points as lines of text."""
 
 from drivers.tracker.geocom import GeocomTracker
 from drivers.tracker.geocom_config import GeocomConfig
+from drivers.tracker.line_config import LineStreamConfig
+from drivers.tracker.line_stream import LineStreamTracker
 
-__all__ = ["GeocomConfig", "GeocomTracker"]
+__all__ = ["GeocomConfig", "GeocomTracker", "LineStreamConfig", "LineStreamTracker"]

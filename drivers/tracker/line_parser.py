@@ -1,0 +1,100 @@
+"""One line of text as a point in the tracker frame."""
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from cell.poses import Array
+from drivers.tracker.frames import from_mathematical, from_station
+from drivers.tracker.line_config import CARTESIAN, LineStreamConfig
+
+_METRES = {"m": 1.0, "mm": 1e-3, "in": 0.0254}
+_RADIANS = {"rad": 1.0, "deg": math.pi / 180, "gon": math.pi / 200}
+
+
+class BadLine(ValueError):
+    """A line that cannot be read, with the reason."""
+
+
+@dataclass(frozen=True)
+class Parsed:
+    """What a line says; ``point`` (3,) is None with ``status`` when the sender has none."""
+
+    point: Array | None
+    status: str
+    temperature_c: float | None = None
+    pressure_pa: float | None = None
+
+
+class LineParser:
+    """Reads what the config describes and guesses nothing."""
+
+    def __init__(self, config: LineStreamConfig) -> None:
+        self._config = config
+        self._pattern = re.compile(config.pattern) if config.pattern is not None else None
+        self._ignore = re.compile(config.ignore) if config.ignore is not None else None
+        self._polar = "range" in config.fields
+        self._axes = [("xyz".index(a[-1]), -1.0 if a.startswith("-") else 1.0) for a in config.axes]
+
+    def parse(self, line: bytes, constant_m: float = 0.0) -> Parsed | None:
+        """None for a line to pass over, else what it says; :class:`BadLine`.
+
+        ``constant_m`` is added to the range of the point.
+        """
+        try:
+            text = line.decode("utf-8").strip()
+        except UnicodeDecodeError as exc:
+            raise BadLine("it is not text") from exc
+        if self._ignore is not None and self._ignore.fullmatch(text):
+            return None
+        found = self._fields(text)
+        config = self._config
+        if (serial := found.get("serial")) is not None and serial.strip() != config.serial:
+            raise BadLine(f"it is from {serial.strip()}, not from {config.serial}")
+        air = [self._number(found, k) if k in found else None for k in ("temperature_c", "pressure_pa")]
+        if (valid := found.get("valid")) is not None and valid.strip() not in config.valid_values:
+            return Parsed(None, f"the sender says '{valid.strip()}'", *air)
+        point = self._point(found)
+        distance = math.hypot(*point)
+        if not config.min_range_m <= distance <= config.max_range_m:
+            return Parsed(None, f"a point at {distance:g} m is no point", *air)
+        return Parsed(point * (1.0 + constant_m / distance), "", *air)
+
+    def _fields(self, text: str) -> Mapping[str, str]:
+        if self._pattern is not None:
+            match = self._pattern.fullmatch(text)
+            if match is None:
+                raise BadLine("it does not match the pattern")
+            return {name: value for name, value in match.groupdict().items() if value is not None}
+        delimiter = self._config.delimiter
+        cells = text.split() if delimiter.isspace() else text.split(delimiter)
+        columns = self._config.columns or {}
+        if (most := max(columns.values())) > len(cells):
+            raise BadLine(f"it has {len(cells)} columns, and {most} are needed")
+        return {name: cells[number - 1] for name, number in columns.items()}
+
+    def _point(self, found: Mapping[str, str]) -> Array:
+        metre = _METRES[self._config.length_unit]
+        if not self._polar:
+            own = [metre * self._number(found, name) for name in CARTESIAN]
+            return np.array([sign * own[index] for index, sign in self._axes])
+        radian = _RADIANS[self._config.angle_unit or "rad"]
+        hz, v = radian * self._number(found, "hz"), radian * self._number(found, "v")
+        distance = metre * self._number(found, "range")
+        if self._config.horizontal == "clockwise":
+            return from_station(hz, v if self._config.vertical == "zenith" else math.pi / 2 - v, distance)
+        return from_mathematical(hz, v if self._config.vertical == "elevation" else math.pi / 2 - v, distance)
+
+    def _number(self, found: Mapping[str, str], name: str) -> float:
+        text = found.get(name, "").strip()
+        plain = text.replace(",", ".") if self._config.decimal == "," else text
+        try:
+            value = float(plain)
+        except ValueError as exc:
+            raise BadLine(f"its {name} is '{text[:20]}', which is no number") from exc
+        if not math.isfinite(value) or "_" in plain:
+            raise BadLine(f"its {name} is '{text[:20]}', which is no number")
+        return value
