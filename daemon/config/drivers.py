@@ -13,6 +13,7 @@ DRIVERS: dict[str, str] = {
     "modbus-inputs": "drivers.modbus_inputs:ModbusInputs",
     "arm-inputs": "drivers.ur.inputs:ArmInputs",
     "geocom": "drivers.tracker:GeocomTracker",
+    "line-stream": "drivers.tracker:LineStreamTracker",
     "observed-arm": "drivers.observed_arm:ObservedArmReader",
     "arm-gripper": "drivers.ur.gripper:ArmGripper",
     "canopen-encoder": "drivers.can_encoder:CanopenEncoder",
