@@ -164,6 +164,10 @@ class MotionPort(Protocol):
         """Linear move that stops at a force along the way; True when the force ended it."""
         ...
 
+    async def set_tool(self, tool: ToolSettings) -> None:
+        """Set another TCP and payload while at rest; returns when they were read back."""
+        ...
+
     async def decelerate(self) -> None:
         """End whatever moves and decelerate; harmless at rest."""
         ...

@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform
 from cell.clock import Clock
 from cell.devices import Arm, ArmState, MotionPort, Speed, ToolSettings, TrajectoryPiece
 from cell.errors import CellError, RefusedError, error
-from cell.poses import Array
+from cell.poses import Array, to_pose6
 from cell.samples import Sample
 
 log = logging.getLogger("cellward.motion")
@@ -23,6 +23,7 @@ FRESH_WITHIN_S = 0.2
 LOOK_S = 0.5
 STANDSTILL_SAMPLES = 5
 STANDSTILL_SPAN_S = 0.04
+TOOL_BACK, TOOL_BACK_S = "tool given back", 3.0
 
 
 class Guard(Protocol):
@@ -100,10 +101,19 @@ class MotionBroker:
     _lent: set[str] = field(default_factory=set)
 
     def lease(
-        self, arm: Arm, guard: Guard, tool: ToolSettings, speed: Speed, recorder: Recorder
+        self,
+        arm: Arm,
+        guard: Guard,
+        tool: ToolSettings,
+        speed: Speed,
+        recorder: Recorder,
+        tool_after: ToolSettings | None = None,
     ) -> "MotionLease":
-        """``async with broker.lease(...) as lease`` gives something that can move the arm."""
-        return MotionLease(self, arm, guard, tool, speed, recorder)
+        """``async with broker.lease(...) as lease`` gives something that can move the arm.
+
+        ``tool_after``: what the controller gets when the lease ends, for one whose ``tool`` is only tried.
+        """
+        return MotionLease(self, arm, guard, tool, speed, recorder, tool_after)
 
     def acquire(self, arm: Arm) -> None:
         if self.latched is not None:
@@ -161,10 +171,13 @@ class MotionLease:
         tool: ToolSettings,
         speed: Speed,
         recorder: Recorder,
+        tool_after: ToolSettings | None = None,
     ) -> None:
         self._broker, self._arm, self._guard = broker, arm, guard
         self._tool, self._speed, self._recorder = tool, speed, recorder
+        self._tool_after = tool_after
         self._port: MotionPort | None = None
+        self.tool_given_back = False  # ``tool_after`` was set and read back
 
     async def __aenter__(self) -> Self:
         self._broker.acquire(self._arm)
@@ -251,10 +264,27 @@ class MotionLease:
         port, self._port = self._port, None
         try:
             await self._stop_ladder(port)
+            if self._tool_after is not None:
+                await self._give_tool_back(port, self._tool_after)
         finally:
             if port is not None:
                 await self._attempt("close", port.close, 3.0)
             self._broker.release(self._arm)
+
+    async def _give_tool_back(self, port: MotionPort | None, tool: ToolSettings) -> None:
+        """At rest: whoever moves the arm next must not do it with a tool that was only tried."""
+
+        async def give() -> None:
+            if port is None:
+                raise error("NOT_NOW", "there is no motion client")
+            self._arm.check_movable()
+            await port.set_tool(tool)
+            self.tool_given_back = True
+
+        await self._attempt(TOOL_BACK, give, TOOL_BACK_S)
+        held = tool if self.tool_given_back else self._tool
+        tcp = [round(float(v), 9) for v in to_pose6(held.T_flange_tool)]
+        self._note("motion", event=TOOL_BACK, done=self.tool_given_back, controller_tcp=tcp)
 
     async def _stop_ladder(self, port: MotionPort | None) -> None:
         if port is None and await self._nothing_runs():

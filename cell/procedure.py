@@ -259,6 +259,7 @@ class Run:
         """``async with run.motion() as lease``: the only way to move.
 
         ``tool`` (as ``values["tool"]``) replaces the run's tool for this lease: a candidate that is tried.
+        When the lease ends the controller gets the run's tool again.
         """
         return self.cell.motion(self, tool)
 

@@ -51,8 +51,9 @@ class CellContext:
     ) -> AbstractAsyncContextManager[MotionLease]:
         values = run.values if tool is None else {**run.values, "tool": tool}
         guard, settings, speed = lease_settings(values)
+        after = None if tool is None else lease_settings(run.values)[1]
         arm: Arm = self.device("arm")  # type: ignore[assignment]
-        return self.broker.lease(arm, guard, settings, speed, run)
+        return self.broker.lease(arm, guard, settings, speed, run, after)
 
     async def propose(self, run: Run, proposal: Proposal, result: Mapping[str, Any]) -> int:
         return await asyncio.to_thread(enter_proposal, run, self.ledger, proposal, result)

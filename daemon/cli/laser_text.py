@@ -42,6 +42,11 @@ def _update(update: Mapping[str, Any]) -> list[str]:
         )
     elif update.get("committed") is False:
         lines.append(f"  the new frame was not put into effect: {update.get('why')}")
+    if update.get("controller_tool") in ("candidate", "unknown"):
+        lines.append(
+            "  the controller may still hold the TCP that was tried; the next job sets the one in effect "
+            "before it moves"
+        )
     return lines
 
 

@@ -62,6 +62,11 @@ class UrMotion:
         await self._until(lambda: self.owns_program, 1.0, "the control script's start")
         await self._set_tool()
 
+    async def set_tool(self, tool: ToolSettings) -> None:
+        """Set another TCP and payload while at rest, and see them in force."""
+        self._tool = tool
+        await self._set_tool()
+
     async def move_joints(self, q: Array, speed: Speed) -> None:
         """Joint move; returns when the measured joints rest at ``q`` (6,) rad."""
         target = finite(q, (6,), "joint target")

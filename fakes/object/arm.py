@@ -101,15 +101,19 @@ class ObjectArm(ObjectDevice):
         self.check_movable()
         run = self.controller.start_ours()
         self.motion_begun = True
+        port = ObjectMotionPort(self, run)
+        await self.take_tool(tool)
+        self._port = ref(port)
+        return port
+
+    async def take_tool(self, tool: ToolSettings) -> None:
+        """TCP and payload, set and seen; a change of the TCP starts a new epoch."""
         before = self.controller.T_flange_tcp
         self.controller.T_flange_tcp = tool.T_flange_tool
         self.controller.payload_kg = tool.payload_kg
         if not np.allclose(to_pose6(before), to_pose6(tool.T_flange_tool), rtol=0.0, atol=1e-9):
             self.state.new_epoch()
-        port = ObjectMotionPort(self, run)
         await self.wait_fresh(OPEN_TIMEOUT_S)
-        self._port = ref(port)
-        return port
 
     async def stop_script(self) -> None:
         """End the motion client and make the controller run a stop."""

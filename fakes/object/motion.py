@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from cell.devices import Speed, TrajectoryPiece
+from cell.devices import Speed, ToolSettings, TrajectoryPiece
 from cell.errors import CellError, error
 from cell.poses import Array, log_xi
 from fakes.kinematics import UnreachableError
@@ -110,6 +110,11 @@ class ObjectMotionPort:
         if step > MAX_STREAM_STEP_RAD:
             raise error("MOTION_LIMIT", f"a set-point of the stream jumps by {step:.3f} rad")
         self._world.track.follow(start, piece.t1, piece.t0, piece.coefficients)
+
+    async def set_tool(self, tool: ToolSettings) -> None:
+        """Another TCP and payload, at rest."""
+        await self._enter()
+        await self._arm.take_tool(tool)
 
     async def decelerate(self) -> None:
         """End whatever moves and brake; harmless at rest, ``DEVICE_LOST`` without a link."""

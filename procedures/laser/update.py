@@ -15,7 +15,7 @@ import numpy as np
 
 from cell.calibrations import tool_calibration
 from cell.errors import CellError
-from cell.motion import run_to_its_end
+from cell.motion import MotionLease, run_to_its_end
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
 from procedures.laser.check import known_of, measure, measurement_of, solved_check
 from procedures.laser.config import LaserUpdateConfig
@@ -28,6 +28,7 @@ from procedures.laser.measurement import (
     reference_of,
 )
 from procedures.laser.record import SECOND, PassRecord
+from procedures.laser.scan import Scan
 from procedures.laser.solving import compare_second
 from procedures.laser.states import CHECKPOINTS, SCAN
 
@@ -174,8 +175,7 @@ class _Candidate:
         scan = self.measurement.scan(record, self.tool)
         await scan.check_clear()
         await self.measurement.plan_and_note(self.tool)
-        async with run.motion(tool=self.tool) as lease:
-            await scan.take(lease)
+        await self._scan_again(scan)
         await run.enter(S.COMPARE, f"{len(record.passes)} ways")
         reference = run.values["laser_reference"]
         if not scan.complete:  # its ways are in passes.jsonl
@@ -192,6 +192,16 @@ class _Candidate:
             run.note("decision", event="second scan", **second)
         if self.why:
             await run.enter(S.REJECT, self.why)
+
+    async def _scan_again(self, scan: Scan) -> None:
+        """Under a lease with the candidate; the result says whose TCP the controller was left with."""
+        lease: MotionLease | None = None
+        try:
+            async with self.run.motion(tool=self.tool) as lease:
+                await scan.take(lease)
+        finally:
+            held = "unknown" if lease is None else "in effect" if lease.tool_given_back else "candidate"
+            self._tell(controller_tool=held)
 
     def _tell(self, **facts: Any) -> None:
         """Into the result's ``inputs``: what was decided, and why."""

@@ -141,6 +141,24 @@ def test_opening_motion_sets_the_tool_and_closing_it_ends_the_program(
     subject(scene)
 
 
+def test_another_tool_can_be_set_while_a_port_is_open(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: ArmRig) -> None:
+        other = ToolSettings(from_pose6([0.001, -0.002, 0.17, 0.01, 0.0, 0.0]), 0.8)
+        port = await rig.device.open_motion(TOOL)
+        flange, epoch = (await fresh(rig)).T_base_flange, rig.device.state.epoch
+        await port.set_tool(other)
+        seen = await fresh(rig)
+        assert rig.device.state.epoch > epoch
+        assert np.allclose(seen.tcp_offset6, to_pose6(other.T_flange_tool), atol=1e-6)
+        assert np.allclose(log_xi(flange.inv() * seen.T_base_flange), 0.0, atol=1e-6)
+        goal = flange * from_pose6([0.0, 0.0, -0.02, 0.0, 0.0, 0.0])
+        await port.move_linear(goal, SPEED)
+        assert np.max(np.abs(log_xi(goal.inv() * (await fresh(rig)).T_base_flange))) < 0.001
+        await port.close()
+
+    subject(scene)
+
+
 def test_a_joint_move_returns_when_the_measured_joints_agree(subject: Callable[[Scene], Any]) -> None:
     async def scene(rig: ArmRig) -> None:
         port = await rig.device.open_motion(TOOL)

@@ -126,6 +126,10 @@ def test_uncertainty_comes_from_the_covariance_where_no_job_stated_it(
             },
             "the new frame was not put into effect: far",
         ),
+        (
+            {"committed": False, "why": "far", "controller_tool": "candidate"},
+            "may still hold the TCP that was tried; the next job sets the one in effect before it moves",
+        ),
         ({"committed": True, "accepted_by": "policy"}, "in effect from the next job on, accepted by policy"),
         ({"committed": False, "why": "finished by the operator"}, "finished by the operator"),
     ],

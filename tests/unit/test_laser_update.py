@@ -10,7 +10,7 @@ import pytest
 
 from cell.calibrations import laser_reference, time_offset, tool_calibration
 from cell.errors import error
-from cell.poses import from_pose6
+from cell.poses import from_pose6, to_pose6
 from daemon.cli.replay import differences
 from fakes.object import VirtualClock, run_virtual
 from procedures.laser.config import Search
@@ -188,6 +188,58 @@ def test_whatever_ends_the_run_before_the_point_is_confirmed_rejects_the_candida
             assert cell.at_rest()
             (row,) = cell.ledger.results(tool_calibration(TOOL))
             assert row["why"]
+
+    run_virtual(main())
+
+
+def tcp_of(cell: ObjectCell) -> list[float]:
+    """The TCP that the controller holds."""
+    return [float(v) for v in to_pose6(cell.plant.controller.T_flange_tcp)]
+
+
+@pytest.mark.parametrize("meets", [True, False])
+def test_the_controller_gets_the_tool_in_effect_back_when_the_second_scan_is_over(
+    meets: bool, tmp_path: Path, solved: Solved
+) -> None:
+    solved.meets = meets
+    config = laser_config(tmp_path, update=AUTO)
+
+    async def main() -> None:
+        async with laser_cell(config, JOB, drawn_reference(config)) as cell:
+            tried: list[list[float]] = []
+            cell.at_state("retract", lambda: tried.append(tcp_of(cell)), times=2)
+            end = await cell.run_job()
+            assert end["verdict"] == ("pass" if meets else "fail")
+            first, second = tried
+            assert first == pytest.approx(T_TOOL, abs=1e-9)
+            assert second == pytest.approx([0.001, -0.0007, *T_TOOL[2:]], abs=1e-9), "the candidate"
+            assert tcp_of(cell) == pytest.approx(T_TOOL, abs=1e-9)
+            assert cell.result(1)["inputs"]["update"]["controller_tool"] == "in effect"
+            assert [n["done"] for n in cell.notes(1, "tool given back")] == [True]
+
+    run_virtual(main())
+
+
+def test_a_controller_that_cannot_take_the_tool_back_is_said_to_hold_the_candidate(
+    tmp_path: Path, solved: Solved
+) -> None:
+    config = laser_config(tmp_path, update=AUTO)
+
+    async def main() -> None:
+        async with laser_cell(config, JOB, drawn_reference(config)) as cell:
+
+            def stop_the_second_scan() -> None:
+                if len(cell.notes(1, "lease")) == 2:
+                    cell.plant.controller.inject("protective-stop")
+
+            cell.at_state("return", stop_the_second_scan, times=1000)
+            end = await cell.run_job()
+            assert end["error"]["name"] == "ARM_PROTECTIVE_STOP"
+            assert states_of_results(cell) == ["rejected"]
+            assert tcp_of(cell)[0] == pytest.approx(0.001, abs=1e-9)
+            (note,) = cell.notes(1, "tool given back")
+            assert not note["done"]
+            assert note["controller_tcp"] == pytest.approx(tcp_of(cell), abs=1e-9)
 
     run_virtual(main())
 
