@@ -4,6 +4,7 @@ from procedures.report.kincal_answer import figures_section, place_section, verd
 from procedures.report.kincal_map import map_section
 from procedures.report.kincal_open import parameters_section, rank_section, rule_section
 from procedures.report.kincal_residuals import before_section, residuals_section
+from procedures.report.kincal_run import aside_section, limits_section, monuments_section
 from procedures.report.kincal_source import KincalSource
 from procedures.report.kincal_space import space_section
 from procedures.report.layout import Layout, Page
@@ -23,10 +24,11 @@ def _page(_source: KincalSource) -> Page[KincalSource]:
     """What the calibration came to first; then where it holds, and what it is made of."""
     return Page(
         top=(verdict_section, before_section),
-        left=(figures_section, rule_section),
+        left=(figures_section, aside_section, limits_section, rule_section),
         right=(rank_section, place_section),
         rest=(
             map_section,
+            monuments_section,
             space_section,
             residuals_section,
             parameters_section,

@@ -77,6 +77,12 @@ class KincalSource(Source):
         return {int(dig(r, "index")): str(dig(r, "reason")) for r in rows if dig(r, "index") is not None}
 
     @property
+    def sampling(self) -> Mapping[str, Any] | None:
+        """What a run notes of itself; None for a data set from elsewhere."""
+        found = dig(self.result, "inputs", "sampling")
+        return found if isinstance(found, Mapping) else None
+
+    @property
     def T_base_tracker(self) -> Array | None:
         """(4, 4): where the tracker stands in the base."""
         T = matrix4(dig(self.answer, "T_tracker_base"))

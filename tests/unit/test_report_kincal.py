@@ -13,7 +13,7 @@ from test_report_page import HOSTILE, Page
 from calibration.identification.solution import identify
 from calibration.identification.workspace import forecast
 from procedures.report.kincal_source import KincalSource, kind_of
-from procedures.report.write import from_result, render, write_report
+from procedures.report.write import from_folder, from_result, render, write_report
 from procedures.solve.kincal import solve_kincal
 
 
@@ -179,3 +179,62 @@ def test_a_damaged_section_says_so_and_the_others_stand(result: dict[str, Any], 
     text = text_of(Page(render(from_result(damaged, path))))
     assert "Held-out check" in text
     assert "The poses in space" in text
+
+
+# -- what only a run has
+
+
+def a_run(folder: Path, path: Path, result: dict[str, Any], looks: int = 3) -> Path:
+    """A run folder as a sampling leaves it, with monuments that were looked at ``looks`` times."""
+    moved = {"m1": {"shift_m": [2e-5, 0, 0], "moved_m": 2e-5, "sigma_m": 4e-5},
+             "<m2>": {"shift_m": [0, 7.5e-5, 0], "moved_m": 7.5e-5, "sigma_m": 4e-5}}  # fmt: skip
+    monuments = {
+        "limit_m": 1e-4,
+        "names": sorted(moved),
+        "looks": [{"after": 10 * k, "t": 100.0 * k, "moved": moved} for k in range(1, looks)],
+        "max_moved_m": 7.5e-5 if looks > 1 else 0.0,
+        "beyond_noise": False,
+        "samples_since_last_look": 0,
+    }
+    sampling = {
+        "monuments": monuments if looks else None,
+        "predicted": {"error_95_max_m": 6.2e-5, "rms_m": 2e-5, "random_rms_m": 4e-5},
+        "measured": 58,
+        "wanted": 60,
+    }
+    changed = copy.deepcopy(result)
+    changed["inputs"]["sampling"] = sampling
+    changed["heldout"]["set_aside"] = {
+        "samples": 12,
+        "rms": {"nominal": 0.005, "registration_only": 0.0042, "calibrated": 6.1e-5},
+        "max": {"nominal": 0.009, "registration_only": 0.0078, "calibrated": 1.2e-4},
+        "tracker_3d": 5.2e-5,
+    }
+    run = {"run_id": 4, "job": "tracker-sampling", "job_config": {"accept": {"max_error_m": 3e-4}}}
+    for name, document in (("result.json", changed), ("run.json", run), ("kincal.json", None)):
+        text = path.read_text() if document is None else json.dumps(document)
+        (folder / name).write_text(text)
+    return folder
+
+
+def test_monuments_and_poses_set_aside_of_a_run_are_shown(
+    tmp_path: Path, path: Path, result: dict[str, Any]
+) -> None:
+    page = Page(render(from_folder(a_run(tmp_path, path, result))))
+    text = text_of(page)
+    assert "monuments" in {a.get("id") for tag, a in page.elements if tag == "div"}
+    assert "the first look saw it: 0.075 mm, within noise; the limit is 0.100 mm" in text
+    assert "calibrated 0.061 mm 0.120 mm 0.052 mm" in text
+    assert "Poses 58 of 60" in text
+    assert "(0.50 of what random poses promise, RMS)" in text
+    worst = 1e3 * result["uncertainty"]["predicted_95"]["workspace"]["max"]
+    assert f"{worst:.3f} mm of 0.300 mm within" in text
+
+
+@pytest.mark.parametrize(
+    ("looks", "told"), [(0, "No monument was looked at"), (1, "<m2>, m1 were looked at once")]
+)
+def test_a_run_without_a_second_look_says_that_nothing_vouches_for_the_stand(
+    tmp_path: Path, path: Path, result: dict[str, Any], looks: int, told: str
+) -> None:
+    assert told in text_of(Page(render(from_folder(a_run(tmp_path, path, result, looks)))))
