@@ -20,7 +20,7 @@ REFUSED = 0x8000
 PROTOCOL_VERSION = 0x0100
 READY, BUSY, DONE, FAULT, WARNING = (1 << i for i in range(5))
 RESULT_VALID, ARM_OK, CAMERA_OK = 1 << 6, 1 << 7, 1 << 8
-BEAMS_OK = 1 << 10
+BEAMS_OK, TRACKER_OK = 1 << 10, 1 << 11
 STOPPED_BY_SAFETY, TWIN = 1 << 13, 1 << 14
 SAFETY_ERRORS = {"ARM_PROTECTIVE_STOP", "ARM_EMERGENCY_STOP", "ARM_SAFEGUARD_STOP"}
 
@@ -116,6 +116,7 @@ class PlcFace:
             "spread_within_m": (found.get("spread_within") or {}).get("t_norm") or 0.0,
             "spread_across_m": (found.get("spread_across") or {}).get("t_norm") or 0.0,
             **_tool_registers(found),
+            "kinematic_rms_m": _kinematic_rms(found),
             "predicted_95_m": _predicted_95(answer),
         }
 
@@ -137,6 +138,7 @@ class PlcFace:
             ARM_OK: arm,
             CAMERA_OK: camera,
             BEAMS_OK: self._ok("beams") and not self._stuck("beams"),
+            TRACKER_OK: self._ok("tracker"),
             STOPPED_BY_SAFETY: stopped,
             TWIN: self._config.cell.twin,
         }
@@ -165,6 +167,14 @@ def _tool_registers(found: Mapping[str, Any]) -> dict[str, float]:
         **{f"tool_offset_{axis}_m": float(v) for axis, v in zip("xyz", moved, strict=True)},
         "tool_tilt_rad": math.hypot(*turned),
     }
+
+
+def _kinematic_rms(found: Mapping[str, Any]) -> float:
+    """Of a sampled arm: on the poses that were set aside, else on those held out in turn."""
+    if "rms_calibrated" not in found:
+        return 0.0
+    accuracy = found.get("absolute_accuracy") or {}
+    return accuracy.get("after") or found["rms_calibrated"] or 0.0
 
 
 def _predicted_95(answer: Mapping[str, Any]) -> float:

@@ -59,10 +59,17 @@ def _latency(path: Path, info: Info, recorded: Info) -> dict[str, Any]:
     return solve_within_limits(path, info["job_config"]["accept"])
 
 
+def _tracker(path: Path, info: Info, recorded: Info) -> dict[str, Any]:
+    from procedures.tracker.judging import solve_within_limits
+
+    return solve_within_limits(path, info["job_config"])
+
+
 _JOBS: dict[str, tuple[str, Again]] = {
     "cone-capture": ("capture.json", _capture),
     "laser-reference": ("laser.json", _reference),
     "laser-check": ("laser.json", _check),
     "laser-update": ("laser.json", _update),
     "latency-calibration": ("latency.json", _latency),
+    "tracker-sampling": ("kincal.json", _tracker),
 }

@@ -9,6 +9,7 @@ from scipy.stats import chi2
 
 from cell.errors import error
 from cell.poses import Array, from_pose6, log_xi
+from daemon.cli.compare_arms import ArmComparison, compare_arms
 from daemon.cli.output import deg, mm
 from daemon.cli.result_text import calibration_name, sigma_text
 
@@ -43,7 +44,7 @@ class Comparison:
         }
 
 
-def compare_results(first: Mapping[str, Any], second: Mapping[str, Any]) -> Comparison:
+def compare_results(first: Mapping[str, Any], second: Mapping[str, Any]) -> Comparison | ArmComparison:
     """Compare two result documents; ``ARGUMENT_INVALID`` when they do not hold the same kind of answer."""
     kinds = [str(document.get("kind")) for document in (first, second)]
     if kinds[0] != kinds[1]:
@@ -52,7 +53,7 @@ def compare_results(first: Mapping[str, Any], second: Mapping[str, Any]) -> Comp
     answers = [document.get("result") or {} for document in (first, second)]
     if compare is None or not all(answers):
         raise error("ARGUMENT_INVALID", f"only {' and '.join(_COMPARED)} results with an answer are compared")
-    if any(answer.get("cov") is None for answer in answers):
+    if kinds[0] != "kincal" and any(answer.get("cov") is None for answer in answers):
         raise error("ARGUMENT_INVALID", "one of the results has no covariance, so nothing can be weighed")
     return compare(first, second)
 
@@ -107,8 +108,10 @@ def adjoint(T: Array) -> Array:
     return np.block([[R, skew @ R], [np.zeros((3, 3)), R]])
 
 
-def comparison_text(comparison: Comparison, first: str, second: str) -> str:
+def comparison_text(comparison: Comparison | ArmComparison, first: str, second: str) -> str:
     """What a person wants to know: how much, against what, and whether it means anything."""
+    if isinstance(comparison, ArmComparison):
+        return comparison.text(first, second)
     xi = comparison.xi
     t, r = float(np.linalg.norm(xi[:3])), float(np.linalg.norm(xi[3:]))
     axes = ", ".join(f"{1e3 * v:.4f}" for v in xi[:3])
@@ -134,7 +137,8 @@ def comparison_text(comparison: Comparison, first: str, second: str) -> str:
     )
 
 
-_COMPARED: dict[str, Callable[[Mapping[str, Any], Mapping[str, Any]], Comparison]] = {
+_COMPARED: dict[str, Callable[[Mapping[str, Any], Mapping[str, Any]], Comparison | ArmComparison]] = {
     "hand-eye": _hand_eye,
     "laser": _laser,
+    "kincal": compare_arms,
 }

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from daemon.cli.output import ms, pose_text
+from daemon.cli.output import mm, ms, pose_text
 
 
 def value_text(name: str, value: Any) -> str:
@@ -28,6 +28,8 @@ def in_a_list(entry: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _document(value: Mapping[str, Any]) -> str:
+    if value.get("schema") == "cellward.kinematics/1":
+        return _arm(value)
     if value.get("schema") != "cellward.laser-reference/1":
         return f"{value.get('schema', 'a document')} with {len(value)} entries"
     tool, hits = value.get("tool") or {}, value.get("hits") or {}
@@ -35,6 +37,15 @@ def _document(value: Mapping[str, Any]) -> str:
     passes = len(value.get("passes") or [])
     text = f"tool {tool.get('id')}, flange at the beams {at or 'unknown'}, {passes} passes"
     return f"{text}, delay {ms(value['tau_s'])}" if value.get("tau_s") is not None else text
+
+
+def _arm(value: Mapping[str, Any]) -> str:
+    before, after = mm(value.get("rms_registration_only")), mm(value.get("rms_calibrated"), 4)
+    return (
+        f"calibrated arm, {before} off before and {after} after (RMS of {value.get('held_out')} poses that "
+        f"were held out), 95 % of errors below {mm(value.get('predicted_95'), 4)}, payload "
+        f"{value.get('payload_kg'):g} kg"
+    )
 
 
 def _point(p: Any) -> str:

@@ -18,6 +18,7 @@ from cell.store.files import read_json
 from procedures.solve.kincal import solve_kincal
 from procedures.tracker.record import HELD_OUT_FILE
 
+VALUE_SCHEMA = "cellward.kinematics/1"
 _MANY_LOST = 0.1
 _SURPRISE = 2.0  # times what is expected of the poses set aside
 
@@ -161,6 +162,7 @@ def proposal_value(result: Mapping[str, Any], payload_kg: float, robot: Mapping[
     answer, found = result["result"], result["heldout"]
     found = found.get("set_aside") or found
     return {
+        "schema": VALUE_SCHEMA,
         "robot": answer["robot"],
         "controller": dict(robot),
         "T_base_tracker": [float(v) for v in to_pose6(from_pose6(answer["T_tracker_base"]).inv())],
