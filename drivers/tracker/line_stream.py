@@ -170,13 +170,14 @@ class LineStreamTracker:
                     continue
                 window.restart()
                 if self._clock.now() - seen >= self._config.broken_after_s:
-                    raise self._lost_target(sample)
+                    raise self._lost_target()
         raise window.unstable(self.name, timeout)
 
-    def _lost_target(self, sample: Sample[TrackerState] | None) -> CellError:
+    def _lost_target(self) -> CellError:
         name = "TRACKER_BEAM_BROKEN" if self._found else "TRACKER_NO_TARGET"
-        why = sample.value.status if sample is not None else "no line with a point"
-        return error(name, f"{self.name}: {why} for {self._config.broken_after_s:g} s")
+        last = self.readings.last()
+        why = f", and {last.value.status}" if last is not None and last.value.status else ""
+        return error(name, f"{self.name}: no point for {self._config.broken_after_s:g} s{why}")
 
     def _newcomers(self) -> Newcomers[TrackerState]:
         return Newcomers(self.readings, self._life, self._clock.now() - self._config.time_offset_s)
