@@ -55,8 +55,8 @@ class Sight:
                 hindrance.until = min(hindrance.until, t)
 
     def hindered_between(self, since: float, t: float) -> list[float]:
-        """When hindrances began in ``since < when <= t``."""
-        return sorted(h.since for h in self._hindrances if since < h.since <= t)
+        """When hindrances began in ``since <= when <= t``."""
+        return sorted(h.since for h in self._hindrances if since <= h.since <= t)
 
     def position(self, name: str, t: float) -> Array:
         """The reflector's true centre (3,) in the base, m."""
