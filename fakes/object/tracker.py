@@ -78,10 +78,12 @@ class ObjectTracker(ObjectDevice):
         return Identity(self._tracker.truth.name, serial, self._tracker.truth.version)
 
     async def select(self, reflector: str) -> None:
-        """Set the constant of this reflector; ``ARGUMENT_INVALID`` for one that the config does not name."""
+        """Set the constant of this reflector; ``TRACKER_REFLECTOR_UNKNOWN`` for one that the config does not name."""
         if reflector not in self._constants:
             known = ", ".join(self._constants)
-            raise error("ARGUMENT_INVALID", f"{self.name} has no reflector {reflector!r}; it has {known}")
+            raise error(
+                "TRACKER_REFLECTOR_UNKNOWN", f"{self.name} has no reflector {reflector!r}; it has {known}"
+            )
         await self._pass(2.0 * self.config.reply_s)
         self.tracker_plant.settle_past()
         self._tracker.constant_m = self._constants[reflector]

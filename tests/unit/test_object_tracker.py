@@ -199,7 +199,7 @@ def test_a_constant_set_behind_our_back_lengthens_the_range_until_one_is_selecte
         await subject.select("smr1")
         right = (await subject.measure(0.5, 2e-4, 5.0)).value.point
         assert right == pytest.approx(true, abs=5e-5)
-        assert await fails(subject.select("smr9")) == "ARGUMENT_INVALID"
+        assert await fails(subject.select("smr9")) == "TRACKER_REFLECTOR_UNKNOWN"
 
     play(scene)
 
