@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import Sequence
+from collections.abc import Coroutine, Sequence
 from typing import Any
 
 import can
@@ -26,7 +26,7 @@ class CanEncoder:
     """``cell.devices.Encoder`` without the words of a particular encoder.
 
     Reconnecting is the supervisor's business: after an error ``close`` and ``open`` again. A sample's number
-    grows by one for each period, so ``counts.gaps`` counts the frames that did not come.
+    is that of its frame, lost ones included, so ``counts.gaps`` tells how many did not come.
     """
 
     def __init__(self, name: str, config: BusConfig, clock: Clock, modulus: int) -> None:
@@ -52,13 +52,13 @@ class CanEncoder:
         """Open the bus and bring the encoder to sending; ``DEVICE_UNREACHABLE`` and what a setup raises."""
         await self.close()
         self._life.begin()
+        self.counts.new_epoch()
         self._link = CanLink(
             self.name, self._bus_config.bus, self._ids(), self._take, self._lose, self._clock
         )
         try:
             await self._link.open(self._bus_config.connect_timeout_s)
-            self._identity = await self._begin()
-            self._life.require()
+            self._identity = await self._unless_lost(self._begin())
         except BaseException:
             await self.close()
             raise
@@ -130,9 +130,20 @@ class CanEncoder:
 
     # -- frames
 
+    async def _unless_lost(self, work: Coroutine[Any, Any, Identity]) -> Identity:
+        """The result of ``work``; what broke the link as soon as that happens."""
+        working, lost = asyncio.ensure_future(work), asyncio.ensure_future(self._life.wait_lost())
+        try:
+            await asyncio.wait([working, lost], return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in (working, lost):
+                task.cancel()
+            await asyncio.wait([working, lost])
+        self._life.require()
+        return working.result()
+
     def _start_counting(self) -> None:
-        """A new epoch: what the counts were before has nothing to do with them."""
-        self.counts.new_epoch()
+        """Count from zero, in an epoch that has just begun."""
         self._unwrap, self._missing = Unwrap(self.modulus), Missing(self.period_s)
         self._heard = self._clock.now()
         self._running = True
@@ -165,7 +176,7 @@ class CanEncoder:
             except ValueError as exc:
                 self._lose(error("ENCODER_RANGE", f"{self.name}: position {exc}"))
                 return
-            self._seq += 1 + self._missing.before(t)
+            self._seq += 1 + self._missing.add(t)
             self.counts.push(Sample(EncoderState(count, raw), t, dt, self._seq, self._quality))
 
     # -- loss

@@ -1,6 +1,6 @@
 """Counts that go on where the encoder's own range wraps, and the number of frames that did not come."""
 
-_FORGIVE_AFTER = 12  # frames; a burst after a stall is shorter
+_SETTLED = 12  # frames; a burst after a stall is shorter
 _LOST = 0.6  # of a period: later than that and a frame is missing; lost ones are rarer than late ones
 _RATE = 0.3  # how fast the speed follows
 
@@ -32,28 +32,28 @@ class Unwrap:
 
 
 class Missing:
-    """How many frames of a periodic sender are missing before each, from their stamps.
+    """How many frames of a periodic sender were lost, from the stamps of those that came.
 
-    One that comes late looks as if another were missing, until the next comes early: that one pays it back.
+    One that comes late looks as if another were missing, until the next comes early. So a loss is told a
+    dozen frames later, when no burst has made it good.
     """
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
         self._last: float | None = None
-        self._credit, self._since = 0, 0
+        self._pending, self._since = 0, 0
 
-    def before(self, t: float) -> int:
-        """Frames lost between the last and the one stamped ``t`` (s)."""
+    def add(self, t: float) -> int:
+        """One more frame, stamped ``t`` (s); the number of losses that are certain now."""
         last, self._last = self._last, t
         if last is None:
             return 0
         missing = int((t - last) / self._period_s + 1.0 - _LOST) - 1
+        if not self._pending:
+            self._since = 0
+        self._pending += missing
         self._since += 1
-        if self._since > _FORGIVE_AFTER:
-            self._credit, self._since = 0, 0
-        if missing < 0:
-            self._credit, self._since = self._credit + 1, 0
+        if self._since < _SETTLED:
             return 0
-        used = min(self._credit, missing)
-        self._credit -= used
-        return missing - used
+        lost, self._pending, self._since = max(self._pending, 0), 0, 0
+        return lost

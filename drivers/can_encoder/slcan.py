@@ -79,7 +79,8 @@ class SerialBus(slcanBus):
         except OSError as exc:
             raise can.CanOperationError(f"the adapter is gone ({exc.strerror})") from exc
         if not chunk:
-            raise can.CanOperationError("the adapter is gone (its line was closed)")
+            self._check_line()
+            return False
         self._raw += chunk
         *lines, rest = self._raw.split(b"\r")
         if len(rest) > _LONGEST_LINE:
@@ -88,6 +89,13 @@ class SerialBus(slcanBus):
         self._raw = bytearray(rest)
         self._lines += [line.decode("ascii", "replace").lstrip(_REFUSED) for line in lines if line]
         return bool(self._lines)
+
+    def _check_line(self) -> None:
+        """A terminal gives nothing both when nothing has come and when it is hung up."""
+        look = select.poll()
+        look.register(self.fileno(), select.POLLIN)
+        if any(events & (select.POLLHUP | select.POLLERR | select.POLLNVAL) for _, events in look.poll(0)):
+            raise can.CanOperationError("the adapter is gone (its line was hung up)")
 
     def shutdown(self) -> None:
         """Close channel and file; the channel of an adapter that is gone needs no closing."""
