@@ -78,7 +78,7 @@ class ObjectTracker(ObjectDevice):
         return Identity(self._tracker.truth.name, serial, self._tracker.truth.version)
 
     async def select(self, reflector: str) -> None:
-        """Set the constant of this reflector; ``TRACKER_REFLECTOR_UNKNOWN`` for one that the config does not name."""
+        """Set the constant of this reflector, or ``TRACKER_REFLECTOR_UNKNOWN``."""
         if reflector not in self._constants:
             known = ", ".join(self._constants)
             raise error(
