@@ -5,6 +5,7 @@ from math import degrees
 from typing import Any
 
 from daemon.cli.output import deg, mm, table
+from daemon.cli.plan_tracker import tracker_plan_lines
 
 HEADER = (
     "pose", "joints (deg)", "travel (deg)", "joint range (deg)", "keep-out (mm)", "workspace (mm)",
@@ -22,6 +23,8 @@ def plan_text(plan: Mapping[str, Any]) -> str:
     if note := plan.get("note"):
         lines.append(str(note))
     poses = plan.get("poses", [])
+    if "source_rule" in plan:
+        return "\n".join([*lines, *tracker_plan_lines(plan, _margins), "Nothing was moved."])
     if poses:
         lines += [
             f"{len(poses)} poses, cone about {plan.get('axis', 'the board')}; margins to the limits:",

@@ -12,11 +12,13 @@ from cell.errors import AbortError
 from cell.poses import Array, to_pose6
 from daemon.cli.plan_text import prediction_text
 from daemon.cli.predict_laser import predict_laser
+from daemon.cli.predict_tracker import predict_tracker
 from daemon.cli.predict_values import configured_values
 from daemon.config import CellConfig
 from procedures.cone_capture.config import ConeCaptureConfig
 from procedures.cone_capture.plan import PlanRequest, View, plan_placement
 from procedures.laser.config import LaserReferenceConfig
+from procedures.tracker.config import TrackerSamplingConfig
 
 # Neither the camera nor the board's place is known yet, so both are assumed, and said.
 ASSUMED_CAMERA: dict[str, Any] = {"width": 1280, "height": 800, "K": [800.0, 800.0, 639.5, 399.5], "dist": []}
@@ -31,15 +33,17 @@ def predictions(config: CellConfig) -> list[dict[str, Any]]:
 
     ``problems`` keep the job from succeeding, ``cautions`` do not; each is a sentence with its fix.
     """
-    if "arm" not in config.robot.roles():
-        return []
-    found = []
-    if section := config.job_section("cone-capture"):
+    found: list[dict[str, Any]] = []
+    moved = "arm" in config.robot.roles()
+    if moved and (section := config.job_section("cone-capture")):
         job = ConeCaptureConfig.model_validate(section)
         found.append({"job": "cone-capture", **_cone_capture(config, job)})
-    if section := config.job_section("laser-reference"):
+    if moved and (section := config.job_section("laser-reference")):
         beams = LaserReferenceConfig.model_validate(section)
         found.append({"job": "laser-reference", **predict_laser(config, beams)})
+    if section := config.job_section("tracker-sampling"):
+        sampling = TrackerSamplingConfig.model_validate(section)
+        found.append({"job": "tracker-sampling", **predict_tracker(config, sampling)})
     return found
 
 

@@ -34,15 +34,8 @@ class TrackerSampling(Procedure):
         return (self.config.arm, "tracker")
 
     def check(self, values: Mapping[str, Any]) -> None:
-        config = self.config
-        robot_of(values, config)
-        configured = float(values["payload_kg"])
-        if config.arm == "arm" and abs(payload_of(config, values) - configured) > PAYLOAD_SAME_KG:
-            raise error(
-                "PAYLOAD_DIFFERS",
-                f"[job.tracker-sampling] payload_kg is {config.payload_kg:g} kg, and [robot] payload_kg, "
-                f"which the controller is told, {configured:g} kg",
-            )
+        robot_of(values, self.config)
+        check_payload(self.config, values)
 
     def proposal(self, run: Run) -> Proposal | None:
         if (run.result or {}).get("result") is None:
@@ -73,3 +66,14 @@ class TrackerSampling(Procedure):
             note = "without T_base_tracker_nominal the job finds the tracker first, then plans in its view"
             return {"note": note, **plan.listing}
         return plan.listing
+
+
+def check_payload(config: TrackerSamplingConfig, values: Mapping[str, Any]) -> None:
+    """``PAYLOAD_DIFFERS`` when what hangs on a moved arm is not what its controller is told."""
+    told = float(values["payload_kg"])
+    if config.arm == "arm" and abs(payload_of(config, values) - told) > PAYLOAD_SAME_KG:
+        raise error(
+            "PAYLOAD_DIFFERS",
+            f"[job.tracker-sampling] payload_kg is {config.payload_kg:g} kg, and [robot] payload_kg, which "
+            f"the controller is told, {told:g} kg",
+        )

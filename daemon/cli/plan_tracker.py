@@ -1,0 +1,64 @@
+"""The plan of a tracker sampling as tables: every pose in order with every check, and what they promise."""
+
+from collections.abc import Callable, Mapping, Sequence
+from math import degrees
+from typing import Any
+
+from daemon.cli.output import mm, table
+
+Margins = Callable[[Mapping[str, Any]], list[str | None]]
+HEADER = (
+    "pose", "reflector", "for", "joints (deg)", "by way of", "range (m)", "joint range (deg)",
+    "keep-out (mm)", "workspace (mm)", "floor (mm)", "self (mm)", "singular",
+)  # fmt: skip
+
+
+def tracker_plan_lines(plan: Mapping[str, Any], margins: Margins) -> list[str]:
+    """``margins`` gives the cells of a pose's margins to the limits."""
+    lines = []
+    if locate := plan.get("locate"):
+        lines.append(f"{len(locate)} poses come first, to find the tracker's place:")
+        lines.append(table(HEADER, (_row(pose, "place", margins) for pose in locate)))
+    poses = plan["poses"]
+    lines.append(f"{len(poses)} poses in their order; margins to the limits:")
+    lines.append(table(HEADER, (_row(p, "check" if p["held_out"] else "solve", margins) for p in poses)))
+    for lost in plan.get("lost") or []:
+        lines.append(f"left out: no free way to {_joints(lost['q'])} ({lost['why']})")
+    if plan.get("not_possible"):
+        lines.append(f"of the poses that were tried were not possible: {plan['not_possible']}")
+    lines.append(_promise(plan))
+    lines += [f"  stays open: {words}" for words in plan.get("unidentifiable") or []]
+    return lines
+
+
+def _row(pose: Mapping[str, Any], purpose: str, margins: Margins) -> list[str | None]:
+    distance = pose.get("range_m")
+    return [
+        str(pose["index"]),
+        pose["reflector"],
+        purpose,
+        _joints(pose["q"]),
+        "home" if pose["via"] else None,
+        None if distance is None else f"{distance:.2f}",
+        *margins(pose),
+    ]
+
+
+def _joints(q: Sequence[float]) -> str:
+    return " ".join(f"{round(degrees(v), 1) + 0.0:.1f}" for v in q)
+
+
+def _promise(plan: Mapping[str, Any]) -> str:
+    predicted, rule = plan["predicted"], plan["source_rule"]
+    assumed = predicted["assuming"]
+    rule_text = (
+        "is kept"
+        if rule["kept"]
+        else f"is not kept: {rule['samples']} poses, {rule['short_steps']} steps with a joint that moves less"
+    )
+    return (
+        f"expected error of predictions {mm(predicted['rms_m'], 4)} (RMS), 95 % below "
+        f"{mm(predicted['error_95_max_m'], 4)} at the worst place, with a tracker of "
+        f"{mm(assumed['sigma0'])} + {mm(assumed['sigma_per_m'])}/m; rank {plan['rank']} of "
+        f"{plan['rank_possible']} possible; the source's rule (50 poses, 15 deg between them) {rule_text}"
+    )
