@@ -29,8 +29,12 @@ class BeltEncoder:
 
     def raw(self, t: float) -> int:
         """The position at ``t``, 0 to ``modulus - 1``."""
+        return self.position(t) % self.modulus
+
+    def position(self, t: float) -> int:
+        """The same as if it never wrapped."""
         since, frozen = self._frozen[bisect_right(self._frozen, t, key=_when) - 1]
-        return floor(self._counts(since if frozen else t)) % self.modulus
+        return floor(self._counts(since if frozen else t))
 
     def speed(self, t: float) -> float:
         """Counts a second at ``t``, as the encoder's wheel turns."""

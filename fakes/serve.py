@@ -17,6 +17,7 @@ from fakes.faults import Switchboard, parse_fault
 from fakes.observed_twin import TwinObserved
 from fakes.scenario import OBSERVED, Scenario
 from fakes.twin_camera import TwinCamera
+from fakes.twin_encoder import TwinEncoder
 from fakes.twin_inputs import TwinInputs
 from fakes.ur import dashboard, primary, rtde
 from fakes.ur.build import controller_for
@@ -62,6 +63,10 @@ class Twin:
         if self.world.inputs is not None:
             self._inputs = TwinInputs(self.world.inputs, self.scenario.fakes, self.bind, self.folder)
             self.switchboard.devices["beams"] = self._inputs.faults
+        self._encoder: TwinEncoder | None = None
+        if self.world.encoder is not None:
+            self._encoder = TwinEncoder(self.world.encoder, self.scenario.fakes, self.bind, self.folder)
+            self.switchboard.devices["belt"] = self._encoder.faults
         self._observed: TwinObserved | None = None
         if self.world.observed is not None:
             self._observed = TwinObserved(self.world.observed, self.scenario.fakes, self.bind, self.folder)
@@ -99,6 +104,8 @@ class Twin:
         self._arm_faults.close()
         if self._inputs is not None:
             await self._inputs.stop()
+        if self._encoder is not None:
+            await self._encoder.stop()
         if self._observed is not None:
             await self._observed.stop()
         if self._camera is not None:
@@ -126,6 +133,8 @@ class Twin:
             found["camera frames"] = self._frames_url
         if self._inputs is not None:
             found |= self._inputs.addresses()
+        if self._encoder is not None:
+            found |= self._encoder.addresses()
         if self._observed is not None:
             found |= self._observed.addresses()
         return found
@@ -148,6 +157,8 @@ class Twin:
             await self.controller.start()
             if self._inputs is not None:
                 await self._inputs.start()
+            if self._encoder is not None:
+                await self._encoder.start()
             if self._observed is not None:
                 await self._observed.start()
         except OSError as exc:
@@ -209,6 +220,7 @@ class Twin:
             arm={"driver": "ur", "host": self.bind},
             camera={"driver": "oak", "source": self._frames_url} if self._camera is not None else None,
             beams=self._inputs.device() if self._inputs is not None else None,
+            belt=self._encoder.device() if self._encoder is not None else None,
             observed=self._observed.device() if self._observed is not None else None,
             state_dir=str(self.folder / "state"),
             control_socket=str(self.folder / "cellward.sock"),

@@ -7,6 +7,7 @@
 from fakes.object.arm import ObjectArm
 from fakes.object.camera import ObjectCamera
 from fakes.object.clock import VirtualClock
+from fakes.object.encoder import ObjectEncoder
 from fakes.object.gripper import ObjectGripper
 from fakes.object.inputs import ObjectInputs
 from fakes.object.loop import DeadlockError, VirtualTimeLoop, run_virtual
@@ -19,6 +20,7 @@ __all__ = [
     "ObjectArm",
     "ObjectCamera",
     "ObjectCell",
+    "ObjectEncoder",
     "ObjectGripper",
     "ObjectInputs",
     "ObjectObservedArm",

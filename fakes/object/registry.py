@@ -7,6 +7,7 @@ from cell.clock import Clock
 from cell.errors import error
 from fakes.object._plant import Plant
 from fakes.object.controller import Controller
+from fakes.object.encoder_plant import EncoderPlant
 from fakes.object.head import CameraHead
 from fakes.object.input_plant import InputPlant
 from fakes.object.observed_plant import ObservedPlant
@@ -27,6 +28,8 @@ class ObjectCell:
             self.plants["camera"] = CameraHead(self.world, clock)
         if self.world.inputs is not None:
             self.plants["beams"] = InputPlant(self.world.inputs, clock)
+        if self.world.encoder is not None:
+            self.plants["belt"] = EncoderPlant(self.world.encoder, clock)
         if self.world.observed is not None:
             self.plants["palletizer"] = ObservedPlant(self.world.observed, clock)
         if self.world.tracker is not None:
@@ -45,6 +48,13 @@ class ObjectCell:
         """The input module; ``CONFIG_INVALID`` when the scenario has none."""
         plant = self.plant("beams")
         assert isinstance(plant, InputPlant)
+        return plant
+
+    @property
+    def encoder(self) -> EncoderPlant:
+        """The belt's encoder; ``CONFIG_INVALID`` when the scenario has none."""
+        plant = self.plant("belt")
+        assert isinstance(plant, EncoderPlant)
         return plant
 
     @property
