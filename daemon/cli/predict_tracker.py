@@ -69,7 +69,8 @@ def _words(job: TrackerSamplingConfig, plan: dict[str, Any], assumed: str) -> st
         f"{len(plan['poses'])} of {job.poses} poses are reached and seen{sight}, {job.held_out} of them are "
         f"set aside; predictions elsewhere will be {mm(predicted['rms_m'], 4)} off (RMS){against}, 95 % of "
         f"them less than {mm(predicted['error_95_max_m'], 4)} at the worst place, with {assumed}; rank "
-        f"{plan['rank']} of {plan['rank_possible']} possible; the source's rule of 50 poses and 15 degrees {kept}"
+        f"{plan['rank']} of {plan['rank_possible']} possible; the source's rule of 50 poses and 15 degrees "
+        f"{kept}"
     )
 
 
