@@ -129,6 +129,15 @@ def jog(
     out.print(f"there in {ask(folder, {'do': 'observed', 'go': q}):.1f} s")
 
 
+@operator_app.command()
+def lock(
+    reflector: Annotated[str, typer.Argument(help="Reflector that the tracker is aimed at by hand.")],
+    folder: Folder,
+) -> None:
+    """Aim the tracker at a reflector and let it follow."""
+    ask(folder, {"do": "tracker", "lock": reflector})
+
+
 Metres = Annotated[float, typer.Option(help="Shift of the tool's point in the flange, m.", min=-1, max=1)]
 Radians = Annotated[float, typer.Option(help="Turn about this axis of the flange, rad.", min=-3, max=3)]
 

@@ -16,7 +16,8 @@ from fakes.belt_truth import BeltTruth, PhaseTruth, RippleTruth, StopsTruth
 from fakes.item_truth import GripperTruth, ItemsTruth
 from fakes.kinematics import MODELS, LinkDeltas
 from fakes.observed_truth import ObservedTruth, PalletizerErrors, PalletizerTable
-from fakes.tracker_truth import ReflectorTruth, TrackerTruth
+from fakes.tracker_form import LinesForm
+from fakes.tracker_truth import BoxTruth, ReflectorTruth, TrackerTruth
 
 SCHEMA = "cellward.scenario/1"
 OBSERVED, OBSERVED_MODEL = "palletizer", "palletizer.json"
@@ -208,6 +209,12 @@ class FakeAddresses(_Strict):
     io_rtu: bool = Field(default=False, description="the input module also on a serial line, io.tty")
     io_delay_s: float = Field(default=0.001, ge=0, le=1, description="the module's shortest reply time")
     io_jitter_s: float = Field(default=0.001, ge=0, le=1, description="and what chance adds to it at most")
+    tracker_port: int = Field(default=1212, ge=1024, le=65535, description="TCP port of GeoCOM")
+    tracker_by: Literal["tcp", "serial"] = Field(
+        default="tcp", description="the wire that the generated cell.toml names; tracker.tty is the other"
+    )
+    tracker_delay_s: float = Field(default=0.005, ge=0, le=1, description="its shortest reply time")
+    tracker_lines: LinesForm | None = Field(default=None, description="points as lines of text as well")
     can: Literal["slcan", "socketcand"] = Field(
         default="slcan", description="the adapter that the generated cell.toml names; both are there"
     )
@@ -375,7 +382,8 @@ def _findings(exc: ValidationError) -> list[str]:
 
 def _known_keys() -> set[str]:
     models: list[type[BaseModel]] = [
-        *_Strict.__subclasses__(), BeamTruth, CapsuleTruth, IoTruth, TrackerTruth, ReflectorTruth,
+        *_Strict.__subclasses__(), BeamTruth, CapsuleTruth, IoTruth, TrackerTruth, ReflectorTruth, LinesForm,
+        BoxTruth,
         ObservedTruth, PalletizerTable, PalletizerErrors, BeltTruth, PhaseTruth, StopsTruth, RippleTruth,
         ItemsTruth, GripperTruth,
     ]  # fmt: skip

@@ -19,6 +19,7 @@ from fakes.scenario import OBSERVED, Scenario
 from fakes.twin_camera import TwinCamera
 from fakes.twin_encoder import TwinEncoder
 from fakes.twin_inputs import TwinInputs
+from fakes.twin_tracker import TwinTracker
 from fakes.ur import dashboard, primary, rtde
 from fakes.ur.build import controller_for
 from fakes.ur.controller import SCRIPT_PORT
@@ -71,6 +72,10 @@ class Twin:
         if self.world.observed is not None:
             self._observed = TwinObserved(self.world.observed, self.scenario.fakes, self.bind, self.folder)
             self.switchboard.devices[OBSERVED] = self._observed.faults
+        self._tracker: TwinTracker | None = None
+        if self.world.tracker is not None:
+            self._tracker = TwinTracker(self.world.tracker, self.scenario.fakes, self.bind, self.folder)
+            self.switchboard.devices["tracker"] = self._tracker.faults
         if options.automatic_operator or self.scenario.operator == "auto":
             self._operator = AutomaticOperator(self.controller.robot, self.world.operator)
         for fault in self.scenario.fault:
@@ -108,6 +113,8 @@ class Twin:
             await self._encoder.stop()
         if self._observed is not None:
             await self._observed.stop()
+        if self._tracker is not None:
+            await self._tracker.stop()
         if self._camera is not None:
             await self._camera.stop()
         await self.controller.stop()
@@ -137,6 +144,8 @@ class Twin:
             found |= self._encoder.addresses()
         if self._observed is not None:
             found |= self._observed.addresses()
+        if self._tracker is not None:
+            found |= self._tracker.addresses()
         return found
 
     @property
@@ -161,6 +170,8 @@ class Twin:
                 await self._encoder.start()
             if self._observed is not None:
                 await self._observed.start()
+            if self._tracker is not None:
+                await self._tracker.start()
         except OSError as exc:
             raise error("DEVICE_UNREACHABLE", f"the twin cannot listen on {self.bind}: {exc}") from exc
         if self._camera is not None:
@@ -193,6 +204,11 @@ class Twin:
             case {"do": "tool", "bend": [*values]} if len(values) == 6 and all(map(_is_finite, values)):
                 self.world.tool.bend(self.controller.now(), values[:3], values[3:])
                 return to_pose6(self.world.T_flange_tool_at(self.controller.now())).tolist()
+            case {"do": "tracker", "lock": str(reflector)}:
+                if self._tracker is None:
+                    raise error("ARGUMENT_INVALID", "this twin's scenario has no tracker")
+                self._tracker.lock(reflector)
+                return None
             case {"do": "tool", "straighten": True}:
                 self.world.tool.straighten(self.controller.now())
                 return to_pose6(self.world.T_flange_tool_at(self.controller.now())).tolist()
@@ -222,6 +238,7 @@ class Twin:
             beams=self._inputs.device() if self._inputs is not None else None,
             belt=self._encoder.device() if self._encoder is not None else None,
             observed=self._observed.device() if self._observed is not None else None,
+            tracker=self._tracker.device() if self._tracker is not None else None,
             state_dir=str(self.folder / "state"),
             control_socket=str(self.folder / "cellward.sock"),
             modbus={

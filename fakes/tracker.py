@@ -143,6 +143,12 @@ class Tracker:
         self.target, self.status, self._aim = name, "", polar(nearest)
         return ""
 
+    def lock(self, t: float, reflector: str) -> str:
+        """What somebody does by hand: aim at ``reflector`` and follow it; empty, or why that fails."""
+        self.turn_to(t, *polar(self.sight.local(reflector, t)))
+        self.follow(t, True)
+        return self.search(t, self.truth.search_rad, self.truth.search_rad)
+
     def aim(self, t: float) -> tuple[float, float]:
         """Hz and V to which it points, rad."""
         self.advance(t)

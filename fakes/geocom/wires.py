@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Protocol
 
 from fakes.faults import Link
 from fakes.geocom.conversation import Conversation, LineFaults
@@ -11,11 +12,34 @@ from fakes.listening import Listener, TcpPlace
 from fakes.terminal import PseudoTerminal
 
 
-class StationWires:
-    """Everybody on any wire talks to the same ``instrument``."""
+class Wire(Protocol):
+    """Another wire of the same instrument, which shares its power."""
 
-    def __init__(self, instrument: Instrument, places: Iterable[TcpPlace], line: Path | None = None) -> None:
-        self.instrument, self.faults = instrument, LineFaults()
+    listener: Listener
+
+    async def start(self) -> None: ...
+    async def stop(self) -> None: ...
+    def cut(self, reset: bool = False) -> None: ...
+    def junk(self, data: bytes) -> None: ...
+
+
+class StationWires:
+    """Everybody on any wire talks to the same ``instrument``; ``more`` is a wire that speaks otherwise."""
+
+    def __init__(
+        self,
+        instrument: Instrument,
+        places: Iterable[TcpPlace],
+        line: Path | None = None,
+        faults: LineFaults | None = None,
+        more: "Wire | None" = None,
+    ) -> None:
+        self.instrument, self.faults, self.line_path, self._more = (
+            instrument,
+            faults or LineFaults(),
+            line,
+            more,
+        )
         self.clients: set[Client] = set()
         self._listener = Listener(lambda: Client(self), places)
         self._serial: Conversation | None = None
@@ -36,6 +60,8 @@ class StationWires:
         try:
             await self.listen()
             self._open_line()
+            if self._more is not None:
+                await self._more.start()
         except OSError:
             await self.stop()
             raise
@@ -48,19 +74,25 @@ class StationWires:
             client.close(abort=True)
         await self._listener.closed()
         self._close_line()
+        if self._more is not None:
+            await self._more.stop()
 
     async def listen(self) -> None:
         """Accept connections; not while it is without power."""
-        await self._listener.listen()
+        for listener in self._listeners:
+            await listener.listen()
 
     def refuse(self) -> None:
         """Accept no connections; open ones stay."""
-        self._listener.refuse()
+        for listener in self._listeners:
+            listener.refuse()
 
     def cut(self, reset: bool = False) -> None:
         """End open connections, with FIN or with RST."""
         for client in tuple(self.clients):
             client.close(reset)
+        if self._more is not None:
+            self._more.cut(reset)
 
     def junk(self, data: bytes) -> None:
         """Send bytes that nobody asked for, on every wire."""
@@ -68,20 +100,30 @@ class StationWires:
             client.send(data)
         if self.line is not None:
             self.line.send(data)
+        if self._more is not None:
+            self._more.junk(data)
 
     async def reboot(self, boot_s: float, serial: str | None = None) -> None:
         """Lose power for ``boot_s``: connections go, the line is dead, settings and lock are gone."""
-        self._listener.off = True
+        self._switch(off=True)
         self.refuse()
         self.cut(reset=True)
         self._end_serial()
         self.instrument.tracker.restart(self.instrument.now())
         self.instrument.restart(serial)
         await asyncio.sleep(boot_s)
-        self._listener.off = False
+        self._switch(off=False)
         if self.line is not None and self.line.link is not None:
             self._serial = Conversation(self.instrument, self.line.link, self.faults)
         await self.listen()
+
+    @property
+    def _listeners(self) -> list[Listener]:
+        return [self._listener] + ([] if self._more is None else [self._more.listener])
+
+    def _switch(self, off: bool) -> None:
+        for listener in self._listeners:
+            listener.off = off
 
     def _open_line(self) -> None:
         if self.line is not None:
