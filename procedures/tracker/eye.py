@@ -1,5 +1,7 @@
 """The tracker as a sampling uses it: aim where the reflector should be, measure, believe it only there."""
 
+from typing import Protocol
+
 import numpy as np
 
 from cell.devices import StablePoint
@@ -7,7 +9,6 @@ from cell.errors import CellError, error
 from cell.poses import Array
 from cell.procedure import Run
 from cell.samples import Sample
-from procedures.tracker.config import TrackerSamplingConfig
 
 LOST = (
     "TRACKER_NO_TARGET",
@@ -19,10 +20,25 @@ _FOLLOWED_M = 0.03  # it still looks at the reflector that it followed
 _FRESH_S = 0.5
 
 
+class Looking(Protocol):
+    """How a job looks at reflectors: keys of its own config."""
+
+    @property
+    def window_s(self) -> float: ...
+    @property
+    def max_scatter_m(self) -> float: ...
+    @property
+    def measure_timeout_s(self) -> float: ...
+    @property
+    def find_timeout_s(self) -> float: ...
+    @property
+    def reacquire_wait_s(self) -> float: ...
+
+
 class Eye:
     """Measures one reflector after the other; keeps in mind which one the tracker is set to."""
 
-    def __init__(self, run: Run, config: TrackerSamplingConfig) -> None:
+    def __init__(self, run: Run, config: Looking) -> None:
         self._run, self._config, self.tracker = run, config, run.tracker()
         self._selected: str | None = None
 
