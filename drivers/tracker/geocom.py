@@ -168,6 +168,7 @@ class GeocomTracker:
 
             await self._do(look)
             self._found = self._locked = True
+            await self._do(lambda station: self._look_once(station, max(deadline - self._clock.now(), 0.0)))
 
     async def measure(self, window_s: float, max_scatter_m: float, timeout: float) -> Sample[StablePoint]:
         """The mean of distances that were all measured after the call and agree.
@@ -238,13 +239,19 @@ class GeocomTracker:
         locked = await station.is_locked()
         if locked is not None:
             self._locked = locked
+        reading = await self._look_once(station, 0.0)
+        if locked is None and self._tracking and reading.point is None:
+            self._locked = False  # it does not tell; that there is no distance has to do
+
+    async def _look_once(self, station: Station, wait_s: float) -> Reading:
+        """Push one reading, with a point if it is locked; wait for the first distance of tracking."""
         if self._locked and not self._tracking and self._config.tracking != "off":
             await station.start_tracking()
             self._tracking = True
-        reading = await (station.read(0.0) if self._locked and self._tracking else station.angles())
-        if locked is None and self._tracking and reading.point is None:
-            self._locked = False  # it does not tell; that there is no distance has to do
+        wait_s = min(wait_s, self._config.distance_timeout_s)
+        reading = await (station.read(wait_s) if self._locked and self._tracking else station.angles())
         self._push(reading)
+        return reading
 
     def _push(self, reading: Reading) -> Sample[TrackerState]:
         status = reading.warning

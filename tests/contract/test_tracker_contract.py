@@ -1,0 +1,200 @@
+"""What every tracker promises, on every face."""
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+import numpy as np
+import pytest
+from tracker_faces import TrackerRig, tracker_faces
+from wire_faces import Face
+
+from cell.errors import CellError
+
+Scene = Callable[[TrackerRig], Coroutine[Any, Any, Any]]
+WINDOW_S, SCATTER_M, TIMEOUT_S = 0.2, 1e-3, 10.0
+
+
+@pytest.fixture(params=tracker_faces())
+def face(request: pytest.FixtureRequest) -> Face[TrackerRig]:
+    return request.param
+
+
+@pytest.fixture
+def subject(face: Face[TrackerRig]) -> Callable[[Scene], Any]:
+    """Runs a scene with an open tracker on this face."""
+
+    def play(scene: Scene) -> Any:
+        async def whole() -> Any:
+            async with face.rig(None) as rig:
+                return await scene(rig)
+
+        return face.run(whole())
+
+    return play
+
+
+async def failure_of(what: Coroutine[Any, Any, Any]) -> str:
+    with pytest.raises(CellError) as caught:
+        await what
+    return caught.value.name
+
+
+async def at(rig: TrackerRig, name: str) -> None:
+    """Select a reflector and search where it is, about."""
+    await rig.device.select(name)
+    await rig.device.find(rig.true(name) + 0.01, TIMEOUT_S)
+
+
+def test_a_twin_says_that_it_is_one(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: TrackerRig) -> None:
+        identity = await rig.device.identify()
+        assert identity.serial == "99994400001"
+        assert identity.is_twin
+        assert identity.model
+        assert identity.version
+
+    subject(scene)
+
+
+@pytest.mark.parametrize("reflector", ["m1", "m4"])
+def test_a_reflector_is_measured_where_it_is_within_the_stated_noise(
+    subject: Callable[[Scene], Any], reflector: str
+) -> None:
+    async def scene(rig: TrackerRig) -> None:
+        await at(rig, reflector)
+        asked = rig.clock.now()
+        sample = await rig.device.measure(WINDOW_S, SCATTER_M, TIMEOUT_S)
+        true, noise = rig.true(reflector), rig.device.noise
+        sigma = noise.sigma0_m + noise.sigma_per_m * float(np.linalg.norm(true))
+        count = sample.value.count
+        assert count >= 3
+        # Six sigma of a mean of so many, along each axis.
+        np.testing.assert_allclose(sample.value.point, true, atol=6 * sigma / np.sqrt(count))
+        assert sample.value.scatter_m < 6 * sigma
+        assert sample.t - sample.dt >= asked - 1e-9
+        assert sample.t + sample.dt <= rig.clock.now() + 1e-9
+        assert sample.value.temperature_c == pytest.approx(20.0, abs=20.0)
+        assert sample.value.pressure_pa == pytest.approx(101e3, rel=0.1)
+        assert sample.value.warnings == ()
+
+    subject(scene)
+
+
+def test_the_stream_shows_the_point_while_it_is_locked(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: TrackerRig) -> None:
+        await rig.device.wait_fresh(2.0)
+        first = rig.device.readings.latest(1.0).value
+        assert first.point is None
+        assert not first.locked
+        await at(rig, "m2")
+        state = rig.device.readings.latest(1.0).value
+        assert state.locked
+        np.testing.assert_allclose(state.point, rig.true("m2"), atol=1e-3)
+        await rig.device.wait_fresh(2.0)
+        np.testing.assert_allclose(rig.device.readings.latest(1.0).value.point, rig.true("m2"), atol=1e-3)
+
+    subject(scene)
+
+
+def test_a_broken_beam_is_told_by_name_and_found_again_after_a_search(
+    subject: Callable[[Scene], Any],
+) -> None:
+    async def scene(rig: TrackerRig) -> None:
+        await at(rig, "m1")
+        await rig.inject("beam-break")
+        assert await failure_of(rig.device.measure(WINDOW_S, SCATTER_M, 3.0)) == "TRACKER_BEAM_BROKEN"
+        assert not rig.device.readings.latest(2.0).value.locked
+        assert await failure_of(rig.device.find(rig.true("m1"), 0.5)) == "TRACKER_NO_TARGET"
+        await rig.inject("clear")
+        await rig.device.find(rig.true("m1"), TIMEOUT_S)
+        np.testing.assert_allclose(
+            (await rig.device.measure(WINDOW_S, SCATTER_M, TIMEOUT_S)).value.point, rig.true("m1"), atol=1e-3
+        )
+
+    subject(scene)
+
+
+def test_where_no_reflector_is_none_is_found(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: TrackerRig) -> None:
+        await rig.device.select("m1")
+        behind = -rig.true("m1") * [1.0, 1.0, -1.0]
+        assert await failure_of(rig.device.find(behind, 2.0)) == "TRACKER_NO_TARGET"
+
+    subject(scene)
+
+
+def test_a_stand_that_shakes_gives_no_point(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: TrackerRig) -> None:
+        await at(rig, "m1")
+        await rig.inject("vibration", m=0.002, hz=3.3)
+        assert await failure_of(rig.device.measure(0.3, 5e-5, 0.8)) == "TRACKER_UNSTABLE"
+        await rig.inject("clear")
+        await rig.device.measure(WINDOW_S, SCATTER_M, TIMEOUT_S)
+
+    subject(scene)
+
+
+def test_data_that_the_instrument_doubts_are_valid_with_a_warning(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: TrackerRig) -> None:
+        await at(rig, "m1")
+        await rig.inject("doubtful")
+        sample = await rig.device.measure(WINDOW_S, SCATTER_M, TIMEOUT_S)
+        assert len(sample.value.warnings) == 1
+        np.testing.assert_allclose(sample.value.point, rig.true("m1"), atol=1e-3)
+
+    subject(scene)
+
+
+def test_a_constant_of_another_reflector_is_an_error_of_the_range_alone(
+    subject: Callable[[Scene], Any],
+) -> None:
+    async def scene(rig: TrackerRig) -> None:
+        await at(rig, "m1")
+        await rig.inject("wrong-constant", m=0.0169)
+        point = (await rig.device.measure(WINDOW_S, SCATTER_M, TIMEOUT_S)).value.point
+        true = rig.true("m1")
+        away = np.linalg.norm(true)
+        np.testing.assert_allclose(point, true * (1 + 0.0169 / away), atol=3e-4)
+        await rig.device.select("m1")
+        point = (await rig.device.measure(WINDOW_S, SCATTER_M, TIMEOUT_S)).value.point
+        np.testing.assert_allclose(point, true, atol=3e-4)
+
+    subject(scene)
+
+
+def test_an_unknown_reflector_is_told_by_name(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: TrackerRig) -> None:
+        assert await failure_of(rig.device.select("smr9")) == "TRACKER_REFLECTOR_UNKNOWN"
+
+    subject(scene)
+
+
+@pytest.mark.parametrize("fault", ["silence", "drop"])
+def test_a_lost_link_ends_a_measurement_and_the_next_opening_is_a_new_epoch(
+    subject: Callable[[Scene], Any], face: Face[TrackerRig], fault: str
+) -> None:
+    if fault in face.lacks:
+        pytest.skip(f"the {face.name} face has no {fault}")
+
+    async def scene(rig: TrackerRig) -> None:
+        await at(rig, "m1")
+        epoch = rig.device.readings.epoch
+
+        async def break_it() -> None:
+            await rig.clock.sleep(0.3)
+            await rig.inject(fault)
+
+        breaking = asyncio.create_task(break_it())
+        assert await failure_of(rig.device.measure(8.0, SCATTER_M, 20.0)) == "DEVICE_LOST"
+        await breaking
+        assert getattr(await rig.device.wait_lost(), "name", "") == "DEVICE_LOST"
+        assert await failure_of(rig.device.identify()) == "DEVICE_LOST"
+        await rig.inject("clear")
+        await rig.device.close()
+        await rig.device.open()
+        assert rig.device.readings.epoch == epoch + 1
+        await at(rig, "m1")
+        await rig.device.measure(WINDOW_S, SCATTER_M, TIMEOUT_S)
+
+    subject(scene)

@@ -1,0 +1,112 @@
+"""The faces on which the contract of a tracker is run: object, GeoCOM on TCP and on a serial line."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+from wire_faces import Face, Rig
+
+from cell.clock import MonotonicClock
+from cell.devices import LaserTracker
+from cell.poses import Array
+from drivers.tracker import GeocomConfig, GeocomTracker
+from fakes.geocom import Instrument, StationFaults, StationWires
+from fakes.listening import TcpPlace
+from fakes.object import ObjectTracker, VirtualClock, run_virtual
+from fakes.scenario import Scenario
+from fakes.tracker import Tracker
+from fakes.tracker_faults import TrackerFaults
+from fakes.world import World
+
+SCENARIO = "tracker"  # a UR10e with two reflectors, and four monuments, before a tracker
+HOST = "127.0.41.4"
+DRIVER: dict[str, Any] = {
+    "sigma0_m": 15e-6,
+    "sigma_per_m": 6e-6,
+    "poll_period_s": 0.05,
+    "timeout_s": 1.0,
+    "distance_timeout_s": 1.0,
+    "lost_after_failures": 1,
+}
+
+
+@dataclass
+class TrackerRig(Rig[LaserTracker]):
+    """``tracker`` is the instrument in the world, for the truth."""
+
+    tracker: Tracker
+
+    def true(self, reflector: str) -> Array:
+        """Where a reflector is now, tracker frame (3,)."""
+        return np.array(self.tracker.sight.local(reflector, self.clock.now()))
+
+
+@asynccontextmanager
+async def _object(_: None) -> AsyncIterator[TrackerRig]:
+    clock = VirtualClock()
+    device = ObjectTracker("tracker", ObjectTracker.Config(scenario=SCENARIO), clock)
+
+    async def inject(kind: str, **arguments: Any) -> None:
+        device.inject(kind, **arguments)
+
+    await device.open()
+    try:
+        yield TrackerRig(device, clock, inject, device.tracker_plant.tracker)
+    finally:
+        await device.close()
+
+
+def _wire(scheme: str) -> Callable[[None], AbstractAsyncContextManager[TrackerRig]]:
+    @asynccontextmanager
+    async def rig(_: None) -> AsyncIterator[TrackerRig]:
+        clock = MonotonicClock()
+        tracker = World.from_scenario(Scenario.load(SCENARIO), clock.now()).tracker
+        assert tracker is not None
+        with TemporaryDirectory(prefix="tracker-") as folder:
+            line = Path(folder) / "tracker.tty"
+            wires = StationWires(Instrument(tracker, time.monotonic), (TcpPlace(HOST, 0),), line)
+            of_tracker = TrackerFaults(tracker, time.monotonic)
+            faults = StationFaults(wires, of_tracker)
+            await wires.start()
+            host, port = wires.addresses[0]
+            labels = {n: {"constant_m": r.labelled_constant_m} for n, r in tracker.reflectors.items()}
+            config = GeocomConfig(
+                url=f"tcp://{host}:{port}" if scheme == "tcp" else f"serial://{line}",
+                reflectors=labels,  # type: ignore[arg-type]
+                checksum=scheme == "serial",
+                **DRIVER,
+            )
+            device = GeocomTracker("tracker", config, clock)
+
+            async def inject(kind: str, **arguments: Any) -> None:
+                offered = {fault.value: fault for fault in faults.offers()}
+                faults.clear() if kind == "clear" else faults.inject(offered[kind], arguments)
+
+            try:
+                await device.open()
+                yield TrackerRig(device, clock, inject, tracker)
+            finally:
+                await device.close()
+                faults.close()
+                of_tracker.close()
+                await wires.stop()
+                await asyncio.sleep(0)
+
+    return rig
+
+
+def tracker_faces() -> list[Any]:
+    """Parameters for a fixture."""
+    faces = [
+        Face("object", run_virtual, _object),
+        Face("geocom-tcp", asyncio.run, _wire("tcp"), wire=True),
+        Face("geocom-serial", asyncio.run, _wire("serial"), wire=True, lacks=frozenset({"drop"})),
+    ]
+    return [pytest.param(f, id=f.name, marks=[pytest.mark.wire] if f.wire else []) for f in faces]
