@@ -1,6 +1,5 @@
 """Bringing a CiA 406 node from whatever state to sending its position: check, map, time, range, heartbeat."""
 
-import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
@@ -43,7 +42,7 @@ async def set_up(
     ``DEVICE_UNREACHABLE`` when it does not answer in time, ``ENCODER_OTHER_DEVICE`` when it is no encoder,
     ``ENCODER_REFUSED`` when it does not take a setting, ``ENCODER_RANGE`` when its range is of no use.
     """
-    kind = await _wait_for_node(name, config, sdo, clock)
+    kind = await _wait_for_node(name, config, sdo, send, clock)
     if kind & 0xFFFF != _ENCODER_PROFILE:
         raise error(
             "ENCODER_OTHER_DEVICE",
@@ -62,8 +61,13 @@ async def set_up(
     return NodeSetup(identity, modulus, position, speed, heartbeat)
 
 
-async def _wait_for_node(name: str, config: CanopenEncoderConfig, sdo: SdoClient, clock: Clock) -> int:
-    """The device type 1000h, asked for until the time is over: a node may still be starting."""
+async def _wait_for_node(
+    name: str, config: CanopenEncoderConfig, sdo: SdoClient, send: Send, clock: Clock
+) -> int:
+    """The device type 1000h, asked for until the time is over: a node may still be starting.
+
+    One that was stopped answers no SDO, so it is sent back to where it does.
+    """
     begun = clock.now()
     while True:
         try:
@@ -77,7 +81,8 @@ async def _wait_for_node(name: str, config: CanopenEncoderConfig, sdo: SdoClient
                     f"{name}: no node {config.node} answers on {config.bus}"
                     " (power, wiring, bit rate, node number?)",
                 ) from exc
-        await asyncio.sleep(_ASK_AGAIN_S)
+        await send(_NMT_ID, bytes([PRE_OPERATIONAL, config.node]))
+        await clock.sleep(_ASK_AGAIN_S)
 
 
 async def _identity(kind: int, sdo: SdoClient) -> Identity:

@@ -1,0 +1,260 @@
+"""What every belt encoder promises, on every face."""
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from encoder_faces import EncoderRig, encoder_faces
+from wire_faces import Face
+
+from cell.devices import Encoder
+from cell.errors import CellError
+
+Scene = Callable[[EncoderRig], Coroutine[Any, Any, Any]]
+M_PER_COUNT, SERIAL, RANGE = 1e-4, "999966001", 65536
+
+
+@pytest.fixture(params=encoder_faces())
+def face(request: pytest.FixtureRequest) -> Face[EncoderRig]:
+    return request.param
+
+
+@pytest.fixture
+def subject(face: Face[EncoderRig]) -> Callable[[Scene], Any]:
+    """Runs a scene with an open encoder on this face."""
+
+    def play(scene: Scene) -> Any:
+        async def whole() -> Any:
+            async with face.rig(None) as rig:
+                return await scene(rig)
+
+        return face.run(whole())
+
+    return play
+
+
+async def loss_of(device: Encoder) -> CellError:
+    """What ended the link; it must come within two seconds."""
+    async with asyncio.timeout(2.0):
+        found = await device.wait_lost()
+    assert isinstance(found, CellError)
+    return found
+
+
+async def reopen(rig: EncoderRig) -> None:
+    """As the supervisor does: until it opens and gives a sample."""
+    async with asyncio.timeout(6.0):
+        while True:
+            await rig.device.close()
+            try:
+                await rig.device.open()
+                await rig.device.wait_fresh(1.0)
+                return
+            except CellError as exc:
+                if exc.name not in ("DEVICE_UNREACHABLE", "DEVICE_LOST", "CAN_BUS_OFF"):
+                    raise
+            await rig.clock.sleep(0.05)
+
+
+def test_a_twin_says_that_it_is_one_and_tells_range_and_period(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: EncoderRig) -> None:
+        found = await rig.device.identify()
+        assert found.serial == SERIAL
+        assert found.is_twin
+        assert rig.device.modulus == RANGE
+        assert rig.device.period_s == 0.005
+
+    subject(scene)
+
+
+def test_counts_follow_the_belt_within_their_stated_time(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: EncoderRig) -> None:
+        await rig.clock.sleep(0.6)
+        samples = rig.samples()
+        assert len(samples) > 60
+        assert all(a.t <= b.t and a.seq < b.seq for a, b in pairwise(samples))
+        assert samples[0].value.count == 0
+        counted = np.array([s.value.count for s in samples]) * M_PER_COUNT
+        true = np.array([rig.belt.travel_at(s.t) for s in samples])
+        off = (counted - true) - np.median(counted - true)
+        fastest = 0.2
+        allowed = M_PER_COUNT + fastest * (np.array([s.dt for s in samples]) + 0.003)
+        assert np.mean(np.abs(off) <= allowed) > 0.9
+
+    subject(scene)
+
+
+def test_raw_is_the_encoders_own_position_and_count_goes_on_where_it_wraps(
+    subject: Callable[[Scene], Any],
+) -> None:
+    async def scene(rig: EncoderRig) -> None:
+        await rig.inject("belt-stop", accel=10.0)
+        await rig.clock.sleep(0.15)
+        await rig.device.close()
+        await rig.inject("wrap", before=50)
+        await reopen(rig)
+        rig.belt.run(rig.clock.now(), 0.15, 10.0)
+        await rig.clock.sleep(0.3)
+        samples = rig.samples()
+        first, last = samples[0].value, samples[-1].value
+        assert first.raw == RANGE - 50
+        assert 0 <= last.raw < 2000, "it has wrapped"
+        assert all((s.value.count - (s.value.raw - first.raw)) % RANGE == 0 for s in samples)
+        assert 100 < last.count == last.raw + 50
+
+    subject(scene)
+
+
+def test_a_belt_that_stands_goes_on_giving_samples_and_one_that_turns_back_counts_down(
+    subject: Callable[[Scene], Any],
+) -> None:
+    async def scene(rig: EncoderRig) -> None:
+        await rig.inject("belt-stop", accel=10.0)
+        await rig.clock.sleep(0.15)
+        stood = (await rig.fresh()).value.count
+        await rig.clock.sleep(0.1)
+        assert (await rig.fresh()).value.count == stood
+        rig.belt.run(rig.clock.now(), -0.15, 10.0)
+        await rig.clock.sleep(0.2)
+        assert (await rig.fresh()).value.count < stood - 100
+
+    subject(scene)
+
+
+def test_slip_is_seen_as_travel(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: EncoderRig) -> None:
+        await rig.inject("belt-stop", accel=10.0)
+        await rig.clock.sleep(0.15)
+        before = (await rig.fresh()).value.count
+        await rig.inject("slip", m=0.005, s=0.02)
+        await rig.clock.sleep(0.1)
+        assert (await rig.fresh()).value.count - before == pytest.approx(50, abs=1)
+
+    subject(scene)
+
+
+def test_lost_frames_are_counted_and_are_no_loss_of_the_device(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: EncoderRig) -> None:
+        await rig.fresh()
+        before = rig.device.counts.gaps
+        await rig.inject("gap", count=7)
+        await rig.clock.sleep(0.25)
+        await rig.fresh()
+        assert rig.device.counts.gaps - before >= 6
+        assert rig.device.counts.epoch == 1
+
+    subject(scene)
+
+
+def test_silence_makes_counts_stale_and_then_loses_the_device(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: EncoderRig) -> None:
+        await rig.fresh()
+        await rig.inject("silence")
+        await rig.clock.sleep(0.1)
+        with pytest.raises(CellError) as stale:
+            rig.device.counts.latest(0.05)
+        assert stale.value.name == "STALE_DATA"
+        assert (await loss_of(rig.device)).name == "DEVICE_LOST"
+        with pytest.raises(CellError):
+            await rig.device.identify()
+        await rig.inject("clear")
+        await reopen(rig)
+
+    subject(scene)
+
+
+def test_an_encoder_that_is_unplugged_is_lost_cannot_be_opened_and_comes_back_in_a_new_epoch(
+    subject: Callable[[Scene], Any],
+) -> None:
+    async def scene(rig: EncoderRig) -> None:
+        await rig.fresh()
+        epoch = rig.device.counts.epoch
+        await rig.inject("unplug")
+        assert (await loss_of(rig.device)).name == "DEVICE_LOST"
+        await rig.device.close()
+        with pytest.raises(CellError) as caught:
+            await rig.device.open()
+        assert caught.value.name == "DEVICE_UNREACHABLE"
+        await rig.inject("clear")
+        await reopen(rig)
+        assert rig.device.counts.epoch > epoch
+        assert rig.samples()[0].value.count == 0
+
+    subject(scene)
+
+
+def test_a_dropped_link_is_told_at_once(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: EncoderRig) -> None:
+        await rig.fresh()
+        told = rig.clock.now()
+        await rig.inject("drop")
+        assert (await loss_of(rig.device)).name == "DEVICE_LOST"
+        assert rig.clock.now() - told < 0.2
+        await reopen(rig)
+
+    subject(scene)
+
+
+def test_a_bus_that_goes_off_is_told_by_name(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: EncoderRig) -> None:
+        await rig.fresh()
+        await rig.inject("bus-off")
+        assert (await loss_of(rig.device)).name == "CAN_BUS_OFF"
+        await rig.inject("clear")
+        await reopen(rig)
+
+    subject(scene)
+
+
+def test_a_node_that_another_master_stops_is_lost_and_started_again(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: EncoderRig) -> None:
+        await rig.fresh()
+        await rig.inject("node-stop")
+        assert (await loss_of(rig.device)).name in ("ENCODER_NOT_OPERATIONAL", "DEVICE_LOST")
+        await reopen(rig)
+
+    subject(scene)
+
+
+def test_a_node_that_restarts_is_configured_again_and_begins_a_new_epoch(
+    subject: Callable[[Scene], Any],
+) -> None:
+    async def scene(rig: EncoderRig) -> None:
+        await rig.fresh()
+        epoch = rig.device.counts.epoch
+        await rig.inject("reboot", boot_s=0.05)
+        async with asyncio.timeout(2.0):
+            while rig.device.counts.epoch == epoch or rig.device.counts.last() is None:
+                await rig.clock.sleep(0.01)
+        assert rig.device.counts.epoch == epoch + 1
+        assert rig.samples()[0].value.count == 0
+        await rig.fresh()
+        await rig.device.identify()
+
+    subject(scene)
+
+
+def test_another_node_in_the_place_of_ours_ends_the_link(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: EncoderRig) -> None:
+        await rig.fresh()
+        await rig.inject("reboot", boot_s=0.05, serial="999966077")
+        assert (await loss_of(rig.device)).name == "DEVICE_LOST"
+        await reopen(rig)
+        assert (await rig.device.identify()).serial == "999966077"
+
+    subject(scene)
+
+
+def test_a_closed_encoder_says_so_and_closing_again_is_harmless(subject: Callable[[Scene], Any]) -> None:
+    async def scene(rig: EncoderRig) -> None:
+        await rig.device.close()
+        await rig.device.close()
+        assert (await loss_of(rig.device)).name == "DEVICE_LOST"
+        with pytest.raises(CellError):
+            await rig.device.identify()
+        assert isinstance(rig.device.health(), dict)
+
+    subject(scene)
