@@ -2,11 +2,12 @@
 
 from cell.procedure import Procedure
 from procedures.cone_capture import ConeCapture
+from procedures.iso9283 import Iso9283Test
 from procedures.laser.check import LaserCheck
 from procedures.laser.reference import LaserReference
 from procedures.laser.update import LaserUpdate
 from procedures.latency import LatencyCalibration
 from procedures.tracker import TrackerSampling
 
-_ALL = (ConeCapture, LaserReference, LaserCheck, LaserUpdate, TrackerSampling, LatencyCalibration)
+_ALL = (ConeCapture, LaserReference, LaserCheck, LaserUpdate, TrackerSampling, LatencyCalibration, Iso9283Test)
 JOBS: dict[str, type[Procedure]] = {job.name: job for job in _ALL}

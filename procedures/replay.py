@@ -65,11 +65,18 @@ def _tracker(path: Path, info: Info, recorded: Info) -> dict[str, Any]:
     return solve_within_limits(path, info["job_config"])
 
 
+def _iso9283(path: Path, info: Info, recorded: Info) -> dict[str, Any]:
+    from procedures.iso9283.judging import solve_iso9283
+
+    return solve_iso9283(path, {key: info["job_config"].get(key) for key in ("max_AP_m", "max_RP_m")})
+
+
 _JOBS: dict[str, tuple[str, Again]] = {
     "cone-capture": ("capture.json", _capture),
     "laser-reference": ("laser.json", _reference),
     "laser-check": ("laser.json", _check),
     "laser-update": ("laser.json", _update),
+    "iso9283": ("iso9283.json", _iso9283),
     "latency-calibration": ("latency.json", _latency),
     "tracker-sampling": ("kincal.json", _tracker),
 }

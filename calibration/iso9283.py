@@ -1,0 +1,137 @@
+"""Pose accuracy and pose repeatability of positioning, in the manner of ISO 9283:1998 (7.2.1 and 7.2.2).
+
+The five poses lie on a diagonal plane of a cube: one in its middle, four a tenth of the diagonal's length
+from the corners. Attitude accuracy is not measured: one reflector shows places alone.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtri
+
+from cell.poses import Array
+
+POSES, CYCLES = 5, 30  # of the standard
+FORMULA_AP = "AP = |mean(p) - p_commanded|: distance of the barycentre from the commanded place"
+FORMULA_RP = "RP = mean(l) + 3 S_l, l = |p - mean(p)|, S_l with n - 1: of the attained places"
+PLANES = {  # corners of the diagonal plane that rises in this direction of the base, one after the other
+    "+x": ((-1, -1, -1), (-1, 1, -1), (1, 1, 1), (1, -1, 1)),
+    "-x": ((1, -1, -1), (1, 1, -1), (-1, 1, 1), (-1, -1, 1)),
+    "+y": ((-1, -1, -1), (1, -1, -1), (1, 1, 1), (-1, 1, 1)),
+    "-y": ((-1, 1, -1), (1, 1, -1), (1, -1, 1), (-1, -1, 1)),
+}
+_INSIDE = 0.8  # of the way to a corner: a tenth of the whole diagonal from its end
+_MEAN, _SD = np.sqrt(8.0 / np.pi), np.sqrt(3.0 - 8.0 / np.pi)  # of the length of a unit normal 3-vector
+_RADIUS95 = float(np.sqrt(chdtri(3, 0.05)))
+_DRIFT_CHANCE = 1e-3
+_LEAST_FOR_DRIFT = 6
+
+
+@dataclass(frozen=True, eq=False)
+class PoseFigures:
+    """One pose. ``barycentre`` (3,) and ``deviation`` (3,) from the commanded place, m.
+
+    ``AP`` and ``RP`` (m) are as measured, ``AP_U`` and ``RP_U`` the half-widths of 95 % intervals;
+    ``tracker_AP`` and ``tracker_RP`` what the tracker alone gives for a perfect arm.
+    """
+
+    barycentre: Array
+    deviation: Array
+    mean_distance: float
+    std_distance: float
+    AP: float
+    AP_U: float
+    RP: float
+    RP_U: float
+    tracker_AP: float
+    tracker_RP: float
+    count: int
+
+
+def five_places(centre: Array, edge_m: float, plane: str) -> Array:
+    """(5, 3) m: P1 to P5 in a cube with its edges along the base's axes; ``plane`` is a key of ``PLANES``."""
+    corners = np.array(PLANES[plane], dtype=float)
+    out: Array = centre + np.vstack([np.zeros(3), _INSIDE * 0.5 * edge_m * corners])
+    return out
+
+
+def other_corners(centre: Array, edge_m: float, plane: str) -> Array:
+    """(4, 3) m: the corners that are not on the plane, as far inside: the nine together fill the cube."""
+    signs = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    rest = np.array([s for s in signs if s not in PLANES[plane]], dtype=float)
+    out: Array = centre + _INSIDE * 0.5 * edge_m * rest
+    return out
+
+
+def figures(points: Array, commanded: Array, sigma_m: float) -> PoseFigures:
+    """AP and RP of attained places (n, 3) m, n > 1, of which ``commanded`` (3,) was wanted.
+
+    ``sigma_m`` is the tracker's standard deviation of a reading along one axis. Averaging is given no
+    credit: what a tracker states is not all noise that averages out.
+    """
+    n = len(points)
+    mean = points.mean(axis=0)
+    distance = np.linalg.norm(points - mean, axis=1)
+    spread = float(np.std(distance, ddof=1))
+    cov = sigma_m**2 * np.eye(3) + np.cov(points.T) / n
+    deviation = mean - commanded
+    return PoseFigures(
+        barycentre=mean,
+        deviation=deviation,
+        mean_distance=float(distance.mean()),
+        std_distance=spread,
+        AP=float(np.linalg.norm(deviation)),
+        AP_U=_radius95(cov),
+        RP=repeatability(points),
+        RP_U=1.96 * _jackknife(points),
+        tracker_AP=_RADIUS95 * sigma_m,
+        tracker_RP=float(_MEAN + 3.0 * _SD) * sigma_m,
+        count=n,
+    )
+
+
+def repeatability(points: Array) -> float:
+    """RP (m) of attained places (n, 3)."""
+    distance = np.linalg.norm(points - points.mean(axis=0), axis=1)
+    return float(distance.mean() + 3.0 * np.std(distance, ddof=1))
+
+
+def _jackknife(points: Array) -> float:
+    """Standard deviation of RP (Quenouille 1956, Tukey 1958); 0 of fewer than three places."""
+    n = len(points)
+    if n < 3:
+        return 0.0
+    without = np.array([repeatability(np.delete(points, k, axis=0)) for k in range(n)])
+    return float(np.sqrt((n - 1) / n * np.sum((without - without.mean()) ** 2)))
+
+
+def _radius95(cov: Array) -> float:
+    trace, square = float(np.trace(cov)), float(np.sum(cov * cov))
+    return float(np.sqrt(square / trace * chdtri(trace**2 / square, 0.05)))
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """How far all poses moved together from the first third of the cycles to the last: ``shift`` (3,) m, its
+    standard deviation along one axis, and whether chance explains it."""
+
+    shift: Array
+    sigma_m: float
+    beyond_noise: bool
+
+
+def drift(points: list[Array]) -> Drift | None:
+    """From the places (n, 3) of every pose in the order of the cycles; None of fewer than six cycles."""
+    least = min((len(p) for p in points), default=0)
+    if least < _LEAST_FOR_DRIFT:
+        return None
+    steps, variances = [], []
+    for p in points:
+        third = len(p) // 3
+        first, last = p[:third], p[-third:]
+        steps.append(last.mean(axis=0) - first.mean(axis=0))
+        variances.append(float(np.mean(first.var(axis=0, ddof=1) + last.var(axis=0, ddof=1))) / third)
+    shift = np.mean(steps, axis=0)
+    sigma = float(np.sqrt(np.sum(variances))) / len(points)
+    away = float(np.linalg.norm(shift))
+    return Drift(shift, sigma, bool(sigma > 0.0 and (away / sigma) ** 2 > chdtri(3, _DRIFT_CHANCE)))

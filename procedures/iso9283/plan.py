@@ -1,0 +1,146 @@
+"""Planning for the worker process: which joints are sent, in which order; nothing here touches a device."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from calibration.identification.application import reach
+from calibration.identification.correction import chain_of
+from calibration.iso9283 import five_places, other_corners
+from calibration.kinematics.serial import SerialChain
+from cell.errors import CellError, error
+from cell.poses import Array, from_pose6, to_pose6
+from procedures.arm_setup import lease_settings
+from procedures.iso9283.config import Iso9283Config
+
+ORDER = ("P5", "P4", "P3", "P2", "P1")  # one cycle: every pose is always reached from the same one
+
+
+@dataclass(frozen=True)
+class Station:
+    """A pose that is visited: the flange as wanted (pose6), the joints that are sent, and how far these are
+    from what the controller's own model would send (m, at the flange)."""
+
+    name: str
+    T_base_flange: list[float]
+    q: list[float]
+    shift_m: float
+
+
+@dataclass(frozen=True)
+class IsoPlan:
+    """``stations`` by name, those that only locate first; ``listing`` is what a person wants to see."""
+
+    stations: list[Station]
+    listing: dict[str, Any]
+
+
+def kinematics_of(values: Mapping[str, Any], config: Iso9283Config) -> Mapping[str, Any] | None:
+    """The calibrated arm in effect if the config wants it; ``ISO9283_NO_KINEMATICS`` when there is none."""
+    if not (config.corrected or config.registration == "kinematics"):
+        return None
+    found: Mapping[str, Any] | None = (values.get("kinematics") or {}).get("arm")
+    if found is None:
+        wanted = "corrected = true" if config.corrected else "registration = 'kinematics'"
+        raise error("ISO9283_NO_KINEMATICS", f"{wanted}, and no kinematics of the arm is in effect")
+    return found
+
+
+def point_of(values: Mapping[str, Any], config: Iso9283Config) -> list[float]:
+    """The reflector in the flange: as calibrated where the tracker's place is taken from the calibration."""
+    if config.registration == "fit":
+        return list(config.point)
+    found = kinematics_of(values, config)
+    assert found is not None
+    places = (found["robot"].get("tool") or {}) if found["robot"].get("family") != "palletizer4" else {}
+    if config.reflector not in places:
+        raise error(
+            "ISO9283_NO_KINEMATICS",
+            f"registration = 'kinematics', and the calibration does not know reflector {config.reflector}; "
+            f"it knows {', '.join(places) or 'none'}",
+        )
+    return [float(v) for v in places[config.reflector]]
+
+
+def plan_iso(values: Mapping[str, Any], raw: Mapping[str, Any], q_start: list[float]) -> IsoPlan:
+    """Every pose with its joints; ``ISO9283_PLAN_REFUSED`` names the pose that cannot be had and why."""
+    config = Iso9283Config.model_validate(raw)
+    guard = lease_settings(values)[0]
+    controller = chain_of(values["robot"])
+    calibrated = kinematics_of(values, config)
+    chain = controller if not config.corrected or calibrated is None else chain_of(calibrated["robot"])
+    near = np.array(values["poses"][config.near], dtype=float)
+    stations: list[Station] = []
+    for name, T in wanted_poses(config, point_of(values, config)).items():
+        q = _joints(name, T, near, chain)
+        try:
+            guard.check_joints(q)
+        except CellError as exc:
+            raise error("ISO9283_PLAN_REFUSED", f"pose {name}: {exc.detail}") from exc
+        told = controller.flange(q[None])[0][:3, 3]
+        shift = float(np.linalg.norm(told - T.translation))
+        stations.append(Station(name, to_pose6(T).tolist(), q.tolist(), shift))
+    by_name = {station.name: station for station in stations}
+    route = [s.name for s in stations if s.name not in ORDER] + [*ORDER, ORDER[0]]
+    _check_ways(guard, np.array(q_start), [by_name[name] for name in route])
+    listing = {
+        "poses": [
+            {
+                "index": k,
+                "pose": s.name,
+                "q": s.q,
+                "T_base_flange": s.T_base_flange,
+                "shift_m": s.shift_m,
+                "checks": guard.describe(np.array(s.q)).as_dict(),
+            }
+            for k, s in enumerate(stations)
+        ],
+        "order": list(ORDER),
+        "cycles": config.cycles,
+        "arrivals": config.cycles * len(ORDER) + len(stations) - len(ORDER),
+        "corrected": config.corrected,
+        "speed_share": config.speed_share,
+    }
+    return IsoPlan(stations, listing)
+
+
+def wanted_poses(config: Iso9283Config, point: list[float]) -> dict[str, RigidTransform]:
+    """``T_base_flange`` by name: poses that only locate (R1 ...), then P1 to P5."""
+    if config.poses is not None:
+        return {f"P{k}": from_pose6(pose) for k, pose in enumerate(config.poses, 1)}
+    assert config.cube is not None
+    cube, R = config.cube, Rotation.from_rotvec(config.cube.R_base_flange)
+    arm = R.apply(point)
+
+    def poses(letter: str, places: Array) -> dict[str, RigidTransform]:
+        return {f"{letter}{k}": RigidTransform.from_components(p - arm, R) for k, p in enumerate(places, 1)}
+
+    box = np.array(cube.centre), cube.edge_m, cube.plane
+    return {**poses("R", other_corners(*box)), **poses("P", five_places(*box))}
+
+
+def _joints(name: str, T: RigidTransform, near: Array, chain: SerialChain) -> Array:
+    found = reach(chain, T.as_matrix()[None], near[None], near[None], level=False)
+    if not found.found[0]:
+        where = ", ".join(f"{v:.3f}" for v in T.translation)
+        raise error(
+            "ISO9283_PLAN_REFUSED",
+            f"pose {name} with the flange at {where} m is out of the arm's reach from 'near'; the best "
+            f"attempt stays {1e3 * found.miss[0]:.1f} mm (or mrad) off",
+        )
+    q: Array = found.q[0]
+    return q
+
+
+def _check_ways(guard: Any, q_start: Array, route: list[Station]) -> None:
+    """The joint paths from where the arm is, and between all poses as they follow each other."""
+    joints = [("where the arm is", q_start), *((s.name, np.array(s.q)) for s in route)]
+    for (a, q0), (b, q1) in pairwise(joints):
+        try:
+            guard.check_path_joints(q0, q1)
+        except CellError as exc:
+            raise error("ISO9283_PLAN_REFUSED", f"from {a} to {b}: {exc.detail}") from exc

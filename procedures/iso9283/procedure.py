@@ -1,0 +1,66 @@
+"""Job ``iso9283``: the same poses many times, and where a tracker saw the reflector each time."""
+
+import asyncio
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from cell.errors import error
+from cell.procedure import Procedure, Run
+from procedures.iso9283.config import Iso9283Config
+from procedures.iso9283.judging import solve_iso9283
+from procedures.iso9283.plan import kinematics_of, point_of
+from procedures.iso9283.session import Session
+from procedures.iso9283.states import CHECKPOINTS, TRANSITIONS, State
+
+
+class Iso9283Test(Procedure):
+    """Measures AP and RP of the arm, with or without its calibrated kinematics; proposes nothing."""
+
+    name: ClassVar[str] = "iso9283"
+    number: ClassVar[int] = 11
+    Config = Iso9283Config
+    State = State
+    TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = TRANSITIONS
+    CHECKPOINTS: ClassVar[frozenset[Any]] = CHECKPOINTS
+
+    config: Iso9283Config
+
+    def uses(self) -> tuple[str, ...]:
+        return ("arm", "tracker")
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        poses = values["poses"]
+        if self.config.near not in poses:
+            there = ", ".join(poses) or "none"
+            raise error(
+                "ARGUMENT_INVALID", f"near = '{self.config.near}' is not in [poses]; there is {there}"
+            )
+        kinematics_of(values, self.config)
+        point_of(values, self.config)
+
+    async def run(self, run: Run) -> None:
+        session = Session(self.config, run)
+        await session.take_all()
+        await run.enter(State.SOLVE, f"{len(session.record.samples)} arrivals")
+        path = await asyncio.to_thread(session.write)
+        run.note("solve", event="started", samples=len(session.record.samples))
+        limits = {"max_AP_m": self.config.max_AP_m, "max_RP_m": self.config.max_RP_m}
+        run.result = await run.worker.call(solve_iso9283, path, limits)
+        await _keep_trends(run)
+
+    async def dry_run(self, run: Run) -> dict[str, Any]:
+        """Every pose with the guard's findings and the order of visits; nothing moves."""
+        return (await Session(self.config, run).plan()).listing
+
+
+async def _keep_trends(run: Run) -> None:
+    """The worst figures over the runs: wear shows in RP, a bent or bumped arm in AP."""
+    assert run.result is not None
+    answer = run.result["result"]
+    how = "corrected" if answer["corrected"] else "uncorrected"
+    histories = {}
+    for key in ("AP", "RP"):
+        name = f"iso9283.{key}_m.{how}.{run.arm().name}"
+        points = await run.cell.add_trend(name, answer[f"{key}_max"])
+        histories[name] = [[t, v] for t, v in points]
+    run.result["inputs"]["trend"] = histories
