@@ -22,6 +22,7 @@ log = logging.getLogger("cellward.devices")
 
 T = TypeVar("T")
 
+_SEARCH_PAUSE_S = 0.1
 _CLOSE_S = 0.02  # a loop's timer may be early by its resolution
 _MOST_MISSES = 2  # distances in a row that fail before the beam counts as broken
 
@@ -30,8 +31,10 @@ class GeocomTracker:
     """Points are in the frame of ``drivers.tracker.frames``: right-handed, z up, y at the circle's zero.
 
     ``readings`` has a point only while the instrument is locked and tracks distances, and all of
-    :meth:`measure`'s. Opening turns nothing; only :meth:`find` does. Reconnecting is the supervisor's
-    business: after an error ``close`` and ``open`` again.
+    :meth:`measure`'s. A tracked distance is older than the angles that it comes with, so such points are for
+    aiming and for looking; results come from :meth:`measure`, of a reflector at rest.
+    Opening turns nothing; only :meth:`find` does. Reconnecting is the supervisor's business: after an error
+    ``close`` and ``open`` again.
     """
 
     Config = GeocomConfig
@@ -141,30 +144,38 @@ class GeocomTracker:
             self._selected = reflector
 
     async def find(self, near: Array | None, timeout: float) -> None:
-        """Turn to ``near`` (3,), tracker frame, search around there, aim and lock.
+        """Turn to ``near`` (3,), tracker frame, search around there until there is a reflector, and lock.
 
-        ``TRACKER_NO_TARGET`` when there is no reflector, or not within ``timeout`` s; ``TRACKER_FAULT``,
-        ``TRACKER_REFUSED`` or another of the 23xx when the instrument cannot look.
+        ``TRACKER_NO_TARGET`` when there was none in ``timeout`` s; ``TRACKER_FAULT``, ``TRACKER_REFUSED`` or
+        another of the 23xx when the instrument cannot look.
         """
         deadline = self._clock.now() + timeout
         async with self._turn:
             self._found = self._locked = self._tracking = False
 
             def left() -> float:
-                if (rest := deadline - self._clock.now()) <= 0:
-                    raise self._not_found(timeout)
-                return min(rest, self._config.motion_timeout_s)
+                return min(max(deadline - self._clock.now(), _CLOSE_S), self._config.motion_timeout_s)
 
             async def look(station: Station) -> None:
+                failure = error("TRACKER_NO_TARGET", f"{self.name} found nothing in {timeout:g} s")
                 try:
                     if near is not None:
                         await station.turn_to(near, left())
-                    await station.search(left())
-                    await station.lock(left())
+                    while left() > _CLOSE_S:
+                        try:
+                            await station.search(left())
+                            await station.lock(left())
+                            return
+                        except CellError as exc:
+                            if exc.name != failure.name:
+                                raise
+                            failure = exc
+                        await self._clock.sleep(_SEARCH_PAUSE_S)
                 except NoAnswer as exc:
-                    if self._clock.now() < deadline - _CLOSE_S:
+                    if left() > _CLOSE_S:
                         raise
-                    raise self._not_found(timeout) from exc
+                    raise failure from exc
+                raise failure
 
             await self._do(look)
             self._found = self._locked = True
@@ -306,9 +317,6 @@ class GeocomTracker:
 
     def _unreachable(self, what: str) -> CellError:
         return error("DEVICE_UNREACHABLE", f"{self.name} at {self._config.url}: {what}")
-
-    def _not_found(self, timeout: float) -> CellError:
-        return error("TRACKER_NO_TARGET", f"{self.name} found nothing in {timeout:g} s")
 
     def _lost_target(self, reading: Reading) -> CellError:
         name = "TRACKER_BEAM_BROKEN" if self._found else "TRACKER_NO_TARGET"
