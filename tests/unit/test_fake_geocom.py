@@ -199,6 +199,22 @@ def test_the_point_of_every_procedure_is_the_same_and_true() -> None:
     play(scene)
 
 
+def test_without_noise_the_point_is_exact_to_the_digits_that_are_sent() -> None:
+    async def scene(subject: Instrument) -> None:
+        quiet = {"sigma0_m": 0.0, "sigma_per_m": 0.0}
+        subject.tracker.truth = subject.tracker.truth.model_copy(update=quiet)
+        await lock(subject)
+        true = subject.tracker.sight.local("smr1", subject.now())
+        await call(subject, 2008, 1, 1)
+        _, coordinate = await call(subject, 2116, 1000, 1)
+        assert coordinate == pytest.approx(true, abs=1e-12)
+        _, (hz, v, slope) = await call(subject, 2108, 1000, 1)
+        assert (hz, v) == pytest.approx(polar(true), abs=1e-12)
+        assert slope == pytest.approx(np.linalg.norm(true), abs=1e-12)
+
+    play(scene)
+
+
 def test_a_distance_takes_its_time_and_is_not_there_before() -> None:
     async def scene(subject: Instrument) -> None:
         await lock(subject)
