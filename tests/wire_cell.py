@@ -50,7 +50,11 @@ class WireCell:
     def _spawn(self, command: list[Any], log: str) -> subprocess.Popen[bytes]:
         with (self.folder / log).open("ab") as out:
             return subprocess.Popen(
-                [str(c) for c in command], stdin=subprocess.DEVNULL, stdout=out, stderr=out
+                [str(c) for c in command],
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=out,
+                preexec_fn=_as_the_service_runs,
             )
 
     def kill_daemon(self, number: signal.Signals = signal.SIGKILL) -> None:
@@ -160,7 +164,7 @@ class WireCell:
 
 
 def _as_the_service_runs() -> None:
-    """The unit's Nice=, where the system permits it."""
+    """The unit's Nice=, where the system permits it; a controller has a machine of its own."""
     with suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, -5)
 

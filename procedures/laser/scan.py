@@ -4,8 +4,6 @@ The search is that of the source: out and back across the beam, a step down when
 on the way out alone thrown away. The arm rests between the ways; what they showed is on disk before the next.
 """
 
-import asyncio
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,17 +15,16 @@ from cell.errors import error
 from cell.motion import MotionLease
 from cell.procedure import FinishRequested, Run
 from procedures.laser.config import BEAMS, Search
-from procedures.laser.faults import Fault, crossing_fault, fault_of, gap_of, one_sided, stuck_dark
+from procedures.laser.faults import crossing_fault, fault_of, gap_of, one_sided, stuck_dark
+from procedures.laser.pairs import LOCATE, Judge, Pair, Pairs, beam_of, even_shares
 from procedures.laser.path import Course, Station, deepest, heights_at, highest, way_out
 from procedures.laser.record import PassRecord
 from procedures.laser.states import ScanState as S
-from procedures.laser.sweep import POLL_TIMEOUT_S, Beam, Sweeper, Way
+from procedures.laser.sweep import POLL_TIMEOUT_S, Sweeper, Way
 
 SAME_M = 1e-6
 FRESH_S = 0.1
 GOLDEN = 0.6180339887498949  # multiples of it, modulo 1, are spread evenly however many they are
-Pair = tuple[Way, Way]
-Judge = Callable[[Way, Way], Fault | None]
 
 
 @dataclass(frozen=True)
@@ -56,12 +53,9 @@ class Scan:
         self.inputs: DigitalInputs = run.inputs("beams")
         self.complete = False
         self._speed, self._offset_s, self._retract_pose = speed, offset_s, retract_pose
-        self._beams = {
-            name: Beam(name, self.inputs.names.index(search.beam(name).input), search.beam(name).across_unit)
-            for name in BEAMS
-        }
+        self._beams = {name: beam_of(search, name, self.inputs.names) for name in BEAMS}
         self._lease: MotionLease
-        self._sweeper: Sweeper
+        self._pairs: Pairs
         self._station: Station
         self._s, self._depth = 0.0, 0.0
         self._missing: dict[str, str] = {}
@@ -76,7 +70,8 @@ class Scan:
         """All passes; after a finish those that were taken by then. The tool ends clear of the beams."""
         run, arm, search = self.run, self.run.arm(), self.search
         self._lease = lease
-        self._sweeper = Sweeper(arm, self.inputs, lease, run.clock, self._offset_s)
+        sweeper = Sweeper(arm, self.inputs, lease, run.clock, self._offset_s)
+        self._pairs = Pairs(run, search, self.record, sweeper)
         self._first = True
         heights = sum(len(heights_at(search, s)) for s in self.course.stations)
         run.progress(0, heights * search.passes)
@@ -185,30 +180,18 @@ class Scan:
         await run.enter(S.MEASURE, f"{self._station.name}, {1e3 * depth:.2f} mm down")
         await self._move(0.0, self._depth)
         await self._move(0.0, depth)
-        speed = replace(self._speed, tcp_m_s=search.search_speed_m_s)
-        seen = await self._pair(
-            "locate", 0.0, self._station.distance_m, speed, partial(crossing_fault, search=search)
-        )
-        begin, end = self._window(self._span(*seen), search.measure_speed_m_s)
+        fast, slow = search.search_speed_m_s, search.measure_speed_m_s
+        crossed = partial(crossing_fault, search=search)
+        seen = await self._pair(LOCATE, 0.0, self._station.distance_m, fast, crossed)
+        begin, end = self._window(self._span(*seen), slow)
         await self._move(begin, depth)
-        speed = replace(self._speed, tcp_m_s=search.measure_speed_m_s)
         period = float(np.median(np.diff([p.t for p in seen[0].polls])))
         judge = partial(fault_of, search=search)
-        for stagger in self._staggers():
-            wait = stagger[0] * period, stagger[1] * period
-            await self._pair("measure", begin, end, speed, judge, wait)
+        self._groups += 1
+        for out, back in even_shares(search.passes, GOLDEN * self._groups):  # anew for each height
+            await self._pair("measure", begin, end, slow, judge, (out * period, back * period))
             self._taken += 1
             run.progress(self._taken, run.steps)
-
-    def _staggers(self) -> list[tuple[float, float]]:
-        """For each pass, by which share of the polls' period its two ways begin after a poll.
-
-        Polls that fall differently in each way narrow the intervals of the edges together. The shares are
-        spread evenly, those of the ways back between those of the ways out, and anew for each height.
-        """
-        self._groups += 1
-        shares = (GOLDEN * self._groups + np.arange(2 * self.search.passes) / (2 * self.search.passes)) % 1.0
-        return [(float(a), float(b)) for a, b in shares.reshape(-1, 2)]
 
     async def _lift(self, why: str) -> None:
         await self.run.enter(S.LIFT, why)
@@ -220,13 +203,13 @@ class Scan:
 
     async def _search_pair(self, phase: str, begin: float, end: float) -> Pair:
         """Fast; what shows on one way alone is kept on disk and not used."""
-        speed = replace(self._speed, tcp_m_s=self.search.search_speed_m_s)
+        search = self.search
         return await self._pair(
             phase,
             begin,
             end,
-            speed,
-            lambda out, back: gap_of((out, back), self.search) or stuck_dark(out, back),
+            search.search_speed_m_s,
+            lambda out, back: gap_of((out, back), search) or stuck_dark(out, back),
         )
 
     async def _pair(
@@ -234,29 +217,14 @@ class Scan:
         phase: str,
         begin: float,
         end: float,
-        speed: Speed,
+        speed_m_s: float,
         judge: Judge,
         after_poll_s: tuple[float, float] = (0.0, 0.0),
     ) -> Pair:
-        """From where the arm stands to ``end`` and back to ``begin``, again while ``judge`` finds a fault."""
-        run, station = self.run, self._station
-        beam = self._beams[station.beam]
-        for attempt in range(1, self.search.retries + 2):
-            await run.enter(S.SWEEP, f"{phase}, attempt {attempt}" if attempt > 1 else phase)
-            far, near = station.at(end, self._depth), station.at(begin, self._depth)
-            out = await self._sweeper.cross(beam, 1, far, speed, after_poll_s[0])
-            await run.enter(S.RETURN)
-            back = await self._sweeper.cross(beam, -1, near, speed, after_poll_s[1])
-            fault = judge(out, back)
-            why_not = fault or one_sided(out, back)
-            text = why_not.text if why_not else "only finds where to measure" if phase == "locate" else None
-            await asyncio.to_thread(self.record.add, (out, back), phase, station.place, text)
-            if why_not is not None:
-                run.note("decision", event="pass not used", phase=phase, attempt=attempt, why=why_not.text)
-            if fault is None:
-                return out, back
-            last = fault.error(attempt)
-        raise last
+        speed = replace(self._speed, tcp_m_s=speed_m_s)
+        station, beam = self._station, self._beams[self._station.beam]
+        span = begin, end
+        return await self._pairs.take(station, beam, self._depth, span, speed, judge, phase, after_poll_s)
 
     async def _move(self, s: float, depth: float) -> None:
         if abs(s - self._s) < SAME_M and abs(depth - self._depth) < SAME_M:

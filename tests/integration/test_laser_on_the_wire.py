@@ -31,6 +31,7 @@ QUICK = {
 MORE = """
 lead_m = 0.002
 settle_s = 0.01
+retries = 12
 accept = { auto = true }
 [cell.job.laser-update]
 accept = { auto = true }

@@ -1,0 +1,78 @@
+"""A way across a beam and the way back: swept, judged, on disk before the next, and again while it fails."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from cell.devices import Speed
+from cell.procedure import Run
+from procedures.laser.config import Search
+from procedures.laser.faults import Fault, one_sided
+from procedures.laser.path import Station
+from procedures.laser.record import PassRecord
+from procedures.laser.states import ScanState as S
+from procedures.laser.sweep import Beam, Sweeper, Way
+
+Pair = tuple[Way, Way]
+Judge = Callable[[Way, Way], Fault | None]
+LOCATE = "locate"
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Takes pairs of ways with one lease; ``record`` keeps them."""
+
+    run: Run
+    search: Search
+    record: PassRecord
+    sweeper: Sweeper
+
+    async def take(
+        self,
+        station: Station,
+        beam: Beam,
+        depth: float,
+        span: tuple[float, float],
+        speed: Speed,
+        judge: Judge,
+        phase: str,
+        after_poll_s: tuple[float, float] = (0.0, 0.0),
+    ) -> Pair:
+        """From where it stands to the end of ``span`` and back to its begin, again while ``judge`` faults.
+
+        ``span`` (m) is counted along the way out at ``depth``; ``after_poll_s`` is how long after a poll each
+        way begins. The last fault's error after as many attempts as the search allows.
+        """
+        run = self.run
+        near, far = station.at(span[0], depth), station.at(span[1], depth)
+        for attempt in range(1, self.search.retries + 2):
+            await run.enter(S.SWEEP, f"{phase}, attempt {attempt}" if attempt > 1 else phase)
+            out = await self.sweeper.cross(beam, 1, far, speed, after_poll_s[0])
+            await run.enter(S.RETURN)
+            back = await self.sweeper.cross(beam, -1, near, speed, after_poll_s[1])
+            fault = judge(out, back)
+            why_not = fault or one_sided(out, back)
+            text = why_not.text if why_not else "only finds where to measure" if phase == LOCATE else None
+            await asyncio.to_thread(self.record.add, (out, back), phase, station.place, text)
+            if why_not is not None:
+                run.note("decision", event="pass not used", phase=phase, attempt=attempt, why=why_not.text)
+            if fault is None:
+                return out, back
+            last = fault.error(attempt)
+        raise last
+
+
+def beam_of(search: Search, name: str, inputs: tuple[str, ...]) -> Beam:
+    """How beam ``name`` is read from a device with these ``inputs``, and crossed."""
+    section = search.beam(name)
+    return Beam(name, inputs.index(section.input), section.across_unit)
+
+
+def even_shares(count: int, first: float = 0.0) -> list[tuple[float, float]]:
+    """For ``count`` pairs, by which share of the polls' period the two ways begin after a poll.
+
+    Polls that fall differently in each way narrow the intervals of the edges together. The shares are spread
+    evenly from ``first`` on, those of the ways back between those of the ways out.
+    """
+    shares = [(first + k / (2 * count)) % 1.0 for k in range(2 * count)]
+    return list(zip(shares[::2], shares[1::2], strict=True))
