@@ -81,6 +81,7 @@ def _wire(scheme: str) -> Callable[[None], AbstractAsyncContextManager[TrackerRi
                 url=f"tcp://{host}:{port}" if scheme == "tcp" else f"serial://{line}",
                 reflectors=labels,  # type: ignore[arg-type]
                 checksum=scheme == "serial",
+                measure_with="tracking" if scheme == "serial" else "single",
                 **DRIVER,
             )
             device = GeocomTracker("tracker", config, clock)

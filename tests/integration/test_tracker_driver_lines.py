@@ -15,6 +15,11 @@ import pytest
 from cell.clock import MonotonicClock
 from cell.errors import CellError
 from drivers.tracker import LineStreamConfig, LineStreamTracker
+from fakes.geocom import LineFaults
+from fakes.scenario import Scenario
+from fakes.tracker_form import LinesForm
+from fakes.tracker_lines import LineStream
+from fakes.world import World
 
 pytestmark = pytest.mark.wire
 
@@ -327,5 +332,76 @@ def test_a_serial_line_is_read_until_its_plug_is_pulled() -> None:
                 assert (await lost(tracker)).name == "DEVICE_LOST"
         finally:
             task.cancel()
+
+    asyncio.run(whole())
+
+
+FORMS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "millimetres in columns": (
+        {"text": "{n},{t:.3f},{x:.4f},{y:.4f},{z:.4f},{valid}\r\n", "heading": "n,t,x,y,z,valid\r\n"},
+        {
+            "columns": {"x": 3, "y": 4, "z": 5, "valid": 6},
+            "valid_values": ["1"],
+            "length_unit": "mm",
+            "ignore": "n,t,.*",
+        },
+    ),
+    "a station's angles, asked for": (
+        {
+            "text": "{serial} {hz:.7f} {v:.7f} {range:.6f}\r\n",
+            "length_unit": "m",
+            "angle_unit": "gon",
+            "request": "?\r\n",
+        },
+        {
+            "columns": {"serial": 1, "hz": 2, "v": 3, "range": 4},
+            "delimiter": " ",
+            "length_unit": "m",
+            "angle_unit": "gon",
+            "horizontal": "clockwise",
+            "vertical": "zenith",
+            "request": "?\r\n",
+            "poll_period_s": 0.02,
+        },
+    ),
+    "northing first": (
+        {"text": "N={y:.6f} E={x:.6f} H={z:.6f} {temperature_c:.1f}\r\n", "length_unit": "in"},
+        {
+            "pattern": r"N=(?P<x>\S+) E=(?P<y>\S+) H=(?P<z>\S+) (?P<temperature_c>\S+)",
+            "length_unit": "in",
+            "axes": ["y", "x", "z"],
+            "left_handed": True,
+        },
+    ),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_twins_lines_are_read_as_the_points_they_are(form: str) -> None:
+    theirs, ours = FORMS[form]
+    keys = {k: v for k, v in KEYS.items() if k not in ("pattern", "valid_values")} | ours
+
+    async def whole() -> None:
+        tracker = World.from_scenario(Scenario.load("tracker"), time.monotonic()).tracker
+        assert tracker is not None
+        any_port = LinesForm(reflector="m1", period_s=0.02, **theirs).model_copy(update={"port": 0})
+        stream = LineStream(tracker, any_port, HOST, time.monotonic, LineFaults())
+        await stream.start()
+        host, port = stream.listener.addresses[0]
+        config = LineStreamConfig(url=f"tcp://{host}:{port}", **keys)
+        device = LineStreamTracker("tracker", config, MonotonicClock())
+        try:
+            await device.open()
+            true = np.array(tracker.sight.local("m1", time.monotonic()))
+            await device.select("smr1")
+            await device.find(true, 2.0)
+            value = (await device.measure(0.2, 1e-3, 3.0)).value
+            sigma = 15e-6 + 6e-6 * float(np.linalg.norm(true))
+            np.testing.assert_allclose(value.point, true, atol=6 * sigma)
+            assert (await device.identify()).serial == tracker.truth.serial
+        finally:
+            await device.close()
+            await stream.stop()
+            await asyncio.sleep(0)
 
     asyncio.run(whole())
