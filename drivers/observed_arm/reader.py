@@ -145,7 +145,7 @@ class ObservedArmReader:
         assert self._source is not None
         asked = await self._source.request(number, q)
         if asked:
-            log.info("%s: pose %d is asked for" if number else "%s: request %d", self.name, number)
+            log.info("%s: %s", self.name, f"pose {number} is asked for" if number else "nothing is asked for")
         return asked
 
     # -- looking
