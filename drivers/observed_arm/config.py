@@ -80,9 +80,9 @@ class ObservedArmConfig(_Section):
     joints: list[JointConfig] = Field(
         min_length=1,
         max_length=12,
-        description='In the order of the arm\'s model, as in [{ address = 0, type = "float32", unit = "deg" }];'
-        " joint = (number - zero) * scale * unit. type: float32, int32, int16; word_order: high-first,"
-        " low-first; unit: rad, deg, m, mm, or counts with counts_per_turn; column: in a file, else q1, q2, ...",
+        description="In the order of the arm's model, as in [{ address = 0, unit = 'deg' }]; joint = (number"
+        " - zero) * scale * unit. type: float32, int32 or int16; word_order: high-first or low-first; unit:"
+        " rad, deg, m, mm, or counts with counts_per_turn; column: in a file, else q1, q2, ...",
     )
     unit: int = Field(default=1, ge=0, le=255, description="Unit identifier of the controller")
     moving: BitConfig | None = Field(default=None, description="A bit that says whether the arm moves")
