@@ -4,6 +4,7 @@ import asyncio
 from dataclasses import dataclass, field
 
 from fakes.faults import Link, LinkFaults
+from fakes.geocom.codes import OF_THE_LINE
 from fakes.geocom.instrument import Instrument
 from fakes.geocom.text import ABORT_LINE, Receiver, Refusal, parse, reply
 
@@ -18,7 +19,6 @@ class LineFaults:
     silent: bool = False
     duplicate: bool = False
     lose: int = 0  # so many answers are never sent
-    refuse_com: int = 0  # return code of the line, instead of an answer
 
 
 class Conversation:
@@ -58,10 +58,10 @@ class Conversation:
             request = parse(line)
         except Refusal as refusal:
             return reply(refusal.transaction, 0, (), digits, False, refusal.code)
-        if self._faults.refuse_com:
-            return reply(request.transaction, 0, (), digits, request.checked, self._faults.refuse_com)
         code, values = await self._instrument.call(request.rpc, request.parameters)
         digits = self._instrument.settings.digits
+        if code in OF_THE_LINE:
+            return reply(request.transaction, 0, (), digits, request.checked, code)
         return reply(request.transaction, code, values, digits, request.checked)
 
     def _send(self, data: bytes) -> None:

@@ -7,11 +7,11 @@ from typing import Any
 from cell.errors import error
 from fakes.actions import Action, Actions, Arguments, amount, switch
 from fakes.faults import Fault, Faulty, number
+from fakes.geocom.instrument import EVERY
 from fakes.geocom.wires import StationWires
 
 _JUNK = bytes(range(256))
 _LARGEST_CODE = 65535
-_COM_CODES = range(3072, 3200)  # those that tell of the line, not of a procedure
 
 
 class StationFaults:
@@ -80,13 +80,9 @@ class StationFaults:
         code = int(number(arguments, "code", 4, low=1))
         if code > _LARGEST_CODE:
             raise error("ARGUMENT_INVALID", f"code={code} is not a return code")
-        if code in _COM_CODES:
-            self._wires.faults.refuse_com = code
-        else:
-            self._wires.instrument.forced[int(number(arguments, "rpc", -1, low=-1))] = code
+        self._wires.instrument.forced[int(number(arguments, "rpc", EVERY, low=EVERY))] = code
 
     def _free(self) -> None:
-        self._wires.faults.refuse_com = 0
         self._wires.instrument.forced.clear()
 
     def _reboot(self, arguments: Arguments) -> None:

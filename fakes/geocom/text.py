@@ -8,9 +8,8 @@ import re
 from dataclasses import dataclass
 
 from fakes._crc import crc16
+from fakes.geocom.codes import OVERRUN, WRONG_CHECKSUM, WRONG_FORMAT, Value
 
-Value = bool | int | float | str
-WRONG_FORMAT, WRONG_CHECKSUM, OVERRUN = 3078, 3101, 3100
 ABORT_LINE = b"c"
 LONGEST_LINE = 1024
 

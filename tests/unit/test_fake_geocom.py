@@ -9,9 +9,10 @@ import pytest
 from geocompy.communication import crc16_bytewise
 
 from fakes.faults import Link, LinkFaults
+from fakes.geocom.codes import OVERRUN, WRONG_CHECKSUM, WRONG_FORMAT
 from fakes.geocom.conversation import Conversation, LineFaults
-from fakes.geocom.instrument import Instrument
-from fakes.geocom.text import OVERRUN, WRONG_CHECKSUM, WRONG_FORMAT, Receiver, Refusal, parse, reply
+from fakes.geocom.instrument import EVERY, Instrument
+from fakes.geocom.text import Receiver, Refusal, parse, reply
 from fakes.object import VirtualClock, run_virtual
 from fakes.scenario import Scenario
 from fakes.tracker import polar
@@ -116,8 +117,11 @@ def test_whoever_sends_nonsense_is_answered_by_the_line_and_an_abort_by_a_questi
         faults.lose = 1
         conversation.received(b"%R1Q,0,5:\r\n%R1Q,0,6:\r\n")
         await asyncio.sleep(1.0)
-        faults.refuse_com = 3077
+        subject.forced[EVERY] = 3077
         conversation.received(b"%R1Q,0,7:\r\n")
+        await asyncio.sleep(1.0)
+        subject.forced.clear()
+        conversation.received(b"%R1Q,2024,8:much\r\n")
         await asyncio.sleep(1.0)
         conversation.close()
         return wire.sent
@@ -131,6 +135,7 @@ def test_whoever_sends_nonsense_is_answered_by_the_line_and_an_abort_by_a_questi
         "%R1P,0,4:0,0.000",
         "%R1P,0,6:0",
         "%R1P,3077,7:0",
+        "%R1P,3080,8:0",
     ]
 
 
