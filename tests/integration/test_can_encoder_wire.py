@@ -1,0 +1,287 @@
+"""The CAN encoder's driver on a real serial line and real sockets: what has gone wrong with such links."""
+
+import asyncio
+import socket
+import threading
+import time
+from collections.abc import Awaitable, Callable
+from itertools import pairwise
+from pathlib import Path
+
+import psutil
+import pytest
+
+from cell.clock import MonotonicClock
+from cell.devices import Encoder
+from cell.errors import CellError
+from cell.samples import Quality
+from drivers.can_encoder import CanopenEncoder, RawCanEncoder, RawCanEncoderConfig
+from fakes.can.bus import Frame
+from fakes.faults import Fault
+from tests.can_rig import NODE, CanRig, TestShaft, can_rig
+
+pytestmark = pytest.mark.wire
+HOST = "127.0.51.4"
+Script = Callable[[CanRig, CanopenEncoder], Awaitable[None]]
+
+
+@pytest.fixture(params=["slcan", "socketcand"])
+def interface(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+def play(interface: str, script: Script, shaft: TestShaft | None = None, **keys: object) -> None:
+    """Run ``script`` with an open driver."""
+
+    async def whole() -> None:
+        async with can_rig(HOST, shaft) as rig:
+            device = rig.driver(interface, **keys)
+            try:
+                await device.open()
+                await device.wait_fresh(1.0)
+                await script(rig, device)
+            finally:
+                await device.close()
+
+    asyncio.run(whole())
+
+
+async def loss_of(device: Encoder) -> CellError:
+    async with asyncio.timeout(2.0):
+        found = await device.wait_lost()
+    assert isinstance(found, CellError)
+    return found
+
+
+def test_frames_a_millisecond_apart_all_arrive(interface: str) -> None:
+    async def script(rig: CanRig, device: CanopenEncoder) -> None:
+        await asyncio.sleep(2.0)
+        rig.node.silent = True
+        await asyncio.sleep(0.1)
+        # Every frame but those that were under way when the driver began to count.
+        assert 0 <= rig.bus.sent[rig.node.position_id] - device.counts.received <= 3
+        assert device.counts.received > 1500
+        assert device.health()["malformed"] == 0
+
+    play(interface, script, period_s=0.001, lost_after_s=1.0)
+
+
+def test_a_range_that_is_no_power_of_two_is_unwrapped(interface: str) -> None:
+    async def script(rig: CanRig, device: CanopenEncoder) -> None:
+        await asyncio.sleep(0.5)
+        samples = device.counts.between(0.0, 1e12)
+        assert device.modulus == 1003
+        assert samples[-1].value.count > 3000
+        assert all((b.value.count - a.value.count) == 50 for a, b in pairwise(samples) if b.seq == a.seq + 1)
+
+    play(interface, script, TestShaft(speed=10_000.0, modulus=1003))
+
+
+def test_lines_that_are_no_frames_cost_nothing_but_themselves(interface: str) -> None:
+    async def script(rig: CanRig, device: CanopenEncoder) -> None:
+        for _ in range(5):
+            rig.faults.inject(Fault.JUNK, {})
+            await asyncio.sleep(0.02)
+        await device.wait_fresh(1.0)
+        assert device.health()["malformed"] >= 5
+        steps = [b.value.count - a.value.count for a, b in pairwise(device.counts.between(0.0, 1e12))]
+        assert all(0 < step < 100 for step in steps), "no position was made of half a line"
+
+    play(interface, script)
+
+
+def test_frames_that_arrive_in_pieces_are_put_together(interface: str) -> None:
+    async def script(rig: CanRig, device: CanopenEncoder) -> None:
+        rig.faults.inject(Fault.SPLIT, {})
+        before = device.counts.received
+        await asyncio.sleep(0.3)
+        assert device.counts.received - before > 30
+        assert device.health()["malformed"] == 0
+
+    play(interface, script)
+
+
+def test_frames_that_come_twice_are_taken_once_in_time(interface: str) -> None:
+    async def script(rig: CanRig, device: CanopenEncoder) -> None:
+        rig.faults.inject(Fault.DUPLICATE, {})
+        await asyncio.sleep(0.2)
+        samples = device.counts.between(0.0, 1e12)
+        assert all(a.t <= b.t and a.value.count <= b.value.count for a, b in pairwise(samples))
+
+    play(interface, script)
+
+
+@pytest.mark.parametrize("fault", [Fault.DROP, Fault.REFUSE])
+def test_a_link_that_is_gone_costs_no_processor_time_and_leaves_no_thread(
+    interface: str, fault: Fault
+) -> None:
+    """python-can alone spins here: readers of a pulled adapter, and of a gateway that closed."""
+
+    async def script(rig: CanRig, device: CanopenEncoder) -> None:
+        rig.faults.inject(fault, {})
+        assert (await loss_of(device)).name == "DEVICE_LOST"
+        rig.node.power_off()
+        rig.faults.close()
+        used = psutil.Process().cpu_times()
+        await asyncio.sleep(0.5)
+        now = psutil.Process().cpu_times()
+        assert now.user + now.system - used.user - used.system < 0.2
+        await device.close()
+
+    before = threading.active_count()
+    play(interface, script)
+    assert threading.active_count() <= before
+
+
+def test_a_silent_link_is_found_out_by_the_drivers_own_watch(interface: str) -> None:
+    async def script(rig: CanRig, device: CanopenEncoder) -> None:
+        rig.faults.inject(Fault.HALF_OPEN, {})
+        begun = time.monotonic()
+        failure = await loss_of(device)
+        assert failure.name == "DEVICE_LOST"
+        assert "no position for" in failure.detail
+        assert 0.1 < time.monotonic() - begun < 1.0
+
+    play(interface, script, lost_after_s=0.15)
+
+
+def test_an_emergency_is_told_in_words_until_it_is_taken_back(
+    interface: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def script(rig: CanRig, device: CanopenEncoder) -> None:
+        with caplog.at_level("INFO", "cellward.devices"):
+            for _ in range(3):
+                rig.faults.inject(Fault.ALARM, {"code": 0x4210, "register": 9})
+            await device.wait_fresh(1.0)
+            assert device.health()["emergency"] == "temperature of the device (4210h; generic, temperature)"
+            assert device.counts.latest(1.0).quality is Quality.DEGRADED
+            rig.faults.clear()
+            await device.wait_fresh(1.0)
+            assert device.health()["emergency"] == ""
+            assert device.counts.latest(1.0).quality is Quality.GOOD
+        told = [r.getMessage() for r in caplog.records if r.name == "cellward.devices"]
+        assert told == [
+            f"belt: node {NODE} reports temperature of the device (4210h; generic, temperature)",
+            f"belt: node {NODE} is without error again",
+        ]
+
+    play(interface, script)
+
+
+def test_a_gateways_stamps_are_exact_and_survive_a_jump_of_its_clock() -> None:
+    async def script(rig: CanRig, device: CanopenEncoder) -> None:
+        await asyncio.sleep(0.5)
+        rig.faults.inject(Fault.CLOCK_JUMP, {"s": -3600.0})
+        await asyncio.sleep(0.3)
+        samples = device.counts.between(0.0, 1e12)
+        assert device.health()["stamps_refused"] == 1
+        assert device.counts.epoch == 1
+        off = [s.value.count / 1000.0 - s.t for s in samples]
+        assert max(off) - min(off) < 0.1
+        assert abs(samples[-1].t - time.monotonic()) < 0.1
+
+    play("socketcand", script)
+
+
+def test_an_adapter_set_to_another_bit_rate_is_told_as_a_bus_fault() -> None:
+    async def whole() -> None:
+        async with can_rig(HOST) as rig:
+            device = rig.driver("slcan", bus=f"slcan:{rig.wires.adapter.path}@500000")
+            with pytest.raises(CellError, match="bit rate") as caught:
+                await device.open()
+            assert caught.value.name == "DEVICE_UNREACHABLE"
+
+    asyncio.run(whole())
+
+
+@pytest.mark.parametrize(
+    ("said", "answers"),
+    [
+        ("< hi >", [b""]),
+        ("instead of '< ok >'", [b"< hi >", b"< error could not open bus >"]),
+        ("'< hi >' in time", []),
+        ("closed", None),
+    ],
+)
+def test_a_gateway_that_is_none_is_told_soon(said: str, answers: list[bytes] | None) -> None:
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        for answer in answers or ():
+            writer.write(answer)
+            await writer.drain()
+            await asyncio.sleep(0.02)
+        if answers is not None:
+            await reader.read()
+        writer.close()
+
+    async def whole() -> None:
+        server = await asyncio.start_server(serve, HOST, 0)
+        async with server:
+            port = server.sockets[0].getsockname()[1]
+            config = CanopenEncoder.Config(bus=f"socketcand:{HOST}:{port}/can0", connect_timeout_s=0.3)
+            device = CanopenEncoder("belt", config, MonotonicClock())
+            begun = time.monotonic()
+            with pytest.raises(CellError, match=said) as caught:
+                await device.open()
+            assert caught.value.name == "DEVICE_UNREACHABLE"
+            assert time.monotonic() - begun < 2.0
+        await asyncio.sleep(0.05)  # the other end sees the connection closed
+
+    asyncio.run(whole())
+
+
+def test_a_bus_that_is_not_there_is_told_soon(tmp_path: Path) -> None:
+    with socket.create_server((HOST, 0)) as free:
+        port = free.getsockname()[1]
+
+    async def whole() -> None:
+        for bus in (
+            f"socketcand:{HOST}:{port}/can0",
+            f"slcan:{tmp_path}/nothing@250000",
+            "socketcan:nosuchcan0",
+        ):
+            device = CanopenEncoder("belt", CanopenEncoder.Config(bus=bus), MonotonicClock())
+            begun = time.monotonic()
+            with pytest.raises(CellError, match=bus.partition("@")[0]) as caught:
+                await device.open()
+            assert caught.value.name == "DEVICE_UNREACHABLE"
+            assert time.monotonic() - begun < 2.0
+
+    asyncio.run(whole())
+
+
+@pytest.mark.parametrize(
+    ("keys", "data", "raw"),
+    [
+        ({"id": 0x321}, "07060504", 0x04050607),
+        ({"id": 0x321, "offset_bytes": 2, "width_bits": 16, "byte_order": "big"}, "ffff0102", 0x0102),
+        ({"id": 0x18FF0203, "extended": True, "width_bits": 24, "offset_bytes": 1}, "00010203", 0x030201),
+        ({"id": 0x321, "width_bits": 16, "signed": True}, "feff", 65534),
+        ({"id": 0x321, "width_bits": 16, "range_counts": 4000}, "9f0f", 3999),
+    ],
+)
+def test_a_raw_position_is_cut_out_of_its_frame(
+    interface: str, keys: dict[str, object], data: str, raw: int
+) -> None:
+    async def whole() -> None:
+        async with can_rig(HOST) as rig:
+            config = RawCanEncoderConfig.model_validate({"bus": rig.wires.buses[interface], **keys})
+            device = RawCanEncoder("belt", config, MonotonicClock())
+            port = rig.bus.join(lambda frame, t: None)
+            third = asyncio.Event()
+            device.counts.subscribe(lambda sample: third.set() if device.counts.received == 3 else None)
+            await device.open()
+            wanted = Frame(config.id, bytes.fromhex(data), config.extended)
+            stranger = Frame(config.id ^ 1, bytes(8), config.extended)
+            short = Frame(config.id, b"\x01", config.extended)
+            for _ in range(3):
+                for frame in (stranger, short, wanted):
+                    port.send(frame, time.monotonic())
+                await asyncio.sleep(0.01)
+            async with asyncio.timeout(2.0):
+                await third.wait()
+            assert device.counts.latest(1.0).value.raw == raw
+            assert device.counts.received == 3
+            assert device.modulus == config.modulus
+            await device.close()
+
+    asyncio.run(whole())
