@@ -7,7 +7,7 @@ from the corners. Attitude accuracy is not measured: one reflector shows places 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtri, stdtrit
 
 from cell.poses import Array
 
@@ -31,8 +31,9 @@ _LEAST_FOR_DRIFT = 6
 class PoseFigures:
     """One pose. ``barycentre`` (3,) and ``deviation`` (3,) from the commanded place, m.
 
-    ``AP`` and ``RP`` (m) are as measured, ``AP_U`` and ``RP_U`` the half-widths of 95 % intervals;
-    ``tracker_AP`` and ``tracker_RP`` what the tracker alone gives for a perfect arm.
+    ``AP`` and ``RP`` (m) are as measured; 95 % of the errors of the barycentre are below ``AP_U``, and the RP
+    of more arrivals would lie within ``RP_95`` (None of too few). ``tracker_AP`` and ``tracker_RP`` are what
+    the tracker alone gives for a perfect arm.
     """
 
     barycentre: Array
@@ -42,7 +43,7 @@ class PoseFigures:
     AP: float
     AP_U: float
     RP: float
-    RP_U: float
+    RP_95: tuple[float, float] | None
     tracker_AP: float
     tracker_RP: float
     count: int
@@ -83,7 +84,7 @@ def figures(points: Array, commanded: Array, sigma_m: float) -> PoseFigures:
         AP=float(np.linalg.norm(deviation)),
         AP_U=_radius95(cov),
         RP=repeatability(points),
-        RP_U=1.96 * _jackknife(points),
+        RP_95=_interval(points),
         tracker_AP=_RADIUS95 * sigma_m,
         tracker_RP=float(_MEAN + 3.0 * _SD) * sigma_m,
         count=n,
@@ -96,13 +97,19 @@ def repeatability(points: Array) -> float:
     return float(distance.mean() + 3.0 * np.std(distance, ddof=1))
 
 
-def _jackknife(points: Array) -> float:
-    """Standard deviation of RP (Quenouille 1956, Tukey 1958); 0 of fewer than three places."""
-    n = len(points)
-    if n < 3:
-        return 0.0
+def _interval(points: Array) -> tuple[float, float] | None:
+    """95 % of the RP that more arrivals would show: the jackknife of its logarithm (Quenouille 1956, Tukey
+    1958), bias taken off. None of fewer than three places, or where none moved."""
+    n, whole = len(points), repeatability(points)
+    if n < 3 or whole <= 0.0:
+        return None
     without = np.array([repeatability(np.delete(points, k, axis=0)) for k in range(n)])
-    return float(np.sqrt((n - 1) / n * np.sum((without - without.mean()) ** 2)))
+    if np.min(without) <= 0.0:
+        return None
+    logs = np.log(without)
+    middle = n * np.log(whole) - (n - 1) * logs.mean()
+    half = stdtrit(n - 1, 0.975) * np.sqrt((n - 1) / n * np.sum((logs - logs.mean()) ** 2))
+    return float(np.exp(middle - half)), float(np.exp(middle + half))
 
 
 def _radius95(cov: Array) -> float:

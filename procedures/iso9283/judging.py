@@ -109,9 +109,9 @@ def solve_iso9283(path: Path, limits: Mapping[str, float | None]) -> dict[str, A
         result=answer,
         uncertainty={
             "AP_U": {p["name"]: p["AP_U"] for p in poses},
-            "RP_U": {p["name"]: p["RP_U"] for p in poses},
-            "meaning": "half-widths (m) of 95 % intervals: AP from the tracker's noise and the scatter, "
-            "RP from the arrivals left out one by one",
+            "RP_95": {p["name"]: p["RP_95"] for p in poses},
+            "meaning": "AP_U: 95 % of the errors of a barycentre stay below this (m), from the tracker's "
+            "noise and the scatter; RP_95: where 95 % of the RP of more arrivals would lie (m)",
         },
         residuals={"per_sample": _per_sample(data, arrivals, used)},
         heldout={"meaning": "every arrival is judged; nothing but the tracker's place is taken from them"},
@@ -177,7 +177,7 @@ def _entry(name: str, wanted: Array, found: PoseFigures) -> dict[str, Any]:
         "AP_resolved": found.tracker_AP < found.AP,
         "RP": max(found.RP, found.tracker_RP),
         "RP_measured": found.RP,
-        "RP_U": found.RP_U,
+        "RP_95": found.RP_95 and list(found.RP_95),
         "RP_tracker": found.tracker_RP,
         "RP_resolved": found.tracker_RP < found.RP,
         "mean_distance": found.mean_distance,
