@@ -101,6 +101,12 @@ class Cell(Protocol):
         """Keep one health number; returns its history of (wall time in s, value), oldest first."""
         ...
 
+    async def add_item(
+        self, run: "Run", item: int, t: float, outcome: str, detail: Mapping[str, Any]
+    ) -> None:
+        """Keep what became of one item of a belt at ``t``, in the ledger."""
+        ...
+
 
 class Notebook(Protocol):
     """Where a run writes: a journal on disk."""
@@ -178,6 +184,7 @@ class Run:
         self.prompt: tuple[int, str] | None = None
         self.result: dict[str, Any] | None = None
         self.visited: list[tuple[StrEnum | None, StrEnum]] = []
+        self.live: dict[str, float] = {}  # numbers of now, by the names of registers
         self._notebook, self._publish = notebook, publish
         self._finish = False
         self._hold_wanted = False
@@ -217,6 +224,25 @@ class Run:
         if self._finish:
             raise FinishRequested
         self._set_packml(PackML.HOLDING if self._hold_wanted else PackML.EXECUTE)
+
+    @property
+    def wants_rest(self) -> bool:
+        """Whether someone asked to pause or to finish: a job that streams goes to a checkpoint."""
+        return self._hold_wanted or self._finish
+
+    def suspend(self, why: str) -> None:
+        """Wait for something outside, with the arm at rest: no parts, a belt that stands."""
+        self.note("decision", event="suspended", why=why)
+        self._set_packml(PackML.SUSPENDED)
+
+    def unsuspend(self) -> None:
+        """What was waited for is there again."""
+        self._set_packml(PackML.HOLDING if self._hold_wanted else PackML.EXECUTE)
+
+    def publish(self, **live: float) -> None:
+        """Numbers of now for people and registers."""
+        self.live.update(live)
+        self._publish()
 
     def progress(self, step: int, steps: int) -> None:
         """How far the job is, for people and registers."""

@@ -20,7 +20,7 @@ from cell.store.runs import RunFolder, load_run
 from daemon.config import CellConfig
 from daemon.results import enter_proposal, propose_results
 from daemon.supervisor import Supervisor
-from daemon.values import resolve_values, tell_configured, without_passes
+from daemon.values import resolve_values, tell_configured, with_job_limits, without_passes
 from procedures.arm_setup import lease_settings
 
 log = logging.getLogger("cellward.engine")
@@ -76,6 +76,9 @@ class CellContext:
 
     async def add_trend(self, name: str, value: float) -> list[tuple[float, float]]:
         return await asyncio.to_thread(self._add_trend, name, value)
+
+    async def add_item(self, run: Run, item: int, t: float, outcome: str, detail: Mapping[str, Any]) -> None:
+        await asyncio.to_thread(self.ledger.add_item, run.id, item, t, outcome, detail)
 
     def _add_trend(self, name: str, value: float) -> list[tuple[float, float]]:
         self.ledger.add_trend(name, value)
@@ -133,6 +136,8 @@ class Engine:
         if context.broker.latched is not None and not dry_run:
             raise error("MOTION_LATCHED", f"the last fault was: {context.broker.latched}")
         values = await asyncio.to_thread(resolve_values, context.config, self.ledger, context.supervisor)
+        own_limits = getattr(procedure.config, "limits", None)
+        values = with_job_limits(values, own_limits, context.config.limits.allow_job_override)
         procedure.check(values)
         conditions = {
             "config": context.config.model_dump(mode="json"),
@@ -277,6 +282,7 @@ class Engine:
             "state": run.state.value if run and run.state else None,
             "step": run.step if run else 0,
             "steps": run.steps if run else 0,
+            "live": dict(run.live) if run else {},
             "prompt": {"id": run.prompt[0], "text": run.prompt[1]} if run and run.prompt else None,
             "error": self.error.as_dict() if self.error else None,
             "latched": self.context.broker.latched is not None,

@@ -7,7 +7,7 @@ procedures never read the ledger; what is here is also what ``run.json`` keeps.
 from collections.abc import Mapping
 from typing import Any
 
-from cell.calibrations import kinematics, laser_reference, time_offset, tool_calibration
+from cell.calibrations import belt_scale, kinematics, laser_reference, time_offset, tool_calibration
 from cell.errors import error
 from cell.store.ledger import Ledger
 from daemon.config import CellConfig
@@ -54,6 +54,7 @@ def resolve_values(config: CellConfig, ledger: Ledger, supervisor: Supervisor) -
     _resolve_tool(values, config, ledger)
     _resolve_time_offsets(values, config, ledger)
     _resolve_kinematics(values, config, ledger)
+    _resolve_belt(values, config, ledger)
     return values
 
 
@@ -64,6 +65,15 @@ def _resolve_tool(values: dict[str, Any], config: CellConfig, ledger: Ledger) ->
     values["tool"]["T_flange_tool"] = _effective(values, ledger, name, list(tool.T_flange_tool))
     values["laser_reference"] = _effective(values, ledger, laser_reference(tool.name), None)
     values["laser_floor_m"] = config.job_section("laser-reference").get("floor_m")
+
+
+def _resolve_belt(values: dict[str, Any], config: CellConfig, ledger: Ledger) -> None:
+    """Metres per count and direction of the belt, as calibrated, else as configured."""
+    device = config.robot.roles().get("belt")
+    values["belt"] = None
+    if device is not None:
+        nominal = config.job_section("belt-tracking").get("belt")
+        values["belt"] = _effective(values, ledger, belt_scale(device), nominal)
 
 
 def _resolve_time_offsets(values: dict[str, Any], config: CellConfig, ledger: Ledger) -> None:
@@ -103,6 +113,25 @@ def _effective(values: dict[str, Any], ledger: Ledger, name: str, configured: An
     return effective.value
 
 
+def with_job_limits(values: dict[str, Any], wanted: Any, allowed: bool) -> dict[str, Any]:
+    """The values of a job that brings ``limits`` of its own: lower ones always hold, higher ones when
+    ``allowed`` (``[limits] allow_job_override``), else ``ARGUMENT_INVALID``."""
+    if wanted is None:
+        return values
+    limits = dict(values["limits"])
+    for key, value in wanted.model_dump().items():
+        if key not in limits:
+            continue
+        if value > limits[key] and not allowed:
+            raise error(
+                "ARGUMENT_INVALID",
+                f"limits.{key} {value:g} is above {limits[key]:g} of [limits]; lower it, or set "
+                "allow_job_override there",
+            )
+        limits[key] = value
+    return {**values, "limits": limits}
+
+
 def without_passes(values: Mapping[str, Any]) -> dict[str, Any]:
     """The values as ``run.json`` keeps them; the passes of a reference are in the run's own data set."""
     reference = values.get("laser_reference")
@@ -118,6 +147,8 @@ def tell_configured(config: CellConfig, ledger: Ledger) -> None:
     tool = config.robot.tool
     ledger.effective(tool_calibration(tool.name), list(tool.T_flange_tool))
     ledger.effective(laser_reference(tool.name), None)
+    if (belt := config.robot.roles().get("belt")) is not None:
+        ledger.effective(belt_scale(belt), config.job_section("belt-tracking").get("belt"))
     for role in ARM_ROLES:
         if (device := config.robot.roles().get(role)) is not None:
             ledger.effective(kinematics(device), None)

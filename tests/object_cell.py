@@ -66,6 +66,8 @@ def write_config(
             "allow_requests": True,
             **(observed_keys or {}),
         },
+        belt={"driver": "fakes.object:ObjectEncoder", "scenario": scenario},
+        gripper={"driver": "fakes.object:ObjectGripper", "scenario": scenario},
         overrides={"job": sections, **overrides},
     )
     loaded.write_observed_model(folder)

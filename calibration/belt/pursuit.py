@@ -6,11 +6,12 @@ ruckig's (Berscheid and Kroeger, Jerk-limited real-time trajectory generation wi
 2021). Four axes: x, y, z in the base (m) and the yaw of the tool about base z (rad).
 """
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from ruckig import InputParameter, Result, Ruckig, Synchronization, Trajectory
+from ruckig import InputParameter, Result, Ruckig, RuckigError, Synchronization, Trajectory
 
 from calibration.belt.tracking import Track
 from cell.errors import error
@@ -19,6 +20,9 @@ from cell.poses import Array
 AXES = 4
 _DT = 0.004  # s, over which the change of a forecast's speed is taken
 _LEAST_SHARE = 0.1  # of the limit that is left for moving against a belt
+_LEAST_AXIS = 0.25  # of the limit, for an axis that the way hardly uses
+_REACT_S = 0.1
+_MARGIN = 0.97  # of the limit: what follows a plan is a little faster than the plan between its points
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +84,8 @@ class Ride:
 
 @dataclass(frozen=True)
 class PursuitLimits:
-    """Of each of x, y, z (m/s, m/s^2, m/s^3) and of the yaw (rad/s, rad/s^2, rad/s^3)."""
+    """``v`` (m/s) bounds the tool's speed in the base, ``a`` and ``j`` (m/s^2, m/s^3) each of x, y and z; and
+    those of the yaw (rad/s, rad/s^2, rad/s^3)."""
 
     v: float
     a: float
@@ -90,11 +95,22 @@ class PursuitLimits:
     yaw_j: float = 160.0
 
 
+def _shares(way: Array, v: Array) -> Array:
+    """How the limit of the speed's size is shared among x, y and z (3,): as the way goes, and as it moves.
+
+    No axis gets so little that a change of the goal on the way could not be followed.
+    """
+    size = np.abs(way[:3]) + _REACT_S * np.abs(v[:3])
+    share = np.maximum(size / max(float(np.linalg.norm(size)), 1e-9), _LEAST_AXIS)
+    out: Array = _MARGIN * share / np.linalg.norm(share)
+    return out
+
+
 class Leg:
     """One motion from a state to rest at an ``offset`` (4,) from an origin; from then on it stays there."""
 
-    def __init__(self, t0: float, trajectory: Trajectory, origin: Origin) -> None:
-        self.t0, self.origin = t0, origin
+    def __init__(self, t0: float, trajectory: Trajectory, origin: Origin, offset: Array) -> None:
+        self.t0, self.origin, self.offset = t0, origin, offset
         self._trajectory = trajectory
 
     @property
@@ -119,13 +135,14 @@ def plan(t0: float, state: State, origin: Origin, offset: Array, limits: Pursuit
     wanted.current_position, wanted.current_velocity = relative.p.tolist(), relative.v.tolist()
     wanted.current_acceleration = relative.a.tolist()
     wanted.target_position = np.asarray(offset, dtype=float).tolist()
-    own = np.array([limits.v] * 3 + [limits.yaw_v])
+    own = np.array([*(limits.v * _shares(offset - relative.p, relative.v)), limits.yaw_v])
     wanted.max_velocity = np.maximum(own - np.abs(away.v), _LEAST_SHARE * own).tolist()
     wanted.max_acceleration = [limits.a] * 3 + [limits.yaw_a]
     wanted.max_jerk = [limits.j] * 3 + [limits.yaw_j]
-    wanted.synchronization = Synchronization.Time
-    trajectory = Trajectory(AXES)
-    result = Ruckig(AXES).calculate(wanted, trajectory)
-    if result not in (Result.Working, Result.Finished):
-        raise error("PLAN_INFEASIBLE", f"no motion within the limits: {result}")
-    return Leg(t0, trajectory, origin)
+    for synchronization in (Synchronization.Time, Synchronization.No):
+        wanted.synchronization = synchronization
+        trajectory = Trajectory(AXES)
+        with suppress(RuckigError):  # a few states leave no common duration, each axis alone has one
+            if Ruckig(AXES).calculate(wanted, trajectory) in (Result.Working, Result.Finished):
+                return Leg(t0, trajectory, origin, np.asarray(offset, dtype=float))
+    raise error("PLAN_INFEASIBLE", f"no motion within the limits from {np.round(relative.p, 4).tolist()}")

@@ -1,0 +1,1 @@
+"""Jobs on a moving belt: its calibration, and picking items from it."""

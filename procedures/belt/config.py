@@ -1,0 +1,91 @@
+"""What an integrator can set for picking from a belt."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Length = Annotated[float, Field(gt=0, le=2.0)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class ItemLook(_Strict):
+    """What an item is for the camera: heights above the belt, and its longer side."""
+
+    min_height_m: Length = 0.005
+    max_height_m: Length = 0.2
+    min_size_m: Length = 0.01
+    max_size_m: Length = 0.3
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.min_height_m >= self.max_height_m or self.min_size_m >= self.max_size_m:
+            raise ValueError("min_height_m and min_size_m must be smaller than max_height_m and max_size_m")
+        return self
+
+
+class Zone(_Strict):
+    """Where the arm may touch items: between two places along the belt, dot(p, dir) in the base."""
+
+    min_m: float = Field(ge=-20, le=20)
+    max_m: float = Field(ge=-20, le=20)
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.min_m >= self.max_m:
+            raise ValueError("min_m must be smaller than max_m")
+        return self
+
+
+class JobLimits(_Strict):
+    """Of the motion in this job. Above [limits] only where allow_job_override permits it."""
+
+    speed_m_s: float = Field(default=1.0, gt=0, le=5)
+    accel_m_s2: float = Field(default=6.0, gt=0, le=50)
+    jerk_m_s3: float = Field(default=80.0, gt=0, le=2000)
+    joint_speed_rad_s: float = Field(default=2.0, gt=0, le=10)
+
+
+class NominalBelt(_Strict):
+    """The belt from the drawing, until belt-calibration has measured it."""
+
+    m_per_count: float = Field(ge=-0.1, le=0.1)
+    dir: Annotated[list[float], Field(min_length=3, max_length=3)]
+
+    @model_validator(mode="after")
+    def _makes_sense(self) -> Self:
+        if self.m_per_count == 0.0 or not 0.99 < sum(v * v for v in self.dir) < 1.01:
+            raise ValueError("m_per_count must not be 0, and dir must be a unit vector")
+        return self
+
+
+class BeltTrackingConfig(_Strict):
+    """``[job.belt-tracking]``."""
+
+    belt: NominalBelt | None = None
+
+    wait_pose: str = Field(description="of [poses]: the tool points down, above the belt")
+    place_pose: str = Field(description="of [poses]: the tool's point is where an item is put down")
+    zone: Zone
+    belt_z_m: float = Field(ge=-5, le=5, description="height of the belt's surface in the base")
+    items: ItemLook = Field(default_factory=ItemLook)
+    above_m: Length = Field(default=0.05, description="the straight descent onto an item, and at the place")
+    grip_m: float = Field(
+        default=0.0, ge=-0.1, le=0.1, description="of the tool's point above an item's upper face at the grip"
+    )
+    dwell_s: float = Field(default=0.05, ge=0, le=5, description="least time in contact")
+    grip_timeout_s: float = Field(default=0.3, gt=0, le=5)
+    align: bool = Field(default=True, description="turn the tool to the item")
+    follow: bool = Field(default=True, description="move with the item during the grip")
+    method: Literal["ml", "classic"] = "ml"
+    T1_s: float = Field(default=0.4, gt=0, le=5, description="classic: fixed time of the way above the item")
+    picks: int = Field(default=0, ge=0, description="end after so many; 0: until finished")
+    min_sightings: int = Field(default=2, ge=1, le=50, description="seen less often is no item")
+    spacing_m: Length = Field(default=0.03, description="closer on the belt is the same item")
+    queue_limit: int = Field(default=500, ge=1, le=10000)
+    standing_m_s: float = Field(default=0.005, gt=0, le=0.5, description="a slower belt stands")
+    standing_s: float = Field(default=1.0, gt=0, le=60, description="for so long, then the job is suspended")
+    limits: JobLimits = Field(default_factory=JobLimits)
+    max_duration_s: float = Field(default=86400.0, gt=0)

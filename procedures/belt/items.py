@@ -1,0 +1,107 @@
+"""The items on their way: seen, waiting to be picked, and what became of each."""
+
+from collections import Counter
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from calibration.belt.items import Sighting
+from cell.poses import Array
+
+
+class Outcome(StrEnum):
+    """What became of an item; all but the first are misses, by cause."""
+
+    PICKED = "picked"
+    NOT_DETECTED = "not detected"
+    OUT_OF_ZONE = "out of zone"
+    LOST = "lost"
+    GRIP_FAILED = "grip failed"
+
+
+@dataclass(eq=False)
+class Item:
+    """One item. ``along`` and ``across`` (m) are its place on the belt at zero travel, as last seen."""
+
+    number: int
+    along: float
+    across: float
+    yaw: float  # rad, of its longer side in the base
+    sightings: int = 0
+    outcome: Outcome | None = None
+    history: list[tuple[float, str]] = field(default_factory=list)
+
+    @property
+    def key(self) -> str:
+        """Its name in the belt tracker."""
+        return str(self.number)
+
+    def note(self, t: float, what: str) -> None:
+        """One line of its life, at ``t`` s of the cell's clock."""
+        self.history.append((t, what))
+
+
+class Queue:
+    """Items by their place on the belt. Numbers begin at 1 and are never given twice in a run."""
+
+    def __init__(self, spacing_m: float) -> None:
+        self._spacing_m = spacing_m
+        self.items: list[Item] = []
+        self.counts: Counter[Outcome] = Counter()
+        self.seen = 0
+
+    def place(self, along: float, across: float, yaw: float) -> Item:
+        """The item that a sighting at this place (m, zero travel) belongs to: a known one, or a new one.
+
+        What was picked or missed stays known until it is far past, so it is not found a second time.
+        """
+        near = [(np.hypot(i.along - along, i.across - across), i) for i in self.items]
+        away, item = min(near, key=lambda pair: pair[0], default=(np.inf, None))
+        if item is None or away > self._spacing_m:
+            self.seen += 1
+            item = Item(self.seen, along, across, yaw)
+            self.items.append(item)
+        item.along, item.across, item.yaw = along, across, yaw
+        item.sightings += 1
+        return item
+
+    def waiting(self, min_sightings: int) -> list[Item]:
+        """Items that can still be picked, the farthest downstream first."""
+        open_ = [i for i in self.items if i.outcome is None and i.sightings >= min_sightings]
+        return sorted(open_, key=lambda item: -item.along)
+
+    def end(self, item: Item, outcome: Outcome, t: float) -> None:
+        """What became of ``item``; an item ends once."""
+        if item.outcome is not None:
+            raise ValueError(f"item {item.number} already ended as {item.outcome}")
+        item.outcome = outcome
+        item.note(t, outcome.value)
+        self.counts[outcome] += 1
+
+    @property
+    def length(self) -> int:
+        """How many can still be picked."""
+        return sum(i.outcome is None for i in self.items)
+
+    def live(self) -> dict[str, float]:
+        """Counters by the names of the registers."""
+        misses = {o: self.counts[o] for o in Outcome if o is not Outcome.PICKED}
+        named = {f"missed_{o.value.replace(' ', '_')}": float(n) for o, n in misses.items()}
+        return {
+            "picks": float(self.counts[Outcome.PICKED]),
+            "misses": float(sum(misses.values())),
+            "queue_length": float(self.length),
+            **named,
+        }
+
+
+def as_sighting(point: Array, t: float, arrived: float) -> Sighting:
+    """A sighting of the tracker from a grasp point (3,) in the base, exposed at ``t``."""
+    return Sighting((float(point[0]), float(point[1])), t, arrived, True)
+
+
+def life(item: Item) -> dict[str, Any]:
+    """An item's life as plain values, for journal and ledger."""
+    return {"sightings": item.sightings, "history": [[round(t, 4), what] for t, what in item.history]}

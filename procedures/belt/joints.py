@@ -1,0 +1,65 @@
+"""From the tool's motion to the arm's: set-points as joint polynomials."""
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from calibration.belt.pursuit import State
+from cell.arm_model import ArmModel
+from cell.devices import TrajectoryPiece
+from cell.errors import error
+from cell.poses import Array
+
+_FARTHEST_RAD = 0.5  # in one piece; more would be another branch
+
+
+class ToolJoints:
+    """A tool that stays upright: ``yaw`` 0 is its attitude at the pose ``q_upright`` (6,).
+
+    ``T_flange_tool`` has the tool's point as its origin.
+    """
+
+    def __init__(self, model: ArmModel, T_flange_tool: RigidTransform, q_upright: Array) -> None:
+        self._model, self._T_flange_tool = model, T_flange_tool
+        self._T_tool_flange = T_flange_tool.inv()
+        self._upright: Rotation = (model.forward(q_upright) * T_flange_tool).rotation
+
+    def heading(self) -> float:
+        """Of the tool's x axis about base z at yaw 0, rad."""
+        x = self._upright.as_matrix()[:, 0]
+        return float(np.arctan2(x[1], x[0]))
+
+    def lean(self, q: Array) -> float:
+        """How far the tool's axis at ``q`` (6,) is from straight down, rad."""
+        axis = (self._model.forward(q) * self._T_flange_tool).rotation.apply([0.0, 0.0, 1.0])
+        return float(np.arccos(np.clip(-axis[2], -1.0, 1.0)))
+
+    def state(self, q: Array) -> State:
+        """The tool at rest at ``q`` (6,)."""
+        tool = self._model.forward(q) * self._T_flange_tool
+        turn = (tool.rotation * self._upright.inv()).as_rotvec()
+        return State.still(np.array([*tool.translation, float(turn[2])]))
+
+    def flange(self, state: State) -> RigidTransform:
+        """``T_base_flange`` for the tool at ``state``."""
+        rotation = Rotation.from_rotvec([0.0, 0.0, state.p[3]]) * self._upright
+        return RigidTransform.from_components(state.p[:3], rotation) * self._T_tool_flange
+
+    def joints(self, state: State, near: Array) -> tuple[Array, Array]:
+        """Joints (6,) and joint speeds (6,) for the tool at ``state``, on the branch of ``near`` (6,)."""
+        T = self.flange(state)
+        q = self._model.inverse(T, near)
+        if q is None or float(np.max(np.abs(q - near))) > _FARTHEST_RAD:
+            x, y, z = state.p[:3]
+            raise error("MOTION_UNREACHABLE", f"the tool at {x:.3f}, {y:.3f}, {z:.3f} m")
+        spin = np.array([0.0, 0.0, state.v[3]])
+        twist = np.concatenate([state.v[:3] + np.cross(spin, T.translation - state.p[:3]), spin])
+        return q, np.linalg.solve(self._model.jacobian(q), twist)
+
+    def piece(
+        self, t0: float, start: tuple[Array, Array], t1: float, end: tuple[Array, Array]
+    ) -> TrajectoryPiece:
+        """The cubic between joints and joint speeds at ``t0`` and at ``t1`` (Hermite)."""
+        (q0, v0), (q1, v1), h = start, end, t1 - t0
+        c2 = (3.0 * (q1 - q0) / h - 2.0 * v0 - v1) / h
+        c3 = (2.0 * (q0 - q1) / h + v0 + v1) / (h * h)
+        return TrajectoryPiece(t0, t1, np.array([q0, v0, c2, c3]))

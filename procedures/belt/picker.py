@@ -1,0 +1,341 @@
+"""One stream of set-points from item to item: approach, descend, grip, lift, place, and back.
+
+The picker decides every 20 ms, from what is known then, where the tool goes next; each plan begins in the
+state that the one before is in, so a forecast that changes bends the way and never breaks it.
+"""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from calibration.belt.arm_time import MotionLimits, rest_to_rest
+from calibration.belt.pursuit import Leg, Origin, Place, PursuitLimits, Ride, State, plan
+from calibration.belt.tracking import Track
+from cell.devices import Gripper, TrajectoryPiece
+from cell.errors import error
+from cell.poses import Array
+from cell.procedure import Run
+from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.items import Item, Outcome, life
+from procedures.belt.joints import ToolJoints
+from procedures.belt.states import PickState as S
+from procedures.belt.watch import BeltWatch
+
+STEP_S = 0.02  # between decisions
+LEAD_S = 0.012  # from a decision to where it begins to act
+AHEAD_S = 0.06  # what a set-point is good for when no later one comes
+CLEAR_SHARE = 0.6  # of the lift, after which the tool may leave sideways
+PUBLISH_S = 0.2
+
+
+class Picker:
+    """Streams until something asks for rest: a pause, the end, a belt that stands."""
+
+    def __init__(
+        self,
+        run: Run,
+        config: BeltTrackingConfig,
+        watch: BeltWatch,
+        tool: ToolJoints,
+        wait: State,
+        place: State,
+    ) -> None:
+        self._run, self._config, self._watch, self._tool = run, config, watch, tool
+        self._wait, self._place = wait, place
+        limits = config.limits
+        self._limits = PursuitLimits(
+            limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3, yaw_v=limits.joint_speed_rad_s
+        )
+        axis = MotionLimits(limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3)
+        self._descent_s = float(rest_to_rest(np.array(config.above_m), axis))
+        self._above = np.array([0.0, 0.0, config.above_m + config.grip_m, 0.0])
+        self._at_grip = np.array([0.0, 0.0, config.grip_m, 0.0])
+        self._over_place = np.array([0.0, 0.0, config.above_m, 0.0])
+        self._gripper: Gripper = run.gripper()
+        self._task: asyncio.Task[bool] | None = None
+        self._held = False
+        self._foot_m = 0.0
+        self._item: Item | None = None
+        self._t_contact = 0.0
+        self._phase: Callable[[float], Coroutine[Any, Any, bool]] = self._ready
+        self._leg: Leg = plan(0.0, wait, Place(wait.p), np.zeros(4), self._limits)
+        self._published = -np.inf
+        self._standing_since: float | None = None
+        self.standing = False
+
+    async def pieces(self, q: Array) -> AsyncIterator[TrajectoryPiece]:
+        """Set-points from rest at ``q`` (6,) on, until :attr:`standing`, a wish for rest, or enough picks."""
+        clock = self._run.clock
+        t = clock.now() + LEAD_S
+        self._leg = plan(t, self._tool.state(q), Place(self._wait.p), np.zeros(4), self._limits)
+        self._phase, self.standing, self._standing_since = self._ready, False, None
+        here = q, np.zeros(6)
+        try:
+            while True:
+                await self._learn()
+                if not await self._phase(t):
+                    return
+                ahead = self._tool.joints(self._leg.at(t + AHEAD_S), here[0] + AHEAD_S * here[1])
+                yield self._tool.piece(t, here, t + AHEAD_S, ahead)
+                await clock.sleep(max(t + STEP_S - LEAD_S - clock.now(), 0.0))
+                t = max(t + STEP_S, clock.now() + LEAD_S)
+                here = self._tool.joints(self._leg.at(t), here[0])
+        finally:
+            await self._end_task()
+
+    # -- what is known
+
+    async def _learn(self) -> None:
+        now = self._run.clock.now()
+        self._watch.learn()
+        for item in self._watch.missed(now, self._item):
+            await self._ended(item)
+        self._judge_belt(now)
+        if now - self._published >= PUBLISH_S:
+            self._published = now
+            forecast = self._watch.forecast
+            position = 0.0 if forecast is None else forecast.travel(forecast.now)
+            self._run.publish(
+                belt_speed_m_s=self._watch.speed(), belt_position_m=position, **self._watch.queue.live()
+            )
+
+    def _judge_belt(self, now: float) -> None:
+        """A belt that stands for long, or runs backward, is waited for at rest."""
+        config = self._config
+        if self._watch.speed() >= config.standing_m_s:
+            self._standing_since = None
+            return
+        self._standing_since = now if self._standing_since is None else self._standing_since
+        backward = self._watch.speed() <= -config.standing_m_s
+        if backward or now - self._standing_since >= config.standing_s:
+            self.standing = True
+
+    @property
+    def enough(self) -> bool:
+        """Whether as many items were picked as were wanted."""
+        return 0 < self._config.picks <= self._watch.queue.counts[Outcome.PICKED]
+
+    @property
+    def _rest_wanted(self) -> bool:
+        return self._run.wants_rest or self.standing or self.enough
+
+    async def _ended(self, item: Item) -> None:
+        """Keep what became of ``item`` in journal and ledger."""
+        assert item.outcome is not None
+        run, detail = self._run, life(item)
+        run.note("decision", event="item", item=item.number, outcome=item.outcome.value, **detail)
+        await run.cell.add_item(run, item.number, run.clock.now(), item.outcome.value, detail)
+        run.progress(self._watch.queue.counts[Outcome.PICKED], self._config.picks)
+
+    # -- phases: each decides about the leg from ``t`` on; False ends the stream
+
+    async def _ready(self, t: float) -> bool:
+        """At rest above the belt, or on the way there: whoever comes first is next."""
+        home = Place(self._wait.p)
+        if self._rest_wanted:
+            if self._run.state is S.WAIT:
+                await self._run.enter(S.RETURN, "rest is wanted")
+            self._go(t, home, np.zeros(4))
+            return t < self._leg.t1
+        chosen = self._choose(t)
+        if chosen is None:
+            self._go(t, home, np.zeros(4))
+            return True
+        item, leg, now = chosen
+        self._leg = leg
+        if now:
+            self._item = item
+            item.note(t, "approach")
+            await self._run.enter(S.APPROACH, f"item {item.number}")
+            self._phase = self._approach
+        elif self._run.state is not S.WAIT:
+            await self._run.enter(S.WAIT, f"item {item.number}")
+        return True
+
+    async def _approach(self, t: float) -> bool:
+        ride = self._ride()
+        if ride is None or self.standing:
+            return await self._give_up(t)
+        self._go(t, ride, self._above)
+        if not self._leaves_after(ride.track, self._leg.t1 + self._descent_s):
+            return await self._give_up(t)
+        if self._leg.t1 - t <= STEP_S:
+            await self._run.enter(S.DESCEND)
+            self._phase = self._descend
+        return True
+
+    async def _descend(self, t: float) -> bool:
+        ride = self._ride()
+        if ride is None:
+            return await self._give_up(t)
+        self._go(t, ride, self._at_grip)
+        if self._leg.t1 - t <= 0.5 * STEP_S:
+            assert self._item is not None
+            self._item.note(t, "contact")
+            self._t_contact = self._leg.t1
+            await self._run.enter(S.GRIP)
+            self._begin(self._gripper.grip(self._config.grip_timeout_s))
+            self._phase = self._grip
+        return True
+
+    async def _grip(self, t: float) -> bool:
+        """Move with the item until it is held, and at least for the dwell."""
+        if (ride := self._ride()) is not None:
+            self._go(t, ride, self._at_grip)
+        if t < self._t_contact + self._config.dwell_s or (held := self._answer()) is None:
+            return True
+        assert self._item is not None
+        self._item.note(t, "gripped" if held else "grip failed")
+        self._held = held
+        await self._run.enter(S.LIFT)
+        if not held:
+            self._begin(self._gripper.release(self._config.grip_timeout_s))
+            await self._end_item(Outcome.GRIP_FAILED)
+        self._foot_m = float(self._leg.at(t).p[2])
+        self._leg = plan(t, self._leg.at(t), self._leg.origin, self._above, self._limits)
+        self._phase = self._lift
+        return True
+
+    async def _lift(self, t: float) -> bool:
+        """Straight up, seen from the belt, until what lies beside is cleared."""
+        if self._leg.at(t).p[2] - self._foot_m < CLEAR_SHARE * self._config.above_m:
+            return True
+        if self._held:
+            await self._run.enter(S.PLACE)
+            self._phase = self._to_place
+        else:
+            await self._run.enter(S.RETURN)
+            self._phase = self._ready
+        return True
+
+    async def _to_place(self, t: float) -> bool:
+        self._go(t, Place(self._place.p), self._over_place)
+        if self._leg.t1 - t <= STEP_S:
+            self._phase = self._put_down
+        return True
+
+    async def _put_down(self, t: float) -> bool:
+        self._go(t, Place(self._place.p), np.zeros(4))
+        if self._leg.t1 - t <= 0.5 * STEP_S:
+            if not self._gripper.holding(0.1):
+                await self._end_item(Outcome.LOST)
+            self._begin(self._gripper.release(self._config.grip_timeout_s))
+            self._phase = self._release
+        return True
+
+    async def _release(self, t: float) -> bool:
+        if (free := self._answer()) is None:
+            return True
+        if not free:
+            raise error("GRIPPER_STUCK", "the confirm input stays on after the gripper was opened")
+        if self._item is not None:
+            await self._end_item(Outcome.PICKED)
+        self._phase = self._leave_place
+        return True
+
+    async def _leave_place(self, t: float) -> bool:
+        self._go(t, Place(self._place.p), self._over_place)
+        if self._leg.at(t).p[2] - self._place.p[2] >= CLEAR_SHARE * self._config.above_m:
+            await self._run.enter(S.RETURN)
+            self._phase = self._ready
+        return True
+
+    # -- steps of the phases
+
+    def _go(self, t: float, origin: Origin, offset: Array) -> None:
+        """From where the tool is at ``t`` to rest at ``offset`` from ``origin``; a way to a place is kept."""
+        old = self._leg
+        if (
+            isinstance(origin, Place)
+            and isinstance(old.origin, Place)
+            and np.array_equal(origin.p, old.origin.p)
+            and np.array_equal(offset, old.offset)
+        ):
+            return
+        self._leg = plan(t, self._leg.at(t), origin, offset, self._limits)
+
+    def _ride(self) -> Ride | None:
+        """The item in hand, as it is foretold now."""
+        track = None if self._item is None else self._watch.track(self._item)
+        return None if track is None or self._item is None else Ride(track, self._yaw(self._item))
+
+    def _yaw(self, item: Item) -> float:
+        """The least turn that brings the tool along the item's longer side or across it, rad."""
+        if not self._config.align:
+            return float(self._wait.p[3])
+        turn = item.yaw - self._tool.heading()
+        return float((turn + np.pi / 2) % np.pi - np.pi / 2)
+
+    def _choose(self, t: float) -> tuple[Item, Leg, bool] | None:
+        """Who is next, the way to it, and whether to go now or to wait above where it will be.
+
+        The first to leave the zone of those that can be met in it; METHODS section 5.
+        """
+        for item in self._watch.queue.waiting(self._config.min_sightings):
+            track = self._watch.track(item)
+            if track is None:
+                continue
+            ride = Ride(track, self._yaw(item))
+            leg = plan(t, self._leg.at(t), ride, self._above, self._limits)
+            contact = leg.t1 + self._descent_s
+            if not self._leaves_after(track, contact):
+                continue
+            if float(track.along(np.array([contact]))[0]) >= self._config.zone.min_m:
+                return item, leg, True
+            entry = self._entry(track, t)
+            if entry is None:
+                return None
+            above = Place(np.array([*track.xy(np.array([entry]))[0], track.height, ride.yaw]))
+            return item, plan(t, self._leg.at(t), above, self._above, self._limits), False
+        return None
+
+    def _entry(self, track: Track, t: float) -> float | None:
+        """When the item will be at the zone's first edge, s; None when that is far off."""
+        speed = self._watch.speed()
+        left = self._config.zone.min_m - float(track.along(np.array([t]))[0])
+        if speed < self._config.standing_m_s or left / speed > 30.0:
+            return None
+        return t + max(left, 0.0) / speed
+
+    def _leaves_after(self, track: Track, contact: float) -> bool:
+        """Whether the item is still in the zone when a contact at ``contact`` is over."""
+        end = contact + self._config.dwell_s + self._config.grip_timeout_s / 3.0
+        return bool(float(track.along(np.array([end]))[0]) <= self._config.zone.max_m)
+
+    async def _give_up(self, t: float) -> bool:
+        """This item cannot be met any more; it ends when it leaves the zone."""
+        if self._item is not None:
+            self._item.note(t, "given up")
+            self._item = None
+        await self._run.enter(S.RETURN)
+        self._phase = self._ready
+        self._go(t, Place(self._wait.p), np.zeros(4))
+        return True
+
+    async def _end_item(self, outcome: Outcome) -> None:
+        item, self._item = self._item, None
+        if item is not None and item.outcome is None:
+            self._watch.queue.end(item, outcome, self._run.clock.now())
+            await self._ended(item)
+
+    # -- the gripper works beside the stream
+
+    def _begin(self, work: Coroutine[Any, Any, bool]) -> None:
+        if self._task is not None and not self._task.done():
+            self._task.cancel()
+        self._task = asyncio.create_task(work, name="gripper")
+
+    def _answer(self) -> bool | None:
+        """What the gripper's last command came to; None while it works."""
+        assert self._task is not None
+        return self._task.result() if self._task.done() else None
+
+    async def _end_task(self) -> None:
+        task, self._task = self._task, None
+        if task is not None and not task.done():
+            task.cancel()
+            with suppress(asyncio.CancelledError):
+                await task

@@ -1,0 +1,52 @@
+"""From what the camera sees to places on the belt."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from cell.devices import ItemView
+from cell.errors import error
+from cell.poses import Array, from_pose6
+from procedures.belt.config import ItemLook
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One item in one frame: its grasp point (3,) in the base, and the yaw of its longer side, rad."""
+
+    point: Array
+    yaw: float
+
+
+class Sight:
+    """A fixed camera above the belt: ``T_base_camera``, and the plane of the belt at height ``z_m``."""
+
+    def __init__(self, values: Mapping[str, Any], belt_z_m: float, look: ItemLook) -> None:
+        known = (values["calibration"].get("eye-to-hand") or {}).get("X")
+        if known is None or "T_base_camera" not in values["versions"]:
+            raise error(
+                "BELT_NO_CAMERA", "T_base_camera is not calibrated: run cone-capture with setup eye-to-hand"
+            )
+        self.T_base_camera: RigidTransform = from_pose6(known)
+        self._z_m, self._look = belt_z_m, look
+
+    def spec(self) -> dict[str, Any]:
+        """What the camera's item detector has to know."""
+        T = self.T_base_camera.inv()
+        normal = T.rotation.apply([0.0, 0.0, 1.0])
+        look = self._look
+        return {
+            "normal": normal.tolist(),
+            "offset_m": float(normal @ T.apply([0.0, 0.0, self._z_m])),
+            "min_height_m": look.min_height_m,
+            "max_height_m": look.max_height_m,
+            "size_m": [look.min_size_m, look.max_size_m],
+        }
+
+    def seen(self, view: ItemView) -> Seen:
+        """``view`` in the base."""
+        axis = self.T_base_camera.rotation.apply(view.axis)
+        return Seen(self.T_base_camera.apply(view.point), float(np.arctan2(axis[1], axis[0])))

@@ -1,0 +1,143 @@
+"""Job ``belt-tracking``: pick items from a moving belt and put them down."""
+
+import asyncio
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any, ClassVar
+
+import numpy as np
+
+from calibration.belt.pursuit import State
+from calibration.kinematics import robot_from_spec
+from cell.errors import error
+from cell.motion import MotionLease
+from cell.poses import Array, from_pose6
+from cell.procedure import FinishRequested, Procedure, Run
+from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.joints import ToolJoints
+from procedures.belt.outcome import result_of
+from procedures.belt.picker import Picker
+from procedures.belt.sight import Sight
+from procedures.belt.states import CHECKPOINTS, PICKING, PickState
+from procedures.belt.watch import BeltWatch
+
+S = PickState
+CAMERA = "fixed_camera"
+LOOK_S = 0.05  # between looks at a belt that stands
+UPRIGHT_RAD = 0.02  # that the tool may lean at the poses
+
+
+class BeltTracking(Procedure):
+    """Detect, follow, grip, place; every item's life is kept."""
+
+    name: ClassVar[str] = "belt-tracking"
+    number: ClassVar[int] = 7
+    Config = BeltTrackingConfig
+    State = PickState
+    TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = PICKING
+    CHECKPOINTS: ClassVar[frozenset[Any]] = CHECKPOINTS
+
+    config: BeltTrackingConfig
+
+    def uses(self) -> tuple[str, ...]:
+        return ("arm", CAMERA, "belt", "gripper")
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        for key in ("wait_pose", "place_pose"):
+            name = getattr(self.config, key)
+            if name not in values["poses"]:
+                known = ", ".join(values["poses"]) or "none"
+                raise error("ARGUMENT_INVALID", f"{key} '{name}' is not in [poses]; there is {known}")
+        if values["belt"] is None:
+            raise error("BELT_NOT_CALIBRATED", "there is neither a committed nor a configured value")
+        Sight(values, self.config.belt_z_m, self.config.items)
+
+    async def run(self, run: Run) -> None:
+        await run.enter(S.PREPARE)
+        picking = _Picking(self.config, run)
+        started = run.clock.now()
+        with picking.watch:
+            await picking.camera.set_items(picking.sight.spec())
+            try:
+                with suppress(FinishRequested):
+                    await picking.go()
+            finally:
+                await asyncio.shield(picking.camera.set_items(None))
+        await run.enter(S.REPORT)
+        run.result = result_of(picking.watch, self.config, run.values, run.clock.now() - started)
+
+    async def dry_run(self, run: Run) -> dict[str, Any]:
+        """The poses, and what the belt, the zone and the limits make of a pick; nothing moves."""
+        picking = _Picking(self.config, run)
+        return {"poses": picking.poses(), "note": "the way to an item is planned when it is seen"}
+
+
+class _Picking:
+    """Devices and values of one run."""
+
+    def __init__(self, config: BeltTrackingConfig, run: Run) -> None:
+        self.config, self.run, values = config, run, run.values
+        self.arm, self.camera = run.arm(), run.camera(CAMERA)
+        self.sight = Sight(values, config.belt_z_m, config.items)
+        self.watch = BeltWatch(run.encoder(), self.camera, self.sight, values["belt"], config)
+        self.q_wait: Array = np.array(values["poses"][config.wait_pose])
+        self.q_place: Array = np.array(values["poses"][config.place_pose])
+        model = robot_from_spec(values["robot"])
+        self.tool = ToolJoints(model, from_pose6(values["tool"]["T_flange_tool"]), self.q_wait)
+        for key, q in (("wait_pose", self.q_wait), ("place_pose", self.q_place)):
+            lean = self.tool.lean(q)
+            if lean > UPRIGHT_RAD:
+                raise error(
+                    "ARGUMENT_INVALID", f"{key}: the tool leans by {lean:.3f} rad; it must point down"
+                )
+
+    def poses(self) -> list[dict[str, Any]]:
+        """Waiting pose and place, as a plan lists them."""
+        named = {"wait": self.q_wait, "place": self.q_place}
+        return [
+            {"index": k, "name": name, "q": q.tolist(), "tool": self.tool.state(q).p[:3].tolist()}
+            for k, (name, q) in enumerate(named.items())
+        ]
+
+    async def go(self) -> None:
+        """Lease after lease: a belt that stands is waited for without one."""
+        run, gripper = self.run, self.run.gripper()
+        if gripper.holding(0.5):
+            raise error("GRIPPER_HOLDS", gripper.name)
+        while True:
+            async with run.motion() as lease:
+                await gripper.release(self.config.grip_timeout_s)
+                await run.enter(S.TO_WAIT)
+                await lease.move_joints(self.q_wait)
+                await run.enter(S.READY)
+                if not await self._pick(lease):
+                    return
+            await self._wait_for_belt()
+
+    async def _pick(self, lease: MotionLease) -> bool:
+        """Stream until the belt stands (True) or enough is picked (False); pauses end in READY."""
+        run = self.run
+        wait, place = self.tool.state(self.q_wait), self._place()
+        picker = Picker(run, self.config, self.watch, self.tool, wait, place)
+        while not picker.enough:
+            await lease.stream(picker.pieces(self.arm.state.latest(0.1).value.q))
+            if picker.standing:
+                return True
+            await run.enter(S.READY)
+        return False
+
+    def _place(self) -> State:
+        return self.tool.state(self.q_place)
+
+    async def _wait_for_belt(self) -> None:
+        """The belt stands or runs backward: something outside, so the job is suspended, at rest."""
+        run, config = self.run, self.config
+        await run.enter(S.STANDING, f"belt speed {self.watch.speed():.4f} m/s")
+        run.suspend("the belt stands or runs backward")
+        while self.watch.speed() < config.standing_m_s:
+            await run.clock.sleep(LOOK_S)
+            self.watch.learn()
+            if run.wants_rest:
+                break
+        run.unsuspend()
+        await run.enter(S.READY)

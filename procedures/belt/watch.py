@@ -1,0 +1,131 @@
+"""What encoder and camera say, turned into items on the belt."""
+
+from collections import deque
+from collections.abc import Mapping
+from typing import Any, Self
+
+import numpy as np
+
+from calibration.belt.estimator import BeltEstimator
+from calibration.belt.estimator import Encoder as Scale
+from calibration.belt.forecast import Forecast
+from calibration.belt.tracking import BeltTracker, Track
+from cell.devices import DepthCamera, Encoder, EncoderState, Frame
+from cell.errors import error
+from cell.poses import Array
+from cell.samples import Sample
+from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.items import Item, Outcome, Queue, as_sighting
+from procedures.belt.sight import Sight
+
+KEEP_M = 0.5  # past the zone, so that nothing already dealt with is taken for new
+LOOK_BACK_S = 1.0  # an exposure older than this is not asked for any more
+
+
+class BeltWatch:
+    """``with BeltWatch(...)``: listens to both streams; :meth:`learn` takes in what has come.
+
+    ``belt`` is the belt in effect: ``m_per_count`` (m) and ``dir`` (3,).
+    """
+
+    def __init__(
+        self,
+        encoder: Encoder,
+        camera: DepthCamera,
+        sight: Sight,
+        belt: Mapping[str, Any],
+        config: BeltTrackingConfig,
+    ) -> None:
+        self.queue = Queue(config.spacing_m)
+        scale = Scale(float(belt["m_per_count"]), None, encoder.period_s)
+        self.tracker = BeltTracker(BeltEstimator(scale), np.array(belt["dir"], dtype=float))
+        self._encoder, self._camera, self._sight, self._config = encoder, camera, sight, config
+        self._frames: deque[Sample[Frame]] = deque()
+        self._undo: list[Any] = []
+        flat = self.tracker.direction[:2]
+        self._flat_length = float(np.linalg.norm(flat))
+        if self._flat_length < 0.5:
+            raise error("ARGUMENT_INVALID", "the belt's direction is steeper than 60 degrees")
+        self._along = flat / self._flat_length
+        self._across = np.array([-self._along[1], self._along[0]])
+
+    def __enter__(self) -> Self:
+        self._undo = [
+            self._encoder.counts.subscribe(self._count),
+            self._camera.frames.subscribe(self._frames.append),
+        ]
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for undo in self._undo:
+            undo()
+
+    @property
+    def forecast(self) -> Forecast | None:
+        """The belt's motion as it is known now."""
+        return self.tracker.belt.forecast()
+
+    def speed(self) -> float:
+        """Of the belt, m/s; 0 before anything was counted."""
+        forecast = self.forecast
+        return 0.0 if forecast is None else forecast.speed(forecast.now)
+
+    def track(self, item: Item) -> Track | None:
+        """``item`` as it is foretold now."""
+        return self.tracker.track(item.key, self.forecast)
+
+    def along_zone(self, item: Item) -> float:
+        """Where ``item`` is now, dot(p, dir) in the base, m; from its place on the belt alone."""
+        forecast = self.forecast
+        travel = 0.0 if forecast is None else forecast.travel(forecast.now)
+        along = item.along + travel * self._flat_length
+        rise = float(self.tracker.direction[2])
+        return along * self._flat_length + rise * self._config.belt_z_m
+
+    def learn(self) -> list[Item]:
+        """Take in what has been seen since; returns the items that are gone, ended or not."""
+        forecast = self.forecast
+        while self._frames and forecast is not None and self._frames[0].t <= forecast.now:
+            self._take(self._frames.popleft(), forecast)
+        if forecast is None:
+            return []
+        far = self._config.zone.max_m + KEEP_M
+        gone = [i for i in self.queue.items if self.along_zone(i) > far]
+        for item in gone:
+            self.queue.items.remove(item)
+            self.tracker.forget(item.key)
+        if self.queue.length > self._config.queue_limit:
+            raise error(
+                "BELT_QUEUE_FULL", f"{self.queue.length} items, queue_limit {self._config.queue_limit}"
+            )
+        return gone
+
+    def missed(self, now: float, in_hand: Item | None) -> list[Item]:
+        """Items other than ``in_hand`` that have left the zone unpicked; they end here."""
+        out = []
+        for item in self.queue.items:
+            if item is in_hand or item.outcome is not None:
+                continue
+            if self.along_zone(item) > self._config.zone.max_m:
+                seen = item.sightings >= self._config.min_sightings
+                self.queue.end(item, Outcome.OUT_OF_ZONE if seen else Outcome.NOT_DETECTED, now)
+                out.append(item)
+        return out
+
+    def _count(self, sample: Sample[EncoderState]) -> None:
+        self.tracker.belt.add(sample.t, sample.value.count)
+
+    def _take(self, sample: Sample[Frame], forecast: Forecast) -> None:
+        frame = sample.value
+        if forecast.now - frame.t_exposure > LOOK_BACK_S:
+            return
+        travel = forecast.travel(frame.t_exposure) * self._flat_length
+        for view in frame.items or ():
+            seen = self._sight.seen(view)
+            xy: Array = seen.point[:2]
+            item = self.queue.place(float(xy @ self._along) - travel, float(xy @ self._across), seen.yaw)
+            if item.sightings == 1:
+                item.note(frame.t_exposure, "seen")
+            if item.outcome is None:
+                sighting = as_sighting(seen.point, frame.t_exposure, self._encoder.counts.clock.now())
+                self.tracker.see(item.key, sighting, float(seen.point[2]))
