@@ -62,6 +62,14 @@ class Rules:
         found = (rule.first_below(limit) for rule in rules)
         return min((f for f in found if f is not None), key=lambda f: f.index, default=None)
 
+    def kept(self, ends: Array) -> NDArray[np.bool_]:
+        """(n,): at which samples no rule is broken."""
+        rules = (*self.keep_out(ends), self.workspace(ends), self.floor(ends), self.self_contact(ends))
+        good = np.ones(len(ends), dtype=bool)
+        for rule in rules:
+            good &= (rule.values >= 0.0).all(axis=1)
+        return good
+
     def keep_out(self, ends: Array, within: float = 0.0) -> list[Slacks]:
         """Every moving capsule outside every keep-out box; the base is bolted down and cannot run into one.
 

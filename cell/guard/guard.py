@@ -7,6 +7,7 @@ A supervisor's plausibility check against the configured boxes, not a safety fun
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Slerp
 
 from cell.arm_model import ArmModel
@@ -42,6 +43,12 @@ class MotionGuard:
     def check_joints(self, q: Array) -> None:
         """Joint ranges and geometry at ``q`` (6,) rad."""
         self._check(_six(q)[None], ["at this pose"], np.zeros(1))
+
+    def free(self, Q: Array) -> NDArray[np.bool_]:
+        """(n,): which of ``Q`` (n, 6) rad :meth:`check_joints` would let pass, for planning with many."""
+        low, high = self._joint_limits.T
+        within: NDArray[np.bool_] = np.all((low - 1e-9 <= Q) & (high + 1e-9 >= Q), axis=1)
+        return within & self._rules.kept(self._body.ends(Q))
 
     def check_path_joints(self, q0: Array, q1: Array) -> None:
         """The straight joint path from ``q0`` to ``q1`` (6,) rad, ends included."""

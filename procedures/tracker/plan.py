@@ -30,7 +30,7 @@ from procedures.tracker.space import Space, make_space
 from procedures.tracker.tour import blocked, tour
 
 _CANDIDATES = 8  # for each pose of the plan
-_LEAST_CANDIDATES = 200
+_LEAST_CANDIDATES = 120
 _VALIDATION = 120
 _NEAR_RAD = 0.35  # joints around the start pose, while nobody knows where the tracker stands
 _NEAR_DRAWS = 200

@@ -22,7 +22,7 @@ from procedures.tracker.sight import REASONS, View
 ASSUMED_RANGE_M = 3.5  # while nobody knows where the tracker stands
 _BATCH = 4000
 _TRIES = 80_000
-_SHOWN = 5
+_LOOKED_AT = 4  # times the candidates that are wanted, in one batch
 
 
 def robot_of(values: Mapping[str, Any], config: TrackerSamplingConfig) -> dict[str, Any]:
@@ -70,7 +70,7 @@ class Space:
         inside = np.all((self.ranges[:, 0] <= Q) & (self.ranges[:, 1] >= Q), axis=1)
         seen = np.flatnonzero(inside)
         seen = seen[self._seen(Q[seen], target[seen])]
-        free = np.array([k for k in seen if self._free(Q[k])], dtype=np.int64)
+        free = seen[self._free(Q[seen])]
         if len(free):
             sigma[free] = self.sigma(Q[free], target[free])
         return sigma
@@ -93,8 +93,9 @@ class Space:
             Q = self._spread(rng, _BATCH)
             target = rng.integers(0, len(self.model.targets), _BATCH)
             tried += _BATCH
-            for k in np.flatnonzero(self._seen(Q, target, self.refused)):
-                if self._free(Q[k], self.refused) and self._got_to(hub, Q[k]):
+            seen = np.flatnonzero(self._seen(Q, target, self.refused))[: _LOOKED_AT * count]
+            for k in seen[self._free(Q[seen], self.refused)]:
+                if self._got_to(hub, Q[k]):
                     found.append(Q[k])
                     which.append(target[k])
                     have += 1
@@ -105,22 +106,19 @@ class Space:
 
     def anywhere(self, count: int, rng: np.random.Generator) -> Array:
         """(count, j): poses that the arm can take, seen or not: where its predictions shall be good."""
-        out: list[Array] = []
+        out = np.zeros((0, len(self.ranges)))
         for _ in range(_TRIES // _BATCH):
-            for q in self._spread(rng, 10 * count):
-                if self._free(q):
-                    out.append(q)
-                    if len(out) == count:
-                        return np.array(out)
-        return np.array(out).reshape(len(out), len(self.ranges))
+            Q = self._spread(rng, 2 * count)
+            out = np.concatenate([out, Q[self._free(Q)]])
+            if len(out) >= count:
+                break
+        return out[:count]
 
     def why_not(self) -> str:
         """What kept most of the tried poses out, most frequent first."""
         tried = self.refused["tried"]
-        reasons = [(n, why) for why, n in self.refused.items() if why != "tried"]
-        return "; ".join(
-            f"{100 * n / max(tried, 1):.0f} %: {why}" for n, why in sorted(reasons, reverse=True)
-        )
+        reasons = sorted(((n, why) for why, n in self.refused.items() if why != "tried"), reverse=True)
+        return "; ".join(f"{100 * n / max(tried, 1):.1f} % {why}" for n, why in reasons if n)
 
     def check_path(self, q0: Array, q1: Array) -> None:
         """Raise the coded error that forbids this joint path; an arm that we do not move has none."""
@@ -154,16 +152,14 @@ class Space:
         good: NDArray[np.bool_] = fault < 0
         return good
 
-    def _free(self, q: Array, count: Counter[str] | None = None) -> bool:
-        if self.guard is None:
-            return True
-        try:
-            self.guard.check_joints(q)
-        except CellError as exc:
-            if count is not None:
-                count[exc.detail.split(":")[0]] += 1
-            return False
-        return True
+    def _free(self, Q: Array, count: Counter[str] | None = None) -> NDArray[np.bool_]:
+        """(n,): where the guard lets the arm be; everywhere, if we do not move it."""
+        if self.guard is None or not len(Q):
+            return np.ones(len(Q), dtype=bool)
+        free = self.guard.free(Q)
+        if count is not None:
+            count["boxes, floor or the arm itself are in the way"] += int(np.sum(~free))
+        return free
 
 
 def make_space(

@@ -4,8 +4,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from cell.poses import Array, from_pose6
 from daemon.config import CellConfig
 from fakes.scenario import Scenario
+from fakes.world import World
+from procedures.tracker.judging import places
 from tests.object_cell import write_config
 
 JOB = "tracker-sampling"
@@ -46,11 +51,11 @@ def monuments(scenario: str) -> dict[str, Any]:
 
 
 def nominal_tracker(scenario: str) -> list[float]:
-    """Where the drawing has the tracker: 30 mm and half a degree off."""
+    """Where the drawing has the tracker: a few centimetres and 0.4 degrees off."""
     tracker = Scenario.load(scenario).world.tracker
     assert tracker is not None
     x, y, z, rx, ry, rz = tracker.T_base_tracker
-    return [x + 0.02, y - 0.02, z + 0.01, rx, ry, rz + 0.009]
+    return [x + 0.015, y - 0.015, z + 0.01, rx, ry, rz + 0.007]
 
 
 def tracker_config(
@@ -81,3 +86,25 @@ def tracker_config(
     section = {key: value for key, value in section.items() if value is not None}
     overrides.setdefault("limits", BRISK)
     return write_config(folder, scenario, jobs={JOB: section}, **overrides)
+
+
+def true_errors(world: World, result: Mapping[str, Any], Q: Array, reflector: str = "smr1") -> Array:
+    """(n,) m: how far off a result predicts where the tracker truly has a reflector, at joints ``Q`` (n, j).
+
+    The truth is the twin's own kinematics; no noise is in it.
+    """
+    truth = world.config.reflectors[reflector]
+    arm = world.true if truth.on == "arm" else world.observed.true  # type: ignore[union-attr]
+    flange = arm.forward if truth.on == "arm" else arm.flange  # type: ignore[union-attr]
+    assert world.tracker is not None
+    stand = world.tracker.stand.at(world.t0)
+    true = np.array([stand.inv().apply(flange(q).apply(truth.point)) for q in Q])
+    samples = [{"q": q.tolist(), "target": reflector} for q in Q]
+    answer = result["result"]
+    predicted = from_pose6(answer["T_tracker_base"]).apply(places(answer["robot"], samples))
+    out: Array = np.linalg.norm(predicted - true, axis=1)
+    return out
+
+
+def rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(x))))

@@ -1,0 +1,57 @@
+"""What a killed or stopped sampling leaves is taken over, as long as the tracker stands where it did."""
+
+from pathlib import Path
+
+import pytest
+
+from fakes.object import run_virtual
+from procedures.tracker.record import SampleRecord
+from tests.object_cell import no_report, open_cell
+from tests.unit.tracker_cell import JOB, tracker_config
+
+__all__ = ["no_report"]
+pytestmark = pytest.mark.usefixtures("no_report")
+
+
+def test_finished_poses_survive_a_kill_and_are_taken_over(tmp_path: Path) -> None:
+    config = tracker_config(tmp_path, {"poses": 14, "monument_every": 4})
+
+    async def main() -> None:
+        async with open_cell(config, job=JOB) as cell:
+            clock = cell.clock
+            run_id = await cell.start()
+            await cell.until(lambda: cell.engine.status()["step"] >= 6, "six poses", 300.0)
+            await cell.kill()
+            kept = SampleRecord.read(cell.folder(run_id).path)
+            assert len(kept.samples) >= 6
+            assert cell.folder(run_id).read_end() is None or cell.end(run_id)["outcome"] != "complete"
+        async with open_cell(config, clock, job=JOB) as cell:
+            second = await cell.start(adopt=run_id)
+            end = await cell.finished(second)
+            assert (end["outcome"], end["error"]) == ("complete", None)
+            after = SampleRecord.read(cell.folder(second).path)
+            assert after.samples[: len(kept.samples)] == kept.samples
+            assert len(after.samples) == 14
+            assert sum(s["held_out"] for s in after.samples) == 3
+            assert not cell.notes(second, "located"), "the tracker's place is taken over, too"
+            assert cell.result(second)["heldout"]["set_aside"]["rms"]["calibrated"] < 0.0003
+
+    run_virtual(main())
+
+
+def test_poses_are_not_taken_over_when_the_stand_was_moved_meanwhile(tmp_path: Path) -> None:
+    config = tracker_config(tmp_path, {"poses": 14, "monument_every": 4})
+
+    async def main() -> None:
+        async with open_cell(config, job=JOB) as cell:
+            run_id = await cell.start()
+            await cell.until(lambda: cell.engine.status()["step"] >= 6, "six poses", 300.0)
+            await cell.engine.abort("test")
+            await cell.finished(run_id)
+            cell.plant.plants["tracker"].inject("stand-moved", {"dx": 0.002})
+            second = await cell.start(adopt=run_id)
+            end = await cell.finished(second)
+            assert end["error"]["name"] == "TRACKER_MOVED"
+            assert "the tracker's stand moved" in end["error"]["text"]
+
+    run_virtual(main())
