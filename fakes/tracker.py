@@ -62,7 +62,7 @@ class Tracker:
         self._still, self._seed, self._t0 = still, seed, t0
         self.follows = False
         self._aim = (0.0, np.pi / 2)
-        self._seen = t0  # until then it is known what happened to the target
+        self.seen = t0  # until then it is known what happened to the target
 
     # -- what it reads
 
@@ -84,9 +84,9 @@ class Tracker:
 
     def advance(self, t: float) -> None:
         """See what became of the target by ``t``."""
-        if t <= self._seen:
+        if t <= self.seen:
             return
-        since, self._seen = self._seen, t
+        since, self.seen = self.seen, t
         if self.target is None:
             return
         for when in self._looks(since, t):
@@ -165,7 +165,7 @@ class Tracker:
 
     def told(self, t: float) -> dict[str, object]:
         """The truth about it at ``t`` (inf: the last known time), as plain JSON values."""
-        t = t if np.isfinite(t) else self._seen
+        t = t if np.isfinite(t) else self.seen
         return {
             "serial": self.truth.serial,
             "T_base_tracker": to_pose6(self.stand.at(t)).tolist(),

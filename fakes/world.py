@@ -32,6 +32,7 @@ from fakes.tool_shape import ToolShape
 from fakes.track import Track
 from fakes.tracker import Tracker
 
+_TRACKER_LOOKS_S = 1.0  # a set-point stream has a segment every few milliseconds
 Message = tuple[Any, ...]  # what keeps a mirror in step; picklable
 
 
@@ -231,8 +232,9 @@ class World:
 
         Not until this one: it may lie in the future, behind a braking that may yet be replaced.
         """
-        if self.tracker is not None:
-            self.tracker.advance(self._tracker_looks_until)
+        until = self._tracker_looks_until
+        if self.tracker is not None and until > self.tracker.seen + _TRACKER_LOOKS_S:
+            self.tracker.advance(until)
         self._tracker_looks_until = segment.t0
 
     def tool_point(self, t: float) -> Array:
