@@ -116,7 +116,7 @@ def remove(folder: Folder) -> None:
     ask(folder, {"do": "operator", "remove": True})
 
 
-@app.command()
+@app.command(context_settings={"ignore_unknown_options": True})  # a negative number is no option
 def jog(
     joints: Annotated[str, typer.Argument(help="Joints of the observed arm in rad, as in 0.1,1.5,-1.5,0")],
     folder: Folder,

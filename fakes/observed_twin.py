@@ -60,7 +60,8 @@ class TwinObserved:
         """The section of a daemon's configuration."""
         section: dict[str, Any] = {"driver": "observed-arm", "url": self.addresses()["palletizer"]}
         if self._file is not None:
-            return {**section, "joints": [{"unit": "rad"}] * self._file.arm.axes}
+            arm = self._file.arm
+            return {**section, "model": arm.truth.model, "joints": [{"unit": "rad"}] * arm.axes}
         return {**section, **self._registers.device(), "allow_requests": True}
 
 
