@@ -204,21 +204,39 @@ def test_it_follows_a_moving_arm_only_when_told_to() -> None:
             assert reading.point == pytest.approx(there, abs=3e-4)
 
 
-def test_it_loses_a_reflector_that_turned_away_during_the_move_even_if_it_faces_it_at_the_end() -> None:
-    # Its cone is so narrow that a turn of the last joint hides it.
+def narrow() -> tuple[World, Tracker]:
+    """A reflector that faces the tracker, with a cone so narrow that a turn of the last joint hides it."""
     smr = '[world.reflectors.s]\non = "arm"\npoint = [0.1, 0.0, 0.05]\nnormal = {}\nhalf_angle_rad = 0.3'
-    probe, tracker = world("", smr.format([1.0, 0.0, 0.0]))
-    flange = probe.true_flange(T0)
-    way = flange.rotation.inv().apply(np.array(STAND[:3]) - probe.reflector_position("s", T0))
+    probe, _ = world("", smr.format([1.0, 0.0, 0.0]))
+    to_tracker = np.array(STAND[:3]) - probe.reflector_position("s", T0)
+    way = probe.true_flange(T0).rotation.inv().apply(to_tracker)
     subject, tracker = world("", smr.format((way / np.linalg.norm(way)).tolist()))
     tracker.follow(T0, True)
     assert aim_at(tracker, "s", T0) == ""
+    return subject, tracker
+
+
+def turn_away_and_back(subject: World) -> float:
+    """Returns when the arm is back."""
     q = np.array(subject.config.arm.q_start)
     there = subject.track.start_joint_move(T0 + 1.0, q + 1.2 * np.eye(6)[5], 1.0, 2.0)
-    back = subject.track.start_joint_move(there, q, 1.0, 2.0)
-    reading = tracker.read(back + 1.0)
-    assert reading.status == TURNED_AWAY
+    return subject.track.start_joint_move(there, q, 1.0, 2.0)
+
+
+def test_it_loses_a_reflector_that_turned_away_during_the_move_even_if_it_faces_it_at_the_end() -> None:
+    subject, tracker = narrow()
+    back = turn_away_and_back(subject)
+    assert tracker.read(back + 1.0).status == TURNED_AWAY
     assert tracker.sight.hindrance("s", back + 1.0) == ""
+
+
+def test_nobody_has_to_ask_while_the_arm_still_remembers_what_it_did() -> None:
+    subject, tracker = narrow()
+    back, q = turn_away_and_back(subject), np.array(subject.config.arm.q_start)
+    for k in range(1, 8):  # long after that the track has forgotten
+        subject.track.start_joint_move(back + 5.0 * k, q + 0.001 * k, 1.0, 2.0)
+    assert subject.track.snapshot()[0].t0 > back
+    assert tracker.read(back + 60.0).status == TURNED_AWAY
 
 
 def test_a_search_takes_the_nearest_within_its_window_and_refuses_two_that_it_cannot_tell_apart() -> None:
