@@ -143,7 +143,11 @@ class ObservedArmReader:
         """
         self._life.require()
         assert self._source is not None
-        asked = await self._source.request(number, q)
+        try:
+            asked = await self._source.request(number, q)
+        except CellError:
+            self._life.require()  # a link that ended meanwhile is the reason
+            raise
         if asked:
             log.info("%s: %s", self.name, f"pose {number} is asked for" if number else "nothing is asked for")
         return asked

@@ -276,6 +276,24 @@ def test_a_lost_or_silent_or_restarted_controller_is_told_and_comes_back(tmp_pat
     asyncio.run(scene())
 
 
+def test_a_request_without_an_answer_or_without_a_link_is_told_as_that(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with palletizer(tmp_path) as (twin, arm, board):
+            subject = reader(twin.device(), timeout_s=0.5, lost_after_failures=20)
+            await subject.open()
+            board.inject("palletizer", "silence", {})
+            assert (await refused(subject.request(1, THERE))).name == "CALL_TIMEOUT"
+            board.inject("palletizer", "half-open", {})
+            asking = asyncio.ensure_future(subject.request(1, THERE))
+            await asyncio.sleep(0.05)
+            board.inject("palletizer", "drop", {})
+            assert (await refused(asking)).name == "DEVICE_LOST"
+            assert arm.track.end_time < time.monotonic(), "it was never told a number with its joints"
+            await subject.close()
+
+    asyncio.run(scene())
+
+
 # -- a file
 
 
