@@ -12,7 +12,7 @@ from cell.procedure import Run
 from procedures.arm_setup import lease_settings
 from procedures.laser.config import BEAMS, Search
 from procedures.laser.path import course
-from procedures.laser.plan import PlanRequest, check_plan, plan_scan
+from procedures.laser.plan import PlanRequest, note_plan, plan_scan
 from procedures.laser.record import PassRecord
 from procedures.laser.scan import Scan
 
@@ -54,13 +54,16 @@ class Measurement:
 
     async def plan(self, tool: Mapping[str, Any] | None = None) -> dict[str, Any]:
         """Every move with the guard's findings, with ``tool`` instead of the run's; nothing moves."""
+        return await self.run.worker.call(plan_scan, self.request(tool))
+
+    def request(self, tool: Mapping[str, Any] | None = None) -> PlanRequest:
+        """What a plan is made from: this geometry, and where the arm stands now."""
         values = {k: v for k, v in self.run.values.items() if k != "laser_reference"}  # it has all its passes
         values["tool"] = dict(tool or values["tool"])
         q = self.run.arm().state.latest(FRESH_S).value.q
-        request = PlanRequest(
+        return PlanRequest(
             values, self.search.model_dump(), self.p_ref, self.places, q.tolist(), self.retract_pose
         )
-        return await self.run.worker.call(plan_scan, request)
 
     def scan(self, record: PassRecord, tool: Mapping[str, Any] | None = None) -> Scan:
         """A scan that is ready to be taken."""
@@ -73,9 +76,7 @@ class Measurement:
 
     async def plan_and_note(self, tool: Mapping[str, Any] | None = None) -> None:
         """The plan in the journal before anything moves; ``LASER_PLAN_REFUSED`` when the guard forbids it."""
-        plan = await self.plan(tool)
-        self.run.note("decision", event="plan", plan=plan)
-        check_plan(plan)
+        note_plan(self.run, await self.plan(tool))
 
 
 def check_speeds(search: Mapping[str, Any], values: Mapping[str, Any]) -> None:

@@ -10,6 +10,7 @@ from scipy.spatial.transform import RigidTransform
 from cell.errors import CellError, error
 from cell.guard import MotionGuard, Tool
 from cell.poses import Array
+from cell.procedure import Run
 from procedures.arm_setup import lease_settings
 from procedures.laser.config import Search
 from procedures.laser.path import Course, Station, course, deepest, heights_at, highest, way_out
@@ -39,18 +40,32 @@ def plan_scan(request: PlanRequest) -> dict[str, Any]:
     a move says how often it is made at most, there and back, and ``problem`` what forbids it. After a problem
     the rest of that station is left out.
     """
-    values, search = request.values, Search.model_validate(request.search)
-    way = course(search, values["robot"], values["tool"]["T_flange_tool"], request.p_ref, request.places)
-    moves = Moves(longer_tool(values, search.tool_margin_m), way, np.array(request.q))
-    moves.leave_fixture()
-    for station in way.stations:
+    moves, search = _begun(request)
+    for station in moves.way.stations:
         moves.approach(station)
         _station(moves, search, station)
         if not moves.possible:  # what comes after is told as if the tool stood beside the beam again
             moves.q = station.q
     if request.retract is not None:
-        moves.joints("retract", np.array(values["poses"][request.retract]))
-    return moves.as_plan(values["tool"], search)
+        moves.joints("retract", np.array(request.values["poses"][request.retract]))
+    return moves.as_plan(request.values["tool"], search)
+
+
+def plan_crossings(request: PlanRequest, beam: str, depth: float, times: int) -> dict[str, Any]:
+    """Every move of crossing ``beam`` at its first place ``times`` at ``depth`` m, as :func:`plan_scan`."""
+    moves, search = _begun(request)
+    station = next(s for s in moves.way.stations if (s.beam, s.place) == (beam, 0))
+    moves.approach(station)
+    moves.sweeps(station, depth, times)
+    if moves.possible:
+        moves.line(_named(station, "lift"), station.at(0.0, 0.0), beam=beam, place=0)
+    return moves.as_plan(request.values["tool"], search)
+
+
+def note_plan(run: Run, plan: Mapping[str, Any]) -> None:
+    """The plan in the journal before anything moves; ``LASER_PLAN_REFUSED`` when the guard forbids it."""
+    run.note("decision", event="plan", plan=plan)
+    check_plan(plan)
 
 
 def check_plan(plan: Mapping[str, Any]) -> None:
@@ -59,6 +74,15 @@ def check_plan(plan: Mapping[str, Any]) -> None:
     if problems:
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         raise error("LASER_PLAN_REFUSED", f"{problems[0]}{more}")
+
+
+def _begun(request: PlanRequest) -> tuple["Moves", Search]:
+    """From where the arm stands, out of the fixture if need be."""
+    values, search = request.values, Search.model_validate(request.search)
+    way = course(search, values["robot"], values["tool"]["T_flange_tool"], request.p_ref, request.places)
+    moves = Moves(longer_tool(values, search.tool_margin_m), way, np.array(request.q))
+    moves.leave_fixture()
+    return moves, search
 
 
 def longer_tool(values: Mapping[str, Any], margin_m: float) -> MotionGuard:

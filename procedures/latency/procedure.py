@@ -1,38 +1,26 @@
 """Job ``latency-calibration``: how late a source's stamps are against the arm's, as a versioned offset.
 
-For beams the tool crosses one of them out and back at several speeds. What a source needs is in ``_Beams``;
-a belt or a camera would get a class of the same shape.
+What is done is the same for all: out and back at several speeds. What differs is in a class for each source,
+see :class:`procedures.latency.source.Source`; the beams are the first.
 """
 
 import asyncio
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
-from scipy.spatial.transform import RigidTransform
-
 from cell.calibrations import time_offset
-from cell.devices import Speed
 from cell.errors import error
 from cell.motion import MotionLease
-from cell.poses import Array
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
 from cell.store.files import to_json, write_atomic
-from procedures.arm_setup import lease_settings
-from procedures.laser.config import Search
-from procedures.laser.faults import fault_of
-from procedures.laser.measurement import Measurement, reference_of
-from procedures.laser.record import PassRecord
-from procedures.laser.scan import leave_fixture
-from procedures.laser.sweep import Beam, Sweeper
+from procedures.laser.plan import note_plan
+from procedures.latency.beams import Beams
 from procedures.latency.config import LatencyCalibrationConfig
+from procedures.latency.source import Source
 from procedures.solve.latency import DATA_FILE, SCHEMA, solve_latency
-
-UP = np.array([0.0, 0.0, 1.0])
 
 
 class State(StrEnum):
@@ -66,6 +54,7 @@ class LatencyCalibration(Procedure):
         S.SOLVE: frozenset(),
     }
     CHECKPOINTS: ClassVar[frozenset[Any]] = frozenset({S.APPROACH, S.SWEEP})
+    SOURCES: ClassVar[dict[str, type[Source]]] = {Beams.role: Beams}
 
     config: LatencyCalibrationConfig
 
@@ -73,7 +62,7 @@ class LatencyCalibration(Procedure):
         return ("arm", self.config.source)
 
     def check(self, values: Mapping[str, Any]) -> None:
-        reference_of(values)
+        self.SOURCES[self.config.source].refuse(self.config, values)
         fastest, allowed = max(self.config.speeds_m_s), values["limits"]["speed_m_s"]
         if fastest > allowed:  # slowed down in silence, two speeds could become one
             raise error(
@@ -84,121 +73,59 @@ class LatencyCalibration(Procedure):
         answer = (run.result or {}).get("result")
         if answer is None:
             return None
-        device = run.inputs(self.config.source).name
-        return Proposal(time_offset(device), answer["time_offset_s"], self.config.accept.auto)
+        return Proposal(time_offset(answer["source"]), answer["time_offset_s"], self.config.accept.auto)
 
     async def run(self, run: Run) -> None:
-        beams = _Beams(self.config, run)
+        source = self._source(run)
         await run.enter(S.PREPARE)
-        await beams.check()
+        await source.check()
+        note_plan(run, await source.plan())
         async with run.motion() as lease:
             with suppress(FinishRequested):
-                await beams.cross_all(lease)
+                await self._excite(run, source, lease)
             if run.state != S.APPROACH:  # a finish there finds the arm wherever it was
                 await run.enter(S.LIFT)
-                await lease.move_linear(beams.station.at(0.0, 0.0))
-        await run.enter(S.SOLVE, f"{len(beams.record.passes)} ways")
-        if not beams.record.passes:
+                await source.leave(lease)
+        await run.enter(S.SOLVE, f"{len(source.passes)} ways")
+        if not source.passes:
             raise error("LASER_INCOMPLETE", "no pass was taken")
-        path = await asyncio.to_thread(beams.write_data_set)
+        path = await asyncio.to_thread(self._write_data_set, run, source)
         run.result = await run.worker.call(solve_within_limits, path, self.config.accept.model_dump())
         if (answer := run.result["result"]) is not None:
-            name = f"{self.config.source}.latency_s.{run.inputs(self.config.source).name}"
+            name = f"{source.role}.latency_s.{source.device}"
             trend = await run.cell.add_trend(name, answer["time_offset_s"])
             run.result["inputs"]["trend"] = {name: [list(point) for point in trend]}
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
-        """Every sweep that a measurement would take, with the guard's findings; nothing moves."""
-        return await _Beams(self.config, run).measurement.plan()
+        """Every move with the guard's findings; nothing moves."""
+        return await self._source(run).plan()
 
+    async def _excite(self, run: Run, source: Source, lease: MotionLease) -> None:
+        await run.enter(S.APPROACH, source.device)
+        await source.approach(lease)
+        speeds, passes = self.config.speeds_m_s, self.config.passes
+        run.progress(0, len(speeds) * passes)
+        for speed in speeds:
+            for number in range(passes):
+                await source.excite(lease, speed, number)
+                run.progress(run.step + 1, run.steps)
 
-class _Beams:
-    """One beam, crossed out and back at every speed."""
+    def _source(self, run: Run) -> Source:
+        return self.SOURCES[self.config.source](self.config, run)
 
-    def __init__(self, config: LatencyCalibrationConfig, run: Run) -> None:
-        self.config, self.run = config, run
-        self.inputs = run.inputs(config.source)
-        reference = reference_of(run.values)
-        self.search = Search.from_reference(reference, run.values["laser_floor_m"])
-        p_ref = [float(v) for v in reference["tool"]["p_ref"]]
-        self.measurement = Measurement(run, self.search, 1, p_ref, 0.0, None)
-        self.measurement.check_fixture()
-        self.record = PassRecord(run.folder)
-        self.scan = self.measurement.scan(self.record)
-        self.course = self.scan.course
-        self.station = next(s for s in self.course.stations if s.beam == config.beam)
-        hit: Array = np.array(reference["hits"][config.beam])
-        hit = hit + self.course.R_base_flange.apply(np.array(p_ref))
-        down = float((self.course.tip(self.station.start) - hit) @ UP)
-        self.depth = down + self.search.measure_depth_m  # where the tool is as thick as it gets
-        index = self.inputs.names.index(self.search.beam(config.beam).input)
-        self.beam = Beam(config.beam, index, self.station.across)
-
-    async def check(self) -> None:
-        """As before a measurement: free beams, and every sweep that it would take with a longer tool."""
-        await self.scan.check_clear()
-        await self.measurement.plan_and_note()
-
-    async def cross_all(self, lease: MotionLease) -> None:
-        run, config, station = self.run, self.config, self.station
-        await run.enter(S.APPROACH, station.name)
-        await leave_fixture(run, lease, self.course)
-        await lease.move_joints(station.q)
-        await self.scan.check_clear()
-        near, far = station.at(0.0, self.depth), station.at(station.distance_m, self.depth)
-        await lease.move_linear(near)
-        sweeper = Sweeper(run.arm(), self.inputs, lease, run.clock)
-        fastest = lease_settings(run.values)[2]
-        total = len(config.speeds_m_s) * config.passes
-        period = self._poll_period()
-        for number in range(total):
-            speed = _slower(fastest, config.speeds_m_s[number // config.passes])
-            # The polls of the passes should fall differently on the edges.
-            stagger = period * (number % config.passes) / config.passes
-            await self._pair(sweeper, near, far, speed, stagger)
-            run.progress(number + 1, total)
-
-    async def _pair(
-        self, sweeper: Sweeper, near: RigidTransform, far: RigidTransform, speed: Speed, stagger: float
-    ) -> None:
-        run = self.run
-        for attempt in range(1, self.search.retries + 2):
-            await run.clock.sleep(self.search.settle_s)
-            await run.enter(S.SWEEP, f"{1e3 * speed.tcp_m_s:g} mm/s, attempt {attempt}")
-            out = await sweeper.cross(self.beam, 1, far, speed, stagger)
-            await run.clock.sleep(self.search.settle_s)
-            await run.enter(S.RETURN)
-            back = await sweeper.cross(self.beam, -1, near, speed, stagger)
-            # Unlike in a measurement, out and back are meant to disagree: that is the delay.
-            fault = fault_of(out, back, self.search.model_copy(update={"max_out_back_m": np.inf}))
-            phase = f"{1e3 * speed.tcp_m_s:g} mm/s"
-            await asyncio.to_thread(
-                self.record.add, (out, back), phase, 0, None if fault is None else fault.text
-            )
-            if fault is None:
-                return
-            run.note("decision", event="pass refused", why=fault.text, attempt=attempt)
-            last = fault.error(attempt)
-        raise last
-
-    def write_data_set(self) -> Path:
+    def _write_data_set(self, run: Run, source: Source) -> Path:
         """``latency.json`` of the usable passes."""
         data = {
             "schema": SCHEMA,
-            "source": self.inputs.name,
-            "applied_s": self.run.values["time_offset_s"][self.config.source]["applied"],
-            "across": self.station.across.tolist(),
-            "passes": self.record.passes,
+            "source": source.device,
+            "signal": source.signal,
+            "applied_s": run.values["time_offset_s"][self.config.source]["applied"],
+            **source.about(),
+            "passes": source.passes,
         }
-        path = self.run.folder / DATA_FILE
+        path = run.folder / DATA_FILE
         write_atomic(path, to_json(data))
         return path
-
-    def _poll_period(self) -> float:
-        """What the last polls show; 0 when there are none yet."""
-        now = self.run.clock.now()
-        recent = [p.t for p in self.inputs.inputs.between(now - 0.5, now)]
-        return float(np.median(np.diff(recent))) if len(recent) > 2 else 0.0
 
 
 def solve_within_limits(path: Path, limits: Mapping[str, Any]) -> dict[str, Any]:
@@ -220,7 +147,3 @@ def solve_within_limits(path: Path, limits: Mapping[str, Any]) -> dict[str, Any]
             f"{1e3 * limits['max_offset_s']:g} ms"
         )
     return {**result, "verdict": "fail", "reasons": reasons} if reasons else result
-
-
-def _slower(fastest: Speed, tcp_m_s: float) -> Speed:
-    return replace(fastest, tcp_m_s=min(fastest.tcp_m_s, tcp_m_s))

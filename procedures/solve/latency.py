@@ -1,8 +1,8 @@
-"""The delay of beams from the passes of a latency calibration: the one path of the job and of replay."""
+"""The delay of a source from the passes of a latency calibration: the one path of the job and of replay."""
 
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from cell.formats.result import Result
 
 DATA_FILE = "latency.json"
 SCHEMA = "cellward.latency/1"
+BEAM_EDGES = "beam-edges"
 SPEED_WINDOW_S = 0.03
 
 
@@ -25,7 +26,7 @@ def solve_latency(path: Path) -> dict[str, Any]:
     """
     file = path / DATA_FILE if path.is_dir() else path
     data = _read(file)
-    crossings = [c for entry in data["passes"] for c in crossings_of(entry, data["across"])]
+    crossings = SIGNALS[data["signal"]](data)
     inputs = {"path": str(file), "passes": len(data["passes"]), "source": data["source"]}
     if (why := undetermined(crossings)) is not None:
         return Result(kind="latency", verdict="fail", reasons=[why], result=None, inputs=inputs).as_json()
@@ -60,6 +61,11 @@ def solve_latency(path: Path) -> dict[str, Any]:
     ).as_json()
 
 
+def beam_edges(data: Mapping[str, Any]) -> list[Crossing]:
+    """What the passes of a beam show, each edge of the tool at its place."""
+    return [c for entry in data["passes"] for c in crossings_of(entry, data["across"])]
+
+
 def crossings_of(entry: Mapping[str, Any], across: Sequence[float]) -> list[Crossing]:
     """The edges of one PASS (see ``cellward.laser/1``), in their order in space."""
     t, x = np.array(entry["pose_t"]), np.array(entry["pose_xyz"]) @ np.array(across)
@@ -88,4 +94,10 @@ def _read(file: Path) -> dict[str, Any]:
         raise error("FILE_UNREADABLE", f"{file} cannot be read: {exc}") from exc
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
         raise error("DATA_INVALID", f"{file} is no {SCHEMA}")
+    if (signal := data.setdefault("signal", BEAM_EDGES)) not in SIGNALS:
+        raise error("DATA_INVALID", f"{file}: signal is {signal!r}; it must be one of {', '.join(SIGNALS)}")
     return data
+
+
+# How the data set of a source becomes crossings, by the name that it gives as its signal.
+SIGNALS: dict[str, Callable[[Mapping[str, Any]], list[Crossing]]] = {BEAM_EDGES: beam_edges}

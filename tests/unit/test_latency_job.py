@@ -1,16 +1,29 @@
 """The latency calibration on the object face: the delay of the beams as the world has it."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform
 
+from calibration.latency import Crossing
 from cell.calibrations import laser_reference, time_offset
+from cell.errors import InputError
+from cell.motion import MotionLease
 from cell.poses import from_pose6
+from cell.procedure import Run
+from daemon.cli.replay import differences
 from fakes.object import run_virtual
 from fakes.scenario import Scenario
+from procedures.arm_setup import lease_settings
 from procedures.laser.config import LaserReferenceConfig, Search
+from procedures.latency.config import LatencyCalibrationConfig
+from procedures.latency.procedure import LatencyCalibration, State
+from procedures.replay import solve_again
+from procedures.solve.latency import SIGNALS, solve_latency
 from tests.object_cell import WHO, ObjectCell, no_report, open_cell, refused, write_config
 
 __all__ = ["no_report"]
@@ -134,6 +147,101 @@ def test_a_finish_on_the_way_uses_what_was_taken_and_lifts_the_tool(tmp_path: Pa
     run_virtual(main())
 
 
+LATE_S = 0.0073
+
+
+class Positions:
+    """Another kind of source: it tells where the tool is at its own rate, late by ``LATE_S``.
+
+    Its places are levels of its own reading, as those of a tracker, a camera or an encoder would be.
+    """
+
+    role = "beams"
+    signal = "levels"
+    device = "beams"
+
+    def __init__(self, config: LatencyCalibrationConfig, run: Run) -> None:
+        self.run = run
+        self.passes: list[dict[str, Any]] = []
+        self.begin = run.arm().state.latest(0.1).value.T_base_flange
+
+    @staticmethod
+    def refuse(config: LatencyCalibrationConfig, values: Mapping[str, Any]) -> None: ...
+
+    def about(self) -> dict[str, Any]:
+        return {"levels": [0.01, 0.02, 0.03]}
+
+    async def plan(self) -> dict[str, Any]:
+        return {"sweeps": [], "problems": []}
+
+    async def check(self) -> None: ...
+
+    async def approach(self, lease: MotionLease) -> None: ...
+
+    async def excite(self, lease: MotionLease, speed_m_s: float, number: int) -> None:
+        fast = lease_settings(self.run.values)[2]
+        end = RigidTransform.from_components(
+            self.begin.translation + np.array([0.04, 0.0, 0.0]), self.begin.rotation
+        )
+        for direction, to, state in ((1, end, State.SWEEP), (-1, self.begin, State.RETURN)):
+            await self.run.enter(state)
+            began = self.run.clock.now()
+            await lease.move_linear(to, replace(fast, tcp_m_s=speed_m_s))
+            seen = self.run.arm().state.between(began, self.run.clock.now())
+            t = np.array([s.t for s in seen])
+            x = np.array([s.value.T_base_flange.translation[0] for s in seen]) - self.begin.translation[0]
+            at = np.arange(t[0], t[-1], 0.013)
+            reading = {"seen_t": (at + LATE_S).tolist(), "seen": np.interp(at, t, x).tolist()}
+            self.passes.append({"dir": direction, "t": t.tolist(), "x": x.tolist(), **reading})
+
+    async def leave(self, lease: MotionLease) -> None:
+        await lease.move_linear(self.begin)
+
+
+def levels(data: Mapping[str, Any]) -> list[Crossing]:
+    """Where the arm was when the source's reading passed each level."""
+    found = []
+    for entry in data["passes"]:
+        seen_t, seen, way = np.array(entry["seen_t"]), np.array(entry["seen"]), entry["dir"]
+        for place, level in enumerate(data["levels"]):
+            i = int(np.argmax(way * (seen - level) >= 0.0))
+            t = float(np.interp(0.0, way * (seen[i - 1 : i + 1] - level), seen_t[i - 1 : i + 1]))
+            at = np.interp([t - 0.02, t, t + 0.02], entry["t"], entry["x"])
+            speed = float(abs(at[2] - at[0]) / 0.04)
+            found.append(Crossing(place, way, speed, float(at[1]), 0.5 * float(seen_t[i] - seen_t[i - 1])))
+    return found
+
+
+def test_another_source_plugs_in_as_a_class_and_a_signal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(LatencyCalibration.SOURCES, "beams", Positions)
+    monkeypatch.setitem(SIGNALS, "levels", levels)
+    config = cell_config(tmp_path, speeds_m_s=[0.02, 0.06], passes=2, accept={"max_interval_s": 0.02})
+
+    async def main() -> None:
+        async with open_cell(config, job=JOB) as cell:
+            end = await cell.run_job()
+            assert (end["outcome"], end["verdict"]) == ("complete", "pass"), end["error"]
+            answer = cell.result(1)["result"]
+            assert answer["time_offset_s"] == pytest.approx(LATE_S, abs=0.0005)
+            assert cell.at_rest()
+            (row,) = cell.ledger.results(time_offset("beams"))
+            assert (row["state"], row["value"]) == ("proposed", answer["time_offset_s"])
+            folder = cell.folder(1)
+            again = solve_again(folder.job, folder.path, folder.info, cell.result(1))
+            assert differences(cell.result(1), again) == []
+
+    run_virtual(main())
+
+
+def test_a_signal_that_nobody_knows_is_refused_by_name(tmp_path: Path) -> None:
+    file = tmp_path / "latency.json"
+    file.write_text('{"schema": "cellward.latency/1", "source": "s", "signal": "smoke", "passes": []}')
+    with pytest.raises(InputError, match="signal is 'smoke'; it must be one of beam-edges"):
+        solve_latency(file)
+
+
 def test_the_plan_is_shown_without_moving(tmp_path: Path) -> None:
     config = cell_config(tmp_path)
 
@@ -142,7 +250,9 @@ def test_the_plan_is_shown_without_moving(tmp_path: Path) -> None:
             with_reference(cell)
             before = cell.plant.world.track.at(cell.clock.now())[0]
             shown = await cell.engine.start(JOB, {}, dry_run=True, who=WHO, channel="test")
-            assert "xs approach" in [row["index"] for row in shown["plan"]["sweeps"]]
+            names = [row["index"] for row in shown["plan"]["sweeps"]]
+            assert [name.split(" mm")[0] for name in names] == ["xs approach", "xs 1 at 14.0", "xs 1 lift"]
+            assert [row["sweeps"] for row in shown["plan"]["sweeps"]] == [0, 12, 0]
             assert shown["plan"]["problems"] == []
             assert np.array_equal(cell.plant.world.track.at(cell.clock.now())[0], before)
 
