@@ -23,6 +23,7 @@ log = logging.getLogger("cellward.devices")
 T = TypeVar("T")
 
 _SEARCH_PAUSE_S = 0.1
+_FIRST_DISTANCE_S = 1.0
 _CLOSE_S = 0.02  # a loop's timer may be early by its resolution
 _MOST_MISSES = 2  # distances in a row that fail before the beam counts as broken
 
@@ -255,10 +256,11 @@ class GeocomTracker:
             self._locked = False  # it does not tell; that there is no distance has to do
 
     async def _look_once(self, station: Station, wait_s: float) -> Reading:
-        """Push one reading, with a point if it is locked; wait for the first distance of tracking."""
+        """Push one reading, with a point if it is locked; the first of tracking is waited for."""
         if self._locked and not self._tracking and self._config.tracking != "off":
             await station.start_tracking()
             self._tracking = True
+            wait_s = max(wait_s, _FIRST_DISTANCE_S)
         wait_s = min(wait_s, self._config.distance_timeout_s)
         reading = await (station.read(wait_s) if self._locked and self._tracking else station.angles())
         self._push(reading)

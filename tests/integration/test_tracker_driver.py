@@ -447,3 +447,25 @@ def test_geocompy_and_the_driver_read_the_same_from_one_instrument(subject: Inst
             assert (value.temperature_c, value.pressure_pa) == (air[2], 100 * air[1])
 
     asyncio.run(whole())
+
+
+def test_the_stream_goes_on_with_points_after_a_single_measurement(subject: Instrument) -> None:
+    """Single distances end tracking; the first distance of the next tracking is waited for."""
+    waits: list[int] = []
+
+    def first_distance_takes_a_while(parameters: list[str]) -> str:
+        waits.append(int(parameters[0]))
+        return subject._full() if waits[0] > 100 else "1285,0,0,0,0,0,0,0,0"
+
+    async def scene(tracker: GeocomTracker) -> None:
+        await found(tracker)
+        await tracker.measure(0.0, 1e-4, 2.0)
+        subject.answers[2167] = first_distance_takes_a_while
+        begin = time.monotonic()
+        for _ in range(3):
+            await tracker.wait_fresh(2.0)
+        seen = tracker.readings.between(begin, time.monotonic())
+        assert len(seen) >= 3
+        assert all(s.value.point is not None for s in seen)
+
+    play(subject, scene)
