@@ -26,6 +26,7 @@ from cell.clock import MonotonicClock
 from drivers.can_encoder import RawCanEncoder, RawCanEncoderConfig
 from fakes.can import CanWires
 from fakes.can.bus import Frame
+from fakes.lifetime import run_as_controller
 from fakes.listening import TcpPlace
 from fakes.ur.ticker import Ticker
 
@@ -163,6 +164,7 @@ def _opened(bus: str) -> can.BusABC:
 
 def serve(pipe: Connection) -> None:
     """Adapter and gateway; what comes through the pipe is the rate of frames, None ends."""
+    run_as_controller()
 
     async def run() -> None:
         with tempfile.TemporaryDirectory(prefix="can-") as folder:

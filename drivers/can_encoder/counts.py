@@ -34,14 +34,14 @@ class Unwrap:
 class Missing:
     """How many frames of a periodic sender were lost, from the stamps of those that came.
 
-    One that comes late looks as if another were missing, until the next comes early. So a loss is told a
-    dozen frames later, when no burst has made it good.
+    One that comes late looks as if others were missing, until as many come early. So losses are told when
+    no burst has made them good: a dozen frames later, and as many more as seem to be missing.
     """
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
         self._last: float | None = None
-        self._pending, self._since = 0, 0
+        self._pending, self._since, self._wait = 0, 0, _SETTLED
 
     def add(self, t: float) -> int:
         """One more frame, stamped ``t`` (s); the number of losses that are certain now."""
@@ -50,10 +50,11 @@ class Missing:
             return 0
         missing = int((t - last) / self._period_s + 1.0 - _LOST) - 1
         if not self._pending:
-            self._since = 0
+            self._since, self._wait = 0, _SETTLED
         self._pending += missing
+        self._wait += max(missing, 0)
         self._since += 1
-        if self._since < _SETTLED:
+        if self._since < self._wait:
             return 0
         lost, self._pending, self._since = max(self._pending, 0), 0, 0
         return lost

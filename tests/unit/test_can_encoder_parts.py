@@ -129,6 +129,13 @@ def test_a_frame_that_comes_late_is_not_a_lost_one() -> None:
     assert losses(stamps) == 0
 
 
+def test_a_long_stall_after_which_all_frames_come_is_no_loss() -> None:
+    stamps = [k * PERIOD for k in range(300)]
+    for k in range(100, 160):
+        stamps[k] = 160 * PERIOD + (k - 100) * 1e-5
+    assert losses(stamps) == 0
+
+
 def test_a_sender_that_is_a_little_slow_or_fast_loses_nothing() -> None:
     for rate in (0.98, 1.02):
         assert losses([k * PERIOD * rate for k in range(2000)]) == 0
