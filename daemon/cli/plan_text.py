@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from math import degrees
 from typing import Any
 
+from daemon.cli.iso9283_text import iso9283_plan_lines
 from daemon.cli.output import deg, mm, table
 from daemon.cli.plan_tracker import tracker_plan_lines
 
@@ -25,6 +26,8 @@ def plan_text(plan: Mapping[str, Any]) -> str:
     poses = plan.get("poses", [])
     if "source_rule" in plan:
         return "\n".join([*lines, *tracker_plan_lines(plan, _margins), "Nothing was moved."])
+    if "arrivals" in plan:
+        return "\n".join([*lines, *iso9283_plan_lines(plan, _margins), "Nothing was moved."])
     if poses:
         lines += [
             f"{len(poses)} poses, cone about {plan.get('axis', 'the board')}; margins to the limits:",

@@ -5,6 +5,7 @@ from math import degrees, sqrt
 from typing import Any
 
 from daemon.cli.intercept_text import intercept_lines
+from daemon.cli.iso9283_text import iso9283_lines
 from daemon.cli.kincal_text import kincal_lines
 from daemon.cli.laser_text import laser_lines, latency_lines, reference_lines
 from daemon.cli.output import deg, mm, pose_text
@@ -108,6 +109,7 @@ def _rejected(rejected: Sequence[Mapping[str, Any]]) -> list[str]:
 
 _BODIES: dict[str, Callable[[Mapping[str, Any], Mapping[str, Any]], list[str]]] = {
     "intercept": intercept_lines,
+    "iso9283": iso9283_lines,
     "kincal": kincal_lines,
     "laser": laser_lines,
     "laser-reference": reference_lines,

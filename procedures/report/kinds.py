@@ -5,6 +5,7 @@ from typing import Any
 
 from procedures.report.hand_eye import HAND_EYE
 from procedures.report.html import Html
+from procedures.report.iso9283 import ISO9283
 from procedures.report.kincal import KINCAL
 from procedures.report.laser import LASER
 from procedures.report.layout import Layout, Page
@@ -31,6 +32,7 @@ PLAIN = Layout(
 )
 LAYOUTS: dict[str, Layout[Any]] = {
     "hand-eye": HAND_EYE,
+    "iso9283": ISO9283,
     "kincal": KINCAL,
     "laser": LASER,
     "laser-reference": LASER,
