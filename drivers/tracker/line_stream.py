@@ -43,7 +43,8 @@ class LineStreamTracker:
         self._link: Link | None = None
         self._lines = Lines()
         self._task: asyncio.Task[None] | None = None
-        self._answered, self._read = asyncio.Event(), asyncio.Event()  # by any line; by one that can be read
+        self._answered = asyncio.Event()  # the request, by any line
+        self._read = asyncio.Event()  # a line, for the first time
         self._asked: float | None = None  # when the request was sent that has no answer yet
         self._last_arrival = 0.0
         self._air: tuple[float | None, float | None] = (None, None)
@@ -55,7 +56,10 @@ class LineStreamTracker:
     # -- Device
 
     async def open(self) -> None:
-        """Connect and wait for a line that can be read; ``DEVICE_UNREACHABLE`` with what came instead."""
+        """Connect and wait for a line that can be read; ``DEVICE_UNREACHABLE`` with what came instead.
+
+        ``DEVICE_LOST`` or ``PROTOCOL_VIOLATION`` when the link ends before there is one.
+        """
         await self.close()
         self._life.begin()
         self.readings.new_epoch()
@@ -68,6 +72,7 @@ class LineStreamTracker:
             self._task.add_done_callback(self._note_end)
             async with asyncio.timeout(self._config.silence_s):
                 await self._read.wait()
+            self._life.require()
         except OSError as exc:
             await self.close()
             what = f"connects, but {self._nothing()}" if isinstance(exc, TimeoutError) else str(exc)
@@ -272,6 +277,7 @@ class LineStreamTracker:
 
     def _lose(self, name: str, what: str) -> None:
         self._life.lose(error(name, f"{self.name} at {self._config.url}: {what}"))
+        self._read.set()  # whoever opens need not wait any longer
 
     def _dropped(self, reason: str) -> None:
         self._lose("DEVICE_LOST", reason)

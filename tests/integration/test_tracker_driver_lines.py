@@ -227,6 +227,19 @@ def test_a_sender_of_something_else_is_unreachable_and_why(subject: Sender) -> N
     assert "does not match the pattern" in told[0].detail
 
 
+def test_a_sender_that_hangs_up_at_once_is_told_without_waiting(subject: Sender) -> None:
+    subject.line = b""
+
+    async def whole() -> None:
+        async with on_tcp(subject) as url:
+            asyncio.get_running_loop().call_later(0.2, lambda: subject.writers[0].transport.abort())
+            async with asyncio.timeout(5.0):
+                told = await failure_of(opened(url, silence_s=60.0).__aenter__())
+            assert told.name == "DEVICE_LOST"
+
+    asyncio.run(whole())
+
+
 def test_a_silent_sender_ends_the_link(subject: Sender) -> None:
     async def scene(tracker: LineStreamTracker, sender: Sender) -> None:
         sender.line = b""
