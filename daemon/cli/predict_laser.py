@@ -11,9 +11,9 @@ from daemon.config import CellConfig
 from procedures.laser.config import LaserCheckConfig, LaserReferenceConfig, LaserUpdateConfig, Search
 from procedures.laser.measurement import SPEEDS
 from procedures.laser.plan import PlanRequest, plan_scan
+from procedures.laser.reference import PLACES
 
 NOISE_M = 1e-5  # what an arm repeats a short way to, when nothing else is known
-PLACES = 2  # along each beam, for a reference
 SLOWER = "lower measure_speed_m_s, take more passes, or poll more often"
 
 

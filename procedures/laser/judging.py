@@ -95,6 +95,28 @@ def judge_check(
     return _with(result, reasons, more, warnings)
 
 
+def why_not(second: Mapping[str, Any], max_U_m: float) -> str:
+    """Why the candidate cannot be committed, empty when it can. A scan that says little confirms nothing."""
+    if second["apart"] is None:
+        return "; ".join(["the second scan cannot be solved", *second["reasons"]])
+    if second["U_point_m"] > max_U_m:
+        return (
+            f"second scan: 95 % of the errors stay below {1e3 * second['U_point_m']:.3f} mm, the limit "
+            f"max_U_m is {1e3 * max_U_m:g} mm"
+        )
+    if second["meets"]:
+        return ""
+    return (
+        f"second scan: the tool's point is {1e3 * second['apart']:.3f} mm off the reference, more than its "
+        f"uncertainty of {1e3 * second['U_m']:.3f} mm"
+    )
+
+
+def not_confirmed(result: dict[str, Any], why: str) -> None:
+    """The verdict of an update whose candidate was not put into effect."""
+    result["verdict"], result["reasons"] = "fail", [f"not confirmed: {why}", *result["reasons"]]
+
+
 def moved_between(before: Sequence[float], now: Sequence[float]) -> dict[str, Any]:
     """How far the tool's point moved (m, in the flange) and by how much its axis turned (rad)."""
     a, b = from_pose6(before), from_pose6(now)

@@ -14,9 +14,8 @@ from procedures.laser.config import BEAMS, Search
 from procedures.laser.path import course
 from procedures.laser.plan import PlanRequest, note_plan, plan_scan
 from procedures.laser.record import PassRecord
-from procedures.laser.scan import Scan
+from procedures.laser.scan import FRESH_S, Scan
 
-FRESH_S = 0.1
 SPEEDS = ("search_speed_m_s", "measure_speed_m_s")
 
 

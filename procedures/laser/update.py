@@ -19,7 +19,7 @@ from cell.motion import MotionLease, run_to_its_end
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
 from procedures.laser.check import known_of, measure, measurement_of, solved_check
 from procedures.laser.config import LaserUpdateConfig
-from procedures.laser.judging import DEG
+from procedures.laser.judging import DEG, not_confirmed, why_not
 from procedures.laser.measurement import (
     Measurement,
     check_poses,
@@ -145,7 +145,7 @@ class _Candidate:
 
     async def _reject(self, result_id: int) -> None:
         self._tell(committed=False, why=self.why)
-        _fail(self.result, f"not confirmed: {self.why}")
+        not_confirmed(self.result, self.why)
         await self.run.cell.reject(self.run, result_id, self.why)
 
     async def _accepted(self) -> bool:
@@ -223,27 +223,6 @@ class _Candidate:
         )
 
 
-def why_not(second: Mapping[str, Any], max_U_m: float) -> str:
-    """Why the candidate cannot be committed, empty when it can. A scan that says little confirms nothing."""
-    if second["apart"] is None:
-        return "; ".join(["the second scan cannot be solved", *second["reasons"]])
-    if second["U_point_m"] > max_U_m:
-        return (
-            f"second scan: 95 % of the errors stay below {1e3 * second['U_point_m']:.3f} mm, the limit "
-            f"max_U_m is {1e3 * max_U_m:g} mm"
-        )
-    if second["meets"]:
-        return ""
-    return (
-        f"second scan: the tool's point is {1e3 * second['apart']:.3f} mm off the reference, more than its "
-        f"uncertainty of {1e3 * second['U_m']:.3f} mm"
-    )
-
-
-def _fail(result: dict[str, Any], why: str) -> None:
-    result["verdict"], result["reasons"] = "fail", [why, *result["reasons"]]
-
-
 def solved_update(
     path: Path, values: Mapping[str, Any], config: Mapping[str, Any], recorded: Mapping[str, Any]
 ) -> dict[str, Any]:
@@ -261,5 +240,5 @@ def solved_update(
         compared = compare_second(second, result["result"], values["laser_reference"])
         why = why_not(compared, config["max_U_m"]) or why
     if why:
-        _fail(result, f"not confirmed: {why}")
+        not_confirmed(result, why)
     return result
