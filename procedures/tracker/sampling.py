@@ -165,9 +165,8 @@ class Sampling:
         measured: list[tuple[Array, Array]] = []
         async with self.arm.session():
             for number, visit in enumerate(plan.locate, 1):
-                near = self._expected(np.array(visit.q), first)
                 text = f"pose {number} of {len(plan.locate)} to find the tracker's place with"
-                found = await self._visit(visit, near, PLACE_TRUST_M, text)
+                found = await self._visit(visit, PLACE_TRUST_M, text)
                 if found is not None:
                     q, sample = found
                     measured.append((sample.value.point, self._drawn(q, first)))
@@ -221,10 +220,9 @@ class Sampling:
             while waiting:
                 visit = waiting.popleft()
                 self._show_progress()
-                near = self._expected(np.array(visit.q), visit.reflector)
                 number = len(self.record.samples) + 1
                 text = f"pose {number} of {self.config.poses}, reflector {visit.reflector}"
-                found = await self._visit(visit, near, self.config.max_surprise_m, text)
+                found = await self._visit(visit, self.config.max_surprise_m, text)
                 if found is not None:
                     await self._keep(visit, *found)
                     in_a_row = 0
@@ -240,7 +238,7 @@ class Sampling:
         self.run.progress(len(self.record.samples), self.config.poses)
 
     async def _visit(
-        self, visit: Visit, near: Array | None, surprise_m: float, text: str
+        self, visit: Visit, surprise_m: float, text: str
     ) -> tuple[Array, Sample[StablePoint]] | None:
         """Go there and measure, again where it fails; None when the pose had to be given up."""
         run = self.run
@@ -258,6 +256,8 @@ class Sampling:
             try:
                 await self.arm.rest()
                 await run.clock.sleep(self.config.settle_s)
+                # An arm that is only observed may stand elsewhere than was asked.
+                near = self._expected(self.arm.now(), visit.reflector)
                 await run.enter(S.MEASURE)
                 return await self._measure(visit, near, surprise_m)
             except CellError as failure:

@@ -35,7 +35,7 @@ TRANSITIONS: Mapping[Any, frozenset[Any]] = {
     S.LOCATE: frozenset({S.NEXT, S.MONUMENTS, S.PLAN}),
     S.MONUMENTS: frozenset({S.PLAN, S.SWAP, S.NEXT, S.REACQUIRE, S.SOLVE}),
     S.SWAP: frozenset({S.NEXT}),
-    S.NEXT: frozenset({S.MOVE, S.REQUEST, S.LOCATE, S.MONUMENTS, S.SWAP, S.SOLVE}),
+    S.NEXT: frozenset({S.NEXT, S.MOVE, S.REQUEST, S.LOCATE, S.MONUMENTS, S.SWAP, S.SOLVE}),
     S.MOVE: frozenset({S.SETTLE, S.NEXT}),
     S.REQUEST: frozenset({S.SETTLE, S.NEXT}),
     S.SETTLE: frozenset({S.MEASURE}),

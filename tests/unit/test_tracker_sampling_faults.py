@@ -1,0 +1,314 @@
+"""What goes wrong while an arm is sampled is tried again, refused or told by its name."""
+
+import asyncio
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.errors import CellError
+from cell.poses import Array
+from fakes.object import run_virtual
+from procedures.tracker.locating import locate
+from procedures.tracker.monuments import Moved, compare, drift_summary, moved_text
+from tests.object_cell import ObjectCell, no_report, open_cell, refused
+from tests.unit.tracker_cell import JOB, tracker_config
+
+__all__ = ["no_report"]
+pytestmark = pytest.mark.usefixtures("no_report")
+
+Prepare = Callable[[ObjectCell], None]
+
+
+def run(
+    folder: Path,
+    prepare: Prepare,
+    job: Mapping[str, Any] | None = None,
+    scenario: str = "tracker",
+    **how: Any,
+) -> tuple[dict[str, Any], ObjectCell]:
+    """The run's ``end.json`` and its cell; ``prepare`` says what will go wrong."""
+
+    async def main() -> tuple[dict[str, Any], ObjectCell]:
+        async with open_cell(tracker_config(folder, job, scenario=scenario, **how), job=JOB) as cell:
+            prepare(cell)
+            return await cell.run_job(), cell
+
+    return run_virtual(main())
+
+
+def at_pose(number: int, device: str, kind: str, after_s: float = 0.0, **arguments: Any) -> Prepare:
+    """The fault strikes while pose ``number`` (from 0) is measured, or ``after_s`` later."""
+
+    def prepare(cell: ObjectCell) -> None:
+        loop, seen, struck = asyncio.get_running_loop(), 0, False
+
+        def look() -> None:
+            nonlocal seen, struck
+            run = cell.engine.run
+            if struck or run is None or len(run.visited) == seen:
+                return
+            seen = len(run.visited)
+            located = any(to == "monuments" for _, to in run.visited)
+            if located and run.state == "measure" and run.step == number:
+                struck = True
+                loop.call_later(after_s, lambda: cell.plant.plants[device].inject(kind, arguments))
+
+        cell.engine.subscribe(look)
+
+    return prepare
+
+
+def at_monuments(kind: str, **arguments: Any) -> Prepare:
+    """The fault strikes when the monuments are first looked at."""
+
+    def prepare(cell: ObjectCell) -> None:
+        cell.at_state("monuments", lambda: cell.plant.plants["tracker"].inject(kind, arguments))
+
+    return prepare
+
+
+def error_of(end: Mapping[str, Any]) -> str:
+    assert end["error"] is not None, end
+    return str(end["error"]["name"])
+
+
+# -- the beam
+
+
+def test_a_beam_that_is_broken_for_a_moment_is_found_again_and_no_pose_is_lost(tmp_path: Path) -> None:
+    end, cell = run(tmp_path, at_pose(3, "tracker", "beam-break", 0.05, duration_s=2.7))
+    assert end["outcome"] == "complete"
+    (failed,) = cell.notes(1, "pose failed")
+    assert re.search("lost its reflector|finds no reflector", failed["why"])
+    assert not cell.notes(1, "pose skipped")
+    assert cell.result(1)["inputs"]["sampling"]["measured"] == 12
+    assert [line["state"] for line in cell.journal(1) if line.get("state") == "reacquire"]
+
+
+def test_a_pose_that_cannot_be_seen_comes_again_after_the_others(tmp_path: Path) -> None:
+    end, cell = run(tmp_path, at_pose(3, "tracker", "out-of-view", duration_s=4.0), {"retries_per_pose": 0})
+    assert end["outcome"] == "complete"
+    assert cell.notes(1, "pose skipped")
+    assert cell.result(1)["inputs"]["sampling"]["lost"] == []
+    assert cell.result(1)["inputs"]["sampling"]["measured"] == 12
+
+
+def test_a_beam_that_stays_broken_ends_the_job_by_its_name_with_the_arm_at_rest(tmp_path: Path) -> None:
+    end, cell = run(tmp_path, at_monuments("beam-break", reflector="smr1"), {"retries_per_pose": 1})
+    assert end["outcome"] == "aborted"
+    assert error_of(end) in ("TRACKER_BEAM_BROKEN", "TRACKER_NO_TARGET")
+    assert len(cell.notes(1, "pose skipped")) == 5
+    assert cell.at_rest()
+
+
+def test_a_point_that_shakes_is_tried_again_and_told_when_it_stays_so(tmp_path: Path) -> None:
+    shake = at_pose(0, "tracker", "vibration", m=0.002)
+    end, _ = run(tmp_path, shake, {"retries_per_pose": 0, "measure_timeout_s": 1.0})
+    assert error_of(end) == "TRACKER_UNSTABLE"
+    assert "scatter" in end["error"]["text"]
+
+
+def test_a_reflector_that_is_not_where_it_should_be_is_not_taken_for_it(tmp_path: Path) -> None:
+    job = {"reflectors": {"smr1": {"point": [-0.05, 0.0, 0.26], "normal": [0, 0, 1], "half_angle_rad": 0.9}}}
+    end, _ = run(tmp_path, lambda cell: None, {**job, "max_locate_error_m": 0.3, "max_surprise_m": 0.02})
+    assert error_of(end) in ("TRACKER_WRONG_TARGET", "TRACKER_NOT_LOCATED")
+
+
+# -- the stand
+
+
+def test_a_stand_that_was_moved_is_detected_by_the_monuments_and_named(tmp_path: Path) -> None:
+    end, cell = run(tmp_path, at_pose(6, "tracker", "stand-moved", dx=0.0008))
+    assert error_of(end) == "TRACKER_MOVED"
+    assert re.search(r"the tracker's stand moved: m1 by 0\.[78]\d\d mm, m2 by", end["error"]["text"])
+    assert not (cell.folder(1).path / "result.json").exists()
+
+
+def test_a_stand_that_creeps_within_the_limit_is_warned_of(tmp_path: Path) -> None:
+    first = {
+        "m1": {"p_tracker": [3.0, 0.0, 0.0], "sigma_m": 3e-5},
+        "m2": {"p_tracker": [0, 3.0, 0], "sigma_m": 3e-5},
+    }
+    crept = {n: {**p, "p_tracker": list(np.add(p["p_tracker"], [0.00025, 0, 0]))} for n, p in first.items()}
+    looks = [{"after": 0, "t": 0.0, "points": first}, {"after": 10, "t": 60.0, "points": crept}]
+    found = drift_summary(looks, 0.0005, 12)
+    assert found is not None
+    assert found["beyond_noise"]
+    assert found["max_moved_m"] == pytest.approx(0.00025)
+    assert found["samples_since_last_look"] == 2
+    assert moved_text(compare(first, crept), 0.0005) is None
+    assert "the tracker's stand moved" in (moved_text(compare(first, crept), 0.0001) or "")
+
+
+def test_one_monument_that_moved_is_not_blamed_on_the_stand() -> None:
+    still, gone = np.zeros(3), np.array([0.0, 0.004, 0.0])
+    moved = [Moved("m1", still, 4e-5), Moved("m2", gone, 4e-5), Moved("m3", still, 4e-5)]
+    assert (moved_text(moved, 0.0001) or "").startswith("monument m2 moved, the others stand: m2 by 4.000 mm")
+
+
+def test_noise_of_a_coarse_instrument_is_no_move() -> None:
+    assert moved_text([Moved("m1", np.array([0.002, 0.0, 0.0]), 0.001)], 0.0001) is None
+
+
+def test_a_run_without_monuments_says_that_nothing_vouches_for_the_stand(tmp_path: Path) -> None:
+    end, cell = run(tmp_path, lambda cell: None, {"monuments": {}})
+    assert end["verdict"] == "warn"
+    assert "tracker.no-monuments" in [w["code"] for w in cell.result(1)["warnings"]]
+
+
+# -- before anything moves
+
+
+def moved(cell: ObjectCell) -> bool:
+    return any(line["kind"] == "motion" for line in cell.journal(1))
+
+
+def test_a_plan_that_cannot_determine_the_arm_ends_the_job_before_a_lease(tmp_path: Path) -> None:
+    still = [[-2, 2], [-2.2, -0.8], [1.8, 1.8], [-2, 2], [-2, 2], [-2, 2]]
+    end, cell = run(tmp_path, lambda cell: None, {"joint_ranges_rad": still})
+    assert error_of(end) == "TRACKER_PLAN_UNOBSERVABLE"
+    assert "joint 3 does not move" in end["error"]["text"]
+    assert not moved(cell)
+
+
+def test_another_payload_than_the_controller_is_told_is_refused_before_a_run(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with open_cell(tracker_config(tmp_path, {"payload_kg": 5.0}), job=JOB) as cell:
+            refusal = await refused(cell.start())
+            assert refusal.name == "PAYLOAD_DIFFERS"
+            assert "5 kg" in str(refusal)
+            assert "0.8 kg" in str(refusal)
+
+    run_virtual(main())
+
+
+def test_a_dry_run_lists_the_plan_with_its_checks_and_moves_nothing(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with open_cell(tracker_config(tmp_path), job=JOB) as cell:
+            shown = await cell.engine.start(JOB, {}, dry_run=True, who="test", channel="test")
+            plan = shown["plan"]
+            assert len(plan["poses"]) == 12
+            assert all(pose["checks"]["self_m"] > 0.0 for pose in plan["poses"])
+            assert 0.0 < plan["predicted"]["rms_m"] < plan["predicted"]["error_95_max_m"]
+            assert plan["source_rule"]["kept"] is False
+            assert not moved(cell)
+
+    run_virtual(main())
+
+
+# -- the tracker's place
+
+
+def test_points_on_a_line_do_not_locate_a_tracker() -> None:
+    p = np.linspace(0, 1, 4)[:, None] * np.array([[1.0, 0.0, 0.0]])
+    with pytest.raises(CellError, match="lie on a line"):
+        locate(p, p, 0.01)
+
+
+def test_an_arm_that_is_not_the_drawn_one_is_not_located() -> None:
+    rng = np.random.default_rng(0)
+    p: Array = rng.normal(size=(5, 3))
+    with pytest.raises(CellError, match="max_locate_error_m is 10 mm") as caught:
+        locate(p, p + 0.05 * rng.normal(size=(5, 3)), 0.01)
+    assert caught.value.name == "TRACKER_NOT_LOCATED"
+
+
+def test_without_a_nominal_place_the_operator_points_the_tracker_and_the_job_finds_it(tmp_path: Path) -> None:
+    """The arm stands so that the reflector looks at the tracker, as the operator has put it."""
+
+    async def main() -> None:
+        config = tracker_config(tmp_path, {"T_base_tracker_nominal": None})
+        async with open_cell(config, job=JOB) as cell:
+            world = cell.plant.world
+            assert world.tracker is not None
+            run_id = await cell.start()
+            while cell.engine.active:
+                live = cell.engine.run
+                if live is not None and live.prompt is not None:
+                    assert "Point the tracker at reflector smr1" in live.prompt[1]
+                    world.tracker.lock(cell.clock.now(), "smr1")
+                    await cell.engine.confirm(live.prompt[0], "test")
+                await cell.clock.sleep(0.05)
+            end = cell.end(run_id)
+            assert end["outcome"] == "complete", end
+            (found,) = cell.notes(run_id, "located")
+            true = world.tracker.truth.T_base_tracker
+            assert np.linalg.norm(np.subtract(found["T_base_tracker"][:3], true[:3])) < 0.03
+
+    run_virtual(main())
+
+
+# -- an arm that is only read
+
+
+def test_an_arm_that_is_not_where_it_was_asked_to_be_is_measured_as_it_stands_and_told(
+    tmp_path: Path,
+) -> None:
+    skip = at_pose(3, "palletizer", "skip-pose")
+    end, cell = run(tmp_path, skip, {"poses": 14}, scenario="palletizer")
+    assert end["outcome"] == "complete", end
+    (elsewhere,) = [note for note in cell.notes(1, "pose taken") if note.get("off_rad")]
+    assert elsewhere["off_rad"] > 0.02
+    assert cell.result(1)["inputs"]["sampling"]["measured"] == 14
+    assert cell.result(1)["heldout"]["set_aside"]["rms"]["calibrated"] < 0.0003
+
+
+def test_an_arm_that_never_gets_to_a_pose_is_not_waited_for_forever(tmp_path: Path) -> None:
+    """Its program refuses poses outside its own limits, which the job's config has wrong."""
+    beyond = [[2.45, 2.6], [0.8, 2.1], [-2.2, -0.6], [-3.0, 3.0]]
+    job = {"joint_ranges_rad": beyond, "poses": 12, "request_timeout_s": 8.0}
+    end, _ = run(tmp_path, lambda cell: None, job, scenario="palletizer")
+    assert error_of(end) == "OBSERVED_ARM_NOT_THERE"
+    assert "palletizer is at rest and shows no number, not 4, within 8 s" in end["error"]["text"]
+
+
+def test_an_arm_that_moves_while_it_is_measured_is_measured_again(tmp_path: Path) -> None:
+    jog = at_pose(3, "palletizer", "unasked-move", 0.05, rad=0.002)
+    end, cell = run(tmp_path, jog, {"poses": 12}, scenario="palletizer")
+    assert end["outcome"] == "complete", end
+    assert cell.notes(1, "pose failed")
+    assert cell.result(1)["heldout"]["set_aside"]["rms"]["calibrated"] < 0.0003
+
+
+def test_without_a_handshake_a_person_moves_the_arm_and_it_is_measured_as_it_stands(tmp_path: Path) -> None:
+    async def main() -> None:
+        config = tracker_config(
+            tmp_path, {"poses": 12}, scenario="palletizer", observed_keys={"handshake": False}
+        )
+        async with open_cell(config, job=JOB) as cell:
+            arm = cell.plant.world.observed
+            assert arm is not None
+            run_id = await cell.start()
+            asked = 0
+            while cell.engine.active:
+                live = cell.engine.run
+                if live is not None and live.prompt is not None and "move palletizer to" in live.prompt[1]:
+                    wanted = live.prompt[1].split(" move palletizer to ")[1].split(" deg")[0]
+                    q = np.radians([float(v) for v in wanted.split(", ")]) + 0.003
+                    cell.plant.observed.settle_past()
+                    arm.go(cell.clock.now(), np.clip(q, *np.array(arm.truth.limits).T))
+                    await cell.clock.sleep(6.0)
+                    await cell.engine.confirm(live.prompt[0], "test")
+                    asked += 1
+                await cell.clock.sleep(0.05)
+            end = cell.end(run_id)
+            assert end["outcome"] == "complete", end
+            assert asked >= 12
+            aside = cell.result(run_id)["heldout"]["set_aside"]
+            assert aside["rms"]["calibrated"] < 0.0003 < 0.002 < aside["rms"]["registration_only"]
+
+    run_virtual(main())
+
+
+def test_an_observed_arm_without_a_model_is_refused(tmp_path: Path) -> None:
+    async def main() -> None:
+        config = tracker_config(tmp_path, {"poses": 12}, scenario="palletizer")
+        robot = config.robot.model_copy(update={"observed_spec": None})
+        async with open_cell(config.model_copy(update={"robot": robot}), job=JOB) as cell:
+            assert (await refused(cell.start())).name == "OBSERVED_MODEL_MISSING"
+
+    run_virtual(main())
