@@ -20,8 +20,12 @@ REFUSED = 0x8000
 PROTOCOL_VERSION = 0x0100
 READY, BUSY, DONE, FAULT, WARNING = (1 << i for i in range(5))
 RESULT_VALID, ARM_OK, CAMERA_OK = 1 << 6, 1 << 7, 1 << 8
-BEAMS_OK, TRACKER_OK = 1 << 10, 1 << 11
+ENCODER_OK, BEAMS_OK, TRACKER_OK = 1 << 9, 1 << 10, 1 << 11
 STOPPED_BY_SAFETY, TWIN = 1 << 13, 1 << 14
+LIVE = {
+    "belt_speed_m_s", "belt_position_m", "picks", "misses", "queue_length",
+    "missed_not_detected", "missed_out_of_zone", "missed_lost", "missed_grip_failed",
+}  # fmt: skip
 SAFETY_ERRORS = {"ARM_PROTECTIVE_STOP", "ARM_EMERGENCY_STOP", "ARM_SAFEGUARD_STOP"}
 
 
@@ -118,6 +122,7 @@ class PlcFace:
             **_tool_registers(found),
             "kinematic_rms_m": _kinematic_rms(found),
             "predicted_95_m": _predicted_95(answer),
+            **_live_registers(status, found),
         }
 
     def _bits(self, status: dict[str, Any], last: dict[str, Any] | None, found: Mapping[str, Any]) -> int:
@@ -137,6 +142,7 @@ class PlcFace:
             RESULT_VALID: bool(found and last and last["verdict"] != "fail" and _stands(last)),
             ARM_OK: arm,
             CAMERA_OK: camera,
+            ENCODER_OK: self._ok("belt"),
             BEAMS_OK: self._ok("beams") and not self._stuck("beams"),
             TRACKER_OK: self._ok("tracker"),
             STOPPED_BY_SAFETY: stopped,
@@ -158,6 +164,12 @@ def _stands(last: Mapping[str, Any]) -> bool:
     """False for a tool update that measured well and was not committed: the old frame is still in effect."""
     update = (last.get("result") or {}).get("update") or {}
     return not update or update.get("committed") is True
+
+
+def _live_registers(status: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, float]:
+    """What a running job says of now, else the counters that the last one ended with."""
+    live: dict[str, float] = status["live"] or found.get("counters") or {}
+    return {name: value for name, value in live.items() if name in LIVE}
 
 
 def _tool_registers(found: Mapping[str, Any]) -> dict[str, float]:

@@ -85,14 +85,14 @@ class Queue:
         """How many can still be picked."""
         return sum(i.outcome is None for i in self.items)
 
-    def live(self) -> dict[str, float]:
+    def live(self) -> dict[str, int]:
         """Counters by the names of the registers."""
         misses = {o: self.counts[o] for o in Outcome if o is not Outcome.PICKED}
-        named = {f"missed_{o.value.replace(' ', '_')}": float(n) for o, n in misses.items()}
+        named = {f"missed_{o.value.replace(' ', '_')}": n for o, n in misses.items()}
         return {
-            "picks": float(self.counts[Outcome.PICKED]),
-            "misses": float(sum(misses.values())),
-            "queue_length": float(self.length),
+            "picks": self.counts[Outcome.PICKED],
+            "misses": sum(misses.values()),
+            "queue_length": self.length,
             **named,
         }
 

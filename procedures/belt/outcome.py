@@ -35,6 +35,7 @@ def result_of(
             "success": picks / tried if tried else None,
             "duration_s": duration_s,
             "picks_per_minute": 60.0 * picks / duration_s if duration_s > 0 else None,
+            "counters": watch.queue.live(),
             "follow": config.follow,
             "method": config.method,
         },

@@ -39,7 +39,7 @@ PICKING: Mapping[Any, frozenset[Any]] = {
     S.TO_WAIT: frozenset({S.READY}),
     S.READY: frozenset({S.WAIT, S.APPROACH, S.STANDING, S.REPORT, S.READY}),
     S.STANDING: frozenset({S.READY, S.REPORT}),
-    **{state: after | {S.READY, S.REPORT} for state, after in AFTER.items()},
+    **{state: after | {S.READY, S.STANDING, S.REPORT} for state, after in AFTER.items()},
     S.REPORT: frozenset(),
 }
 CHECKPOINTS: frozenset[Any] = frozenset({S.READY, S.STANDING})
