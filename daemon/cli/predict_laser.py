@@ -14,6 +14,7 @@ from procedures.laser.plan import PlanRequest, plan_scan
 from procedures.laser.reference import PLACES
 
 NOISE_M = 1e-5  # what an arm repeats a short way to, when nothing else is known
+REACHED = "every move keeps the limits"
 SLOWER = "lower measure_speed_m_s, take more passes, or poll more often"
 
 
@@ -26,33 +27,28 @@ def predict_laser(config: CellConfig, job: LaserReferenceConfig) -> dict[str, An
     if device is None:
         return {"text": "no prediction without a device for [robot] beams"}
     period = getattr(config.device[device], "poll_period_s", None)
-    problems = [*_speeds(config, job), *_pin(config, job)]
-    cautions: list[str] = []
-    text: list[str] = []
-    figures: dict[str, Any] = {}
+    problems = [*_speeds(config, job), *_pin(config, job), *_polls(device, period, job)]
+    problems += _reach(config, job, device)
+    if problems:
+        return {"text": "no prediction before its errors are mended", "problems": problems}
     if period is None:
-        text.append(f"no prediction of the uncertainty: {device} has no poll_period_s")
-    else:
-        expected = predict(
-            job.measure_speed_m_s, period, job.passes, job.z_resolution_m, job.heights, noise_m=NOISE_M
-        )
-        text.append(_words(expected, job, period))
-        figures = {
-            "slide_m": expected.slide_m,
-            "z_resolution_m": expected.z_resolution_m,
-            "U_xy_m": expected.U_xy_m,
-            "U_z_m": expected.U_z_m,
-            "U_point_m": expected.U_point_m,
-            "U_tilt_rad": expected.U_tilt_rad,
-            "assumed_noise_m": NOISE_M,
-        }
-        problems += _polls(device, period, job)
-        cautions += _uncertainty(config, job, expected.U_point_m)
-    unreached = _reach(config, job, device)
-    problems += unreached
-    if not unreached:
-        text.append("every move keeps the limits")
-    return {"text": "; ".join(text), **figures, "problems": problems, "cautions": cautions}
+        text = f"no prediction of the uncertainty: {device} has no poll_period_s"
+        return {"text": f"{text}; {REACHED}", "problems": []}
+    expected = predict(
+        job.measure_speed_m_s, period, job.passes, job.z_resolution_m, job.heights, noise_m=NOISE_M
+    )
+    return {
+        "text": f"{_words(expected, job, period)}; {REACHED}",
+        "slide_m": expected.slide_m,
+        "z_resolution_m": expected.z_resolution_m,
+        "U_xy_m": expected.U_xy_m,
+        "U_z_m": expected.U_z_m,
+        "U_point_m": expected.U_point_m,
+        "U_tilt_rad": expected.U_tilt_rad,
+        "assumed_noise_m": NOISE_M,
+        "problems": [],
+        "cautions": list(_uncertainty(config, job, expected.U_point_m)),
+    }
 
 
 def _words(expected: Prediction, job: LaserReferenceConfig, period: float) -> str:
@@ -92,8 +88,8 @@ def _pin(config: CellConfig, job: LaserReferenceConfig) -> Iterator[str]:
             )
 
 
-def _polls(device: str, period: float, job: LaserReferenceConfig) -> Iterator[str]:
-    if period > job.max_poll_gap_s:
+def _polls(device: str, period: float | None, job: LaserReferenceConfig) -> Iterator[str]:
+    if period is not None and period > job.max_poll_gap_s:
         yield (
             f"[device.{device}] poll_period_s is {1e3 * period:g} ms, longer than max_poll_gap_s of "
             f"{1e3 * job.max_poll_gap_s:g} ms, so every pass would be refused; poll more often"

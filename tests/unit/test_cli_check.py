@@ -45,7 +45,7 @@ def test_a_valid_file_is_said_to_be_valid_with_what_can_be_expected(
 @pytest.fixture
 def beams(tmp_path: Path) -> Path:
     """A valid configuration of the cell with crossed beams and without a camera."""
-    write_config(tmp_path, "laser", jobs={"laser-reference": {"max_descents": 2}})
+    write_config(tmp_path, "laser", jobs={"laser-reference": {"max_descents": 2, "passes": 2}})
     return tmp_path / "cell.toml"
 
 
