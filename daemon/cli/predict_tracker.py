@@ -26,7 +26,7 @@ def predict_tracker(config: CellConfig, job: TrackerSamplingConfig) -> dict[str,
         text = f"[robot] names no device for {missing[0]}, which the job needs; add it"
         return {"text": text, "problems": [text], "cautions": []}
     values = {**configured_values(config), "observed_robot": config.robot.observed_robot_spec()}
-    noise, assumed = _noise(config, roles["tracker"])
+    noise, assumed = noise_of(config, roles["tracker"])
     try:
         check_payload(job, values)
         q = _start(config, job, values, noise)
@@ -74,7 +74,8 @@ def _words(job: TrackerSamplingConfig, plan: dict[str, Any], assumed: str) -> st
     )
 
 
-def _noise(config: CellConfig, device: str) -> tuple[dict[str, float], str]:
+def noise_of(config: CellConfig, device: str) -> tuple[dict[str, float], str]:
+    """The noise of a tracker as its section states it, else that of today's, and which of them in words."""
     section = config.device[device]
     sigma0, slope = (getattr(section, key, None) for key in ("sigma0_m", "sigma_per_m"))
     if sigma0 is None or slope is None:

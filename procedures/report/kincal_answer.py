@@ -43,8 +43,7 @@ def verdict_section(source: KincalSource) -> Html:
             (
                 (
                     mm(after),
-                    f"held-out error, calibrated (RMS); the tracker's own share of it is "
-                    f"{mm(source.tracker_3d)}",
+                    f"held-out error, calibrated (RMS); √3 σ of the tracker is {mm(source.tracker_3d)}",
                 ),
                 (mm(before), "held-out error of the drawn arm in the place that suits it best (RMS)"),
                 (gain, "better than the drawn arm, on poses that the solution did not see"),
@@ -88,7 +87,8 @@ def figures_section(source: KincalSource) -> Html | None:
         *(note(el("b", name), ": ", meaning) for _, _, name, meaning in _FIGURES),
         note(
             f"{judged:.0f} samples in {dig(held, 'folds')} folds, each judged by an arm that did not see it. "
-            "The distances hold the tracker's own noise: a perfect arm would read √3 σ. σ is along one axis, "
+            "The distances hold the tracker's own noise: √3 σ of single readings, less where a point "
+            "averages many. σ is along one axis, "
             f"at the middle range of {_metres(source)}; {_noise(source)}."
         ),
     )

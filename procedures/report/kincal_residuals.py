@@ -31,7 +31,8 @@ def before_section(source: KincalSource) -> Html | None:
             "Left: distance of each reading from where the arm was expected, drawn (in the place of the "
             "tracker that suits it best) and calibrated (by an arm that did not see this pose). Right: share "
             "of the poses that stay below a distance. The dashed line is √3 times the tracker's sigma, "
-            f"{mm(source.tracker_3d)}: no arm reads better on average. Logarithmic scales."
+            f"{mm(source.tracker_3d)}: what is near or below it is the tracker as much as the arm. "
+            "Logarithmic scales."
         ),
     )
 

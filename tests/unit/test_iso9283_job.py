@@ -333,3 +333,35 @@ def test_without_a_nominal_place_a_person_points_the_tracker_first(tmp_path: Pat
             assert cell.end(run_id)["error"]["name"] == "ISO9283_INCOMPLETE"
 
     run_virtual(main())
+
+
+# -- before anything moves: cellward check
+
+
+def predicted(folder: Path, **job: Any) -> dict[str, Any]:
+    from daemon.cli.predict import predictions
+
+    return next(p for p in predictions(iso_config(folder, {"cycles": 30, **job})) if p["job"] == JOB)
+
+
+def test_check_tells_arrivals_and_what_the_tracker_alone_would_read(tmp_path: Path) -> None:
+    found = predicted(tmp_path)
+    assert found["problems"] == found["cautions"] == []
+    assert found["text"].startswith("154 arrivals at 9 poses, all free and in reach; at 2.2 m")
+    assert found["tracker"]["RP"] == pytest.approx(3.616 * 29e-6, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("job", "told"),
+    [
+        ({"max_RP_m": 0.00005}, "max_RP_m is 0.050 mm, and the tracker alone reads RP 0.10"),
+        ({"near": "nowhere"}, "near = 'nowhere' is not in [poses]"),
+        (
+            {"cube": {"centre": [2.5, 0.0, 0.5], "edge_m": 0.3, "R_base_flange": [0.0, 0.0, 0.0]}},
+            "pose R1 with the flange at",
+        ),
+    ],
+)
+def test_check_finds_what_would_make_the_test_fail(tmp_path: Path, job: dict[str, Any], told: str) -> None:
+    (problem,) = predicted(tmp_path, **job)["problems"]
+    assert told in problem
