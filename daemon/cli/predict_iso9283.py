@@ -53,7 +53,8 @@ def predict_iso9283(config: CellConfig, job: Iso9283Config) -> dict[str, Any]:
     needs = job.corrected or job.registration == "kinematics"
     text = (
         f"{plan['arrivals']} arrivals at {len(plan['poses'])} poses, all free and in reach; at "
-        f"{distance:.1f} m the tracker alone reads AP {mm(floors['AP'])} (95 %) and RP {mm(floors['RP'])}, {assumed}"
+        f"{distance:.1f} m the tracker alone reads AP {mm(floors['AP'])} (95 %) and RP "
+        f"{mm(floors['RP'])}, {assumed}"
         + ("; needs kinematics of the arm that are accepted when it starts" if needs else "")
     )
     return {"text": text, "tracker": floors, "problems": problems, "cautions": cautions}
