@@ -96,6 +96,13 @@ class Chain:
             out = out @ e[..., i, :, :]
         return out @ self.M
 
+    def partial(self, q: ArrayLike) -> Array:
+        """What the first 0, 1, ... 6 joints at ``q`` (6,) do to points that they carry: (7, 4, 4)."""
+        out = [np.eye(4)]
+        for e in self._exponentials(q):
+            out.append(out[-1] @ e)
+        return np.array(out)
+
     def forward(self, q: ArrayLike) -> RigidTransform:
         """``T_base_flange`` for ``q`` (6,) or (n, 6) rad."""
         return RigidTransform.from_matrix(self.matrix(q))

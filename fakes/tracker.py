@@ -10,7 +10,7 @@ from math import atan2, ceil, floor, hypot, tau
 import numpy as np
 
 from cell.poses import Array, to_pose6
-from fakes.tracker_sight import Carrier, Sight, Still
+from fakes.tracker_sight import Carrier, Links, Sight, Still
 from fakes.tracker_stand import Stand
 from fakes.tracker_truth import ReflectorTruth, TrackerTruth
 
@@ -50,10 +50,11 @@ class Tracker:
         still: Still,
         seed: int,
         t0: float,
+        links: Links | None = None,
     ) -> None:
         self.truth, self.reflectors = truth, reflectors
         self.stand = Stand(truth, t0)
-        self.sight = Sight(truth, reflectors, carrier, still, self.stand)
+        self.sight = Sight(truth, reflectors, carrier, still, self.stand, links)
         self.constant_m = truth.constant_m
         self.doubtful = False
         self.shake: tuple[float, float] = (0.0, 0.0)  # amplitude (m) and frequency (Hz)

@@ -8,12 +8,14 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from cell.poses import Array
+from fakes.distance import to_segments
 from fakes.tracker_stand import Stand
 from fakes.tracker_truth import BoxTruth, ReflectorTruth, TrackerTruth
 
 BROKEN, TURNED_AWAY, OUT_OF_RANGE = "beam broken", "reflector turned away", "out of the field of view"
 
 Carrier = Callable[[str, float], RigidTransform]  # what a reflector is on, at a time, in the base
+Links = Callable[[float], Array]  # both ends of the axis of each of an arm's links, (m, 2, 3) m, in the base
 Still = Callable[[str, float], bool]  # whether that does not move from a time on, as far as is planned
 
 
@@ -37,9 +39,10 @@ class Sight:
         carrier: Carrier,
         still: Still,
         stand: Stand,
+        links: Links | None = None,
     ) -> None:
         self._truth, self._reflectors, self._stand = truth, reflectors, stand
-        self._carrier, self._still = carrier, still
+        self._carrier, self._still, self._links = carrier, still, links
         self._hindrances: list[_Hindrance] = []
         self._known: dict[str, tuple[float, Array, Array | None]] = {}
         self._widest = {name: np.cos(reflector.half_angle_rad) for name, reflector in reflectors.items()}
@@ -85,6 +88,8 @@ class Sight:
             return OUT_OF_RANGE
         if normal is not None and -normal @ way < self._widest[name] * distance:
             return TURNED_AWAY
+        if self._truth.arm_radius_m and self._behind_arm(where, way, distance, t):
+            return BROKEN
         if any(_passes(box, where, way) for box in self._truth.opaque):
             return BROKEN
         return ""
@@ -100,6 +105,13 @@ class Sight:
         centre: Array = carrier.apply(reflector.point)
         self._known[name] = (t, centre, normal)
         return centre, normal
+
+    def _behind_arm(self, start: Array, way: Array, distance: float, t: float) -> bool:
+        if self._links is None:
+            return False
+        middle, along, half = (start + 0.5 * way)[None], (way / distance)[None], np.array([0.5 * distance])
+        gaps = to_segments(self._links(t)[None], middle, along, half)
+        return bool(gaps.min() < self._truth.arm_radius_m)
 
 
 def _passes(box: BoxTruth, start: Array, way: Array) -> bool:

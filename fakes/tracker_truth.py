@@ -88,6 +88,9 @@ class TrackerTruth(_Strict):
     constant_m: float = Field(default=0.0, ge=-0.1, le=0.1, description="reflector constant it is set to")
     temperature_c: float = Field(default=20.0, ge=-40, le=60)
     pressure_pa: float = Field(default=101325.0, ge=50e3, le=120e3)
+    arm_radius_m: float = Field(
+        default=0.0, ge=0, le=0.3, description="the UR arm's links hide what is behind them; 0: they do not"
+    )
     opaque: list[BoxTruth] = Field(default=[], description="what hides the reflectors behind it")
 
     @model_validator(mode="after")

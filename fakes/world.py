@@ -16,6 +16,7 @@ from scipy.spatial.transform import RigidTransform
 from cell.devices import Intrinsics
 from cell.errors import error
 from cell.poses import Array, exp_xi, from_pose6, to_pose6
+from fakes.arm_shape import ArmShape
 from fakes.beams import Beams
 from fakes.belt import Belt
 from fakes.belt_encoder import BeltEncoder
@@ -107,6 +108,7 @@ class World:
         factory = truth.arm.factory.deltas()
         self.believed = chain(truth.arm.model, factory)
         self.true = chain(truth.arm.model, factory + truth.arm.error.deltas())
+        self.shape = ArmShape(truth.arm.model, self.true)
         self.track = Track(t0, truth.arm.q_start)
         self.T_flange_tool = from_pose6(truth.tool.T_flange_tool)  # as drawn
         self.tool = ToolShape(t0, truth.tool)
@@ -143,7 +145,9 @@ class World:
         self.tracker: Tracker | None = None
         if (tracker := truth.tracker) is not None:
             seed, reflectors = truth.seed, truth.reflectors
-            self.tracker = Tracker(tracker, reflectors, self.carrier, self.stands_still, seed, t0)
+            self.tracker = Tracker(
+                tracker, reflectors, self.carrier, self.stands_still, seed, t0, self._links
+            )
             self.track.listeners.append(self._tracker_looks)
             self._tracker_looks_until = t0
             if self.observed is not None:
@@ -226,6 +230,9 @@ class World:
         if self.tracker is None or name not in self.tracker.reflectors:
             raise error("CONFIG_INVALID", f"the scenario has no reflector {name}")
         return self.tracker.sight.position(name, t)
+
+    def _links(self, t: float) -> Array:
+        return self.shape.lines(self.track.at(t)[0])
 
     def _tracker_looks(self, segment: Segment) -> None:
         """Before the track forgets it: what the arm did until the segment before this one began.

@@ -5,8 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from calibration.kinematics import UrArm
 from cell.errors import CellError
 from cell.poses import from_pose6
+from fakes.arm_shape import ArmShape
+from fakes.kinematics import chain
 from fakes.scenario import Scenario
 from fakes.tracker import MULTIPLE, NO_TARGET, NOT_AIMED, Tracker, direction, polar
 from fakes.tracker_sight import BROKEN, OUT_OF_RANGE, TURNED_AWAY
@@ -186,6 +189,28 @@ def test_a_box_hides_what_is_behind_it_and_nothing_before_or_beside_it() -> None
     for x, y, seen in ((-1.0, -2.0, BROKEN), (1.0, -2.0, ""), (-1.0, -1.0, ""), (0.2, -2.0, BROKEN)):
         _, tracker = world(box, f'[world.reflectors.s]\non = "base"\npoint = [{x}, {y}, 0.9]')
         assert tracker.sight.hindrance("s", T0) == seen
+
+
+@pytest.mark.parametrize(("model", "within_m"), [("ur10e", 0.005), ("ur5e", 0.02), ("ur20", 0.06)])
+def test_the_twins_links_lie_where_the_drawings_have_them(model: str, within_m: float) -> None:
+    shape, drawn = ArmShape(model, chain(model)), UrArm(model)
+    for q in np.random.default_rng(3).uniform(-3.0, 3.0, (20, 6)):
+        theirs = drawn.link_ends(q)[0][[0, 2, 4, 5, 6]]
+        assert np.linalg.norm(shape.lines(q) - theirs, axis=-1).max() < within_m
+
+
+def test_the_arm_hides_what_is_behind_its_links_when_the_scenario_says_so() -> None:
+    # The upper arm stands between the tracker at +x and a mark at -x, 0.5 m above the base.
+    marks = '[world.reflectors.m]\non = "base"\npoint = [-3.0, -0.17, 0.5]'
+    for radius, seen in ((0.0, ""), (0.05, BROKEN)):
+        tracker_keys = f"arm_radius_m = {radius}"
+        subject, tracker = world(tracker_keys, marks)
+        tracker.stand.move(T0, np.array([3.0, -0.17, 0.5]) - STAND[:3])
+        upright = [0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0, 0.0]
+        subject.track.hold(T0 + 1.0, upright)
+        assert tracker.sight.hindrance("m", T0 + 1.0) == seen
+        subject.track.hold(T0 + 2.0, [np.pi / 2, *upright[1:]])
+        assert tracker.sight.hindrance("m", T0 + 2.0) == "", "beside the arm"
 
 
 # -- following
