@@ -94,6 +94,13 @@ class PursuitLimits:
     yaw_a: float = 12.0
     yaw_j: float = 160.0
 
+    def slower(self, share: float) -> "PursuitLimits":
+        """For the same ways at ``share`` of the speed."""
+        s2, s3 = share**2, share**3
+        return PursuitLimits(
+            self.v * share, self.a * s2, self.j * s3, self.yaw_v * share, self.yaw_a * s2, self.yaw_j * s3
+        )
+
 
 def _shares(way: Array, v: Array) -> Array:
     """How the limit of the speed's size is shared among x, y and z (3,): as the way goes, and as it moves.

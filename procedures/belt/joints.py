@@ -3,13 +3,14 @@
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.belt.pursuit import State
+from calibration.belt.pursuit import Leg, State
 from cell.arm_model import ArmModel
 from cell.devices import TrajectoryPiece
 from cell.errors import error
 from cell.poses import Array
 
-_FARTHEST_RAD = 0.5  # in one piece; more would be another branch
+_FARTHEST_RAD = 0.5  # from one look to the next; more would be another branch
+_LOOKS = 12  # along a leg
 
 
 class ToolJoints:
@@ -54,6 +55,14 @@ class ToolJoints:
         spin = np.array([0.0, 0.0, state.v[3]])
         twist = np.concatenate([state.v[:3] + np.cross(spin, T.translation - state.p[:3]), spin])
         return q, np.linalg.solve(self._model.jacobian(q), twist)
+
+    def fastest(self, leg: Leg, near: Array) -> float:
+        """The highest joint speed on the way of ``leg``, rad/s, from joints ``near`` (6,) on."""
+        speeds, q = [], near
+        for t in np.linspace(leg.t0, leg.t1, _LOOKS):
+            q, qd = self.joints(leg.at(float(t)), q)
+            speeds.append(float(np.max(np.abs(qd))))
+        return max(speeds)
 
     def piece(
         self, t0: float, start: tuple[Array, Array], t1: float, end: tuple[Array, Array]

@@ -28,6 +28,7 @@ STEP_S = 0.02  # between decisions
 LEAD_S = 0.012  # from a decision to where it begins to act
 AHEAD_S = 0.06  # what a set-point is good for when no later one comes
 CLEAR_SHARE = 0.6  # of the lift, after which the tool may leave sideways
+JOINT_SHARE = 0.9  # of the joints' speed limit that a plan may use; a change of plan needs the rest
 PUBLISH_S = 0.2
 
 
@@ -58,6 +59,8 @@ class Picker:
         self._task: asyncio.Task[bool] | None = None
         self._held = False
         self._foot_m = 0.0
+        self._share = 1.0  # of the full speed, on the present way
+        self._q: Array = np.zeros(6)
         self._item: Item | None = None
         self._t_contact = 0.0
         self._phase: Callable[[float], Coroutine[Any, Any, bool]] = self._ready
@@ -75,6 +78,7 @@ class Picker:
         here = q, np.zeros(6)
         try:
             while True:
+                self._q = here[0]
                 await self._learn()
                 if not await self._phase(t):
                     return
@@ -144,14 +148,16 @@ class Picker:
         if chosen is None:
             self._go(t, home, np.zeros(4))
             return True
-        item, leg, now = chosen
-        self._leg = leg
-        if now:
+        item, origin, now = chosen
+        if not now:
+            self._go(t, origin, self._above)
+        else:
+            self._begin_way(t, origin, self._above)
             self._item = item
             item.note(t, "approach")
             await self._run.enter(S.APPROACH, f"item {item.number}")
             self._phase = self._approach
-        elif self._run.state is not S.WAIT:
+        if not now and self._run.state is not S.WAIT:
             await self._run.enter(S.WAIT, f"item {item.number}")
         return True
 
@@ -205,6 +211,7 @@ class Picker:
             return True
         if self._held:
             await self._run.enter(S.PLACE)
+            self._begin_way(t, Place(self._place.p), self._over_place)
             self._phase = self._to_place
         else:
             await self._run.enter(S.RETURN)
@@ -240,6 +247,7 @@ class Picker:
         self._go(t, Place(self._place.p), self._over_place)
         if self._leg.at(t).p[2] - self._place.p[2] >= CLEAR_SHARE * self._config.above_m:
             await self._run.enter(S.RETURN)
+            self._begin_way(t, Place(self._wait.p), np.zeros(4))
             self._phase = self._ready
         return True
 
@@ -255,7 +263,19 @@ class Picker:
             and np.array_equal(offset, old.offset)
         ):
             return
-        self._leg = plan(t, self._leg.at(t), origin, offset, self._limits)
+        self._leg = plan(t, self._leg.at(t), origin, offset, self._limits.slower(self._share))
+
+    def _begin_way(self, t: float, origin: Origin, offset: Array) -> None:
+        """The first plan of a new way: as fast as the limits and the joints let."""
+        state = self._leg.at(t)
+        self._share, leg = 1.0, plan(t, state, origin, offset, self._limits)
+        for _ in range(2):
+            over = self._tool.fastest(leg, self._q) / (JOINT_SHARE * self._config.limits.joint_speed_rad_s)
+            if over <= 1.0:
+                break
+            self._share /= over
+            leg = plan(t, state, origin, offset, self._limits.slower(self._share))
+        self._leg = leg
 
     def _ride(self) -> Ride | None:
         """The item in hand, as it is foretold now."""
@@ -269,8 +289,8 @@ class Picker:
         turn = item.yaw - self._tool.heading()
         return float((turn + np.pi / 2) % np.pi - np.pi / 2)
 
-    def _choose(self, t: float) -> tuple[Item, Leg, bool] | None:
-        """Who is next, the way to it, and whether to go now or to wait above where it will be.
+    def _choose(self, t: float) -> tuple[Item, Origin, bool] | None:
+        """Who is next, where to, and whether to go now or to wait above where it will be.
 
         The first to leave the zone of those that can be met in it; METHODS section 5.
         """
@@ -284,12 +304,12 @@ class Picker:
             if not self._leaves_after(track, contact):
                 continue
             if float(track.along(np.array([contact]))[0]) >= self._config.zone.min_m:
-                return item, leg, True
+                return item, ride, True
             entry = self._entry(track, t)
             if entry is None:
                 return None
             above = Place(np.array([*track.xy(np.array([entry]))[0], track.height, ride.yaw]))
-            return item, plan(t, self._leg.at(t), above, self._above, self._limits), False
+            return item, above, False
         return None
 
     def _entry(self, track: Track, t: float) -> float | None:
