@@ -7,10 +7,10 @@ import pytest
 from fakes.object import run_virtual
 from procedures.tracker.record import SampleRecord
 from tests.object_cell import no_report, open_cell
-from tests.unit.tracker_cell import JOB, tracker_config
+from tests.unit.tracker_cell import JOB, planned_once, tracker_config
 
-__all__ = ["no_report"]
-pytestmark = pytest.mark.usefixtures("no_report")
+__all__ = ["no_report", "planned_once"]
+pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
 
 
 def test_finished_poses_survive_a_kill_and_are_taken_over(tmp_path: Path) -> None:

@@ -15,10 +15,10 @@ from fakes.object import run_virtual
 from procedures.tracker.locating import locate
 from procedures.tracker.monuments import Moved, compare, drift_summary, moved_text
 from tests.object_cell import ObjectCell, no_report, open_cell, refused
-from tests.unit.tracker_cell import JOB, tracker_config
+from tests.unit.tracker_cell import JOB, planned_once, tracker_config
 
-__all__ = ["no_report"]
-pytestmark = pytest.mark.usefixtures("no_report")
+__all__ = ["no_report", "planned_once"]
+pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
 
 Prepare = Callable[[ObjectCell], None]
 
