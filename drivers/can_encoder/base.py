@@ -169,15 +169,15 @@ class CanEncoder:
         stamps = self._stamps.take([message for message, _ in positions], looked, now)
         last = self.counts.last()
         earliest = -1.0 if last is None else last.t
-        for (_, raw), (stamp, dt) in zip(positions, stamps, strict=True):
-            earliest = t = max(stamp - self._bus_config.time_offset_s, earliest)
+        for (_, raw), stamp in zip(positions, stamps, strict=True):
+            earliest = t = max(stamp.t - self._bus_config.time_offset_s, earliest)
             try:
-                count = self._unwrap.take(t, raw)
+                count = self._unwrap.take(raw)
             except ValueError as exc:
                 self._lose(error("ENCODER_RANGE", f"{self.name}: position {exc}"))
                 return
-            self._seq += 1 + self._missing.add(t)
-            self.counts.push(Sample(EncoderState(count, raw), t, dt, self._seq, self._quality))
+            self._seq += 1 + self._missing.add(stamp.heard)
+            self.counts.push(Sample(EncoderState(count, raw), t, stamp.dt, self._seq, self._quality))
 
     # -- loss
 

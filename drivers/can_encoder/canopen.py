@@ -44,6 +44,7 @@ class CanopenEncoder(CanEncoder):
         self._starting: asyncio.Task[None] | None = None
         self._beat = 0.0
         self._wrong_beats = 0
+        self._state = _OPERATIONAL
         self._emergency = ""
         self._speed: int | None = None
 
@@ -84,7 +85,7 @@ class CanopenEncoder(CanEncoder):
         else:
             raise error("DEVICE_LOST", f"{self.name}: node {self._config.node} restarts again and again")
         self._setup, self.modulus = setup, setup.modulus
-        self._beat, self._wrong_beats = self._clock.now(), 0
+        self._beat, self._wrong_beats, self._state = self._clock.now(), 0, _OPERATIONAL
         return setup.identity
 
     def _position(self, message: can.Message) -> int | None:
@@ -111,7 +112,7 @@ class CanopenEncoder(CanEncoder):
     # -- the node's state
 
     def _heartbeat(self, state: int) -> None:
-        self._beat = self._clock.now()
+        self._beat, self._state = self._clock.now(), state
         if state == _BOOT_UP:
             self._boots += 1
             if self._running:
@@ -120,12 +121,16 @@ class CanopenEncoder(CanEncoder):
         wrong = self._running and state != _OPERATIONAL
         self._wrong_beats = self._wrong_beats + 1 if wrong else 0
         if self._wrong_beats >= 2:  # one may have been on its way when we started the node
-            self._lose(
-                error(
-                    "ENCODER_NOT_OPERATIONAL",
-                    f"{self.name}: node {self._config.node} is {state_words(state)}, and not by us",
-                )
-            )
+            self._lose(self._stopped())
+
+    def _stopped(self) -> CellError:
+        return error(
+            "ENCODER_NOT_OPERATIONAL",
+            f"{self.name}: node {self._config.node} is {state_words(self._state)}, and not by us",
+        )
+
+    def _silence(self, now: float, why: str) -> CellError:
+        return super()._silence(now, why) if self._state == _OPERATIONAL else self._stopped()
 
     def _restarted(self) -> None:
         self._resets += 1

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import can
 
@@ -15,11 +15,17 @@ _GATEWAY_DT_S = 200e-6
 _HOST_DT_S = 250e-6  # a USB adapter's frame of 125 us or 1 ms, and the way to us
 _FORGET = 0.98  # of the scatter, from one frame to the next
 
-Stamp = tuple[float, float]  # t, dt
+
+class Stamp(NamedTuple):
+    """When a frame was on the bus (s), give or take ``dt``; ``heard`` is late at times and never early."""
+
+    t: float
+    dt: float
+    heard: float
 
 
 class Stamps(Protocol):
-    """``take`` gives ``(t, dt)`` for each message; all arrived between ``looked`` and ``now``."""
+    """``take`` stamps each message; all arrived between ``looked`` and ``now``."""
 
     @property
     def refused(self) -> int:
@@ -52,9 +58,9 @@ class KernelStamps:
 
     def _checked(self, t: float, looked: float, now: float, dt: float) -> Stamp:
         if looked - _KERNEL_SLACK_S <= t <= now + dt:
-            return min(t, now), dt
+            return Stamp(min(t, now), dt, min(t, now))
         self.refused += 1
-        return 0.5 * (min(looked, now) + now), max(0.5 * (now - looked), dt)
+        return Stamp(0.5 * (min(looked, now) + now), max(0.5 * (now - looked), dt), now)
 
 
 class GatewayStamps:
@@ -80,7 +86,7 @@ class GatewayStamps:
             if self._clock.resets > resets or self._last is None:
                 dt = max(dt, 0.5 * (now - looked))  # nothing but the arrival is known of it
             self._last = message.timestamp
-            found.append((t, dt))
+            found.append(Stamp(t, dt, t))
         return found
 
 
@@ -109,4 +115,4 @@ class HostStamps:
         waited = 0.5 * min(self._period_s, now - floor) if len(messages) > 1 else 0.0
         back = range(len(messages) - 1, -1, -1)
         dt = _HOST_DT_S + max(self._scatter, waited)
-        return [(max(now - k * self._period_s, floor), dt) for k in back]
+        return [Stamp(max(now - k * self._period_s, floor), dt, now) for k in back]
