@@ -1,0 +1,207 @@
+"""Device-level faults at every state of a tracker sampling, on virtual time.
+
+Whatever happens and whenever: the arm ends at rest, the run has one terminal entry that names the right
+error, no finished pose is lost, nothing takes effect, and after the cause is gone and a reset the next run
+succeeds. A fault strikes run after run in one cell, each time at another state; each kind takes a share of
+the states in turn, so that every state meets several kinds. All pairs are in the long runs. What breaks a
+beam has tests of its own: it does not end a job.
+"""
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cell.calibrations import kinematics
+from fakes.object import run_virtual
+from procedures.tracker.record import SampleRecord
+from tests.object_cell import WHO, ObjectCell, no_report, open_cell
+from tests.unit.tracker_cell import JOB, planned_once, tracker_config
+
+__all__ = ["no_report", "planned_once"]
+pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
+
+SMALL = {
+    "poses": 10,
+    "held_out_share": 0.0,
+    "monument_every": 5,
+    "accept": {"max_error_m": 0.1, "auto": True},
+}
+ALWAYS = {"prepare", "plan", "locate", "monuments", "next", "settle", "measure", "solve"}
+MOMENTS = {"tracker": [*sorted(ALWAYS), "move"], "palletizer": [*sorted(ALWAYS), "request"]}
+LENT = {"locate", "monuments", "next", "settle", "measure", "move"}
+IN_MOTION = {"move"}
+AT_THE_NEXT_LEASE = {"prepare", "plan", "locate", "monuments"}
+NOT_AT_THE_END = ALWAYS - {"solve"} | {"move", "request"}
+EVERYWHERE = ALWAYS | {"move", "request"}
+ON_THE_WAY_S = 0.05
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A fault, the errors that may come of it, and the moments at which it can be felt at all."""
+
+    device: str
+    fault: str
+    errors: frozenset[str]
+    felt: set[str]
+    arguments: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        return f"{self.device} {self.fault}"
+
+
+def kind(device: str, fault: str, errors: str, felt: set[str], **arguments: Any) -> Kind:
+    return Kind(device, fault, frozenset(errors.split()), felt, arguments)
+
+
+MOVED = [
+    kind("arm", "protective-stop", "ARM_PROTECTIVE_STOP", EVERYWHERE),
+    kind("arm", "emergency-stop", "ARM_EMERGENCY_STOP", EVERYWHERE),
+    kind("arm", "drop", "DEVICE_LOST", EVERYWHERE),
+    kind("arm", "silence", "DEVICE_LOST STALE_DATA", NOT_AT_THE_END),
+    kind("arm", "reboot", "ARM_REBOOTED DEVICE_LOST", EVERYWHERE),
+    kind("arm", "child-crash", "CHILD_DIED", IN_MOTION),
+    kind("arm", "watchdog", "MOTION_WATCHDOG", IN_MOTION),
+    kind("arm", "local-mode", "ARM_LOCAL_MODE", AT_THE_NEXT_LEASE | {"move"}),
+    kind("arm", "foreign-program", "ARM_PROGRAM_RUNNING", AT_THE_NEXT_LEASE),
+    kind("tracker", "drop", "DEVICE_LOST", EVERYWHERE),
+    kind("tracker", "silence", "DEVICE_LOST STALE_DATA TRACKER_UNSTABLE", NOT_AT_THE_END),
+    kind("tracker", "reboot", "DEVICE_LOST", EVERYWHERE),
+]
+READ = [
+    kind("palletizer", "drop", "DEVICE_LOST", EVERYWHERE),
+    kind("palletizer", "silence", "DEVICE_LOST STALE_DATA", NOT_AT_THE_END),
+    kind("palletizer", "reboot", "DEVICE_LOST", EVERYWHERE),
+    kind("tracker", "drop", "DEVICE_LOST", EVERYWHERE),
+]
+SHARE = 2
+Strike = tuple[Kind, str]
+
+
+def shares(kinds: Sequence[Kind], moments: Sequence[str]) -> list[list[str]]:
+    """Moments for each kind, among those at which it can be felt: those that fewest kinds have met so far."""
+    met, out = dict.fromkeys(moments, 0), []
+    for fault in sorted(kinds, key=lambda k: len(k.felt)):
+        share = sorted((m for m in moments if m in fault.felt), key=lambda m: met[m])[:SHARE]
+        for moment in share:
+            met[moment] += 1
+        out.append((kinds.index(fault), share))
+    return [share for _, share in sorted(out)]
+
+
+def cells(scenario: str, kinds: Sequence[Kind], each: int) -> list[Any]:
+    share = shares(kinds, MOMENTS[scenario])
+    groups = [range(i, min(i + each, len(kinds))) for i in range(0, len(kinds), each)]
+    return [
+        pytest.param(
+            scenario,
+            [(kinds[n], moment) for n in group for moment in share[n]],
+            id=", ".join(kinds[n].label for n in group),
+        )
+        for group in groups
+    ]
+
+
+CELLS = [*cells("tracker", MOVED, 3), *cells("palletizer", READ, 4)]
+ALL = [
+    pytest.param(scenario, [(k, m) for m in MOMENTS[scenario]], id=f"{scenario}: {k.label}")
+    for scenario, kinds in (("tracker", MOVED), ("palletizer", READ))
+    for k in kinds
+]
+
+
+def test_every_state_meets_several_kinds_of_fault() -> None:
+    met = [m for share in shares(MOVED, MOMENTS["tracker"]) for m in share]
+    assert all(met.count(moment) >= 2 for moment in MOMENTS["tracker"]), met
+
+
+@pytest.mark.parametrize(("scenario", "strikes"), CELLS)
+def test_a_fault_ends_a_sampling_safely_and_the_next_run_succeeds(
+    scenario: str, strikes: list[Strike], tmp_path: Path
+) -> None:
+    strike_all(scenario, strikes, tmp_path)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(("scenario", "strikes"), ALL)
+def test_a_fault_at_any_state_ends_a_sampling_safely(
+    scenario: str, strikes: list[Strike], tmp_path: Path
+) -> None:
+    strike_all(scenario, strikes, tmp_path)
+
+
+def strike_all(scenario: str, strikes: list[Strike], folder: Path) -> None:
+    config = tracker_config(folder, SMALL, scenario=scenario)
+
+    async def main() -> None:
+        async with open_cell(config, job=JOB) as cell:
+            for fault, moment in strikes:
+                await strike(cell, fault, moment)
+            end = await cell.run_job()
+            assert end["outcome"] == "complete", end["error"]
+
+    run_virtual(main())
+
+
+async def strike(cell: ObjectCell, fault: Kind, moment: str) -> None:
+    struck = inject_at(cell, moment, fault)
+    begun = len(cell.ledger.results())
+    run_id = await cell.start()
+    end = await cell.finished(run_id)
+    assert struck, f"the job never was at {moment} for {fault.label}"
+    await cell.clock.sleep(0.5)
+    assert cell.at_rest()
+    if moment in fault.felt:
+        assert end["error"] is not None, f"{end['outcome']} in spite of {fault.label} at {moment}"
+        assert (end["outcome"], end["packml"]) == ("aborted", "ABORTED")
+        assert end["error"]["name"] in fault.errors, (fault.label, moment, end["error"])
+        assert len(cell.ledger.results()) == begun, "nothing was proposed"
+        assert len(SampleRecord.read(cell.folder(run_id).path).samples) == len(
+            cell.notes(run_id, "pose taken")
+        )
+    else:
+        assert end["outcome"] in ("complete", "aborted")
+        assert end["error"] is None or end["error"]["name"] in fault.errors, (
+            fault.label,
+            moment,
+            end["error"],
+        )
+    for row in cell.ledger.results(kinematics("arm")):
+        if row["state"] == "committed":
+            cell.ledger.rollback(kinematics("arm"), WHO)
+    await put_right(cell)
+
+
+def inject_at(cell: ObjectCell, moment: str, fault: Kind) -> list[str]:
+    """Strike once when the job enters ``moment``; the list holds the state when it did."""
+    plant, struck = cell.plant.plants[fault.device], list[str]()
+    loop, seen = asyncio.get_running_loop(), 0
+
+    def look() -> None:
+        nonlocal seen
+        run = cell.engine.run
+        if struck or not cell.engine.active or run is None or len(run.visited) == seen:
+            return
+        seen = len(run.visited)
+        if run.state == moment:
+            struck.append(moment)
+            act = partial(plant.inject, fault.fault, fault.arguments)
+            loop.call_later(ON_THE_WAY_S, act) if moment in ("move", "measure", "request") else act()
+
+    cell.engine.subscribe(look)
+    return struck
+
+
+async def put_right(cell: ObjectCell) -> None:
+    """What a person does: mend the cause, wait for the devices, reset."""
+    for plant in cell.plant.plants.values():
+        plant.clear()
+    await cell.until(cell.all_ready, "all devices back", 30.0)
+    await cell.clock.sleep(0.1)
+    await cell.engine.reset(WHO)
