@@ -1,0 +1,115 @@
+"""Device-level faults at every state of the test of accuracy and repeatability, on virtual time.
+
+Whatever happens and whenever: the arm ends at rest, the run has one terminal entry that names the right
+error, what was measured by then is on disk, and after the cause is gone and a reset the next run succeeds.
+"""
+
+import asyncio
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from fakes.object import run_virtual
+from procedures.iso9283.states import State
+from tests.chaos.test_laser_fault_matrix import Kind, kind, put_right
+from tests.object_cell import ObjectCell, no_report, open_cell
+from tests.unit.test_iso9283_job import JOB, iso_config
+
+__all__ = ["no_report"]
+pytestmark = pytest.mark.usefixtures("no_report")
+
+MOMENTS = [s.value for s in State if s is not State.REACQUIRE]  # which only a lost beam leads to
+EVERYWHERE = set(MOMENTS)
+LENT = {"next", "move", "settle", "measure"}
+BEFORE_THE_LEASE = {"prepare", "plan"}
+AT_THE_NEXT_LEASE = BEFORE_THE_LEASE | LENT
+ON_THE_WAY_S = 0.03
+LOST = "TRACKER_NO_TARGET TRACKER_BEAM_BROKEN"
+KINDS = [
+    kind("arm", "protective-stop", "ARM_PROTECTIVE_STOP", EVERYWHERE),
+    kind("arm", "emergency-stop", "ARM_EMERGENCY_STOP", EVERYWHERE),
+    kind("arm", "local-mode", "ARM_LOCAL_MODE", AT_THE_NEXT_LEASE),
+    kind("arm", "drop", "DEVICE_LOST", EVERYWHERE),
+    kind("arm", "silence", "DEVICE_LOST STALE_DATA", EVERYWHERE),
+    kind("arm", "reboot", "ARM_REBOOTED DEVICE_LOST", EVERYWHERE),
+    kind("arm", "script-death", "ARM_SCRIPT_DIED", LENT),
+    kind("arm", "child-crash", "CHILD_DIED", LENT),
+    kind("arm", "foreign-program", "ARM_PROGRAM_RUNNING", AT_THE_NEXT_LEASE),
+    kind("tracker", "drop", "DEVICE_LOST", EVERYWHERE),
+    kind("tracker", "silence", "DEVICE_LOST STALE_DATA", EVERYWHERE - {"solve"}),  # told after a second
+    kind("tracker", "reboot", "DEVICE_LOST", EVERYWHERE),
+    kind("tracker", "out-of-view", LOST, AT_THE_NEXT_LEASE, reflector="smr1"),
+    kind("tracker", "beam-break", LOST, AT_THE_NEXT_LEASE, for_s=600.0),
+    kind("tracker", "vibration", "TRACKER_UNSTABLE", AT_THE_NEXT_LEASE, m=0.002, hz=7.0),
+]
+SHARE, STRIDE = 1, 3  # all pairs are in the long runs
+
+
+def share_of(number: int) -> list[str]:
+    """The moments of one kind; the next kind has others."""
+    return [MOMENTS[(number + i * STRIDE) % len(MOMENTS)] for i in range(SHARE)]
+
+
+def test_every_state_meets_several_kinds_of_fault() -> None:
+    met = [moment for i in range(len(KINDS)) for moment in share_of(i)]
+    assert all(met.count(moment) >= 2 for moment in MOMENTS)
+
+
+@pytest.mark.parametrize("number", range(len(KINDS)), ids=[k.label for k in KINDS])
+def test_a_fault_ends_the_test_safely_and_the_next_run_succeeds(number: int, tmp_path: Path) -> None:
+    strike_runs(KINDS[number], share_of(number), tmp_path)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("fault", KINDS, ids=lambda k: k.label)
+def test_a_fault_at_any_state_ends_the_test_safely(fault: Kind, tmp_path: Path) -> None:
+    strike_runs(fault, MOMENTS, tmp_path)
+
+
+def strike_runs(fault: Kind, moments: list[str], folder: Path) -> None:
+    quick = {"cycles": 2, "retries_per_pose": 0, "find_timeout_s": 0.5, "measure_timeout_s": 1.0}
+    config = iso_config(folder, quick)
+
+    async def main() -> None:
+        async with open_cell(config, job=JOB) as cell:
+            for moment in moments:
+                await strike(cell, fault, moment)
+            end = await cell.run_job()
+            assert end["outcome"] == "complete", end["error"]
+
+    run_virtual(main())
+
+
+async def strike(cell: ObjectCell, fault: Kind, moment: str) -> None:
+    struck = inject_at(cell, moment, fault)
+    run_id = await cell.start()
+    end = await cell.finished(run_id)
+    assert struck, f"the job never was at {moment} for {fault.label}"
+    await cell.clock.sleep(0.5)
+    assert cell.at_rest()
+    if moment in fault.felt:
+        assert end["error"] is not None, f"{end['outcome']} in spite of {fault.label} at {moment}"
+        assert (end["outcome"], end["packml"]) == ("aborted", "ABORTED")
+        assert end["error"]["name"] in fault.errors, (fault.label, moment, end["error"])
+    else:
+        assert end["outcome"] == "complete", (fault.label, moment, end["error"])
+    await put_right(cell)
+
+
+def inject_at(cell: ObjectCell, moment: str, fault: Kind) -> list[str]:
+    """Strike once when the job is at ``moment``; the list holds the state when it did."""
+    plant, struck = cell.plant.plants[fault.device], list[str]()
+    loop = asyncio.get_running_loop()
+
+    def look() -> None:
+        run = cell.engine.run
+        if struck or not cell.engine.active or run is None or run.state is None:
+            return
+        if run.state.value == moment:
+            struck.append(moment)
+            hit = partial(plant.inject, fault.fault, fault.arguments)
+            loop.call_later(ON_THE_WAY_S, hit) if moment in LENT - {"next"} else hit()
+
+    cell.engine.subscribe(look)
+    return struck
