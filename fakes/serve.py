@@ -237,6 +237,7 @@ class Twin:
             camera={"driver": "oak", "source": self._frames_url} if self._camera is not None else None,
             beams=self._inputs.device() if self._inputs is not None else None,
             belt=self._encoder.device() if self._encoder is not None else None,
+            gripper=self._gripper_device(),
             observed=self._observed.device() if self._observed is not None else None,
             tracker=self._tracker.device() if self._tracker is not None else None,
             state_dir=str(self.folder / "state"),
@@ -248,6 +249,12 @@ class Twin:
                 "allow_accept": True,
             },
         )
+
+    def _gripper_device(self) -> dict[str, Any] | None:
+        if self.world.gripper is None:
+            return None
+        truth = self.world.gripper.truth
+        return {"driver": "arm-gripper", "arm": "arm", "output": truth.output, "confirm": truth.confirm}
 
 
 def _is_finite(value: Any) -> bool:
