@@ -1,6 +1,5 @@
 """What the predictions share: the values of a run as the configuration alone has them, and their findings."""
 
-from collections.abc import Mapping
 from typing import Any
 
 from daemon.config import CellConfig
@@ -20,8 +19,4 @@ def configured_values(config: CellConfig) -> dict[str, Any]:
 
 def found_in(predictions: list[dict[str, Any]], kind: str) -> list[str]:
     """The ``problems`` (a job cannot succeed) or ``cautions`` of all predictions, each with its job."""
-    return [f"{job['job']}: {text}" for job in predictions for text in _texts(job, kind)]
-
-
-def _texts(job: Mapping[str, Any], kind: str) -> list[str]:
-    return list(job.get(kind, []))
+    return [f"{job['job']}: {text}" for job in predictions for text in job.get(kind, [])]
