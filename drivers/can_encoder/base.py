@@ -63,7 +63,7 @@ class CanEncoder:
             await self.close()
             raise
         self._start_counting()
-        self._watching = asyncio.create_task(self._watch(), name=f"{self.name} watch")
+        self._watching = self._spawn(self._watch(), "watch")
 
     async def close(self) -> None:
         """End everything, the encoder itself excepted: it goes on sending to others."""
@@ -141,6 +141,17 @@ class CanEncoder:
             await asyncio.wait([working, lost])
         self._life.require()
         return working.result()
+
+    def _spawn(self, work: Coroutine[Any, Any, None], what: str) -> asyncio.Task[None]:
+        """A task whose failure for no reason of the link is a defect, and ends the link."""
+
+        def ended(task: asyncio.Task[None]) -> None:
+            if not task.cancelled() and (failure := task.exception()) is not None:
+                self._lose(error("INTERNAL", f"{task.get_name()}: {failure!r}"))
+
+        task = asyncio.create_task(work, name=f"{self.name} {what}")
+        task.add_done_callback(ended)
+        return task
 
     def _start_counting(self) -> None:
         """Count from zero, in an epoch that has just begun."""

@@ -137,7 +137,7 @@ class CanopenEncoder(CanEncoder):
         self._running = False
         self.counts.new_epoch()
         log.warning("%s: node %d was restarted, it is configured again", self.name, self._config.node)
-        self._starting = asyncio.create_task(self._start_again(), name=f"{self.name} setup")
+        self._starting = self._spawn(self._start_again(), "setup")
 
     async def _start_again(self) -> None:
         begun, before = self._clock.now(), self._identity
