@@ -49,7 +49,8 @@ def write_config(
     loaded = Scenario.load(scenario)
     sections = {name: dict(section) for name, section in loaded.cell.job.items()}
     for name, keys in (jobs or {}).items():
-        sections[name] = {**sections.get(name, {}), **keys}
+        merged = {**sections.get(name, {}), **keys}
+        sections[name] = {key: value for key, value in merged.items() if value is not None}
     if JOB in sections:
         sections[JOB] |= {**SMALL, **(job or {})}
     text = loaded.cell_toml(

@@ -87,7 +87,7 @@ class TrackerSamplingConfig(_Strict):
     )
     T_base_tracker_nominal: Six | None = Field(
         default=None,
-        description="the tracker in the base, to 0.1 m and 2 deg; else the job finds it",
+        description="the tracker in the base, to its window of search; else the job asks",
     )
     locate_poses: int = Field(default=4, ge=3, le=20, description="to find the tracker's place with")
     max_locate_error_m: float = Field(

@@ -87,7 +87,6 @@ def tracker_config(
             "reflectors": {"smr1": {"point": [p.tx, p.ty, p.tz]}},
             **(job or {}),
         }
-    section = {key: value for key, value in section.items() if value is not None}
     overrides.setdefault("limits", BRISK)
     return write_config(folder, scenario, jobs={JOB: section}, **overrides)
 

@@ -1,0 +1,115 @@
+"""An arm that is millimetres off, sampled on the wire: ur-rtde moves it, the tracker speaks GeoCOM."""
+
+from collections.abc import Iterator
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.store.files import read_json, to_json
+from fakes.scenario import Scenario
+from fakes.world import World
+from procedures.solve.kincal import solve_kincal
+from procedures.tracker.config import TrackerSamplingConfig
+from procedures.tracker.plan import PlanRequest, plan_sampling
+from tests.unit.test_tracker_sampling_plan import HOME, measured, values
+from tests.unit.tracker_cell import nominal_tracker, reflectors, rms, true_errors
+from tests.wire_cell import WireCell, wait_for, wire_cell
+
+pytestmark = pytest.mark.wire
+
+JOB = "tracker-sampling"
+LIMITS = """
+[cell.limits]
+speed_m_s = 1.0
+accel_m_s2 = 5.0
+joint_speed_rad_s = 3.0
+joint_accel_rad_s2 = 12.0
+workspace = [{ min = [-1.4, -1.4, 0.0], max = [1.4, 1.4, 1.8] }]
+"""
+SECTION = """
+[cell.job.tracker-sampling]
+poses = 10
+held_out_share = 0.0
+locate_poses = 3
+monument_every = 10
+settle_s = 0.1
+window_s = 0.2
+max_scatter_m = 0.0005
+max_predicted_m = 0.01
+T_base_tracker_nominal = {place}
+accept = {{ max_error_m = 0.01, auto = true }}
+[cell.job.tracker-sampling.reflectors.smr1]
+point = [-0.05, 0.0, 0.06]
+normal = [0.0, 0.0, 1.0]
+half_angle_rad = 0.9
+[cell.job.tracker-sampling.monuments.m1]
+point = [0.35, 0.35, 0.02]
+[cell.job.tracker-sampling.monuments.m2]
+point = [0.35, -0.35, 0.02]
+"""
+STORED = 34
+
+
+def scenario() -> str:
+    """The shipped one with a short plan and brisk moves; its truth stays as it is."""
+    text = files("fakes").joinpath("scenarios/tracker.toml").read_text("utf-8")
+    text = text.split("[cell.limits]")[0]
+    return text + LIMITS + SECTION.format(place=nominal_tracker("tracker"))
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireCell]:
+    with wire_cell(tmp_path_factory.mktemp("tracker"), "127.0.44.2", scenario()) as made:
+        yield made
+
+
+def stored_set() -> list[dict[str, Any]]:
+    """Poses that were planned and read earlier: by the twin's own kinematics, with the tracker's noise."""
+    job = {"reflectors": reflectors("tracker", "smr1"), "poses": STORED, "held_out_share": 0.0}
+    config = TrackerSamplingConfig.model_validate(job).model_dump()
+    noise = {"sigma0": 15e-6, "sigma_per_m": 6e-6}
+    plan = plan_sampling(PlanRequest(values(), config, noise, nominal_tracker("tracker"), HOME))
+    Q = np.array([visit.q for visit in plan.visits])
+    p = measured(World.from_scenario(Scenario.load("tracker")), Q, np.random.default_rng(5))
+    return [
+        {"q": q.tolist(), "p_tracker": point.tolist(), "target": "smr1"}
+        for q, point in zip(Q, p.T, strict=True)
+    ]
+
+
+@pytest.mark.restarts_children
+def test_an_arm_comes_from_two_millimetres_to_fifty_micrometres_with_a_stored_set(cell: WireCell) -> None:
+    run_id = cell.start_job(JOB)
+    end = cell.wait_for_end(120.0)
+    assert (end["run_id"], end["outcome"]) == (run_id, "complete"), end
+    folder = next(r for r in cell.runs() if r.run_id == run_id).path
+    data = read_json(folder / "kincal.json")
+    assert len(data["samples"]) == 10
+    looked = read_json(folder / "result.json")["inputs"]["sampling"]["monuments"]
+    assert looked["max_moved_m"] < looked["limit_m"]
+    cell.stays_at_rest(0.3)
+
+    # Ten poses are hardly more numbers than unknowns; with a stored set they tell what forty tell.
+    together = {**data, "samples": [*data["samples"], *stored_set()]}
+    path = cell.folder / "together.json"
+    path.write_text(to_json(together), "utf-8")
+    result = solve_kincal(path)
+    assert result["verdict"] in ("pass", "warn"), result["reasons"]
+    assert not result["result"]["rejected"], "what was read on the wire agrees with what was stored"
+    assert 0.0015 < result["result"]["rms_registration_only"] < 0.003
+    Q = np.array([s["q"] for s in together["samples"]])
+    elsewhere = np.random.default_rng(8).uniform(Q.min(axis=0), Q.max(axis=0), (150, 6))
+    assert rms(true_errors(World.from_scenario(Scenario.load("tracker")), result, elsewhere)) <= 0.00005
+
+
+@pytest.mark.restarts_children
+def test_a_stand_that_is_pushed_is_named_on_the_wire(cell: WireCell) -> None:
+    run_id = cell.call("start", job=JOB, params={"monument_every": "2"})["run_id"]
+    wait_for(lambda: cell.status()["step"] >= 1, "a pose", 60.0)
+    cell.inject("tracker", "stand-moved", dx=0.001)
+    end = cell.wait_for_end(120.0)
+    assert end["run_id"] == run_id
+    assert (end["outcome"], end["error"]["name"]) == ("aborted", "TRACKER_MOVED"), end
+    cell.stays_at_rest(0.5)
