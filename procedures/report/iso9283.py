@@ -8,6 +8,7 @@ from procedures.report.layout import Layout, Page
 from procedures.report.numbers import DASH, dig, mm, mms, number
 from procedures.report.origin import inputs_section
 from procedures.report.timeline import timeline_section
+from procedures.report.trend import trend_section
 from procedures.report.verdict import banner, cards
 
 _REMEDY = {
@@ -129,7 +130,7 @@ def _page(_source: IsoSource) -> Page[IsoSource]:
         top=(verdict_section, figures_section),
         left=(deviation_section,),
         right=(conditions_section,),
-        rest=(arrivals_section, drift_section, timeline_section, inputs_section),
+        rest=(arrivals_section, drift_section, trend_section, timeline_section, inputs_section),
     )
 
 

@@ -11,6 +11,7 @@ from procedures.report.layout import Layout, Page
 from procedures.report.numbers import dig
 from procedures.report.origin import inputs_section
 from procedures.report.timeline import timeline_section
+from procedures.report.trend import trend_section
 from procedures.solve.kincal_data import FILE_NAME
 
 
@@ -32,6 +33,7 @@ def _page(_source: KincalSource) -> Page[KincalSource]:
             space_section,
             residuals_section,
             parameters_section,
+            trend_section,
             timeline_section,
             inputs_section,
         ),

@@ -9,11 +9,11 @@ from procedures.report.laser_limits import limits_section
 from procedures.report.laser_second import second_section
 from procedures.report.laser_source import LaserSource
 from procedures.report.laser_tool import tool_section
-from procedures.report.laser_trend import trend_section
 from procedures.report.laser_ways import ways_section
 from procedures.report.layout import Layout, Page
 from procedures.report.origin import inputs_section
 from procedures.report.timeline import events, timeline
+from procedures.report.trend import trend_section
 from procedures.solve.laser_data import FILE_NAME
 
 

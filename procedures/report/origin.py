@@ -8,6 +8,8 @@ from procedures.report.html import Html, absent, el, section, table
 from procedures.report.numbers import DASH, dig, number
 from procedures.report.source import Source
 
+_ELSEWHERE = ("sampling", "trend")  # sections of their own show these
+
 
 def inputs_section(source: Source) -> Html:
     """Everything a second person needs to come to the same result."""
@@ -26,15 +28,20 @@ def inputs_section(source: Source) -> Html:
     if isinstance(identities, Mapping):
         rows += [(f"device {name}", _identity(entry)) for name, entry in identities.items()]
     values = run.get("values")
-    rows += _rows(
-        ("payload", None if dig(values, "payload_kg") is None else f"{dig(values, 'payload_kg')} kg"),
-        ("tool", _plain(dig(values, "tool"))),
-        ("arm model", dig(values, "robot", "model")),
-        ("calibrations in effect", _versions(values)),
-    )
+    if dig(inputs, "sampling", "role") != "observed_arm":  # else they are those of the arm beside it
+        rows += _rows(
+            ("payload", None if dig(values, "payload_kg") is None else f"{dig(values, 'payload_kg')} kg"),
+            ("tool", _plain(dig(values, "tool"))),
+            ("arm model", dig(values, "robot", "model")),
+        )
+    rows += _rows(("calibrations in effect", _versions(values)))
     if isinstance(inputs, Mapping):
         shown = {"solve_seconds": _seconds}
-        rows += [(key.replace("_", " "), shown.get(key, _plain)(value)) for key, value in inputs.items()]
+        rows += [
+            (key.replace("_", " "), shown.get(key, _plain)(value))
+            for key, value in inputs.items()
+            if key not in _ELSEWHERE
+        ]
     rows.append(("schema", source.result.get("schema")))
     return section("Inputs", table((), [(el("b", a), b) for a, b in rows]))
 

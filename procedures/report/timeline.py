@@ -87,7 +87,8 @@ def _plan(entry: Mapping[str, Any]) -> str:
         problems = "; ".join(str(p) for p in dig(plan, "problems") or [])
         return f"plan: {dig(plan, 'note')}" + (f"; not possible: {problems}" if problems else "")
     poses, rejected = dig(plan, "poses") or [], dig(plan, "rejected") or []
-    text = f"plan of placement {int(entry.get('group') or 0) + 1}: {len(poses)} poses"
+    placed = "" if entry.get("group") is None else f" of placement {int(entry['group']) + 1}"
+    text = f"plan{placed}: {len(poses)} poses"
     predicted = dig(plan, "predicted", "error95_t_m")
     if predicted is not None:
         text += f", predicted 95 % error {mm(predicted)}"

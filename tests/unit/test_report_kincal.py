@@ -238,3 +238,29 @@ def test_a_run_without_a_second_look_says_that_nothing_vouches_for_the_stand(
     tmp_path: Path, path: Path, result: dict[str, Any], looks: int, told: str
 ) -> None:
     assert told in text_of(Page(render(from_folder(a_run(tmp_path, path, result, looks)))))
+
+
+def test_an_observed_arms_page_does_not_show_tool_and_payload_of_the_arm_beside_it(
+    tmp_path: Path, path: Path, result: dict[str, Any]
+) -> None:
+    folder = a_run(tmp_path, path, result)
+    run = json.loads((folder / "run.json").read_text())
+    run["values"] = {"payload_kg": 1.25, "tool": {"name": "gripper"}, "robot": {"model": "ur3e"}}
+    (folder / "run.json").write_text(json.dumps(run))
+    assert "payload 1.25 kg" in text_of(Page(render(from_folder(folder))))
+    changed = json.loads((folder / "result.json").read_text())
+    changed["inputs"]["sampling"]["role"] = "observed_arm"
+    (folder / "result.json").write_text(json.dumps(changed))
+    text = text_of(Page(render(from_folder(folder))))
+    assert "1.25 kg" not in text
+    assert "ur3e" not in text
+
+
+def test_health_numbers_of_earlier_runs_are_drawn(tmp_path: Path, path: Path, result: dict[str, Any]) -> None:
+    folder = a_run(tmp_path, path, result)
+    changed = json.loads((folder / "result.json").read_text())
+    numbers = {"kinematics.rms_after_m.arm": 3e-5, "tracker.drift_m.tracker": 2e-5}
+    changed["inputs"]["trend"] = {name: [[1.7e9, v], [1.71e9, 1.1 * v]] for name, v in numbers.items()}
+    (folder / "result.json").write_text(json.dumps(changed))
+    page = Page(render(from_folder(folder)))
+    assert "trend" in {a.get("id") for tag, a in page.elements if tag == "div"}

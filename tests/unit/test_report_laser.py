@@ -323,12 +323,12 @@ def test_text_from_outside_never_becomes_markup(
 
 def test_kind_without_sections_of_its_own_is_shown_as_plain_figures(no_plotly: None, tmp_path: Path) -> None:
     result = {
-        "kind": "iso9283",
+        "kind": "drift",
         "verdict": "warn",
         "reasons": [],
         "result": {"AP": [0.1], "formula": HOSTILE},
     }
     page = Page(write_report(result, tmp_path / "r.html").read_text("utf-8"))
-    assert "Result: iso9283" in page.text
+    assert "Result: drift" in page.text
     assert "Pass with warnings" in page.text
     assert "AP [0.1]" in page.text

@@ -1,4 +1,4 @@
-"""Health numbers over the runs: delay and hysteresis of the beams, and where the tool's point was."""
+"""Health numbers over the runs: of the beams and the tool, of an arm and its tracker."""
 
 import math
 from collections.abc import Mapping
@@ -10,8 +10,8 @@ from plotly.subplots import make_subplots
 
 from procedures.report.figure import PALETTE, dressed, embed, label, legend_below
 from procedures.report.html import Html, absent, note, section
-from procedures.report.laser_source import LaserSource
 from procedures.report.numbers import dig, number
+from procedures.report.source import Source
 
 _UNITS = {"_s": (1e3, "ms"), "_m": (1e3, "mm"), "_rad": (180.0 / math.pi, "°")}
 _PANELS = (
@@ -19,10 +19,15 @@ _PANELS = (
     ("beams.hysteresis_m", "hysteresis of the beams"),
     ("tool.offset_", "displacement of the point"),
     ("tool.tilt_", "tilt of the axis"),
+    ("kinematics.rms_before_m", "error, drawn arm"),
+    ("kinematics.rms_after_m", "error, calibrated arm"),
+    ("tracker.drift_m", "drift of the monuments"),
+    ("iso9283.AP_m", "AP, worst pose"),
+    ("iso9283.RP_m", "RP, worst pose"),
 )
 
 
-def trend_section(source: LaserSource) -> Html | None:
+def trend_section(source: Source) -> Html | None:
     """One panel a number, with the values of earlier runs; the last dot is this run."""
     title = "Over the runs"
     found = dig(source.result, "inputs", "trend")
