@@ -8,6 +8,7 @@ has its integral in closed form, so nothing depends on how often somebody looks.
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from math import cos, inf, pi, sin
 
 import numpy as np
@@ -58,13 +59,13 @@ class Belt:
         ripple = sum(a * sin(w * (t - self.begin) + phi) for a, w, phi in self._waves)
         return piece.base_speed(t) * (1.0 + ripple)
 
-    @property
+    @cached_property
     def direction(self) -> Array:
         """(3,) unit vector of positive travel, in the base."""
         way = np.array(self.truth.dir)
         return np.asarray(way / np.linalg.norm(way))
 
-    @property
+    @cached_property
     def T_base_belt(self) -> RigidTransform:
         """The belt's frame, which does not move: x along the travel, z up as far as that allows."""
         x = self.direction

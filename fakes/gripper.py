@@ -15,7 +15,7 @@ from fakes.item_truth import GripperTruth
 from fakes.items import Items
 
 _SPAN_S = 0.002  # over which the motion of tool and item is compared
-_LOOK_BACK_S = 2.0
+_LOOK_BACK_S = 4.0
 _TOUCH_M = 0.0005  # this far above an item's face the tool is in contact
 
 
@@ -75,7 +75,7 @@ class Gripper:
             self.contacts.append(Contact(t, None, False))
             return None
         number, place = near
-        before = self._items.pose(number, t - _SPAN_S).translation
+        before = self._items.grasp_point(number, t - _SPAN_S)
         slide = float(np.linalg.norm((tip - self._tool(t - _SPAN_S)) - (place - before))) / _SPAN_S
         distance = float(np.linalg.norm(tip - place))
         taken = distance <= self.truth.within_m and slide <= self.truth.below_m_s
@@ -87,11 +87,22 @@ class Gripper:
 
     def _touch(self, t: float, number: int) -> tuple[float | None, tuple[float, float] | None]:
         """When the tool first came down to the item's face before ``t``, and how far beside its middle."""
-        assert self._items is not None
-        found = None
-        for back in np.arange(0.0, _LOOK_BACK_S, _SPAN_S):
-            gap = self._tool(t - back) - self._items.pose(number, t - back).translation
-            if gap[2] > _TOUCH_M:
+        items = self._items
+        assert items is not None
+
+        def gap(at: float) -> Array:
+            return self._tool(at) - items.grasp_point(number, at)
+
+        touching, before = t, t
+        step = _SPAN_S
+        while (off := gap(before))[2] <= _TOUCH_M:  # a controller's cycle pays for this: few looks
+            touching, before, step = before, before - step, 2.0 * step
+            if t - before > _LOOK_BACK_S:
                 break
-            found = (t - float(back), (float(gap[0]), float(gap[1])))
-        return found or (None, None)
+        if before == t:
+            return None, None
+        while touching - before > 0.5 * _SPAN_S and off[2] > _TOUCH_M:
+            middle = 0.5 * (touching + before)
+            touching, before = (middle, before) if gap(middle)[2] <= _TOUCH_M else (touching, middle)
+        off = gap(touching)
+        return touching, (float(off[0]), float(off[1]))

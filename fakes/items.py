@@ -38,6 +38,7 @@ class Items:
         self.listeners: list[Callable[[int, float], None]] = []
         self._taken: dict[int, float] = {}
         self._lying: dict[int, Lying] = {}
+        self._T_base_belt: Array = belt.T_base_belt.as_matrix()
 
     def lying(self, number: int) -> Lying:
         """How item ``number`` was put on the belt."""
@@ -67,6 +68,10 @@ class Items:
 
     def on_belt(self, t: float, low_m: float, high_m: float) -> list[tuple[int, RigidTransform]]:
         """Items between ``low_m`` and ``high_m`` along the belt at ``t``: number and ``T_base_top``."""
+        return [(number, self.pose(number, t)) for number in self.numbers(t, low_m, high_m)]
+
+    def numbers(self, t: float, low_m: float, high_m: float) -> list[int]:
+        """Those between ``low_m`` and ``high_m`` along the belt at ``t``, farthest down the belt first."""
         truth, travel = self.truth, self.belt.travel_at(t)
         high_m = min(high_m, truth.gone_m)
         first = int(np.floor((travel - truth.first_m - truth.jitter_m - high_m) / truth.spacing_m))
@@ -78,22 +83,27 @@ class Items:
             if t >= self._taken.get(number, inf):
                 continue
             if low_m <= self.lying(number).along + travel <= high_m:
-                found.append((number, self.pose(number, t)))
+                found.append(number)
         return found
 
     def pose(self, number: int, t: float) -> RigidTransform:
         """``T_base_top`` of an item that lies on the belt: the middle of its upper face, z up."""
-        lying = self.lying(number)
+        turned = self.belt.T_base_belt.rotation * Rotation.from_rotvec([0.0, 0.0, self.lying(number).yaw])
+        return RigidTransform.from_components(self.grasp_point(number, t), turned)
+
+    def grasp_point(self, number: int, t: float) -> Array:
+        """(3,) the middle of its upper face, in the base."""
+        lying, T = self.lying(number), self._T_base_belt
         place = [lying.along + self.belt.travel_at(t), lying.across, self.truth.size_m[2]]
-        on_belt = RigidTransform.from_components(place, Rotation.from_rotvec([0.0, 0.0, lying.yaw]))
-        return self.belt.T_base_belt * on_belt
+        point: Array = T[:3, :3] @ place + T[:3, 3]
+        return point
 
     def nearest(self, t: float, point: Array) -> tuple[int, Array] | None:
         """The item whose grasp point is closest to ``point`` (3,), and that grasp point (3,), in the base."""
         along = float(self.belt.T_base_belt.inv().apply(point)[0])
-        near = self.on_belt(t, along - 0.5, along + 0.5)
+        near = self.numbers(t, along - 0.5, along + 0.5)
         if not near:
             return None
-        places = np.array([T.translation for _, T in near])
+        places = np.array([self.grasp_point(number, t) for number in near])
         k = int(np.argmin(np.linalg.norm(places - point, axis=1)))
-        return near[k][0], places[k]
+        return near[k], places[k]

@@ -28,6 +28,7 @@ class ToolShape:
         self.radii: Array = np.array([c.radius_m for c in truth.shape])
         self.listeners: list[Callable[[Bend], None]] = []
         self._bends: list[Bend] = [(t, (0.0,) * 6)]
+        self._bent = lru_cache(8)(self._bent_frame)
         self._ends = lru_cache(8)(self._bent_ends)
 
     def bend(self, t: float, shift_m: ArrayLike, tilt_rad: ArrayLike = (0.0, 0.0, 0.0)) -> None:
@@ -81,7 +82,7 @@ class ToolShape:
         points.flags.writeable = False
         return points.reshape(self.axes.shape), float(np.linalg.norm(points, axis=1).max())
 
-    def _bent(self, bend: tuple[float, ...]) -> RigidTransform:
+    def _bent_frame(self, bend: tuple[float, ...]) -> RigidTransform:
         nominal = self.T_nominal
         turned = Rotation.from_rotvec(bend[3:]) * nominal.rotation
         return RigidTransform.from_components(nominal.translation + np.array(bend[:3]), turned)

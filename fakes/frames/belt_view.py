@@ -6,9 +6,10 @@ from scipy.spatial.transform import RigidTransform
 
 from fakes.frames.boxes import Box
 from fakes.frames.render import Band
+from fakes.items import Items
 from fakes.world import World
 
-_LOOK_M = 3.0  # along the belt, each way
+_LOOK_M = 1.5  # along the belt from below the camera, each way
 
 
 def belt_seen(world: World) -> Band | None:
@@ -23,14 +24,13 @@ def boxes_seen(world: World, times: Sequence[float]) -> list[list[Box]]:
     if world.items is None:
         return []
     middle = times[len(times) // 2]
-    numbers = [number for number, _ in world.items.on_belt(middle, -_LOOK_M, _LOOK_M)]
-    return [[_box(world, number, t) for number in numbers] for t in times]
+    T_camera_base = world.scene(middle).T_base_camera.inv()  # the camera stands still
+    here = float((world.items.belt.T_base_belt.inv() * T_camera_base.inv()).translation[0])
+    numbers = world.items.numbers(middle, here - _LOOK_M, here + _LOOK_M)
+    return [[_box(world.items, number, T_camera_base, t) for number in numbers] for t in times]
 
 
-def _box(world: World, number: int, t: float) -> Box:
-    assert world.items is not None
-    T: RigidTransform = world.scene(t).T_base_camera.inv() * world.items.pose(number, t)
-    truth = world.items.truth
-    length, width, height = truth.size_m
-    blue, green, red = truth.colour
-    return Box(T, (length, width, height), (blue, green, red))
+def _box(items: Items, number: int, T_camera_base: RigidTransform, t: float) -> Box:
+    length, width, height = items.truth.size_m
+    blue, green, red = items.truth.colour
+    return Box(T_camera_base * items.pose(number, t), (length, width, height), (blue, green, red))

@@ -1,0 +1,164 @@
+"""The gripper against a controller on the wire; the genuine client writes and reads the same outputs."""
+
+import asyncio
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
+from importlib.resources import files
+from typing import Any
+
+import pytest
+from ur_driver_rig import Rig, until
+
+from cell.clock import MonotonicClock
+from cell.errors import CellError
+from drivers.ur.gripper import ArmGripper
+from fakes.scenario import Scenario
+from fakes.world import World
+
+pytestmark = pytest.mark.wire
+CLOSES, HOLDS = 0, 7  # output and confirm input of the scenario
+
+
+def one_item_under_the_tool() -> str:
+    """The picking scenario with a belt that stands and a single item right between the fingers."""
+    text = files("fakes").joinpath("scenarios/picking.toml").read_text("utf-8")
+    x, y, z = World.from_scenario(Scenario.parse(text)).tool_point(0.0)
+    lines = {
+        "origin": f"[{x}, {y}, {z - 0.03}]",
+        "profile": "[{ speed_m_s = 0.0 }]",
+        "first_m": "0.0\ncount = 1",
+        "jitter_m": "0.0",
+        "lateral_m": "0.0",
+        "yaw_rad": "0.0",
+    }
+    keys = [line.split("=")[0].strip() for line in text.splitlines()]
+    changed = [
+        f"{k} = {lines[k]}" if k in lines else line for k, line in zip(keys, text.splitlines(), strict=True)
+    ]
+    return "\n".join(changed) + "\n"
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
+    path = tmp_path_factory.mktemp("gripper") / "scenario.toml"
+    path.write_text(one_item_under_the_tool(), "utf-8")
+    with Rig.running(scenario=path) as made:
+        yield made
+
+
+@asynccontextmanager
+async def gripper(rig: Rig, **config: Any) -> AsyncIterator[ArmGripper]:
+    async with rig.connected() as arm:
+        wired = {"output": CLOSES, "confirm": HOLDS} | config
+        subject = ArmGripper("gripper", ArmGripper.Config(**wired), MonotonicClock())
+        subject.bind(arm)
+        await subject.open()
+        try:
+            await arm.wait_fresh(1.0)
+            yield subject
+        finally:
+            await subject.close()
+
+
+class Genuine:
+    """The controller's digital outputs as the genuine client reads them. Its construction and its end hold
+    the interpreter lock, so it lives as long as the module."""
+
+    def __init__(self, host: str) -> None:
+        from rtde_receive import RTDEReceiveInterface
+
+        self.client = RTDEReceiveInterface(host)
+
+    async def reads(self, *on: int) -> None:
+        """Wait until just these outputs are on."""
+        wanted = sum(1 << k for k in on)
+        await until(lambda: self.client.getActualDigitalOutputBits() == wanted)
+
+
+@pytest.fixture(scope="module")
+def genuine(rig: Rig) -> Iterator[Genuine]:
+    made = Genuine(rig.host)
+    yield made
+    made.client.disconnect()
+
+
+def test_fingers_that_close_on_an_item_confirm_it_and_nothing_is_confirmed_without_one(
+    rig: Rig, genuine: Genuine
+) -> None:
+    async def scene() -> None:
+        async with gripper(rig) as subject:
+            assert not subject.holding(0.1)
+            assert await subject.grip(1.0), "the item lies between the fingers"
+            assert subject.holding(0.1)
+            await genuine.reads(CLOSES)
+            assert await subject.release(1.0)
+            assert not subject.holding(0.1)
+            await genuine.reads()
+            assert not await subject.grip(0.2), "the item is gone"
+            assert subject.health() == {"connected": True, "closed": True, "holding": False}
+            assert await subject.release(0.2)
+
+    asyncio.run(scene())
+
+
+def test_opening_and_closing_the_link_leave_the_output_as_somebody_else_set_it(
+    rig: Rig, genuine: Genuine
+) -> None:
+    from rtde_io import RTDEIOInterface
+
+    writer = RTDEIOInterface(rig.host)
+    assert writer.setStandardDigitalOut(CLOSES, True)
+    assert writer.setStandardDigitalOut(3, True)
+    writer.disconnect()
+
+    async def scene() -> None:
+        async with gripper(rig) as subject:
+            await until(lambda: subject.health()["closed"] is True)
+        await genuine.reads(CLOSES, 3)
+        async with gripper(rig) as subject:
+            await subject.release(0.5)
+        await genuine.reads(3)
+
+    asyncio.run(scene())
+
+
+def test_outputs_that_another_client_has_are_told_as_a_conflict_and_ours_are_refused_to_it(rig: Rig) -> None:
+    from rtde_io import RTDEIOInterface
+
+    async def conflict() -> CellError:
+        with pytest.raises(CellError) as caught:
+            async with gripper(rig):
+                pass
+        return caught.value
+
+    async def refused() -> None:
+        async with gripper(rig):
+            with pytest.raises(RuntimeError, match=r"(?i)in use"):
+                await asyncio.to_thread(RTDEIOInterface, rig.host)
+
+    other = RTDEIOInterface(rig.host)
+    failure = asyncio.run(conflict())
+    other.disconnect()
+    assert failure.name == "ARM_REGISTER_CONFLICT"
+    assert "standard_digital_output" in str(failure)
+    asyncio.run(refused())
+
+
+@pytest.mark.parametrize("output", [2, 9, 17])
+def test_each_output_is_written_in_its_own_bank(rig: Rig, genuine: Genuine, output: int) -> None:
+    async def scene() -> None:
+        async with gripper(rig, output=output) as subject:
+            before = [k for k in range(18) if genuine.client.getActualDigitalOutputBits() >> k & 1]
+            assert output not in before
+            await subject.grip(0.05)
+            await genuine.reads(*before, output)
+            await subject.release(0.05)
+            await genuine.reads(*before)
+
+    asyncio.run(scene())
+
+
+def test_a_single_item_lies_in_this_modules_world() -> None:
+    world = World.from_scenario(Scenario.parse(one_item_under_the_tool()))
+    assert world.items is not None
+    assert [number for number, _ in world.items.on_belt(1.0, -1.0, 1.0)] == [0]
