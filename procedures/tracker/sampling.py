@@ -19,16 +19,16 @@ from procedures.tracker.arms import MovedArm, SampledArm, WatchedArm
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.eye import AGAIN, LOST, Eye
 from procedures.tracker.locating import apart, locate, pose6_of, registration_of
-from procedures.tracker.monuments import compare, drift_summary, moved_text
+from procedures.tracker.monuments import drift_summary
 from procedures.tracker.plan import PlanRequest, SamplingPlan, Visit, measured_entries, plan_sampling
 from procedures.tracker.record import SampleRecord
 from procedures.tracker.space import Space, make_space, robot_of
 from procedures.tracker.states import State as S
+from procedures.tracker.watch import MonumentWatch
 
 LOST_IN_A_ROW = 5
 LEAST_POINTS = 3  # for the tracker's place
 PLACE_TRUST_M = 0.4  # of a reflector seen from where T_base_tracker_nominal has the tracker
-MONUMENT_TRUST_M = 0.2  # of a monument's place in the config
 ELSEWHERE_M, ELSEWHERE_RAD = 0.03, 0.01  # a plan holds where the tracker stands no further off than this
 SKIPPED = ("MOTION_LIMIT", "MOTION_COLLISION", "MOTION_UNREACHABLE", "OBSERVED_ARM_NOT_THERE")
 
@@ -41,6 +41,7 @@ class Sampling:
         self.arm: SampledArm = MovedArm(run) if config.arm == "arm" else WatchedArm(run, config)
         self.eye = Eye(run, config)
         self.record = SampleRecord(run.folder)
+        self.watch = MonumentWatch(run, config, self.eye, self.record)
         noise = self.eye.tracker.noise
         self.noise = {"sigma0": noise.sigma0_m, "sigma_per_m": noise.sigma_per_m}
         self.space: Space = make_space(run.values, config, self.noise, None)
@@ -204,9 +205,10 @@ class Sampling:
     def _place_anew(self) -> None:
         """All samples tell of the tracker's place; more of them tell it better."""
         samples = self.record.samples
-        p = np.array([s["p_tracker"] for s in samples]).T
-        f = np.array([self._drawn(np.array(s["q"]), s["target"]) for s in samples]).T
+        Q = np.array([s["q"] for s in samples])
+        f = self.space.points(Q, np.array([self.reflectors.index(s["target"]) for s in samples])).T
         if np.linalg.matrix_rank(f - f.mean(axis=1, keepdims=True), tol=0.1) == 3:
+            p = np.array([s["p_tracker"] for s in samples]).T
             self.place = robust_register(p, f, np.ones(len(samples)))
 
     # -- poses
@@ -324,57 +326,12 @@ class Sampling:
         await self.run.ask(f"Put the reflector into nest {reflector} on the flange, then confirm.")
         self._mounted = reflector
 
-    # -- monuments
-
     async def look_at_monuments(self) -> None:
-        """Measure them, and ``TRACKER_MOVED`` when one is not where the first look saw it."""
-        run, config, record = self.run, self.config, self.record
+        """``TRACKER_MOVED`` when one is not where the first look saw it."""
         assert self.place is not None
-        await run.enter(S.MONUMENTS, f"after {len(record.samples)} poses")
-        points: dict[str, Any] = {}
-        failure: CellError | None = None
-        for name, monument in config.monuments.items():
-            first = record.looks[0]["points"].get(name) if record.looks else None
-            near = self.place.to_tracker(np.array(monument.point)[:, None])[:, 0]
-            if first is not None:
-                near = np.array(first["p_tracker"])
-            found = await self._look_at(name, near)
-            if isinstance(found, CellError):
-                failure = found
-                run.note("decision", event="monument not seen", monument=name, why=str(found))
-                continue
-            points[name] = {
-                "p_tracker": [float(v) for v in found.value.point],
-                "sigma_m": self.eye.sigma_m(found.value.point),
-                "scatter_m": found.value.scatter_m,
-            }
-        moved = compare(record.looks[0]["points"], points) if record.looks else None
-        if failure is not None and (not points or moved == []):
-            raise failure
-        await asyncio.to_thread(
-            record.add_look, {"after": len(record.samples), "t": run.clock.now(), "points": points}
-        )
-        if moved is not None and (text := moved_text(moved, config.max_drift_m)) is not None:
-            raise error(
-                "TRACKER_MOVED", f"{text}; poses since the look before cannot be used with the others"
-            )
-
-    async def _look_at(self, name: str, near: Array) -> Sample[StablePoint] | CellError:
         if self.config.swap_by_operator:
-            await self.run.ask(f"Put the reflector on monument {name}, then confirm.")
             self._mounted = None
-        for attempt in range(1, self.config.retries_per_pose + 2):
-            try:
-                return await self.eye.measure(name, near, MONUMENT_TRUST_M)
-            except CellError as failure:
-                if failure.name not in AGAIN:
-                    raise
-                last = failure
-            if attempt <= self.config.retries_per_pose:
-                await self.run.enter(S.REACQUIRE, last.detail)
-                await self.eye.find_again(near)
-                await self.run.enter(S.MONUMENTS, name)
-        return last
+        await self.watch.look(self.place)
 
     # -- the end
 
