@@ -29,6 +29,7 @@ LEAD_S = 0.012  # from a decision to where it begins to act
 AHEAD_S = 0.06  # what a set-point is good for when no later one comes
 CLEAR_SHARE = 0.6  # of the lift, after which the tool may leave sideways
 JOINT_SHARE = 0.9  # of the joints' speed limit that a plan may use; a change of plan needs the rest
+BRAKE_SHARE = 0.95
 PUBLISH_S = 0.2
 
 
@@ -82,13 +83,25 @@ class Picker:
                 await self._learn()
                 if not await self._phase(t):
                     return
-                ahead = self._tool.joints(self._leg.at(t + AHEAD_S), here[0] + AHEAD_S * here[1])
+                ahead = self._ahead(t, here)
                 yield self._tool.piece(t, here, t + AHEAD_S, ahead)
                 await clock.sleep(max(t + STEP_S - LEAD_S - clock.now(), 0.0))
                 t = max(t + STEP_S, clock.now() + LEAD_S)
                 here = self._tool.joints(self._leg.at(t), here[0])
         finally:
             await self._end_task()
+
+    def _ahead(self, t: float, here: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Joints and joint speeds at the end of the next piece; a way that gets too fast is slowed down."""
+        near, limit = here[0] + AHEAD_S * here[1], self._config.limits.joint_speed_rad_s
+        for _ in range(4):
+            ahead = self._tool.joints(self._leg.at(t + AHEAD_S), near)
+            if float(np.max(np.abs(ahead[1]))) <= BRAKE_SHARE * limit:
+                break
+            self._share *= 0.8
+            slower, old = self._limits.slower(self._share), self._leg
+            self._leg = plan(t, old.at(t), old.origin, old.offset, slower)
+        return ahead
 
     # -- what is known
 

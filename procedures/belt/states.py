@@ -38,7 +38,7 @@ PICKING: Mapping[Any, frozenset[Any]] = {
     S.PREPARE: frozenset({S.TO_WAIT}),
     S.TO_WAIT: frozenset({S.READY}),
     S.READY: frozenset({S.WAIT, S.APPROACH, S.STANDING, S.REPORT, S.READY}),
-    S.STANDING: frozenset({S.READY, S.REPORT}),
+    S.STANDING: frozenset({S.STANDING, S.TO_WAIT, S.REPORT}),
     **{state: after | {S.READY, S.STANDING, S.REPORT} for state, after in AFTER.items()},
     S.REPORT: frozenset(),
 }

@@ -132,12 +132,10 @@ class _Picking:
     async def _wait_for_belt(self) -> None:
         """The belt stands or runs backward: something outside, so the job is suspended, at rest."""
         run, config = self.run, self.config
-        await run.enter(S.STANDING, f"belt speed {self.watch.speed():.4f} m/s")
-        run.suspend("the belt stands or runs backward")
         while self.watch.speed() < config.standing_m_s:
-            await run.clock.sleep(LOOK_S)
-            self.watch.learn()
-            if run.wants_rest:
-                break
-        run.unsuspend()
-        await run.enter(S.READY)
+            await run.enter(S.STANDING, f"belt speed {self.watch.speed():.4f} m/s")
+            run.suspend("the belt stands or runs backward")
+            while self.watch.speed() < config.standing_m_s and not run.wants_rest:
+                await run.clock.sleep(LOOK_S)
+                self.watch.learn()
+            run.unsuspend()

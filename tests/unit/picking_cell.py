@@ -23,9 +23,9 @@ def picking_config(
     world: Mapping[str, str] | None = None,
     **overrides: Any,
 ) -> CellConfig:
-    """The picking cell; ``world`` replaces whole lines of the scenario by their key, in the order given."""
+    """The picking cell with the first item in view; ``world`` replaces lines of the scenario by key."""
     text = files("fakes").joinpath("scenarios/picking.toml").read_text("utf-8")
-    for key, value in (world or {}).items():
+    for key, value in {"first_m": "-0.1", **(world or {})}.items():
         lines = [
             f"{key} = {value}" if line.split("=")[0].strip() == key else line for line in text.splitlines()
         ]

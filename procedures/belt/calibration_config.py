@@ -1,0 +1,58 @@
+"""What an integrator can set for a belt calibration."""
+
+from typing import Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from procedures.belt.config import ItemLook
+
+_STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Acceptance(BaseModel):
+    """Limits on the result; within them it may be accepted without a person when ``auto`` is set."""
+
+    model_config = _STRICT
+    max_scale_share: float = Field(
+        default=0.001, gt=0, le=0.1, description="half of the 95 % interval of m_per_count, as a share of it"
+    )
+    max_dir_rad: float = Field(default=0.002, gt=0, le=0.1, description="half of the 95 % interval of dir")
+    max_heldout_m: float = Field(default=0.001, gt=0, le=0.1, description="RMS of sightings set aside")
+    auto: bool = Field(default=False, description="accept a passing result without asking")
+
+
+class BeltCalibrationConfig(BaseModel):
+    """``[job.belt-calibration]``. Run the belt the way it runs in production: ``dir`` is that way."""
+
+    model_config = _STRICT
+    source: Literal["camera", "touch"] = Field(
+        default="camera",
+        description="camera: items are seen while the belt moves; touch: an operator jogs the tool's point "
+        "to a mark on the belt, before and after the belt has moved",
+    )
+    belt_z_m: float | None = Field(
+        default=None, ge=-5, le=5, description="camera: height of the belt's surface in the base"
+    )
+    items: ItemLook = Field(default_factory=ItemLook)
+    sightings: int = Field(default=80, ge=10, le=2000, description="camera: take so many at least")
+    travel_m: float = Field(
+        default=0.5, gt=0, le=20, description="camera: and watch for so long a way of the items"
+    )
+    standing_s: float = Field(default=1.0, gt=0, le=60, description="no count for so long: the belt stands")
+    patience_s: float = Field(
+        default=30.0, gt=0, le=3600, description="wait so long for a belt that stands, or for items"
+    )
+    touches: int = Field(
+        default=2, ge=2, le=20, description="touch: more than two leave residuals to judge by"
+    )
+    touch_sigma_m: float = Field(
+        default=0.0003, gt=0, le=0.01, description="touch: how well a mark is met, per axis"
+    )
+    max_duration_s: float = Field(default=1800.0, gt=0)
+    accept: Acceptance = Field(default_factory=lambda: Acceptance())
+
+    @model_validator(mode="after")
+    def _camera_knows_the_belt(self) -> Self:
+        if self.source == "camera" and self.belt_z_m is None:
+            raise ValueError("belt_z_m is needed with source = 'camera': the height of the belt in the base")
+        return self

@@ -1,0 +1,135 @@
+"""Sightings of a moving belt told apart: which of them are of one item, and at which count each was seen.
+
+Only what is in the data set is used, so that replay comes to the same rows.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist, pdist
+
+from cell.poses import Array, from_pose6
+
+_GAP_S = 0.1  # between two counts; over more, nobody knows the count at an exposure
+_ALONE_M = 0.1  # how far an item may have moved from frame to frame when it is always alone
+_SHARE = 0.4  # of the least distance of two items in one frame
+_MISSED_FRAMES = 3  # an item unseen for longer is a new one
+
+
+@dataclass(frozen=True)
+class Rows:
+    """``points`` (k, 3) m in the base at the unwrapped ``counts`` (k,), of ``items`` (k,), seen at ``t``."""
+
+    t: Array
+    points: Array
+    counts: Array
+    items: NDArray[np.int64]
+
+
+@dataclass
+class _Chain:
+    number: int
+    frame: int
+    point: Array
+    count: float
+    first: tuple[Array, float]
+
+    def slope(self) -> Array | None:
+        n = self.count - self.first[1]
+        return (self.point - self.first[0]) / n if n else None
+
+
+class Follower:
+    """Follows each item from frame to frame, to where the counts say that it has moved since.
+
+    ``guess`` (3,) is the configured motion of one count, m. Without it the first step is looked for near by.
+    """
+
+    def __init__(self, guess: Array | None) -> None:
+        self._usual: Array = np.zeros(3) if guess is None else guess
+        self._apart = np.inf
+        self._open: list[_Chain] = []
+        self._found: list[tuple[float, Array, float, int]] = []
+        self._frames = self._made = 0
+
+    def add(self, t: float, count: float, points: Array) -> None:
+        """One more frame with the items at ``points`` (k, 3) m in the base, exposed at ``t``."""
+        self._frames += 1
+        if len(points) > 1:
+            self._apart = min(self._apart, float(pdist(points).min()))
+        self._open = [c for c in self._open if self._frames - c.frame <= _MISSED_FRAMES]
+        for point, chain in zip(points, self._matched(count, points), strict=True):
+            if chain is None:
+                chain = _Chain(self._made, self._frames, point, count, (point, count))
+                self._open.append(chain)
+                self._made += 1
+            chain.frame, chain.point, chain.count = self._frames, point, count
+            self._found.append((t, point, count, chain.number))
+        # The common motion, not each item's own: all lie on one belt, and a false sighting is outvoted.
+        if known := [s for c in self._open if (s := c.slope()) is not None]:
+            self._usual = np.median(known, axis=0)
+
+    def _matched(self, count: float, points: Array) -> list[_Chain | None]:
+        chains: list[_Chain | None] = [None] * len(points)
+        if not self._open:
+            return chains
+        gate = min(_SHARE * self._apart, _ALONE_M)
+        due = np.array([c.point + (count - c.count) * self._usual for c in self._open])
+        away = cdist(due, points)
+        for i, j in zip(*linear_sum_assignment(np.minimum(away, 2.0 * gate)), strict=True):
+            if away[i, j] <= gate:
+                chains[j] = self._open[i]
+        return chains
+
+    def __len__(self) -> int:
+        return len(self._found)
+
+    @property
+    def way_m(self) -> float:
+        """How far the belt has moved between the first sighting and the last, as the items show it."""
+        counted = self._found[-1][2] - self._found[0][2] if self._found else 0.0
+        return float(np.linalg.norm(self._usual)) * abs(counted)
+
+    def rows(self) -> Rows:
+        """Every sighting with its item."""
+        return Rows(
+            np.array([row[0] for row in self._found]),
+            np.array([row[1] for row in self._found]).reshape(-1, 3),
+            np.array([row[2] for row in self._found]),
+            np.array([row[3] for row in self._found], dtype=np.int64),
+        )
+
+
+def rows_of(data: Mapping[str, Any]) -> Rows:
+    """The sightings of a data set, or its touches, which are all of one mark."""
+    if data["source"] == "touch":
+        touches = data["touches"]
+        points = np.array([touch["point"] for touch in touches]).reshape(-1, 3)
+        counts = np.array([touch["count"] for touch in touches], dtype=float)
+        t = np.array([touch["t"] for touch in touches], dtype=float)
+        return Rows(t, points, counts, np.zeros(len(t), dtype=np.int64))
+    T = from_pose6(data["T_base_camera"])
+    encoder = np.array(data["encoder"], dtype=float).reshape(-1, 2)
+    follower = Follower(motion_of(data.get("configured")))
+    for seen in data["sightings"]:
+        count = count_at(encoder, float(seen["t"]))
+        if count is not None:
+            follower.add(float(seen["t"]), count, T.apply(np.array(seen["points"])))
+    return follower.rows()
+
+
+def motion_of(belt: Mapping[str, Any] | None) -> Array | None:
+    """What one count moves a configured belt by (3,), m."""
+    return None if belt is None else np.array(belt["dir"], dtype=float) * float(belt["m_per_count"])
+
+
+def count_at(encoder: Array, t: float) -> float | None:
+    """The count at ``t`` among ``encoder`` (k, 2: s, counts); None without one close by on both sides."""
+    i = int(np.searchsorted(encoder[:, 0], t))
+    if not 0 < i < len(encoder) or encoder[i, 0] - encoder[i - 1, 0] > _GAP_S:
+        return None
+    return float(np.interp(t, encoder[i - 1 : i + 1, 0], encoder[i - 1 : i + 1, 1]))

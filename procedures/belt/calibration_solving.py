@@ -1,0 +1,197 @@
+"""Scale and direction of the belt from a data set, within the job's limits: the path of job and replay."""
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.belt.scale import BeltScale, Refusal, fit_scale, two_points
+from cell.formats.result import Result, Verdict, Warning_
+from procedures.belt.calibration_record import read_data_set
+from procedures.belt.calibration_rows import Rows, rows_of
+
+KIND = "belt-calibration"
+_STANDS_COUNTS = 2.0
+_MOVED_M = 0.02  # an item that has moved so far lay on a belt that moved
+_TURNED_RAD, _OTHER_SHARE = 0.1, 0.05  # from the configured belt, before a person should look
+
+
+def solve_within_limits(path: Path, config: Mapping[str, Any]) -> dict[str, Any]:
+    """``cellward.result/1`` of the data set at ``path``; ``config`` is the job's as plain values."""
+    data = read_data_set(path)
+    began = time.perf_counter()
+    rows = rows_of(data)
+    answer = _answer(data, rows, float(config["touch_sigma_m"]))
+    inputs = {
+        "path": str(path),
+        "source": data["source"],
+        "device": data["device"],
+        "sightings": len(rows.t),
+        "items": len(np.unique(rows.items)),
+        "counts": len(data["encoder"]),
+        "solve_seconds": time.perf_counter() - began,
+    }
+    if isinstance(answer, Refusal):
+        return Result(kind=KIND, verdict="fail", reasons=[str(answer)], result=None, inputs=inputs).as_json()
+    sense = -1.0 if _net_counts(data, rows) < 0.0 else 1.0
+    way = sense * answer.direction
+    warnings = _warnings(data, sense * answer.m_per_count, way)
+    reasons = _beyond(answer, config["accept"])
+    verdict: Verdict = "fail" if reasons else "warn" if warnings else "pass"
+    return Result(
+        kind=KIND,
+        verdict=verdict,
+        reasons=reasons or [w.text for w in warnings],
+        warnings=warnings,
+        result=_result(answer, sense, way, rows),
+        uncertainty={
+            "half_m_per_count": answer.half_scale,
+            "half_dir_rad": answer.half_angle,
+            "cov": None if answer.cov is None else answer.cov.tolist(),
+        },
+        residuals={
+            "sigma_m": answer.sigma,
+            "rejected": answer.as_dict()["rejected"],
+            **_residuals(answer, rows),
+        },
+        heldout={"rms_m": answer.heldout},
+        observability={"undetermined": _open(data, answer)},
+        inputs=inputs,
+    ).as_json()
+
+
+def _answer(data: Mapping[str, Any], rows: Rows, touch_sigma_m: float) -> BeltScale | Refusal:
+    moved = max(
+        (float(np.ptp(rows.points[rows.items == i], axis=0).max()) for i in set(rows.items)), default=0.0
+    )
+    counted = float(np.ptp(rows.counts)) if len(rows.counts) else 0.0
+    if moved > _MOVED_M and counted <= _STANDS_COUNTS:
+        words = f"items moved by {1e3 * moved:.0f} mm while the encoder counted {counted:.0f}"
+        return Refusal("encoder-stands", f"{words}; look whether its wheel turns with the belt")
+    if data["source"] == "touch":
+        if len(rows.t) < 2:
+            return Refusal("too-few-touches", f"{len(rows.t)} of the mark; two are needed")
+        if len(rows.t) == 2:
+            n = rows.counts
+            return two_points(rows.points[0], rows.points[1], (int(n[0]), int(n[1])), touch_sigma_m)
+        return fit_scale(rows.points, rows.counts)
+    encoder = np.array(data["encoder"], dtype=float).reshape(-1, 2)
+    if len(encoder) == 0 or np.ptp(encoder[:, 1]) <= _STANDS_COUNTS:
+        span = 0.0 if len(encoder) == 0 else float(np.ptp(encoder[:, 0]))
+        return Refusal("belt-stands", f"the encoder did not count in {span:.0f} s; start the belt")
+    return fit_scale(rows.points, rows.counts, rows.items)
+
+
+def _net_counts(data: Mapping[str, Any], rows: Rows) -> float:
+    """How far the counter went; below 0 it counts down on the belt's way."""
+    return float(rows.counts[np.argmax(rows.t)] - rows.counts[np.argmin(rows.t)])
+
+
+def _result(answer: BeltScale, sense: float, way: Any, rows: Rows) -> dict[str, Any]:
+    m, half = sense * answer.m_per_count, answer.half_scale
+    return {
+        "m_per_count": m,
+        "dir": way.tolist(),
+        "m_per_count_95": None if half is None else [m - half, m + half],
+        "dir_95_rad": answer.half_angle,
+        "travel_m": answer.travel,
+        "sightings": int(answer.used.sum()),
+        "items": len(np.unique(rows.items[answer.used])),
+    }
+
+
+def _beyond(answer: BeltScale, limits: Mapping[str, Any]) -> list[str]:
+    """The limits that the answer misses, each in a sentence."""
+    reasons = []
+    half, angle, heldout = answer.half_scale, answer.half_angle, answer.heldout
+    if half is None or angle is None:
+        return ["the intervals are not known, so they cannot be held against max_scale_share and max_dir_rad"]
+    more = "let more items pass, over a longer way"
+    if (share := half / answer.m_per_count) > limits["max_scale_share"]:
+        reasons.append(
+            f"max_scale_share: m_per_count is known to {100 * share:.3f} % (95 %), the limit is "
+            f"{100 * limits['max_scale_share']:g} %; {more}"
+        )
+    if angle > limits["max_dir_rad"]:
+        reasons.append(
+            f"max_dir_rad: dir is known to {1e3 * angle:.2f} mrad (95 %), the limit is "
+            f"{1e3 * limits['max_dir_rad']:g} mrad; {more}"
+        )
+    if heldout is not None and heldout > limits["max_heldout_m"]:
+        reasons.append(
+            f"max_heldout_m: sightings set aside are {1e3 * heldout:.2f} mm RMS beside the motion that the "
+            f"others show, the limit is {1e3 * limits['max_heldout_m']:g} mm; look for slip of the wheel and "
+            "items that roll or slide"
+        )
+    return reasons
+
+
+def _warnings(data: Mapping[str, Any], m_per_count: float, way: Any) -> list[Warning_]:
+    """Where the answer is so far from the configured belt that one of them was set up wrong."""
+    belt, found = data.get("configured"), []
+    if belt is not None:
+        share = m_per_count / float(belt["m_per_count"]) - 1.0
+        if abs(share) > _OTHER_SHARE:
+            text = f"m_per_count is {100 * share:+.1f} % from the configured {belt['m_per_count']:g} m"
+            found.append(Warning_(code="belt.scale", text=f"{text}; is it the same wheel and encoder?"))
+        turned = float(np.arccos(np.clip(way @ np.array(belt["dir"], dtype=float), -1.0, 1.0)))
+        if turned > _TURNED_RAD:
+            text = f"dir is {np.degrees(turned):.1f} degrees from the configured one"
+            found.append(Warning_(code="belt.dir", text=f"{text}; did the belt run its usual way?"))
+    if data.get("finished_early"):
+        text = f"finished early, {data['finished_early']}"
+        found.append(Warning_(code="belt.finished-early", text=text))
+    return found
+
+
+def _residuals(answer: BeltScale, rows: Rows) -> dict[str, Any]:
+    """Each sighting beside the motion of its own item: along the belt, across it in the plane, and up (m)."""
+    along = answer.direction
+    up = np.array([0.0, 0.0, 1.0])
+    across = np.cross(up, along)
+    across /= np.linalg.norm(across)
+    slope = answer.m_per_count * along
+    origin = rows.points - rows.counts[:, None] * slope
+    per_sighting = []
+    for i in np.unique(rows.items):
+        own = rows.items == i
+        if not (own & answer.used).any():
+            continue
+        r = origin - origin[own & answer.used].mean(axis=0)
+        for k in np.flatnonzero(own):
+            off = [float(r[k] @ axis) for axis in (along, across, np.cross(along, across))]
+            per_sighting.append(
+                {
+                    "t": rows.t[k],
+                    "count": rows.counts[k],
+                    "item": int(i),
+                    "used": bool(answer.used[k]),
+                    "off_m": off,
+                }
+            )
+    used = np.array([row["off_m"] for row in per_sighting if row["used"]])
+    return {
+        "rms_m": float(np.sqrt(np.mean(np.sum(used**2, axis=1)))) if len(used) else None,
+        "per_sighting": sorted(per_sighting, key=lambda row: row["t"]),
+    }
+
+
+def _open(data: Mapping[str, Any], answer: BeltScale) -> list[str]:
+    """What these data cannot tell, in words."""
+    if data["source"] == "touch":
+        words = ["errors of the arm's own kinematics and of the tool's point: both are in the answer"]
+        if answer.heldout is None:
+            words.append("how well the mark was met: with so few touches it is touch_sigma_m, not measured")
+        return words
+    words = [
+        "an error of T_base_camera: it turns dir as far as the camera is turned, and stretches m_per_count "
+        "as far as the camera misjudges distances; the intervals are of the sightings' scatter alone"
+    ]
+    if data.get("configured") is None:
+        words.append(
+            "items that move more than half of their spacing between two frames: without a configured belt "
+            "one could be taken for the next"
+        )
+    return words
