@@ -12,7 +12,7 @@ from fakes.items import Items
 
 _SIGMA_M, _SIGMA_RAD = 0.00013, 0.009  # as the detector of the wire face does on drawn boxes
 _RIM_PX = 5.0
-_LOOK_M = 3.0  # along the belt, each way
+_LOOK_M = 1.2  # along the belt, each way from below the camera
 
 
 def items_seen(
@@ -20,8 +20,9 @@ def items_seen(
 ) -> tuple[ItemView, ...]:
     """Those that lie wholly in the picture and are what ``spec`` (``ItemSpec`` as a table) asks for."""
     T_camera_base, normal = T_base_camera.inv(), np.array(spec["normal"], dtype=float)
+    below = float(items.belt.T_base_belt.inv().apply(T_base_camera.translation)[0])
     found = []
-    for number, T_base_top in items.on_belt(t, -_LOOK_M, _LOOK_M):
+    for number, T_base_top in items.on_belt(t, below - _LOOK_M, below + _LOOK_M):
         top = T_camera_base * T_base_top
         corners = top.apply(_corners(items.truth.size_m))
         if corners[:, 2].min() < 0.05 or not look.holds(corners):
