@@ -26,6 +26,11 @@ from procedures.arm_setup import lease_settings
 log = logging.getLogger("cellward.engine")
 
 TREND_POINTS = 200  # of a health number, in a report
+TABLES = (  # of a result, one entry a sample or a place: too much for a status
+    ("uncertainty", "cov"),
+    ("uncertainty", "predicted_95", "workspace", "places"),
+    ("residuals", "per_sample"),
+)
 WAITING = {PackML.IDLE, PackML.STOPPED, PackML.ABORTED, PackML.COMPLETE}
 
 
@@ -477,6 +482,16 @@ def _failure_of(job: asyncio.Task[None]) -> CellError | None:
     return error("INTERNAL", f"{type(exc).__name__}: {exc}")
 
 
+def _without(part: Any, path: list[str], key: str) -> Any:
+    """``part`` without what ``key`` holds at the end of ``path``; what is not there changes nothing."""
+    if not isinstance(part, Mapping):
+        return part
+    if not path:
+        return {k: v for k, v in part.items() if k != key}
+    first, *rest = path
+    return {**part, first: _without(part[first], rest, key)} if first in part else dict(part)
+
+
 def _summary(result: Mapping[str, Any] | None) -> dict[str, Any] | None:
     """The part of a result that a status page shows; the passes of a reference are megabytes."""
     if result is None:
@@ -485,4 +500,6 @@ def _summary(result: Mapping[str, Any] | None) -> dict[str, Any] | None:
     if isinstance(answer := kept["result"], Mapping) and "passes" in answer:
         kept["result"] = {k: v for k, v in answer.items() if k != "passes"}
     kept["update"] = (result.get("inputs") or {}).get("update")
+    for part, *path, table in TABLES:
+        kept[part] = _without(kept[part], path, table)
     return kept
