@@ -9,7 +9,6 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from functools import cached_property
 from math import cos, inf, pi, sin
 
 import numpy as np
