@@ -32,7 +32,7 @@ _SEED = 20011
 _SETTLE = 40  # sweeps until the start is forgotten: it is after 25 to 35, of widths and noise of all kinds
 _ADAPT = (3, 6, 10, 15, 20, 30)  # after these the lines' directions are those of the walks' own spread
 _KEEP = 24  # sweeps that count, worth two or three independent ones
-_MIN_WALKS = 64  # fewer do not show how far the answer spreads where noise is hardly known
+_WALKS_PER_UNKNOWN = 2  # at least, for directions that can be told
 _BEGIN = 0.03  # of the widths: noise at the start
 _STEP = 1.2  # of the logarithm of the noise
 _PLACE_SD_M = 10.0  # of an edge's place, before anything is seen
@@ -67,9 +67,12 @@ def posterior(
 ) -> Posterior:
     """``start`` is the solution by averaging, ``noise`` (m) what it shows beyond the intervals' widths.
 
-    About ``points`` places are averaged. ``known_noise`` (m) when the noise need not be found.
+    About ``points`` places are averaged: a few hundred do for the mean, but 1500 and more for a covariance,
+    which with few edges hangs on how seldom there is much noise. ``known_noise`` (m) when the noise need not
+    be found.
     """
-    walks = _Walks(rows, model, start, noise, max(points // _KEEP, _MIN_WALKS), known_noise)
+    least = _WALKS_PER_UNKNOWN * (rows.X.shape[1] + len(rows.labels))
+    walks = _Walks(rows, model, start, noise, max(points // _KEEP, least), known_noise)
     for sweep in range(_SETTLE):
         walks.sweep()
         if sweep in _ADAPT:

@@ -21,7 +21,6 @@ from calibration.tool_frame.widths import even_widths
 from cell.poses import Array
 
 _ROUNDS = 3
-WORTH_POINTS = 25  # below, the mean is a fifth of a standard deviation off, and the covariance worse
 INTERVAL, AVERAGING = "interval", "averaging"
 UNKNOWN_HEIGHT_M = 0.01
 
@@ -253,15 +252,6 @@ class _Solving:
             at = self._at(model, fit.psi, along_w)
         rows = rows_of(crossings, groups, model, at, height)
         found = None if self.method == AVERAGING else posterior(rows, model, fit, noise, self.points)
-        if found is not None and found.effective < WORTH_POINTS:
-            self.warnings.append(
-                (
-                    "laser.averaged",
-                    f"the likelihood of the intervals is known at {found.effective:.0f} points only; the "
-                    "answer is that of averaging. Passes of one speed, or more of them, mend it",
-                )
-            )
-            found = None
         if found is None:
             mean, cov, sigma, effective = np.concatenate([fit.psi, fit.e]), fit.cov, noise, None
         else:

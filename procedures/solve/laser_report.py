@@ -21,9 +21,6 @@ from cell.poses import Array
 K95 = 1.96
 SPEED_CODE, BLUNDER_CODE, UNUSED_CODE = "laser.speed", "laser.rejected", "laser.not-used"
 
-# Said, and no reason to doubt the answer: averaging has a covariance of its own.
-TOLD_ONLY = {"laser.averaged"}
-
 
 def fill_result(
     scene: Scene,
@@ -57,7 +54,7 @@ def fill_result(
     warnings = [*warnings, *_selection_warnings(scene, solution)]
     return Result(
         kind="laser",
-        verdict="warn" if any(code not in TOLD_ONLY for code, _ in warnings) else "pass",
+        verdict="warn" if warnings else "pass",
         warnings=[Warning_(code=c, text=t) for c, t in warnings],
         result=answer,
         uncertainty=_uncertainty(scene, solution) if classic is None else {},

@@ -212,15 +212,3 @@ def test_the_command_line_gives_the_same_answer_and_prints_it_with_units(
     refused = command("solve", "lasers", path)
     assert refused.code == 2
     assert "did you mean laser?" in refused.err
-
-
-def test_a_likelihood_that_cannot_be_integrated_gives_way_to_averaging_and_that_is_said(
-    path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("calibration.tool_frame.solution.WORTH_POINTS", float("inf"))
-    subject = solve_laser(path)
-    assert [w["code"] for w in subject["warnings"]] == ["laser.averaged"]
-    assert subject["verdict"] == "pass"
-    error = np.array(subject["result"]["dp_flange"]) - SHIFT
-    assert error @ np.linalg.solve(np.array(subject["result"]["cov"])[:3, :3], error) < 25.0
-    assert subject["uncertainty"]["effective_points"] is None
