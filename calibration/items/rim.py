@@ -112,11 +112,17 @@ def _shades(s: Array, rise: Array, side: Array, normal: Array) -> Array:
         if not known.any():
             return np.full(len(side), _SHADE)
         alike = (normal @ normal[known].T) > _ALIKE
-        shade = np.full(len(side), float(np.median(own[known])))
-        for k in np.flatnonzero(alike.any(axis=1)):
-            shade[k] = float(np.median(own[known][alike[k]]))
+        shade = np.where(alike.any(axis=1), _medians(own[known], alike), float(np.median(own[known])))
         edge = _edge(s, rise, side, shade)
     return shade
+
+
+def _medians(values: Array, chosen: NDArray[np.bool_]) -> Array:
+    """The median of those of ``values`` (k,) that each row of ``chosen`` (n, k) names; inf for none."""
+    ordered = np.sort(np.where(chosen, values, np.inf), axis=1)
+    count, rows = chosen.sum(axis=1), np.arange(len(chosen))
+    low, high = np.maximum(count - 1, 0) // 2, np.minimum(count // 2, len(values) - 1)
+    return np.asarray(0.5 * (ordered[rows, low] + ordered[rows, high]))
 
 
 def _evenly(contour: Array) -> tuple[Array, Array]:

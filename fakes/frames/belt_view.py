@@ -6,10 +6,9 @@ from scipy.spatial.transform import RigidTransform
 
 from fakes.frames.boxes import Box
 from fakes.frames.render import Band
-from fakes.items import Items
 from fakes.world import World
 
-_LOOK_M = 1.5  # along the belt from below the camera, each way
+_LOOK = 1.3  # heights of the camera above the belt, along it each way
 
 
 def belt_seen(world: World) -> Band | None:
@@ -20,17 +19,22 @@ def belt_seen(world: World) -> Band | None:
 
 
 def boxes_seen(world: World, times: Sequence[float]) -> list[list[Box]]:
-    """For each of ``times`` the same boxes in the same order, farthest down the belt last."""
+    """For each of ``times`` the same boxes in the same order, farthest down the belt first."""
     if world.items is None:
         return []
-    middle = times[len(times) // 2]
-    T_camera_base = world.scene(middle).T_base_camera.inv()  # the camera stands still
-    here = float((world.items.belt.T_base_belt.inv() * T_camera_base.inv()).translation[0])
-    numbers = world.items.numbers(middle, here - _LOOK_M, here + _LOOK_M)
-    return [[_box(world.items, number, T_camera_base, t) for number in numbers] for t in times]
-
-
-def _box(items: Items, number: int, T_camera_base: RigidTransform, t: float) -> Box:
-    length, width, height = items.truth.size_m
+    items, middle = world.items, times[len(times) // 2]
+    T_camera_base = world.scene(middle).T_base_camera.inv()  # the camera stands still, and items only shift
+    along, _, height = (T_camera_base * items.belt.T_base_belt).inv().translation
+    numbers = items.numbers(middle, float(along - _LOOK * height), float(along + _LOOK * height))
+    poses = {number: T_camera_base * items.pose(number, middle) for number in numbers}
+    length, width, thick = items.truth.size_m
     blue, green, red = items.truth.colour
-    return Box(T_camera_base * items.pose(number, t), (length, width, height), (blue, green, red))
+
+    def box(number: int, t: float) -> Box:
+        moved = items.grasp_point(number, t) - items.grasp_point(number, middle)
+        T, shift = poses[number], T_camera_base.rotation.apply(moved)
+        if t != middle:
+            T = RigidTransform.from_components(T.translation + shift, T.rotation)
+        return Box(T, (length, width, thick), (blue, green, red))
+
+    return [[box(number, t) for number in numbers] for t in times]
