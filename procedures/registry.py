@@ -1,6 +1,7 @@
 """Every job by name."""
 
 from cell.procedure import Procedure
+from procedures.belt.calibration import BeltCalibration
 from procedures.belt.tracking import BeltTracking
 from procedures.cone_capture import ConeCapture
 from procedures.iso9283 import Iso9283Test
@@ -16,6 +17,7 @@ _ALL = (
     LaserCheck,
     LaserUpdate,
     TrackerSampling,
+    BeltCalibration,
     BeltTracking,
     LatencyCalibration,
     Iso9283Test,

@@ -65,6 +65,12 @@ def _tracker(path: Path, info: Info, recorded: Info) -> dict[str, Any]:
     return solve_within_limits(path, info["job_config"])
 
 
+def _belt(path: Path, info: Info, recorded: Info) -> dict[str, Any]:
+    from procedures.belt.calibration_solving import solve_within_limits
+
+    return solve_within_limits(path, info["job_config"])
+
+
 def _iso9283(path: Path, info: Info, recorded: Info) -> dict[str, Any]:
     from procedures.iso9283.judging import solve_iso9283
 
@@ -72,6 +78,7 @@ def _iso9283(path: Path, info: Info, recorded: Info) -> dict[str, Any]:
 
 
 _JOBS: dict[str, tuple[str, Again]] = {
+    "belt-calibration": ("belt.json", _belt),
     "cone-capture": ("capture.json", _capture),
     "laser-reference": ("laser.json", _reference),
     "laser-check": ("laser.json", _check),

@@ -151,7 +151,7 @@ class _Session:
         """How much there is, in words."""
         if self.sight is None:
             return f"{len(self.record.touches)} touches"
-        return f"{self._seen()} sightings"
+        return f"{len(self._follower)} sightings"
 
     @property
     def _configured(self) -> Mapping[str, Any] | None:
@@ -178,8 +178,8 @@ class _Session:
                     if not await self._stood():
                         return
                     waited_since = run.clock.now()
-                if self._seen() > before:
-                    before, waited_since = self._seen(), run.clock.now()
+                if len(self._follower) > before:
+                    before, waited_since = len(self._follower), run.clock.now()
                 elif run.clock.now() - waited_since > config.patience_s:
                     self.early = f"as no item was seen for {config.patience_s:g} s, after {self.progress()}"
                     return
@@ -216,12 +216,9 @@ class _Session:
             if count is not None:
                 points = np.array([view.point for view in frame.items or ()])
                 self._follower.add(frame.t_exposure, count, self.sight.T_base_camera.apply(points))
-        seen = self._seen()
+        seen = len(self._follower)
         self.run.progress(min(seen, self.config.sightings), self.config.sightings)
         return seen >= self.config.sightings and self._follower.way_m >= self.config.travel_m
-
-    def _seen(self) -> int:
-        return sum(len(frame["points"]) for frame in self.record.sightings)
 
     def _belt_stands(self) -> bool:
         now, span = self.run.clock.now(), self.config.standing_s

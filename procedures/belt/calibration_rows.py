@@ -17,6 +17,7 @@ from cell.poses import Array, from_pose6
 _GAP_S = 0.1  # between two counts; over more, nobody knows the count at an exposure
 _ALONE_M = 0.1  # how far an item may have moved from frame to frame when it is always alone
 _SHARE = 0.4  # of the least distance of two items in one frame
+STEP_COUNTS = 4.0  # from look to look: where the belt stands, many looks would share one rounding
 _MISSED_FRAMES = 3  # an item unseen for longer is a new one
 
 
@@ -49,7 +50,8 @@ class Follower:
     ``guess`` (3,) is the configured motion of one count, m. Without it the first step is looked for near by.
     """
 
-    def __init__(self, guess: Array | None) -> None:
+    def __init__(self, guess: Array | None, step_counts: float = STEP_COUNTS) -> None:
+        self._step_counts, self._count = step_counts, -np.inf
         self._usual: Array = np.zeros(3) if guess is None else guess
         self._apart = np.inf
         self._open: list[_Chain] = []
@@ -57,7 +59,13 @@ class Follower:
         self._frames = self._made = 0
 
     def add(self, t: float, count: float, points: Array) -> None:
-        """One more frame with the items at ``points`` (k, 3) m in the base, exposed at ``t``."""
+        """One more frame with the items at ``points`` (k, 3) m in the base, exposed at ``t``.
+
+        Left out when the belt has hardly moved since the one before.
+        """
+        if abs(count - self._count) < self._step_counts:
+            return
+        self._count = count
         self._frames += 1
         if len(points) > 1:
             self._apart = min(self._apart, float(pdist(points).min()))
@@ -104,7 +112,7 @@ class Follower:
         )
 
 
-def rows_of(data: Mapping[str, Any]) -> Rows:
+def rows_of(data: Mapping[str, Any], step_counts: float = STEP_COUNTS) -> Rows:
     """The sightings of a data set, or its touches, which are all of one mark."""
     if data["source"] == "touch":
         touches = data["touches"]
@@ -114,7 +122,7 @@ def rows_of(data: Mapping[str, Any]) -> Rows:
         return Rows(t, points, counts, np.zeros(len(t), dtype=np.int64))
     T = from_pose6(data["T_base_camera"])
     encoder = np.array(data["encoder"], dtype=float).reshape(-1, 2)
-    follower = Follower(motion_of(data.get("configured")))
+    follower = Follower(motion_of(data.get("configured")), step_counts)
     for seen in data["sightings"]:
         count = count_at(encoder, float(seen["t"]))
         if count is not None:

@@ -35,7 +35,7 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> dict[str, Any]
     }
     if isinstance(answer, Refusal):
         return Result(kind=KIND, verdict="fail", reasons=[str(answer)], result=None, inputs=inputs).as_json()
-    sense = -1.0 if _net_counts(data, rows) < 0.0 else 1.0
+    sense = -1.0 if _net_counts(rows) < 0.0 else 1.0
     way = sense * answer.direction
     warnings = _warnings(data, sense * answer.m_per_count, way)
     reasons = _beyond(answer, config["accept"])
@@ -63,28 +63,39 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> dict[str, Any]
 
 
 def _answer(data: Mapping[str, Any], rows: Rows, touch_sigma_m: float) -> BeltScale | Refusal:
-    moved = max(
-        (float(np.ptp(rows.points[rows.items == i], axis=0).max()) for i in set(rows.items)), default=0.0
-    )
-    counted = float(np.ptp(rows.counts)) if len(rows.counts) else 0.0
-    if moved > _MOVED_M and counted <= _STANDS_COUNTS:
-        words = f"items moved by {1e3 * moved:.0f} mm while the encoder counted {counted:.0f}"
-        return Refusal("encoder-stands", f"{words}; look whether its wheel turns with the belt")
     if data["source"] == "touch":
-        if len(rows.t) < 2:
-            return Refusal("too-few-touches", f"{len(rows.t)} of the mark; two are needed")
-        if len(rows.t) == 2:
-            n = rows.counts
-            return two_points(rows.points[0], rows.points[1], (int(n[0]), int(n[1])), touch_sigma_m)
-        return fit_scale(rows.points, rows.counts)
+        return _by_touch(rows, touch_sigma_m)
     encoder = np.array(data["encoder"], dtype=float).reshape(-1, 2)
     if len(encoder) == 0 or np.ptp(encoder[:, 1]) <= _STANDS_COUNTS:
         span = 0.0 if len(encoder) == 0 else float(np.ptp(encoder[:, 0]))
+        if (moved := _moved(rows_of(data, step_counts=0.0))) > _MOVED_M:
+            words = f"items moved by {1e3 * moved:.0f} mm while the encoder did not count"
+            return Refusal("encoder-stands", f"{words}; look whether its wheel turns with the belt")
         return Refusal("belt-stands", f"the encoder did not count in {span:.0f} s; start the belt")
     return fit_scale(rows.points, rows.counts, rows.items)
 
 
-def _net_counts(data: Mapping[str, Any], rows: Rows) -> float:
+def _by_touch(rows: Rows, sigma_m: float) -> BeltScale | Refusal:
+    if len(rows.t) < 2:
+        return Refusal("too-few-touches", f"{len(rows.t)} of the mark; two are needed")
+    if (moved := _moved(rows)) > _MOVED_M and np.ptp(rows.counts) <= _STANDS_COUNTS:
+        words = f"the mark moved by {1e3 * moved:.0f} mm while the encoder did not count"
+        return Refusal("encoder-stands", f"{words}; look whether its wheel turns with the belt")
+    if len(rows.t) > 2:
+        return fit_scale(rows.points, rows.counts)
+    n = rows.counts
+    rounding = _moved(rows) / max(abs(n[1] - n[0]), 1.0) / np.sqrt(12.0)  # of a count, as a length
+    counts = (round(n[0]), round(n[1]))
+    return two_points(rows.points[0], rows.points[1], counts, float(np.hypot(sigma_m, rounding)))
+
+
+def _moved(rows: Rows) -> float:
+    """The longest way of one item, m."""
+    ways = (np.ptp(rows.points[rows.items == i], axis=0) for i in np.unique(rows.items))
+    return max((float(np.linalg.norm(way)) for way in ways), default=0.0)
+
+
+def _net_counts(rows: Rows) -> float:
     """How far the counter went; below 0 it counts down on the belt's way."""
     return float(rows.counts[np.argmax(rows.t)] - rows.counts[np.argmin(rows.t)])
 
