@@ -10,6 +10,7 @@ from scipy.stats import chi2
 from cell.errors import error
 from cell.poses import Array, from_pose6, log_xi
 from daemon.cli.compare_arms import ArmComparison, compare_arms
+from daemon.cli.compare_iso9283 import IsoComparison, compare_iso9283
 from daemon.cli.output import deg, mm
 from daemon.cli.result_text import calibration_name, sigma_text
 
@@ -44,7 +45,10 @@ class Comparison:
         }
 
 
-def compare_results(first: Mapping[str, Any], second: Mapping[str, Any]) -> Comparison | ArmComparison:
+AnyComparison = Comparison | ArmComparison | IsoComparison
+
+
+def compare_results(first: Mapping[str, Any], second: Mapping[str, Any]) -> AnyComparison:
     """Compare two result documents; ``ARGUMENT_INVALID`` when they do not hold the same kind of answer."""
     kinds = [str(document.get("kind")) for document in (first, second)]
     if kinds[0] != kinds[1]:
@@ -53,7 +57,7 @@ def compare_results(first: Mapping[str, Any], second: Mapping[str, Any]) -> Comp
     answers = [document.get("result") or {} for document in (first, second)]
     if compare is None or not all(answers):
         raise error("ARGUMENT_INVALID", f"only {' and '.join(_COMPARED)} results with an answer are compared")
-    if kinds[0] != "kincal" and any(answer.get("cov") is None for answer in answers):
+    if kinds[0] in ("hand-eye", "laser") and any(answer.get("cov") is None for answer in answers):
         raise error("ARGUMENT_INVALID", "one of the results has no covariance, so nothing can be weighed")
     return compare(first, second)
 
@@ -108,9 +112,9 @@ def adjoint(T: Array) -> Array:
     return np.block([[R, skew @ R], [np.zeros((3, 3)), R]])
 
 
-def comparison_text(comparison: Comparison | ArmComparison, first: str, second: str) -> str:
+def comparison_text(comparison: AnyComparison, first: str, second: str) -> str:
     """What a person wants to know: how much, against what, and whether it means anything."""
-    if isinstance(comparison, ArmComparison):
+    if isinstance(comparison, ArmComparison | IsoComparison):
         return comparison.text(first, second)
     xi = comparison.xi
     t, r = float(np.linalg.norm(xi[:3])), float(np.linalg.norm(xi[3:]))
@@ -137,8 +141,9 @@ def comparison_text(comparison: Comparison | ArmComparison, first: str, second: 
     )
 
 
-_COMPARED: dict[str, Callable[[Mapping[str, Any], Mapping[str, Any]], Comparison | ArmComparison]] = {
+_COMPARED: dict[str, Callable[[Mapping[str, Any], Mapping[str, Any]], AnyComparison]] = {
     "hand-eye": _hand_eye,
     "laser": _laser,
     "kincal": compare_arms,
+    "iso9283": compare_iso9283,
 }

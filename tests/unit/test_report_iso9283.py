@@ -10,6 +10,8 @@ import pytest
 from test_iso9283_figures import data_set, known, solved
 from test_report_page import HOSTILE, Page
 
+from cell.errors import CellError
+from daemon.cli.compare import compare_results, comparison_text
 from daemon.cli.plan_text import plan_text
 from daemon.cli.result_text import result_text
 from procedures.report.iso9283_source import IsoSource
@@ -115,3 +117,35 @@ def test_the_plan_is_told_with_its_order_and_speed() -> None:
     assert "by up to 1.200 mm" in text
     assert "28.6 elbow" in text
     assert text.endswith("Nothing was moved.")
+
+
+def test_two_tests_are_compared_side_by_side(result: dict[str, Any]) -> None:
+    better = copy.deepcopy(result)
+    better["result"]["corrected"] = True
+    for pose in better["result"]["poses"]:
+        pose |= {"AP": pose["AP_tracker"], "AP_resolved": False}
+    text = comparison_text(compare_results(result, better), "run 1", "run 2")
+    assert "run 1 was commanded as its controller believes it, run 2 through its calibrated" in text
+    worst = result["result"]["AP_max"]
+    own = better["result"]["poses"][2]["AP_tracker"]
+    assert f"P3    {1e3 * worst:.3f} mm          at most {1e3 * own:.3f} mm" in text
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"payload_kg": 5.0}, "one test was made with 0.8 kg, the other with 5 kg"),
+        ({"speed_share": 0.5}, "speed_share"),
+    ],
+)
+def test_tests_of_another_payload_or_speed_are_not_compared(
+    result: dict[str, Any], change: dict[str, Any], told: str
+) -> None:
+    other = copy.deepcopy(result)
+    other["result"] |= change
+    with pytest.raises(CellError, match=told):
+        compare_results(result, other)
+    moved = copy.deepcopy(result)
+    moved["result"]["poses"][0]["commanded"][2] += 0.02
+    with pytest.raises(CellError, match=r"pose P1 of the tests is 20\.000 mm apart"):
+        compare_results(result, moved)

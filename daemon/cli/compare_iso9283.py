@@ -1,0 +1,80 @@
+"""Two tests of pose accuracy side by side: what a calibration is worth, or what wear has done."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from cell.errors import error
+from daemon.cli.output import mm, table
+
+_SAME = ("speed_share", "reflector")
+_NEAR_M, _SAME_KG = 0.001, 1e-3
+
+
+@dataclass(frozen=True)
+class IsoComparison:
+    """``rows`` have, for each pose, the AP and RP of both (m); ``how`` says how each was commanded."""
+
+    rows: list[dict[str, Any]]
+    how: tuple[str, str]
+    place: tuple[str, str]
+
+    def as_dict(self) -> dict[str, Any]:
+        return {"poses": self.rows, "commanded": list(self.how), "registration": list(self.place)}
+
+    def text(self, first: str, second: str) -> str:
+        """AP and RP of both tests; a figure that its tracker did not resolve is an upper bound."""
+        head = ("pose", f"AP {first}", f"AP {second}", f"RP {first}", f"RP {second}")
+        cells = [
+            [row["pose"], *(_shown(row, key, k) for key in ("AP", "RP") for k in (0, 1))] for row in self.rows
+        ]
+        lines = [
+            f"{first} was commanded {self.how[0]}, {second} {self.how[1]}; the tracker's place was "
+            f"{self.place[0]}, and {self.place[1]}",
+            table(head, cells),
+        ]
+        if self.place[0] != self.place[1]:
+            lines.append("A fitted place takes up an error that all poses share: the AP are not of one kind.")
+        return "\n".join(lines)
+
+
+def compare_iso9283(first: Mapping[str, Any], second: Mapping[str, Any]) -> IsoComparison:
+    """``PAYLOAD_DIFFERS`` for other loads; ``ARGUMENT_INVALID`` unless poses, reflector and speed are alike."""
+    a, b = first["result"], second["result"]
+    if abs(a["payload_kg"] - b["payload_kg"]) > _SAME_KG:
+        raise error(
+            "PAYLOAD_DIFFERS",
+            f"one test was made with {a['payload_kg']:g} kg, the other with {b['payload_kg']:g} kg",
+        )
+    for key in _SAME:
+        if a[key] != b[key]:
+            raise error(
+                "ARGUMENT_INVALID",
+                f"one test has {key} {a[key]}, the other {b[key]}; only tests alike in it are compared",
+            )
+    rows = []
+    for p, q in zip(a["poses"], b["poses"], strict=True):
+        apart = sum((x - y) ** 2 for x, y in zip(p["commanded"], q["commanded"], strict=True)) ** 0.5
+        if apart > _NEAR_M:
+            raise error(
+                "ARGUMENT_INVALID", f"pose {p['name']} of the tests is {mm(apart)} apart; test the same poses"
+            )
+        row: dict[str, Any] = {"pose": p["name"]}
+        for key in ("AP", "RP"):
+            row[key] = [p[key], q[key]]
+            row[f"{key}_resolved"] = [p[f"{key}_resolved"], q[f"{key}_resolved"]]
+        rows.append(row)
+    return IsoComparison(rows, (_how(a), _how(b)), (_place(a), _place(b)))
+
+
+def _how(answer: Mapping[str, Any]) -> str:
+    return "through its calibrated kinematics" if answer["corrected"] else "as its controller believes it"
+
+
+def _place(answer: Mapping[str, Any]) -> str:
+    return "fitted" if answer["registration"]["how"] == "fit" else "taken from the calibration"
+
+
+def _shown(row: Mapping[str, Any], key: str, k: int) -> str:
+    shown = mm(row[key][k])
+    return shown if row[f"{key}_resolved"][k] else f"at most {shown}"
