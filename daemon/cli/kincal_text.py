@@ -18,6 +18,16 @@ def kincal_lines(result: Mapping[str, Any], answer: Mapping[str, Any]) -> list[s
     ]
     if held.get("tracker_3d") is not None:
         lines.append(f"    the tracker's own noise in it is {mm(held['tracker_3d'], 4)} (sqrt(3) sigma)")
+    if aside := held.get("set_aside"):
+        off = aside["rms"]
+        lines.append(
+            f"  {aside['samples']} poses were set aside before solving: nominal {mm(off['nominal'])}, "
+            f"registration only {mm(off['registration_only'])}, calibrated {mm(off['calibrated'], 4)}"
+        )
+    if looked := ((result.get("inputs") or {}).get("sampling") or {}).get("monuments"):
+        lines.append(
+            f"  monuments moved by {mm(looked['max_moved_m'])} at most, the limit is {mm(looked['limit_m'])}"
+        )
     predicted = (result.get("uncertainty") or {}).get("predicted_95")
     if predicted:
         everywhere = predicted["workspace"]
