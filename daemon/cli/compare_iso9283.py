@@ -39,7 +39,7 @@ class IsoComparison:
 
 
 def compare_iso9283(first: Mapping[str, Any], second: Mapping[str, Any]) -> IsoComparison:
-    """``PAYLOAD_DIFFERS`` for other loads; ``ARGUMENT_INVALID`` unless poses, reflector and speed are alike."""
+    """``PAYLOAD_DIFFERS`` for other loads; ``ARGUMENT_INVALID`` for other poses, reflector or speed."""
     a, b = first["result"], second["result"]
     if abs(a["payload_kg"] - b["payload_kg"]) > _SAME_KG:
         raise error(
