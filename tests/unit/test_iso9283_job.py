@@ -14,10 +14,12 @@ from calibration.identification.registration import register
 from cell.calibrations import kinematics
 from cell.poses import from_pose6
 from cell.store.files import read_json
+from daemon.cli.predict_iso9283 import predict_iso9283
 from daemon.cli.replay import differences
 from daemon.config import CellConfig
 from fakes.object import run_virtual
 from fakes.scenario import Scenario
+from procedures.iso9283.config import Iso9283Config
 from procedures.iso9283.plan import ORDER
 from procedures.replay import solve_again
 from tests.object_cell import ObjectCell, no_report, open_cell, refused, write_config
@@ -339,9 +341,8 @@ def test_without_a_nominal_place_a_person_points_the_tracker_first(tmp_path: Pat
 
 
 def predicted(folder: Path, **job: Any) -> dict[str, Any]:
-    from daemon.cli.predict import predictions
-
-    return next(p for p in predictions(iso_config(folder, {"cycles": 30, **job})) if p["job"] == JOB)
+    config = iso_config(folder, {"cycles": 30, **job})
+    return predict_iso9283(config, Iso9283Config.model_validate(config.job_section(JOB)))
 
 
 def test_check_tells_arrivals_and_what_the_tracker_alone_would_read(tmp_path: Path) -> None:
