@@ -16,6 +16,7 @@ from calibration.tool_frame.posterior import posterior
 from calibration.tool_frame.scene import Line, Refusal, Scene
 from calibration.tool_frame.selection import Selection, select
 from calibration.tool_frame.system import At, Model, rows_of, several_speeds
+from calibration.tool_frame.ways import refuse_one_way
 from cell.poses import Array
 
 MIN_APART_M = 0.04
@@ -126,6 +127,7 @@ class _Finding:
                     f"beam {b} was crossed at one place, or at places less than {1e3 * MIN_APART_M:.0f} mm "
                     "apart; its direction is not determined",
                 )
+        refuse_one_way(crossings)
         first = {b: min(place[k] for k, c in crossings.items() if c.source.beam == b) for b in BEAMS}
         names = {
             k: "reference" if place[k] == first[c.source.beam] else f"{c.source.beam}@{place[k]}"

@@ -17,7 +17,8 @@ from calibration.tool_frame.scene import Refusal, Scene
 from calibration.tool_frame.selection import Selection, select
 from calibration.tool_frame.system import At, Model, Rows, rows_of
 from calibration.tool_frame.vertical import Vertical
-from calibration.tool_frame.widths import even_widths
+from calibration.tool_frame.ways import UNSEEN_DELAY, compared_ways
+from calibration.tool_frame.widths import even_widths, unlike_stated
 from cell.poses import Array
 
 _ROUNDS = 3
@@ -125,6 +126,8 @@ class _Solving:
         crossings, removed = self._without_blunders(even, vertical.height)
         rejected |= removed
         self._check_enough(crossings, {**selection.reasons, **rejected})
+        self.ways = compared_ways(crossings)
+        self.warnings += self.ways.warnings
         lateral, at = self._lateral(crossings, vertical, tau)
         return self._put_together(lateral, at, vertical, rejected)
 
@@ -268,7 +271,9 @@ class _Solving:
         self, lateral: Lateral, at: At, vertical: Vertical, rejected: Mapping[int, str]
     ) -> Solution:
         unsure = float(np.linalg.norm([lateral.deviation(f"tilt {b}") or 0.0 for b in BEAMS]))
-        bulges = vertical.bulges({b: lateral.edges(b) for b in BEAMS}, at, unsure)
+        edges = {b: lateral.edges(b) for b in BEAMS}
+        self.warnings += unlike_stated(edges, self.scene.tool.radius)
+        bulges = vertical.bulges(edges, at, unsure)
         z, z_sigma = vertical.along(at, bulges)
         model, d = lateral.model, len(lateral.model.names)
         tilted = all(b in model.tilts and b not in model.hints for b in BEAMS)
@@ -292,6 +297,8 @@ class _Solving:
             undetermined.append(
                 "tilt of the tool's axis (the passes of one of the sets span one height only)"
             )
+        if not self.ways.delay_seen:
+            undetermined.append(UNSEEN_DELAY)
         if z_sigma is None:
             undetermined.append("displacement along the tool's axis (no pass goes by above the tool's point)")
             self.warnings.append(

@@ -17,6 +17,7 @@ from cell.poses import Array
 _CLEARLY = 5.0  # standard deviations
 _FLOOR_M = 1e-5
 _LEVEL_GAP_M = 0.003
+STATED_RADIUS_M, STATED_SHARE = 5e-4, 0.1  # further off than a beam's thickness and a late input make it
 
 
 def even_widths(crossings: Mapping[int, Crossing]) -> tuple[dict[int, Crossing], list[tuple[str, str]]]:
@@ -45,6 +46,28 @@ def even_widths(crossings: Mapping[int, Crossing]) -> tuple[dict[int, Crossing],
             )
             warnings.append(("laser.width", f"{text}; the middles are used"))
     return found, warnings
+
+
+def unlike_stated(edges: Mapping[str, Array], radius: float) -> list[tuple[str, str]]:
+    """A warning for each beam at which no part of the tool is as wide as ``radius`` (m) says.
+
+    ``edges`` (k,) m are the places of the tool's edges. They are found and not assumed, so that the point and
+    the axis are right all the same; thick beams and inputs that clear late make every tool a little wider.
+    """
+    found = []
+    for beam, e in edges.items():
+        seen = 0.5 * np.diff(e)[::2]
+        nearest = float(seen[np.argmin(np.abs(seen - radius))])
+        if abs(nearest - radius) > STATED_RADIUS_M + STATED_SHARE * radius:
+            found.append(
+                (
+                    "laser.radius",
+                    f"tool.radius is {1e3 * radius:.2f} mm, and the chords across beam {beam} are those of a "
+                    f"radius of {1e3 * nearest:.2f} mm; the chords are believed. Mend tool.radius, or look "
+                    "whether it is this tool",
+                )
+            )
+    return found
 
 
 def _groups(crossings: Mapping[int, Crossing]) -> list[list[int]]:

@@ -17,6 +17,9 @@ BEAMS = ("xs", "ys")
 MAX_PASSES = 5000
 MAX_SAMPLES = 200_000  # of one pass
 _MIN_LENGTH = 1e-9
+_Z_OFF_M = 1e-3
+# So rare polls along so slow a way are no measurement: the times are in another unit.
+_RARE_S, _CRAWL_M_S, _MOVES_M = 0.2, 5e-4, 1e-3
 
 Point = Annotated[list[float], Field(min_length=3, max_length=3)]
 Times = Annotated[list[float], Field(min_length=2, max_length=MAX_SAMPLES)]
@@ -104,6 +107,29 @@ class PassEntry(Strict):
             values = getattr(self, name)
             if values is not None and len(values) != (wanted := len(getattr(self, times))):
                 raise ValueError(f"has {len(values)} entries in {name} and {wanted} in {times}; give as many")
+        return self
+
+    @model_validator(mode="after")
+    def _height_is_that_of_the_poses(self) -> "PassEntry":
+        heights = [p[2] for p in self.pose_xyz]
+        low, high = min(heights), max(heights)
+        if not low - _Z_OFF_M <= self.z <= high + _Z_OFF_M:
+            raise ValueError(
+                f"has z {self.z:g} m, and its pose_xyz is at {0.5 * (low + high):g} m; both are the height "
+                "of the flange in the base, so give the same"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _times_are_in_seconds(self) -> "PassEntry":
+        gap = float(np.median(np.diff(self.poll_t)))
+        way = float(np.linalg.norm(np.ptp(np.array(self.pose_xyz), axis=0)))
+        speed = way / (self.pose_t[-1] - self.pose_t[0])
+        if gap >= _RARE_S and speed <= _CRAWL_M_S and way >= _MOVES_M:
+            raise ValueError(
+                f"has polls {gap:g} s apart in poll_t on a way of {1e3 * speed:.3g} mm/s, which looks like "
+                "milliseconds; give pose_t and poll_t in seconds"
+            )
         return self
 
 

@@ -14,6 +14,7 @@ from calibration.tool_frame.geometry import BEAMS, rotated
 from calibration.tool_frame.meeting import length95
 from calibration.tool_frame.scene import Scene
 from calibration.tool_frame.solution import Lateral, Solution
+from calibration.tool_frame.ways import UNSEEN_DELAY
 from cell.formats.laser import LaserData
 from cell.formats.result import Result, Warning_
 from cell.poses import Array
@@ -41,7 +42,7 @@ def fill_result(
         "flange_offset_base": (-scene.R @ dp).tolist(),
         "p_new": (scene.tool.p + dp).tolist(),
         "axis_new": None if drot is None else rotated(scene.tool.axis, drot).tolist(),
-        "tau": _tau(lateral),
+        "tau": None if UNSEEN_DELAY in solution.undetermined else _tau(lateral),
         "hysteresis_m": lateral.value("hysteresis"),
         "lag_s": lateral.value("lag"),
         "cov": solution.cov.tolist() if classic is None else None,

@@ -36,6 +36,11 @@ def result(path: Path) -> dict[str, Any]:
     return solve_laser(path)
 
 
+def in_milliseconds(entry: dict[str, Any]) -> None:
+    for key in ("pose_t", "poll_t"):
+        entry[key] = [1e3 * t for t in entry[key]]
+
+
 def without_times(result: dict[str, Any]) -> dict[str, Any]:
     return {**result, "inputs": {k: v for k, v in result["inputs"].items() if k != "solve_seconds"}}
 
@@ -139,6 +144,35 @@ def test_data_that_cannot_tell_are_refused_by_name(made: dict[str, Any], tmp_pat
         assert found["observability"]["refused"] == name
 
 
+def test_passes_of_one_way_only_give_an_answer_that_says_what_it_takes_for_granted(tmp_path: Path) -> None:
+    data = data_set(Bench(seed=61, shift=SHIFT), pairs=2, resolution=1e-4)
+
+    def only(**ways: int) -> dict[str, Any]:
+        sets = {
+            name: {"passes": [p for p in data[name]["passes"] if p["dir"] == w]} for name, w in ways.items()
+        }
+        return solve_laser(write(tmp_path, {**data, **sets}))
+
+    for ways, tau in (({"current": 1}, 0.004), ({"reference": 1, "current": 1}, None)):
+        found = only(**ways)
+        assert found["verdict"] == "warn"
+        assert [w["code"] for w in found["warnings"]] == ["laser.one-way"] * 2
+        error = np.array(found["result"]["dp_flange"]) - SHIFT
+        assert np.linalg.norm(error[:2]) < 80e-6
+        assert found["result"]["tau"] == (None if tau is None else pytest.approx(tau, abs=5e-4))
+    assert any("delay" in words for words in found["observability"]["undetermined"])
+    opposite = only(reference=1, current=-1)
+    assert opposite["result"] is None
+    assert opposite["reasons"][0].startswith("no-return: the reference crosses beam")
+
+
+def test_a_radius_that_is_not_that_of_the_chords_is_warned_of(made: dict[str, Any], tmp_path: Path) -> None:
+    found = solve_laser(write(tmp_path, {**made, "tool": {**made["tool"], "radius": 0.006}}))
+    assert [w["code"] for w in found["warnings"]] == ["laser.radius"] * 2
+    assert "tool.radius is 6.00 mm" in found["warnings"][0]["text"]
+    assert np.linalg.norm(np.array(found["result"]["dp_flange"]) - SHIFT) < 60e-6
+
+
 def test_a_reference_run_gives_its_beams_and_does_not_look_at_current(tmp_path: Path) -> None:
     from test_tool_frame_beams import reference
 
@@ -159,6 +193,9 @@ def test_a_reference_run_gives_its_beams_and_does_not_look_at_current(tmp_path: 
     one = deepcopy(reference(bench, places=(0.0,), step=0.002))
     refused = solve_reference(write(tmp_path, one))
     assert refused["reasons"][0].startswith("one-place-only")
+    out = reference(bench, step=0.002)
+    out["reference"]["passes"] = [p for p in out["reference"]["passes"] if p["dir"] == 1]
+    assert solve_reference(write(tmp_path, out))["reasons"][0].startswith("no-return")
 
 
 @pytest.mark.parametrize(
@@ -172,6 +209,14 @@ def test_a_reference_run_gives_its_beams_and_does_not_look_at_current(tmp_path: 
         (lambda d: d["current"]["passes"][1]["poll_v"].pop(), r"passes\[1\] has \d+ entries in poll_v"),
         (lambda d: d["current"]["passes"][1]["poll_t"].__setitem__(3, 0.0), "must grow from poll to poll"),
         (lambda d: d["current"]["passes"][1].update(poll_n=[1, 2]), "entries in poll_n"),
+        (
+            lambda d: d["current"]["passes"][1].update(z=0.2),
+            r"passes\[1\] has z 0.2 m, and its pose_xyz is at",
+        ),
+        (
+            lambda d: in_milliseconds(d["current"]["passes"][1]),
+            r"passes\[1\] .* give pose_t and poll_t in seconds",
+        ),
         (lambda d: d.update(schema="cellward.laser/2"), "this command reads 'cellward.laser/1'"),
     ],
 )
