@@ -31,7 +31,7 @@ class Guard(Protocol):
 
     def check_path_joints(self, q0: Array, q1: Array) -> None: ...
     def check_path_linear(self, T0: RigidTransform, T1: RigidTransform, q0: Array) -> None: ...
-    def check_setpoint(self, q: Array, qd: Array) -> None: ...
+    def check_setpoints(self, Q: Array, Qd: Array) -> None: ...
 
 
 class Recorder(Protocol):
@@ -230,7 +230,7 @@ class MotionLease:
         return await self._live_port().guarded_move(T_base_flange, self._speed, max_force_n, max_travel_m)
 
     async def stream(self, pieces: AsyncIterator[TrajectoryPiece]) -> None:
-        """Follow polynomials; both ends of every piece pass the guard before it is sent."""
+        """Follow polynomials; five points of every piece pass the guard before it is sent."""
         await self._movable_state()
         self._recorder.note("motion", event="stream")
         await self._live_port().stream(self._guarded(pieces))
@@ -238,10 +238,10 @@ class MotionLease:
     async def _guarded(self, pieces: AsyncIterator[TrajectoryPiece]) -> AsyncIterator[TrajectoryPiece]:
         async for piece in pieces:
             powers = np.arange(len(piece.coefficients))
-            for span in np.linspace(0.0, piece.t1 - piece.t0, 5):
-                q = (span**powers) @ piece.coefficients
-                qd = (powers[1:] * span ** powers[:-1]) @ piece.coefficients[1:]
-                self._guard.check_setpoint(q, qd)
+            spans = np.linspace(0.0, piece.t1 - piece.t0, 5)[:, None]
+            Q = spans**powers @ piece.coefficients
+            Qd = (powers[1:] * spans ** powers[:-1]) @ piece.coefficients[1:]
+            self._guard.check_setpoints(Q, Qd)
             yield piece
 
     def _live_port(self) -> MotionPort:

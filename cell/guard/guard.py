@@ -77,20 +77,20 @@ class MotionGuard:
         self._check(samples, _places(len(samples)), _path_limit(len(samples)))
         self._check_line_speed(Q, step_s, speed_m_s or self.limits.speed_m_s)
 
-    def check_setpoint(self, q: Array, qd: Array) -> None:
-        """One set-point of a stream: geometry at ``q``, speeds of joints and TCP at ``qd`` (6,) rad/s."""
-        joints, speeds = _six(q), _six(qd)
-        self._check(joints[None], ["at this set-point"], np.array([-_MEASURED_M]))
-        worst = int(np.argmax(np.abs(speeds)))
-        if abs(speeds[worst]) > self.limits.joint_speed_rad_s * (1.0 + 1e-9):
+    def check_setpoints(self, Q: Array, Qd: Array) -> None:
+        """Set-points of a stream: geometry at ``Q`` (n, 6) rad, speeds of joints and TCP at ``Qd`` (n, 6)."""
+        joints, speeds = np.array([_six(q) for q in Q]), np.array([_six(qd) for qd in Qd])
+        self._check(joints, ["at this set-point"] * len(Q), np.full(len(Q), -_MEASURED_M))
+        n, worst = np.unravel_index(int(np.argmax(np.abs(speeds))), speeds.shape)
+        if abs(speeds[n, worst]) > self.limits.joint_speed_rad_s * (1.0 + 1e-9):
             raise error(
                 "MOTION_LIMIT",
-                f"set-point turns joint '{JOINTS[worst]}' at {abs(speeds[worst]):.3f} rad/s, "
+                f"set-point turns joint '{JOINTS[worst]}' at {abs(speeds[n, worst]):.3f} rad/s, "
                 f"limit {self.limits.joint_speed_rad_s:g} rad/s",
             )
-        twist = self.model.jacobian(joints) @ speeds
-        lever = self.model.forward(joints).rotation.apply(self.tool.T_flange_tool.translation)
-        tcp = float(np.linalg.norm(twist[:3] + np.cross(twist[3:], lever)))
+        levers = self.model.forward_many(joints).rotation.apply(self.tool.T_flange_tool.translation)
+        twists = np.array([self.model.jacobian(q) @ qd for q, qd in zip(joints, speeds, strict=True)])
+        tcp = float(np.linalg.norm(twists[:, :3] + np.cross(twists[:, 3:], levers), axis=1).max())
         if tcp > self.limits.speed_m_s * (1.0 + 1e-9):
             raise error(
                 "MOTION_LIMIT",

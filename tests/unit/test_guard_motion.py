@@ -267,16 +267,18 @@ def test_an_arm_model_that_is_not_this_arm_is_noticed(subject: MotionGuard) -> N
 
 
 def test_a_set_point_within_the_speeds_passes(subject: MotionGuard) -> None:
-    subject.check_setpoint(HOME, np.full(6, 0.05))
+    subject.check_setpoints(HOME[None], np.full((1, 6), 0.05))
 
 
 def test_a_set_point_that_turns_a_joint_too_fast_is_refused(subject: MotionGuard) -> None:
-    failure = refusal(subject.check_setpoint, HOME, np.array([0, 0, 0, 0, 0, 0.81]))
+    failure = refusal(
+        subject.check_setpoints, np.array([HOME] * 2), np.array([[0.0] * 6, [0, 0, 0, 0, 0, 0.81]])
+    )
     assert "'wrist 3' at 0.810 rad/s" in str(failure)
 
 
 def test_a_set_point_that_moves_the_tcp_too_fast_is_refused(subject: MotionGuard) -> None:
-    failure = refusal(subject.check_setpoint, HOME, np.array([0.5, 0, 0, 0, 0, 0]))
+    failure = refusal(subject.check_setpoints, HOME[None], np.array([[0.5, 0, 0, 0, 0, 0]]))
     assert failure.name == "MOTION_LIMIT"
     radius = float(np.linalg.norm((HOME_POSE * subject.tool.T_flange_tool).translation[:2]))
     assert f"{0.5 * radius:.3f} m/s" in str(failure)
