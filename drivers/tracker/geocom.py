@@ -187,8 +187,9 @@ class GeocomTracker:
 
         At least ``window_s`` seconds and ``min_readings`` readings, RMS of their distances from the mean at
         most ``max_scatter_m``. ``TRACKER_UNSTABLE`` when that takes longer than ``timeout`` s,
-        ``TRACKER_BEAM_BROKEN`` when a reflector that was found gives no distance any more, and
-        ``TRACKER_NO_TARGET`` when there was none.
+        ``TRACKER_BEAM_BROKEN`` when a reflector that was found gives no distance any more,
+        ``TRACKER_NO_TARGET`` when there was none, and ``TRACKER_SETTING`` when the instrument's constant is
+        not the selected reflector's any more; one has to be selected then.
         """
         if self._selected is None:
             raise error(
@@ -219,6 +220,7 @@ class GeocomTracker:
                 misses = 0
                 pushed = self._push(reading)
                 if window.add(pushed.t, pushed.dt, reading.point, reading.warning):
+                    await self._require_constant(station)
                     return window.sample(pushed.seq, *await station.air())
                 continue
             if reading.code.meaning not in NO_POINT:
@@ -231,6 +233,15 @@ class GeocomTracker:
             if locked is False or misses >= _MOST_MISSES:
                 raise self._lost_target(reading)
         raise window.unstable(self.name, timeout)
+
+    async def _require_constant(self, station: Station) -> None:
+        """Somebody at the panel may have set another one, which no scatter shows."""
+        assert self._selected is not None
+        try:
+            await station.require(self._config.reflectors[self._selected])
+        except CellError:
+            self._selected = None
+            raise
 
     # -- polling
 

@@ -39,6 +39,11 @@ class ReturnCode:
     def __str__(self) -> str:
         return f"{self.number} {self.name}, {self.words}" if self.name else f"{self.number}, {self.words}"
 
+    @property
+    def has_data(self) -> bool:
+        """Whether what the call returns is valid."""
+        return self.meaning in (Meaning.OK, Meaning.WARNING)
+
     def as_error(self, what: str) -> CellError:
         """The coded error for a call that ended with this code; ``what`` names device and call."""
         return error(_ERRORS[self.meaning], f"{what} ended with {self}")

@@ -57,13 +57,20 @@ class Session:
             self._waiting[1].set_exception(NoAnswer(reason))
 
     async def ask(
-        self, rpc: int, *parameters: Parameter, timeout: float, tries: int = 2, abort: bool = False
+        self,
+        rpc: int,
+        *parameters: Parameter,
+        timeout: float,
+        tries: int = 2,
+        abort: bool = False,
+        numbers: int = 0,
     ) -> Answer:
         """Ask until there is a reply that can be used; :class:`NoAnswer` after ``tries`` without one.
 
         ``abort``: a procedure that moves the instrument is stopped when nobody waits for it any more.
+        ``numbers``: data with fewer numbers than that are damaged; :class:`Unreadable` when the last are.
         """
-        reason = ""
+        reason, damage = "", None
         for _ in range(tries):
             if self._ended:
                 break
@@ -73,10 +80,18 @@ class Session:
                 except NoAnswer as exc:
                     reason = str(exc)
                     continue
-            if answer.code.meaning is not Meaning.LINE:
+            damage = None
+            if answer.code.meaning is Meaning.LINE:
+                self._unclean, reason = True, f"return code {answer.code}"
+                continue
+            try:
+                if answer.code.has_data:
+                    answer.reply.floats(numbers)
                 return answer
-            self._unclean, reason = True, f"return code {answer.code}"
-        raise NoAnswer(self._ended or reason)
+            except Unreadable as exc:
+                self._unclean, damage = True, exc
+                self.counts["unreadable"] += 1
+        raise (None if self._ended else damage) or NoAnswer(self._ended or reason)
 
     async def _once(self, rpc: int, parameters: tuple[Parameter, ...], timeout: float, abort: bool) -> Answer:
         number = next(self._numbers)

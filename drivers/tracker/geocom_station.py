@@ -20,10 +20,11 @@ _DIGITS = 15
 _PA_PER_MBAR = 100.0
 _BUSY_PAUSE_S = 0.1
 _SHORTEST_S = 0.01
+_LOOK_S = 1.0  # a distance is waited for in spells, so that a lost answer costs one of them and not the point
+_NO_DISTANCE_YET = 1285
 _CONSTANT_TOLERANCE_M = 1e-6
 _INCLINATION = {"measure": 0, "auto": 1, "model": 2}
 _TRACKING = {"standard": 2, "rapid": 8}
-_GOOD = (Meaning.OK, Meaning.WARNING)
 NO_POINT = (Meaning.NO_DISTANCE, Meaning.NO_TARGET)
 
 
@@ -87,22 +88,34 @@ class Station:
         self._tells_lock = True
 
     async def call(
-        self, rpc: Rpc, *parameters: Parameter, timeout: float | None = None, motion: bool = False
+        self,
+        rpc: Rpc,
+        *parameters: Parameter,
+        timeout: float | None = None,
+        motion: bool = False,
+        numbers: int = 0,
     ) -> Answer:
         """A call that succeeded, with a warning perhaps; one that finds it busy is repeated."""
-        answer = await self._ask(rpc, *parameters, timeout=timeout, motion=motion)
-        if answer.code.meaning not in _GOOD:
+        answer = await self._ask(rpc, *parameters, timeout=timeout, motion=motion, numbers=numbers)
+        if not answer.code.has_data:
             raise answer.code.as_error(f"{self._name}: {rpc.name}")
         return answer
 
     async def _ask(
-        self, rpc: Rpc, *parameters: Parameter, timeout: float | None = None, motion: bool = False
+        self,
+        rpc: Rpc,
+        *parameters: Parameter,
+        timeout: float | None = None,
+        motion: bool = False,
+        numbers: int = 0,
     ) -> Answer:
         deadline = self._clock.now() + (timeout or self._config.timeout_s)
         tries = 1 if motion else self._config.lost_after_failures
         while True:
             left = max(deadline - self._clock.now(), _SHORTEST_S)
-            answer = await self._session.ask(rpc, *parameters, timeout=left, tries=tries, abort=motion)
+            answer = await self._session.ask(
+                rpc, *parameters, timeout=left, tries=tries, abort=motion, numbers=numbers
+            )
             if answer.code.meaning is not Meaning.BUSY or self._clock.now() + _BUSY_PAUSE_S >= deadline:
                 return answer
             await self._clock.sleep(_BUSY_PAUSE_S)
@@ -120,7 +133,7 @@ class Station:
         model = (await self.call(Rpc.CSV_GetInstrumentName)).reply.text()
         geocom = ".".join((await self.call(Rpc.COM_GetSWVersion)).reply.values)
         firmware = await self._ask(Rpc.CSV_GetSWVersion)
-        known = firmware.code.meaning in _GOOD and firmware.reply.values
+        known = firmware.code.has_data and firmware.reply.values
         version = ".".join(firmware.reply.values) if known else ""
         return Identity(model, serial, version or f"GeoCOM {geocom}", {"geocom": geocom})
 
@@ -137,27 +150,31 @@ class Station:
 
     async def air(self) -> tuple[float | None, float | None]:
         """Temperature (deg C) and pressure (Pa) that distances are corrected with; None where unknown."""
-        answer = await self._ask(Rpc.TMC_GetAtmCorr)
-        if answer.code.meaning not in _GOOD:
+        answer = await self._ask(Rpc.TMC_GetAtmCorr, numbers=4)
+        if not answer.code.has_data:
             return None, None
         _, pressure, dry, _ = answer.reply.floats(4)
         return dry, pressure * _PA_PER_MBAR
 
     async def use(self, reflector: ReflectorConfig) -> None:
         """Set type or constant of the prism, and compare the constant that it then has."""
-        wanted = reflector.constant_m
         if reflector.prism_type is not None:
             await self._write(Rpc.BAP_SetPrismType, Rpc.BAP_GetPrismType, reflector.prism_type)
         else:
-            await self.call(Rpc.TMC_SetPrismCorr, wanted)
-        found = (await self.call(Rpc.TMC_GetPrismCorr)).reply.floats(1)[0]
+            await self.call(Rpc.TMC_SetPrismCorr, reflector.constant_m)
+        await self.require(reflector)
+        await self.call(Rpc.TMC_DoMeasure, 3, self._inclination)  # clears distances with the old constant
+
+    async def require(self, reflector: ReflectorConfig) -> None:
+        """``TRACKER_SETTING`` when distances are not corrected with this reflector's constant."""
+        wanted = reflector.constant_m
+        found = (await self.call(Rpc.TMC_GetPrismCorr, numbers=1)).reply.floats(1)[0]
         if abs(found - wanted) > _CONSTANT_TOLERANCE_M:
             raise error(
                 "TRACKER_SETTING",
                 f"{self._name} has the prism constant {1e3 * found:.3f} mm where the config says"
                 f" {1e3 * wanted:.3f} mm",
             )
-        await self.call(Rpc.TMC_DoMeasure, 3, self._inclination)  # clears distances with the old constant
 
     # -- turning and searching
 
@@ -182,8 +199,8 @@ class Station:
         """Whether it follows a reflector now; None from an instrument that does not tell."""
         if not self._tells_lock:
             return None
-        answer = await self._ask(Rpc.MOT_ReadLockStatus)
-        if answer.code.meaning in _GOOD:
+        answer = await self._ask(Rpc.MOT_ReadLockStatus, numbers=1)
+        if answer.code.has_data:
             return answer.reply.floats(1)[0] == 1
         self._tells_lock = answer.code.meaning is not Meaning.UNKNOWN_CALL
         return None
@@ -207,19 +224,29 @@ class Station:
 
         Whatever return code there is, it is in the reading.
         """
-        rpc = {
-            "full": Rpc.TMC_GetFullMeas,
-            "simple": Rpc.TMC_GetSimpleMea,
-            "coordinates": Rpc.TMC_GetCoordinate,
-        }[self._config.reading]
-        timeout = wait_s + self._config.timeout_s
-        answer = await self._ask(rpc, round(1e3 * wait_s), self._inclination, timeout=timeout)
+        deadline = self._clock.now() + wait_s
+        while True:
+            wait = min(max(deadline - self._clock.now(), 0.0), _LOOK_S)
+            answer = await self._look(wait)
+            waited = answer.end - answer.begin >= 0.5 * wait  # else the instrument knows that none will come
+            unfinished = waited and answer.code.number == _NO_DISTANCE_YET
+            if not unfinished or self._clock.now() >= deadline:
+                break
         begin = answer.begin if begin is None else begin
         t, dt = 0.5 * (begin + answer.end), 0.5 * (answer.end - begin)
-        if answer.code.meaning not in _GOOD:
+        if not answer.code.has_data:
             return Reading(t, dt, None, answer.code)
         point, distance_time = self._decode(answer)
         return Reading(t, dt, point, answer.code, distance_time)
+
+    async def _look(self, wait_s: float) -> Answer:
+        rpc, numbers = {
+            "full": (Rpc.TMC_GetFullMeas, 8),
+            "simple": (Rpc.TMC_GetSimpleMea, 3),
+            "coordinates": (Rpc.TMC_GetCoordinate, 4),
+        }[self._config.reading]
+        timeout = wait_s + self._config.timeout_s
+        return await self._ask(rpc, round(1e3 * wait_s), self._inclination, timeout=timeout, numbers=numbers)
 
     async def angles(self) -> Reading:
         """Whether the angles can be read; there is no distance."""

@@ -13,6 +13,7 @@ from fakes.object._plant import ObjectDevice
 from fakes.object.registry import cell_of
 from fakes.tracker import MULTIPLE, NO_TARGET, NOT_AIMED, Reading, polar
 
+_CONSTANT_TOLERANCE_M = 1e-6
 _DOUBT = "the instrument does not vouch for the accuracy of its readings"
 
 
@@ -57,6 +58,7 @@ class ObjectTracker(ObjectDevice):
         sigma_per_m = truth.sigma_per_m if config.sigma_per_m is None else config.sigma_per_m
         self.noise = TrackerNoise(sigma0, sigma_per_m)
         labels = {name: r.labelled_constant_m for name, r in self._tracker.reflectors.items()}
+        self._selected: str | None = None
         self._constants = {name: r.constant_m for name, r in config.reflectors.items()} or labels
         half_s = config.reply_s / 2.0
         self.readings: LazyStream[TrackerState] = LazyStream(
@@ -66,6 +68,7 @@ class ObjectTracker(ObjectDevice):
 
     async def open(self) -> None:
         """Connect; ``DEVICE_UNREACHABLE`` while the instrument refuses."""
+        self._selected = None
         await super().open()
         self._cell.start()
 
@@ -87,6 +90,7 @@ class ObjectTracker(ObjectDevice):
         await self._pass(2.0 * self.config.reply_s)
         self.tracker_plant.settle_past()
         self._tracker.constant_m = self._constants[reflector]
+        self._selected = reflector
 
     async def find(self, near: Array | None, timeout: float) -> None:
         """Turn to ``near``, search there until ``timeout`` and lock; ``TRACKER_NO_TARGET``."""
@@ -109,7 +113,11 @@ class ObjectTracker(ObjectDevice):
                 raise error("TRACKER_NO_TARGET", f"{self.name}: {status} within {half:g} rad of its aim")
 
     async def measure(self, window_s: float, max_scatter_m: float, timeout: float) -> Sample[StablePoint]:
-        """Wait for a window of readings that agree; see :class:`cell.devices.LaserTracker`."""
+        """Wait for a window of readings that agree; see :class:`cell.devices.LaserTracker`.
+
+        ``TRACKER_SETTING`` until a reflector was selected, and when the constant is not its own any more.
+        """
+        self._require_constant()
         begin, truth = self.clock.now(), self._tracker.truth
         unsubscribe = self.readings.subscribe(lambda sample: None)
         try:
@@ -120,6 +128,7 @@ class ObjectTracker(ObjectDevice):
                 if not (lost := _without_point(samples)) and len(samples) >= self.config.min_readings:
                     point = self._stable(samples, window_s)
                     if point.scatter_m <= max_scatter_m:
+                        self._require_constant()
                         first, last = samples[0], samples[-1]
                         half = 0.5 * (last.t - first.t) + last.dt
                         return Sample(point, 0.5 * (first.t + last.t), half, last.seq)
@@ -155,6 +164,18 @@ class ObjectTracker(ObjectDevice):
         reading: Reading = self._tracker.read(t)
         status = _DOUBT if reading.doubtful and reading.point is not None else reading.status
         return TrackerState(reading.point, reading.point is not None, status)
+
+    def _require_constant(self) -> None:
+        self._check_link()
+        if self._selected is None:
+            raise error("TRACKER_SETTING", f"no reflector of {self.name} was selected")
+        found, wanted = self._tracker.constant_m, self._constants[self._selected]
+        if abs(found - wanted) > _CONSTANT_TOLERANCE_M:
+            self._selected = None
+            raise error(
+                "TRACKER_SETTING",
+                f"{self.name} has the constant {1e3 * found:.3f} mm instead of {1e3 * wanted:.3f} mm",
+            )
 
     def _check_link(self) -> None:
         if self.lost is not None:

@@ -40,7 +40,7 @@ class Eye:
 
     def __init__(self, run: Run, config: Looking) -> None:
         self._run, self._config, self.tracker = run, config, run.tracker()
-        self._selected: str | None = None
+        self._selected: tuple[str, int] | None = None  # and in which epoch: an instrument forgets
 
     async def measure(self, name: str, near: Array | None, surprise_m: float) -> Sample[StablePoint]:
         """One try at reflector ``name`` that should be at ``near`` (3,), tracker frame, give or take
@@ -49,9 +49,9 @@ class Eye:
         One of ``AGAIN`` when it cannot be had now.
         """
         config = self._config
-        if name != self._selected:
+        if self._selected != (name, epoch := self.tracker.readings.epoch):
             await self.tracker.select(name)
-            self._selected = name
+            self._selected = name, epoch
         if not self._follows(near):
             await self.find(near)
         found = await self.tracker.measure(config.window_s, config.max_scatter_m, config.measure_timeout_s)

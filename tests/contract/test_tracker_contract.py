@@ -146,19 +146,17 @@ def test_data_that_the_instrument_doubts_are_valid_with_a_warning(subject: Calla
     subject(scene)
 
 
-def test_a_constant_of_another_reflector_is_an_error_of_the_range_alone(
+def test_the_constant_of_another_reflector_gives_no_point_until_one_is_selected_again(
     subject: Callable[[Scene], Any],
 ) -> None:
     async def scene(rig: TrackerRig) -> None:
         await at(rig, "m1")
         await rig.inject("wrong-constant", m=0.0169)
-        point = (await rig.device.measure(WINDOW_S, SCATTER_M, TIMEOUT_S)).value.point
-        true = rig.true("m1")
-        away = np.linalg.norm(true)
-        np.testing.assert_allclose(point, true * (1 + 0.0169 / away), atol=3e-4)
+        assert await failure_of(rig.device.measure(WINDOW_S, SCATTER_M, TIMEOUT_S)) == "TRACKER_SETTING"
+        assert await failure_of(rig.device.measure(WINDOW_S, SCATTER_M, TIMEOUT_S)) == "TRACKER_SETTING"
         await rig.device.select("m1")
         point = (await rig.device.measure(WINDOW_S, SCATTER_M, TIMEOUT_S)).value.point
-        np.testing.assert_allclose(point, true, atol=3e-4)
+        np.testing.assert_allclose(point, rig.true("m1"), atol=3e-4)
 
     subject(scene)
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import re
 import time
 from collections.abc import Callable, Coroutine
 from typing import Any
@@ -136,6 +137,23 @@ def test_a_prism_constant_that_does_not_read_back_is_refused_with_both_numbers(s
         assert "-0.034 mm" in told.detail
         assert "-34.400 mm" in told.detail
         assert (await failure_of(tracker.measure(0.1, 1e-3, 1.0))).name == "TRACKER_SETTING"
+
+    play(subject, scene)
+
+
+def test_a_prism_constant_that_is_changed_at_the_panel_gives_no_point(subject: Instrument) -> None:
+    async def scene(tracker: GeocomTracker) -> None:
+        await found(tracker)
+        await tracker.measure(0.0, 1e-4, 2.0)
+        subject.prism = 0.01
+        told = await failure_of(tracker.measure(0.0, 1e-4, 2.0))
+        assert told.name == "TRACKER_SETTING"
+        assert "10.000 mm" in told.detail
+        assert tracker.health()["reflector"] is None
+        subject.prism = 0.0
+        assert (await failure_of(tracker.measure(0.0, 1e-4, 2.0))).name == "TRACKER_SETTING"
+        await tracker.select("smr1")
+        await tracker.measure(0.0, 1e-4, 2.0)
 
     play(subject, scene)
 
@@ -309,6 +327,11 @@ WAYS: dict[str, tuple[Way, str | None]] = {
     "twice": (lambda r: [r, r], "late"),
     "request damaged": (lambda r: [b"%R1P,3078,0,29446:0\r\n"], None),
 }
+UNCHECKED: dict[str, Way] = {
+    "silence": lambda r: [],
+    "cut": lambda r: [r[:-12] + b"\r\n"],
+    "a digit is none": lambda r: [re.sub(rb"\d\r", b"?\r", r)],
+}
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -323,6 +346,38 @@ def test_a_damaged_reply_costs_a_repetition_and_never_the_point(subject: Instrum
         assert counted is None or tracker.health()[counted] >= 1
 
     play(subject, scene, checksum=True, tracking="off", timeout_s=0.4, distance_timeout_s=0.1)
+
+
+@pytest.mark.parametrize("way", UNCHECKED)
+@pytest.mark.parametrize("rpc", [2167, 2023, 2029, 2008])
+def test_one_bad_reply_without_check_sums_costs_a_repetition_however_long_a_distance_may_take(
+    subject: Instrument, way: str, rpc: int
+) -> None:
+    async def scene(tracker: GeocomTracker) -> None:
+        await found(tracker)
+        subject.damage = spoil(UNCHECKED[way], rpc)
+        sample = await tracker.measure(0.0, 1e-4, 2.0)
+        np.testing.assert_allclose(sample.value.point, TRUTH, atol=1e-12)
+
+        counts = tracker.health()
+        assert counts["timeouts"] + counts["unreadable"] >= 1
+
+    play(subject, scene, tracking="off", timeout_s=0.2, distance_timeout_s=60.0)
+
+
+def test_a_distance_that_takes_longer_than_one_look_is_waited_for(subject: Instrument) -> None:
+    looks = iter(["1285,0,0,0,0,0,0,0,0"])
+
+    async def scene(tracker: GeocomTracker) -> None:
+        await found(tracker)
+        subject.delay_s[2167] = 1.1  # so long it waits before it says that there is none yet
+        subject.answers[2167] = lambda p: next(looks, None) or subject._full()
+        asked = asyncio.create_task(tracker.measure(0.0, 1e-4, 5.0))
+        await until(lambda: len(subject.told(2167)) > 1)
+        subject.delay_s.clear()
+        np.testing.assert_allclose((await asked).value.point, TRUTH, atol=1e-12)
+
+    play(subject, scene, tracking="off", distance_timeout_s=4.0)
 
 
 def test_a_late_reply_is_not_taken_for_the_next(subject: Instrument) -> None:

@@ -19,11 +19,12 @@ Scene = Callable[[ObjectTracker], Coroutine[Any, Any, Any]]
 
 
 def play(scene: Scene, **config: Any) -> Any:
-    """Run ``scene`` with an open tracker."""
+    """Run ``scene`` with an open tracker that is set to smr1."""
 
     async def whole() -> Any:
         subject = ObjectTracker("tracker", ObjectTracker.Config(scenario=SCENARIO, **config), VirtualClock())
         await subject.open()
+        await subject.select("smr1")
         try:
             return await scene(subject)
         finally:
@@ -188,18 +189,38 @@ def test_a_pushed_stand_shows_in_every_reflector() -> None:
     play(scene)
 
 
-def test_a_constant_set_behind_our_back_lengthens_the_range_until_one_is_selected() -> None:
+def test_a_constant_set_behind_our_back_lengthens_the_range_and_gives_no_point_until_one_is_selected() -> (
+    None
+):
     async def scene(subject: ObjectTracker) -> None:
         await subject.select("smr1")
         await subject.find(expected(subject), 5.0)
-        subject.inject("wrong-constant", m=0.01)
-        wrong = (await subject.measure(0.5, 2e-4, 5.0)).value.point
-        true = expected(subject)
-        assert np.linalg.norm(wrong) - np.linalg.norm(true) == pytest.approx(0.01, abs=5e-5)
-        await subject.select("smr1")
+        for after_s in (0.0, 0.3):  # before a measurement, and in the middle of one
+            measuring = asyncio.create_task(fails(subject.measure(0.5, 0.1, 5.0)))
+            await subject.clock.sleep(after_s)
+            subject.inject("wrong-constant", m=0.01)
+            assert await measuring == "TRACKER_SETTING"
+            wrong = subject.readings.latest(1.0).value.point
+            true = expected(subject)
+            assert np.linalg.norm(wrong) - np.linalg.norm(true) == pytest.approx(0.01, abs=1e-4)
+            assert await fails(subject.measure(0.5, 2e-4, 5.0)) == "TRACKER_SETTING"
+            await subject.select("smr1")
         right = (await subject.measure(0.5, 2e-4, 5.0)).value.point
         assert right == pytest.approx(true, abs=5e-5)
         assert await fails(subject.select("smr9")) == "TRACKER_REFLECTOR_UNKNOWN"
+
+    play(scene)
+
+
+def test_nothing_is_measured_before_a_reflector_was_selected_for_this_connection() -> None:
+    async def scene(subject: ObjectTracker) -> None:
+        await subject.find(expected(subject), 5.0)
+        await subject.measure(0.2, 1e-3, 2.0)
+        await subject.close()
+        await subject.open()
+        assert await fails(subject.measure(0.2, 1e-3, 2.0)) == "TRACKER_SETTING"
+        await subject.select("smr1")
+        await subject.measure(0.2, 1e-3, 2.0)
 
     play(scene)
 
@@ -224,6 +245,7 @@ def test_a_lost_link_ends_find_and_measure_at_once() -> None:
             assert await fails(work) == "DEVICE_LOST"
             assert subject.clock.now() - begun < 0.5
             await subject.open()
+            await subject.select("smr1")
 
     play(scene)
 
@@ -244,6 +266,7 @@ def test_after_a_restart_it_follows_nothing_and_may_be_another_instrument() -> N
         await subject.clock.sleep(2.0)
         await subject.open()
         assert await fails(subject.identify()) == "DEVICE_IDENTITY"
+        await subject.select("smr1")
         assert await fails(subject.measure(0.5, 1e-3, 1.0)) == "TRACKER_NO_TARGET"
 
     play(scene, expect_serial="99994400001")
