@@ -34,6 +34,7 @@ HOST = "127.0.51.9"
 IDENTIFIER = 0x185
 RATES_HZ = (200, 1000, 3000)
 SECONDS = 5.0
+WARM_UP_S = 0.5
 RANGE = 1 << 32
 Row = tuple[list[int], list[float], list[float], float]  # positions, arrivals, stamps, processor time
 
@@ -69,10 +70,12 @@ def main() -> None:
         for interface, bus in buses.items():
             for rate in RATES_HZ:
                 for name, work in (("driver", drive), ("Notifier", notify)):
-                    ours.send(rate)
                     here, there = context.Pipe()
                     process = context.Process(target=work, args=(bus, rate, there), daemon=True)
                     process.start()
+                    there.close()
+                    here.recv()  # the bus is open: python-can's gateway bus cannot be on a busy one
+                    ours.send(rate)
                     show(interface, rate, name, here.recv())
                     process.join()
                     ours.send(0)
@@ -104,10 +107,13 @@ def drive(bus: str, rate: int, pipe: Connection) -> None:
     """Our driver."""
 
     async def run() -> None:
-        config = RawCanEncoderConfig(bus=bus, id=IDENTIFIER, period_s=max(1.0 / rate, 0.001))
+        config = RawCanEncoderConfig(
+            bus=bus, id=IDENTIFIER, period_s=max(1.0 / rate, 0.001), lost_after_s=2.0
+        )
         device = RawCanEncoder("belt", config, MonotonicClock())
         await device.open()
-        await device.wait_fresh(2.0)
+        pipe.send("open")
+        await asyncio.sleep(WARM_UP_S)
         positions: list[int] = []
         arrivals: list[float] = []
         stamps: list[float] = []
@@ -141,7 +147,8 @@ def notify(bus: str, rate: int, pipe: Connection) -> None:
 
     opened = _opened(bus)
     notifier = can.Notifier(opened, [take], timeout=0.1)
-    time.sleep(0.3)
+    pipe.send("open")
+    time.sleep(WARM_UP_S)
     positions.clear(), arrivals.clear(), stamps.clear()
     cpu = time.process_time()
     time.sleep(SECONDS)

@@ -243,6 +243,41 @@ def test_a_gateway_that_is_none_is_told_soon(said: str, answers: list[bytes] | N
     asyncio.run(whole())
 
 
+def test_a_gateway_may_send_a_frame_along_with_its_answer() -> None:
+    """python-can's own bus wants the answer alone, and so cannot be opened on a busy bus."""
+
+    opened = asyncio.Event()
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(b"< hi >")
+        await reader.readuntil(b">")
+        writer.write(b"< ok >")
+        await reader.readuntil(b">")
+        writer.write(b"< ok >< frame 321 5.000000 07000000 >< frame 321 5.0")
+        await opened.wait()
+        writer.write(b"05000 08000000 >")
+        await reader.read()
+        writer.close()
+
+    async def whole() -> None:
+        server = await asyncio.start_server(serve, HOST, 0)
+        async with server:
+            port = server.sockets[0].getsockname()[1]
+            config = RawCanEncoderConfig(bus=f"socketcand:{HOST}:{port}/can0", id=0x321)
+            device = RawCanEncoder("belt", config, MonotonicClock())
+            second = asyncio.Event()
+            device.counts.subscribe(lambda sample: second.set() if sample.value.raw == 8 else None)
+            await device.open()
+            opened.set()
+            async with asyncio.timeout(2.0):
+                await second.wait()
+            assert [s.value.raw for s in device.counts.between(0.0, 1e12)] == [7, 8]
+            await device.close()
+        await asyncio.sleep(0.05)  # the other end sees the connection closed
+
+    asyncio.run(whole())
+
+
 def test_a_bus_that_is_not_there_is_told_soon(tmp_path: Path) -> None:
     with socket.create_server((HOST, 0)) as free:
         port = free.getsockname()[1]
