@@ -26,7 +26,8 @@ from procedures.belt.watch import BeltWatch
 
 STEP_S = 0.02  # between decisions
 LEAD_S = 0.012  # from a decision to where it begins to act
-AHEAD_S = 0.06  # what a set-point is good for when no later one comes
+AHEAD_S = 0.05  # the length of a piece, most of which the next one replaces
+SPARE_S = 0.1  # to the end of a second piece, so that a loop that is late once does not end the stream
 CLEAR_SHARE = 0.6  # of the lift, after which the tool may leave sideways
 JOINT_SHARE = 0.9  # of the joints' speed limit that a plan may use; a change of plan needs the rest
 BRAKE_SHARE = 0.95
@@ -84,7 +85,11 @@ class Picker:
                 if not await self._phase(t):
                     return
                 ahead = self._ahead(t, here)
+                self._keep(t)
                 yield self._tool.piece(t, here, t + AHEAD_S, ahead)
+                spare = self._tool.joints(self._leg.at(t + SPARE_S), ahead[0])
+                if self._allows(spare):
+                    yield self._tool.piece(t + AHEAD_S, ahead, t + SPARE_S, spare)
                 await clock.sleep(max(t + STEP_S - LEAD_S - clock.now(), 0.0))
                 t = max(t + STEP_S, clock.now() + LEAD_S)
                 here = self._tool.joints(self._leg.at(t), here[0])
@@ -93,15 +98,26 @@ class Picker:
 
     def _ahead(self, t: float, here: tuple[Array, Array]) -> tuple[Array, Array]:
         """Joints and joint speeds at the end of the next piece; a way that gets too fast is slowed down."""
-        near, limit = here[0] + AHEAD_S * here[1], self._config.limits.joint_speed_rad_s
+        near = here[0] + AHEAD_S * here[1]
         for _ in range(4):
             ahead = self._tool.joints(self._leg.at(t + AHEAD_S), near)
-            if float(np.max(np.abs(ahead[1]))) <= BRAKE_SHARE * limit:
+            if self._allows(ahead):
                 break
             self._share *= 0.8
             slower, old = self._limits.slower(self._share), self._leg
             self._leg = plan(t, old.at(t), old.origin, old.offset, slower)
         return ahead
+
+    def _allows(self, joints: tuple[Array, Array]) -> bool:
+        """Whether no joint is too fast."""
+        limit = BRAKE_SHARE * self._config.limits.joint_speed_rad_s
+        return float(np.max(np.abs(joints[1]))) <= limit
+
+    def _keep(self, t: float) -> None:
+        """This set-point, for whoever looks at the run later."""
+        if (record := self._watch.record) is not None:
+            number = 0 if self._item is None else self._item.number
+            record.goes(t, self._leg.at(t), self._watch.speed(), number)
 
     # -- what is known
 
@@ -143,6 +159,8 @@ class Picker:
         """Keep what became of ``item`` in journal and ledger."""
         assert item.outcome is not None
         run, detail = self._run, life(item)
+        if self._watch.record is not None:
+            self._watch.record.ended(item)
         run.note("decision", event="item", item=item.number, outcome=item.outcome.value, **detail)
         await run.cell.add_item(run, item.number, run.clock.now(), item.outcome.value, detail)
         run.progress(self._watch.queue.counts[Outcome.PICKED], self._config.picks)

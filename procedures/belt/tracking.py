@@ -17,6 +17,7 @@ from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.joints import ToolJoints
 from procedures.belt.outcome import result_of
 from procedures.belt.picker import Picker
+from procedures.belt.record import PickRecord, header_of
 from procedures.belt.sight import Sight
 from procedures.belt.states import CHECKPOINTS, PICKING, PickState
 from procedures.belt.watch import BeltWatch
@@ -56,6 +57,13 @@ class BeltTracking(Procedure):
         await run.enter(S.PREPARE)
         picking = _Picking(self.config, run)
         started = run.clock.now()
+        async with picking.record() as picking.watch.record:
+            await self._watched(run, picking)
+            duration_s = run.clock.now() - started
+        await run.enter(S.REPORT)
+        run.result = result_of(picking.watch, self.config, run.values, duration_s)
+
+    async def _watched(self, run: Run, picking: "_Picking") -> None:
         with picking.watch:
             await picking.camera.set_items(picking.sight.spec())
             try:
@@ -63,8 +71,6 @@ class BeltTracking(Procedure):
                     await picking.go()
             finally:
                 await asyncio.shield(picking.camera.set_items(None))
-        await run.enter(S.REPORT)
-        run.result = result_of(picking.watch, self.config, run.values, run.clock.now() - started)
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """The poses, and what the belt, the zone and the limits make of a pick; nothing moves."""
@@ -90,6 +96,13 @@ class _Picking:
                 raise error(
                     "ARGUMENT_INVALID", f"{key}: the tool leans by {lean:.3f} rad; it must point down"
                 )
+
+    def record(self) -> PickRecord:
+        """Keeps what the run sees and does."""
+        run, encoder = self.run, self.run.encoder()
+        wait = self.tool.state(self.q_wait)
+        header = header_of(self.config, run.values["belt"], encoder, wait)
+        return PickRecord(run.folder, run.clock, encoder, header)
 
     def poses(self) -> list[dict[str, Any]]:
         """Waiting pose and place, as a plan lists them."""

@@ -16,6 +16,7 @@ from cell.poses import Array
 from cell.samples import Sample
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.items import Item, Outcome, Queue, as_sighting
+from procedures.belt.record import PickRecord
 from procedures.belt.sight import Sight
 
 KEEP_M = 0.5  # past the zone, so that nothing already dealt with is taken for new
@@ -42,6 +43,7 @@ class BeltWatch:
         self._encoder, self._camera, self._sight, self._config = encoder, camera, sight, config
         self._frames: deque[Sample[Frame]] = deque()
         self._undo: list[Any] = []
+        self.record: PickRecord | None = None
         flat = self.tracker.direction[:2]
         self._flat_length = float(np.linalg.norm(flat))
         if self._flat_length < 0.5:
@@ -120,6 +122,7 @@ class BeltWatch:
         if forecast.now - frame.t_exposure > LOOK_BACK_S:
             return
         travel = forecast.travel(frame.t_exposure) * self._flat_length
+        rows: list[tuple[int, Array, float]] = []
         for view in frame.items or ():
             seen = self._sight.seen(view)
             xy: Array = seen.point[:2]
@@ -129,3 +132,6 @@ class BeltWatch:
             if item.outcome is None:
                 sighting = as_sighting(seen.point, frame.t_exposure, self._encoder.counts.clock.now())
                 self.tracker.see(item.key, sighting, float(seen.point[2]))
+            rows.append((item.number, seen.point, seen.yaw))
+        if rows and self.record is not None:
+            self.record.saw(frame.t_exposure, frame.seq, rows)
