@@ -22,7 +22,8 @@ _EVENTS = (254, 255)
 class Tpdo:
     """``mappable``: entry of the mapping (index, sub-index, bits) and how to read it at a time.
 
-    The identifier changes only while the PDO is off, the mapping only while it is off and has no entries.
+    The identifier changes only while the PDO is off, the mapping only while it is off and has no entries. The
+    inhibit time is kept and has no effect: nothing here sends faster than its timer.
     """
 
     def __init__(
