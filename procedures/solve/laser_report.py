@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibration.tool_frame.beams import FoundBeams, centre
+from calibration.tool_frame.beams import FoundBeams
+from calibration.tool_frame.centres import centre
 from calibration.tool_frame.checks import Residuals
 from calibration.tool_frame.classic import Classic
 from calibration.tool_frame.crossings import Crossing
