@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.identification.registration import Registration, robust_register
 from cell.devices import StablePoint
@@ -145,7 +146,7 @@ class Sampling:
         if adopted is None:
             return False
         assert self.record.T_base_tracker is not None
-        self.place = registration_of(self.record.T_base_tracker)
+        self._found_at(self.record.T_base_tracker)
         run.note("decision", event="adopted", poses=len(self.record.samples))
         return True
 
@@ -176,10 +177,14 @@ class Sampling:
         if len(measured) < LEAST_POINTS and self._why is not None:
             raise self._why
         p_tracker, p_base = (np.array([m[k] for m in measured]).reshape(-1, 3) for k in (0, 1))
-        self.place = locate(p_tracker, p_base, config.max_locate_error_m)
-        T = pose6_of(self.place)
+        T = pose6_of(locate(p_tracker, p_base, config.max_locate_error_m))
+        self._found_at(T)
         await asyncio.to_thread(self.record.place_tracker, T)
         run.note("decision", event="located", T_base_tracker=T)
+
+    def _found_at(self, T_base_tracker: list[float]) -> None:
+        self.place = registration_of(T_base_tracker)
+        self.space = make_space(self.run.values, self.config, self.noise, T_base_tracker)
 
     def _elsewhere(self, T_planned: Sequence[float]) -> bool:
         assert self.place is not None
@@ -331,7 +336,16 @@ class Sampling:
         assert self.place is not None
         if self.config.swap_by_operator:
             self._mounted = None
-        await self.watch.look(self.place)
+        await self.watch.look(self.place, self._behind_arm())
+
+    def _behind_arm(self) -> NDArray[np.bool_]:
+        """(n,): which monuments the arm hides from the tracker as it stands, by its links."""
+        p = np.array([m.point for m in self.config.monuments.values()]).reshape(-1, 3)
+        guard, view = self.space.guard, self.space.view
+        if guard is None or view is None:
+            return np.zeros(len(p), dtype=bool)
+        ends = guard.capsule_ends(self.arm.now()[None])
+        return view.hidden(p, np.repeat(ends, len(p), axis=0))
 
     # -- the end
 

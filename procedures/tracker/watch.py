@@ -4,6 +4,7 @@ import asyncio
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.identification.registration import Registration
 from cell.devices import StablePoint
@@ -18,6 +19,7 @@ from procedures.tracker.record import SampleRecord
 from procedures.tracker.states import State as S
 
 MONUMENT_TRUST_M = 0.2  # of a monument's place in the config
+MOST_RETRIES = 1  # others can be seen instead
 
 
 class MonumentWatch:
@@ -26,17 +28,21 @@ class MonumentWatch:
     def __init__(self, run: Run, config: TrackerSamplingConfig, eye: Eye, record: SampleRecord) -> None:
         self._run, self._config, self._eye, self._record = run, config, eye, record
 
-    async def look(self, place: Registration) -> None:
+    async def look(self, place: Registration, hidden: NDArray[np.bool_]) -> None:
         """Measure all that can be seen; ``TRACKER_MOVED`` when one is not where the first look saw it.
 
-        The arm may hide some of them, but not all that the first look saw.
+        ``hidden`` (n,) tells which are behind the arm as it stands. Some may be, but not all.
         """
         run, record = self._run, self._record
         await run.enter(S.MONUMENTS, f"after {len(record.samples)} poses")
         first = record.looks[0]["points"] if record.looks else {}
         points: dict[str, Any] = {}
         failure: CellError | None = None
-        for name, monument in self._config.monuments.items():
+        all_hidden = bool(np.all(hidden))
+        for (name, monument), behind in zip(self._config.monuments.items(), hidden, strict=True):
+            if behind and not all_hidden:
+                run.note("decision", event="monument not seen", monument=name, why="the arm is in the way")
+                continue
             near = place.to_tracker(np.array(monument.point)[:, None])[:, 0]
             if name in first:
                 near = np.array(first[name]["p_tracker"])
@@ -64,14 +70,15 @@ class MonumentWatch:
         """The point, or why it could not be had in the end."""
         if self._config.swap_by_operator:
             await self._run.ask(f"Put the reflector on monument {name}, then confirm.")
-        for attempt in range(1, self._config.retries_per_pose + 2):
+        retries = min(self._config.retries_per_pose, MOST_RETRIES)
+        for attempt in range(1, retries + 2):
             try:
                 return await self._eye.measure(name, near, MONUMENT_TRUST_M)
             except CellError as failure:
                 if failure.name not in AGAIN:
                     raise
                 last = failure
-            if attempt <= self._config.retries_per_pose:
+            if attempt <= retries:
                 await self._run.enter(S.REACQUIRE, last.detail)
                 await self._eye.find_again(near)
                 await self._run.enter(S.MONUMENTS, name)

@@ -37,6 +37,7 @@ monument_every = 10
 settle_s = 0.1
 window_s = 0.2
 max_scatter_m = 0.0005
+find_timeout_s = 5.0
 max_predicted_m = 0.01
 T_base_tracker_nominal = {place}
 accept = {{ max_error_m = 0.01, auto = true }}
@@ -48,6 +49,8 @@ half_angle_rad = 0.9
 point = [0.35, 0.35, 0.02]
 [cell.job.tracker-sampling.monuments.m2]
 point = [0.35, -0.35, 0.02]
+[cell.job.tracker-sampling.monuments.m4]
+point = [0.10, -0.60, 0.45]
 """
 STORED = 34
 

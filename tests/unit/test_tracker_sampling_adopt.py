@@ -1,9 +1,11 @@
 """What a killed or stopped sampling leaves is taken over, as long as the tracker stands where it did."""
 
+import json
 from pathlib import Path
 
 import pytest
 
+from cell.errors import CellError
 from fakes.object import run_virtual
 from procedures.tracker.record import SampleRecord
 from tests.object_cell import no_report, open_cell
@@ -14,7 +16,7 @@ pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
 
 
 def test_finished_poses_survive_a_kill_and_are_taken_over(tmp_path: Path) -> None:
-    config = tracker_config(tmp_path, {"poses": 14, "monument_every": 4})
+    config = tracker_config(tmp_path, {"poses": 14, "monument_every": 4}, scenario="palletizer")
 
     async def main() -> None:
         async with open_cell(config, job=JOB) as cell:
@@ -40,7 +42,7 @@ def test_finished_poses_survive_a_kill_and_are_taken_over(tmp_path: Path) -> Non
 
 
 def test_poses_are_not_taken_over_when_the_stand_was_moved_meanwhile(tmp_path: Path) -> None:
-    config = tracker_config(tmp_path, {"poses": 14, "monument_every": 4})
+    config = tracker_config(tmp_path, {"poses": 14, "monument_every": 4}, scenario="palletizer")
 
     async def main() -> None:
         async with open_cell(config, job=JOB) as cell:
@@ -55,3 +57,30 @@ def test_poses_are_not_taken_over_when_the_stand_was_moved_meanwhile(tmp_path: P
             assert "the tracker's stand moved" in end["error"]["text"]
 
     run_virtual(main())
+
+
+# -- what is on disk
+
+LINES = [
+    {"kind": "header", "schema": "cellward.tracker-samples/1", "payload_kg": 1.0},
+    {"kind": "sample", "index": 0, "q": [0.0], "p_tracker": [1, 2, 3], "target": "a", "held_out": False},
+]
+
+
+def test_a_line_that_a_kill_tore_is_left_out(tmp_path: Path) -> None:
+    whole = "".join(json.dumps(line) + "\n" for line in LINES)
+    (tmp_path / "samples.jsonl").write_text(whole + '{"kind": "sample", "ind', "utf-8")
+    record = SampleRecord.read(tmp_path)
+    assert record.header == {"payload_kg": 1.0}
+    assert [s["index"] for s in record.samples] == [0]
+
+
+def test_a_damaged_line_is_named(tmp_path: Path) -> None:
+    (tmp_path / "samples.jsonl").write_text(json.dumps(LINES[0]) + "\nnonsense\n", "utf-8")
+    with pytest.raises(CellError, match=r"samples\.jsonl:2: no line") as caught:
+        SampleRecord.read(tmp_path)
+    assert caught.value.name == "FILE_UNREADABLE"
+
+
+def test_a_run_without_finished_poses_leaves_nothing_to_take_over(tmp_path: Path) -> None:
+    assert SampleRecord.read(tmp_path).samples == []
