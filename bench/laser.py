@@ -21,9 +21,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "unit"))
 from laser_scene import BALL, Bench, beams, data_set
 
 from calibration.tool_frame.classic import solve_classic
+from calibration.tool_frame.lateral import AVERAGING
 from calibration.tool_frame.prediction import predict
 from calibration.tool_frame.scene import Scene
-from calibration.tool_frame.solution import AVERAGING, solve
+from calibration.tool_frame.solution import solve
 from cell.formats.laser import parse_laser
 from cell.poses import Array
 from procedures.solve.laser_data import scene_of

@@ -11,8 +11,9 @@ import numpy as np
 from calibration.tool_frame.beams import find_beams
 from calibration.tool_frame.checks import held_out, own_residuals
 from calibration.tool_frame.classic import Classic, solve_classic
+from calibration.tool_frame.lateral import AVERAGING, INTERVAL
 from calibration.tool_frame.scene import Refusal
-from calibration.tool_frame.solution import AVERAGING, INTERVAL, solve
+from calibration.tool_frame.solution import solve
 from cell.errors import error
 from cell.formats.laser import LaserData
 from cell.formats.result import Result, Warning_

@@ -12,9 +12,10 @@ from calibration.tool_frame.checks import Residuals
 from calibration.tool_frame.classic import Classic
 from calibration.tool_frame.crossings import Crossing
 from calibration.tool_frame.geometry import BEAMS, rotated
+from calibration.tool_frame.lateral import Lateral
 from calibration.tool_frame.meeting import length95
 from calibration.tool_frame.scene import Scene
-from calibration.tool_frame.solution import Lateral, Solution
+from calibration.tool_frame.solution import Solution
 from calibration.tool_frame.ways import UNSEEN_DELAY
 from cell.formats.laser import LaserData
 from cell.formats.result import Result, Warning_

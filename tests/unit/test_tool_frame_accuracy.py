@@ -8,8 +8,9 @@ import pytest
 from laser_scene import APEX, BALL, GRIPPER, IDEAL, PIN, Bench, beams, data_set
 from scipy.spatial.transform import Rotation
 
+from calibration.tool_frame.lateral import AVERAGING
 from calibration.tool_frame.scene import Refusal
-from calibration.tool_frame.solution import AVERAGING, Solution, solve
+from calibration.tool_frame.solution import Solution, solve
 from cell.formats.laser import parse_laser
 from procedures.solve.laser_data import scene_of
 

@@ -1,0 +1,144 @@
+"""What the crossings tell: the unknowns across the beams and the places of the tool's edges."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.tool_frame.averaging import Fit, average, excess, robust
+from calibration.tool_frame.crossings import Crossing, Seen
+from calibration.tool_frame.geometry import BEAMS
+from calibration.tool_frame.models import choose_model, groups_of
+from calibration.tool_frame.posterior import posterior
+from calibration.tool_frame.selection import Selection
+from calibration.tool_frame.system import At, Model, Rows, rows_of
+from calibration.tool_frame.vertical import Vertical
+from cell.poses import Array
+
+INTERVAL, AVERAGING = "interval", "averaging"
+_ROUNDS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Lateral:
+    """What the crossings tell. ``mean`` and ``cov`` are of ``model.names`` and then the edges' places.
+
+    ``rows`` were made with positions read ``tau_read`` s before the polls, linearised ``at``, and with
+    ``height`` added to those above the beams.
+    """
+
+    model: Model
+    rows: Rows
+    mean: Array
+    cov: Array
+    sigma: float
+    effective: float | None
+    fit: Fit
+    at: At
+    height: Mapping[str, float]
+    tau_read: float
+
+    def value(self, name: str) -> float | None:
+        k = self.model.column(name)
+        return None if k is None else float(self.mean[k])
+
+    def deviation(self, name: str) -> float | None:
+        k = self.model.column(name)
+        return None if k is None else float(np.sqrt(self.cov[k, k]))
+
+    @property
+    def linear(self) -> Array:
+        """``mean`` as the rows have it: with the delay that is left after ``tau_read``."""
+        found = np.array(self.mean)
+        found[[k for k, name in enumerate(self.model.names) if name.startswith("tau")]] -= self.tau_read
+        return found
+
+    def edges(self, beam: str) -> Array:
+        """(k,) m: the places of the tool's edges at this beam, in their order along ``n``."""
+        d = len(self.model.names)
+        own = [d + k for k, (name, _) in enumerate(self.rows.labels) if name == beam]
+        found: Array = self.mean[own]
+        return found
+
+
+def rough_delay(seen: Seen, selection: Selection) -> float:
+    """The input's delay (s) by averaging, to read the arm's positions where it was."""
+    crossings = {k: seen.crossings[k] for k in selection.across}
+    if not crossings:
+        return 0.0
+    model = Model(BEAMS)
+    fit, _ = robust(rows_of(crossings, groups_of(crossings), model, At(), {}), model)
+    return float(np.clip(fit.psi[0], -0.5, 0.5))
+
+
+def without_blunders(
+    crossings: Mapping[int, Crossing], height: Mapping[str, float]
+) -> tuple[dict[int, Crossing], dict[int, str]]:
+    """Crossings that agree with the others, and why the rest does not."""
+    left, removed = dict(crossings), dict[int, str]()
+    for _ in range(_ROUNDS):
+        if not left:
+            break
+        model, _ = choose_model(left, height)
+        at = At()
+        for _ in range(2):
+            rows = rows_of(left, groups_of(left), model, at, height)
+            fit, blunder = robust(rows, model)
+            at = _at(model, fit.psi, {})
+        if not np.any(blunder):
+            break
+        for k in set(rows.source[blunder].tolist()):
+            worst = float(np.max(np.abs(fit.rest[rows.source == k])))
+            removed[k] = f"disagrees with the other passes: an edge is {1e3 * worst:.3f} mm off"
+            if _at_the_tip(left[k], fit, rows):
+                removed[k] = f"met the tip alone: its chord of {1e3 * left[k].chord:.2f} mm is short"
+            del left[k]
+    return left, removed
+
+
+def _at_the_tip(c: Crossing, fit: Fit, rows: Rows) -> bool:
+    """Whether a pass near the tool's end saw less than its width: no blunder, but the end's shape."""
+    own = [k for k, (beam, _) in enumerate(rows.labels) if beam == c.source.beam]
+    full = float(fit.e[own[-1]] - fit.e[own[0]])
+    return c.chord < full and -float(np.mean(c.above)) < 0.25 * full
+
+
+def _at(model: Model, psi: Array, along_w: Mapping[str, float]) -> At:
+    value = dict(zip(model.names, psi, strict=True))
+    return At(
+        {b: value[f"tilt {b}"] for b in model.tilts},
+        {b: value[f"own tilt {b}"] for b in model.own_tilts},
+        {g: value[f"shift {g}"] for g in model.shifts},
+        along_w,
+    )
+
+
+def solve_lateral(
+    crossings: Mapping[int, Crossing], vertical: Vertical, tau: float, method: str, points: int
+) -> tuple[Lateral, At, list[tuple[str, str]]]:
+    """What ``crossings``, read ``tau`` s before the polls, tell; where they were linearised; and warnings."""
+    height = vertical.height
+    model, warnings = choose_model(crossings, height)
+    groups = groups_of(crossings)
+    at = At()
+    for _ in range(_ROUNDS):
+        rows = rows_of(crossings, groups, model, at, height)
+        fit = average(rows, model)
+        noise = excess(rows, fit.rest, np.ones(len(rows.low)))
+        fit = average(rows, model, None, noise)
+        at = _at(model, fit.psi, {})
+        z, _ = vertical.along(at, {})
+        moved = vertical.displacement(at, z)
+        along_w = {b: float(vertical.frames[b].w @ moved) for b in BEAMS}
+        at = _at(model, fit.psi, along_w)
+    rows = rows_of(crossings, groups, model, at, height)
+    found = None if method == AVERAGING else posterior(rows, model, fit, noise, points)
+    if found is None:
+        mean, cov, sigma, effective = np.concatenate([fit.psi, fit.e]), fit.cov, noise, None
+    else:
+        mean, cov, sigma, effective = found.mean.copy(), found.cov, found.sigma, found.effective
+        at = _at(model, mean[: len(model.names)], along_w)
+    delays = [k for k, name in enumerate(model.names) if name.startswith("tau")]
+    mean = np.array(mean)
+    mean[delays] += tau
+    return Lateral(model, rows, mean, cov, sigma, effective, fit, at, height, tau), at, warnings
