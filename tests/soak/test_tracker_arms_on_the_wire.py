@@ -51,7 +51,7 @@ def test_an_arm_comes_from_millimetres_to_fifty_micrometres_on_the_wire(name: st
     off = rms(true_errors(World.from_scenario(Scenario.load(name)), result, elsewhere))
     read, own = accuracy["after"], result["heldout"]["tracker_3d"]
     print(
-        f"{name}: {1e3 * accuracy['before']:.3f} mm before; {1e3 * off:.4f} mm off the truth, {1e3 * read:.4f} mm "
-        f"off the tracker's readings (sqrt(3) sigma: {1e3 * own:.4f} mm)"
+        f"{name}: {1e3 * accuracy['before']:.3f} mm before; {1e3 * off:.4f} mm off the truth, "
+        f"{1e3 * read:.4f} mm off the readings (sqrt(3) sigma: {1e3 * own:.4f} mm)"
     )
     assert off <= 0.00005
