@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+from procedures.report.belt import BELT_TRACKING
+from procedures.report.belt_calibration import BELT_CALIBRATION
 from procedures.report.hand_eye import HAND_EYE
 from procedures.report.html import Html
 from procedures.report.iso9283 import ISO9283
@@ -31,6 +33,8 @@ PLAIN = Layout(
     page=_plain_page,
 )
 LAYOUTS: dict[str, Layout[Any]] = {
+    "belt-calibration": BELT_CALIBRATION,
+    "belt-tracking": BELT_TRACKING,
     "hand-eye": HAND_EYE,
     "iso9283": ISO9283,
     "kincal": KINCAL,

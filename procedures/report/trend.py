@@ -24,6 +24,7 @@ _PANELS = (
     ("tracker.drift_m", "drift of the monuments"),
     ("iso9283.AP_m", "AP, worst pose"),
     ("iso9283.RP_m", "RP, worst pose"),
+    ("belt.m_per_count", "m of the belt for one count"),
 )
 
 
