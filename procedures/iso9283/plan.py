@@ -17,6 +17,7 @@ from cell.poses import Array, from_pose6, to_pose6
 from procedures.arm_setup import lease_settings
 from procedures.iso9283.config import Iso9283Config
 
+SAME_LOAD_KG = 1e-3  # an arm bends under its load: a calibration holds for the one it was made with
 ORDER = ("P5", "P4", "P3", "P2", "P1")  # one cycle: every pose is always reached from the same one
 
 
@@ -40,13 +41,23 @@ class IsoPlan:
 
 
 def kinematics_of(values: Mapping[str, Any], config: Iso9283Config) -> Mapping[str, Any] | None:
-    """The calibrated arm in effect if the config wants it; ``ISO9283_NO_KINEMATICS`` when there is none."""
+    """The calibrated arm in effect if the config wants it; ``ISO9283_NO_KINEMATICS`` when there is none.
+
+    ``PAYLOAD_DIFFERS`` when it was measured with another load than the arm has now.
+    """
     if not (config.corrected or config.registration == "kinematics"):
         return None
     found: Mapping[str, Any] | None = (values.get("kinematics") or {}).get("arm")
     if found is None:
         wanted = "corrected = true" if config.corrected else "registration = 'kinematics'"
         raise error("ISO9283_NO_KINEMATICS", f"{wanted}, and no kinematics of the arm is in effect")
+    load = found.get("payload_kg")
+    if load is not None and abs(load - float(values["payload_kg"])) > SAME_LOAD_KG:
+        raise error(
+            "PAYLOAD_DIFFERS",
+            f"the kinematics in effect were measured with {load:g} kg, [robot] payload_kg is "
+            f"{values['payload_kg']:g} kg",
+        )
     return found
 
 

@@ -11,6 +11,8 @@ from calibration.kinematics import UrArm
 from calibration.kinematics.families import arm_spec, robot_document
 from cell.errors import CellError
 from cell.formats.robot import parse_robot
+from procedures.iso9283.config import Iso9283Config
+from procedures.iso9283.plan import kinematics_of
 
 
 def test_a_controller_that_inverts_its_own_model_then_brings_the_true_flange_there() -> None:
@@ -48,3 +50,12 @@ def test_a_pose_out_of_reach_is_refused_with_its_place() -> None:
     with pytest.raises(CellError, match=r"5\.000, 0\.000, 0\.000") as caught:
         corrected_flange_target(far, np.array([0.0, -1.5, 1.5, -1.5, -1.5, 0.0]), chain, chain)
     assert caught.value.name == "MOTION_UNREACHABLE"
+
+
+def test_kinematics_of_another_payload_do_not_correct() -> None:
+    config = Iso9283Config.model_construct(corrected=True, registration="fit")
+    values = {"kinematics": {"arm": {"payload_kg": 2.0, "robot": {"model": "ur10e"}}}, "payload_kg": 2.0}
+    assert kinematics_of(values, config) is values["kinematics"]["arm"]  # type: ignore[index]
+    with pytest.raises(CellError, match=r"measured with 2 kg, \[robot\] payload_kg is 5\.5 kg") as caught:
+        kinematics_of({**values, "payload_kg": 5.5}, config)
+    assert caught.value.name == "PAYLOAD_DIFFERS"
