@@ -34,8 +34,8 @@ def outcomes_section(source: BeltSource) -> Html | None:
         keep = np.unique(np.linspace(0, len(ends) - 1, min(len(ends), _MOST)).astype(int))
         fig.add_trace(
             go.Scatter(
-                x=ends[keep],
-                y=keep + 1,
+                x=[0.0, *ends[keep]],
+                y=[0, *(keep + 1)],
                 mode="lines+markers",
                 line={"shape": "hv", "color": PALETTE[k % len(PALETTE)], "width": 1.4},
                 marker={"size": 4},

@@ -13,7 +13,7 @@ from procedures.report.html import Html, absent, note, section
 from procedures.report.numbers import dig, number
 from procedures.report.source import Source
 
-_UNITS = {"_s": (1e3, "ms"), "_m": (1e3, "mm"), "_rad": (180.0 / math.pi, "°")}
+_UNITS = {"_per_count": (1e6, "µm"), "_s": (1e3, "ms"), "_m": (1e3, "mm"), "_rad": (180.0 / math.pi, "°")}
 _PANELS = (
     ("beams.latency_s", "delay of the beams"),
     ("beams.hysteresis_m", "hysteresis of the beams"),
@@ -24,7 +24,7 @@ _PANELS = (
     ("tracker.drift_m", "drift of the monuments"),
     ("iso9283.AP_m", "AP, worst pose"),
     ("iso9283.RP_m", "RP, worst pose"),
-    ("belt.m_per_count", "m of the belt for one count"),
+    ("belt.m_per_count", "one count of the belt"),
 )
 
 
