@@ -91,7 +91,8 @@ class BeltEstimator:
         history.add(t, n - self._zero, self.frames.add(t))
         if (k + 1) % _SPEED_EACH == 0 and k >= _SPEED_EACH:
             before = history.at(k - _SPEED_EACH)
-            self._speeds.add(t, (n - self._zero - before[1]) / max(t - before[0], 1e-6))
+            if t - before[0] > 0.5 * _SPEED_EACH * self.encoder.period:  # a burst's stamps tell no speed
+                self._speeds.add(t, (n - self._zero - before[1]) / (t - before[0]))
 
     def forecast(self) -> Forecast | None:
         """The travel from here on, with its uncertainty; None with fewer than two counts or no time

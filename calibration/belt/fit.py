@@ -19,6 +19,7 @@ _NEW = 30  # frames
 _SMALLEST = (5, 7)  # frames for a line and for a parabola
 _GROWTH = 1.4
 _NEWEST = 8  # frames
+_UNKNOWN = 1e12  # counts^2
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,12 @@ def longest(s: Array, n: Array, order: int, judge: Judge) -> Window:
 
 
 def _window(s: Array, n: Array, frames: int, order: int, judge: Judge) -> Window:
-    c, cov, residual = polynomial(s[-frames:], n[-frames:], order, judge.sigma)
+    try:
+        c, cov, residual = polynomial(s[-frames:], n[-frames:], order, judge.sigma)
+    except np.linalg.LinAlgError:  # frames of a burst may carry one stamp: a place and no speed
+        c, cov = np.zeros(order + 1), np.eye(order + 1) * _UNKNOWN
+        c[0] = n[-1]
+        return Window(c, cov, frames, -float(s[-frames]), False)
     return Window(c, cov, frames, -float(s[-frames]), judge.passes(residual, float(c[1])))
 
 

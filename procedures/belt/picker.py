@@ -85,11 +85,12 @@ class Picker:
                 if not await self._phase(t):
                     return
                 ahead = self._ahead(t, here)
-                self._keep(t)
-                yield self._tool.piece(t, here, t + AHEAD_S, ahead)
                 spare = self._tool.joints(self._leg.at(t + SPARE_S), ahead[0])
-                if self._allows(spare):
-                    yield self._tool.piece(t + AHEAD_S, ahead, t + SPARE_S, spare)
+                self._keep(t)
+                if clock.now() < t + AHEAD_S - LEAD_S:  # a piece that is over would only end the one in use
+                    yield self._tool.piece(t, here, t + AHEAD_S, ahead)
+                    if self._allows(spare):
+                        yield self._tool.piece(t + AHEAD_S, ahead, t + SPARE_S, spare)
                 await clock.sleep(max(t + STEP_S - LEAD_S - clock.now(), 0.0))
                 t = max(t + STEP_S, clock.now() + LEAD_S)
                 here = self._tool.joints(self._leg.at(t), here[0])

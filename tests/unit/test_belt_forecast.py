@@ -145,6 +145,21 @@ def test_one_count_gives_no_forecast_and_two_give_one() -> None:
     assert forecast.speed(0.005) == pytest.approx(0.2)
 
 
+@pytest.mark.parametrize("held", [3, 9, 20])
+def test_a_burst_of_frames_with_one_stamp_breaks_no_forecast(held: int) -> None:
+    belt, last = Belt("constant", 4, v=0.15), -1.0
+    for at in range(300, 2000, 171):
+        belt.stamps[at - held : at + 1] = belt.stamps[at]
+    bursts = belt.stamps[range(300, 2000, 171)]
+    for t in np.arange(0.05, 7.0, 0.017):
+        belt.until(float(t))
+        forecast = belt.estimator.forecast()
+        last = max([last, *bursts[bursts <= t]])
+        if forecast is not None and t - last > 0.5:
+            true = np.interp(t + 0.1, belt.grid, belt.x) - np.interp(t - 0.15, belt.grid, belt.x)
+            assert t < 3.0 or abs(forecast.travel(t + 0.1) - forecast.travel(t - 0.15) - true) < 1e-3
+
+
 def test_a_count_from_the_past_is_dropped_and_counted() -> None:
     subject = BeltEstimator(Encoder(M_PER_COUNT, None, PERIOD))
     subject.extend([(0.0, 0), (0.005, 10), (0.002, 4), (0.010, 20)])
