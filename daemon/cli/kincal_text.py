@@ -24,7 +24,13 @@ def kincal_lines(result: Mapping[str, Any], answer: Mapping[str, Any]) -> list[s
             f"  {aside['samples']} poses were set aside before solving: nominal {mm(off['nominal'])}, "
             f"registration only {mm(off['registration_only'])}, calibrated {mm(off['calibrated'], 4)}"
         )
-    if looked := ((result.get("inputs") or {}).get("sampling") or {}).get("monuments"):
+    sampling = (result.get("inputs") or {}).get("sampling") or {}
+    if stored := sampling.get("stored"):
+        lines.append(
+            f"  {sampling['measured']} poses were measured and {sampling['set_aside']} of them set aside;"
+            f" the rest was solved together with {stored['samples']} of a stored set"
+        )
+    if looked := sampling.get("monuments"):
         lines.append(
             f"  monuments moved by {mm(looked['max_moved_m'])} at most, the limit is {mm(looked['limit_m'])}"
         )

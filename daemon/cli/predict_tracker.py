@@ -10,7 +10,9 @@ from daemon.config import CellConfig
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.plan import PlanRequest, plan_sampling
 from procedures.tracker.procedure import check_payload
-from procedures.tracker.space import make_space
+from procedures.tracker.sampling import payload_of
+from procedures.tracker.space import make_space, robot_of
+from procedures.tracker.stored import load_stored
 
 TRACKER = {"sigma0": 15e-6, "sigma_per_m": 6e-6}  # of today's trackers, where the driver's section is silent
 
@@ -30,7 +32,9 @@ def predict_tracker(config: CellConfig, job: TrackerSamplingConfig) -> dict[str,
     try:
         check_payload(job, values)
         q = _start(config, job, values, noise)
-        request = PlanRequest(values, job.model_dump(), noise, job.T_base_tracker_nominal, q)
+        stored = load_stored(job, robot_of(values, job), payload_of(job, values))
+        entries = [] if stored is None else stored.entries()
+        request = PlanRequest(values, job.model_dump(), noise, job.T_base_tracker_nominal, q, stored=entries)
         plan = plan_sampling(request).listing
     except CellError as exc:
         fix = f" {exc.hint}" if isinstance(exc, AbortError) else ""
@@ -58,6 +62,7 @@ def predict_tracker(config: CellConfig, job: TrackerSamplingConfig) -> dict[str,
 def _words(job: TrackerSamplingConfig, plan: dict[str, Any], assumed: str) -> str:
     predicted, rule = plan["predicted"], plan["source_rule"]
     sight = "" if job.T_base_tracker_nominal is not None else ", wherever the tracker stands"
+    stored = f", {plan['stored']} of a stored set are solved with the others" if plan["stored"] else ""
     random = predicted["random_rms_m"]
     against = "" if random is None else f" ({mm(random, 4)} after as many random poses)"
     kept = (
@@ -67,10 +72,10 @@ def _words(job: TrackerSamplingConfig, plan: dict[str, Any], assumed: str) -> st
     )
     return (
         f"{len(plan['poses'])} of {job.poses} poses are reached and seen{sight}, {job.held_out} of them are "
-        f"set aside; predictions elsewhere will be {mm(predicted['rms_m'], 4)} off (RMS){against}, 95 % of "
-        f"them less than {mm(predicted['error_95_max_m'], 4)} at the worst place, with {assumed}; rank "
-        f"{plan['rank']} of {plan['rank_possible']} possible; the source's rule of 50 poses and 15 degrees "
-        f"{kept}"
+        f"set aside{stored}; predictions elsewhere will be {mm(predicted['rms_m'], 4)} off (RMS){against}, "
+        f"95 % of them less than {mm(predicted['error_95_max_m'], 4)} at the worst place, with {assumed}; "
+        f"rank {plan['rank']} of {plan['rank_possible']} possible; the source's rule of 50 poses and "
+        f"15 degrees {kept}"
     )
 
 

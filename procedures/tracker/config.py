@@ -1,5 +1,6 @@
 """What an integrator can set for the sampling of an arm with a laser tracker."""
 
+from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -8,6 +9,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 Two = Annotated[list[float], Field(min_length=2, max_length=2)]
 Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 Six = Annotated[list[float], Field(min_length=6, max_length=6)]
+
+
+LEAST_WITH_SET = 3  # monuments: fewer do not show every way in which a stand can move
 
 
 class _Strict(BaseModel):
@@ -137,6 +141,11 @@ class TrackerSamplingConfig(_Strict):
         le=0.1,
         description="95 % of errors at the plan's worst place; beyond, nothing moves",
     )
+    with_set: str | None = Field(
+        default=None,
+        description="kincal.json of an earlier run (its full path): its poses are solved together with these."
+        " Same arm, reflectors and load, and monuments must show that the tracker was not moved since",
+    )
     max_duration_s: float = Field(default=4 * 3600.0, gt=0)
     accept: Acceptance = Field(default_factory=lambda: Acceptance())
 
@@ -153,6 +162,12 @@ class TrackerSamplingConfig(_Strict):
             raise ValueError("joint_ranges_rad is missing; an observed arm's joints have no known limits")
         if self.arm == "observed_arm" and self.payload_kg is None:
             raise ValueError("payload_kg is missing; [robot] payload_kg is that of the arm that is moved")
+        if self.with_set is not None and not Path(self.with_set).is_absolute():
+            raise ValueError(f"with_set is '{self.with_set}'; give the full path of the file")
+        if self.with_set is not None and len(self.monuments) < LEAST_WITH_SET:
+            raise ValueError(
+                f"with_set needs {LEAST_WITH_SET} monuments, which tell that the tracker still stands there"
+            )
         for k, (low, high) in enumerate(self.joint_ranges_rad or ()):
             if not low <= high:
                 raise ValueError(f"joint_ranges_rad[{k}] is [low, high]; {low:g} is above {high:g}")

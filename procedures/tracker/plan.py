@@ -41,7 +41,8 @@ _AHEAD = 1.0 + 1e-9
 @dataclass(frozen=True)
 class PlanRequest:
     """What a plan is made from. ``measured`` are poses that a run before this one finished: joints, reflector
-    and whether it was set aside. ``T_base_tracker`` None: nobody knows yet where the tracker stands.
+    and whether it was set aside. ``stored`` are joints and reflectors of a set that is solved with them.
+    ``T_base_tracker`` None: nobody knows yet where the tracker stands.
     """
 
     values: dict[str, Any]
@@ -50,6 +51,7 @@ class PlanRequest:
     T_base_tracker: list[float] | None
     q_start: list[float]
     measured: list[tuple[list[float], str, bool]] = field(default_factory=list)
+    stored: list[tuple[list[float], str]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -96,10 +98,11 @@ class _Planner:
         self._rng = np.random.default_rng(0)
         self._start = np.array(request.q_start, dtype=float)
         names = list(config.reflectors)
-        solving = [(q, names.index(name)) for q, name, aside in request.measured if not aside]
+        solving = [(q, name) for q, name, aside in request.measured if not aside]
+        done = [*request.stored, *solving]
         joints = space.spec.arm.joints
-        self._done_q = np.array([q for q, _ in solving], dtype=float).reshape(len(solving), joints)
-        self._done_target = np.array([k for _, k in solving], dtype=np.int64)
+        self._done_q = np.array([q for q, _ in done], dtype=float).reshape(len(done), joints)
+        self._done_target = np.array([names.index(name) for _, name in done], dtype=np.int64)
         self._candidates: tuple[Array, Targets] = self._done_q[:0], self._done_target[:0]
         aside = sum(held for _, _, held in request.measured)
         self._held = max(config.held_out - aside, 0)
@@ -135,6 +138,7 @@ class _Planner:
             "rank_possible": observed.rank_possible,
             "unidentifiable": list(observed.unidentifiable),
             "source_rule": _rule_entry(rule),
+            "stored": len(self._request.stored),
             "not_possible": space.why_not(),
             "lost": lost,
             "T_base_tracker": self._request.T_base_tracker,

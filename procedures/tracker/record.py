@@ -7,7 +7,7 @@ and what was set aside to judge it.
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -80,12 +80,14 @@ class SampleRecord:
         """Samples since the last look at the monuments."""
         return len(self.samples) - int(self.looks[-1]["after"] if self.looks else 0)
 
-    def write_data_sets(self, notes: Mapping[str, Any]) -> Path:
-        """``kincal.json`` and ``heldout.json``; returns the path of the first."""
+    def write_data_sets(self, notes: Mapping[str, Any], stored: Sequence[Mapping[str, Any]] = ()) -> Path:
+        """``kincal.json``, with what is ``stored`` of another set, and ``heldout.json``; the first's path."""
         for name, aside in ((HELD_OUT_FILE, True), (DATA_FILE, False)):
             samples = [
                 {k: v for k, v in s.items() if k not in _OWN} for s in self.samples if s["held_out"] is aside
             ]
+            if not aside:
+                samples += [{**s, "index": len(self.samples) + k} for k, s in enumerate(stored)]
             data = {"schema": SCHEMA, **self.header, "samples": samples, "notes": dict(notes)}
             write_atomic(self.folder / name, to_json(data, indent=1) + "\n")
         return self.folder / DATA_FILE

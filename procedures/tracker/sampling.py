@@ -25,6 +25,7 @@ from procedures.tracker.plan import PlanRequest, SamplingPlan, Visit, measured_e
 from procedures.tracker.record import SampleRecord
 from procedures.tracker.space import Space, make_space, robot_of
 from procedures.tracker.states import State as S
+from procedures.tracker.stored import StoredSet, load_stored
 from procedures.tracker.watch import MonumentWatch
 
 LOST_IN_A_ROW = 5
@@ -51,6 +52,7 @@ class Sampling:
         if config.T_base_tracker_nominal is not None:
             self.place = registration_of(config.T_base_tracker_nominal)
         self.listing: dict[str, Any] = {}
+        self._stored: StoredSet | None = None
         self._mounted: str | None = None
         self._lost: list[tuple[Visit, str]] = []
 
@@ -96,6 +98,7 @@ class Sampling:
 
     async def plan(self) -> SamplingPlan:
         """The plan as it would be now; nothing moves."""
+        stored = await self._stored_set()
         place = None if self.place is None else pose6_of(self.place)
         values = {k: v for k, v in self.run.values.items() if k not in ("laser_reference", "kinematics")}
         request = PlanRequest(
@@ -105,6 +108,7 @@ class Sampling:
             T_base_tracker=place,
             q_start=[float(v) for v in self.arm.now()],
             measured=measured_entries(self.record.samples),
+            stored=[] if stored is None else stored.entries(),
         )
         return await self.run.worker.call(plan_sampling, request)
 
@@ -116,6 +120,18 @@ class Sampling:
         plan = await self.plan()
         self.run.note("decision", event="plan", plan=plan.listing)
         return plan
+
+    async def _stored_set(self) -> StoredSet | None:
+        """Read once: it shall not change while the run goes on."""
+        if self._stored is None and self.config.with_set is not None:
+            robot, payload_kg = (
+                robot_of(self.run.values, self.config),
+                payload_of(self.config, self.run.values),
+            )
+            self._stored = await asyncio.to_thread(load_stored, self.config, robot, payload_kg)
+            assert self._stored is not None
+            self.run.note("decision", event="stored set", poses=len(self._stored.samples))
+        return self._stored
 
     def _batches(self, visits: Sequence[Visit]) -> list[list[Visit]]:
         """Poses between two looks at the monuments, or between two places of a carried reflector."""
@@ -337,6 +353,8 @@ class Sampling:
         if self.config.swap_by_operator:
             self._mounted = None
         await self.watch.look(self.place, self._behind_arm())
+        if self._stored is not None:
+            self._stored.require_same_stand(self.record.looks[0]["points"], self.config.max_drift_m)
 
     def _behind_arm(self) -> NDArray[np.bool_]:
         """(n,): which monuments the arm hides from the tracker as it stands, by its links."""
@@ -351,7 +369,7 @@ class Sampling:
 
     def facts(self) -> dict[str, Any]:
         """What a result says of the way it was measured; in the data sets, so that replay says the same."""
-        record, config = self.record, self.config
+        record, config, stored = self.record, self.config, self._stored
         return {
             "arm": self.arm.name,
             "role": config.arm,
@@ -362,13 +380,16 @@ class Sampling:
             "lost": [{"q": visit.q, "target": visit.reflector, "why": why} for visit, why in self._lost],
             "T_base_tracker": record.T_base_tracker,
             "predicted": self.listing.get("predicted"),
+            "stored": stored and {"path": str(stored.path), "samples": len(stored.samples)},
             "reflectors": {name: list(r.point) for name, r in config.reflectors.items()},
+            "monument_points": record.looks[0]["points"] if record.looks else {},
             "monuments": drift_summary(record.looks, config.max_drift_m, len(record.samples)),
         }
 
     def write(self) -> Path:
         """The data sets of what was measured; blocks on the disk."""
-        return self.record.write_data_sets({"sampling": self.facts()})
+        stored = [] if self._stored is None else self._stored.samples
+        return self.record.write_data_sets({"sampling": self.facts()}, stored)
 
 
 def payload_of(config: TrackerSamplingConfig, values: dict[str, Any] | Any) -> float:

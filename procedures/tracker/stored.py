@@ -1,0 +1,80 @@
+"""Poses measured earlier that are solved together with a run's own, so that fewer have to be measured.
+
+That holds only for the same arm, reflectors and load, seen by a tracker that has not been moved since: its
+readings are in the tracker's own frame. The monuments that both have seen vouch for that.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cell.errors import CellError, error
+from procedures.solve.kincal_data import read_kincal
+from procedures.tracker.config import LEAST_WITH_SET, TrackerSamplingConfig
+from procedures.tracker.monuments import compare, moved_text
+
+SAME_LOAD_KG = 1e-3
+
+
+@dataclass(frozen=True)
+class StoredSet:
+    """``samples`` as in ``cellward.kincal/1``; ``monuments`` as the first look of their run saw them."""
+
+    path: Path
+    samples: list[dict[str, Any]]
+    monuments: dict[str, Any]
+
+    def entries(self) -> list[tuple[list[float], str]]:
+        """Joints and reflector of each pose, for a plan."""
+        return [(s["q"], s["target"]) for s in self.samples]
+
+    def require_same_stand(self, look: Mapping[str, Any], limit_m: float) -> None:
+        """``TRACKER_MOVED`` when the monuments of a ``look`` are not where the set has them."""
+        moved = compare(self.monuments, look)
+        if len(moved) < LEAST_WITH_SET:
+            names = ", ".join(self.monuments) or "none"
+            raise self._refused(
+                f"{len(moved)} of its monuments ({names}) were seen now, {LEAST_WITH_SET} are needed to tell "
+                "that the tracker still stands where it stood"
+            )
+        if (text := moved_text(moved, limit_m)) is not None:
+            raise error("TRACKER_MOVED", f"{text} of {self.path}, so its poses cannot be used with today's")
+
+    def _refused(self, why: str) -> CellError:
+        return error("TRACKER_SET_REFUSED", f"{self.path}: {why}")
+
+
+def load_stored(
+    config: TrackerSamplingConfig, robot: Mapping[str, Any], payload_kg: float
+) -> StoredSet | None:
+    """The set that ``with_set`` names, None without one; reads the disk.
+
+    ``TRACKER_SET_REFUSED`` when it is of another arm, other reflectors or another load than ``robot`` and
+    ``payload_kg``; an ``InputError`` when it is no data set.
+    """
+    if config.with_set is None:
+        return None
+    path, data = read_kincal(Path(config.with_set))
+    samples = [
+        {**s.model_dump(include={"q", "p_tracker", "target"}), "notes": "stored"}
+        for s in data.samples
+        if s.p_tracker is not None and None not in s.p_tracker
+    ]
+    facts = (data.notes or {}).get("sampling") or {}
+    stored = StoredSet(path, samples, facts.get("monument_points") or {})
+    if not _alike(data.robot or {}, robot):
+        raise stored._refused("its robot, or a reflector on it, is not this cell's")
+    if data.payload_kg is None or abs(data.payload_kg - payload_kg) > SAME_LOAD_KG:
+        raise stored._refused(f"its payload_kg is {data.payload_kg}, and here it is {payload_kg:g}")
+    if strange := sorted({str(s["target"]) for s in samples} - set(config.reflectors)):
+        raise stored._refused(f"target '{strange[0]}' is no reflector of the job")
+    return stored
+
+
+def _alike(a: Mapping[str, Any], b: Mapping[str, Any]) -> bool:
+    """Whether two ROBOTs are one; a calibration, which the controller tells, counts where both have it."""
+    keys = set(a) | set(b)
+    if not ("calibration" in a and "calibration" in b):
+        keys.discard("calibration")
+    return all(a.get(key) == b.get(key) for key in keys)
