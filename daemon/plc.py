@@ -98,9 +98,14 @@ class PlcFace:
             log.warning("the PLC's heartbeat is lost: the job holds")
 
     def snapshot(self) -> dict[str, Any]:
-        """The status block by register name."""
+        """The status block by register name.
+
+        A result names its run: once the next one begins, what the last one found is shown no more.
+        """
         engine, status = self._engine, self._engine.status()
-        last = engine.last if engine.last and engine.last["run_id"] != self._acknowledged_run else None
+        last = engine.last if engine.packml in WAITING else None
+        if last is not None and last["run_id"] == self._acknowledged_run:
+            last = None
         answer = (last or {}).get("result") or {}
         found = answer.get("result") or {}
         prompt = status["prompt"]

@@ -116,6 +116,23 @@ def test_result_bits_stay_until_they_are_acknowledged(tmp_path: Path) -> None:
     on_a_panel(write_config(tmp_path), script)
 
 
+def test_figures_of_the_last_run_are_not_shown_beside_the_number_of_the_next(tmp_path: Path) -> None:
+    async def script(cell: ObjectCell, panel: Panel) -> None:
+        await panel.run_to_the_end()
+        assert panel.has(bits.RESULT_VALID)
+        assert panel.read("predicted_95_m") > 0.0
+        assert await panel.send(START, job=1) == ACCEPTED
+        assert panel.read("run_id") == 2
+        assert panel.has(bits.BUSY)
+        assert not panel.has(bits.RESULT_VALID)
+        assert panel.read("predicted_95_m") == 0.0
+        assert await panel.send(ABORT) == ACCEPTED
+        await cell.until(lambda: not panel.has(bits.BUSY), "the end")
+        assert (panel.read("run_id"), panel.read("predicted_95_m")) == (2, 0.0)
+
+    on_a_panel(write_config(tmp_path), script)
+
+
 def test_a_run_that_solved_nothing_shows_no_result(tmp_path: Path) -> None:
     async def script(cell: ObjectCell, panel: Panel) -> None:
         await panel.send(START, job=1)
