@@ -43,7 +43,8 @@ class IsoPlan:
 def kinematics_of(values: Mapping[str, Any], config: Iso9283Config) -> Mapping[str, Any] | None:
     """The calibrated arm in effect if the config wants it; ``ISO9283_NO_KINEMATICS`` when there is none.
 
-    ``PAYLOAD_DIFFERS`` when it was measured with another load than the arm has now.
+    So when it is of an arm with another drawing or factory calibration; ``PAYLOAD_DIFFERS`` when it was
+    measured with another load than the arm has now.
     """
     if not (config.corrected or config.registration == "kinematics"):
         return None
@@ -58,7 +59,19 @@ def kinematics_of(values: Mapping[str, Any], config: Iso9283Config) -> Mapping[s
             f"the kinematics in effect were measured with {load:g} kg, [robot] payload_kg is "
             f"{values['payload_kg']:g} kg",
         )
+    believed = found.get("controller")
+    if believed is not None and _arm_alone(believed) != _arm_alone(values["robot"]):
+        raise error(
+            "ISO9283_NO_KINEMATICS",
+            "the kinematics in effect are of another arm: its model or factory calibration is not what this "
+            "arm's controller believes",
+        )
     return found
+
+
+def _arm_alone(robot: Mapping[str, Any]) -> dict[str, Any]:
+    """A ROBOT without what is on its flange and how well it is believed."""
+    return {key: value for key, value in robot.items() if key not in ("tool", "prior")}
 
 
 def point_of(values: Mapping[str, Any], config: Iso9283Config) -> list[float]:

@@ -17,6 +17,7 @@ from cell.store.files import read_json
 from daemon.cli.predict_iso9283 import predict_iso9283
 from daemon.cli.replay import differences
 from daemon.config import CellConfig
+from daemon.values import robot_spec
 from fakes.object import run_virtual
 from fakes.scenario import Scenario
 from procedures.iso9283.config import Iso9283Config
@@ -280,6 +281,23 @@ def test_what_is_missing_is_refused_before_anything_moves(
             assert failure.name == name
             assert told in str(failure)
             assert cell.engine.run is None
+
+    run_virtual(main())
+
+
+@pytest.mark.parametrize("change", [{"model": "ur5e"}, {"calibration": {"delta_a": [0.001] * 6}}])
+def test_kinematics_of_an_arm_that_was_replaced_are_refused(tmp_path: Path, change: dict[str, Any]) -> None:
+    async def main() -> None:
+        async with open_cell(iso_config(tmp_path, {"corrected": True}), job=JOB) as cell:
+            own = robot_spec(cell.config, cell.engine.context.supervisor)
+            reflectors = {"tool": {"smr1": POINT.tolist()}}
+            commit(cell, {**true_kinematics(), "controller": {**own, **reflectors, **change}})
+            failure = await refused(cell.start())
+            assert failure.name == "ISO9283_NO_KINEMATICS"
+            assert "of another arm" in str(failure)
+            commit(cell, {**true_kinematics(), "controller": {**own, **reflectors}})
+            await cell.start()
+            await cell.engine.abort("test")
 
     run_virtual(main())
 
