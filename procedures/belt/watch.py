@@ -38,8 +38,11 @@ class BeltWatch:
         config: BeltTrackingConfig,
     ) -> None:
         self.queue = Queue(config.spacing_m)
-        scale = Scale(float(belt["m_per_count"]), None, encoder.period_s)
-        self.tracker = BeltTracker(BeltEstimator(scale), np.array(belt["dir"], dtype=float))
+        self._scale = Scale(float(belt["m_per_count"]), None, encoder.period_s)
+        self._direction = np.array(belt["dir"], dtype=float)
+        self.tracker = BeltTracker(BeltEstimator(self._scale), self._direction)
+        self._epoch, self._since = encoder.counts.epoch, -np.inf
+        self._unplaced: list[Item] = []  # by an encoder that began to count anew
         self._encoder, self._camera, self._sight, self._config = encoder, camera, sight, config
         self._frames: deque[Sample[Frame]] = deque()
         self._undo: list[Any] = []
@@ -103,8 +106,14 @@ class BeltWatch:
         return gone
 
     def missed(self, now: float, in_hand: Item | None) -> list[Item]:
-        """Items other than ``in_hand`` that have left the zone unpicked; they end here."""
+        """Items but ``in_hand`` that have left the zone unpicked, or whose place nobody knows any more;
+        they end here."""
         out = []
+        for item in self._unplaced:
+            if item is not in_hand and item.outcome is None:
+                self.queue.end(item, Outcome.LOST, now)
+                out.append(item)
+        self._unplaced = [item for item in self._unplaced if item is in_hand]
         for item in self.queue.items:
             if item is in_hand or item.outcome is not None:
                 continue
@@ -115,11 +124,20 @@ class BeltWatch:
         return out
 
     def _count(self, sample: Sample[EncoderState]) -> None:
+        if self._encoder.counts.epoch != self._epoch:
+            self._begin_anew(sample.t)
         self.tracker.belt.add(sample.t, sample.value.count)
+
+    def _begin_anew(self, t: float) -> None:
+        """The encoder counts from nothing (its node restarted): where items lie is not known any more."""
+        self._epoch, self._since = self._encoder.counts.epoch, t
+        self.tracker = BeltTracker(BeltEstimator(self._scale), self._direction)
+        self._unplaced += [item for item in self.queue.items if item.outcome is None]
+        self.queue.items.clear()
 
     def _take(self, sample: Sample[Frame], forecast: Forecast) -> None:
         frame = sample.value
-        if forecast.now - frame.t_exposure > LOOK_BACK_S:
+        if forecast.now - frame.t_exposure > LOOK_BACK_S or frame.t_exposure < self._since:
             return
         travel = forecast.travel(frame.t_exposure) * self._flat_length
         rows: list[tuple[int, Array, float]] = []

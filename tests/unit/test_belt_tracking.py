@@ -145,3 +145,20 @@ def test_a_gripper_that_holds_something_is_not_opened(tmp_path: Path) -> None:
             assert gripper.holds(cell.clock.now()) == 99
 
     run_virtual(scene())
+
+
+def test_an_encoder_that_restarts_loses_the_items_on_their_way_and_the_job_goes_on(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with picking_cell(picking_config(tmp_path, {"picks": 3})) as cell:
+            run_id = await cell.start()
+            await cell.until_state("approach")
+            cell.plant.plant("belt").inject("reboot", {"boot_s": 0.1})
+            end = await cell.finished(run_id)
+            assert end["outcome"] == "complete"
+            lost = [row for row in cell.ledger.items(run_id) if row["outcome"] == Outcome.LOST]
+            assert lost, "what was on its way is lost by name"
+            assert len(picked(cell, run_id)) == 3
+            off = np.linalg.norm(contact_errors(cell), axis=1)
+            assert np.max(off) < 1e-3, "nothing is gripped where it was before the restart"
+
+    run_virtual(scene())
