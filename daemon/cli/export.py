@@ -106,10 +106,18 @@ def header(exported: Any) -> list[str]:
         f"Cellward calibration {exported.name}{meaning}",
         f"{version}, {exported.date}, {exported.source}",
         exported.told,
+        *_load(exported),
         *(f"WARNING: {warning}" for warning in exported.warnings),
         "metres and radians",
     ]
     return [" ".join(line.split()) for line in lines]
+
+
+def _load(exported: Any) -> list[str]:
+    """An arm bends: what was measured under one load is not so under another."""
+    if exported.payload_kg is None:
+        return []
+    return [f"measured with {exported.payload_kg:g} kg on the flange, and holds for that load"]
 
 
 def document(exported: Any) -> dict[str, Any]:
@@ -125,7 +133,11 @@ def document(exported: Any) -> dict[str, Any]:
         "warnings": exported.warnings,
     }
     if exported.kind == "kinematics":
-        return content | {"model": exported.model, "robot": exported.robot}
+        return content | {
+            "model": exported.model,
+            "payload_kg": exported.payload_kg,
+            "robot": exported.robot,
+        }
     if exported.frames is None:
         return content | {"value": exported.value}
     from daemon.cli.export_pose import quaternion

@@ -27,7 +27,7 @@ class Exported:
     """One calibration with what a reader has to know of it. ``value`` is a pose6, or as the ledger has it.
 
     ``uncertainty`` has SI numbers by name and ``told`` the same in words. ``model`` is the arm's type where
-    one is known. ``tool`` is what ``T_flange_tool`` is of.
+    one is known, ``payload_kg`` the load that it was measured with. ``tool`` is what ``T_flange_tool`` is of.
     """
 
     name: str
@@ -39,6 +39,7 @@ class Exported:
     told: str
     warnings: list[str] = field(default_factory=list)
     model: str | None = None
+    payload_kg: float | None = None
 
     @property
     def kind(self) -> str:
@@ -146,7 +147,8 @@ def _of(
     warnings = [str(w.get("text")) for w in result.get("warnings") or [] if isinstance(w, Mapping)]
     stamp = date.isoformat(timespec="seconds").replace("+00:00", "Z")
     model = dig(result, "inputs", "robot", "model")
-    return Exported(name, value, version, stamp, source, uncertainty, told, warnings, model)
+    load = number(dig(result, "result", "payload_kg")) if name.split(".")[0] == "kinematics" else None
+    return Exported(name, value, version, stamp, source, uncertainty, told, warnings, model, load)
 
 
 def uncertainty_of(name: str, result: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
@@ -173,7 +175,10 @@ def uncertainty_of(name: str, result: Mapping[str, Any]) -> tuple[dict[str, Any]
 
 def _of_arm(result: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
     predicted = number(dig(result, "uncertainty", "predicted_95", "workspace", "max"))
-    rms = number(dig(result, "result", "rms_calibrated"))
+    aside = number(
+        dig(result, "result", "absolute_accuracy", "after")
+    )  # a job's; a solved file has folds alone
+    rms = number(dig(result, "result", "rms_calibrated")) if aside is None else aside
     tracker = number(dig(result, "uncertainty", "tracker", "sigma_3d"))
     names = {"predicted_error_95_m": predicted, "held_out_rms_m": rms, "tracker_sigma_3d_m": tracker}
     words = []

@@ -303,6 +303,22 @@ def test_a_result_file_can_be_exported_and_its_json_is_a_robot_for_the_solver(
     assert json.loads(solved.out)["result"]["rms_registration_only"] < 0.1 * before
 
 
+@pytest.mark.parametrize("form", ["ros", "urdf", "yaml", "json", "ur-calibration"])
+def test_an_arm_goes_out_with_its_load_and_the_figure_of_the_poses_set_aside(
+    cell: Cell, subject: CommandLine, arms: dict[str, Any], form: str
+) -> None:
+    solved = arms["ur10e"]
+    judged = {**solved["result"], "payload_kg": 7.5, "absolute_accuracy": {"after": 0.000123}}
+    cell.commit("kinematics.arm", {"robot": judged["robot"]}, {**solved, "result": judged})
+    ran = subject("export", "kinematics.arm", "--format", form)
+    assert ran.code == 0, ran.err
+    assert "0.1230 mm RMS on held-out poses" in ran.out
+    if form == "json":
+        assert json.loads(ran.out)["payload_kg"] == 7.5
+    else:
+        assert "measured with 7.5 kg on the flange" in ran.out
+
+
 # -- what is refused
 
 
