@@ -1,5 +1,8 @@
 """From the tool's motion to the arm's: set-points as joint polynomials."""
 
+from collections.abc import Sequence
+from functools import lru_cache
+
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
@@ -64,11 +67,17 @@ class ToolJoints:
             speeds.append(float(np.max(np.abs(qd))))
         return max(speeds)
 
-    def piece(
-        self, t0: float, start: tuple[Array, Array], t1: float, end: tuple[Array, Array]
-    ) -> TrajectoryPiece:
-        """The cubic between joints and joint speeds at ``t0`` and at ``t1`` (Hermite)."""
-        (q0, v0), (q1, v1), h = start, end, t1 - t0
-        c2 = (3.0 * (q1 - q0) / h - 2.0 * v0 - v1) / h
-        c3 = (2.0 * (q0 - q1) / h + v0 + v1) / (h * h)
-        return TrajectoryPiece(t0, t1, np.array([q0, v0, c2, c3]))
+    def piece(self, t0: float, h: float, states: Sequence[tuple[Array, Array]]) -> TrajectoryPiece:
+        """The polynomial through joints and joint speeds (6,) at ``t0``, ``t0 + h``, ... (Hermite)."""
+        wanted = np.array([row for q, v in states for row in (q, h * v)])
+        powers = h ** -np.arange(float(len(wanted)))
+        coefficients = powers[:, None] * (_hermite(len(states)) @ wanted)
+        return TrajectoryPiece(t0, t0 + h * (len(states) - 1), coefficients)
+
+
+@lru_cache
+def _hermite(nodes: int) -> Array:
+    """(2 n, 2 n): from values and slopes at 0, 1, ... n - 1 to coefficients, lowest power first."""
+    u, k = np.arange(float(nodes))[:, None], np.arange(2.0 * nodes)
+    slopes = k * u ** np.maximum(k - 1.0, 0.0)
+    return np.asarray(np.linalg.inv(np.stack([u**k, slopes], axis=1).reshape(2 * nodes, -1)))

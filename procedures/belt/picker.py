@@ -26,8 +26,7 @@ from procedures.belt.watch import BeltWatch
 
 STEP_S = 0.02  # between decisions
 LEAD_S = 0.012  # from a decision to where it begins to act
-AHEAD_S = 0.05  # the length of a piece, most of which the next one replaces
-SPARE_S = 0.1  # to the end of a second piece, so that a loop that is late once does not end the stream
+AHEAD_S = 0.05  # twice that is the length of a piece: a loop that is late once does not end the stream
 CLEAR_SHARE = 0.6  # of the lift, after which the tool may leave sideways
 JOINT_SHARE = 0.9  # of the joints' speed limit that a plan may use; a change of plan needs the rest
 BRAKE_SHARE = 0.95
@@ -85,34 +84,29 @@ class Picker:
                 if not await self._phase(t):
                     return
                 ahead = self._ahead(t, here)
-                spare = self._tool.joints(self._leg.at(t + SPARE_S), ahead[0])
                 self._keep(t)
-                if clock.now() < t + AHEAD_S - LEAD_S:  # a piece that is over would only end the one in use
-                    yield self._tool.piece(t, here, t + AHEAD_S, ahead)
-                    if self._allows(spare):
-                        yield self._tool.piece(t + AHEAD_S, ahead, t + SPARE_S, spare)
+                if clock.now() < t + AHEAD_S:  # a piece that is over would only end the one in use
+                    yield self._tool.piece(t, AHEAD_S, [here, *ahead])
                 await clock.sleep(max(t + STEP_S - LEAD_S - clock.now(), 0.0))
                 t = max(t + STEP_S, clock.now() + LEAD_S)
                 here = self._tool.joints(self._leg.at(t), here[0])
         finally:
             await self._end_task()
 
-    def _ahead(self, t: float, here: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Joints and joint speeds at the end of the next piece; a way that gets too fast is slowed down."""
-        near = here[0] + AHEAD_S * here[1]
+    def _ahead(self, t: float, here: tuple[Array, Array]) -> list[tuple[Array, Array]]:
+        """Joints and joint speeds along the next piece; a way that gets too fast is slowed down."""
+        limit = BRAKE_SHARE * self._config.limits.joint_speed_rad_s
         for _ in range(4):
-            ahead = self._tool.joints(self._leg.at(t + AHEAD_S), near)
-            if self._allows(ahead):
+            ahead, near = [], here[0] + AHEAD_S * here[1]
+            for k in (1, 2):
+                ahead.append(self._tool.joints(self._leg.at(t + k * AHEAD_S), near))
+                near = ahead[-1][0]
+            if max(float(np.max(np.abs(speeds))) for _, speeds in ahead) <= limit:
                 break
             self._share *= 0.8
             slower, old = self._limits.slower(self._share), self._leg
             self._leg = plan(t, old.at(t), old.origin, old.offset, slower)
         return ahead
-
-    def _allows(self, joints: tuple[Array, Array]) -> bool:
-        """Whether no joint is too fast."""
-        limit = BRAKE_SHARE * self._config.limits.joint_speed_rad_s
-        return float(np.max(np.abs(joints[1]))) <= limit
 
     def _keep(self, t: float) -> None:
         """This set-point, for whoever looks at the run later."""
