@@ -9,9 +9,10 @@ from daemon.cli.failures import FAILED, OK
 from daemon.cli.output import out, say
 from daemon.cli.result_text import result_text
 from daemon.demo.verdict import judge_camera
+from daemon.demo.verdict_arm import judge_arm
 from daemon.demo.verdict_laser import judge_beams, judge_tool
 
-JUDGES = {"hand-eye": judge_camera, "laser-reference": judge_beams, "laser": judge_tool}
+_JUDGES = {"hand-eye": judge_camera, "laser-reference": judge_beams, "laser": judge_tool}
 
 
 def conclude(runs: Path, run_id: int, truth: Mapping[str, Any]) -> int:
@@ -26,9 +27,15 @@ def conclude(runs: Path, run_id: int, truth: Mapping[str, Any]) -> int:
     out(result_text(result))
     good = False
     if result["result"] is not None:
-        good, text = JUDGES[result["kind"]](result, truth)
+        good, text = _judged(result, truth, run.path)
         out("\nBeside the twin's truth:")
         out(text)
     report = run.path / "report.html"
     out(f"report: {report if report.exists() else f'none was drawn; the journal in {run.path} says why'}")
     return OK if result["verdict"] != "fail" and good else FAILED
+
+
+def _judged(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path) -> tuple[bool, str]:
+    if result["kind"] == "kincal":
+        return judge_arm(result, truth, folder)
+    return _JUDGES[result["kind"]](result, truth)

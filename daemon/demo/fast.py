@@ -26,6 +26,7 @@ from daemon.composition import supervised_devices
 from daemon.config import CellConfig, load_config
 from daemon.demo.ending import conclude
 from daemon.demo.folder import begin_in
+from daemon.demo.scenes import Scene, scenes_of
 from daemon.demo.steps import Step
 from daemon.engine import CellContext, Engine
 from daemon.health import Beats
@@ -42,14 +43,16 @@ def run_fast(folder: Path, steps: Sequence[Step]) -> int:
     """Run the demo with its files in ``folder``; the exit code is that of the full one."""
     out(f"Cellward demo, fast: {', '.join(s.job for s in steps)} in one process. ETA under a minute.")
     out("All devices and the clock are virtual objects: no process, no protocol and no Modbus is exercised.")
+    return max([_play(scene, folder / scene.twin) for scene in scenes_of(steps)], default=OK)
+
+
+def _play(scene: Scene, folder: Path) -> int:
     begin_in(folder, "fast-state")
     logging.basicConfig(filename=folder / "fast.log", level=logging.INFO, force=True)
-    config = load_config(_write_config(folder))
-    assert config.cell.clock is not None
-    module, _, name = config.cell.clock.partition(":")
-    virtual = importlib.import_module(module)
+    scene.prepare(folder)
+    config = load_config(write_config(scene, folder))
     began = time.monotonic()
-    runs, seconds = virtual.run_virtual(_run(config, getattr(virtual, name)(), steps))
+    runs, seconds = run_objects(config, scene.steps)
     say(
         f"The log is {folder / 'fast.log'}. {seconds:.0f} s of the cell took {time.monotonic() - began:.1f} s"
     )
@@ -57,8 +60,19 @@ def run_fast(folder: Path, steps: Sequence[Step]) -> int:
     return max([conclude(where, run_id, truth) for run_id, truth in runs], default=OK)
 
 
-def _write_config(folder: Path) -> Path:
-    text = files("daemon.demo").joinpath("fast.toml").read_text("utf-8")
+def run_objects(config: CellConfig, steps: Sequence[Step]) -> tuple[list[tuple[int, dict[str, Any]]], float]:
+    """Run the steps on the clock that ``config`` names; numbers and truths, and how long it took there."""
+    assert config.cell.clock is not None
+    module, _, name = config.cell.clock.partition(":")
+    virtual = importlib.import_module(module)
+    done: tuple[list[tuple[int, dict[str, Any]]], float]
+    done = virtual.run_virtual(_run(config, getattr(virtual, name)(), steps))
+    return done
+
+
+def write_config(scene: Scene, folder: Path) -> Path:
+    """The configuration of a scene's cell of objects, in ``folder``."""
+    text = files("daemon.demo").joinpath(f"fast_{scene.twin}.toml").read_text("utf-8")
     path = folder / "fast.toml"
     path.write_text(text.replace("@FOLDER@", str(folder)), "utf-8")
     return path

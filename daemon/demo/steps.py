@@ -19,6 +19,7 @@ class Step:
     """One run: what must be ready, how long it takes on real protocols, and what is done to the twin before.
 
     ``moves_board`` says what a prompt asks of the operator: to place the board anew, else only to confirm.
+    Steps with another ``twin`` run in a twin of their own (``daemon.demo.scenes``).
     """
 
     job: str
@@ -28,6 +29,7 @@ class Step:
     text: str
     moves_board: bool = False
     bump: Bump | None = None
+    twin: str = "bay"
 
 
 CONE_CAPTURE = Step(
@@ -53,9 +55,19 @@ LASER_UPDATE = Step(
     "the tool is bumped, measured, corrected, and measured again",
     bump=Bump((0.0012, -0.0007, 0.0005), (0.008, -0.006)),
 )
+TRACKER_SAMPLING = Step(
+    "tracker-sampling",
+    5,
+    plc.ARM_OK | plc.TRACKER_OK,
+    75,
+    "15 poses seen by a laser tracker, solved together with a stored set",
+    twin="tracker",
+)
+# In the order in which they are shown; steps of one twin stand together.
 STEPS: dict[str, tuple[Step, ...]] = {
     "cone-capture": (CONE_CAPTURE,),
     "laser-update": (LASER_REFERENCE, LASER_UPDATE),
+    "tracker-sampling": (TRACKER_SAMPLING,),
 }
 
 

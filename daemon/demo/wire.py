@@ -22,10 +22,10 @@ from daemon.demo.children import Child, console_script
 from daemon.demo.ending import conclude
 from daemon.demo.folder import begin_in
 from daemon.demo.plc import POLL_S, Plc
+from daemon.demo.scenes import Scene, scenes_of
 from daemon.demo.steps import Bump, Step, eta_text
 
-SCENARIO = "bay"
-NEEDED_PORTS = (29999, 30001, 30003, 30004, 5020, 5502)  # dashboard, primary, script, RTDE; Modbus servers
+NEEDED_PORTS = (29999, 30001, 30003, 30004, 5020, 5502, 1212)  # UR's four; Modbus servers; GeoCOM
 TWIN_START_S = 60.0
 DAEMON_START_S = 90.0
 JOB_DEADLINE_S = 15 * 60.0
@@ -39,27 +39,33 @@ LINE_EVERY_STEPS = 10
 def run_wire(folder: Path, steps: Sequence[Step]) -> int:
     """Run the demo with its files in ``folder``; exit code 0 only when every answer agrees with the truth."""
     out(f"Cellward demo on a twin. ETA {eta_text(steps)}.")
-    begin_in(folder, "state")
-    config = folder / "cell.toml"
-    runs: list[tuple[int, dict[str, Any]]] = []
-    with _interrupted_once(), _no_socket_left(folder):
+    with _interrupted_once():
         say(f"Files and logs go to {folder}")
-        with _twin(folder, config) as twin:
-            settings = tomllib.loads(config.read_text("utf-8"))
-            with _daemon(folder, config) as daemon, _plc(settings) as plc:
-                say(f"twin pid {twin.pid}, daemon pid {daemon.pid}; waiting for the devices")
-                daemon.wait_for(plc.connect, "Modbus server", DAEMON_START_S)
-                for step in steps:
-                    _wait_ready(plc, daemon, step)
-                    try:
-                        run_id = _run_step(plc, step, folder, (twin, daemon))
-                    except RetryError:  # a lost link; a daemon that is gone is the better reason
-                        daemon.check_alive(LAST_WORDS_S)
-                        raise
-                    runs.append((run_id, json.loads(_ask_twin(folder, "truth", "--json"))))
-    where = Path(settings["cell"]["state_dir"]) / "runs"
+        runs = [run for scene in scenes_of(steps) for run in _play(scene, folder / scene.twin)]
     # Each is shown, also after one that failed.
-    return max([conclude(where, run_id, truth) for run_id, truth in runs], default=OK)
+    return max([conclude(*run) for run in runs], default=OK)
+
+
+def _play(scene: Scene, folder: Path) -> list[tuple[Path, int, dict[str, Any]]]:
+    """All steps in one twin with one daemon; the folder of runs, the number and the truth after each."""
+    begin_in(folder, "state")
+    config, runs = folder / "cell.toml", []
+    scenario = scene.prepare(folder)
+    with _no_socket_left(folder), _twin(folder, config, scenario) as twin:
+        settings = tomllib.loads(config.read_text("utf-8"))
+        where = Path(settings["cell"]["state_dir"]) / "runs"
+        with _daemon(folder, config) as daemon, _plc(settings) as plc:
+            say(f"twin '{scene.twin}' pid {twin.pid}, daemon pid {daemon.pid}; waiting for the devices")
+            daemon.wait_for(plc.connect, "Modbus server", DAEMON_START_S)
+            for step in scene.steps:
+                _wait_ready(plc, daemon, step)
+                try:
+                    run_id = _run_step(plc, step, folder, (twin, daemon))
+                except RetryError:  # a lost link; a daemon that is gone is the better reason
+                    daemon.check_alive(LAST_WORDS_S)
+                    raise
+                runs.append((where, run_id, json.loads(_ask_twin(folder, "truth", "--json"))))
+    return runs
 
 
 def _wait_ready(plc: Plc, daemon: Child, step: Step) -> None:
@@ -144,10 +150,10 @@ def _tell_twin(plc: Plc, folder: Path, *words: str) -> None:
 
 
 @contextmanager
-def _twin(folder: Path, config: Path) -> Iterator[Child]:
+def _twin(folder: Path, config: Path, scenario: str) -> Iterator[Child]:
     config.unlink(missing_ok=True)
     where = ["--bind", _free_address(), "--out", str(folder)]
-    command = [str(console_script("cellward-twin")), "--scenario", SCENARIO, *where]
+    command = [str(console_script("cellward-twin")), "--scenario", scenario, *where]
     with Child("twin", command, folder / "twin.log") as twin:
         twin.wait_for(config.exists, "cell.toml", TWIN_START_S)
         yield twin

@@ -35,6 +35,14 @@ class Moved:
         return (self.distance_m / self.sigma_m) ** 2 > float(chdtri(3, chance))
 
 
+def first_seen(looks: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Every monument as the first look that could see it has it."""
+    points: dict[str, Any] = {}
+    for look in looks:
+        points = {**look["points"], **points}
+    return points
+
+
 def compare(first: Mapping[str, Any], now: Mapping[str, Any]) -> list[Moved]:
     """``points`` of two looks: by name ``p_tracker`` (3,) m and ``sigma_m``; those that both have seen."""
     return [

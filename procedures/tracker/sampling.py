@@ -20,7 +20,7 @@ from procedures.tracker.arms import MovedArm, SampledArm, WatchedArm
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.eye import AGAIN, LOST, Eye
 from procedures.tracker.locating import apart, locate, pose6_of, registration_of
-from procedures.tracker.monuments import drift_summary
+from procedures.tracker.monuments import drift_summary, first_seen
 from procedures.tracker.plan import PlanRequest, SamplingPlan, Visit, measured_entries, plan_sampling
 from procedures.tracker.record import SampleRecord
 from procedures.tracker.space import Space, make_space, robot_of
@@ -354,7 +354,7 @@ class Sampling:
             self._mounted = None
         await self.watch.look(self.place, self._behind_arm())
         if self._stored is not None:
-            self._stored.require_same_stand(self.record.looks[0]["points"], self.config.max_drift_m)
+            self._stored.require_same_stand(first_seen(self.record.looks), self.config.max_drift_m)
 
     def _behind_arm(self) -> NDArray[np.bool_]:
         """(n,): which monuments the arm hides from the tracker as it stands, by its links."""
@@ -382,7 +382,7 @@ class Sampling:
             "predicted": self.listing.get("predicted"),
             "stored": stored and {"path": str(stored.path), "samples": len(stored.samples)},
             "reflectors": {name: list(r.point) for name, r in config.reflectors.items()},
-            "monument_points": record.looks[0]["points"] if record.looks else {},
+            "monument_points": first_seen(record.looks),
             "monuments": drift_summary(record.looks, config.max_drift_m, len(record.samples)),
         }
 

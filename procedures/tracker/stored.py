@@ -11,15 +11,16 @@ from typing import Any
 
 from cell.errors import CellError, error
 from procedures.solve.kincal_data import read_kincal
-from procedures.tracker.config import LEAST_WITH_SET, TrackerSamplingConfig
+from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.monuments import compare, moved_text
 
 SAME_LOAD_KG = 1e-3
+_LEAST_SEEN = 2  # of three or more, as the arm may hide one; poses that do not fit each other show the rest
 
 
 @dataclass(frozen=True)
 class StoredSet:
-    """``samples`` as in ``cellward.kincal/1``; ``monuments`` as the first look of their run saw them."""
+    """``samples`` as in ``cellward.kincal/1``; ``monuments`` as each was first seen in their run."""
 
     path: Path
     samples: list[dict[str, Any]]
@@ -29,13 +30,13 @@ class StoredSet:
         """Joints and reflector of each pose, for a plan."""
         return [(s["q"], s["target"]) for s in self.samples]
 
-    def require_same_stand(self, look: Mapping[str, Any], limit_m: float) -> None:
-        """``TRACKER_MOVED`` when the monuments of a ``look`` are not where the set has them."""
-        moved = compare(self.monuments, look)
-        if len(moved) < LEAST_WITH_SET:
+    def require_same_stand(self, seen: Mapping[str, Any], limit_m: float) -> None:
+        """``TRACKER_MOVED`` when the monuments ``seen`` now are not where the set has them."""
+        moved = compare(self.monuments, seen)
+        if len(moved) < _LEAST_SEEN:
             names = ", ".join(self.monuments) or "none"
             raise self._refused(
-                f"{len(moved)} of its monuments ({names}) were seen now, {LEAST_WITH_SET} are needed to tell "
+                f"{len(moved)} of its monuments ({names}) were seen now, {_LEAST_SEEN} are needed to tell "
                 "that the tracker still stands where it stood"
             )
         if (text := moved_text(moved, limit_m)) is not None:

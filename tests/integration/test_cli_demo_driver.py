@@ -23,20 +23,20 @@ pytestmark = pytest.mark.wire
 
 
 def run_wire(folder: Path) -> int:
-    return run_steps(folder, STEPS)
+    return run_steps(folder.parent, STEPS)
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A demo folder whose commands are the stand-ins."""
+    """The folder of the demo's first twin; its commands are the stand-ins."""
     for command, what in (("cellward-twin", "twin"), ("cellward", "daemon")):
         script = tmp_path / "bin" / command
         script.parent.mkdir(exist_ok=True)
         script.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{STAND_INS}" {what} "$@"\n')
         script.chmod(0o755)
     monkeypatch.setattr(wire, "console_script", lambda name: tmp_path / "bin" / name)
-    demo = tmp_path / "out"
-    demo.mkdir()
+    demo = tmp_path / "out" / CONE_CAPTURE.twin
+    demo.mkdir(parents=True)
     with socket.socket() as free:
         free.bind(("127.0.0.11", 0))
         (demo / "port").write_text(str(free.getsockname()[1]))
@@ -112,7 +112,7 @@ def test_a_twin_that_cannot_start_is_named_with_its_reason(folder: Path) -> None
 
 
 def test_the_demo_command_refuses_a_job_it_does_not_have() -> None:
-    command = [Path(sys.executable).with_name("cellward"), "demo", "--job", "belt-tracking"]
+    command = [Path(sys.executable).with_name("cellward"), "demo", "--job", "drift-check"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=30)
     assert done.returncode == 4
-    assert "belt-tracking" in done.stderr
+    assert "drift-check" in done.stderr

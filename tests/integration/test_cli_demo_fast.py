@@ -37,7 +37,7 @@ def test_the_fast_demo_agrees_with_the_truth_and_replays(
     shown = capsys.readouterr()
     assert "no protocol" in shown.out
     assert "consistent with the stated uncertainty" in shown.out
-    config = str(folder / "fast.toml")
+    config = str(folder / "bay" / "fast.toml")
 
     def cellward(*words: str) -> str:
         monkeypatch.setattr("sys.argv", ["cellward", *words, "--config", config])
@@ -51,3 +51,13 @@ def test_the_fast_demo_agrees_with_the_truth_and_replays(
     assert (proposed["name"], proposed["state"], proposed["run_id"]) == ("T_flange_camera", "proposed", 1)
     assert "placement 3 of 3" in cellward("show", "1")
     assert json.loads(cellward("compare", "1", "1", "--json"))["m2"] < 1e-9
+
+
+def test_the_fast_demo_samples_an_arm_with_a_stored_set(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_fast(folder, steps_of(["tracker-sampling"])) == 0
+    shown = capsys.readouterr().out
+    assert "15 poses of this run, 3 of them set aside, solved together with a stored set of 40 poses" in shown
+    assert "consistent with the promise" in shown
+    assert "NOT consistent" not in shown

@@ -1,6 +1,7 @@
 """The parts of the demo: its PLC, its children, and its judgement."""
 
 import asyncio
+import json
 import os
 import signal
 import socket
@@ -9,7 +10,6 @@ import threading
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -21,15 +21,22 @@ from cli_harness import hand_eye_result
 from cell.clock import MonotonicClock
 from cell.errors import CellError, catalogue
 from cell.poses import exp_xi, from_pose6, to_pose6
-from daemon.config import ModbusSection
+from cell.store.files import read_json
+from daemon.config import ModbusSection, load_config
 from daemon.demo import plc as registers
 from daemon.demo.children import Child
+from daemon.demo.fast import write_config
 from daemon.demo.folder import begin_in
 from daemon.demo.plc import Plc
+from daemon.demo.scenes import STORED_SET, Scene, scenes_of
+from daemon.demo.steps import steps_of
 from daemon.demo.verdict import M2_LIMIT, judge, judgement_text
+from daemon.demo.verdict_arm import judge_arm
 from daemon.demo.wire import _no_socket_left
 from daemon.modbus import Command, ModbusFace
 from fakes.scenario import Scenario
+from fakes.world import World
+from procedures.registry import JOBS
 
 
 class StandIn:
@@ -220,12 +227,76 @@ def test_a_refused_answer_cannot_be_judged() -> None:
         judge(refused, {})
 
 
-def test_the_fast_demo_has_the_cell_that_the_twin_would_write() -> None:
-    text = files("daemon.demo").joinpath("fast.toml").read_text("utf-8")
-    subject = tomllib.loads(text)
-    scenario = Scenario.load(subject["device"]["arm"]["scenario"])
-    written = tomllib.loads(scenario.cell_toml({}, {}, "", "", beams={}))
+SCENES = scenes_of(steps_of([]))
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.twin)
+def test_the_fast_demo_has_the_cell_that_the_twin_would_write(scene: Scene, tmp_path: Path) -> None:
+    scenario = Scenario.load(scene.prepare(tmp_path))
+    subject = tomllib.loads(write_config(scene, tmp_path).read_text("utf-8"))
+    assert {d["scenario"] for d in subject["device"].values()} == {scene.prepare(tmp_path)}
+    written = tomllib.loads(scenario.cell_toml({}, {}, "", "", beams={}, tracker={}))
     for section in ("robot", "limits", "poses", "target", "job"):
-        assert subject[section] == written[section]
-    for device in ("arm", "camera", "beams"):
-        assert subject["device"][device]["expect_serial"] == written["device"][device]["expect_serial"]
+        assert subject.get(section) == written.get(section)
+    assert subject["device"].keys() == written["device"].keys()
+    for device, section in subject["device"].items():
+        assert section["expect_serial"] == written["device"][device]["expect_serial"]
+    load_config(tmp_path / "fast.toml")
+
+
+def test_the_stored_set_is_of_the_arm_and_the_monuments_of_the_demo(tmp_path: Path) -> None:
+    """So that nobody changes the twin's truth without measuring the set anew."""
+    (scene,) = (scene for scene in SCENES if scene.twin == "tracker")
+    world = World.from_scenario(Scenario.load(scene.prepare(tmp_path)))
+    assert world.tracker is not None
+    truth, data = world.truth(), read_json(tmp_path / STORED_SET)
+    stand, sigma = from_pose6(truth["tracker"]["T_base_tracker"]), 40e-6
+    for sample in data["samples"]:
+        point = truth["tracker"]["reflectors"][sample["target"]]["point"]
+        true = stand.inv().apply(world.true.forward(sample["q"]).apply(point))
+        assert np.linalg.norm(true - sample["p_tracker"]) < 6 * sigma
+    for name, seen in data["notes"]["sampling"]["monument_points"].items():
+        true = stand.inv().apply(truth["tracker"]["reflectors"][name]["point"])
+        assert np.linalg.norm(true - seen["p_tracker"]) < 6 * sigma
+
+
+def test_every_step_is_of_a_job_that_there_is_with_its_number() -> None:
+    for step in steps_of([]):
+        assert JOBS[step.job].number == step.number
+
+
+def test_an_arm_is_good_where_it_keeps_its_promise_about_the_truth(tmp_path: Path) -> None:
+    links = {key: [0.0] * 6 for key in ("delta_theta", "delta_d", "delta_a", "delta_alpha")}
+    reflector = {"on": "arm", "point": [0.0, 0.0, 0.05]}
+    place = [0.4, -2.0, 0.3, 0.1, 0.2, 0.3]
+    truth: dict[str, Any] = {
+        "robot": {"model": "ur10e", "factory": links, "error": links},
+        "tracker": {
+            "T_base_tracker": place,
+            "sigma0_m": 15e-6,
+            "sigma_per_m": 6e-6,
+            "reflectors": {"smr1": reflector},
+        },
+    }
+    samples = [
+        {"q": q, "p_tracker": [1.0, 1.0, 1.0], "target": "smr1"}
+        for q in np.random.default_rng(3).uniform(-2.0, 2.0, (20, 6)).tolist()
+    ]
+    for name in ("kincal.json", "heldout.json"):
+        (tmp_path / name).write_text(json.dumps({"samples": samples}))
+    answer = {
+        "robot": {"model": "ur10e", "tool": {"smr1": reflector["point"]}},
+        "T_tracker_base": to_pose6(from_pose6(place).inv()).tolist(),
+        "absolute_accuracy": {"predicted_95": 3e-5},
+    }
+    facts = {"measured": 15, "set_aside": 3, "stored": {"samples": 40}}
+    aside = {"set_aside": {"rms": {"registration_only": 0.002}}}
+    result = {"result": answer, "inputs": {"sampling": facts}, "heldout": aside}
+    good, text = judge_arm(result, truth, tmp_path)
+    assert good, text
+    assert "15 poses of this run, 3 of them set aside, solved together with a stored set of 40" in text
+    truth["robot"]["error"] = {**links, "delta_a": [0.0, 1e-4, 0.0, 0.0, 0.0, 0.0]}
+    good, text = judge_arm(result, truth, tmp_path)
+    assert not good
+    assert "NOT consistent with" in text
+    assert "0.1000" in text  # a link that is 0.1 mm longer

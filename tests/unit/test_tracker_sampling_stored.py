@@ -89,7 +89,7 @@ def test_a_set_from_another_stand_is_refused_by_the_monuments(
     points = notes["sampling"]["monument_points"]
     for key in list(points):
         points[key]["p_tracker"][0] += shift or 0.0
-        if shift is None and key > "m2":
+        if shift is None and key > "m1":
             del points[key]
     path = changed(earlier, tmp_path, notes=notes)
     config = tracker_config(tmp_path, {"poses": TODAY, "with_set": str(path)})

@@ -1,0 +1,37 @@
+"""The twins of the demo, one after the other: each with the steps that need its world, in its own folder."""
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.resources import as_file, files
+from itertools import groupby
+from pathlib import Path
+
+from daemon.demo.steps import Step
+
+OWN = "scenario.toml"
+STORED_SET = "stored.json"
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Runs in one twin: ``twin`` names a shipped scenario, or one of the demo's own, ``twin``.toml."""
+
+    twin: str
+    steps: tuple[Step, ...]
+
+    def prepare(self, folder: Path) -> str:
+        """Put what the twin needs into ``folder``; returns the scenario as ``cellward-twin`` takes it."""
+        own = files("daemon.demo").joinpath(f"{self.twin}.toml")
+        if not own.is_file():
+            return self.twin
+        scenario = folder / OWN
+        scenario.write_text(own.read_text("utf-8").replace("@FOLDER@", str(folder)), "utf-8")
+        with as_file(files("daemon.demo").joinpath(STORED_SET)) as stored:
+            shutil.copyfile(stored, folder / STORED_SET)
+        return str(scenario)
+
+
+def scenes_of(steps: Sequence[Step]) -> list[Scene]:
+    """The steps in their order, those of one twin together."""
+    return [Scene(twin, tuple(group)) for twin, group in groupby(steps, key=lambda step: step.twin)]
