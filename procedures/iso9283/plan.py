@@ -60,7 +60,7 @@ def kinematics_of(values: Mapping[str, Any], config: Iso9283Config) -> Mapping[s
             f"{values['payload_kg']:g} kg",
         )
     believed = found.get("controller")
-    if believed is not None and _arm_alone(believed) != _arm_alone(values["robot"]):
+    if believed is not None and _differ(believed, values["robot"]):
         raise error(
             "ISO9283_NO_KINEMATICS",
             "the kinematics in effect are of another arm: its model or factory calibration is not what this "
@@ -69,9 +69,15 @@ def kinematics_of(values: Mapping[str, Any], config: Iso9283Config) -> Mapping[s
     return found
 
 
-def _arm_alone(robot: Mapping[str, Any]) -> dict[str, Any]:
-    """A ROBOT without what is on its flange and how well it is believed."""
-    return {key: value for key, value in robot.items() if key not in ("tool", "prior")}
+def _differ(a: Mapping[str, Any], b: Mapping[str, Any]) -> bool:
+    """Whether two ROBOTs are not one arm, whatever is on its flange and however well it is believed.
+
+    A controller may have kept its calibration to itself once; it counts where both have it.
+    """
+    keys = (set(a) | set(b)) - {"tool", "prior"}
+    if not ("calibration" in a and "calibration" in b):
+        keys.discard("calibration")
+    return any(a.get(key) != b.get(key) for key in keys)
 
 
 def point_of(values: Mapping[str, Any], config: Iso9283Config) -> list[float]:
