@@ -11,11 +11,13 @@ from calibration.targets import make_target
 from cell.errors import AbortError
 from cell.poses import Array, to_pose6
 from daemon.cli.plan_text import prediction_text
+from daemon.cli.predict_belt import predict_belt
 from daemon.cli.predict_iso9283 import predict_iso9283
 from daemon.cli.predict_laser import predict_laser
 from daemon.cli.predict_tracker import predict_tracker
 from daemon.cli.predict_values import configured_values
 from daemon.config import CellConfig
+from procedures.belt.config import BeltTrackingConfig
 from procedures.cone_capture.config import ConeCaptureConfig
 from procedures.cone_capture.plan import PlanRequest, View, plan_placement
 from procedures.iso9283.config import Iso9283Config
@@ -46,6 +48,9 @@ def predictions(config: CellConfig) -> list[dict[str, Any]]:
     if section := config.job_section("tracker-sampling"):
         sampling = TrackerSamplingConfig.model_validate(section)
         found.append({"job": "tracker-sampling", **predict_tracker(config, sampling)})
+    if section := config.job_section("belt-tracking"):
+        picking = BeltTrackingConfig.model_validate(section)
+        found.append({"job": "belt-tracking", **predict_belt(config, picking)})
     if section := config.job_section("iso9283"):
         test = Iso9283Config.model_validate(section)
         found.append({"job": "iso9283", **predict_iso9283(config, test)})

@@ -1,0 +1,120 @@
+"""What ``cellward check`` expects of picking from a belt: slide, time in the zone, rate, and reach."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from calibration.kinematics import robot_from_spec
+from cell.errors import CellError
+from cell.guard import GuardLimits, MotionGuard, Tool
+from cell.poses import Array, from_pose6
+from daemon.cli.predict_values import configured_values
+from daemon.config import CellConfig
+from daemon.values import with_job_limits
+from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.expectation import SPEEDS_M_S, Expectation, Expected, slides
+from procedures.belt.joints import ToolJoints
+from procedures.belt.tracking import CAMERA, UPRIGHT_RAD
+
+ROLES = ("arm", CAMERA, "belt", "gripper")
+
+
+def predict_belt(config: CellConfig, job: BeltTrackingConfig) -> dict[str, Any]:
+    """``text``, the figures for each speed of the belt, and what was found.
+
+    ``problems``: the job is refused or cannot pick with these; ``cautions``: it can, but not at every speed.
+    """
+    problems = [*_roles(config), *_poses(config, job)]
+    values = configured_values(config)
+    try:
+        values = with_job_limits(values, job.limits, config.limits.allow_job_override)
+    except CellError as exc:
+        problems.append(exc.detail)
+    if problems:
+        return {"text": "no prediction before its errors are mended", "problems": problems, "cautions": []}
+    model = robot_from_spec(values["robot"])
+    q_wait, q_place = (np.array(values["poses"][name]) for name in (job.wait_pose, job.place_pose))
+    tool = ToolJoints(model, from_pose6(values["tool"]["T_flange_tool"]), q_wait)
+    problems = list(_leans(job, tool, q_wait, q_place))
+    slide = _slide_words(job)
+    if job.belt is None:
+        text = f"{slide}; no prediction of the zone without [job.belt-tracking] belt"
+        return {"text": text, "problems": problems, "cautions": []}
+    if problems:
+        return {"text": slide, "problems": problems, "cautions": []}
+    guard = MotionGuard(model, GuardLimits.from_mapping(values["limits"]), Tool.from_mapping(values["tool"]))
+    expectation = Expectation(job, tool, q_wait, q_place, np.array(job.belt.dir))
+    problems = expectation.unreachable(guard)
+    if problems:
+        return {"text": slide, "problems": problems, "cautions": []}
+    expected = [expectation.at_speed(v) for v in SPEEDS_M_S]
+    return {
+        "text": f"{_words(expected)}; {slide}; it needs a calibrated camera above the belt when it starts",
+        "speeds": [row.as_dict() for row in expected],
+        "slides": [{"speed_m_s": v, "slide_m": slide} for v, slide in slides(job.dwell_s)],
+        "problems": [],
+        "cautions": [*_cautions(job, expectation, expected)],
+    }
+
+
+def _roles(config: CellConfig) -> Iterator[str]:
+    there = config.robot.roles()
+    for role in ROLES:
+        if role not in there:
+            yield f"[robot] names no device for {role}, which the job needs; add it"
+
+
+def _poses(config: CellConfig, job: BeltTrackingConfig) -> Iterator[str]:
+    for key in ("wait_pose", "place_pose"):
+        if (name := getattr(job, key)) not in config.poses:
+            yield f"{key} '{name}' is not in [poses]; teach it there"
+
+
+def _leans(job: BeltTrackingConfig, tool: ToolJoints, q_wait: Array, q_place: Array) -> Iterator[str]:
+    for key, q in (("wait_pose", q_wait), ("place_pose", q_place)):
+        if (lean := tool.lean(q)) > UPRIGHT_RAD:
+            yield (
+                f"{key} '{getattr(job, key)}': the tool leans by {np.degrees(lean):.1f} deg, at most "
+                f"{np.degrees(UPRIGHT_RAD):.1f} deg are possible; teach it pointing straight down"
+            )
+
+
+def _slide_words(job: BeltTrackingConfig) -> str:
+    rows = ", ".join(f"{1e3 * slide:.1f} mm at {v:g} m/s" for v, slide in slides(job.dwell_s))
+    dwell = f"a dwell of {1e3 * job.dwell_s:g} ms"
+    if job.follow:
+        return f"the tool moves with the item, which would slide in {dwell} by {rows} without follow"
+    return f"without follow an item slides in {dwell} by {rows}"
+
+
+def _words(expected: list[Expected]) -> str:
+    rows = []
+    for row in expected:
+        rate = "cannot be met"
+        if row.per_minute is not None:
+            low, high = row.per_minute
+            rate = f"about {low:.0f} to {high:.0f} can be picked a minute"
+        rows.append(f"at {row.speed_m_s:g} m/s an item is in the zone for {row.window_s:.2f} s, {rate}")
+    return (
+        "; ".join(rows)
+        + " (met at its end or in its middle, with a third of grip_timeout_s for each motion of the gripper)"
+    )
+
+
+def _cautions(job: BeltTrackingConfig, expectation: Expectation, expected: list[Expected]) -> Iterator[str]:
+    least = job.dwell_s + job.grip_timeout_s
+    for row in expected:
+        if row.cycle_s is None:
+            yield f"at {row.speed_m_s:g} m/s the arm cannot meet an item: {row.why}"
+            continue
+        if row.window_s < least:
+            yield (
+                f"at {row.speed_m_s:g} m/s an item is in the zone for {row.window_s:.2f} s, less than "
+                f"dwell_s and grip_timeout_s together ({least:.2f} s); make the zone longer"
+            )
+        if job.follow and (speed := expectation.too_fast_to_follow(row.speed_m_s)) is not None:
+            yield (
+                f"following at {row.speed_m_s:g} m/s at an end of the zone turns a joint at {speed:.2f} "
+                f"rad/s, limits.joint_speed_rad_s is {job.limits.joint_speed_rad_s:g} rad/s; shorten the zone"
+            )
