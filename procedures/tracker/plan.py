@@ -110,6 +110,8 @@ class _Planner:
 
     def plan(self) -> SamplingPlan:
         space = self._space
+        if (why := blocked(self._start, self._start, space.check_path)) is not None:
+            raise error("TRACKER_PLAN_REFUSED", f"the arm stands where it may not be, move it by hand: {why}")
         validation = space.anywhere(_VALIDATION, self._rng)
         if len(validation) < 2:
             raise error("TRACKER_PLAN_REFUSED", "the arm is nowhere free within joint_ranges_rad and boxes")

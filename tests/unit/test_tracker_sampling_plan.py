@@ -300,3 +300,10 @@ def test_a_pose_without_a_direct_way_is_reached_by_the_hub_and_one_without_any_i
     assert found.rows == [0, 1]
     assert found.via == [False, True]
     assert found.lost == {2: "a pillar"}
+
+
+def test_an_arm_that_stands_where_it_may_not_be_has_to_be_moved_by_a_person_first() -> None:
+    below = [0.6, -0.3, 0.9, -0.1, 1.57, 0.0]
+    with pytest.raises(CellError, match="the arm stands where it may not be, move it by hand") as caught:
+        plan_sampling(replace(request(), q_start=below))
+    assert caught.value.name == "TRACKER_PLAN_REFUSED"
