@@ -25,7 +25,10 @@ class IsoPose(Strict):
 
 
 class IsoSample(Strict):
-    """One arrival at rest; ``cycle`` counts from 1, 0 for a pose that only locates the tracker."""
+    """One arrival at rest; ``cycle`` counts from 1, 0 for a pose that only locates the tracker.
+
+    ``warnings`` are what the instrument said of its readings.
+    """
 
     pose: str
     cycle: Annotated[int, Field(ge=0)]
@@ -33,6 +36,7 @@ class IsoSample(Strict):
     t: float | None = None
     scatter_m: float | None = None
     count: int | None = None
+    warnings: list[str] = Field(default_factory=list)
 
 
 class IsoKinematics(Strict):

@@ -216,6 +216,10 @@ def _warnings(data: Iso9283, answer: Mapping[str, Any]) -> list[tuple[str, str]]
     if len(judged) < (1.0 - _MANY_LOST) * data.cycles * len(ORDER):
         text = f"{len(judged)} of {data.cycles * len(ORDER)} arrivals could be measured"
         out.append(("samples.lost", text))
+    if doubtful := [s for s in judged if s.warnings]:
+        said = "; ".join(dict.fromkeys(w for s in doubtful for w in s.warnings))
+        text = f"at {len(doubtful)} of {len(judged)} arrivals the tracker warned: {said}"
+        out.append(("tracker.doubtful", text))
     for key in ("AP", "RP"):
         bound = [p["name"] for p in answer["poses"] if not p[f"{key}_resolved"]]
         if bound:

@@ -97,6 +97,7 @@ class Session:
             "t": found.t,
             "scatter_m": point.scatter_m,
             "count": point.count,
+            "warnings": list(point.warnings),
         }
         await asyncio.to_thread(self.record.add, sample)
         self._place_anew()

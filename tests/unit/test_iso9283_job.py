@@ -224,6 +224,15 @@ def test_a_stand_that_moved_since_the_calibration_is_told(tmp_path: Path) -> Non
     assert done.result["result"]["registration"]["rms_m"] == pytest.approx(0.003, rel=0.05)
 
 
+def test_readings_that_the_instrument_does_not_vouch_for_are_told(tmp_path: Path) -> None:
+    def act(cell: ObjectCell) -> None:
+        cell.at_state("measure", lambda: cell.plant.plants["tracker"].inject("doubtful", {}))
+
+    done = run_of(iso_config(tmp_path, {"cycles": 2}), act=act)
+    (told,) = [w["text"] for w in done.result["warnings"] if w["code"] == "tracker.doubtful"]
+    assert told.startswith("at 10 of 10 arrivals the tracker warned: the instrument does not vouch")
+
+
 def test_a_beam_that_is_broken_for_a_while_is_found_again(tmp_path: Path) -> None:
     def act(cell: ObjectCell) -> None:
         cell.at_state("measure", lambda: cell.plant.plants["tracker"].inject("beam-break", {"for_s": 1.5}))
