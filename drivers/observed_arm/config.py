@@ -180,6 +180,11 @@ class ObservedArmConfig(_Section):
                 raise ValueError(f"joint {i} has no address, or a column; it is in registers here")
         if self.allow_requests and self.handshake is None:
             raise ValueError("allow_requests needs a handshake: the registers to write to")
+        if self.allow_requests and self.handshake is not None and self.handshake.reached is None:
+            raise ValueError(
+                "allow_requests needs handshake.reached, the register in which the arm's program says where it"
+                " stands; else no answer would ever come"
+            )
         if self.handshake is not None:
             self._check_handshake(self.handshake)
 

@@ -258,6 +258,10 @@ HANDSHAKE = {"targets": [20, 22], "number": 28, "reached": 10}
         ({"joints": [{"address": 0, "unit": "counts", "counts_per_turn": 0.5}]}, "less than one count"),
         ({"joints": [{"address": 0, "unit": "grad"}]}, "rad"),
         ({"allow_requests": True}, "allow_requests needs a handshake"),
+        (
+            {"allow_requests": True, "handshake": {"targets": [20, 22], "number": 28}},
+            "allow_requests needs handshake.reached",
+        ),
         ({"handshake": {"targets": [20], "number": 28}}, "has 1 addresses for 2 joints"),
         ({"handshake": {"targets": [20, 21], "number": 28}}, "overlap each other"),
         ({"handshake": {"targets": [20, 22], "number": 23}}, "overlap each other"),
