@@ -182,8 +182,8 @@ class ObservedArmConfig(_Section):
             raise ValueError("allow_requests needs a handshake: the registers to write to")
         if self.allow_requests and self.handshake is not None and self.handshake.reached is None:
             raise ValueError(
-                "allow_requests needs handshake.reached, the register in which the arm's program says where it"
-                " stands; else no answer would ever come"
+                "allow_requests needs handshake.reached, the register in which the arm's program says where"
+                " it stands; else no answer would ever come"
             )
         if self.handshake is not None:
             self._check_handshake(self.handshake)
