@@ -89,8 +89,9 @@ class Belt:
         """What was ordered, oldest first; :meth:`load` of another belt makes it run alike."""
         return list(self._orders)
 
-    def load(self, orders: list[Order]) -> None:
-        """Become a copy of the belt whose :meth:`orders` these are."""
+    def load(self, begin: float, orders: list[Order]) -> None:
+        """Become a copy of the belt that began to run at ``begin`` and has these :meth:`orders`."""
+        self.begin = begin
         self._load(orders)
 
     def follow(self, order: Order) -> None:

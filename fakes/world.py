@@ -165,7 +165,7 @@ class World:
         beams = self.beams.snapshot(segments[0].t0)
         send(("state", segments, blends, self.operator.history(), bends, beams))
         if self.belt is not None:
-            send(("belt", self.belt.orders()))
+            send(("belt", self.belt.begin, self.belt.orders()))
             self.belt.listeners.append(lambda order: send(("belt-order", order)))
         if self.items is not None:
             send(("items", self.items.taken()))
@@ -181,8 +181,8 @@ class World:
                 self.track.append(segment)
             case ("placement", t, placement):
                 self.operator.follow(t, placement)
-            case ("belt", orders) if self.belt is not None:
-                self.belt.load(orders)
+            case ("belt", begin, orders) if self.belt is not None:
+                self.belt.load(begin, orders)
             case ("belt-order", order) if self.belt is not None:
                 self.belt.follow(order)
             case ("items", taken) if self.items is not None:

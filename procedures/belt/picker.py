@@ -31,6 +31,7 @@ CLEAR_SHARE = 0.6  # of the lift, after which the tool may leave sideways
 JOINT_SHARE = 0.9  # of the joints' speed limit that a plan may use; a change of plan needs the rest
 BRAKE_SHARE = 0.95
 PUBLISH_S = 0.2
+MET_M, MET_M_S = 0.0003, 0.02  # from rest on an item
 
 
 class Picker:
@@ -204,14 +205,20 @@ class Picker:
         if ride is None:
             return await self._give_up(t)
         self._go(t, ride, self._at_grip)
-        if self._leg.t1 - t <= 0.5 * STEP_S:
+        if self._meets(t, ride):
             assert self._item is not None
             self._item.note(t, "contact")
-            self._t_contact = self._leg.t1
+            self._t_contact = t
             await self._run.enter(S.GRIP)
             self._begin(self._gripper.grip(self._config.grip_timeout_s))
             self._phase = self._grip
         return True
+
+    def _meets(self, t: float, ride: Ride) -> bool:
+        """Whether the tool is on the item and moves with it: a forecast that shakes is never met exactly."""
+        gap = self._leg.at(t) - ride.at(t)
+        off = float(np.linalg.norm(gap.p[:3] - self._at_grip[:3]))
+        return off < MET_M and float(np.linalg.norm(gap.v[:3])) < MET_M_S
 
     async def _grip(self, t: float) -> bool:
         """Move with the item until it is held, and at least for the dwell."""

@@ -90,8 +90,8 @@ def test_another_belt_with_the_same_orders_runs_alike() -> None:
     subject = belt(**COURSES["stop-start"])
     subject.run(T0 + 3.0, -0.1)
     subject.resume(T0 + 4.0)
-    other = belt(**COURSES["stop-start"])
-    other.load(subject.orders())
+    other = Belt(subject.truth, 7, T0 + 0.6)  # a process that was started later
+    other.load(subject.begin, subject.orders())
     for t in (1.0, 3.5, 4.5, 20.0):
         assert other.travel_at(T0 + t) == subject.travel_at(T0 + t)
 
