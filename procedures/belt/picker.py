@@ -21,6 +21,7 @@ from cell.procedure import Run
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.items import Item, Outcome, life
 from procedures.belt.joints import ToolJoints
+from procedures.belt.lag import Lag
 from procedures.belt.states import PickState as S
 from procedures.belt.watch import BeltWatch
 
@@ -58,7 +59,10 @@ class Picker:
         self._at_grip = np.array([0.0, 0.0, config.grip_m, 0.0])
         self._over_place = np.array([0.0, 0.0, config.above_m, 0.0])
         self._gripper: Gripper = run.gripper()
+        self._arm = run.arm()
         self._task: asyncio.Task[bool] | None = None
+        self._writing: list[asyncio.Task[None]] = []
+        self._lag = Lag()
         self._held = False
         self._foot_m = 0.0
         self._share = 1.0  # of the full speed, on the present way
@@ -87,12 +91,13 @@ class Picker:
                 ahead = self._ahead(t, here)
                 self._keep(t)
                 if clock.now() < t + AHEAD_S:  # a piece that is over would only end the one in use
-                    yield self._tool.piece(t, AHEAD_S, [here, *ahead])
+                    yield self._lag.ahead(self._tool.piece(t, AHEAD_S, [here, *ahead]))
                 await clock.sleep(max(t + STEP_S - LEAD_S - clock.now(), 0.0))
                 t = max(t + STEP_S, clock.now() + LEAD_S)
                 here = self._tool.joints(self._leg.at(t), here[0])
         finally:
             await self._end_task()
+            await asyncio.gather(*self._writing)
 
     def _ahead(self, t: float, here: tuple[Array, Array]) -> list[tuple[Array, Array]]:
         """Joints and joint speeds along the next piece; a way that gets too fast is slowed down."""
@@ -119,9 +124,13 @@ class Picker:
 
     async def _learn(self) -> None:
         now = self._run.clock.now()
+        while self._writing and self._writing[0].done():
+            self._writing.pop(0).result()
+        if (sample := self._arm.state.last()) is not None:
+            self._lag.look(sample.t, sample.value.q)
         self._watch.learn()
         for item in self._watch.missed(now, self._item):
-            await self._ended(item)
+            self._ended(item)
         self._judge_belt(now)
         if now - self._published >= PUBLISH_S:
             self._published = now
@@ -151,14 +160,15 @@ class Picker:
     def _rest_wanted(self) -> bool:
         return self._run.wants_rest or self.standing or self.enough
 
-    async def _ended(self, item: Item) -> None:
+    def _ended(self, item: Item) -> None:
         """Keep what became of ``item`` in journal and ledger."""
         assert item.outcome is not None
         run, detail = self._run, life(item)
         if self._watch.record is not None:
             self._watch.record.ended(item)
         run.note("decision", event="item", item=item.number, outcome=item.outcome.value, **detail)
-        await run.cell.add_item(run, item.number, run.clock.now(), item.outcome.value, detail)
+        written = run.cell.add_item(run, item.number, run.clock.now(), item.outcome.value, detail)
+        self._writing.append(asyncio.create_task(written, name="item"))  # the disk must not hold the stream
         run.progress(self._watch.queue.counts[Outcome.PICKED], self._config.picks)
 
     # -- phases: each decides about the leg from ``t`` on; False ends the stream
@@ -372,7 +382,7 @@ class Picker:
         item, self._item = self._item, None
         if item is not None and item.outcome is None:
             self._watch.queue.end(item, outcome, self._run.clock.now())
-            await self._ended(item)
+            self._ended(item)
 
     # -- the gripper works beside the stream
 
