@@ -17,6 +17,7 @@ from cell.errors import error
 TERM_DEADLINE_S = 15.0
 KILL_DEADLINE_S = 5.0
 LAST_LINES = 6
+SERVICE_NICE = -5  # as in deploy/cellward.service
 _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None)
 
@@ -90,5 +91,10 @@ class Child:
 
 
 def _end_with_parent() -> None:
-    """Runs in the child before exec: even a killed demo leaves no process."""
+    """Runs in the child before exec: even a killed demo leaves no process.
+
+    Twin and daemon get the priority that the service has, where the system permits it.
+    """
+    with suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, SERVICE_NICE)
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)

@@ -11,8 +11,14 @@ from daemon.cli.result_text import result_text
 from daemon.demo.verdict import judge_camera
 from daemon.demo.verdict_arm import judge_arm
 from daemon.demo.verdict_laser import judge_beams, judge_tool
+from daemon.demo.verdict_picks import judge_picks
 
-_JUDGES = {"hand-eye": judge_camera, "laser-reference": judge_beams, "laser": judge_tool}
+_JUDGES = {
+    "hand-eye": judge_camera,
+    "laser-reference": judge_beams,
+    "laser": judge_tool,
+    "belt-tracking": judge_picks,
+}
 
 
 def conclude(runs: Path, run_id: int, truth: Mapping[str, Any]) -> int:

@@ -26,7 +26,7 @@ from daemon.composition import supervised_devices
 from daemon.config import CellConfig, load_config
 from daemon.demo.ending import conclude
 from daemon.demo.folder import begin_in
-from daemon.demo.scenes import Scene, scenes_of
+from daemon.demo.scenes import Scene, give_camera, scenes_of
 from daemon.demo.steps import Step
 from daemon.engine import CellContext, Engine
 from daemon.health import Beats
@@ -95,11 +95,13 @@ async def _run(
         stack.push_async_callback(engine.shutdown)
         await _until_ready(supervisor, clock)
         arm: Any = supervisor.ready(config.robot.roles()["arm"])
+        if any(step.given_camera for step in steps):
+            give_camera(ledger, arm.world.truth(), config.robot.T_base_camera_nominal)
         began = clock.now()
         runs = []
         for step in steps:
             run_id = await _run_step(engine, step, arm.world, clock)
-            runs.append((run_id, arm.world.truth()))
+            runs.append((run_id, arm.world.truth(clock.now())))
         return runs, clock.now() - began
 
 
@@ -109,9 +111,12 @@ async def _run_step(engine: Engine, step: Step, world: Any, clock: Clock) -> int
         world.tool.bend(clock.now(), step.bump.shift_m, (*step.bump.tilt_rad, 0.0))
         say("the tool was bumped")
     run_id: int = (await engine.start(step.job, {}, who=WHO, channel="demo"))["run_id"]
-    placement = 0
+    placement, finished = 0, False
     with ProgressBar() as bar:
         while (status := engine.status())["run_id"] == run_id:
+            if step.picks and status["live"].get("picks", 0) >= step.picks and not finished:
+                finished = True
+                await engine.finish(WHO)
             bar.show(f"{step.job}, run {run_id}", status["step"], status["steps"])
             if status["prompt"] is not None:
                 if step.moves_board:

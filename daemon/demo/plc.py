@@ -13,9 +13,9 @@ from cell.errors import catalogue, error
 
 COMMAND, SEQUENCE, ARGUMENTS, HEARTBEAT, CONTROL_BITS = 0, 1, 4, 10, 11
 ENABLE, AUTOMATIC = 1, 2
-START, ACKNOWLEDGE, CONFIRM = 1, 9, 10
+START, FINISH, ACKNOWLEDGE, CONFIRM = 1, 2, 9, 10
 READY, BUSY, ARM_OK, CAMERA_OK, BEAMS_OK = 1 << 0, 1 << 1, 1 << 7, 1 << 8, 1 << 10
-TRACKER_OK = 1 << 11
+ENCODER_OK, TRACKER_OK = 1 << 9, 1 << 11
 COMPLETE = 17
 REFUSED = 0x8000
 STATUS_REGISTERS = 64
@@ -32,6 +32,7 @@ class Status:
         self.packml, self.error_code = registers[4], registers[6]
         self.run_id, self.prompt_id = self._uint32(10), self._uint32(14)
         self.step, self.steps = registers[12], registers[13]
+        self.picks = self._uint32(20)
 
     def ready_with(self, needs: int) -> bool:
         """Ready for a command, and the devices with these bits are, too."""

@@ -1,12 +1,15 @@
 """The twins of the demo, one after the other: each with the steps that need its world, in its own folder."""
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import as_file, files
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
+from cell.store.ledger import Ledger
+from daemon.cli.output import say
 from daemon.demo.steps import Step
 
 OWN = "scenario.toml"
@@ -19,6 +22,11 @@ class Scene:
 
     twin: str
     steps: tuple[Step, ...]
+
+    @property
+    def given_camera(self) -> bool:
+        """Whether a step counts on a calibrated camera over the belt."""
+        return any(step.given_camera for step in self.steps)
 
     def prepare(self, folder: Path) -> str:
         """Put what the twin needs into ``folder``; returns the scenario as ``cellward-twin`` takes it."""
@@ -35,3 +43,9 @@ class Scene:
 def scenes_of(steps: Sequence[Step]) -> list[Scene]:
     """The steps in their order, those of one twin together."""
     return [Scene(twin, tuple(group)) for twin, group in groupby(steps, key=lambda step: step.twin)]
+
+
+def give_camera(ledger: Ledger, truth: Mapping[str, Any], drawn: Sequence[float] | None) -> None:
+    """Commit the twin's own ``T_base_camera``, as an earlier eye-to-hand calibration would have; say so."""
+    ledger.accept(ledger.propose("T_base_camera", truth["T_base_camera"], {}, 0, drawn), "the demo")
+    say("the camera over the belt counts as calibrated before: the twin's own T_base_camera was committed")

@@ -8,12 +8,13 @@ import subprocess
 import time
 import tomllib
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
 from cell.errors import CellError, RetryError, error
+from cell.store.ledger import Ledger
 from daemon.cli.failures import OK
 from daemon.cli.output import out, say
 from daemon.cli.progress import ProgressBar
@@ -22,7 +23,7 @@ from daemon.demo.children import Child, console_script
 from daemon.demo.ending import conclude
 from daemon.demo.folder import begin_in
 from daemon.demo.plc import POLL_S, Plc
-from daemon.demo.scenes import Scene, scenes_of
+from daemon.demo.scenes import Scene, give_camera, scenes_of
 from daemon.demo.steps import Bump, Step, eta_text
 
 NEEDED_PORTS = (29999, 30001, 30003, 30004, 5020, 5502, 1212)  # UR's four; Modbus servers; GeoCOM
@@ -54,6 +55,11 @@ def _play(scene: Scene, folder: Path) -> list[tuple[Path, int, dict[str, Any]]]:
     with _no_socket_left(folder), _twin(folder, config, scenario) as twin:
         settings = tomllib.loads(config.read_text("utf-8"))
         where = Path(settings["cell"]["state_dir"]) / "runs"
+        if scene.given_camera:
+            where.mkdir(parents=True)
+            with closing(Ledger(where.parent / "ledger.sqlite")) as ledger:
+                truth = json.loads(_ask_twin(folder, "truth", "--json"))
+                give_camera(ledger, truth, settings["robot"]["T_base_camera_nominal"])
         with _daemon(folder, config) as daemon, _plc(settings) as plc:
             say(f"twin '{scene.twin}' pid {twin.pid}, daemon pid {daemon.pid}; waiting for the devices")
             daemon.wait_for(plc.connect, "Modbus server", DAEMON_START_S)
@@ -79,7 +85,7 @@ def _run_step(plc: Plc, step: Step, folder: Path, children: tuple[Child, ...]) -
         _bump(plc, folder, step.bump)
     _start(plc, step)
     say(f"the PLC started job {step.number} ({step.job}) over Modbus")
-    answered, placement, told = 0, 1, 0
+    answered, placement, told, finished = 0, 1, 0, False
     with ProgressBar() as bar:
         while (status := plc.poll()).busy:
             for child in children:
@@ -90,6 +96,10 @@ def _run_step(plc: Plc, step: Step, folder: Path, children: tuple[Child, ...]) -
             if not bar.visible and status.step >= told + LINE_EVERY_STEPS:
                 told = status.step
                 say(f"step {status.step} of {status.steps}, {time.monotonic() - begun:.0f} s")
+            if step.picks and status.picks >= step.picks and not finished:
+                say(f"{status.picks} picks; the PLC finishes the job")
+                finished = True
+                plc.command(registers.FINISH)
             if status.prompt_id not in (0, answered):
                 placement += 1
                 did = _play_operator(plc, folder, step, placement)

@@ -29,9 +29,10 @@ from daemon.demo.fast import write_config
 from daemon.demo.folder import begin_in
 from daemon.demo.plc import Plc
 from daemon.demo.scenes import STORED_SET, Scene, scenes_of
-from daemon.demo.steps import steps_of
+from daemon.demo.steps import STEPS, steps_of
 from daemon.demo.verdict import M2_LIMIT, judge, judgement_text
 from daemon.demo.verdict_arm import judge_arm
+from daemon.demo.verdict_picks import judge_picks
 from daemon.demo.wire import _no_socket_left
 from daemon.modbus import Command, ModbusFace
 from fakes.scenario import Scenario
@@ -227,7 +228,7 @@ def test_a_refused_answer_cannot_be_judged() -> None:
         judge(refused, {})
 
 
-SCENES = scenes_of(steps_of([]))
+SCENES = scenes_of(steps_of(list(STEPS)))
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.twin)
@@ -235,12 +236,12 @@ def test_the_fast_demo_has_the_cell_that_the_twin_would_write(scene: Scene, tmp_
     scenario = Scenario.load(scene.prepare(tmp_path))
     subject = tomllib.loads(write_config(scene, tmp_path).read_text("utf-8"))
     assert {d["scenario"] for d in subject["device"].values()} == {scene.prepare(tmp_path)}
-    written = tomllib.loads(scenario.cell_toml({}, {}, "", "", beams={}, tracker={}))
+    written = tomllib.loads(scenario.cell_toml({}, {}, "", "", beams={}, tracker={}, belt={}, gripper={}))
     for section in ("robot", "limits", "poses", "target", "job"):
         assert subject.get(section) == written.get(section)
     assert subject["device"].keys() == written["device"].keys()
     for device, section in subject["device"].items():
-        assert section["expect_serial"] == written["device"][device]["expect_serial"]
+        assert section.get("expect_serial") == written["device"][device].get("expect_serial")
     load_config(tmp_path / "fast.toml")
 
 
@@ -261,8 +262,20 @@ def test_the_stored_set_is_of_the_arm_and_the_monuments_of_the_demo(tmp_path: Pa
 
 
 def test_every_step_is_of_a_job_that_there_is_with_its_number() -> None:
-    for step in steps_of([]):
+    for step in steps_of(list(STEPS)):
         assert JOBS[step.job].number == step.number
+
+
+def test_picks_are_good_where_the_gripper_truly_met_every_item() -> None:
+    contact = {"off_m": [0.0003, 0.0004], "slide_m_s": 0.001, "taken": True}
+    truth = {"belt": {"dir": [1.0, 0.0, 0.0]}, "gripper": {"contacts": [contact] * 10}}
+    good, text = judge_picks({"result": {"picks": 10}}, truth)
+    assert good
+    assert "0.500" in text
+    assert not judge_picks({"result": {"picks": 11}}, truth)[0]
+    far = {**truth, "gripper": {"contacts": [{**contact, "off_m": [0.002, 0.0]}] * 10}}
+    assert not judge_picks({"result": {"picks": 10}}, far)[0]
+    assert not judge_picks({"result": {"picks": 0}}, {**truth, "gripper": {"contacts": []}})[0]
 
 
 def test_an_arm_is_good_where_it_keeps_its_promise_about_the_truth(tmp_path: Path) -> None:

@@ -1,0 +1,46 @@
+"""Picks beside the twin's truth: where the tool's point truly met each item."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from daemon.cli.output import table
+
+WANTED_M = 0.001  # RMS of the contacts, horizontal
+
+
+def judge_picks(result: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[bool, str]:
+    """How far the tool's point was beside the item at each first contact, and how fast the item slid then.
+
+    Good when every pick that the job counts was one, and the contacts are within ``WANTED_M``.
+    """
+    met = [c for c in truth["gripper"]["contacts"] if c["off_m"] is not None]
+    taken = sum(bool(c["taken"]) for c in met)
+    picks = result["result"]["picks"]
+    off = np.array([c["off_m"] for c in met]).reshape(-1, 2)
+    slide = np.array([c["slide_m_s"] or 0.0 for c in met])
+    direction = np.array(truth["belt"]["dir"][:2])
+    along = off @ direction
+    across = off @ np.array([-direction[1], direction[0]])
+    total = np.linalg.norm(off, axis=1)
+    apart = float(np.sqrt(np.mean(total**2))) if len(met) else float("inf")
+    good = picks > 0 and picks == taken and apart <= WANTED_M
+    rows = [
+        (name, f"{1e3 * np.sqrt(np.mean(v**2)):.3f}", f"{1e3 * np.max(np.abs(v)):.3f}")
+        for name, v in (
+            ("along, mm", along),
+            ("across, mm", across),
+            ("distance, mm", total),
+            ("slide, mm/s", slide),
+        )
+        if len(met)
+    ]
+    words = "which is" if good else "which is NOT"
+    text = [
+        f"{picks} picks were counted; the twin's gripper truly took {taken} of the {len(met)} items it met",
+        "the tool's point beside the item's own at first contact, and the slide when the fingers closed",
+        table(("", "RMS", "largest"), rows),
+        f"{words} what is wanted: every counted pick a true one, contacts within {1e3 * WANTED_M:g} mm RMS",
+    ]
+    return good, "\n".join(text)
