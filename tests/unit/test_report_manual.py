@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from calibration.targets import make_target
-from cell.formats import laser
+from cell.formats import kincal, laser
 from cell.formats.capture import SCHEMA, Capture, TargetTable
 from cell.formats.reading import parse
 from cell.poses import from_pose6, log_xi
 from procedures.solve.hand_eye import solve_hand_eye
+from procedures.solve.kincal import solve_kincal
 from procedures.solve.laser import solve_laser
 
 MANUAL = (Path(__file__).parents[2] / "docs" / "data-sets.md").read_text("utf-8")
@@ -62,4 +63,16 @@ def test_the_laser_example_gives_the_stated_answer_and_its_keys_are_explained(tm
     assert result["uncertainty"]["U_point_m"] == pytest.approx(float(stated[2]), rel=0.1)
     classic = solve_laser(tmp_path, method="classic")
     for part in (result, result["result"], classic["result"]):
+        assert [key for key in part if key not in ("schema", "kind") and f"`{key}`" not in MANUAL] == []
+
+
+def test_the_example_of_an_arm_gives_the_stated_figures_and_its_keys_are_explained(tmp_path: Path) -> None:
+    (example,) = [e for e in ALL if e["schema"] == kincal.SCHEMA]
+    (tmp_path / "kincal.json").write_text(json.dumps(example))
+    result: Any = solve_kincal(tmp_path)
+    for key in ("rms_nominal", "rms_registration_only", "rms_calibrated"):
+        stated = re.search(rf"{key} = ([0-9.]+) m", MANUAL)
+        assert stated is not None
+        assert result["result"][key] == pytest.approx(float(stated[1]), abs=1e-5)
+    for part in (result, result["result"]):
         assert [key for key in part if key not in ("schema", "kind") and f"`{key}`" not in MANUAL] == []
