@@ -142,6 +142,7 @@ class _Session:
         return {
             "source": self.config.source,
             "device": self.encoder.name,
+            "period_s": self.encoder.period_s,
             "T_base_camera": None if sight is None else to_pose6(sight.T_base_camera).tolist(),
             "configured": self._configured,
             "finished_early": self.early,

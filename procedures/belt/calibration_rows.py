@@ -3,7 +3,7 @@
 Only what is in the data set is used, so that replay comes to the same rows.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,8 +12,12 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist, pdist
 
+from calibration.belt.clock import FrameCounter, true_times
 from cell.poses import Array, from_pose6
 
+_RHYTHM_S = 1.0  # either side of an exposure, where the encoder's rhythm is looked for
+_SMOOTH_S = 0.06  # either side of it, where the belt's motion is a parabola
+_FEWEST_NEAR = 7
 _GAP_S = 0.1  # between two counts; over more, nobody knows the count at an exposure
 _ALONE_M = 0.1  # how far an item may have moved from frame to frame when it is always alone
 _SHARE = 0.4  # of the least distance of two items in one frame
@@ -123,11 +127,36 @@ def rows_of(data: Mapping[str, Any], step_counts: float = STEP_COUNTS) -> Rows:
     T = from_pose6(data["T_base_camera"])
     encoder = np.array(data["encoder"], dtype=float).reshape(-1, 2)
     follower = Follower(motion_of(data.get("configured")), step_counts)
-    for seen in data["sightings"]:
-        count = count_at(encoder, float(seen["t"]))
+    times = [float(seen["t"]) for seen in data["sightings"]]
+    found = counts_at(encoder, times, float(data["period_s"]))
+    for seen, at, count in zip(data["sightings"], times, found, strict=True):
         if count is not None:
-            follower.add(float(seen["t"]), count, T.apply(np.array(seen["points"])))
+            follower.add(at, count, T.apply(np.array(seen["points"])))
     return follower.rows()
+
+
+def counts_at(encoder: Array, times: Sequence[float], period_s: float) -> list[float | None]:
+    """The count at each of ``times`` (s), from ``encoder`` (k, 2: s, counts).
+
+    The jitter of stamps and the rounding of counts are smoothed out. None where there are no counts close by
+    on both sides.
+    """
+    frames = FrameCounter(period_s)
+    slots = np.array([frames.add(float(t)) for t in encoder[:, 0]], dtype=np.int64)
+    return [_smoothed(encoder, slots, t) for t in times]
+
+
+def _smoothed(encoder: Array, slots: NDArray[np.int64], t: float) -> float | None:
+    if (plain := count_at(encoder, t)) is None:
+        return None
+    begin, end = np.searchsorted(encoder[:, 0], [t - _RHYTHM_S, t + _RHYTHM_S])
+    wide = slice(int(begin), int(end))
+    n = encoder[wide, 1] - plain
+    true = true_times(encoder[wide, 0], slots[wide], n).t - t
+    near = np.abs(true) <= _SMOOTH_S
+    if near.sum() < _FEWEST_NEAR or not true[near].min() < 0.0 < true[near].max():
+        return plain
+    return plain + float(np.polyfit(true[near], n[near], 2)[-1])
 
 
 def motion_of(belt: Mapping[str, Any] | None) -> Array | None:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from calibration.belt.scale import BeltScale, Refusal, fit_scale, two_points
 from cell.formats.result import Result, Verdict, Warning_
 from procedures.belt.calibration_record import read_data_set
 from procedures.belt.calibration_rows import Rows, rows_of
+from procedures.belt.calibration_spread import spread
 
 KIND = "belt-calibration"
 _STANDS_COUNTS = 2.0
@@ -35,6 +37,9 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> dict[str, Any]
     }
     if isinstance(answer, Refusal):
         return Result(kind=KIND, verdict="fail", reasons=[str(answer)], result=None, inputs=inputs).as_json()
+    sure = None if data["source"] == "touch" else spread(answer, rows)
+    if sure is not None:
+        answer = replace(answer, half_scale=sure.half_scale, half_angle=sure.half_angle, cov=sure.cov)
     sense = -1.0 if _net_counts(rows) < 0.0 else 1.0
     way = sense * answer.direction
     warnings = _warnings(data, sense * answer.m_per_count, way)
@@ -50,6 +55,7 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> dict[str, Any]
             "half_m_per_count": answer.half_scale,
             "half_dir_rad": answer.half_angle,
             "cov": None if answer.cov is None else answer.cov.tolist(),
+            "independent": None if sure is None else sure.by,
         },
         residuals={
             "sigma_m": answer.sigma,
@@ -198,7 +204,7 @@ def _open(data: Mapping[str, Any], answer: BeltScale) -> list[str]:
         return words
     words = [
         "an error of T_base_camera: it turns dir as far as the camera is turned, and stretches m_per_count "
-        "as far as the camera misjudges distances; the intervals are of the sightings' scatter alone"
+        "as far as the camera misjudges distances; the intervals hold what sightings show of each other alone"
     ]
     if data.get("configured") is None:
         words.append(
