@@ -15,6 +15,7 @@ from cell.poses import Array
 
 _GONE = 40  # items whose scatter still tells the camera's noise
 _SIGHTINGS = 1000  # that tell the latency
+_NEWEST = 24  # of an item, that tell its place
 
 
 @dataclass(frozen=True)
@@ -105,14 +106,16 @@ class BeltTracker:
         """``direction`` is the belt's, a unit vector (3,) in base."""
         self.belt = belt
         self.direction = np.asarray(direction, dtype=float)
-        self._items: dict[str, list[tuple[Sighting, float]]] = {}
+        self._items: dict[str, deque[tuple[Sighting, float]]] = {}
+        self._levels: Levels | None = None
         self._gone: deque[list[Sighting]] = deque(maxlen=_GONE)
         self._all: deque[Sighting] = deque(maxlen=_SIGHTINGS)
 
     def see(self, item: str, sighting: Sighting, z: float) -> None:
         """One sighting of ``item`` at height ``z`` (m) has arrived."""
-        self._items.setdefault(item, []).append((sighting, z))
+        self._items.setdefault(item, deque(maxlen=_NEWEST)).append((sighting, z))
         self._all.append(sighting)
+        self._levels = None
 
     @property
     def items(self) -> tuple[str, ...]:
@@ -132,6 +135,7 @@ class BeltTracker:
         seen = self._items.pop(item, None)
         if seen is not None:
             self._gone.append([s for s, _ in seen])
+            self._levels = None
 
     def track(self, item: str, forecast: Forecast | None = None) -> Track | None:
         """The item as known now; None when it has not been seen or nothing has been counted.
@@ -144,7 +148,8 @@ class BeltTracker:
             return None
         sightings = [s for s, _ in seen]
         along, across = self._in_belt(sightings, forecast)
-        speed = np.array([_speed(forecast, s.t) for s in sightings])
+        # Where the exposure is known, the belt's speed does not matter.
+        speed = np.array([0.0 if s.sure else _speed(forecast, s.t) for s in sightings])
         found = place(along, across, sightings, speed, self.levels())
         newest = max(seen, key=lambda pair: pair[0].t)
         return Track(
@@ -153,10 +158,12 @@ class BeltTracker:
 
     def levels(self) -> Levels:
         """The noise of sightings, as those that have arrived show it."""
-        u = self._across()
-        known = [*self._gone, *([s for s, _ in seen] for seen in self._items.values())]
-        across = [np.array([np.dot(s.xy, u) for s in sightings]) for sightings in known]
-        return Levels(camera_sigma(across), latency_sigma(self._all))
+        if self._levels is None:
+            u = self._across()
+            known = [*self._gone, *([s for s, _ in seen] for seen in self._items.values())]
+            across = [np.array([s.xy for s in sightings]) @ u for sightings in known if sightings]
+            self._levels = Levels(camera_sigma(across), latency_sigma(self._all))
+        return self._levels
 
     def _across(self) -> Array:
         u = self.direction[:2] / np.linalg.norm(self.direction[:2])

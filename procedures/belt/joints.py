@@ -13,7 +13,7 @@ from cell.errors import error
 from cell.poses import Array
 
 _FARTHEST_RAD = 0.5  # from one look to the next; more would be another branch
-_LOOKS = 12  # along a leg
+_LOOKS = 13  # along a leg or a piece
 
 
 class ToolJoints:
@@ -73,6 +73,13 @@ class ToolJoints:
         powers = h ** -np.arange(float(len(wanted)))
         coefficients = powers[:, None] * (_hermite(len(states)) @ wanted)
         return TrajectoryPiece(t0, t0 + h * (len(states) - 1), coefficients)
+
+
+def fastest_joint(piece: TrajectoryPiece) -> float:
+    """The highest joint speed in ``piece``, rad/s."""
+    s = np.linspace(0.0, piece.t1 - piece.t0, _LOOKS)[:, None]
+    k = np.arange(1.0, len(piece.coefficients))
+    return float(np.max(np.abs((k * s ** (k - 1.0)) @ piece.coefficients[1:])))
 
 
 @lru_cache

@@ -20,7 +20,7 @@ from cell.poses import Array
 from cell.procedure import Run
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.items import Item, Outcome, life
-from procedures.belt.joints import ToolJoints
+from procedures.belt.joints import ToolJoints, fastest_joint
 from procedures.belt.lag import Lag
 from procedures.belt.states import PickState as S
 from procedures.belt.watch import BeltWatch
@@ -31,6 +31,7 @@ AHEAD_S = 0.05  # twice that is the length of a piece: a loop that is late once 
 CLEAR_SHARE = 0.6  # of the lift, after which the tool may leave sideways
 JOINT_SHARE = 0.9  # of the joints' speed limit that a plan may use; a change of plan needs the rest
 BRAKE_SHARE = 0.95
+YAW_SHARE = 0.6  # of it for turning the tool; the way itself turns the wrist too
 PUBLISH_S = 0.2
 MET_M, MET_M_S = 0.0003, 0.02  # from rest on an item
 
@@ -51,7 +52,7 @@ class Picker:
         self._wait, self._place = wait, place
         limits = config.limits
         self._limits = PursuitLimits(
-            limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3, yaw_v=limits.joint_speed_rad_s
+            limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3, yaw_v=YAW_SHARE * limits.joint_speed_rad_s
         )
         axis = MotionLimits(limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3)
         self._descent_s = float(rest_to_rest(np.array(config.above_m), axis))
@@ -88,10 +89,10 @@ class Picker:
                 await self._learn()
                 if not await self._phase(t):
                     return
-                ahead = self._ahead(t, here)
+                piece = self._piece(t, here)
                 self._keep(t)
                 if clock.now() < t + AHEAD_S:  # a piece that is over would only end the one in use
-                    yield self._lag.ahead(self._tool.piece(t, AHEAD_S, [here, *ahead]))
+                    yield self._lag.ahead(piece)
                 await clock.sleep(max(t + STEP_S - LEAD_S - clock.now(), 0.0))
                 t = max(t + STEP_S, clock.now() + LEAD_S)
                 here = self._tool.joints(self._leg.at(t), here[0])
@@ -99,20 +100,21 @@ class Picker:
             await self._end_task()
             await asyncio.gather(*self._writing)
 
-    def _ahead(self, t: float, here: tuple[Array, Array]) -> list[tuple[Array, Array]]:
-        """Joints and joint speeds along the next piece; a way that gets too fast is slowed down."""
-        limit = BRAKE_SHARE * self._config.limits.joint_speed_rad_s
+    def _piece(self, t: float, here: tuple[Array, Array]) -> TrajectoryPiece:
+        """The next piece from ``here`` on; a way that gets too fast for a joint is slowed down."""
         for _ in range(4):
-            ahead, near = [], here[0] + AHEAD_S * here[1]
+            states = [here]
             for k in (1, 2):
-                ahead.append(self._tool.joints(self._leg.at(t + k * AHEAD_S), near))
-                near = ahead[-1][0]
-            if max(float(np.max(np.abs(speeds))) for _, speeds in ahead) <= limit:
+                q, qd = states[-1]
+                near = q + AHEAD_S * qd if k == 1 else q
+                states.append(self._tool.joints(self._leg.at(t + k * AHEAD_S), near))
+            piece = self._tool.piece(t, AHEAD_S, states)
+            if fastest_joint(piece) <= BRAKE_SHARE * self._config.limits.joint_speed_rad_s:
                 break
             self._share *= 0.8
             slower, old = self._limits.slower(self._share), self._leg
             self._leg = plan(t, old.at(t), old.origin, old.offset, slower)
-        return ahead
+        return piece
 
     def _keep(self, t: float) -> None:
         """This set-point, for whoever looks at the run later."""
