@@ -52,6 +52,7 @@ def judged(result: Mapping[str, Any], path: Path, config: Mapping[str, Any]) -> 
         "poses that the solver did not see, the tracker's noise included",
     }
     reasons = _beyond(heldout.get("set_aside"), predicted["max"], config["accept"]["max_error_m"])
+    reasons += _moved(facts["monuments"])
     warnings = _warnings(heldout.get("set_aside"), predicted["median"], facts)
     verdict = "fail" if reasons else "warn" if warnings else result["verdict"]
     return {
@@ -123,6 +124,15 @@ def _beyond(aside: Mapping[str, Any] | None, predicted_95: float, limit: float) 
     return reasons
 
 
+def _moved(monuments: Mapping[str, Any] | None) -> list[str]:
+    if monuments is None or not monuments.get("beyond_limit"):
+        return []
+    return [
+        f"max_drift_m: a monument was seen {1e3 * monuments['max_moved_m']:.3f} mm from where it was at "
+        f"first, the limit is {1e3 * monuments['limit_m']:g} mm"
+    ]
+
+
 def _warnings(
     aside: Mapping[str, Any] | None, predicted_95: float, facts: Mapping[str, Any]
 ) -> list[tuple[str, str]]:
@@ -133,7 +143,7 @@ def _warnings(
             ("tracker.no-monuments", "no monument was looked at, so nothing says that the stand stood")
         )
     else:
-        if monuments["beyond_noise"]:
+        if monuments["beyond_noise"] and not monuments.get("beyond_limit"):
             text = (
                 f"monuments moved by up to {1e3 * monuments['max_moved_m']:.3f} mm, which is within the limit"
             )

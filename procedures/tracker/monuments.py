@@ -74,13 +74,20 @@ def _culprit(moved: Sequence[Moved], gone: Sequence[Moved]) -> str:
 
 
 def drift_summary(looks: Sequence[Mapping[str, Any]], limit_m: float, samples: int) -> dict[str, Any] | None:
-    """All looks for a result: how far each monument was off and when; None without any look."""
+    """All looks for a result: how far each monument was off and when; None without any look.
+
+    One that shares no monument with the first look vouches for nothing and does not count as a look.
+    """
     if not looks:
         return None
     first = looks[0]["points"]
-    rounds, largest, drifting = [], 0.0, False
+    rounds, largest, drifting, beyond, last = [], 0.0, False, False, looks[0]
     for look in looks[1:]:
         moved = compare(first, look["points"])
+        if not moved:
+            continue
+        last = look
+        beyond |= moved_text(moved, limit_m) is not None
         largest = max([largest, *(m.distance_m for m in moved)])
         drifting |= any(m.beyond(_DRIFT_CHANCE / max(len(moved), 1)) for m in moved)
         rounds.append(
@@ -99,6 +106,7 @@ def drift_summary(looks: Sequence[Mapping[str, Any]], limit_m: float, samples: i
         "looks": rounds,
         "max_moved_m": largest,
         "beyond_noise": drifting,
-        "samples_since_last_look": samples - int(looks[-1]["after"]),
+        "beyond_limit": beyond,
+        "samples_since_last_look": samples - int(last["after"]),
         "meaning": "distance (m) of each monument from where the first look saw it, in the tracker frame",
     }

@@ -14,6 +14,7 @@ from typing import Any
 
 from cell.errors import error
 from cell.store.files import disk_errors, to_json, write_atomic
+from procedures.tracker.monuments import compare, moved_text
 
 SAMPLES_FILE = "samples.jsonl"
 DATA_FILE = "kincal.json"
@@ -50,6 +51,23 @@ class SampleRecord:
             except (ValueError, KeyError, TypeError, AttributeError) as exc:
                 raise error("FILE_UNREADABLE", f"{path}:{number}: no line of a tracker's samples") from exc
         return record
+
+    def vouched_for(self, limit_m: float) -> "SampleRecord":
+        """Without looks that found a monument further off than ``limit_m``, and the poses before these.
+
+        Of those poses nobody knows when the stand moved, even if it stands where it stood by now. Poses after
+        the last look stay: the next look judges them.
+        """
+        kept = SampleRecord(self.folder, self.header, T_base_tracker=self.T_base_tracker)
+        begin = 0
+        for look in self.looks:
+            moved = moved_text(compare(self.looks[0]["points"], look["points"]), limit_m)
+            if moved is None:
+                kept.samples += self.samples[begin : look["after"]]
+                kept.looks.append({**look, "after": len(kept.samples)})
+            begin = look["after"]
+        kept.samples += self.samples[begin:]
+        return kept
 
     def begin(self, header: Mapping[str, Any], adopted: "SampleRecord | None" = None) -> None:
         """Write the header, and take over what ``adopted`` has measured."""

@@ -154,7 +154,11 @@ class Sampling:
         }
         adopted = None
         if run.adopted is not None:
-            adopted = await asyncio.to_thread(SampleRecord.read, run.adopted)
+            found = await asyncio.to_thread(SampleRecord.read, run.adopted)
+            adopted = found.vouched_for(config.max_drift_m)
+            if dropped := len(found.samples) - len(adopted.samples):
+                why = "a monument was seen elsewhere at the look after them"
+                run.note("decision", event="not adopted", poses=dropped, why=why)
             if not (adopted.samples and adopted.looks):
                 adopted = None
                 run.note("decision", event="nothing adopted", why=_why_not_adopted(run.adopted))

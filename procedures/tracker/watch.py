@@ -31,16 +31,21 @@ class MonumentWatch:
     async def look(self, place: Registration, hidden: NDArray[np.bool_]) -> None:
         """Measure all that can be seen; ``TRACKER_MOVED`` when one is not where the first look saw it.
 
-        ``hidden`` (n,) tells which are behind the arm as it stands. Some may be, but not all.
+        ``hidden`` (n,) tells which are behind the arm as it stands. They are left out unless nothing else can
+        be held against the first look.
         """
         run, record = self._run, self._record
         await run.enter(S.MONUMENTS, f"after {len(record.samples)} poses")
         first = record.looks[0]["points"] if record.looks else {}
         points: dict[str, Any] = {}
         failure: CellError | None = None
-        all_hidden = bool(np.all(hidden))
-        for (name, monument), behind in zip(self._config.monuments.items(), hidden, strict=True):
-            if behind and not all_hidden:
+        names = list(self._config.monuments)
+        vouching = np.array([name in first or not first for name in names])
+        none_left = not np.any(vouching & ~hidden)
+        for (name, monument), behind, vouches in zip(
+            self._config.monuments.items(), hidden, vouching, strict=True
+        ):
+            if behind and not (none_left and vouches):
                 run.note("decision", event="monument not seen", monument=name, why="the arm is in the way")
                 continue
             near = place.to_tracker(np.array(monument.point)[:, None])[:, 0]
@@ -57,8 +62,12 @@ class MonumentWatch:
                 "scatter_m": found.value.scatter_m,
             }
         moved = compare(first, points)
-        if failure is not None and (not points or (first and not moved)):
-            raise failure
+        if not points or (first and not moved):
+            # Each was either seen or failed; an adopted run may know only monuments of another config.
+            raise failure or error(
+                "TRACKER_MOVED",
+                f"nothing tells: the first look saw {', '.join(first)}, and none of it is seen",
+            )
         look = {"after": len(record.samples), "t": run.clock.now(), "points": points}
         await asyncio.to_thread(record.add_look, look)
         if (text := moved_text(moved, self._config.max_drift_m)) is not None:

@@ -9,6 +9,7 @@ from cell.errors import CellError
 from fakes.object import run_virtual
 from procedures.tracker.record import SampleRecord
 from tests.object_cell import no_report, open_cell
+from tests.unit.test_tracker_sampling_faults import at_pose
 from tests.unit.tracker_cell import JOB, planned_once, tracker_config
 
 __all__ = ["no_report", "planned_once"]
@@ -55,6 +56,33 @@ def test_poses_are_not_taken_over_when_the_stand_was_moved_meanwhile(tmp_path: P
             end = await cell.finished(second)
             assert end["error"]["name"] == "TRACKER_MOVED"
             assert "the tracker's stand moved" in end["error"]["text"]
+
+    run_virtual(main())
+
+
+def test_poses_before_a_look_that_found_the_stand_moved_are_not_taken_over(tmp_path: Path) -> None:
+    """It was put back, so the next look is a good one; when it moved nobody knows."""
+    config = tracker_config(tmp_path, {"poses": 14, "monument_every": 4}, scenario="palletizer")
+
+    async def main() -> None:
+        async with open_cell(config, job=JOB) as cell:
+            stand = cell.plant.plants["tracker"]
+            at_pose(5, "tracker", "stand-moved", 0.5, dx=0.0008)(cell)
+            end = await cell.run_job()
+            assert end["error"]["name"] == "TRACKER_MOVED"
+            left = SampleRecord.read(cell.folder(1).path)
+            assert [look["after"] for look in left.looks] == [0, 4, 8]
+            stand.inject("stand-moved", {"dx": -0.0008})
+            end = await cell.run_job(adopt=1)
+            assert end["outcome"] == "complete", end
+            (dropped,) = cell.notes(2, "not adopted")
+            assert dropped["poses"] == 4
+            found = cell.result(2)["inputs"]["sampling"]
+            assert found["measured"] == 14
+            assert not found["monuments"]["beyond_limit"]
+            kept = SampleRecord.read(cell.folder(2).path)
+            assert kept.samples[:4] == left.samples[:4]
+            assert not {s["t"] for s in kept.samples} & {s["t"] for s in left.samples[4:]}
 
     run_virtual(main())
 

@@ -4,16 +4,21 @@ import asyncio
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from calibration.identification.registration import Registration
 from cell.errors import CellError
 from cell.poses import Array
+from cell.samples import Sample
 from fakes.object import run_virtual
 from procedures.tracker.locating import locate
 from procedures.tracker.monuments import Moved, compare, drift_summary, moved_text
+from procedures.tracker.record import SampleRecord
+from procedures.tracker.watch import MonumentWatch
 from tests.object_cell import ObjectCell, no_report, open_cell, refused
 from tests.unit.tracker_cell import JOB, planned_once, tracker_config
 
@@ -142,6 +147,72 @@ def test_a_stand_that_creeps_within_the_limit_is_warned_of(tmp_path: Path) -> No
     assert found["samples_since_last_look"] == 2
     assert moved_text(compare(first, crept), 0.0005) is None
     assert "the tracker's stand moved" in (moved_text(compare(first, crept), 0.0001) or "")
+
+
+class _Run:
+    clock = SimpleNamespace(now=lambda: 1.0)
+
+    async def enter(self, *_: object) -> None: ...
+
+    def note(self, *_: object, **__: object) -> None: ...
+
+
+class _Eye:
+    """Sees every monument 5 mm further off at each look."""
+
+    def __init__(self) -> None:
+        self.shift_m, self.seen = 0.0, list[str]()
+
+    async def measure(self, name: str, near: Array, trust_m: float) -> Sample[Any]:
+        self.seen.append(name)
+        point = 3.0 * np.eye(3)[int(name[1]) - 1] + [self.shift_m, 0.0, 0.0]
+        return Sample(SimpleNamespace(point=point, scatter_m=0.0), 0.0, 0.0, 0)
+
+    def sigma_m(self, point: Array) -> float:
+        return 3e-5
+
+
+def looks(folder: Path, shift_m: float, *hidden: tuple[bool, bool, bool]) -> tuple[SampleRecord, list[str]]:
+    """The looks of which each has these of m1, m2, m3 behind the arm; what was seen at the last."""
+    config = SimpleNamespace(
+        monuments={name: SimpleNamespace(point=[0.0, 0.0, 0.0]) for name in ("m1", "m2", "m3")},
+        swap_by_operator=False,
+        retries_per_pose=1,
+        max_drift_m=0.0001,
+    )
+    record, eye = SampleRecord(folder), _Eye()
+    run: Any = _Run()
+    watch = MonumentWatch(run, config, eye, record)  # type: ignore[arg-type]
+    place = Registration(np.eye(3), np.zeros(3))
+
+    async def all_looks() -> None:
+        for k, behind in enumerate(hidden):
+            eye.shift_m = shift_m * k
+            eye.seen = []
+            await watch.look(place, np.array(behind))
+
+    asyncio.run(all_looks())
+    return record, eye.seen
+
+
+def test_a_look_that_has_nothing_in_common_with_the_first_one_tries_what_the_arm_may_hide(
+    tmp_path: Path,
+) -> None:
+    _, seen = looks(tmp_path, 0.0, (False, False, True), (True, True, False))
+    assert seen == ["m1", "m2", "m3"]
+    (tmp_path / "moved").mkdir()
+    with pytest.raises(CellError, match="m1 by 5.000 mm, m2 by 5.000 mm") as caught:
+        looks(tmp_path / "moved", 0.005, (False, False, True), (True, True, False))
+    assert caught.value.name == "TRACKER_MOVED"
+
+
+def test_a_look_that_compares_nothing_is_no_look_in_the_summary() -> None:
+    first, other = ({name: {"p_tracker": [3.0, 0.0, 0.0], "sigma_m": 3e-5}} for name in ("m1", "m3"))
+    at = [{"after": after, "t": 0.0, "points": p} for after, p in ((0, first), (10, first), (20, other))]
+    found = drift_summary(at, 0.0001, 20)
+    assert found is not None
+    assert [look["after"] for look in found["looks"]] == [10]
+    assert found["samples_since_last_look"] == 10
 
 
 def test_one_monument_that_moved_is_not_blamed_on_the_stand() -> None:
