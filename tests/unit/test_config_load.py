@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import re
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar
@@ -385,3 +386,23 @@ def test_the_shipped_example_is_what_init_writes_and_is_valid(tmp_path: Path) ->
     assert subject.robot.roles() == {"arm": "arm", "flange_camera": "camera"}
     assert not subject.cell.twin
     assert [warning for warning in subject.warnings if "everybody" not in warning] == []
+
+
+def test_everything_that_is_commented_out_in_the_example_is_valid_too(tmp_path: Path) -> None:
+    text = Example.FILE.read_text("utf-8")
+    key = r"(\[+[\w.-]+\]|[A-Za-z_]\w* = )"
+    uncommented = re.sub(rf"(?m)^# (?={key})", "", text)
+    assert uncommented.count("[device.") > 2 * text.count("\n[device.")
+    nominal = {"a1": 0.3, "a2": 1.15, "a3": 1.2, "a4": 0.25, "a5": 0.0, "d1": 0.78, "d5": -0.28}
+    ratios = {"k1": 1.0, "k2": 1.0, "k3": 1.0, "k5": -1.0, "t1": 0.0, "t2": 0.0, "t3": 0.0, "t5": 0.0}
+    parameters = {**nominal, **ratios, "tx": 0.12, "ty": 0.05, "tz": -0.06}
+    robot = {"family": "palletizer4", "parameters": parameters}
+    (tmp_path / "palletizer.json").write_text(json.dumps(robot), "utf-8")
+    path = tmp_path / "cell.toml"
+    path.write_text(uncommented, "utf-8")
+    path.chmod(0o600)
+    subject = load_config(path)
+    roles = ("arm", "flange_camera", "beams", "tracker", "observed_arm", "belt", "gripper", "fixed_camera")
+    assert set(subject.robot.roles()) == set(roles)
+    jobs = {"cone-capture", "laser-reference", "tracker-sampling", "belt-calibration", "belt-tracking"}
+    assert set(subject.job) == jobs
