@@ -169,6 +169,68 @@ def test_an_encoder_that_drops_ends_the_job_and_the_data_stay(tmp_path: Path) ->
     run_virtual(scene())
 
 
+@pytest.mark.parametrize(
+    ("device", "kind", "name"),
+    [
+        ("belt", "silence", "DEVICE_LOST"),
+        ("belt", "reboot", "DEVICE_LOST"),
+        ("belt", "bus-off", "CAN_BUS_OFF"),
+        ("camera", "drop", "DEVICE_LOST"),
+        ("camera", "silence", "DEVICE_LOST"),
+    ],
+)
+def test_a_fault_while_items_go_by_ends_the_job_by_name_and_the_next_one_succeeds(
+    tmp_path: Path, device: str, kind: str, name: str
+) -> None:
+    async def scene() -> None:
+        async with belt_cell(tmp_path) as cell:
+            run_id = await cell.start()
+            await cell.until(lambda: cell.engine.run and cell.engine.run.step > 10, "sightings")
+            cell.plant.plant(device).inject(kind)
+            end = await cell.finished(run_id)
+            assert (end["outcome"], end["error"]["name"]) == ("aborted", name)
+            assert cell.at_rest()
+            assert not [r for r in cell.ledger.results() if r["name"] == "belt.belt"]
+            cell.plant.plant(device).clear()
+            await cell.until(cell.all_ready, "ready devices", 120.0)
+            await cell.engine.reset("test")
+            run_id = await cell.start()
+            assert (await cell.finished(run_id))["verdict"] == "pass"
+
+    run_virtual(scene())
+
+
+def test_an_arm_that_says_nothing_at_a_touch_ends_the_job_by_name(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with belt_cell(tmp_path) as cell:
+            teacher = Teacher(cell)
+            run_id = await cell.start(params=TOUCH)
+            await cell.until(lambda: cell.engine.run and cell.engine.run.prompt, "a prompt")
+            cell.plant.plant("arm").inject("silence")
+            await teacher.touch()
+            end = await cell.finished(run_id)
+            assert end["outcome"] == "aborted"
+            assert end["error"]["name"] in ("STALE_DATA", "DEVICE_NOT_READY", "DEVICE_LOST")
+
+    run_virtual(scene())
+
+
+@pytest.mark.parametrize("way", ["abort", "halt"])
+def test_a_stop_ends_it_and_the_camera_looks_for_items_no_more(tmp_path: Path, way: str) -> None:
+    async def scene() -> None:
+        async with belt_cell(tmp_path) as cell:
+            run_id = await cell.start()
+            await cell.until(lambda: cell.engine.run and cell.engine.run.step > 10, "sightings")
+            await getattr(cell.engine, way)("test")
+            end = await cell.finished(run_id)
+            assert end["outcome"] == {"abort": "stopped", "halt": "halted"}[way]
+            await cell.clock.sleep(1.0)
+            last = cell.supervisor.devices["camera"].device.frames.last()
+            assert last.value.items is None
+
+    run_virtual(scene())
+
+
 def test_without_a_calibrated_camera_it_is_refused(tmp_path: Path) -> None:
     async def scene() -> None:
         async with belt_cell(tmp_path) as cell:
