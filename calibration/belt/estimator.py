@@ -94,6 +94,12 @@ class BeltEstimator:
             if t - before[0] > 0.5 * _SPEED_EACH * self.encoder.period:  # a burst's stamps tell no speed
                 self._speeds.add(t, (n - self._zero - before[1]) / (t - before[0]))
 
+    def counts(self, since: float) -> tuple[Array, Array]:
+        """Stamps (k,), s, and unwrapped counts (k,) from the last one before ``since`` on."""
+        history, size = self._history, len(self)
+        begin = max(history.find(since, size) - 1, history.first)
+        return history.t(begin, size), history.n(begin, size)
+
     def forecast(self) -> Forecast | None:
         """The travel from here on, with its uncertainty; None with fewer than two counts or no time
         between them.

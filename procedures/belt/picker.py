@@ -22,6 +22,7 @@ from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.items import Item, Outcome, life
 from procedures.belt.joints import ToolJoints, fastest_joint
 from procedures.belt.lag import Lag
+from procedures.belt.meeting import Aim, strategy
 from procedures.belt.states import PickState as S
 from procedures.belt.watch import BeltWatch
 
@@ -59,6 +60,9 @@ class Picker:
         self._above = np.array([0.0, 0.0, config.above_m + config.grip_m, 0.0])
         self._at_grip = np.array([0.0, 0.0, config.grip_m, 0.0])
         self._over_place = np.array([0.0, 0.0, config.above_m, 0.0])
+        self._aim: Aim | None = None
+        self._meets_only = config.method == "classic" or not config.follow
+        self._strategy = strategy(config, watch, wait.p[:3], self._descent_s)
         self._gripper: Gripper = run.gripper()
         self._arm = run.arm()
         self._task: asyncio.Task[bool] | None = None
@@ -183,6 +187,8 @@ class Picker:
                 await self._run.enter(S.RETURN, "rest is wanted")
             self._go(t, home, np.zeros(4))
             return t < self._leg.t1
+        if self._meets_only:
+            return await self._agree(t)
         chosen = self._choose(t)
         if chosen is None:
             self._go(t, home, np.zeros(4))
@@ -218,13 +224,62 @@ class Picker:
             return await self._give_up(t)
         self._go(t, ride, self._at_grip)
         if self._meets(t, ride):
-            assert self._item is not None
-            self._item.note(t, "contact")
-            self._t_contact = t
-            await self._run.enter(S.GRIP)
-            self._begin(self._gripper.grip(self._config.grip_timeout_s))
-            self._phase = self._grip
+            await self._close(t)
         return True
+
+    async def _close(self, t: float) -> None:
+        """In contact."""
+        assert self._item is not None
+        self._item.note(t, "contact")
+        self._t_contact = t
+        await self._run.enter(S.GRIP)
+        self._begin(self._gripper.grip(self._config.grip_timeout_s))
+        self._phase = self._grip
+
+    # -- phases of a tool that meets an item and does not follow it
+
+    async def _agree(self, t: float) -> bool:
+        """At rest at the waiting point: agree on a contact that the arm can keep."""
+        self._go(t, Place(self._wait.p), np.zeros(4))
+        if self._leg.t1 > t:
+            return True
+        if self._run.state is not S.WAIT:
+            await self._run.enter(S.WAIT)
+        for item in self._watch.queue.waiting(self._config.min_sightings):
+            aim, rest = self._strategy.meet(item, t), self._leg
+            while aim is not None:
+                self._begin_way(t, self._aimed(item, aim), self._above)
+                late = self._leg.t1 + self._descent_s / self._share - aim.contact
+                if late <= STEP_S:
+                    self._item, self._aim, self._phase = item, aim, self._go_above
+                    item.note(t, "approach")
+                    await self._run.enter(S.APPROACH, f"item {item.number}")
+                    return True
+                self._leg, aim = rest, self._strategy.later(item, aim, late)
+        return True
+
+    async def _go_above(self, t: float) -> bool:
+        """Above the agreed place, and there until it is time to go down."""
+        assert self._item is not None
+        assert self._aim is not None
+        self._strategy.improve(self._item, self._aim, t)
+        self._go(t, self._aimed(self._item, self._aim), self._above)
+        if t >= self._aim.contact - self._descent_s / self._share - 0.5 * STEP_S:
+            await self._run.enter(S.DESCEND)
+            self._phase = self._go_down
+        return True
+
+    async def _go_down(self, t: float) -> bool:
+        assert self._item is not None
+        assert self._aim is not None
+        self._strategy.improve(self._item, self._aim, t)
+        self._go(t, self._aimed(self._item, self._aim), self._at_grip)
+        if self._leg.t1 - t <= 0.5 * STEP_S:
+            await self._close(t)
+        return True
+
+    def _aimed(self, item: Item, aim: Aim) -> Place:
+        return Place(np.array([*aim.xy, aim.height, self._yaw(item)]))
 
     def _meets(self, t: float, ride: Ride) -> bool:
         """Whether the tool is on the item and moves with it: a forecast that shakes is never met exactly."""
@@ -234,7 +289,7 @@ class Picker:
 
     async def _grip(self, t: float) -> bool:
         """Move with the item until it is held, and at least for the dwell."""
-        if (ride := self._ride()) is not None:
+        if not self._meets_only and (ride := self._ride()) is not None:
             self._go(t, ride, self._at_grip)
         if t < self._t_contact + self._config.dwell_s or (held := self._answer()) is None:
             return True
