@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from math import degrees, sqrt
 from typing import Any
 
+from daemon.cli.belt_text import belt_calibration_lines, belt_tracking_lines
 from daemon.cli.intercept_text import intercept_lines
 from daemon.cli.iso9283_text import iso9283_lines
 from daemon.cli.kincal_text import kincal_lines
@@ -108,6 +109,8 @@ def _rejected(rejected: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 _BODIES: dict[str, Callable[[Mapping[str, Any], Mapping[str, Any]], list[str]]] = {
+    "belt-calibration": belt_calibration_lines,
+    "belt-tracking": belt_tracking_lines,
     "intercept": intercept_lines,
     "iso9283": iso9283_lines,
     "kincal": kincal_lines,

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from test_report_page import HOSTILE, Page
 
+from daemon.cli.result_text import result_text
 from fakes.object import run_virtual
 from procedures.report.belt_source import BeltSource
 from procedures.report.write import from_folder, render
@@ -112,3 +113,14 @@ def test_a_refused_calibration_says_what_to_do(runs: dict[str, Path], tmp_path: 
     (folder / "result.json").write_text(json.dumps({**result, "residuals": {}}))
     _, text = page_of(folder)
     assert "Start the belt" in text
+
+
+def test_the_command_line_says_what_was_found(runs: dict[str, Path]) -> None:
+    results = {job: json.loads((folder / "result.json").read_text("utf-8")) for job, folder in runs.items()}
+    calibrated = result_text(results["belt-calibration"])
+    found = results["belt-calibration"]["result"]
+    assert f"one count moves the belt by {1e6 * found['m_per_count']:.3f} um (95 %:" in calibrated
+    assert "not seen: an error of T_base_camera" in calibrated
+    picked = result_text(results["belt-tracking"])
+    assert "2 picked of" in picked
+    assert "gripped moving with the item, method ml" in picked
