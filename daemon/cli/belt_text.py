@@ -17,10 +17,9 @@ def belt_calibration_lines(result: Mapping[str, Any], answer: Mapping[str, Any])
     lines = [f"  one count moves the belt by {_UM * m:.3f} um{sure}"]
     turn = answer.get("dir_95_rad")
     within = "" if turn is None else f", within {1e3 * turn:.2f} mrad (95 %)"
-    lines.append(
-        f"  dir = [{', '.join(f'{v:.5f}' for v in way)}] in the base, {degrees(atan2(way[1], way[0])):.3f} deg "
-        f"from x{within}"
-    )
+    axes = ", ".join(f"{v:.5f}" for v in way)
+    angle = degrees(atan2(way[1], way[0]))
+    lines.append(f"  dir = [{axes}] in the base, {angle:.3f} deg from x{within}")
     lines.append(
         f"  from {answer.get('sightings')} sightings of {answer.get('items')} items over "
         f"{mm(answer.get('travel_m'))}"
