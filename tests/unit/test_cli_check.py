@@ -7,7 +7,8 @@ import pytest
 from cli_harness import CellOnDisk, CommandLine
 
 from daemon.config import init_text
-from daemon.demo.fast import _write_config
+from daemon.demo.fast import write_config as write_demo_config
+from daemon.demo.scenes import Scene
 from tests.object_cell import write_config
 
 
@@ -21,7 +22,7 @@ def subject(
 @pytest.fixture
 def objects(tmp_path: Path) -> Path:
     """A valid configuration whose devices are the twin's objects."""
-    return _write_config(tmp_path)
+    return write_demo_config(Scene("bay", ()), tmp_path)
 
 
 def test_a_valid_file_is_said_to_be_valid_with_what_can_be_expected(
