@@ -370,6 +370,7 @@ class ObservedArm(Device, Protocol):
     """An arm that its own program or an operator moves; we read its joints and ask for poses."""
 
     axes: int
+    period_s: float | None  # nominal interval of its joints; None: they come once, at each rest
     joints: Stream[JointState]
 
     async def request(self, number: int, q: Array) -> bool:

@@ -45,6 +45,7 @@ class ObservedArmReader:
     def __init__(self, name: str, config: ObservedArmConfig, clock: Clock) -> None:
         self.name = name
         self.axes = len(config.joints)
+        self.period_s = None if config.is_file else config.poll_period_s
         self.joints: Stream[JointState] = Stream(name, clock)
         self._looks: Stream[None] = Stream(name, clock, keep=2)
         self._config, self._clock = config, clock

@@ -42,6 +42,7 @@ class ObjectObservedArm(ObjectDevice):
         self.config, self.world = config, self._cell.world
         self._arm = self.observed_plant.arm
         self.axes = self._arm.axes
+        self.period_s: float | None = config.poll_period_s
         half_s = config.reply_s / 2.0
         self.joints: LazyStream[JointState] = LazyStream(
             f"{name}.joints", clock, config.poll_period_s, self._poll, dt=half_s, delay_s=half_s

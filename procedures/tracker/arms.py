@@ -1,13 +1,13 @@
 """The two kinds of arms that can be sampled: one that we move, and one that we only read."""
 
 from collections.abc import AsyncIterator
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
 from typing import Protocol
 
 import numpy as np
 
 from cell.devices import JointState
-from cell.errors import error
+from cell.errors import CellError, error
 from cell.motion import MotionLease, measured_standstill
 from cell.poses import Array
 from cell.procedure import Run
@@ -20,6 +20,7 @@ STANDSTILL_TIMEOUT_S = 3.0
 FRESH_S = 0.1
 LOOK_S = 0.05
 REST_TIMEOUT_S = 10.0
+MOST_REQUESTS = 0xFFFF
 
 
 class SampledArm(Protocol):
@@ -106,15 +107,22 @@ class WatchedArm:
     async def session(self) -> AsyncIterator[None]:
         try:
             yield
-        finally:
-            if self._number:
-                await self._arm.request(0, self.now())
+        except BaseException:
+            with suppress(CellError):  # what failed first is the reason
+                await self._take_back()
+            raise
+        await self._take_back()
+
+    async def _take_back(self) -> None:
+        if self._number:
+            await self._arm.request(0, self.now())
 
     async def go(self, visit: Visit, what: str) -> None:
         clock, q = self._run.clock, np.array(visit.q)
         newest = self._arm.joints.last()
         shown = 0 if newest is None else newest.value.at_pose or 0
-        self._number = 1 + max(self._number, shown)  # a number that it shows already would answer nothing
+        # A number that it shows already would answer nothing; the arm has 16 bits for it.
+        self._number = 1 + max(self._number, shown) % MOST_REQUESTS
         self._asked_t = clock.now()
         if not await self._arm.request(self._number, q):
             self._number = 0
@@ -132,7 +140,7 @@ class WatchedArm:
     def _fresh(self) -> JointState | None:
         """What was read since the request."""
         sample = self._sample()
-        return sample.value if sample is not None and sample.t > self._asked_t else None
+        return sample.value if sample is not None and self._since_asked(sample) else None
 
     def _sample(self) -> Sample[JointState] | None:
         return self._arm.joints.last()
@@ -163,10 +171,19 @@ class WatchedArm:
 
     def joints(self, t0: float, t1: float) -> Array:
         samples = self._arm.joints.between(t0, t1)
+        if self._arm.period_s is None:
+            # It writes its joints once it rests: what it wrote last holds, unless it wrote again since.
+            stream = self._arm.joints
+            samples = stream.between(-np.inf, t0)[-1:] + stream.between(t0, np.inf)
+        samples = [s for s in samples if self._since_asked(s)]
+        if not samples:
+            raise error("STALE_DATA", f"{self.name} gave no joints while its reflector was measured")
         if any(not s.value.at_rest for s in samples):
             raise error("POSE_UNSTABLE", f"{self.name} moved while its reflector was measured")
-        # One that writes its joints once it rests writes nothing more while it is measured.
-        return np.array([s.value.q for s in samples]) if samples else self.now()[None]
+        return np.array([s.value.q for s in samples])
+
+    def _since_asked(self, sample: Sample[JointState]) -> bool:
+        return sample.t - sample.dt > self._asked_t
 
 
 def _joints_text(q: Array) -> str:

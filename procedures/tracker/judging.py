@@ -157,6 +157,13 @@ def _warnings(
         if (found := aside["rms"]["calibrated"]) > _SURPRISE * expected:
             text = f"readings that were set aside are {1e3 * found:.3f} mm off (RMS)"
             out.append(("heldout.surprise", f"{text}; up to {1e3 * expected:.3f} mm were expected"))
+    if off_plan := facts.get("off_plan", 0):
+        text = f"{off_plan} of {facts['measured']} poses were measured elsewhere than was asked"
+        out.append(("samples.off-plan", f"{text}, so the result may be worse than was planned"))
+    if doubtful := facts.get("doubtful", []):
+        said = "; ".join(dict.fromkeys(w for s in doubtful for w in s["warnings"]))
+        text = f"at {len(doubtful)} of {facts['measured']} poses the tracker warned: {said}"
+        out.append(("tracker.doubtful", text))
     if facts["wanted"] - facts["measured"] > _MANY_LOST * facts["wanted"]:
         out.append(
             ("samples.lost", f"{facts['measured']} of {facts['wanted']} wanted poses could be measured")

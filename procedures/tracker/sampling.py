@@ -288,6 +288,9 @@ class Sampling:
                 await run.enter(S.MEASURE)
                 return await self._measure(visit, near, surprise_m)
             except CellError as failure:
+                if failure.name in SKIPPED:
+                    self._give_up(visit, failure)
+                    return None
                 if failure.name not in AGAIN or run.state is S.SETTLE:
                     raise
                 run.note("decision", event="pose failed", q=visit.q, attempt=attempt, why=str(failure))
@@ -309,7 +312,28 @@ class Sampling:
         motion = float(np.max(np.linalg.norm(p - p.mean(axis=0), axis=1)))
         if motion > self.config.max_motion_m:
             raise error("POSE_UNSTABLE", f"the joints moved the reflector by {1e3 * motion:.3f} mm")
-        return Q.mean(axis=0), found
+        q = Q.mean(axis=0)
+        self._require_new(visit, q)
+        return q, found
+
+    def _require_new(self, visit: Visit, q: Array) -> None:
+        """``OBSERVED_ARM_NOT_THERE`` where the arm was measured before and was not asked to be again.
+
+        A reading set aside to judge the result must not be one of those that are solved.
+        """
+        if not self._off_plan(q, visit.q):
+            return
+        before = [] if self._stored is None else self._stored.samples
+        for sample in (*before, *self.record.samples):
+            if sample["target"] == visit.reflector and not self._off_plan(q, sample["q"]):
+                raise error(
+                    "OBSERVED_ARM_NOT_THERE",
+                    f"{self.arm.name} has not gone where it was asked to, "
+                    "it stands where it was measured before",
+                )
+
+    def _off_plan(self, q: Array, asked: Sequence[float]) -> bool:
+        return float(np.max(np.abs(q - np.array(asked)))) > self.config.pose_tolerance_rad
 
     _why: CellError | None = None
 
@@ -339,7 +363,7 @@ class Sampling:
             },
         }
         await asyncio.to_thread(self.record.add_sample, sample)
-        elsewhere = {"off_rad": off} if off > self.config.pose_tolerance_rad else {}
+        elsewhere = {"off_rad": off} if self._off_plan(q, visit.q) else {}
         self.run.note("decision", event="pose taken", index=sample["index"], **elsewhere)
         self._place_anew()
 
@@ -381,6 +405,12 @@ class Sampling:
             "wanted": config.poses,
             "measured": len(record.samples),
             "set_aside": sum(bool(s["held_out"]) for s in record.samples),
+            "off_plan": sum(self._off_plan(np.array(s["q"]), s["asked_q"]) for s in record.samples),
+            "doubtful": [
+                {"index": s["index"], "warnings": s["notes"]["warnings"]}
+                for s in record.samples
+                if s["notes"].get("warnings")
+            ],
             "lost": [{"q": visit.q, "target": visit.reflector, "why": why} for visit, why in self._lost],
             "T_base_tracker": record.T_base_tracker,
             "predicted": self.listing.get("predicted"),

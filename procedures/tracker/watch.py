@@ -66,7 +66,7 @@ class MonumentWatch:
             # Each was either seen or failed; an adopted run may know only monuments of another config.
             raise failure or error(
                 "TRACKER_MOVED",
-                f"nothing tells: the first look saw {', '.join(first)}, and none of it is seen",
+                f"nobody knows: of {', '.join(first)}, which the first look saw, none is seen",
             )
         look = {"after": len(record.samples), "t": run.clock.now(), "points": points}
         await asyncio.to_thread(record.add_look, look)

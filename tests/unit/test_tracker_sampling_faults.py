@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from calibration.identification.registration import Registration
+from cell.devices import JointState
 from cell.errors import CellError
 from cell.poses import Array
-from cell.samples import Sample
+from cell.samples import Sample, Stream
 from fakes.object import run_virtual
+from procedures.tracker.arms import WatchedArm
 from procedures.tracker.locating import locate
 from procedures.tracker.monuments import Moved, compare, drift_summary, moved_text
 from procedures.tracker.record import SampleRecord
@@ -201,7 +203,7 @@ def test_a_look_that_has_nothing_in_common_with_the_first_one_tries_what_the_arm
     _, seen = looks(tmp_path, 0.0, (False, False, True), (True, True, False))
     assert seen == ["m1", "m2", "m3"]
     (tmp_path / "moved").mkdir()
-    with pytest.raises(CellError, match="m1 by 5.000 mm, m2 by 5.000 mm") as caught:
+    with pytest.raises(CellError, match=r"m1 by 5\.000 mm, m2 by 5\.000 mm") as caught:
         looks(tmp_path / "moved", 0.005, (False, False, True), (True, True, False))
     assert caught.value.name == "TRACKER_MOVED"
 
@@ -316,16 +318,91 @@ def test_without_a_nominal_place_the_operator_points_the_tracker_and_the_job_fin
 # -- an arm that is only read
 
 
-def test_an_arm_that_is_not_where_it_was_asked_to_be_is_measured_as_it_stands_and_told(
+def test_an_arm_that_has_not_gone_where_it_was_asked_to_is_not_measured_twice_at_one_place(
     tmp_path: Path,
 ) -> None:
+    """Else a reading set aside would be one of those that were solved."""
     skip = at_pose(3, "palletizer", "skip-pose")
     end, cell = run(tmp_path, skip, {"poses": 14}, scenario="palletizer")
     assert end["outcome"] == "complete", end
+    (skipped,) = cell.notes(1, "pose skipped")
+    assert "it stands where it was measured before" in skipped["why"]
+    assert not [note for note in cell.notes(1, "pose taken") if note.get("off_rad")]
+    assert cell.result(1)["inputs"]["sampling"]["measured"] == 14
+    Q = np.array([s["q"] for s in SampleRecord.read(cell.folder(1).path).samples])
+    apart = np.abs(Q[:, None] - Q).max(axis=2) + np.eye(len(Q))
+    assert apart.min() > 0.02
+
+
+def test_an_arm_that_is_not_where_it_was_asked_to_be_is_measured_as_it_stands_and_told(
+    tmp_path: Path,
+) -> None:
+    jog = at_pose(3, "palletizer", "unasked-move", rad=0.05)
+    end, cell = run(tmp_path, jog, {"poses": 14}, scenario="palletizer")
+    assert end["outcome"] == "complete", end
     (elsewhere,) = [note for note in cell.notes(1, "pose taken") if note.get("off_rad")]
     assert elsewhere["off_rad"] > 0.02
-    assert cell.result(1)["inputs"]["sampling"]["measured"] == 14
-    assert cell.result(1)["heldout"]["set_aside"]["rms"]["calibrated"] < 0.0003
+    found = cell.result(1)
+    assert found["inputs"]["sampling"]["off_plan"] == 1
+    assert found["verdict"] == "warn"
+    (told,) = [w["text"] for w in found["warnings"] if w["code"] == "samples.off-plan"]
+    assert told.startswith("1 of 14 poses were measured elsewhere than was asked")
+    assert found["heldout"]["set_aside"]["rms"]["calibrated"] < 0.0003
+
+
+class _Joints:
+    """What an observed arm that writes once at each rest, or every ``period_s``, has given."""
+
+    name = "arm"
+
+    def __init__(self, period_s: float | None) -> None:
+        self.period_s = period_s
+        self.clock: Any = SimpleNamespace(now=lambda: 10.0)
+        self.joints: Stream[JointState] = Stream("arm", self.clock)
+
+    def gave(self, t: float, q: float, at_rest: bool = True) -> None:
+        self.joints.push(Sample(JointState(np.array([q]), at_rest, None), t, 0.1, self.joints.received))
+
+    def watched(self, asked_t: float) -> WatchedArm:
+        live: Any = SimpleNamespace(observed_arm=lambda: self, clock=self.clock)
+        arm = WatchedArm(live, None)  # type: ignore[arg-type]
+        arm._asked_t = asked_t
+        return arm
+
+
+def test_an_arm_that_writes_at_each_rest_is_where_it_wrote_last_before_the_measurement() -> None:
+    arm = _Joints(None)
+    for t, q in ((2.0, 0.1), (5.0, 0.2)):
+        arm.gave(t, q)
+    assert arm.watched(1.0).joints(7.0, 8.0).tolist() == [[0.2]]
+    arm.gave(9.0, 0.3)
+    rows = arm.watched(1.0).joints(7.0, 8.0).tolist()
+    assert rows == [[0.2], [0.3]], "it moved meanwhile or since, which the caller sees"
+    with pytest.raises(CellError, match="gave no joints"):
+        arm.watched(8.95).joints(7.0, 8.0)
+
+
+def test_an_arm_that_is_polled_and_gave_no_joints_while_it_was_measured_is_stale() -> None:
+    arm = _Joints(0.05)
+    arm.gave(5.0, 0.1)
+    with pytest.raises(CellError, match="gave no joints") as caught:
+        arm.watched(1.0).joints(7.0, 8.0)
+    assert caught.value.name == "STALE_DATA"
+    arm.gave(7.5, 0.1, at_rest=False)
+    with pytest.raises(CellError, match="moved while") as caught:
+        arm.watched(1.0).joints(7.0, 8.0)
+    assert caught.value.name == "POSE_UNSTABLE"
+
+
+def test_readings_that_the_tracker_does_not_vouch_for_are_told(tmp_path: Path) -> None:
+    def doubt(cell: ObjectCell) -> None:
+        cell.at_state("measure", lambda: cell.plant.plants["tracker"].inject("doubtful", {}))
+
+    end, cell = run(tmp_path, doubt, scenario="palletizer")
+    assert end["verdict"] == "warn"
+    (told,) = [w["text"] for w in cell.result(1)["warnings"] if w["code"] == "tracker.doubtful"]
+    assert told.startswith("at 12 of 12 poses the tracker warned: the instrument does not vouch")
+    assert len(cell.result(1)["inputs"]["sampling"]["doubtful"]) == 12
 
 
 def test_an_arm_that_never_gets_to_a_pose_is_not_waited_for_forever(tmp_path: Path) -> None:
