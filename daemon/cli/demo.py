@@ -20,11 +20,10 @@ def demo(
 
     if unknown := sorted(set(job or ()) - set(STEPS)):
         raise error("UNKNOWN_JOB", f"the demo has no job '{unknown[0]}'; it has {', '.join(STEPS)}")
-    steps = steps_of(job or ())
     if fast:
         from daemon.demo.fast import run_fast
 
-        raise typer.Exit(run_fast(output.absolute(), steps))
+        raise typer.Exit(run_fast(output.absolute(), steps_of(job or list(STEPS))))
     from daemon.demo.wire import run_wire
 
-    raise typer.Exit(run_wire(output.absolute(), steps))
+    raise typer.Exit(run_wire(output.absolute(), steps_of(job or ())))

@@ -41,7 +41,7 @@ WHO = "the demo"
 
 def run_fast(folder: Path, steps: Sequence[Step]) -> int:
     """Run the demo with its files in ``folder``; the exit code is that of the full one."""
-    out(f"Cellward demo, fast: {', '.join(s.job for s in steps)} in one process. ETA under a minute.")
+    out(f"Cellward demo, fast: {', '.join(s.job for s in steps)} in one process. ETA a minute.")
     out("All devices and the clock are virtual objects: no process, no protocol and no Modbus is exercised.")
     return max([_play(scene, folder / scene.twin) for scene in scenes_of(steps)], default=OK)
 
