@@ -9,7 +9,7 @@ What the camera gets wrong in proportion to the place in the picture looks like 
 can show it. It is taken to be as large as the rest of the pattern over the picture, which they do show.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from procedures.belt.calibration_rows import Rows
 
 _FEWEST = 4  # clusters that say anything
 _PLACES = 12  # of the picture
+_PATTERN_M = 1e-3  # a sighting further off is a false one
 _K95 = float(student.ppf(0.975, _PLACES - 2))  # of what is as large as their pattern
 
 
@@ -48,7 +49,9 @@ def spread(answer: BeltScale, rows: Rows) -> Spread | None:
         if (count := int(cluster.max(initial=-1)) + 1) >= _FEWEST:
             found.append(_clustered(answer, x, r, cluster, count, by))
     widest = max(found, key=lambda s: s.half_scale)
-    unseen = _unseen(answer, rows, r)
+    # Left out of the fit, sightings near by are part of the camera's pattern all the same.
+    near = replace(answer, used=np.isfinite(answer.distance) & (answer.distance < _PATTERN_M))
+    unseen = _unseen(near, rows, _parts(near, rows)[1])
     along = answer.direction
     reach = _K95 * answer.m_per_count
     across = float(np.sqrt(max(float(unseen @ unseen - (along @ unseen) ** 2), 0.0)))
