@@ -30,7 +30,7 @@ FULL = 20
 WARM_UP_S = 8.0  # until the belt is known and the first items are in reach
 BELTS = ("constant", "ripple", "stop-start")
 METHODS: dict[str, dict[str, Any]] = {
-    "ours": {"method": "ml", "follow": True},
+    "ours": {"method": "ml", "follow": True, "choice": "soonest"},
     "ours, meet only": {"method": "ml", "follow": False},
     "classic": {"method": "classic"},
 }

@@ -131,8 +131,12 @@ class Leg:
         return self.origin.at(t) + State(np.array(p), np.array(v), np.array(a))
 
 
-def plan(t0: float, state: State, origin: Origin, offset: Array, limits: PursuitLimits) -> Leg:
+def plan(
+    t0: float, state: State, origin: Origin, offset: Array, limits: PursuitLimits, apart: bool = False
+) -> Leg:
     """The fastest way from ``state`` at ``t0`` to rest at ``offset`` (4,) from ``origin``.
+
+    All axes arrive together, or with ``apart`` each as early as it can.
 
     A state beyond the limits is first brought back within them. ``PLAN_INFEASIBLE`` when ruckig finds none.
     """
@@ -146,7 +150,7 @@ def plan(t0: float, state: State, origin: Origin, offset: Array, limits: Pursuit
     wanted.max_velocity = np.maximum(own - np.abs(away.v), _LEAST_SHARE * own).tolist()
     wanted.max_acceleration = [limits.a] * 3 + [limits.yaw_a]
     wanted.max_jerk = [limits.j] * 3 + [limits.yaw_j]
-    for synchronization in (Synchronization.Time, Synchronization.No):
+    for synchronization in (Synchronization.Time, Synchronization.No)[int(apart) :]:
         wanted.synchronization = synchronization
         trajectory = Trajectory(AXES)
         with suppress(RuckigError):  # a few states leave no common duration, each axis alone has one

@@ -79,6 +79,10 @@ class BeltTrackingConfig(_Strict):
     grip_timeout_s: float = Field(default=0.3, gt=0, le=5)
     align: bool = Field(default=True, description="turn the tool to the item")
     follow: bool = Field(default=True, description="move with the item during the grip")
+    choice: Literal["leaving first", "soonest"] = Field(
+        default="leaving first",
+        description="of several items in reach: who leaves the zone first, or is met first",
+    )
     method: Literal["ml", "classic"] = "ml"
     T1_s: float = Field(default=0.4, gt=0, le=5, description="classic: fixed time of the way above the item")
     picks: int = Field(default=0, ge=0, description="end after so many; 0: until finished")

@@ -33,6 +33,8 @@ CLEAR_SHARE = 0.6  # of the lift, after which the tool may leave sideways
 JOINT_SHARE = 0.9  # of the joints' speed limit that a plan may use; a change of plan needs the rest
 BRAKE_SHARE = 0.95
 YAW_SHARE = 0.6  # of it for turning the tool; the way itself turns the wrist too
+BLEND_S = 0.05  # before the end of a way to above something, in which the way down begins
+CHOICES = 3
 PUBLISH_S = 0.2
 MET_M, MET_M_S = 0.0003, 0.02  # from rest on an item
 
@@ -189,20 +191,23 @@ class Picker:
             return t < self._leg.t1
         if self._meets_only:
             return await self._agree(t)
-        chosen = self._choose(t)
-        if chosen is None:
+        before = self._leg, self._share
+        for item, ride in self._reachable(t):
+            self._begin_way(t, ride, self._above)
+            if self._leaves_after(ride.track, self._leg.t1 + self._descent_s):
+                self._item = item
+                item.note(t, "approach")
+                await self._run.enter(S.APPROACH, f"item {item.number}")
+                self._phase = self._approach
+                return True
+            self._leg, self._share = before
+        coming = self._coming(t)
+        if coming is None:
             self._go(t, home, np.zeros(4))
             return True
-        item, origin, now = chosen
-        if not now:
-            self._go(t, origin, self._above)
-        else:
-            self._begin_way(t, origin, self._above)
-            self._item = item
-            item.note(t, "approach")
-            await self._run.enter(S.APPROACH, f"item {item.number}")
-            self._phase = self._approach
-        if not now and self._run.state is not S.WAIT:
+        item, above = coming
+        self._go(t, above, self._above)
+        if self._run.state is not S.WAIT:
             await self._run.enter(S.WAIT, f"item {item.number}")
         return True
 
@@ -213,7 +218,8 @@ class Picker:
         self._go(t, ride, self._above)
         if not self._leaves_after(ride.track, self._leg.t1 + self._descent_s):
             return await self._give_up(t)
-        if self._leg.t1 - t <= STEP_S:
+        if self._leg.t1 - t <= BLEND_S:
+            self._share = 1.0
             await self._run.enter(S.DESCEND)
             self._phase = self._descend
         return True
@@ -222,7 +228,7 @@ class Picker:
         ride = self._ride()
         if ride is None:
             return await self._give_up(t)
-        self._go(t, ride, self._at_grip)
+        self._go(t, ride, self._at_grip, apart=True)
         if self._meets(t, ride):
             await self._close(t)
         return True
@@ -290,7 +296,7 @@ class Picker:
     async def _grip(self, t: float) -> bool:
         """Move with the item until it is held, and at least for the dwell."""
         if not self._meets_only and (ride := self._ride()) is not None:
-            self._go(t, ride, self._at_grip)
+            self._go(t, ride, self._at_grip, apart=True)
         if t < self._t_contact + self._config.dwell_s or (held := self._answer()) is None:
             return True
         assert self._item is not None
@@ -320,12 +326,13 @@ class Picker:
 
     async def _to_place(self, t: float) -> bool:
         self._go(t, Place(self._place.p), self._over_place)
-        if self._leg.t1 - t <= STEP_S:
+        if self._leg.t1 - t <= BLEND_S:
+            self._share = 1.0
             self._phase = self._put_down
         return True
 
     async def _put_down(self, t: float) -> bool:
-        self._go(t, Place(self._place.p), np.zeros(4))
+        self._go(t, Place(self._place.p), np.zeros(4), apart=True)
         if self._leg.t1 - t <= 0.5 * STEP_S:
             if not self._gripper.holding(0.1):
                 await self._end_item(Outcome.LOST)
@@ -353,8 +360,11 @@ class Picker:
 
     # -- steps of the phases
 
-    def _go(self, t: float, origin: Origin, offset: Array) -> None:
-        """From where the tool is at ``t`` to rest at ``offset`` from ``origin``; a way to a place is kept."""
+    def _go(self, t: float, origin: Origin, offset: Array, apart: bool = False) -> None:
+        """From where the tool is at ``t`` to rest at ``offset`` from ``origin``; a way to a place is kept.
+
+        ``apart``: each axis arrives when it can, so that what is beside is over before the tool is down.
+        """
         old = self._leg
         if (
             isinstance(origin, Place)
@@ -363,7 +373,7 @@ class Picker:
             and np.array_equal(offset, old.offset)
         ):
             return
-        self._leg = plan(t, self._leg.at(t), origin, offset, self._limits.slower(self._share))
+        self._leg = plan(t, self._leg.at(t), origin, offset, self._limits.slower(self._share), apart)
 
     def _begin_way(self, t: float, origin: Origin, offset: Array) -> None:
         """The first plan of a new way: as fast as the limits and the joints let."""
@@ -389,27 +399,33 @@ class Picker:
         turn = item.yaw - self._tool.heading()
         return float((turn + np.pi / 2) % np.pi - np.pi / 2)
 
-    def _choose(self, t: float) -> tuple[Item, Origin, bool] | None:
-        """Who is next, where to, and whether to go now or to wait above where it will be.
-
-        The first to leave the zone of those that can be met in it; METHODS section 5.
-        """
+    def _reachable(self, t: float) -> list[tuple[Item, Ride]]:
+        """Who can be met in the zone when the tool goes now, in the order of the config's choice."""
+        found: list[tuple[float, Item, Ride]] = []
         for item in self._watch.queue.waiting(self._config.min_sightings):
             track = self._watch.track(item)
             if track is None:
                 continue
             ride = Ride(track, self._yaw(item))
-            leg = plan(t, self._leg.at(t), ride, self._above, self._limits)
-            contact = leg.t1 + self._descent_s
-            if not self._leaves_after(track, contact):
+            contact = plan(t, self._leg.at(t), ride, self._above, self._limits).t1 + self._descent_s
+            if float(track.along(np.array([contact]))[0]) < self._config.zone.min_m:
+                break  # and those behind it are still farther upstream
+            if self._leaves_after(track, contact):
+                found.append((contact, item, ride))
+        if self._config.choice == "soonest":
+            found.sort(key=lambda one: one[0])
+        return [(item, ride) for _, item, ride in found[:CHOICES]]
+
+    def _coming(self, t: float) -> tuple[Item, Place] | None:
+        """The first item that is not in the zone yet, and the place above its edge."""
+        for item in self._watch.queue.waiting(self._config.min_sightings):
+            track = self._watch.track(item)
+            if track is None or float(track.along(np.array([t]))[0]) >= self._config.zone.min_m:
                 continue
-            if float(track.along(np.array([contact]))[0]) >= self._config.zone.min_m:
-                return item, ride, True
-            entry = self._entry(track, t)
-            if entry is None:
+            if (entry := self._entry(track, t)) is None:
                 return None
-            above = Place(np.array([*track.xy(np.array([entry]))[0], track.height, ride.yaw]))
-            return item, above, False
+            yaw = self._yaw(item)
+            return item, Place(np.array([*track.xy(np.array([entry]))[0], track.height, yaw]))
         return None
 
     def _entry(self, track: Track, t: float) -> float | None:
