@@ -11,6 +11,9 @@ from typing import Any
 import psutil
 import pytest
 
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[_name] = "1"  # as in every process of the product, and before numpy reads them
+
 DATA = Path(os.environ.get("CELLWARD_DATA", Path(__file__).parents[2] / "shared" / "data"))
 
 

@@ -20,7 +20,7 @@ def solve_new_reference(path: Path, known: Mapping[str, Any]) -> dict[str, Any]:
 
     ``known`` has ``search`` and ``T_flange_tool``, which every later measurement starts from.
     """
-    result = solve_reference(path)
+    result = solve_reference(path, calls=1)
     answer = result["result"]
     if answer is None:
         return result
@@ -39,7 +39,7 @@ def solve_new_reference(path: Path, known: Mapping[str, Any]) -> dict[str, Any]:
 
 def solve_current(path: Path) -> dict[str, Any]:
     """The tool of a data set against its reference."""
-    return solve_laser(path)
+    return solve_laser(path, calls=1)
 
 
 def compare_second(path: Path, first: Mapping[str, Any], reference: Mapping[str, Any]) -> dict[str, Any]:
@@ -48,7 +48,7 @@ def compare_second(path: Path, first: Mapping[str, Any], reference: Mapping[str,
     ``apart`` is its distance from the reference's hit and ``apart_m`` (3,) that in the base, ``U_m`` what
     95 % of such distances stay below; None where the second scan cannot be solved: ``reasons`` say why.
     """
-    second = solve_laser(path)
+    second = solve_laser(path, calls=1)
     answer = second["result"]
     if answer is None:
         unknown = {"apart": None, "apart_m": None, "U_m": None, "U_point_m": None}
