@@ -27,6 +27,8 @@ def predict_tracker(config: CellConfig, job: TrackerSamplingConfig) -> dict[str,
     if missing:
         text = f"[robot] names no device for {missing[0]}, which the job needs; add it"
         return {"text": text, "problems": [text], "cautions": []}
+    if problem := _unknown(config, job, roles["tracker"]):
+        return {"text": problem, "problems": [problem], "cautions": []}
     values = {**configured_values(config), "observed_robot": config.robot.observed_robot_spec()}
     noise, assumed = noise_of(config, roles["tracker"])
     try:
@@ -76,6 +78,18 @@ def _words(job: TrackerSamplingConfig, plan: dict[str, Any], assumed: str) -> st
         f"95 % of them less than {mm(predicted['error_95_max_m'], 4)} at the worst place, with {assumed}; "
         f"rank {plan['rank']} of {plan['rank_possible']} possible; the source's rule of 50 poses and "
         f"15 degrees {kept}"
+    )
+
+
+def _unknown(config: CellConfig, job: TrackerSamplingConfig, device: str) -> str | None:
+    """A sentence on reflectors that the tracker's section does not have; some drivers need none."""
+    known = getattr(config.device[device], "reflectors", None)
+    missing = [name for name in (*job.reflectors, *job.monuments) if name not in (known or {})]
+    if not known or not missing:
+        return None
+    return (
+        f"[device.{device}] reflectors has {', '.join(known)}, but not '{missing[0]}', which "
+        "[job.tracker-sampling] names; add it with its constant, or mend the name"
     )
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from cell.calibrations import kinematics
-from cell.errors import error
+from cell.errors import CellError, error
 from cell.procedure import Procedure, Proposal, Run
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.health import keep_trends
@@ -49,7 +49,10 @@ class TrackerSampling(Procedure):
 
     async def run(self, run: Run) -> None:
         sampling = Sampling(self.config, run)
-        await sampling.take_all()
+        try:
+            await sampling.take_all()
+        except CellError as failure:
+            raise await _with_what_is_left(run, sampling, failure) from failure
         await run.enter(State.SOLVE, f"{len(sampling.record.samples)} poses")
         if len(sampling.record.samples) < MIN_SAMPLES:
             raise error("TRACKER_INCOMPLETE", f"{len(sampling.record.samples)} poses were finished")
@@ -66,6 +69,19 @@ class TrackerSampling(Procedure):
             note = "without T_base_tracker_nominal the job finds the tracker first, then plans in its view"
             return {"note": note, **plan.listing}
         return plan.listing
+
+
+async def _with_what_is_left(run: Run, sampling: Sampling, failure: CellError) -> CellError:
+    """``failure`` with what can be done with the poses that were measured; their data sets are written."""
+    count = len(sampling.record.samples)
+    if not count or failure.name == "TRACKER_MOVED":
+        return failure
+    try:
+        await asyncio.to_thread(sampling.write)
+    except CellError as second:  # as a full disk; the first failure is the reason
+        run.note("error", **second.as_dict())
+    text = f"{failure.detail}; {count} poses are kept, `cellward adopt {run.id}` goes on from them"
+    return error(failure.name, text)
 
 
 def check_payload(config: TrackerSamplingConfig, values: Mapping[str, Any]) -> None:

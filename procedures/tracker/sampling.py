@@ -72,6 +72,8 @@ class Sampling:
     async def _take_all(self) -> None:
         run, config = self.run, self.config
         await run.enter(S.PREPARE)
+        for name in (*config.reflectors, *config.monuments):
+            await self.eye.tracker.select(name)  # one that it does not know shall not show after an hour
         adopted = await self._begin_record()
         if adopted:
             await self.look_at_monuments()

@@ -41,6 +41,16 @@ def test_check_names_what_keeps_the_job_from_succeeding(tmp_path: Path) -> None:
     assert "5 kg" in problem
 
 
+def test_check_names_a_reflector_that_the_trackers_section_lacks(tmp_path: Path) -> None:
+    config = tracker_config(tmp_path)
+    device = config.robot.roles()["tracker"]
+    section = config.device[device].model_copy(update={"reflectors": {"smr1": None, "m1": None}})
+    config = config.model_copy(update={"device": {**config.device, device: section}})
+    (found,) = (p for p in predictions(config) if p["job"] == JOB)
+    (problem,) = found["problems"]
+    assert f"[device.{device}] reflectors has smr1, m1, but not 'm2'" in problem
+
+
 def test_check_warns_of_a_stand_that_nothing_watches_and_of_a_limit_that_will_be_missed(
     tmp_path: Path,
 ) -> None:

@@ -15,7 +15,9 @@ from cell.devices import JointState
 from cell.errors import CellError
 from cell.poses import Array
 from cell.samples import Sample, Stream
+from cell.store.files import read_json
 from fakes.object import run_virtual
+from fakes.object.tracker import ObjectTracker
 from procedures.tracker.arms import WatchedArm
 from procedures.tracker.locating import locate
 from procedures.tracker.monuments import Moved, compare, drift_summary, moved_text
@@ -110,6 +112,30 @@ def test_a_beam_that_stays_broken_ends_the_job_by_its_name_with_the_arm_at_rest(
     assert error_of(end) in ("TRACKER_BEAM_BROKEN", "TRACKER_NO_TARGET")
     assert len(cell.notes(1, "pose skipped")) == 5
     assert cell.at_rest()
+
+
+def test_what_was_measured_before_a_failure_is_in_data_sets_and_the_way_on_is_told(tmp_path: Path) -> None:
+    gone = at_pose(3, "tracker", "beam-break", reflector="smr1")
+    end, cell = run(tmp_path, gone, {"retries_per_pose": 0}, scenario="palletizer")
+    assert error_of(end) in ("TRACKER_BEAM_BROKEN", "TRACKER_NO_TARGET")
+    assert "3 poses are kept, `cellward adopt 1` goes on from them" in end["error"]["text"]
+    sets = [read_json(cell.folder(1).path / name)["samples"] for name in ("kincal.json", "heldout.json")]
+    assert sum(map(len, sets)) == 3
+
+
+def test_a_reflector_that_the_tracker_does_not_know_ends_the_job_before_anything_moves(
+    tmp_path: Path,
+) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        genuine = ObjectTracker.select
+
+        async def select(tracker: ObjectTracker, name: str) -> None:
+            await genuine(tracker, "nobody" if name == "m3" else name)
+
+        patch.setattr(ObjectTracker, "select", select)
+        end, cell = run(tmp_path, lambda cell: None)
+    assert error_of(end) == "TRACKER_REFLECTOR_UNKNOWN"
+    assert not moved(cell)
 
 
 def test_a_point_that_shakes_is_tried_again_and_told_when_it_stays_so(tmp_path: Path) -> None:
