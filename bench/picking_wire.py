@@ -1,0 +1,138 @@
+"""Picking on the wire in real time: genuine ur-rtde servo, slcan encoder, rendered images. What its error is.
+
+``python -m bench.picking_wire [PICKS] [--bind 127.0.53.2]``. The contact error is the horizontal distance of
+the tool's true point and the item's true grasp point at first contact. Beside it: what the camera has of the
+same items, and how far the tool is from its set-points about the contacts; the rest is forecast and stamps.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from cell.poses import Array
+from cell.store.ledger import Ledger
+from fakes.control import ask
+from fakes.scenario import Scenario
+from fakes.world import World
+from procedures.belt.record import STEP, STEPS_FILE, read_rows
+from tests.wire_cell import WireCell, pause, shipped
+
+PERIOD_S = 0.02
+LIMIT_M = 1.0e-3
+
+
+def calibrated(cell: WireCell) -> None:
+    """Commit ``T_base_camera`` as a calibration would have left it, before the daemon starts."""
+    config, truth = cell._config(), ask(cell.folder, {"do": "truth"})
+    state = Path(config["cell"]["state_dir"])
+    state.mkdir(mode=0o700, parents=True, exist_ok=True)
+    ledger = Ledger(state / "ledger.sqlite")
+    drawn = config["robot"]["T_base_camera_nominal"]
+    ledger.accept(ledger.propose("T_base_camera", truth["T_base_camera"], {}, 0, drawn), "bench")
+    ledger.close()
+
+
+class Watcher:
+    """Samples the truth of arm and belt while the job runs: time, joints, travel."""
+
+    def __init__(self, folder: Path) -> None:
+        self.rows: list[tuple[float, list[float], float]] = []
+        self._folder, self._over = folder, threading.Event()
+        self._thread = threading.Thread(target=self._look)
+        self._thread.start()
+
+    def end(self) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def _look(self) -> None:
+        while not self._over.is_set():
+            before = time.monotonic()
+            truth = ask(self._folder, {"do": "truth"})
+            at = 0.5 * (before + time.monotonic())
+            self.rows.append((at, truth["arm"]["q"], truth["belt"]["travel_m"]))
+            pause(PERIOD_S)
+
+
+def following(steps: Any, watcher: Watcher, contacts: list[dict[str, Any]], world: World) -> Array:
+    """(k, 3) m: the tool beside its set-points within 0.1 s of contacts."""
+    off = []
+    for t, q, _ in watcher.rows:
+        if any(abs(t - c["t_contact"]) < 0.1 for c in contacts):
+            wanted = np.array([np.interp(t, steps["t"], steps["p"][:, axis]) for axis in range(3)])
+            tool = (world.true.forward(np.array(q)) * world.T_flange_tool).translation
+            off.append(tool - wanted)
+    return np.array(off).reshape(-1, 3)
+
+
+def camera(data: dict[str, Any], watcher: Watcher, world: World) -> Array:
+    """(k, 2) m: sightings beside the items that truly lie there, along and across the belt."""
+    assert world.items is not None
+    T = world.items.belt.T_base_belt.inv()
+    t, _, travel = (np.array(x, dtype=object) for x in zip(*watcher.rows, strict=True))
+    off = []
+    for seen in data["detections"]:
+        if not t[0] <= seen["t_exp"] <= t[-1]:
+            continue
+        along, across, _ = T.apply([*seen["xy"], seen["z"]])
+        along -= float(np.interp(seen["t_exp"], t.astype(float), travel.astype(float)))
+        near = min((world.items.lying(k) for k in range(200)), key=lambda item: abs(item.along - along))
+        off.append([along - near.along, across - near.across])
+    return np.array(off).reshape(-1, 2)
+
+
+def rms(off: Array) -> str:
+    return "     -" if not len(off) else f"{1e3 * float(np.sqrt(np.mean(np.sum(off**2, axis=1)))):6.3f}"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("picks", nargs="?", type=int, default=50)
+    parser.add_argument("--bind", default="127.0.53.2")
+    options = parser.parse_args()
+    scenario = shipped("picking", above_m=f"0.05\npicks = {options.picks}")
+    world = World.from_scenario(Scenario.parse(scenario), 0.0)
+    with tempfile.TemporaryDirectory() as folder:
+        cell = WireCell(Path(folder), options.bind, scenario)
+        try:
+            cell.start_twin()
+            calibrated(cell)
+            cell.start_daemon()
+            watcher = Watcher(cell.folder)
+            cell.start_job("belt-tracking")
+            try:
+                end = cell.wait_for_end(30.0 + 6.0 * options.picks)
+            finally:
+                watcher.end()
+            contacts = ask(cell.folder, {"do": "truth"})["gripper"]["contacts"]
+            run = cell.runs()[-1].path
+            steps = read_rows(run / STEPS_FILE, STEP)
+            data = json.loads((run / "intercept.json").read_text("utf-8"))
+        finally:
+            cell.stop()
+    met = [c for c in contacts if c["off_m"] is not None]
+    off = np.array([c["off_m"] for c in met]).reshape(-1, 2)
+    print(f"{len(met)} contacts, {sum(c['taken'] for c in met)} taken; the job ended {end['outcome']}")
+    if end["error"]:
+        print(end["error"]["text"])
+    print(f"contact error      {rms(off)} mm RMS, mean {1e3 * off.mean(axis=0) if len(off) else '-'}")
+    print(f"camera             {rms(camera(data, watcher, world))} mm RMS of one sighting")
+    print(
+        f"following          {rms(following(steps, watcher, met, world)[:, :2])} mm RMS beside the set-points"
+    )
+    good = end["outcome"] == "complete" and bool(np.sqrt(np.mean(np.sum(off**2, axis=1))) <= LIMIT_M)
+    print(f"within {1e3 * LIMIT_M:g} mm: {'yes' if good else 'NO'}")
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
