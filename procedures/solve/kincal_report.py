@@ -10,6 +10,7 @@ from calibration.identification.held_out import FOLDS, HeldOut, held_out, rms
 from calibration.identification.model import REGISTRATION
 from calibration.identification.noise import FLOOR
 from calibration.identification.observability import Observability, still_joints
+from calibration.identification.range_offset import RangeOffset, range_offset
 from calibration.identification.registration import Registration, register
 from calibration.identification.selection import source_rule
 from calibration.identification.solution import Solution
@@ -251,6 +252,9 @@ def _warnings(solved: Solved, judged: HeldOut) -> list[tuple[str, str]]:
         out.append(("samples.rejected", f"{total - used} of {total} samples were not used"))
     if solution.excess > 1.0 and solved.classic is None:
         out.append(("noise.too-small", _too_small(solution)))
+    offset = range_offset(solution)
+    if offset is not None and offset.significant:
+        out.append(("reflector.constant", _wrong_constant(offset)))
     added = [name for name in solution.model.names if name not in loaded.model.names]
     if added:
         text = f"the residuals ask for {_and_more(added)}, which the robot's table leaves fixed; adjusted too"
@@ -284,7 +288,18 @@ def _too_small(solution: Solution) -> str:
     floor = " (it was raised to 1 um)" if solution.noise.sigma0 < FLOOR else ""
     return (
         f"the residuals are {factor:.1f} times what the given noise explains{floor}: the arm has errors that "
-        "its parameters lack, as gears and bending, or the tracker is noisier; the covariance is widened"
+        "its parameters lack, as gears and bending, or the tracker is noisier, or a reflector's constant is "
+        "wrong; the covariance is widened"
+    )
+
+
+def _wrong_constant(offset: RangeOffset) -> str:
+    long = "long" if offset.offset_m > 0.0 else "short"
+    names = _and_more(list(offset.targets))
+    return (
+        f"ranges to {names} look {1e3 * abs(offset.offset_m):.2f} mm too {long} (give "
+        f"or take {2e3 * offset.sigma_m:.2f}): check the reflector's constant and kind; the error is in the "
+        "arm that was found, and its uncertainty does not know of it"
     )
 
 
