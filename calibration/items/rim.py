@@ -22,6 +22,9 @@ _LEAST_CONTRAST = 15.0  # grey levels between face and belt
 _SHADE = 0.6  # of the way from the face's colour to the belt's: a side of which nothing is known
 _WIDE = 5.0  # px; a strip whose own colour can be read
 _ALIKE = 0.8  # cosine between normals of one side
+_ROUNDS = 2
+_CORNER, _SHARP = 7, 0.7  # points before and after, and the cosine of how far the rim may turn between them
+_FEWEST = 0.4  # of the points must show an edge
 _FARTHEST = 4.0  # px from where depth has the rim
 _SYSTEMATIC_PX = 0.15  # what is left of the sides' influence on the centre, on drawn boxes
 
@@ -46,11 +49,24 @@ def measured_rim(colour: NDArray[np.uint8], face: NDArray[np.bool_], side_width:
     inner = cv2.erode(face.astype(np.uint8), np.ones((9, 9), np.uint8)).astype(bool)
     if not contours or inner.sum() < 20:
         return None
-    start, normal = _evenly(max(contours, key=len)[:, 0, :].astype(float))
+    contour = max(contours, key=len)[:, 0, :].astype(float)
+    own = np.median(colour[inner].reshape(-1, 3), axis=0)
+    found: Rim | None = None
+    # From depth's rim first, which bulges where a side was taken for the top; then from what that came to.
+    for _ in range(_ROUNDS):
+        found = _moved(colour, own, contour, side_width)
+        if found is None:
+            return None
+        contour = found.points
+    return found
+
+
+def _moved(colour: NDArray[np.uint8], own: Array, contour: Array, side_width: SideWidth) -> Rim | None:
+    """A closed ``contour`` (k, 2) px moved to the edge of the face, whose colour is ``own`` (3,)."""
+    start, normal = _evenly(contour)
     side = np.clip(side_width(start, normal), 0.0, _MOST_SIDE)
     s = np.arange(-_INWARD, _OUTWARD + float(side.max()) + 1e-9, _STEP)
     seen = _profiles(colour, start, normal, s)
-    own = np.median(colour[inner].reshape(-1, 3), axis=0)
     beyond = s[None, :] > side[:, None] + 3.0
     belt = np.median(seen[beyond], axis=0)
     contrast = float(np.linalg.norm(belt - own))
@@ -58,8 +74,8 @@ def measured_rim(colour: NDArray[np.uint8], face: NDArray[np.bool_], side_width:
         return None
     rise = ((seen - own) @ (belt - own)) / contrast**2  # 0 on the face, 1 on the belt
     shift = _edge(s, rise, side, _shades(s, rise, side, normal))
-    good = np.abs(shift) < _FARTHEST
-    if good.mean() < 0.6:
+    good = (np.abs(shift) < _FARTHEST) & ~_corners(normal)
+    if good.mean() < _FEWEST:
         return None
     everywhere = np.interp(np.arange(len(shift)), np.flatnonzero(good), shift[good], period=len(shift))
     smooth = _around(everywhere, 3.0)
@@ -138,6 +154,12 @@ def _evenly(contour: Array) -> tuple[Array, Array]:
     normal = np.column_stack([tangent[:, 1], -tangent[:, 0]])
     outward = np.sum(normal * (points - points.mean(axis=0)), axis=1)
     return points, normal if np.median(outward) > 0.0 else -normal
+
+
+def _corners(normal: Array) -> NDArray[np.bool_]:
+    """(n,) where the rim turns within few points: across a corner a side is not as wide as beside it."""
+    before, after = np.roll(normal, _CORNER, axis=0), np.roll(normal, -_CORNER, axis=0)
+    return np.asarray(np.sum(before * after, axis=1) < _SHARP)
 
 
 def _around(values: Array, sigma: float) -> Array:
