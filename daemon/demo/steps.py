@@ -38,7 +38,7 @@ CONE_CAPTURE = Step(
     "cone-capture",
     1,
     plc.ARM_OK | plc.CAMERA_OK,
-    75,
+    95,
     "3 placements of the board, 12 arm poses each",
     moves_board=True,
 )
@@ -46,14 +46,14 @@ LASER_REFERENCE = Step(
     "laser-reference",
     2,
     plc.ARM_OK | plc.BEAMS_OK,
-    60,
+    125,
     "the good tool through both beams, at two places each",
 )
 LASER_UPDATE = Step(
     "laser-update",
     4,
     plc.ARM_OK | plc.BEAMS_OK,
-    75,
+    100,
     "the tool is bumped, measured, corrected, and measured again",
     bump=Bump((0.0012, -0.0007, 0.0005), (0.008, -0.006)),
 )
