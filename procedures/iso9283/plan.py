@@ -69,6 +69,23 @@ def kinematics_of(values: Mapping[str, Any], config: Iso9283Config) -> Mapping[s
     return found
 
 
+def require_same_devices(
+    found: Mapping[str, Any] | None, config: Iso9283Config, serials: Mapping[str, str]
+) -> None:
+    """``ISO9283_NO_KINEMATICS`` when the kinematics ``found`` in effect are of an arm with another serial.
+
+    So for another tracker where its place is taken from them. A serial that nobody could tell says nothing.
+    """
+    roles = ("arm", "tracker") if config.registration == "kinematics" else ("arm",)
+    for role in roles:
+        then, now = ((found or {}).get("serials") or {}).get(role), serials.get(role)
+        if then and now and then != now:
+            raise error(
+                "ISO9283_NO_KINEMATICS",
+                f"the kinematics in effect were measured with {role} {then}, and this is {role} {now}",
+            )
+
+
 def _differ(a: Mapping[str, Any], b: Mapping[str, Any]) -> bool:
     """Whether two ROBOTs are not one arm, whatever is on its flange and however well it is believed.
 

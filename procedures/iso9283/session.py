@@ -17,7 +17,15 @@ from cell.procedure import FinishRequested, Run
 from cell.samples import Sample
 from procedures.arm_setup import lease_settings
 from procedures.iso9283.config import Iso9283Config
-from procedures.iso9283.plan import ORDER, IsoPlan, Station, kinematics_of, plan_iso, point_of
+from procedures.iso9283.plan import (
+    ORDER,
+    IsoPlan,
+    Station,
+    kinematics_of,
+    plan_iso,
+    point_of,
+    require_same_devices,
+)
 from procedures.iso9283.record import IsoRecord
 from procedures.iso9283.states import State as S
 from procedures.tracker.eye import AGAIN, LOST, Eye
@@ -55,6 +63,11 @@ class Session:
         """All arrivals; after a finish those that there were by then."""
         run, config = self.run, self.config
         await run.enter(S.PREPARE)
+        serials = {
+            "arm": (await self.arm.identify()).serial,
+            "tracker": (await self.eye.tracker.identify()).serial,
+        }
+        require_same_devices(kinematics_of(run.values, config), config, serials)
         await run.enter(S.PLAN)
         plan = await self.plan()
         run.note("decision", event="plan", plan=plan.listing)

@@ -180,7 +180,8 @@ def _warnings(
 def proposal_value(result: Mapping[str, Any], payload_kg: float, robot: Mapping[str, Any]) -> dict[str, Any]:
     """What ``kinematics.<device>`` holds: the calibrated ROBOT, where the tracker stood, and how good it is.
 
-    ``robot`` is what the controller believes. Lengths in metres.
+    ``robot`` is what the controller believes, ``serials`` which arm and which tracker it was. Lengths in
+    metres.
     """
     answer, found = result["result"], result["heldout"]
     found = found.get("set_aside") or found
@@ -190,6 +191,7 @@ def proposal_value(result: Mapping[str, Any], payload_kg: float, robot: Mapping[
         "controller": dict(robot),
         "T_base_tracker": [float(v) for v in to_pose6(from_pose6(answer["T_tracker_base"]).inv())],
         "payload_kg": payload_kg,
+        "serials": result["inputs"]["sampling"].get("serials", {}),
         "rank": answer["rank"],
         "unidentifiable": answer["unidentifiable"],
         "rms_registration_only": found["rms"]["registration_only"],

@@ -52,6 +52,7 @@ class Sampling:
         if config.T_base_tracker_nominal is not None:
             self.place = registration_of(config.T_base_tracker_nominal)
         self.listing: dict[str, Any] = {}
+        self.serials: dict[str, str] = {}  # of "arm" and "tracker"
         self._stored: StoredSet | None = None
         self._mounted: str | None = None
         self._lost: list[tuple[Visit, str]] = []
@@ -72,6 +73,10 @@ class Sampling:
     async def _take_all(self) -> None:
         run, config = self.run, self.config
         await run.enter(S.PREPARE)
+        self.serials = {
+            role: (await run.cell.device(device).identify()).serial
+            for role, device in (("arm", config.arm), ("tracker", "tracker"))
+        }
         for name in (*config.reflectors, *config.monuments):
             await self.eye.tracker.select(name)  # one that it does not know shall not show after an hour
         adopted = await self._begin_record()
@@ -404,6 +409,7 @@ class Sampling:
             "arm": self.arm.name,
             "role": config.arm,
             "tracker": self.eye.tracker.name,
+            "serials": self.serials,
             "wanted": config.poses,
             "measured": len(record.samples),
             "set_aside": sum(bool(s["held_out"]) for s in record.samples),

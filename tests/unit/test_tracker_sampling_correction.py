@@ -12,7 +12,7 @@ from calibration.kinematics.families import arm_spec, robot_document
 from cell.errors import CellError
 from cell.formats.robot import parse_robot
 from procedures.iso9283.config import Iso9283Config
-from procedures.iso9283.plan import kinematics_of
+from procedures.iso9283.plan import kinematics_of, require_same_devices
 
 
 def test_a_controller_that_inverts_its_own_model_then_brings_the_true_flange_there() -> None:
@@ -59,3 +59,20 @@ def test_kinematics_of_another_payload_do_not_correct() -> None:
     with pytest.raises(CellError, match=r"measured with 2 kg, \[robot\] payload_kg is 5\.5 kg") as caught:
         kinematics_of({**values, "payload_kg": 5.5}, config)
     assert caught.value.name == "PAYLOAD_DIFFERS"
+
+
+def test_kinematics_of_another_arm_or_seen_by_another_tracker_do_not_correct() -> None:
+    found = {"serials": {"arm": "9999-1", "tracker": "9999-2"}}
+    fit, placed = (
+        Iso9283Config.model_construct(corrected=True, registration=how) for how in ("fit", "kinematics")
+    )
+    require_same_devices(found, placed, found["serials"])
+    require_same_devices(found, fit, {"arm": "9999-1", "tracker": "9999-7"})
+    require_same_devices({}, placed, found["serials"])
+    for config, role, serials in (
+        (fit, "arm", {**found["serials"], "arm": "9999-7"}),
+        (placed, "tracker", {**found["serials"], "tracker": "9999-7"}),
+    ):
+        with pytest.raises(CellError, match=f"and this is {role} 9999-7") as caught:
+            require_same_devices(found, config, serials)
+        assert caught.value.name == "ISO9283_NO_KINEMATICS"

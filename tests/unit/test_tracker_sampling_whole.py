@@ -123,6 +123,8 @@ def test_the_accepted_arm_was_in_effect_until_it_was_rolled_back_and_is_told_in_
     assert row["state"] == "committed"
     value = row["value"]
     assert value["robot"] == done.result["result"]["robot"]
+    assert value["serials"].keys() == {"arm", "tracker"}
+    assert all(serial.startswith("9999") for serial in value["serials"].values())
     assert value["payload_kg"] == done.result["result"]["payload_kg"]
     assert value["rms_calibrated"] < 0.0001 < value["rms_registration_only"]
     assert "calibrated arm" in value_text(row["name"], value)
