@@ -34,6 +34,7 @@ METHODS: dict[str, dict[str, Any]] = {
     "ours, meet only": {"method": "ml", "follow": False},
     "classic": {"method": "classic"},
 }
+JOB = {"dwell_s": 0.05, "standing_s": 3.0}  # a belt that stops for a second is waited for above it
 RATIO, SPARSE, ERROR_M = 1.4, 0.7, 0.5e-3
 DETECTED, SUCCESS, DISCARDS = 0.99, 0.98, 0.01
 
@@ -97,7 +98,7 @@ def world(belt: str, seed: int, items_per_s: float, lenient: bool) -> dict[str, 
 
 async def run(tally: Tally, folder: Path, job: dict[str, Any], lines: dict[str, str], seconds: float) -> None:
     """Pick for so long and add what came of it."""
-    async with picking_cell(picking_config(folder, {"dwell_s": 0.05, **job}, lines)) as cell:
+    async with picking_cell(picking_config(folder, {**JOB, **job}, lines)) as cell:
         run_id = await cell.start()
         await cell.clock.sleep(WARM_UP_S)
         truth = cell.plant.world.gripper
@@ -163,7 +164,9 @@ def main() -> int:
             found[name] = tallied(belt, job, runs, options.seconds, 2.5, True)
             print(line(f"{belt}, saturated, {name}", found[name]), flush=True)
         ours, classic = found["ours"], found["classic"]
-        sparse = tallied(belt, METHODS["ours"], runs, options.seconds, SPARSE * ours.per_minute / 60.0, False)
+        sparse = tallied(
+            belt, METHODS["ours"], runs, options.seconds, max(SPARSE * ours.per_minute / 60.0, 0.1), False
+        )
         print(line(f"{belt}, sparse, ours", sparse), flush=True)
         ratio = ours.per_minute / max(classic.per_minute, 1e-9)
         meets = found["ours, meet only"].per_minute / max(classic.per_minute, 1e-9)

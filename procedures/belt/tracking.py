@@ -145,8 +145,10 @@ class _Picking:
     async def _wait_for_belt(self) -> None:
         """The belt stands or runs backward: something outside, so the job is suspended, at rest."""
         run, config = self.run, self.config
-        while self.watch.speed() < config.standing_m_s:
+        while True:
             await run.enter(S.STANDING, f"belt speed {self.watch.speed():.4f} m/s")
+            if self.watch.speed() >= config.standing_m_s:  # also when it went on while the lease ended
+                return
             run.suspend("the belt stands or runs backward")
             while self.watch.speed() < config.standing_m_s and not run.wants_rest:
                 await run.clock.sleep(LOOK_S)
