@@ -12,10 +12,11 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 demo: $(VENV)/.ready
 	$(BIN)/cellward demo
 
-# Tests in real time need the machine for themselves; those on virtual time share it.
+# Tests that stream or move in real time need the machine for themselves; others on the wire mostly wait.
 test: $(VENV)/.ready lint
 	$(BIN)/pytest -m "not wire and not soak" --numprocesses 2 --dist worksteal
-	$(BIN)/pytest -m "wire and not soak"
+	$(BIN)/pytest -m "wire and not alone and not soak" --numprocesses 4 --dist loadfile
+	$(BIN)/pytest -m "alone and not soak"
 
 lint: $(VENV)/.ready
 	$(BIN)/ruff check .

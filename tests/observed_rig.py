@@ -1,6 +1,7 @@
 """The twin's palletizer on its wire or with its file, and the driver for it."""
 
 import asyncio
+import os
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -15,7 +16,8 @@ from fakes.observed import ObservedPalletizer
 from fakes.observed_twin import TwinObserved
 from fakes.scenario import FakeAddresses, Scenario
 
-HOST, PORT = "127.0.43.11", 5503
+# The port is fixed, so modules that run side by side differ by address.
+HOST, PORT = f"127.0.43.{100 + int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])}", 5503
 CLOCK = MonotonicClock()
 # A busy machine answers late; only a test of silence waits for what does not come.
 QUICK = {"rest_window_s": 0.2, "poll_period_s": 0.02, "timeout_s": 3.0}

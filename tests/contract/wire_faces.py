@@ -109,7 +109,8 @@ def camera_faces() -> list[Any]:
 
 
 def _parameter(face: Face[Any]) -> Any:
-    return pytest.param(face, id=face.name, marks=[pytest.mark.wire] if face.wire else [])
+    marks = [pytest.mark.wire, pytest.mark.alone] if face.wire else []
+    return pytest.param(face, id=face.name, marks=marks)
 
 
 # -- the object face

@@ -31,7 +31,7 @@ from fakes.frames.server import serve_frames
 from fakes.scenario import Scenario
 from fakes.world import World
 
-pytestmark = pytest.mark.wire
+pytestmark = [pytest.mark.wire, pytest.mark.alone]
 
 
 class Twin:

@@ -10,7 +10,7 @@ from fake_ur_client import genuine
 
 from fakes.ur.process import running_controller
 
-pytestmark = pytest.mark.wire
+pytestmark = [pytest.mark.wire, pytest.mark.alone]
 HOST = "127.0.0.4"
 
 EVERYTHING = """

@@ -7,7 +7,7 @@ import pytest
 from tests.kills import KINDS, short_capture, survive
 from tests.wire_cell import WireCell, wire_cell
 
-pytestmark = [pytest.mark.wire, pytest.mark.slow, pytest.mark.restarts_children]
+pytestmark = [pytest.mark.wire, pytest.mark.alone, pytest.mark.slow, pytest.mark.restarts_children]
 
 
 @pytest.fixture(scope="module")

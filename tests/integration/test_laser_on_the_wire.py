@@ -13,7 +13,7 @@ from fakes.control import ask
 from tests.unit.laser_cell import the_plain_rule_misses
 from tests.wire_cell import WireCell, shipped, wait_for, wire_cell
 
-pytestmark = pytest.mark.wire
+pytestmark = [pytest.mark.wire, pytest.mark.alone]
 
 SHIFT = [0.0012, -0.0007, 0.0005]
 TILT = [0.008, -0.006, 0.0]  # 10 mrad

@@ -17,7 +17,7 @@ from tests.unit.test_tracker_sampling_plan import HOME, measured, values
 from tests.unit.tracker_cell import nominal_tracker, reflectors, rms, true_errors
 from tests.wire_cell import WireCell, wait_for, wire_cell
 
-pytestmark = pytest.mark.wire
+pytestmark = [pytest.mark.wire, pytest.mark.alone]
 
 JOB = "tracker-sampling"
 LIMITS = """

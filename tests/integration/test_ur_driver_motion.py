@@ -23,7 +23,7 @@ from drivers.ur import UrArm
 
 SPEED = Speed(tcp_m_s=0.25, tcp_m_s2=1.0, joint_rad_s=1.0, joint_rad_s2=4.0)
 SLOW = Speed(tcp_m_s=0.02, tcp_m_s2=0.5, joint_rad_s=0.05, joint_rad_s2=0.5)
-pytestmark = pytest.mark.wire
+pytestmark = [pytest.mark.wire, pytest.mark.alone]
 
 
 @pytest.fixture(scope="module")
