@@ -62,7 +62,7 @@ def test_each_way_out_ends_the_following_first(tmp_path: Path, way: str) -> None
 
 def test_a_pause_is_taken_at_rest_above_the_belt_and_the_job_goes_on(tmp_path: Path) -> None:
     async def scene() -> None:
-        async with picking_cell(picking_config(tmp_path, {"picks": 3})) as cell:
+        async with picking_cell(picking_config(tmp_path, {"picks": 2})) as cell:
             run_id = await cell.start()
             await cell.until_state("approach")
             await cell.engine.pause("test")
@@ -72,7 +72,7 @@ def test_a_pause_is_taken_at_rest_above_the_belt_and_the_job_goes_on(tmp_path: P
             await cell.engine.resume("test")
             end = await cell.finished(run_id)
             assert end["outcome"] == "complete"
-            assert len(picked(cell, run_id)) == 3
+            assert len(picked(cell, run_id)) == 2
 
     run_virtual(scene())
 
@@ -82,7 +82,7 @@ def test_a_belt_that_stands_or_runs_backward_suspends_the_job_at_rest(
     tmp_path: Path, speed_m_s: float
 ) -> None:
     async def scene() -> None:
-        async with picking_cell(picking_config(tmp_path, {"picks": 3})) as cell:
+        async with picking_cell(picking_config(tmp_path, {"picks": 2})) as cell:
             run_id = await cell.start()
             await cell.until(lambda: picked(cell, run_id), "a pick", 60.0)
             belt = cell.plant.world.belt
@@ -95,7 +95,7 @@ def test_a_belt_that_stands_or_runs_backward_suspends_the_job_at_rest(
             belt.resume(cell.clock.now())
             end = await cell.finished(run_id)
             assert end["outcome"] == "complete"
-            assert len(picked(cell, run_id)) == 3
+            assert len(picked(cell, run_id)) == 2
 
     run_virtual(scene())
 
@@ -149,7 +149,7 @@ def test_a_gripper_that_holds_something_is_not_opened(tmp_path: Path) -> None:
 
 def test_an_encoder_that_restarts_loses_the_items_on_their_way_and_the_job_goes_on(tmp_path: Path) -> None:
     async def scene() -> None:
-        async with picking_cell(picking_config(tmp_path, {"picks": 3})) as cell:
+        async with picking_cell(picking_config(tmp_path, {"picks": 2})) as cell:
             run_id = await cell.start()
             await cell.until_state("approach")
             cell.plant.plant("belt").inject("reboot", {"boot_s": 0.1})
@@ -157,7 +157,7 @@ def test_an_encoder_that_restarts_loses_the_items_on_their_way_and_the_job_goes_
             assert end["outcome"] == "complete"
             lost = [row for row in cell.ledger.items(run_id) if row["outcome"] == Outcome.LOST]
             assert lost, "what was on its way is lost by name"
-            assert len(picked(cell, run_id)) == 3
+            assert len(picked(cell, run_id)) == 2
             off = np.linalg.norm(contact_errors(cell), axis=1)
             assert np.max(off) < 1e-3, "nothing is gripped where it was before the restart"
 

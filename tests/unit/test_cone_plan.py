@@ -201,10 +201,10 @@ def test_the_listing_carries_the_margins_of_each_pose() -> None:
 def test_planning_takes_well_under_two_seconds_even_when_every_candidate_fails() -> None:
     post = {"name": "post", "min": [-1.3, -0.75, 0.0], "max": [-0.3, -0.42, 1.5]}
     guard = make_guard(post)
-    started = time.perf_counter()
+    started = time.process_time()  # others on the machine do not count
     plan = plan_cone(request(), ARM, guard.check_path_joints)
     assert plan.candidates_tried == 12
-    assert time.perf_counter() - started < 6.0, "under 2 s by design; three times that on a busy machine"
+    assert time.process_time() - started < 6.0, "under 2 s by design; three times that on a slow machine"
 
 
 def test_search_moves_are_small_free_and_turn_about_all_axes() -> None:
