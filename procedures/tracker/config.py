@@ -1,5 +1,6 @@
 """What an integrator can set for the sampling of an arm with a laser tracker."""
 
+from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -158,6 +159,13 @@ class TrackerSamplingConfig(_Strict):
     def _consistent(self) -> Self:
         if both := sorted(set(self.reflectors) & set(self.monuments)):
             raise ValueError(f"'{both[0]}' is a reflector and a monument; each needs a name of its own")
+        for a, b in combinations(self.reflectors, 2):
+            apart = float(np.linalg.norm(np.subtract(self.reflectors[a].point, self.reflectors[b].point)))
+            if apart <= self.max_surprise_m:
+                raise ValueError(
+                    f"reflectors '{a}' and '{b}' are {1e3 * apart:.0f} mm apart, so one may be "
+                    f"taken for the other with max_surprise_m = {self.max_surprise_m:g}; make that smaller"
+                )
         if self.arm == "observed_arm" and self.joint_ranges_rad is None:
             raise ValueError("joint_ranges_rad is missing; an observed arm's joints have no known limits")
         if self.arm == "observed_arm" and self.payload_kg is None:

@@ -67,6 +67,10 @@ def test_check_warns_of_a_stand_that_nothing_watches_and_of_a_limit_that_will_be
         ({"sight": {"range_m": [5.0, 1.0]}}, "5 is not below 1"),
         ({"reflectors": {"smr1": {"point": [0, 0, 0], "normal": [0, 0, 0]}}}, "normal has no length"),
         ({"pose": 12}, "poses"),
+        (
+            {"reflectors": {"smr1": {"point": [0, 0, 0]}, "smr2": {"point": [0.03, 0, 0]}}},
+            "'smr1' and 'smr2' are 30 mm apart",
+        ),
     ],
 )
 def test_a_section_that_cannot_be_right_is_told_with_the_fix(
