@@ -53,6 +53,12 @@ def joints(plan: SamplingPlan) -> Array:
     return np.array([visit.q for visit in plan.visits])
 
 
+@pytest.fixture(scope="module")
+def usual() -> SamplingPlan:
+    """The plan of the plain request, which several tests look at."""
+    return plan_sampling(request())
+
+
 # -- poses
 
 
@@ -70,12 +76,12 @@ def test_every_pose_is_free_and_seen_and_every_way_between_them_is_free() -> Non
             here = np.array(q)
 
 
-def test_the_reflector_looks_at_the_tracker_at_every_pose() -> None:
+def test_the_reflector_looks_at_the_tracker_at_every_pose(usual: SamplingPlan) -> None:
     asked = request()
     place = from_pose6(asked.T_base_tracker)
     arm = robot_from_spec({"model": "ur10e"})
     truth = Scenario.load("tracker").world.reflectors["smr1"]
-    for visit in plan_sampling(asked).visits:
+    for visit in usual.visits:
         T = arm.forward(np.array(visit.q))
         beam = place.translation - T.apply(truth.point)
         cosine = T.rotation.apply(truth.normal) @ beam / np.linalg.norm(beam)
@@ -131,10 +137,8 @@ def test_many_poses_are_judged_as_the_guard_judges_each() -> None:
     assert 20 < free.sum() < 280
 
 
-def test_the_tracker_is_located_from_poses_far_apart() -> None:
-    asked = request()
-    plan, space = plan_sampling(asked), space_of(asked)
-    p = space.points(np.array([v.q for v in plan.locate]), np.zeros(4, dtype=np.int64))
+def test_the_tracker_is_located_from_poses_far_apart(usual: SamplingPlan) -> None:
+    p = space_of(request()).points(np.array([v.q for v in usual.locate]), np.zeros(4, dtype=np.int64))
     assert np.linalg.svd(p - p.mean(axis=0), compute_uv=False)[1] > 0.2
 
 
@@ -145,15 +149,14 @@ def test_where_nobody_knows_the_trackers_place_it_is_located_close_to_the_start(
     assert "range_m" not in plan.listing["poses"][0]
 
 
-def test_finished_poses_are_counted_and_planned_around() -> None:
+def test_finished_poses_are_counted_and_planned_around(usual: SamplingPlan) -> None:
     asked = request()
-    first = plan_sampling(asked)
-    done = [(v.q, v.reflector, v.held_out) for v in first.visits[:7]]
+    done = [(v.q, v.reflector, v.held_out) for v in usual.visits[:7]]
     again = plan_sampling(replace(asked, measured=done))
     assert len(again.visits) == 5
     assert again.locate == []
     assert sum(held for *_, held in done) + sum(v.held_out for v in again.visits) == 2
-    everything = [(v.q, v.reflector, v.held_out) for v in first.visits]
+    everything = [(v.q, v.reflector, v.held_out) for v in usual.visits]
     assert plan_sampling(replace(asked, measured=everything)).visits == []
 
 
@@ -165,29 +168,17 @@ def test_a_carried_reflector_is_carried_once_from_nest_to_nest() -> None:
     assert set(names) == {"smr1", "smr2"}
 
 
-def test_the_same_request_gives_the_same_plan() -> None:
-    assert plan_sampling(request()) == plan_sampling(request())
+def test_the_same_request_gives_the_same_plan(usual: SamplingPlan) -> None:
+    assert plan_sampling(request()) == usual
 
 
 # -- refused before anything moves
 
 
-@pytest.mark.parametrize(
-    ("ranges", "words"),
-    [
-        (
-            [[-2, 2], [-2.2, -0.8], [1.0, 1.0], [-2, 2], [-2, 2], [-2, 2]],
-            "joint-still: joint 3 does not move",
-        ),
-        (None, None),
-    ],
-)
-def test_a_plan_that_cannot_determine_the_arm_is_refused_by_name(ranges: Any, words: str | None) -> None:
-    if words is None:
-        plan = plan_sampling(request())
-        assert plan.listing["rank"] == plan.listing["rank_possible"] == 21
-        return
-    with pytest.raises(CellError, match=words) as caught:
+def test_a_plan_that_cannot_determine_the_arm_is_refused_by_name(usual: SamplingPlan) -> None:
+    assert usual.listing["rank"] == usual.listing["rank_possible"] == 21
+    ranges = [[-2, 2], [-2.2, -0.8], [1.0, 1.0], [-2, 2], [-2, 2], [-2, 2]]
+    with pytest.raises(CellError, match="joint-still: joint 3 does not move") as caught:
         plan_sampling(request(joint_ranges_rad=ranges))
     assert caught.value.name == "TRACKER_PLAN_UNOBSERVABLE"
 
