@@ -15,7 +15,7 @@ demo: $(VENV)/.ready
 # Tests that stream or move in real time need the machine for themselves; others on the wire mostly wait.
 test: $(VENV)/.ready lint
 	$(BIN)/pytest -m "not wire and not soak" --numprocesses 2 --dist worksteal
-	$(BIN)/pytest -m "wire and not alone and not soak" --numprocesses 4 --dist loadfile
+	$(BIN)/pytest -m "wire and not alone and not soak" --numprocesses 2 --dist loadfile
 	$(BIN)/pytest -m "alone and not soak"
 
 lint: $(VENV)/.ready
