@@ -82,7 +82,7 @@ STEPS: dict[str, tuple[Step, ...]] = {
     "tracker-sampling": (TRACKER_SAMPLING,),
     "belt-tracking": (BELT_TRACKING,),
 }
-# Picking needs a loop that is never 0.1 s late, which a busy machine does not keep: on request for now.
+# Picking on real protocols still ends by its watchdog here (a decision comes too late), so it has to be asked for.
 SHOWN = ("cone-capture", "laser-update", "tracker-sampling")
 
 
