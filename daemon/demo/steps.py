@@ -82,7 +82,7 @@ STEPS: dict[str, tuple[Step, ...]] = {
     "tracker-sampling": (TRACKER_SAMPLING,),
     "belt-tracking": (BELT_TRACKING,),
 }
-# Picking on real protocols still ends by its watchdog here (a decision comes too late), so it has to be asked for.
+# Picking on real protocols still ends by its watchdog (a decision comes too late): only when asked for.
 SHOWN = ("cone-capture", "laser-update", "tracker-sampling")
 
 
