@@ -126,8 +126,8 @@ def choose_poses(
     """``count`` poses out of ``candidates`` (c, j) and their neighbourhood.
 
     ``promise(Q, target)`` (n, j), (n,) -> (n,) is what the tracker promises there (standard deviation along
-    one axis, m), NaN where the arm may not go or the reflector is not seen. Raises ``ValueError`` when fewer than
-    ``count`` candidates are possible. The same input gives the same plan.
+    one axis, m), NaN where the arm may not go or the reflector is not seen. Raises ``ValueError`` when fewer
+    than ``count`` candidates are possible. The same input gives the same plan.
     """
     rng = np.random.default_rng(0)
     sigma = promise(candidates, target)
