@@ -100,7 +100,8 @@ class UrArm:
         self._require_link()
         async with dashboard(self._config.host, self._config.connect_timeout_s) as link:
             facts = await link.facts(DASHBOARD_DEADLINE_S)
-        assert self._primary is not None
+        if self._primary is None:
+            raise error("DEVICE_LOST", f"{self.name} is still connecting")
         found = await self._primary.wait_kinematics(self._config.connect_timeout_s)
         for what, expected, seen in (
             ("serial", self._config.expect_serial, facts.serial),
