@@ -4,7 +4,7 @@ import errno
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from enum import Enum
 from pathlib import Path
@@ -25,6 +25,17 @@ def disk_errors(path: Path) -> Iterator[None]:
     except OSError as exc:
         name = "DISK_FULL" if exc.errno in (errno.ENOSPC, errno.EDQUOT) else "DISK_FAILED"
         raise error(name, f"{path}: {exc.strerror or exc}") from exc
+
+
+def append_lines(path: Path, entries: Iterable[Mapping[str, Any]]) -> None:
+    """One JSON line for each of ``entries`` at the end of ``path``; all are on the disk when this returns.
+
+    ``DISK_FULL`` or ``DISK_FAILED``; what then stands at the end may be half a line.
+    """
+    with disk_errors(path), path.open("a", encoding="utf-8") as file:
+        file.writelines(json.dumps(entry, allow_nan=False) + "\n" for entry in entries)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def write_atomic(path: Path, content: bytes | str) -> None:
@@ -68,7 +79,7 @@ def read_json(path: Path, max_bytes: int = MAX_JSON_BYTES) -> Any:
             raise error("FILE_UNREADABLE", f"{path}: {size} bytes, more than the limit of {max_bytes}")
         return json.loads(path.read_text("utf-8"), parse_constant=_refuse_constant)
     except FileNotFoundError:
-        raise error("FILE_MISSING", str(path)) from None
+        raise error("FILE_MISSING", f"{path} does not exist") from None
     except OSError as exc:
         raise error("FILE_UNREADABLE", f"{path}: {exc.strerror or exc}") from exc
     except json.JSONDecodeError as exc:

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+from abc import ABC, abstractmethod
 from collections.abc import Coroutine, Sequence
 from typing import Any
 
@@ -22,7 +23,7 @@ log = logging.getLogger("cellward.devices")
 _LOOKS_BEFORE_LOST = 5  # the watch looks so often within lost_after_s
 
 
-class CanEncoder:
+class CanEncoder(ABC):
     """``cell.devices.Encoder`` without the words of a particular encoder.
 
     Reconnecting is the supervisor's business: after an error ``close`` and ``open`` again. A sample's number
@@ -110,22 +111,22 @@ class CanEncoder:
 
     # -- what an encoder adds
 
+    @abstractmethod
     def _ids(self) -> list[tuple[int, bool]]:
         """Identifiers of interest, and whether each is extended."""
-        raise NotImplementedError
 
+    @abstractmethod
     async def _begin(self) -> Identity:
         """Bring the encoder to sending."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _position(self, message: can.Message) -> int | None:
         """The raw position in a frame, None when it is none."""
-        raise NotImplementedError
 
-    def _other(self, message: can.Message) -> None:
+    def _other(self, message: can.Message) -> None:  # noqa: B027, not every encoder sends more
         """Take a frame that carries no position."""
 
-    def _look(self, now: float) -> None:
+    def _look(self, now: float) -> None:  # noqa: B027, as above
         """Look after more than the positions, every now and then."""
 
     # -- frames

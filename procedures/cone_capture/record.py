@@ -17,7 +17,7 @@ from cell.devices import ArmState, Frame, Intrinsics, flange_poses
 from cell.errors import error
 from cell.poses import to_pose6
 from cell.samples import Sample
-from cell.store.files import write_atomic
+from cell.store.files import append_lines, write_atomic
 
 POSES_FILE = "poses.jsonl"
 CAPTURE_FILE = "capture.json"
@@ -110,10 +110,7 @@ class CaptureRecord:
         return path
 
     def _append(self, entry: Mapping[str, Any]) -> None:
-        with (self.folder / POSES_FILE).open("a", encoding="utf-8") as file:
-            file.write(json.dumps(entry, allow_nan=False) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
+        append_lines(self.folder / POSES_FILE, [entry])
         self._take(entry)
 
     def _take(self, entry: Mapping[str, Any]) -> None:

@@ -4,14 +4,12 @@
 written before anything is solved.
 """
 
-import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from cell.store.files import disk_errors, to_json, write_atomic
+from cell.store.files import append_lines, disk_errors, to_json, write_atomic
 from procedures.laser.sweep import Way
 
 PASSES_FILE = "passes.jsonl"
@@ -31,13 +29,9 @@ class PassRecord:
         """Ways that belong together; ``why_not`` says why they are not used. On disk when this returns."""
         entries = [{**way.as_pass(), "notes": {"phase": phase, "place": place}} for way in ways]
         about = {"used": why_not is None, "why": why_not}
-        path = self.folder / PASSES_FILE
-        with disk_errors(path):
+        with disk_errors(self.folder):
             self.folder.mkdir(exist_ok=True)
-            with path.open("a", encoding="utf-8") as file:
-                file.writelines(json.dumps({**about, **e}, allow_nan=False) + "\n" for e in entries)
-                file.flush()
-                os.fsync(file.fileno())
+        append_lines(self.folder / PASSES_FILE, ({**about, **e} for e in entries))
         if why_not is None:
             self.passes += entries
 

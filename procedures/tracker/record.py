@@ -6,14 +6,13 @@ and what was set aside to judge it.
 """
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from cell.errors import error
-from cell.store.files import disk_errors, to_json, write_atomic
+from cell.store.files import append_lines, to_json, write_atomic
 from procedures.tracker.monuments import compare, moved_text
 
 SAMPLES_FILE = "samples.jsonl"
@@ -111,11 +110,7 @@ class SampleRecord:
         return self.folder / DATA_FILE
 
     def _append(self, entry: Mapping[str, Any]) -> None:
-        path = self.folder / SAMPLES_FILE
-        with disk_errors(path), path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(entry, allow_nan=False) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
+        append_lines(self.folder / SAMPLES_FILE, [entry])
         self._take(entry)
 
     def _take(self, entry: Mapping[str, Any]) -> None:

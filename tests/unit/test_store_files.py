@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from cell.clock import MonotonicClock
 from cell.errors import CellError, InputError
 from cell.procedure import PackML
-from cell.store.files import AppendFile, read_json, set_aside, to_json, write_atomic
+from cell.store.files import AppendFile, append_lines, read_json, set_aside, to_json, write_atomic
 from cell.store.framed import HEADER, FramedWriter, read_framed
 from cell.store.journal import Journal, read_journal
 
@@ -230,3 +230,20 @@ def test_a_journal_refuses_unknown_kinds_and_reserved_fields(
         subject.append(kind, **fields)
     subject.close()
     assert caught.value.name == "INTERNAL"
+
+
+def test_lines_are_appended_whole_and_a_disk_that_refuses_is_told_by_its_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "lines.jsonl"
+    append_lines(path, [{"a": 1}])
+    append_lines(path, [{"b": 2}, {"c": 3}])
+    assert path.read_text("utf-8") == '{"a": 1}\n{"b": 2}\n{"c": 3}\n'
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, "no space")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(CellError) as caught:
+        append_lines(path, [{"d": 4}])
+    assert caught.value.name == "DISK_FULL"
