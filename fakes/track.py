@@ -127,6 +127,17 @@ class Track:
         self.append(PathMove(t, segment.knots, segment.coefficients, self._ramp(segment, s, speed, decel)))
         return self.end_time
 
+    def halt(self, t: float, decel: float) -> float:
+        """Brake as a controller does by itself (program ended, protective stop): on its way, never past the
+        end of it. What a program asks for with :meth:`stop_joint` may carry further."""
+        segment = self.segment_at(t)
+        if isinstance(segment, JointMove):
+            gone, speed = segment.profile.at(t - segment.t0)
+            room = segment.profile.length - gone
+            if speed > 0.0 and room > 0.0:
+                decel = max(decel, 0.5 * speed * speed / room)
+        return self.stop_linear(t, decel)
+
     def speed_joints(self, t: float, qd: ArrayLike, a: float) -> float:
         """Change to constant joint speeds (rad/s) with ``a`` (rad/s^2)."""
         q0, qd0 = self.at(t)

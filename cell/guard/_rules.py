@@ -19,6 +19,7 @@ class Finding:
     index: int
     slack_m: float
     text: str
+    needed_m: float = 0.0  # the slack that it should have had
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +34,22 @@ class Slacks:
         index, k = divmod(int(np.argmin(self.values)), self.values.shape[1])
         return Finding(index, float(self.values[index, k]), self.texts[k])
 
-    def first_below(self, limit: Array) -> Finding | None:
-        """The tightest column at the first sample with a slack below its ``limit`` (n,), or None."""
-        below = np.flatnonzero((self.values < limit[:, None]).any(axis=1))
+    def first_below(self, limit: Array, clear_m: float = 0.0) -> Finding | None:
+        """The tightest column at the first sample with a slack below its ``limit`` (n,), or None.
+
+        A column keeps ``clear_m`` as well, or as much as the nearer end of the path has anyhow.
+        """
+        needed = np.broadcast_to(limit[:, None], self.values.shape)
+        if clear_m > 0.0:
+            ends = np.minimum(self.values[0], self.values[-1])
+            needed = np.maximum(needed, np.minimum(ends, clear_m))
+        missing = needed - self.values
+        below = np.flatnonzero((missing > 0.0).any(axis=1))
         if not len(below):
             return None
         index = int(below[0])
-        k = int(np.argmin(self.values[index]))
-        return Finding(index, float(self.values[index, k]), self.texts[k])
+        k = int(np.argmax(missing[index]))
+        return Finding(index, float(self.values[index, k]), self.texts[k], float(needed[index, k]))
 
 
 class Rules:
@@ -56,19 +65,24 @@ class Rules:
         # A workspace that begins above the base plate says where the tool may be, not that there is a floor.
         self._floor = min(float(np.min(self._low[:, 2])), 0.0)
 
-    def first_broken(self, ends: Array, limit: Array) -> Finding | None:
-        """The rule broken earliest, with a slack below the ``limit`` (n,) of that sample, or None."""
-        rules = (*self.keep_out(ends), self.workspace(ends), self.floor(ends), self.self_contact(ends))
-        found = (rule.first_below(limit) for rule in rules)
+    def first_broken(self, ends: Array, limit: Array, clear_m: float = 0.0) -> Finding | None:
+        """The rule broken earliest, with a slack below what that sample of a path needs, or None.
+
+        That is its ``limit`` (n,), and ``clear_m`` as far as the ends of the path have it.
+        """
+        found = (rule.first_below(limit, clear_m) for rule in self._all(ends, clear_m))
         return min((f for f in found if f is not None), key=lambda f: f.index, default=None)
 
-    def kept(self, ends: Array) -> NDArray[np.bool_]:
-        """(n,): at which samples no rule is broken."""
-        rules = (*self.keep_out(ends), self.workspace(ends), self.floor(ends), self.self_contact(ends))
+    def kept(self, ends: Array, clear_m: float = 0.0) -> NDArray[np.bool_]:
+        """(n,): at which samples every rule is kept with ``clear_m`` to spare."""
         good = np.ones(len(ends), dtype=bool)
-        for rule in rules:
-            good &= (rule.values >= 0.0).all(axis=1)
+        for rule in self._all(ends, clear_m):
+            good &= (rule.values >= clear_m).all(axis=1)
         return good
+
+    def _all(self, ends: Array, within: float) -> tuple[Slacks, ...]:
+        boxes = self.keep_out(ends, within)
+        return (*boxes, self.workspace(ends), self.floor(ends), self.self_contact(ends))
 
     def keep_out(self, ends: Array, within: float = 0.0) -> list[Slacks]:
         """Every moving capsule outside every keep-out box; the base is bolted down and cannot run into one.

@@ -21,6 +21,7 @@ from cell.poses import Array
 JOINTS = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
 
 SAMPLE_M = 0.01  # no point of the arm moves farther between two samples of a path
+PLANNED_CLEAR_M = SAMPLE_M  # twice what a path can come nearer to anything between two samples
 _JUMP_RAD = 0.5  # a joint that turns this far within one sample of a line has changed its branch
 _MEASURED_M = 0.0005  # a path starts at *measured* joints: what was planned onto a face may leave it again
 _TURN_SHARE = 0.5  # the tool turns on a line at this share of the joints' limit: it takes several joints
@@ -44,17 +45,28 @@ class MotionGuard:
         """Joint ranges and geometry at ``q`` (6,) rad."""
         self._check(_six(q)[None], ["at this pose"], np.zeros(1))
 
-    def free(self, Q: Array) -> NDArray[np.bool_]:
-        """(n,): which of ``Q`` (n, 6) rad :meth:`check_joints` would let pass, for planning with many."""
+    def check_standing(self, q: Array) -> None:
+        """As :meth:`check_joints` for measured ``q`` (6,) rad, with the room that the start of a path has."""
+        self._check(_six(q)[None], ["where the arm stands"], np.full(1, -_MEASURED_M))
+
+    def free(self, Q: Array, clear_m: float = 0.0) -> NDArray[np.bool_]:
+        """(n,): which of ``Q`` (n, 6) rad :meth:`check_joints` would let pass, for planning with many.
+
+        ``clear_m`` is what they keep of every box and of the arm itself beyond that.
+        """
         low, high = self._joint_limits.T
         within: NDArray[np.bool_] = np.all((low - 1e-9 <= Q) & (high + 1e-9 >= Q), axis=1)
-        return within & self._rules.kept(self._body.ends(Q))
+        return within & self._rules.kept(self._body.ends(Q), clear_m)
 
-    def check_path_joints(self, q0: Array, q1: Array) -> None:
-        """The straight joint path from ``q0`` to ``q1`` (6,) rad, ends included."""
+    def check_path_joints(self, q0: Array, q1: Array, clear_m: float = 0.0) -> None:
+        """The straight joint path from ``q0`` to ``q1`` (6,) rad, ends included.
+
+        A plan keeps ``clear_m`` (:data:`PLANNED_CLEAR_M`) all the way, or as much as the nearer end has: what
+        lies between two samples then cannot be beyond a limit, and an arm stopped there can leave again.
+        """
         start, end = _six(q0), _six(q1)
         samples = self._joint_samples(start, end)
-        self._check(samples, _places(len(samples)), _path_limit(len(samples)))
+        self._check(samples, _places(len(samples)), _path_limit(len(samples)), clear_m)
 
     def check_path_linear(
         self, T0: RigidTransform, T1: RigidTransform, q0: Array, speed_m_s: float | None = None
@@ -111,9 +123,9 @@ class MotionGuard:
         """(n, m, 2, 3) m: both ends of every capsule in the base, for joints ``Q`` (n, 6)."""
         return self._body.ends(Q)
 
-    def _check(self, Q: Array, places: list[str], slack_limit: Array) -> None:
+    def _check(self, Q: Array, places: list[str], slack_limit: Array, clear_m: float = 0.0) -> None:
         self._check_joint_range(Q, places)
-        finding = self._rules.first_broken(self._body.ends(Q), slack_limit)
+        finding = self._rules.first_broken(self._body.ends(Q), slack_limit, clear_m)
         if finding is not None:
             raise _collision(finding, places[finding.index])
 
@@ -208,6 +220,11 @@ def _path_limit(count: int) -> Array:
 
 
 def _collision(finding: Finding, place: str) -> CellError:
+    if finding.slack_m >= 0.0:
+        kept = f"{1e3 * finding.needed_m:.1f} mm are kept so that an arm stopped there can leave"
+        return error(
+            "MOTION_COLLISION", f"{finding.text}: {1e3 * finding.slack_m:.1f} mm apart {place}; {kept}"
+        )
     return error(
         "MOTION_COLLISION", f"{finding.text}: {-1e3 * finding.slack_m:.1f} mm beyond the limit {place}"
     )

@@ -26,7 +26,12 @@ class UrConfig(BaseModel):
     joint_tolerance_rad: float = Field(default=0.001, gt=0.0, le=0.05)
     position_tolerance_m: float = Field(default=0.0005, gt=0.0, le=0.01)
     rotation_tolerance_rad: float = Field(default=0.001, gt=0.0, le=0.05)
-    stop_decel_m_s2: float = Field(default=5.0, gt=0.0, le=50.0)
+    stop_decel_m_s2: float = Field(
+        default=5.0,
+        gt=0.0,
+        le=50.0,
+        description="Of a stop; a move that brakes harder is stopped as hard as it brakes itself",
+    )
     follow_decel_rad_s2: float = Field(
         default=8.0, gt=0.0, le=40.0, description="Ramp at the end of a stream"
     )

@@ -47,6 +47,7 @@ class UrMotion:
         self.owns_program = False
         self._arm, self._tool, self._config = arm, tool, config
         self._clock: Clock = client.clock
+        self._brake = config.stop_decel_m_s2
         self._opening = self._closed = False
         self._stop_following_program = arm.state.subscribe(self._note_program)
 
@@ -105,7 +106,7 @@ class UrMotion:
 
         def judge(sample: Sample[ArmState]) -> Any:
             if np.linalg.norm(sample.value.tcp_force[:3] - bias) >= max_force_n:
-                self.client.post("stop", decel=self._config.stop_decel_m_s2)
+                self.client.post("stop", decel=self._brake)
                 return "force"
             return arrived(sample)
 
@@ -151,7 +152,7 @@ class UrMotion:
     async def decelerate(self) -> None:
         """Ask for a stop; a child that does not answer is killed, so that the watchdog stops the arm."""
         if not self.client.ended.is_set():
-            await self._call("stop", STOP_DEADLINE_S, decel=self._config.stop_decel_m_s2)
+            await self._call("stop", STOP_DEADLINE_S, decel=self._brake)
 
     async def close(self) -> None:
         """End our script and the child. A program that someone else started meanwhile is left alone."""
@@ -235,6 +236,8 @@ class UrMotion:
         )
 
     async def _move(self, do: str, arguments: dict[str, Any], judge: Judge, limit_s: float) -> Any:
+        # A stop gentler than the move's own braking would carry the arm past the end that was checked.
+        self._brake = max(self._config.stop_decel_m_s2, arguments["accel"])
         with Watch(self._arm, self.client, judge) as watch:
             try:
                 accepted = await self._call(do, CALL_DEADLINE_S, **arguments)
@@ -253,7 +256,7 @@ class UrMotion:
     def _stop_now(self) -> None:
         """Best effort without waiting; whoever holds the lease runs the whole stop ladder."""
         try:
-            self.client.post("stop", decel=self._config.stop_decel_m_s2)
+            self.client.post("stop", decel=self._brake)
         except CellError:
             self.client.kill()
 

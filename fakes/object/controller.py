@@ -107,7 +107,7 @@ class Controller(Plant):
 
     def brake(self, decel: float = _NORMAL_STOP) -> None:
         """The arm decelerates from now on."""
-        self.world.track.stop_joint(self.clock.now(), decel)
+        self.world.track.halt(self.clock.now(), decel)
 
     # -- faults
 
@@ -199,7 +199,7 @@ class Controller(Plant):
 
     def _at_watchdog(self, action: Callable[[], None]) -> None:
         # The brake is planned here and now, so the arm stops even if the loop ends before.
-        self.world.track.stop_joint(self.clock.now() + WATCHDOG_S, _NORMAL_STOP)
+        self.world.track.halt(self.clock.now() + WATCHDOG_S, _NORMAL_STOP)
         try:
             asyncio.get_running_loop().call_later(WATCHDOG_S, action)
         except RuntimeError:

@@ -32,6 +32,7 @@ class ObjectMotionPort:
         self._arm, self._run = arm, run
         self._controller, self._world, self._clock = arm.controller, arm.world, arm.clock
         self._dead: CellError | None = None
+        self._brake = STOP_DECEL_M_S2  # no gentler than the move is, or a stop would carry past its end
         # Whoever drops the port without closing it stops kicking the watchdog.
         self._left = weakref.finalize(self, arm.controller.abandon, run)
 
@@ -44,6 +45,7 @@ class ObjectMotionPort:
         """Returns when the measured joints agree, else raises the fault or ``ARM_NOT_AT_TARGET``."""
         await self._enter()
         now = self._clock.now()
+        self._brake = max(STOP_DECEL_M_S2, speed.joint_rad_s2)
         self._world.track.start_joint_move(now, q, speed.joint_rad_s, speed.joint_rad_s2)
         await self._until_rest()
         await self._check_joints(np.asarray(q, dtype=float))
@@ -66,7 +68,7 @@ class ObjectMotionPort:
         self._start_linear(goal, speed)
         while self._world.track.end_time > now:
             if np.linalg.norm(self._force(now) - bias) >= max_force_n:
-                self._world.track.stop_linear(now, STOP_DECEL_M_S2)
+                self._world.track.stop_linear(now, self._brake)
                 await self._until_rest()
                 return True
             await self._watched(self._clock.sleep(FORCE_PERIOD_S))
@@ -123,7 +125,7 @@ class ObjectMotionPort:
             raise error(self._arm.lost.name, self._arm.lost.detail)
         if self._controller.runs(self._run):
             self._controller.settle_past()
-            self._world.track.stop_linear(self._clock.now(), STOP_DECEL_M_S2)
+            self._world.track.stop_linear(self._clock.now(), self._brake)
             self._controller.announce()
 
     async def close(self) -> None:
@@ -201,6 +203,7 @@ class ObjectMotionPort:
 
     def _start_linear(self, T_base_flange: RigidTransform, speed: Speed) -> None:
         T_flange_tcp = self._controller.T_flange_tcp
+        self._brake = max(STOP_DECEL_M_S2, speed.tcp_m_s2)
         try:
             self._world.track.start_linear_move(
                 self._clock.now(),

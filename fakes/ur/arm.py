@@ -64,7 +64,7 @@ class Arm:
         """Brake, whoever commanded the motion; a paused program continues its move later."""
         self.halts += 1
         if self.moving(t):
-            self.track.stop_linear(t, decel)
+            self.track.halt(t, decel)
 
     @property
     def q(self) -> Array:

@@ -13,11 +13,12 @@ from calibration.identification.correction import chain_of
 from calibration.iso9283 import five_places, other_corners
 from calibration.kinematics.serial import SerialChain
 from cell.errors import CellError, error
+from cell.guard import PLANNED_CLEAR_M, MotionGuard
 from cell.poses import Array, from_pose6, to_pose6
 from procedures.arm_setup import lease_settings
 from procedures.iso9283.config import Iso9283Config
+from procedures.kinematics_in_use import other_arm, other_device, other_load
 
-SAME_LOAD_KG = 1e-3  # an arm bends under its load: a calibration holds for the one it was made with
 ORDER = ("P5", "P4", "P3", "P2", "P1")  # one cycle: every pose is always reached from the same one
 
 
@@ -46,27 +47,23 @@ def kinematics_of(values: Mapping[str, Any], config: Iso9283Config) -> Mapping[s
     So when it is of an arm with another drawing or factory calibration; ``PAYLOAD_DIFFERS`` when it was
     measured with another load than the arm has now.
     """
-    if not (config.corrected or config.registration == "kinematics"):
+    corrected = is_corrected(values, config)
+    if not (corrected or config.registration == "kinematics"):
         return None
     found: Mapping[str, Any] | None = (values.get("kinematics") or {}).get("arm")
     if found is None:
-        wanted = "corrected = true" if config.corrected else "registration = 'kinematics'"
+        wanted = "corrected = true" if corrected else "registration = 'kinematics'"
         raise error("ISO9283_NO_KINEMATICS", f"{wanted}, and no kinematics of the arm is in effect")
-    load = found.get("payload_kg")
-    if load is not None and abs(load - float(values["payload_kg"])) > SAME_LOAD_KG:
-        raise error(
-            "PAYLOAD_DIFFERS",
-            f"the kinematics in effect were measured with {load:g} kg, [robot] payload_kg is "
-            f"{values['payload_kg']:g} kg",
-        )
-    believed = found.get("controller")
-    if believed is not None and _differ(believed, values["robot"]):
-        raise error(
-            "ISO9283_NO_KINEMATICS",
-            "the kinematics in effect are of another arm: its model or factory calibration is not what this "
-            "arm's controller believes",
-        )
+    if why := other_load(found, float(values["payload_kg"])):
+        raise error("PAYLOAD_DIFFERS", why)
+    if why := other_arm(found, values["robot"]):
+        raise error("ISO9283_NO_KINEMATICS", why)
     return found
+
+
+def is_corrected(values: Mapping[str, Any], config: Iso9283Config) -> bool:
+    """Whether the poses are commanded through the calibrated arm: as all moves are, unless the job says."""
+    return bool(values.get("use_kinematics")) if config.corrected is None else config.corrected
 
 
 def require_same_devices(
@@ -78,23 +75,8 @@ def require_same_devices(
     """
     roles = ("arm", "tracker") if config.registration == "kinematics" else ("arm",)
     for role in roles:
-        then, now = ((found or {}).get("serials") or {}).get(role), serials.get(role)
-        if then and now and then != now:
-            raise error(
-                "ISO9283_NO_KINEMATICS",
-                f"the kinematics in effect were measured with {role} {then}, and this is {role} {now}",
-            )
-
-
-def _differ(a: Mapping[str, Any], b: Mapping[str, Any]) -> bool:
-    """Whether two ROBOTs are not one arm, whatever is on its flange and however well it is believed.
-
-    A controller may have kept its calibration to itself once; it counts where both have it.
-    """
-    keys = (set(a) | set(b)) - {"tool", "prior"}
-    if not ("calibration" in a and "calibration" in b):
-        keys.discard("calibration")
-    return any(a.get(key) != b.get(key) for key in keys)
+        if why := other_device(found or {}, role, serials.get(role)):
+            raise error("ISO9283_NO_KINEMATICS", why)
 
 
 def point_of(values: Mapping[str, Any], config: Iso9283Config) -> list[float]:
@@ -119,7 +101,8 @@ def plan_iso(values: Mapping[str, Any], raw: Mapping[str, Any], q_start: list[fl
     guard = lease_settings(values)[0]
     controller = chain_of(values["robot"])
     calibrated = kinematics_of(values, config)
-    chain = controller if not config.corrected or calibrated is None else chain_of(calibrated["robot"])
+    corrected = is_corrected(values, config)
+    chain = controller if not corrected or calibrated is None else chain_of(calibrated["robot"])
     near = np.array(values["poses"][config.near], dtype=float)
     stations: list[Station] = []
     for name, T in wanted_poses(config, point_of(values, config)).items():
@@ -149,7 +132,7 @@ def plan_iso(values: Mapping[str, Any], raw: Mapping[str, Any], q_start: list[fl
         "order": list(ORDER),
         "cycles": config.cycles,
         "arrivals": config.cycles * len(ORDER) + len(stations) - len(ORDER),
-        "corrected": config.corrected,
+        "corrected": corrected,
         "speed_share": config.speed_share,
     }
     return IsoPlan(stations, listing)
@@ -183,11 +166,11 @@ def _joints(name: str, T: RigidTransform, near: Array, chain: SerialChain) -> Ar
     return q
 
 
-def _check_ways(guard: Any, q_start: Array, route: list[Station]) -> None:
+def _check_ways(guard: MotionGuard, q_start: Array, route: list[Station]) -> None:
     """The joint paths from where the arm is, and between all poses as they follow each other."""
     joints = [("where the arm is", q_start), *((s.name, np.array(s.q)) for s in route)]
     for (a, q0), (b, q1) in pairwise(joints):
         try:
-            guard.check_path_joints(q0, q1)
+            guard.check_path_joints(q0, q1, PLANNED_CLEAR_M)
         except CellError as exc:
             raise error("ISO9283_PLAN_REFUSED", f"from {a} to {b}: {exc.detail}") from exc

@@ -23,7 +23,7 @@ from calibration.identification.selection import (
 )
 from calibration.identification.solution import base_covariance
 from calibration.identification.workspace import radius95
-from cell.errors import error
+from cell.errors import CellError, error
 from cell.poses import Array
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.space import Space, make_space
@@ -110,8 +110,11 @@ class _Planner:
 
     def plan(self) -> SamplingPlan:
         space = self._space
-        if (why := blocked(self._start, self._start, space.check_path)) is not None:
-            raise error("TRACKER_PLAN_REFUSED", f"the arm stands where it may not be, move it by hand: {why}")
+        try:
+            space.check_start(self._start)
+        except CellError as why:
+            text = f"the arm stands where it may not be, move it by hand: {why.detail}"
+            raise error("TRACKER_PLAN_REFUSED", text) from why
         validation = space.anywhere(_VALIDATION, self._rng)
         if len(validation) < 2:
             raise error("TRACKER_PLAN_REFUSED", "the arm is nowhere free within joint_ranges_rad and boxes")

@@ -13,7 +13,7 @@ from calibration.identification.model import Model, Targets, make_model
 from calibration.kinematics.families import ArmSpec, arm_spec
 from cell.errors import CellError, error
 from cell.formats.robot import parse_robot
-from cell.guard import MotionGuard
+from cell.guard import PLANNED_CLEAR_M, MotionGuard
 from cell.poses import Array, from_pose6
 from procedures.arm_setup import lease_settings
 from procedures.tracker.config import TrackerSamplingConfig
@@ -121,9 +121,17 @@ class Space:
         return "; ".join(f"{100 * n / max(tried, 1):.1f} % {why}" for n, why in reasons if n)
 
     def check_path(self, q0: Array, q1: Array) -> None:
-        """Raise the coded error that forbids this joint path; an arm that we do not move has none."""
+        """Raise the coded error that forbids this joint path; an arm that we do not move has none.
+
+        A fault may stop the arm anywhere on it, and the next run has to get away from there.
+        """
         if self.guard is not None:
-            self.guard.check_path_joints(q0, q1)
+            self.guard.check_path_joints(q0, q1, PLANNED_CLEAR_M)
+
+    def check_start(self, q: Array) -> None:
+        """Raise the coded error that keeps an arm, which is measured at ``q`` (j,), from being moved."""
+        if self.guard is not None:
+            self.guard.check_standing(q)
 
     def _got_to(self, hub: Array, q: Array) -> bool:
         try:
@@ -156,7 +164,7 @@ class Space:
         """(n,): where the guard lets the arm be; everywhere, if we do not move it."""
         if self.guard is None or not len(Q):
             return np.ones(len(Q), dtype=bool)
-        free = self.guard.free(Q)
+        free = self.guard.free(Q, PLANNED_CLEAR_M)
         if count is not None:
             count["boxes, floor or the arm itself are in the way"] += int(np.sum(~free))
         return free

@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from calibration.kinematics import UrArm
 from cell.arm_model import Capsule
 from cell.errors import CellError
-from cell.guard import GuardLimits, MotionGuard, Tool
+from cell.guard import PLANNED_CLEAR_M, GuardLimits, MotionGuard, Tool
 from cell.motion import Guard
 from cell.poses import Array, from_pose6
 
@@ -176,6 +176,38 @@ def test_a_tcp_may_touch_the_workspace_face() -> None:
     make_guard(workspace=[floor]).check_joints(HOME)
     above = {"min": [-1.3, -1.3, tip[2] + 0.002], "max": [1.3, 1.3, 1.8]}
     assert "gripper" in str(refusal(make_guard(workspace=[above]).check_joints, HOME))
+
+
+def test_a_planned_way_keeps_clear_of_a_box_that_a_path_may_touch() -> None:
+    tip = (HOME_POSE * from_pose6([0, 0, 0.18, 0, 0, 0])).translation
+    rib = {"name": "rib", "min": [*(tip[:2] - 0.05), 0.0], "max": [*(tip[:2] + 0.05), tip[2] - 0.003]}
+    subject = make_guard(keep_out=[rib])
+    start, end = turned(-0.5, 0, 0, 0, 0, 0), turned(0.5, 0, 0, 0, 0, 0)
+    subject.check_path_joints(start, end)
+    failure = refusal(subject.check_path_joints, start, end, PLANNED_CLEAR_M)
+    assert failure.name == "MOTION_COLLISION"
+    assert "keep-out box 'rib'" in str(failure)
+    assert "10.0 mm are kept so that an arm stopped there can leave" in str(failure)
+
+
+def test_a_planned_way_may_leave_a_place_that_is_nearer_than_a_plan_would_go() -> None:
+    tip = (HOME_POSE * from_pose6([0, 0, 0.18, 0, 0, 0])).translation
+    subject = make_guard(workspace=[{"min": [-1.3, -1.3, tip[2] - 0.002], "max": [1.3, 1.3, 1.8]}])
+    up = ARM.inverse(shifted(0, 0, 0.05), HOME)
+    assert up is not None
+    subject.check_path_joints(HOME, up, PLANNED_CLEAR_M)
+    assert subject.free(np.array([HOME, up])).tolist() == [True, True]
+    assert subject.free(np.array([HOME, up]), PLANNED_CLEAR_M).tolist() == [False, True]
+
+
+def test_an_arm_may_stand_beyond_a_face_to_measuring_accuracy_and_no_further() -> None:
+    tip = (HOME_POSE * from_pose6([0, 0, 0.18, 0, 0, 0])).translation
+    near, beyond = (
+        make_guard(workspace=[{"min": [-1.3, -1.3, tip[2] + off], "max": [1.3, 1.3, 1.8]}])
+        for off in (0.0002, 0.002)
+    )
+    near.check_standing(HOME)
+    assert "where the arm stands" in str(refusal(beyond.check_standing, HOME))
 
 
 def test_a_path_may_leave_the_face_that_the_arm_stands_on_to_measuring_accuracy() -> None:

@@ -211,6 +211,31 @@ def test_a_port_that_was_blind_for_a_while_is_not_used_again(subject: Callable[[
     subject(scene)
 
 
+@pytest.mark.parametrize("left_s", [0.05, 0.15, 0.25])
+def test_a_stop_does_not_carry_a_brisk_move_past_its_end(
+    subject: Callable[[Scene], Any], left_s: float
+) -> None:
+    brisk = Speed(1.0, 10.0, 3.0, 20.0)
+
+    async def scene(arm: ObjectArm) -> None:
+        port = await arm.open_motion(TOOL)
+        start = arm.state.latest(0.1).value.q
+        goal = start + np.array([1.2, 0.3, 0.0, 0.0, 0.0, 0.0])
+        move = asyncio.create_task(failure_of(port.move_joints(goal, brisk)))
+        await arm.clock.sleep(1.2 / 3.0 + 3.0 / 20.0 - left_s)
+        assert moving(arm)
+        await port.decelerate()
+        await arm.clock.sleep(0.5)
+        assert not moving(arm)
+        q = arm.state.latest(0.1).value.q
+        assert start[0] < q[0] < goal[0] + 1e-3
+        assert abs((q[1] - start[1]) / 0.3 - (q[0] - start[0]) / 1.2) < 2e-3
+        await move
+        await port.close()
+
+    subject(scene)
+
+
 def test_a_safeguard_that_closes_again_lets_the_next_port_move(subject: Callable[[Scene], Any]) -> None:
     async def scene(arm: ObjectArm) -> None:
         arm.inject("safeguard-stop", duration_s=2.0)

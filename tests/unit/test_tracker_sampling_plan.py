@@ -1,6 +1,7 @@
 """What a plan promises: poses that are free, seen and got to; refused where they would tell too little."""
 
 from dataclasses import replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from calibration.identification.estimator import Problem
 from calibration.identification.solution import identify
 from calibration.kinematics import robot_from_spec
 from cell.errors import CellError, error
-from cell.guard import GuardLimits, MotionGuard, Tool
+from cell.guard import PLANNED_CLEAR_M, GuardLimits, MotionGuard, Tool
 from cell.poses import Array, from_pose6
 from fakes.scenario import Scenario
 from fakes.world import World
@@ -18,7 +19,7 @@ from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.plan import PlanRequest, SamplingPlan, plan_sampling
 from procedures.tracker.sight import REASONS
 from procedures.tracker.space import Space, make_space
-from procedures.tracker.tour import shortest, tour
+from procedures.tracker.tour import blocked, shortest, tour
 from tests.unit.tracker_cell import BRISK, nominal_tracker, reflectors, rms
 
 NOISE = {"sigma0": 15e-6, "sigma_per_m": 6e-6}
@@ -74,6 +75,26 @@ def test_every_pose_is_free_and_seen_and_every_way_between_them_is_free() -> Non
         for q in (*visit.via, visit.q):
             space.check_path(here, np.array(q))
             here = np.array(q)
+
+
+def test_an_arm_stopped_anywhere_on_a_way_can_be_planned_for_again() -> None:
+    space = space_of(request())
+    assert space.guard is not None
+    rng = np.random.default_rng(5)
+    Q, _ = space.candidates(16, rng, np.array(HOME))
+    ways = [(a, b) for a, b in combinations(Q, 2) if blocked(a, b, space.check_path) is None]
+    assert len(ways) > 40
+    share = np.linspace(0.0, 1.0, 1500)[:, None]
+    kept = 0.5 * PLANNED_CLEAR_M
+    assert all(np.all(space.guard.free(a + share * (b - a), kept)) for a, b in ways)
+
+
+def test_an_arm_that_stands_in_its_own_way_is_refused_in_words() -> None:
+    asked = replace(request(), q_start=[0.6, -1.8, 2.9, -0.1, 1.57, 0.0])
+    with pytest.raises(CellError) as caught:
+        plan_sampling(asked)
+    assert caught.value.name == "TRACKER_PLAN_REFUSED"
+    assert "the arm stands where it may not be, move it by hand" in caught.value.detail
 
 
 def test_the_reflector_looks_at_the_tracker_at_every_pose(usual: SamplingPlan) -> None:

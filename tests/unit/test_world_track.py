@@ -99,6 +99,17 @@ def test_a_stop_on_the_line_stays_on_it(subject: Track) -> None:
     assert_speed_is_the_derivative(subject, 0.0, end)
 
 
+@pytest.mark.parametrize("t", [0.05, 0.3, 0.5, 0.65])
+def test_a_controller_that_halts_a_joint_move_stays_on_its_way(subject: Track, t: float) -> None:
+    goal = Q0 + np.array([1.0, -0.5, 0.2, 0.0, 0.0, 0.1])
+    assert subject.start_joint_move(0.0, goal, 2.0, 10.0) == pytest.approx(0.7)
+    end = subject.halt(t, decel=6.0)
+    share = (subject.at(end)[0] - Q0)[:3] / (goal - Q0)[:3]
+    assert share == pytest.approx(share[0])
+    assert subject.at(t)[0][0] < subject.at(end)[0][0] <= goal[0] + 1e-9
+    assert_speed_is_the_derivative(subject, 0.0, end)
+
+
 def test_a_new_move_while_moving_brakes_first(subject: Track) -> None:
     subject.start_joint_move(0.0, Q0 + 1.0, 1.0, 2.0)
     end = subject.start_joint_move(0.7, Q0, 1.0, 2.0)
