@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from cell.poses import Array
 
 ONE_SPEED = 1.2  # ratio of speeds below which tau and h cannot be told apart
 FOLDS = 5
-Z95 = float(norm.ppf(0.975))
+Z95 = float(ndtri(0.975))
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from cell.poses import Array
 
@@ -98,7 +98,7 @@ def fit_scale(points: ArrayLike, counts: ArrayLike, items: ArrayLike | None = No
     d = p.shape[1]
     freedom = d * (int(used.sum()) - len(np.unique(item[used]))) - d
     variance = float(np.sum(r[used] ** 2)) / freedom
-    reach = float(student.ppf(0.975, freedom)) * np.sqrt(variance / Sxx)
+    reach = float(stdtrit(freedom, 0.975)) * np.sqrt(variance / Sxx)
     return BeltScale(
         m_per_count=m,
         direction=s / m,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as f_distribution
+from scipy.special import fdtri
 
 from calibration.hand_eye.closed_form import closed_form, group_poses
 from calibration.hand_eye.noise import Noise, first_noise, reml, weights
@@ -68,7 +68,7 @@ def _limit(problem: Problem, squared: Array, trusted: bool) -> float:
     scale = max(1.0, float(np.median(squared)) / _MEDIAN)
     if trusted:
         scale = max(scale, float(squared.sum()) / left)
-    return scale * 6.0 * float(f_distribution.isf(_CHANCE / max(problem.n, 1), 6, left))
+    return scale * 6.0 * float(fdtri(6, left, 1.0 - _CHANCE / max(problem.n, 1)))
 
 
 def _tukey(problem: Problem, at: Estimate, given: Mapping[str, float]) -> tuple[Linearised, Noise]:

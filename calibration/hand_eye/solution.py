@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from calibration.hand_eye import se3
 from calibration.hand_eye.ambiguity import candidates, choose
@@ -104,7 +104,7 @@ def solve(
     P = weights(fit.lin, fit.noise)
     squared = float(squared_distances(fit.lin.r, P).sum())
     left = 6 * fit.lin.problem.n - 6 - 6 * fit.lin.problem.groups
-    excess = squared / left if left > 0 and squared > chi2.isf(1e-3, left) else 1.0
+    excess = squared / left if left > 0 and squared > chdtri(left, 1e-3) else 1.0
     cov = normal(fit.lin, P).covariance()
     distance = np.full(problem.n, np.nan)
     distance[fit_rows] = fit.distance

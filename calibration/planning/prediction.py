@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from calibration.planning.mounting import Mounting
 from calibration.planning.plan import PlannedPose
@@ -116,4 +116,4 @@ def _quantile_of_length(cov: Array, probability: float = 0.95) -> float:
     """Of |x| for normal x: a scaled chi-square with the mean and variance of |x|^2 (Satterthwaite)."""
     mean, half_variance = float(np.trace(cov)), float(np.sum(cov * cov))
     scale = half_variance / mean
-    return float(np.sqrt(scale * chi2.ppf(probability, mean / scale)))
+    return float(np.sqrt(scale * chdtri(mean / scale, 1.0 - probability)))

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from cell.poses import Array
 
@@ -60,4 +60,4 @@ def length95(cov: Array) -> float:
     if half <= 0.0:
         return 0.0
     scale = half / mean
-    return float(np.sqrt(scale * chi2.ppf(COVERAGE, mean / scale)))
+    return float(np.sqrt(scale * chdtri(mean / scale, 1.0 - COVERAGE)))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc, chdtri
 
 from cell.errors import error
 from cell.poses import Array, from_pose6, log_xi
@@ -102,7 +102,7 @@ def _weighed(name: str, frame: str, xi: Array, cov: Array, seen: Array) -> Compa
     """``seen`` (6, k) has the directions that were measured."""
     along = seen.T @ xi
     m2 = float(along @ np.linalg.solve(seen.T @ cov @ seen, along))
-    return Comparison(name, frame, xi, cov, seen.shape[1], m2, float(chi2.sf(m2, seen.shape[1])))
+    return Comparison(name, frame, xi, cov, seen.shape[1], m2, float(chdtrc(seen.shape[1], m2)))
 
 
 def adjoint(T: Array) -> Array:
@@ -134,7 +134,7 @@ def comparison_text(comparison: AnyComparison, first: str, second: str) -> str:
             f"  x, y, z {axes} mm; about x, y, z {turns} deg (in {frame})",
             f"  standard uncertainty of the difference {sigma_text(comparison.cov.tolist())}",
             f"  squared Mahalanobis distance {comparison.m2:.1f} with {dof} degrees of freedom "
-            f"(95 % below {chi2.isf(0.05, dof):.1f}), p = {comparison.p:.3g}",
+            f"(95 % below {chdtri(dof, 0.05):.1f}), p = {comparison.p:.3g}",
             f"  {verdict}",
             "  (the uncertainties are taken as independent; an error common to both runs does not show)",
         ]

@@ -7,7 +7,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from calibration.tool_frame.scene import ReferenceTool
 from cell.poses import Array
@@ -232,7 +232,7 @@ def _region95(cov: Array) -> Array:
     values, axes = np.linalg.eigh(cov)
     angle = np.linspace(0.0, 2.0 * np.pi, 73)
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    half = np.sqrt(np.maximum(values, 0.0) * chi2.ppf(0.95, 2))
+    half = np.sqrt(np.maximum(values, 0.0) * chdtri(2, 0.05))
     return np.asarray((circle * half) @ axes.T)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from cell.poses import Array, from_pose6
 
@@ -95,4 +95,4 @@ def radius95(cov: Array) -> float:
     trace, square = float(np.trace(cov)), float(np.sum(cov * cov))
     if trace <= 0.0 or square <= 0.0:
         return 0.0
-    return float(np.sqrt(square / trace * chi2.ppf(0.95, trace**2 / square)))
+    return float(np.sqrt(square / trace * chdtri(trace**2 / square, 0.05)))
