@@ -79,8 +79,19 @@ class ArmModel(Protocol):
         """Geometric Jacobian (6, 6) of the flange: velocity (m/s), then angular velocity (rad/s)."""
         ...
 
+    def jacobian_many(self, Q: Array) -> Array:
+        """(n, 6, 6): :meth:`jacobian` for ``Q`` (n, 6)."""
+        ...
+
     def inverse(self, T_base_flange: RigidTransform, q_near: Array) -> Array | None:
         """The joints (6,) within limits that reach the pose and are closest to ``q_near``, or None."""
+        ...
+
+    def inverse_line(self, T_base_flange: Array, q_near: Array) -> Array | None:
+        """Joints (n, 6) along a line of poses (n, 4, 4), each near the one before, the first ``q_near``.
+
+        None where a pose has no joints within limits.
+        """
         ...
 
     def inverse_all(self, T_base_flange: RigidTransform) -> list[Array]:

@@ -8,7 +8,7 @@ import signal
 _PR_SET_PDEATHSIG = 1
 
 
-_CAMERA_NICE = -10
+_CAMERA_NICE = 0
 _REAL_TIME_PRIORITY = 5
 
 
@@ -23,7 +23,7 @@ def run_as_controller() -> None:
 
 
 def run_as_camera() -> None:
-    """Prefer this process to others of its session where the system permits."""
+    """Draw at plain priority: behind the daemon's loop, whose computer a real camera does not use."""
     with contextlib.suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, _CAMERA_NICE)
 

@@ -143,6 +143,10 @@ class Forecast:
         """Speed at ``t``, m/s; not meant for times before the fit's window."""
         return float(self.motion.speed(np.array([t]))[0]) * self.m_per_count
 
+    def speeds(self, t: Array) -> Array:
+        """Speed at ``t`` (k,), m/s."""
+        return self.motion.speed(t) * self.m_per_count
+
     def sigma(self, a: float, b: float) -> float:
         """Standard deviation of the travel from ``a`` to ``b``, m."""
         if a > self.now or self.motion.covers(a):

@@ -21,6 +21,7 @@ AXES = 4
 _DT = 0.004  # s, over which the change of a forecast's speed is taken
 _LEAST_SHARE = 0.1  # of the limit that is left for moving against a belt
 _LEAST_AXIS = 0.25  # of the limit, for an axis that the way hardly uses
+_KEEPS_UP = 1.5
 _REACT_S = 0.1
 _MARGIN = 0.97  # of the limit: what follows a plan is a little faster than the plan between its points
 
@@ -62,23 +63,24 @@ class Place:
         return State.still(self.p)
 
 
-@dataclass(frozen=True, eq=False)
 class Ride:
     """An item as it is foretold now: its grasp point, and the ``yaw`` (rad) of the tool that fits it."""
 
-    track: Track
-    yaw: float
+    def __init__(self, track: Track, yaw: float) -> None:
+        self.track = track
+        self._forecast, self._way = track.forecast, np.array([*track.direction, 0.0])
+        # Where the item would be at zero travel of the belt, as its place on the belt tells it.
+        self._zero = np.array([*track.xy(np.array([track.forecast.now]))[0], track.height, yaw])
+        self._zero[:2] -= track.forecast.travel(track.forecast.now) * self._way[:2]
+        self._zero[2] -= track.forecast.travel(track.place.at) * self._way[2]
 
     def at(self, t: float) -> State:
-        track = self.track
-        forecast, way = track.forecast, track.direction
-        xy = track.xy(np.array([t]))[0]
-        rise = float(way[2]) * (forecast.travel(t) - forecast.travel(track.place.at))
-        before, now, after = (forecast.speed(max(s, forecast.now)) for s in (t - _DT, t, t + _DT))
+        forecast, way = self._forecast, self._way
+        before, now, after = forecast.speeds(np.maximum(np.array([t - _DT, t, t + _DT]), forecast.now))
         return State(
-            np.array([*xy, track.height + rise, self.yaw]),
-            np.array([*(now * way), 0.0]),
-            np.array([*((after - before) / (2.0 * _DT) * way), 0.0]),
+            self._zero + float(forecast.travels(np.array([t]))[0]) * way,
+            now * way,
+            (after - before) / (2.0 * _DT) * way,
         )
 
 
@@ -102,13 +104,16 @@ class PursuitLimits:
         )
 
 
-def _shares(way: Array, v: Array) -> Array:
-    """How the limit of the speed's size is shared among x, y and z (3,): as the way goes, and as it moves.
+def _shares(way: Array, v: Array, away: Array, limits: PursuitLimits) -> Array:
+    """How the limit of the speed's size is shared among x, y and z (3,): as the tool goes in the base on its
+    ``way`` (3,) to something that moves with ``away`` (3,), and as it moves now (``v`` (3,)).
 
-    No axis gets so little that a change of the goal on the way could not be followed.
+    No axis gets so little that it could not keep up, or that a change of the goal could not be followed.
     """
-    size = np.abs(way[:3]) + _REACT_S * np.abs(v[:3])
-    share = np.maximum(size / max(float(np.linalg.norm(size)), 1e-9), _LEAST_AXIS)
+    lasting = float(np.linalg.norm(way)) / limits.v + limits.v / limits.a
+    size = np.abs(way + lasting * away) + _REACT_S * np.abs(v)
+    share = size / max(float(np.linalg.norm(size)), 1e-9)
+    share = np.maximum(share, np.maximum(_LEAST_AXIS, _KEEPS_UP * np.abs(away) / limits.v))
     out: Array = _MARGIN * share / np.linalg.norm(share)
     return out
 
@@ -136,7 +141,8 @@ def plan(
 ) -> Leg:
     """The fastest way from ``state`` at ``t0`` to rest at ``offset`` (4,) from ``origin``.
 
-    All axes arrive together, or with ``apart`` each as early as it can.
+    All axes arrive together, but a tool that has to rise does so at once. With ``apart`` each axis arrives as
+    early as it can, so that what is beside is over before the tool is down.
 
     A state beyond the limits is first brought back within them. ``PLAN_INFEASIBLE`` when ruckig finds none.
     """
@@ -146,12 +152,18 @@ def plan(
     wanted.current_position, wanted.current_velocity = relative.p.tolist(), relative.v.tolist()
     wanted.current_acceleration = relative.a.tolist()
     wanted.target_position = np.asarray(offset, dtype=float).tolist()
-    own = np.array([*(limits.v * _shares(offset - relative.p, relative.v)), limits.yaw_v])
-    wanted.max_velocity = np.maximum(own - np.abs(away.v), _LEAST_SHARE * own).tolist()
+    shares = _shares((offset - relative.p)[:3], relative.v[:3], away.v[:3], limits)
+    own = np.array([*(limits.v * shares), limits.yaw_v])
+    wanted.max_velocity = np.maximum(own - away.v, _LEAST_SHARE * own).tolist()
+    wanted.min_velocity = (-np.maximum(own + away.v, _LEAST_SHARE * own)).tolist()
     wanted.max_acceleration = [limits.a] * 3 + [limits.yaw_a]
     wanted.max_jerk = [limits.j] * 3 + [limits.yaw_j]
-    for synchronization in (Synchronization.Time, Synchronization.No)[int(apart) :]:
-        wanted.synchronization = synchronization
+    each = [Synchronization.No] * AXES
+    together = [Synchronization.Time] * AXES
+    if offset[2] > relative.p[2]:
+        together[2] = Synchronization.No
+    for synchronization in (each,) if apart else (together, each):
+        wanted.per_dof_synchronization = synchronization
         trajectory = Trajectory(AXES)
         with suppress(RuckigError):  # a few states leave no common duration, each axis alone has one
             if Ruckig(AXES).calculate(wanted, trajectory) in (Result.Working, Result.Finished):

@@ -1,6 +1,7 @@
 """Inverse kinematics: Newton steps from good starts, and which of the turns of a joint to take."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.kinematics.chain import DhChain, pose_gap
 from cell.poses import Array
@@ -12,13 +13,19 @@ _SAME = 1e-6  # rad; two solutions closer than this are one
 
 
 def polish(chain: DhChain, goal: Array, starts: Array) -> Array:
-    """(k, 6): where Newton steps take the ``starts`` (m, 6); without those that miss ``goal`` (4, 4).
+    """(k, 6): where Newton steps take the ``starts`` (m, 6); without those that miss ``goal`` (4, 4)."""
+    q, reached = converge(chain, np.broadcast_to(goal, (len(starts), 4, 4)), starts)
+    found: Array = q[reached]
+    return found
+
+
+def converge(chain: DhChain, goals: Array, starts: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Where Newton steps take each of ``starts`` (m, 6) on the way to its goal (m, 4, 4), and who got there.
 
     Damped least squares (Nakamura and Hanafusa 1986) with a damping that vanishes with the error: it stays
     finite at singular starts and converges quadratically.
     """
     q = np.array(starts, dtype=float).reshape(-1, 6)
-    goals = np.broadcast_to(goal, (len(q), 4, 4))
     for step in range(_STEPS + 1):
         frames = chain.frames(q)
         gap = pose_gap(goals, frames[:, -1])
@@ -31,8 +38,7 @@ def polish(chain: DhChain, goal: Array, starts: Array) -> Array:
         dq = (Jt @ np.linalg.solve(J @ Jt + damping * np.eye(6), gap[:, :, None]))[:, :, 0]
         largest = np.max(np.abs(dq), axis=1, keepdims=True)
         q = q + dq * np.minimum(1.0, _MAX_STEP / np.maximum(largest, 1e-12))
-    found: Array = q[error < TOLERANCE]
-    return found
+    return q, error < TOLERANCE
 
 
 def nearest_turns(q: Array, q_near: Array, limits: Array) -> Array | None:

@@ -9,13 +9,14 @@ import ur_analytic_ik
 from scipy.spatial.transform import RigidTransform
 
 from calibration.kinematics.chain import DhChain, pose_gap
-from calibration.kinematics.inverse import distinct, nearest_turns, polish
+from calibration.kinematics.inverse import converge, distinct, nearest_turns, polish
 from calibration.kinematics.ur_models import ALPHA, JOINT_LIMITS, UR_MODELS, LinkRadii, UrModel
 from cell.arm_model import Capsule, LinkShape
 from cell.poses import Array
 
 _ALMOST_M, _ALMOST_RAD = 0.05, 0.3  # joints whose pose is this close may be continued to the goal
 _SAME_BRANCH_RAD = 0.1
+_SAME_LINE_RAD = 0.5  # between neighbours on a line; more would be another branch
 
 
 def _zeros() -> Array:
@@ -77,8 +78,11 @@ class UrArm:
         return RigidTransform.from_matrix(self._chain.frames(_rows(Q))[:, -1])
 
     def jacobian(self, q: Array) -> Array:
-        J: Array = self._chain.jacobians(self._chain.frames(_rows(q)))[0]
+        J: Array = self.jacobian_many(_rows(q))[0]
         return J
+
+    def jacobian_many(self, Q: Array) -> Array:
+        return self._chain.jacobians(self._chain.frames(_rows(Q)))
 
     def link_ends(self, Q: Array) -> Array:
         """Capsule ends from the *published* lengths.
@@ -118,6 +122,23 @@ class UrArm:
         found = (nearest_turns(q, near, JOINT_LIMITS) for q in (*continued, *self._branches(goal)))
         candidates = [q for q in found if q is not None]
         return min(candidates, key=lambda q: float(np.linalg.norm(q - near)), default=None)
+
+    def inverse_line(self, T_base_flange: Array, q_near: Array) -> Array | None:
+        near = np.asarray(q_near, dtype=float)
+        together, reached = converge(self._chain, T_base_flange, np.tile(near, (len(T_base_flange), 1)))
+        low, high = JOINT_LIMITS.T
+        steps = np.diff(together, axis=0, prepend=near[None])
+        within = np.all((together >= low) & (together <= high))
+        if within and reached.all() and np.abs(steps).max() < _SAME_LINE_RAD:
+            return together
+        line = []
+        for T in T_base_flange:  # one after the other: nothing is nearer to a pose than the one before
+            q = self.inverse(RigidTransform.from_matrix(T), near)
+            if q is None:
+                return None
+            line.append(q)
+            near = q
+        return np.array(line)
 
     def inverse_all(self, T_base_flange: RigidTransform) -> list[Array]:
         found = self._branches(np.ascontiguousarray(T_base_flange.as_matrix()))

@@ -71,7 +71,12 @@ class BeltTrackingConfig(_Strict):
     zone: Zone
     belt_z_m: float = Field(ge=-5, le=5, description="height of the belt's surface in the base")
     items: ItemLook = Field(default_factory=ItemLook)
-    above_m: Length = Field(default=0.05, description="the straight descent onto an item, and at the place")
+    above_m: Length = Field(default=0.05, description="height of level ways above an item and the place")
+    straight_m: Length | None = Field(
+        default=None,
+        description="of above_m, next to an item and the place, that is straight, to 3 mm at its upper end; "
+        "without it 0.02 m at most, and classic begins and ends each of its moves at rest",
+    )
     grip_m: float = Field(
         default=0.0, ge=-0.1, le=0.1, description="of the tool's point above an item's upper face at the grip"
     )
@@ -93,3 +98,9 @@ class BeltTrackingConfig(_Strict):
     standing_s: float = Field(default=1.0, gt=0, le=60, description="for so long, then the job is suspended")
     limits: JobLimits = Field(default_factory=JobLimits)
     max_duration_s: float = Field(default=86400.0, gt=0)
+
+    @model_validator(mode="after")
+    def _makes_sense(self) -> Self:
+        if self.straight_m is not None and self.straight_m > self.above_m:
+            raise ValueError("straight_m must not be larger than above_m")
+        return self

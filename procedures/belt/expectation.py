@@ -16,8 +16,9 @@ from cell.errors import CellError
 from cell.guard import MotionGuard
 from cell.poses import Array
 from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.corner import corner
 from procedures.belt.joints import ToolJoints
-from procedures.belt.picker import CLEAR_SHARE, JOINT_SHARE
+from procedures.belt.picker import JOINT_SHARE
 
 SPEEDS_M_S = (0.1, 0.2, 0.3)
 SLOWEST_SHARE = 0.1  # of the first of these speeds: a belt that is being set up
@@ -80,6 +81,7 @@ class Expectation:
         )
         self._gripper_s = config.grip_timeout_s / 3.0
         self._up = np.array([0.0, 0.0, config.above_m, 0.0])
+        self._corner = corner(config, self._limits)
 
     def grip_point(self, along_m: float) -> Array:
         """Where an item of the least height is gripped (4,), at ``along_m`` (dot(p, dir)).
@@ -158,28 +160,32 @@ class Expectation:
         """From leaving the place to leaving it again, s, with contact at ``along_m``."""
         met = self.grip_point(along_m)
         put = Place(self._place.p)
-        clear = CLEAR_SHARE * self._config.above_m
+        clear = self._corner.clear_m
         t, state, contact = 0.0, State.still(self._place.p + clear / self._config.above_m * self._up), 1.0
         took = 0.0
         for _ in range(4):  # each from the state and the time to contact of the one before
             item = _Carried(met, speed_m_s * self._way, t + contact)
             begin = t
-            leg = self._way_to(t, state, item, self._up)
-            leg = plan(leg.t1, leg.at(leg.t1), item, np.zeros(4), self._limits)
+            leg = self._down_to(t, state, item)
             contact = leg.t1 - begin
             t = leg.t1 + max(self._config.dwell_s, self._gripper_s)
             leg = plan(t, leg.at(t), item, self._up, self._limits)
             t = _cleared(leg, clear)
-            leg = self._way_to(t, leg.at(t), put, self._up)
-            leg = plan(leg.t1, leg.at(leg.t1), put, np.zeros(4), self._limits)
+            leg = self._down_to(t, leg.at(t), put)
             t = leg.t1 + self._gripper_s
             leg = plan(t, leg.at(t), put, self._up, self._limits)
             t = _cleared(leg, clear)
             state, took = leg.at(t), t - begin
         return took
 
-    def _way_to(self, t: float, state: State, origin: Origin, offset: Array) -> Leg:
-        """As fast as limits and joints let: the job's own rule."""
+    def _down_to(self, t: float, state: State, origin: Origin) -> Leg:
+        """The way to above ``origin`` and, round the corner, down to it."""
+        level, share = self._way_to(t, state, origin, self._up)
+        turn = max(level.t1 - self._corner.lead_s(share), t)
+        return plan(turn, level.at(turn), origin, np.zeros(4), self._limits, apart=True)
+
+    def _way_to(self, t: float, state: State, origin: Origin, offset: Array) -> tuple[Leg, float]:
+        """As fast as limits and joints let, by the job's own rule; and the share of the full speed."""
         share = 1.0
         leg = plan(t, state, origin, offset, self._limits)
         for _ in range(2):
@@ -188,7 +194,7 @@ class Expectation:
                 break
             share /= over
             leg = plan(t, state, origin, offset, self._limits.slower(share))
-        return leg
+        return leg, share
 
     def _fastest(self, leg: Leg) -> float:
         """The highest joint speed on ``leg``, rad/s."""

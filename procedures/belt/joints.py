@@ -24,8 +24,9 @@ class ToolJoints:
 
     def __init__(self, model: ArmModel, T_flange_tool: RigidTransform, q_upright: Array) -> None:
         self._model, self._T_flange_tool = model, T_flange_tool
-        self._T_tool_flange = T_flange_tool.inv()
         self._upright: Rotation = (model.forward(q_upright) * T_flange_tool).rotation
+        upright = RigidTransform.from_rotation(self._upright) * T_flange_tool.inv()
+        self._upright_flange: Array = upright.as_matrix()  # about the tool's point
 
     def heading(self) -> float:
         """Of the tool's x axis about base z at yaw 0, rad."""
@@ -43,29 +44,47 @@ class ToolJoints:
         turn = (tool.rotation * self._upright.inv()).as_rotvec()
         return State.still(np.array([*tool.translation, float(turn[2])]))
 
-    def flange(self, state: State) -> RigidTransform:
-        """``T_base_flange`` for the tool at ``state``."""
-        rotation = Rotation.from_rotvec([0.0, 0.0, state.p[3]]) * self._upright
-        return RigidTransform.from_components(state.p[:3], rotation) * self._T_tool_flange
+    def flanges(self, states: Sequence[State]) -> Array:
+        """``T_base_flange`` (n, 4, 4) for the tool at each of ``states``."""
+        P = np.array([state.p for state in states])
+        c, s = np.cos(P[:, 3])[:, None], np.sin(P[:, 3])[:, None]
+        upright = self._upright_flange
+        T = np.zeros((len(P), 4, 4))
+        T[:, 0, :3] = c * upright[0, :3] - s * upright[1, :3]
+        T[:, 1, :3] = s * upright[0, :3] + c * upright[1, :3]
+        T[:, 2, :3] = upright[2, :3]
+        T[:, 0, 3] = c[:, 0] * upright[0, 3] - s[:, 0] * upright[1, 3]
+        T[:, 1, 3] = s[:, 0] * upright[0, 3] + c[:, 0] * upright[1, 3]
+        T[:, 2, 3] = upright[2, 3]
+        T[:, :3, 3] += P[:, :3]
+        T[:, 3, 3] = 1.0
+        return T
 
     def joints(self, state: State, near: Array) -> tuple[Array, Array]:
         """Joints (6,) and joint speeds (6,) for the tool at ``state``, on the branch of ``near`` (6,)."""
-        T = self.flange(state)
-        q = self._model.inverse(T, near)
-        if q is None or float(np.max(np.abs(q - near))) > _FARTHEST_RAD:
-            x, y, z = state.p[:3]
-            raise error("MOTION_UNREACHABLE", f"the tool at {x:.3f}, {y:.3f}, {z:.3f} m")
-        spin = np.array([0.0, 0.0, state.v[3]])
-        twist = np.concatenate([state.v[:3] + np.cross(spin, T.translation - state.p[:3]), spin])
-        return q, np.linalg.solve(self._model.jacobian(q), twist)
+        q, qd = self.line([state], near)
+        return q[0], qd[0]
+
+    def line(self, states: Sequence[State], near: Array) -> tuple[Array, Array]:
+        """Joints (n, 6) and joint speeds (n, 6) for the tool at ``states``, from ``near`` (6,) on."""
+        T = self.flanges(states)
+        Q = self._model.inverse_line(T, near)
+        if Q is None or float(np.max(np.abs(np.diff(Q, axis=0, prepend=near[None])))) > _FARTHEST_RAD:
+            places = (", ".join(f"{x:.3f}" for x in state.p[:3]) for state in (states[0], states[-1]))
+            raise error("MOTION_UNREACHABLE", f"the tool at {' to '.join(dict.fromkeys(places))} m")
+        V = np.array([state.v for state in states])
+        lever = T[:, :3, 3] - np.array([state.p[:3] for state in states])
+        twists = np.zeros((len(states), 6))
+        twists[:, :3], twists[:, 5] = V[:, :3], V[:, 3]
+        twists[:, 0] -= V[:, 3] * lever[:, 1]
+        twists[:, 1] += V[:, 3] * lever[:, 0]
+        Qd = np.asarray(np.linalg.solve(self._model.jacobian_many(Q), twists[:, :, None])[:, :, 0])
+        return Q, Qd
 
     def fastest(self, leg: Leg, near: Array) -> float:
         """The highest joint speed on the way of ``leg``, rad/s, from joints ``near`` (6,) on."""
-        speeds, q = [], near
-        for t in np.linspace(leg.t0, leg.t1, _LOOKS):
-            q, qd = self.joints(leg.at(float(t)), q)
-            speeds.append(float(np.max(np.abs(qd))))
-        return max(speeds)
+        looks = [leg.at(float(t)) for t in np.linspace(leg.t0, leg.t1, _LOOKS)]
+        return float(np.max(np.abs(self.line(looks, near)[1])))
 
     def piece(self, t0: float, h: float, states: Sequence[tuple[Array, Array]]) -> TrajectoryPiece:
         """The polynomial through joints and joint speeds (6,) at ``t0``, ``t0 + h``, ... (Hermite)."""
@@ -73,6 +92,12 @@ class ToolJoints:
         powers = h ** -np.arange(float(len(wanted)))
         coefficients = powers[:, None] * (_hermite(len(states)) @ wanted)
         return TrajectoryPiece(t0, t0 + h * (len(states) - 1), coefficients)
+
+
+def on_piece(piece: TrajectoryPiece, t: float) -> tuple[Array, Array]:
+    """Joints (6,) and joint speeds (6,) of ``piece`` at ``t``; past its end, where it ends."""
+    s, k = min(t, piece.t1) - piece.t0, np.arange(len(piece.coefficients))
+    return s**k @ piece.coefficients, (k[1:] * s ** k[:-1]) @ piece.coefficients[1:]
 
 
 def fastest_joint(piece: TrajectoryPiece) -> float:

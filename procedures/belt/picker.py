@@ -19,8 +19,9 @@ from cell.errors import error
 from cell.poses import Array
 from cell.procedure import Run
 from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.corner import corner
 from procedures.belt.items import Item, Outcome, life
-from procedures.belt.joints import ToolJoints, fastest_joint
+from procedures.belt.joints import ToolJoints, fastest_joint, on_piece
 from procedures.belt.lag import Lag
 from procedures.belt.meeting import Aim, strategy
 from procedures.belt.states import PickState as S
@@ -29,11 +30,9 @@ from procedures.belt.watch import BeltWatch
 STEP_S = 0.02  # between decisions
 LEAD_S = 0.012  # from a decision to where it begins to act
 AHEAD_S = 0.05  # twice that is the length of a piece: a loop that is late once does not end the stream
-CLEAR_SHARE = 0.6  # of the lift, after which the tool may leave sideways
 JOINT_SHARE = 0.9  # of the joints' speed limit that a plan may use; a change of plan needs the rest
 BRAKE_SHARE = 0.95
 YAW_SHARE = 0.6  # of it for turning the tool; the way itself turns the wrist too
-BLEND_S = 0.05  # before the end of a way to above something, in which the way down begins
 CHOICES = 3
 PUBLISH_S = 0.2
 MET_M, MET_M_S = 0.0003, 0.02  # from rest on an item
@@ -62,8 +61,10 @@ class Picker:
         self._above = np.array([0.0, 0.0, config.above_m + config.grip_m, 0.0])
         self._at_grip = np.array([0.0, 0.0, config.grip_m, 0.0])
         self._over_place = np.array([0.0, 0.0, config.above_m, 0.0])
+        classic = config.method == "classic"
+        self._corner = corner(config, self._limits)
         self._aim: Aim | None = None
-        self._meets_only = config.method == "classic" or not config.follow
+        self._meets_only = classic or not config.follow
         self._strategy = strategy(config, watch, wait.p[:3], self._descent_s)
         self._gripper: Gripper = run.gripper()
         self._arm = run.arm()
@@ -101,7 +102,7 @@ class Picker:
                     yield self._lag.ahead(piece)
                 await clock.sleep(max(t + STEP_S - LEAD_S - clock.now(), 0.0))
                 t = max(t + STEP_S, clock.now() + LEAD_S)
-                here = self._tool.joints(self._leg.at(t), here[0])
+                here = on_piece(piece, t)  # where the arm is sent then, also when the plan changes
         finally:
             await self._end_task()
             await asyncio.gather(*self._writing)
@@ -109,12 +110,9 @@ class Picker:
     def _piece(self, t: float, here: tuple[Array, Array]) -> TrajectoryPiece:
         """The next piece from ``here`` on; a way that gets too fast for a joint is slowed down."""
         for _ in range(4):
-            states = [here]
-            for k in (1, 2):
-                q, qd = states[-1]
-                near = q + AHEAD_S * qd if k == 1 else q
-                states.append(self._tool.joints(self._leg.at(t + k * AHEAD_S), near))
-            piece = self._tool.piece(t, AHEAD_S, states)
+            ahead = [self._leg.at(t + k * AHEAD_S) for k in (1, 2)]
+            Q, Qd = self._tool.line(ahead, here[0] + AHEAD_S * here[1])
+            piece = self._tool.piece(t, AHEAD_S, [here, *zip(Q, Qd, strict=True)])
             if fastest_joint(piece) <= BRAKE_SHARE * self._config.limits.joint_speed_rad_s:
                 break
             self._share *= 0.8
@@ -218,7 +216,7 @@ class Picker:
         self._go(t, ride, self._above)
         if not self._leaves_after(ride.track, self._leg.t1 + self._descent_s):
             return await self._give_up(t)
-        if self._leg.t1 - t <= BLEND_S:
+        if self._leg.t1 - t <= self._corner.lead_s(self._share):
             self._share = 1.0
             await self._run.enter(S.DESCEND)
             self._phase = self._descend
@@ -313,7 +311,7 @@ class Picker:
 
     async def _lift(self, t: float) -> bool:
         """Straight up, seen from the belt, until what lies beside is cleared."""
-        if self._leg.at(t).p[2] - self._foot_m < CLEAR_SHARE * self._config.above_m:
+        if not self._clear(t, self._foot_m):
             return True
         if self._held:
             await self._run.enter(S.PLACE)
@@ -326,7 +324,7 @@ class Picker:
 
     async def _to_place(self, t: float) -> bool:
         self._go(t, Place(self._place.p), self._over_place)
-        if self._leg.t1 - t <= BLEND_S:
+        if self._leg.t1 - t <= self._corner.lead_s(self._share):
             self._share = 1.0
             self._phase = self._put_down
         return True
@@ -352,7 +350,7 @@ class Picker:
 
     async def _leave_place(self, t: float) -> bool:
         self._go(t, Place(self._place.p), self._over_place)
-        if self._leg.at(t).p[2] - self._place.p[2] >= CLEAR_SHARE * self._config.above_m:
+        if self._clear(t, float(self._place.p[2])):
             await self._run.enter(S.RETURN)
             self._begin_way(t, Place(self._wait.p), np.zeros(4))
             self._phase = self._ready
@@ -360,11 +358,12 @@ class Picker:
 
     # -- steps of the phases
 
-    def _go(self, t: float, origin: Origin, offset: Array, apart: bool = False) -> None:
-        """From where the tool is at ``t`` to rest at ``offset`` from ``origin``; a way to a place is kept.
+    def _clear(self, t: float, foot_m: float) -> bool:
+        """Whether the tool has risen so far from ``foot_m`` that it may go sideways."""
+        return t >= self._leg.t1 or float(self._leg.at(t).p[2]) - foot_m >= self._corner.clear_m
 
-        ``apart``: each axis arrives when it can, so that what is beside is over before the tool is down.
-        """
+    def _go(self, t: float, origin: Origin, offset: Array, apart: bool = False) -> None:
+        """From where the tool is at ``t`` to rest at ``offset`` from ``origin``; a way to a place is kept."""
         old = self._leg
         if (
             isinstance(origin, Place)

@@ -91,3 +91,26 @@ def test_a_state_without_a_common_duration_is_planned_axis_by_axis() -> None:
     )
     leg = plan(0.0, state, Place(np.zeros(4)), np.zeros(4), LIMITS)
     assert leg.at(leg.t1).p == pytest.approx(0.0, abs=1e-9)
+
+
+def test_what_is_beside_is_over_before_a_tool_that_comes_down_apart_is_there() -> None:
+    beside = State.still(RIDE.at(0.0).p + np.array([0.03, -0.02, 0.05, 0.1]))
+    leg = plan(0.0, beside, RIDE, np.zeros(4), LIMITS, apart=True)
+    off = np.array([(leg.at(float(t)) - RIDE.at(float(t))).p for t in np.arange(0.0, leg.t1, 0.001)])
+    low = off[:, 2] < 0.005
+    assert low.any()
+    assert np.abs(off[low, :2]).max() < 1e-4
+
+
+def test_a_tool_that_has_to_rise_does_so_before_it_has_gone_far() -> None:
+    goal = Place(START.p + np.array([0.4, 0.2, 0.05, 0.0]))
+    leg = plan(0.0, START, goal, np.zeros(4), LIMITS)
+    half = 0.5 * leg.t1
+    assert leg.at(half).p[2] - goal.p[2] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_against_the_belt_the_tool_has_its_whole_speed_in_the_base() -> None:
+    """Seen from the item it then moves faster than the limit, and with the belt slower."""
+    fast = Conveyor(np.array([-0.6, 0.5, 0.3, 0.0]))
+    _, _, v, _ = sampled(plan(0.0, START, fast, np.zeros(4), LIMITS))
+    assert 0.9 * LIMITS.v < np.linalg.norm(v[:, :3], axis=1).max() <= LIMITS.v

@@ -1,0 +1,43 @@
+"""Round the corner between a level way and the straight one onto an item or a place."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.belt.pursuit import Place, PursuitLimits, State, plan
+from procedures.belt.config import BeltTrackingConfig
+
+STRAIGHT_M = 0.02
+BESIDE_M = 0.003  # of the item's axis that the tool may be at the upper end of the straight way
+_STEP_S = 0.001
+_LEVEL_M = 0.3  # a way long enough to end as all do
+
+
+@dataclass(frozen=True)
+class Corner:
+    """``reach_s`` the way down takes to the upper end of its straight part; ``last_s`` is what a level way at
+    full speed has left when the tool is within 3 mm of its end. The tool may leave sideways ``clear_m`` up.
+    """
+
+    reach_s: float
+    last_s: float
+    clear_m: float
+
+    def lead_s(self, share: float) -> float:
+        """So long before its end a level way at ``share`` of the speed may turn down."""
+        return self.reach_s + self.last_s / share
+
+
+def corner(config: BeltTrackingConfig, limits: PursuitLimits) -> Corner:
+    """What ``config`` asks for, as the planner drives it within ``limits``."""
+    above, straight = config.above_m, config.straight_m
+    if straight is None:
+        if config.method == "classic":
+            return Corner(0.0, 0.0, above)
+        straight = min(STRAIGHT_M, above)
+    rest = State.still(np.zeros(4))
+    down = plan(0.0, rest, Place(rest.p), np.array([0.0, 0.0, -above, 0.0]), limits)
+    level = plan(0.0, rest, Place(rest.p), np.array([_LEVEL_M, 0.0, 0.0, 0.0]), limits)
+    high = [t for t in np.arange(0.0, down.t1, _STEP_S) if -down.at(t).p[2] <= above - straight]
+    off = [t for t in np.arange(0.0, level.t1, _STEP_S) if level.at(t).p[0] <= _LEVEL_M - BESIDE_M]
+    return Corner(float(high[-1]), float(level.t1 - off[-1]), straight)

@@ -1,0 +1,97 @@
+"""From the tool's motion to joints: against the arm's own forward kinematics."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from calibration.belt.pursuit import Place, PursuitLimits, State, plan
+from calibration.kinematics import robot_from_spec
+from cell.errors import CellError
+from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.corner import BESIDE_M, corner
+from procedures.belt.joints import ToolJoints, on_piece
+
+MODEL = robot_from_spec({"model": "ur10e"})
+T_FLANGE_TOOL = RigidTransform.from_components([0.02, -0.01, 0.18], Rotation.from_rotvec([0.0, 0.0, 0.2]))
+WAIT = np.array([-2.067451, -1.757146, 2.164129, -1.977778, -1.570796, -0.496655])
+LIMITS = PursuitLimits(v=1.0, a=6.0, j=80.0)
+CONFIG = {"wait_pose": "w", "place_pose": "p", "zone": {"min_m": 0.0, "max_m": 1.0}, "belt_z_m": 0.1}
+
+
+@pytest.fixture
+def subject() -> ToolJoints:
+    return ToolJoints(MODEL, T_FLANGE_TOOL, WAIT)
+
+
+def moved(subject: ToolJoints, *by: float) -> State:
+    return State(subject.state(WAIT).p + np.array(by), np.array([0.3, -0.2, 0.1, 0.5]), np.zeros(4))
+
+
+def test_joints_put_the_tool_where_it_should_be(subject: ToolJoints) -> None:
+    state = moved(subject, 0.02, -0.03, 0.05, 0.4)
+    q, _ = subject.joints(state, WAIT)
+    tool = MODEL.forward(q) * T_FLANGE_TOOL
+    assert tool.translation == pytest.approx(state.p[:3], abs=1e-9)
+    upright = (MODEL.forward(WAIT) * T_FLANGE_TOOL).rotation
+    turn = (tool.rotation * upright.inv()).as_rotvec()
+    assert turn == pytest.approx([0.0, 0.0, 0.4], abs=1e-9)
+
+
+def test_joint_speeds_are_the_derivative_of_the_joints(subject: ToolJoints) -> None:
+    state, h = moved(subject, 0.02, -0.03, 0.05, 0.4), 1e-5
+    q, qd = subject.joints(state, WAIT)
+    after, _ = subject.joints(State(state.p + h * state.v, state.v, state.a), q)
+    before, _ = subject.joints(State(state.p - h * state.v, state.v, state.a), q)
+    assert qd == pytest.approx((after - before) / (2 * h), abs=1e-6)
+
+
+def test_a_line_of_states_gives_what_each_alone_gives(subject: ToolJoints) -> None:
+    goal = subject.state(WAIT).p + np.array([0.2, 0.3, -0.01, 0.5])
+    leg = plan(0.0, subject.state(WAIT), Place(goal), np.zeros(4), LIMITS)
+    states = [leg.at(float(t)) for t in np.linspace(0.0, leg.t1, 9)]
+    Q, Qd = subject.line(states, WAIT)
+    near = WAIT
+    for state, q, qd in zip(states, Q, Qd, strict=True):
+        near, speed = subject.joints(state, near)
+        assert q == pytest.approx(near, abs=1e-8)
+        assert qd == pytest.approx(speed, abs=1e-7)
+    assert subject.fastest(leg, WAIT) >= np.abs(Qd).max() - 0.05
+
+
+def test_a_place_out_of_reach_is_told_with_its_coordinates(subject: ToolJoints) -> None:
+    with pytest.raises(CellError, match=r"2\.120") as caught:
+        subject.joints(moved(subject, 2.0, 0.0, 0.0, 0.0), WAIT)
+    assert caught.value.name == "MOTION_UNREACHABLE"
+
+
+def test_a_piece_is_what_it_was_made_of_and_stands_at_its_end(subject: ToolJoints) -> None:
+    states = [(WAIT + 0.01 * k, np.full(6, 0.2)) for k in range(3)]
+    piece = subject.piece(5.0, 0.05, states)
+    for k, (q, qd) in enumerate(states):
+        found = on_piece(piece, 5.0 + 0.05 * k)
+        assert found[0] == pytest.approx(q, abs=1e-9)
+        assert found[1] == pytest.approx(qd, abs=1e-7)
+    assert on_piece(piece, 6.0)[0] == pytest.approx(states[-1][0], abs=1e-9)
+
+
+def test_a_tool_that_goes_round_the_corner_is_beside_the_item_before_the_straight_part() -> None:
+    config = BeltTrackingConfig.model_validate(CONFIG)
+    round_it = corner(config, LIMITS)
+    start, goal = State.still(np.array([0.4, 0.3, 0.05, 0.0])), Place(np.zeros(4))
+    level = plan(0.0, start, goal, np.array([0.0, 0.0, 0.05, 0.0]), LIMITS)
+    turn = level.t1 - round_it.lead_s(1.0)
+    down = plan(turn, level.at(turn), goal, np.zeros(4), LIMITS, apart=True)
+    for t in np.arange(turn, down.t1, 0.002):
+        p = down.at(float(t)).p
+        if p[2] < 0.02:
+            assert np.linalg.norm(p[:2]) < 1.5 * BESIDE_M
+    square = plan(level.t1, level.at(level.t1), goal, np.zeros(4), LIMITS)
+    assert down.t1 < square.t1 - 0.15
+
+
+def test_the_sources_moves_begin_and_end_at_rest_unless_told_otherwise() -> None:
+    classic = BeltTrackingConfig.model_validate({**CONFIG, "method": "classic"})
+    assert corner(classic, LIMITS).lead_s(1.0) == 0.0
+    assert corner(classic, LIMITS).clear_m == classic.above_m
+    told = BeltTrackingConfig.model_validate({**CONFIG, "method": "classic", "straight_m": 0.02})
+    assert corner(told, LIMITS).lead_s(1.0) > 0.1
