@@ -7,7 +7,7 @@ the motion lease, the journal, the run folder, and the worker that computes away
 
 import asyncio
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
@@ -29,6 +29,7 @@ from cell.devices import (
 )
 from cell.errors import error
 from cell.motion import MotionLease
+from cell.traces import Trace
 
 R = TypeVar("R")
 
@@ -185,6 +186,7 @@ class Run:
         self.result: dict[str, Any] | None = None
         self.visited: list[tuple[StrEnum | None, StrEnum]] = []
         self.live: dict[str, float] = {}  # numbers of now, by the names of registers
+        self.traces: dict[str, Trace] = {}
         self._notebook, self._publish = notebook, publish
         self._finish = False
         self._hold_wanted = False
@@ -243,6 +245,10 @@ class Run:
         """Numbers of now for people and registers."""
         self.live.update(live)
         self._publish()
+
+    def trace(self, name: str, columns: Sequence[str]) -> Trace:
+        """Rows of the last while for whoever draws them; nobody is told when one is added."""
+        return self.traces.setdefault(name, Trace(columns))
 
     def progress(self, step: int, steps: int) -> None:
         """How far the job is, for people and registers."""

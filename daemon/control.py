@@ -36,6 +36,7 @@ class Engine(Protocol):
     """What the socket needs of the job engine. All refusals are ``CellError``."""
 
     def status(self) -> dict[str, Any]: ...
+    def live(self, since: Mapping[str, int]) -> dict[str, Any]: ...
     async def start(
         self,
         job: str,
@@ -154,6 +155,8 @@ class _Connection:
     async def _call(self, method: str, params: dict[str, Any]) -> Any:
         if method == "status":
             return self._engine.status()
+        if method == "live":
+            return self._engine.live(_numbers(_Params(method, params).get("since", dict, {})))
         handler = _WRITES.get(method)
         if handler is None:
             raise error("ARGUMENT_INVALID", f"the control socket has no method '{method}'")
@@ -213,6 +216,12 @@ class _Params:
         if type(value) is not kind:
             raise error("ARGUMENT_INVALID", f"{self._method}: '{name}' is not of type {kind.__name__}")
         return value
+
+
+def _numbers(raw: dict[str, Any]) -> dict[str, int]:
+    if not all(type(number) is int for number in raw.values()):
+        raise error("ARGUMENT_INVALID", "live: 'since' has a row number for each trace")
+    return raw
 
 
 async def _start(engine: Engine, params: _Params, who: str) -> dict[str, Any]:

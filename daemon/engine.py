@@ -26,6 +26,7 @@ from procedures.arm_setup import lease_settings
 log = logging.getLogger("cellward.engine")
 
 TREND_POINTS = 200  # of a health number, in a report
+LIVE_ROWS = 250  # of a trace in one answer: more would hold up a loop that decides every 20 ms
 TABLES = (  # of a result, one entry a sample or a place: too much for a status
     ("uncertainty", "cov"),
     ("uncertainty", "predicted_95", "workspace", "places"),
@@ -295,6 +296,22 @@ class Engine:
             "interrupted": self.interrupted,
             "devices": self.context.supervisor.status(),
             "loop_lag": self.loop_lag(),
+        }
+
+    def live(self, since: Mapping[str, int]) -> dict[str, Any]:
+        """What the running job leaves to be drawn: numbers of now, and the rows of each trace from row
+        ``since[name]`` on, a bounded number at a time. ``next`` is what to ask for after them."""
+        run = self.run if self._task is not None else None
+        traces = {}
+        for name, trace in run.traces.items() if run else ():
+            end, rows = trace.since(since.get(name, 0), LIVE_ROWS)
+            traces[name] = {"columns": trace.columns, "next": end, "rows": rows}
+        return {
+            "run_id": run.id if run else None,
+            "job": run.procedure.name if run else None,
+            "state": run.state.value if run and run.state else None,
+            "live": dict(run.live) if run else {},
+            "traces": traces,
         }
 
     async def shutdown(self) -> None:

@@ -2,7 +2,7 @@
 
 import typer
 
-from daemon.cli import calibrations, check, demo, export, history, jobs, offline, setup
+from daemon.cli import calibrations, check, demo, export, history, jobs, live, offline, setup
 
 app = typer.Typer(
     name="cellward",
@@ -20,6 +20,7 @@ PANELS = {
     "Jobs": (
         jobs.status,
         jobs.watch,
+        live.live,
         jobs.start,
         jobs.confirm,
         jobs.finish,

@@ -1,8 +1,8 @@
 """What a run of picking saw and did, on disk: framed files while it runs, and a data set at its end.
 
-``counts.framed`` has rows of :data:`COUNT` and ``steps.framed`` rows of :data:`STEP`, all of a tenth of a
-second in one frame; ``sightings.framed`` has one JSON object a camera frame with items in it. What was
-decided is in the journal. The loop only appends to lists: packing and writing happen in a thread.
+``counts.framed`` has rows of :data:`COUNT`, ``steps.framed`` rows of :data:`STEP` and ``belief.framed`` rows
+of :data:`BELIEF`, all of a tenth of a second in one frame; ``sightings.framed`` has one JSON object a camera
+frame with items in it. What was decided is in the journal. The loop only appends to lists: packing and writing happen in a thread.
 """
 
 import asyncio
@@ -29,9 +29,11 @@ from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.items import Item
 
 COUNTS_FILE, STEPS_FILE, SIGHTINGS_FILE = "counts.framed", "steps.framed", "sightings.framed"
+BELIEF_FILE = "belief.framed"
 DATA_FILE = "intercept.json"
 COUNT = np.dtype([("t", "<f8"), ("count", "<i8")])
 STEP = np.dtype([("t", "<f8"), ("p", "<f8", 4), ("v", "<f8", 4), ("belt_m_s", "<f8"), ("item", "<i8")])
+BELIEF = np.dtype([(name, "<f8") for name in ("t", "raw_m", "raw_m_s", "travel_m", "speed_m_s")])
 KEPT_S = 900.0  # of the end of a run, in its data set; all of it is in the framed files
 HORIZONS_S = (0.03, 0.1, 0.3, 0.6)
 _WRITE_EACH_S = 0.1
@@ -54,7 +56,7 @@ class PickRecord:
         self._task: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:
-        for name in (COUNTS_FILE, STEPS_FILE, SIGHTINGS_FILE):
+        for name in (COUNTS_FILE, STEPS_FILE, SIGHTINGS_FILE, BELIEF_FILE):
             self._files[name] = await asyncio.to_thread(FramedWriter, self._folder / name)
         self._undo = self._encoder.counts.subscribe(self._count)
         self._task = asyncio.create_task(self._write_on(), name="pick record")
@@ -77,6 +79,10 @@ class PickRecord:
         if self._failure is not None:
             raise self._failure
         self._fresh.steps.append((t, tuple(state.p), tuple(state.v), belt_m_s, item))
+
+    def believes(self, row: tuple[float, ...]) -> None:
+        """The newest count at a decision, and what the estimator makes of it: a row of :data:`BELIEF`."""
+        self._fresh.belief.append(row)
 
     def ended(self, item: Item) -> None:
         """An item's life is over; it is in journal and ledger, and here for the questions of the data set."""
@@ -108,6 +114,8 @@ class PickRecord:
                 self._files[COUNTS_FILE].append(np.array(rows.counts, dtype=COUNT).tobytes())
             if rows.steps:
                 self._files[STEPS_FILE].append(np.array(rows.steps, dtype=STEP).tobytes())
+            if rows.belief:
+                self._files[BELIEF_FILE].append(np.array(rows.belief, dtype=BELIEF).tobytes())
             for seen in rows.sightings:
                 self._files[SIGHTINGS_FILE].append(json.dumps(seen, allow_nan=False).encode())
             for file in self._files.values():
@@ -136,13 +144,14 @@ class _Rows:
 
     counts: list[tuple[float, int]] = field(default_factory=list)
     steps: list[tuple[float, tuple[float, ...], tuple[float, ...], float, int]] = field(default_factory=list)
+    belief: list[tuple[float, ...]] = field(default_factory=list)
     sightings: list[dict[str, Any]] = field(default_factory=list)
     ended: list[tuple[int, list[tuple[float, str]]]] = field(default_factory=list)
     until: float = 0.0
 
 
 def read_rows(path: Path, kind: np.dtype[Any]) -> NDArray[Any]:
-    """The whole rows of a framed file of :data:`COUNT` or :data:`STEP`, in order."""
+    """The whole rows of a framed file of :data:`COUNT`, :data:`STEP` or :data:`BELIEF`, in order."""
     frames, _ = read_framed(path)
     return np.frombuffer(b"".join(frames), dtype=kind)
 

@@ -1,7 +1,7 @@
 """What encoder and camera say, turned into items on the belt."""
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Self
 
 import numpy as np
@@ -47,6 +47,7 @@ class BeltWatch:
         self._frames: deque[Sample[Frame]] = deque()
         self._undo: list[Any] = []
         self.record: PickRecord | None = None
+        self.learnt: Callable[[BeltWatch, Forecast], None] | None = None  # hears of every :meth:`learn`
         flat = self.tracker.direction[:2]
         self._flat_length = float(np.linalg.norm(flat))
         if self._flat_length < 0.5:
@@ -103,6 +104,8 @@ class BeltWatch:
             raise error(
                 "BELT_QUEUE_FULL", f"{self.queue.length} items, queue_limit {self._config.queue_limit}"
             )
+        if self.learnt is not None:
+            self.learnt(self, forecast)
         return gone
 
     def missed(self, now: float, in_hand: Item | None) -> list[Item]:

@@ -3,7 +3,13 @@
 from dataclasses import replace
 
 from procedures.belt.record import DATA_FILE
-from procedures.report.belt_plots import contacts_section, outcomes_section, speed_section, timing_section
+from procedures.report.belt_plots import (
+    belief_section,
+    contacts_section,
+    outcomes_section,
+    speed_section,
+    timing_section,
+)
 from procedures.report.belt_source import BeltSource, Life
 from procedures.report.html import Html, absent, el, note, section, table
 from procedures.report.layout import Layout, Page
@@ -103,7 +109,7 @@ def _page(_source: BeltSource) -> Page[BeltSource]:
         top=(verdict_section, outcomes_section),
         left=(timing_section,),
         right=(causes_section, contacts_section),
-        rest=(speed_section, lives_section, run_section, inputs_section),
+        rest=(speed_section, belief_section, lives_section, run_section, inputs_section),
     )
 
 

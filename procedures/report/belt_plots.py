@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
+from procedures.report.belt_live import beside_section
 from procedures.report.belt_source import BeltSource
 from procedures.report.figure import NOW, PALETTE, REJECTED, SOFT, embed, figure, label, legend_below
 from procedures.report.html import Html, absent, note, section
@@ -152,6 +153,18 @@ def speed_section(source: BeltSource) -> Html | None:
         embed(fig, "speed"),
         note(f"The last {_LAST_S:g} s. The line is what picking went by at that moment, without hindsight."),
     )
+
+
+def belief_section(source: BeltSource) -> Html | None:
+    """Counts beside the position that was believed when they came."""
+    rows = source.belief
+    if source.answer is None:
+        return None
+    if isinstance(rows, str):
+        return section("Counts beside the position believed", absent(rows))
+    last = rows[rows["t"] >= float(rows["t"][-1]) - _LAST_S]
+    columns = {"t_s": last["t"], "raw_m": last["raw_m"], "travel_m": last["travel_m"]}
+    return beside_section(columns, source.begin)
 
 
 def _line(x: Any, y: Any, tint: str, name: str, mode: str) -> Any:

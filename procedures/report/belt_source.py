@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 
 from cell.errors import CellError
 from cell.poses import Array
-from procedures.belt.record import COUNT, COUNTS_FILE, STEP, STEPS_FILE, read_rows
+from procedures.belt.record import (
+    BELIEF,
+    BELIEF_FILE,
+    COUNT,
+    COUNTS_FILE,
+    STEP,
+    STEPS_FILE,
+    read_rows,
+)
 from procedures.report.numbers import dig, number
 from procedures.report.source import Source
 
@@ -75,6 +83,11 @@ class BeltSource(Source):
     def steps(self) -> NDArray[Any] | str:
         """Rows of ``STEP``, or why there are none."""
         return self._rows(STEPS_FILE, STEP)
+
+    @cached_property
+    def belief(self) -> NDArray[Any] | str:
+        """Rows of ``BELIEF``, or why there are none."""
+        return self._rows(BELIEF_FILE, BELIEF)
 
     def _rows(self, name: str, kind: np.dtype[Any]) -> NDArray[Any] | str:
         path = None if self.folder is None else Path(self.folder) / name

@@ -73,8 +73,12 @@ def section(title: str, *children: object, name: str = "") -> Html:
     return el("section", el("h2", title), *children, class_=name)
 
 
-def document(title: str, body: Html, script: str) -> str:
-    """The whole file. The policy in its head forbids every request, whatever the data try to insert."""
+def document(title: str, body: Html, script: str, reload_s: float | None = None) -> str:
+    """The whole file. The policy in its head forbids every request, whatever the data try to insert.
+
+    With ``reload_s`` a browser reads the file again that often.
+    """
+    reload = "" if reload_s is None else f'<meta http-equiv="refresh" content="{reload_s:g}">'
     style = files("procedures.report").joinpath("page.css").read_text("utf-8")
     policy = (
         "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; "
@@ -83,7 +87,7 @@ def document(title: str, body: Html, script: str) -> str:
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">{reload}'
         f"<title>{escape(title)}</title><style>{style}</style><script>{script}</script></head>"
         f"<body><main>{body}</main></body></html>\n"
     )

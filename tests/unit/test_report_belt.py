@@ -53,7 +53,7 @@ def figures_of(page: Page) -> set[str | None]:
 
 def test_a_run_of_picking_is_drawn_whole(runs: dict[str, Path]) -> None:
     page, text = page_of(runs["belt-tracking"])
-    assert {"outcomes", "timing", "contacts", "speed", "timeline"} <= figures_of(page)
+    assert {"outcomes", "timing", "contacts", "speed", "beside", "timeline"} <= figures_of(page)
     assert "cannot be drawn" not in text
     assert "2 items picked" in text
     assert "picks per minute" in text
