@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Coroutine
 from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, Protocol, Self
@@ -236,13 +236,17 @@ class MotionLease:
         await self._live_port().stream(self._guarded(pieces))
 
     async def _guarded(self, pieces: AsyncIterator[TrajectoryPiece]) -> AsyncIterator[TrajectoryPiece]:
-        async for piece in pieces:
-            powers = np.arange(len(piece.coefficients))
-            spans = np.linspace(0.0, piece.t1 - piece.t0, 5)[:, None]
-            Q = spans**powers @ piece.coefficients
-            Qd = (powers[1:] * spans ** powers[:-1]) @ piece.coefficients[1:]
-            self._guard.check_setpoints(Q, Qd)
-            yield piece
+        try:
+            async for piece in pieces:
+                powers = np.arange(len(piece.coefficients))
+                spans = np.linspace(0.0, piece.t1 - piece.t0, 5)[:, None]
+                Q = spans**powers @ piece.coefficients
+                Qd = (powers[1:] * spans ** powers[:-1]) @ piece.coefficients[1:]
+                self._guard.check_setpoints(Q, Qd)
+                yield piece
+        finally:  # who makes the pieces ends now, not when somebody collects the garbage
+            if isinstance(pieces, AsyncGenerator):
+                await pieces.aclose()
 
     def _live_port(self) -> MotionPort:
         if self._port is None:

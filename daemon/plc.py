@@ -25,6 +25,7 @@ STOPPED_BY_SAFETY, TWIN = 1 << 13, 1 << 14
 LIVE = {
     "belt_speed_m_s", "belt_position_m", "picks", "misses", "queue_length",
     "missed_not_detected", "missed_out_of_zone", "missed_lost", "missed_grip_failed",
+    "missed_queue_full",
 }  # fmt: skip
 SAFETY_ERRORS = {"ARM_PROTECTIVE_STOP", "ARM_EMERGENCY_STOP", "ARM_SAFEGUARD_STOP"}
 
@@ -127,7 +128,7 @@ class PlcFace:
             **_tool_registers(found),
             "kinematic_rms_m": _kinematic_rms(found),
             "predicted_95_m": _predicted_95(answer),
-            **_live_registers(status, found),
+            **self._live_registers(status, last, found),
         }
 
     def _bits(self, status: dict[str, Any], last: dict[str, Any] | None, found: Mapping[str, Any]) -> int:
@@ -155,6 +156,16 @@ class PlcFace:
         }
         return sum(bit for bit, on in bits.items() if on)
 
+    def _live_registers(
+        self, status: Mapping[str, Any], last: Mapping[str, Any] | None, found: Mapping[str, Any]
+    ) -> dict[str, float]:
+        """What a running job says of now, else the counters that the last one ended with, in whatever way."""
+        live: dict[str, float] = status["live"] or found.get("counters") or {}
+        run = self._engine.run
+        if not live and last is not None and run is not None and run.id == last["run_id"]:
+            live = run.live
+        return {name: value for name, value in live.items() if name in LIVE}
+
     def _ok(self, role: str) -> bool:
         name = self._config.robot.roles().get(role)
         return name is not None and self._supervisor.devices[name].state.value == "READY"
@@ -169,12 +180,6 @@ def _stands(last: Mapping[str, Any]) -> bool:
     """False for a tool update that measured well and was not committed: the old frame is still in effect."""
     update = (last.get("result") or {}).get("update") or {}
     return not update or update.get("committed") is True
-
-
-def _live_registers(status: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, float]:
-    """What a running job says of now, else the counters that the last one ended with."""
-    live: dict[str, float] = status["live"] or found.get("counters") or {}
-    return {name: value for name, value in live.items() if name in LIVE}
 
 
 def _tool_registers(found: Mapping[str, Any]) -> dict[str, float]:

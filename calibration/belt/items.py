@@ -62,14 +62,26 @@ def latency_sigma(sightings: Iterable[Sighting]) -> float:
     return max(float(np.std(late, ddof=1)), 1e-5)
 
 
-def camera_sigma(across: Sequence[Array]) -> float:
-    """Noise of a sighting, from how the sightings of each item scatter across the belt (m)."""
-    many = [np.asarray(a) for a in across if len(a) > 1]
-    degrees = sum(len(a) - 1 for a in many)
-    if degrees < _FEWEST:
+@dataclass(frozen=True)
+class Scatter:
+    """How the sightings of one item scatter across the belt: variance (m^2), and its degrees of freedom."""
+
+    variance: float
+    degrees: int
+
+
+def scatter(across: Array) -> Scatter | None:
+    """Of sightings ``across`` (k,) the belt, m; None for a single one."""
+    return Scatter(float(np.var(across, ddof=1)), len(across) - 1) if len(across) > 1 else None
+
+
+def camera_sigma(items: Iterable[Scatter | None]) -> float:
+    """Noise of a sighting, from how the sightings of each item scatter."""
+    many = [item for item in items if item is not None]
+    if sum(item.degrees for item in many) < _FEWEST:
         return CAMERA_SIGMA
-    parts = np.array([float(np.var(a, ddof=1)) for a in many])
-    weights = np.array([len(a) - 1.0 for a in many])
+    parts = np.array([item.variance for item in many])
+    weights = np.array([float(item.degrees) for item in many])
     limit = 9.0 * max(float(np.median(parts)) / 0.6, _SMALLEST**2)  # a false sighting is no noise
     keep = parts <= limit
     return max(float(np.sqrt(np.average(parts[keep], weights=weights[keep]))), _SMALLEST)

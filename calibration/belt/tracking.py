@@ -2,15 +2,25 @@
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibration.belt.arm_time import MotionLimits, rest_to_rest, slower_axis
 from calibration.belt.estimator import BeltEstimator
 from calibration.belt.forecast import Forecast
-from calibration.belt.items import Levels, Place, Sighting, camera_sigma, latency_sigma, place
+from calibration.belt.items import (
+    Levels,
+    Place,
+    Scatter,
+    Sighting,
+    camera_sigma,
+    latency_sigma,
+    place,
+    scatter,
+)
 from calibration.belt.meeting import Zone, meeting_time
+from calibration.belt.slip import Slip
 from cell.poses import Array
 
 _GONE = 40  # items whose scatter still tells the camera's noise
@@ -108,14 +118,21 @@ class BeltTracker:
         self.direction = np.asarray(direction, dtype=float)
         self._items: dict[str, deque[tuple[Sighting, float]]] = {}
         self._levels: Levels | None = None
-        self._gone: deque[list[Sighting]] = deque(maxlen=_GONE)
+        self._scatter: dict[str, Scatter | None] = {}  # of the items, as far as they were not seen since
+        self._gone: deque[Scatter | None] = deque(maxlen=_GONE)
+        self._slips: list[Slip] = []
         self._all: deque[Sighting] = deque(maxlen=_SIGHTINGS)
 
     def see(self, item: str, sighting: Sighting, z: float) -> None:
         """One sighting of ``item`` at height ``z`` (m) has arrived."""
         self._items.setdefault(item, deque(maxlen=_NEWEST)).append((sighting, z))
         self._all.append(sighting)
+        self._scatter.pop(item, None)
         self._levels = None
+
+    def slipped(self, slip: Slip) -> None:
+        """The belt's wheel has slipped: what was seen before lies elsewhere than the counts say now."""
+        self._slips.append(slip)
 
     @property
     def items(self) -> tuple[str, ...]:
@@ -132,9 +149,10 @@ class BeltTracker:
 
     def forget(self, item: str) -> None:
         """Answer no more about an item that is gone; what it showed of the noise is kept for a while."""
-        seen = self._items.pop(item, None)
-        if seen is not None:
-            self._gone.append([s for s, _ in seen])
+        if item in self._items:
+            self._gone.append(self._scatter_of(item))
+            del self._items[item]
+            self._scatter.pop(item, None)
             self._levels = None
 
     def track(self, item: str, forecast: Forecast | None = None) -> Track | None:
@@ -151,6 +169,9 @@ class BeltTracker:
         # Where the exposure is known, the belt's speed does not matter.
         speed = np.array([0.0 if s.sure else _speed(forecast, s.t) for s in sightings])
         found = place(along, across, sightings, speed, self.levels())
+        if self._slips:
+            doubt = sum(slip.sigma**2 for slip in self._slips if slip.t > found.at)
+            found = replace(found, var_along=found.var_along + doubt)
         newest = max(seen, key=lambda pair: pair[0].t)
         return Track(
             self.direction, forecast, found, newest[1], tuple(sightings), np.stack([along, across], 1)
@@ -159,11 +180,15 @@ class BeltTracker:
     def levels(self) -> Levels:
         """The noise of sightings, as those that have arrived show it."""
         if self._levels is None:
-            u = self._across()
-            known = [*self._gone, *([s for s, _ in seen] for seen in self._items.values())]
-            across = [np.array([s.xy for s in sightings]) @ u for sightings in known if sightings]
-            self._levels = Levels(camera_sigma(across), latency_sigma(self._all))
+            known = [*self._gone, *map(self._scatter_of, self._items)]
+            self._levels = Levels(camera_sigma(known), latency_sigma(self._all))
         return self._levels
+
+    def _scatter_of(self, item: str) -> Scatter | None:
+        if item not in self._scatter:
+            xy = np.array([s.xy for s, _ in self._items[item]])
+            self._scatter[item] = scatter(xy @ self._across())
+        return self._scatter[item]
 
     def _across(self) -> Array:
         u = self.direction[:2] / np.linalg.norm(self.direction[:2])
@@ -176,6 +201,8 @@ class BeltTracker:
         across = self._across()
         flat = self.direction[:2]
         along = xy @ np.array([across[1], -across[0]]) - travel * float(np.linalg.norm(flat))
+        for slip in self._slips:
+            along = along + slip.by * np.array([s.t < slip.t for s in sightings])
         return along, xy @ across
 
 

@@ -7,7 +7,7 @@ from daemon.cli.output import mm
 
 SPAN_S = 1.0  # of the belt that a line sums up
 MOST_ITEMS = 4
-_CAUSES = ("not_detected", "out_of_zone", "lost", "grip_failed")
+_CAUSES = ("not_detected", "out_of_zone", "lost", "grip_failed", "queue_full")
 
 Rows = Mapping[str, Sequence[Sequence[float]]]
 

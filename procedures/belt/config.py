@@ -93,7 +93,12 @@ class BeltTrackingConfig(_Strict):
     picks: int = Field(default=0, ge=0, description="end after so many; 0: until finished")
     min_sightings: int = Field(default=2, ge=1, le=50, description="seen less often is no item")
     spacing_m: Length = Field(default=0.03, description="closer on the belt is the same item")
-    queue_limit: int = Field(default=500, ge=1, le=10000)
+    queue_limit: int = Field(
+        default=500, ge=1, le=10000, description="so many items on their way; more are let pass and counted"
+    )
+    camera_stall_s: float = Field(
+        default=0.5, gt=0, le=10, description="without a picture for so long, and the result warns"
+    )
     standing_m_s: float = Field(default=0.005, gt=0, le=0.5, description="a slower belt stands")
     standing_s: float = Field(default=1.0, gt=0, le=60, description="for so long, then the job is suspended")
     limits: JobLimits = Field(default_factory=JobLimits)

@@ -10,6 +10,8 @@ import numpy as np
 from calibration.belt.items import Sighting
 from cell.poses import Array
 
+CONTACT = "contact"  # in an item's life: the tool is on it
+
 
 class Outcome(StrEnum):
     """What became of an item; all but the first are misses, by cause."""
@@ -19,6 +21,7 @@ class Outcome(StrEnum):
     OUT_OF_ZONE = "out of zone"
     LOST = "lost"
     GRIP_FAILED = "grip failed"
+    QUEUE_FULL = "queue full"
 
 
 @dataclass(eq=False)
@@ -38,6 +41,11 @@ class Item:
         """Its name in the belt tracker."""
         return str(self.number)
 
+    @property
+    def touched(self) -> bool:
+        """Whether the tool was on it."""
+        return any(what == CONTACT for _, what in self.history)
+
     def note(self, t: float, what: str) -> None:
         """One line of its life, at ``t`` s of the cell's clock."""
         self.history.append((t, what))
@@ -51,21 +59,39 @@ class Queue:
         self.items: list[Item] = []
         self.counts: Counter[Outcome] = Counter()
         self.seen = 0
+        self._places: Array = np.zeros((0, 2))  # along and across of ``items``, in their order
 
     def place(self, along: float, across: float, yaw: float) -> Item:
         """The item that a sighting at this place (m, zero travel) belongs to: a known one, or a new one.
 
         What was picked or missed stays known until it is far past, so it is not found a second time.
         """
-        near = [(np.hypot(i.along - along, i.across - across), i) for i in self.items]
-        away, item = min(near, key=lambda pair: pair[0], default=(np.inf, None))
-        if item is None or away > self._spacing_m:
-            self.seen += 1
-            item = Item(self.seen, along, across, yaw)
-            self.items.append(item)
+        away = np.hypot(*(self._places - [along, across]).T)
+        k = int(np.argmin(away)) if len(away) else 0
+        if not len(away) or away[k] > self._spacing_m:
+            k, self.seen = len(self.items), self.seen + 1
+            self.items.append(Item(self.seen, along, across, yaw))
+            self._places = np.vstack([self._places, [along, across]])
+        item = self.items[k]
         item.along, item.across, item.yaw = along, across, yaw
+        self._places[k] = along, across
         item.sightings += 1
         return item
+
+    def beyond(self, along: float) -> list[Item]:
+        """Items whose place is farther downstream than this (m, zero travel)."""
+        return [self.items[k] for k in np.flatnonzero(self._places[:, 0] > along)]
+
+    def shift(self, by_m: float) -> None:
+        """All items lie so much farther along than was believed."""
+        for item in self.items:
+            item.along += by_m
+        self._places[:, 0] += by_m
+
+    def keep(self, items: list[Item]) -> None:
+        """Forget all but these."""
+        self.items = items
+        self._places = np.array([(i.along, i.across) for i in items]).reshape(-1, 2)
 
     def waiting(self, min_sightings: int) -> list[Item]:
         """Items that can still be picked, the farthest downstream first."""

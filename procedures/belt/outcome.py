@@ -21,6 +21,13 @@ def result_of(
         Warning_(code=f"belt.{cause.replace(' ', '-')}", text=f"{n} items: {cause}")
         for cause, n in misses.items()
     ]
+    if watch.slips:
+        most = 1e3 * max(abs(slip.by) for slip in watch.slips)
+        text = f"the encoder's wheel slipped {len(watch.slips)} times, by {most:.1f} mm at most"
+        warnings.append(Warning_(code="belt.slip", text=text))
+    if (stall := watch.stall).count:
+        text = f"the camera gave no picture {stall.count} times, for {stall.longest_s:.1f} s at most"
+        warnings.append(Warning_(code="belt.camera-stall", text=text))
     if "belt" in values["configured"] and "belt" not in values["versions"]:
         warnings.append(Warning_(code="belt.nominal", text="m_per_count is the configured one"))
     return Result(
@@ -36,6 +43,8 @@ def result_of(
             "duration_s": duration_s,
             "picks_per_minute": 60.0 * picks / duration_s if duration_s > 0 else None,
             "counters": watch.queue.live(),
+            "slips": [{"t": slip.t, "along_m": slip.by, "sigma_m": slip.sigma} for slip in watch.slips],
+            "camera_stalls": {"count": stall.count, "longest_s": stall.longest_s},
             "follow": config.follow,
             "method": config.method,
         },

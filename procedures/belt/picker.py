@@ -20,7 +20,7 @@ from cell.poses import Array
 from cell.procedure import Run
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.corner import corner
-from procedures.belt.items import Item, Outcome, life
+from procedures.belt.items import CONTACT, Item, Outcome, life
 from procedures.belt.joints import ToolJoints, fastest_joint, on_piece
 from procedures.belt.lag import Lag
 from procedures.belt.meeting import Aim, strategy
@@ -105,6 +105,8 @@ class Picker:
                 here = on_piece(piece, t)  # where the arm is sent then, also when the plan changes
         finally:
             await self._end_task()
+            if self._item is not None and self._item.touched:  # in the gripper, or where the arm stopped
+                await self._end_item(Outcome.LOST)
             await asyncio.gather(*self._writing)
 
     def _piece(self, t: float, here: tuple[Array, Array]) -> TrajectoryPiece:
@@ -234,7 +236,7 @@ class Picker:
     async def _close(self, t: float) -> None:
         """In contact."""
         assert self._item is not None
-        self._item.note(t, "contact")
+        self._item.note(t, CONTACT)
         self._t_contact = t
         await self._run.enter(S.GRIP)
         self._begin(self._gripper.grip(self._config.grip_timeout_s))

@@ -71,6 +71,7 @@ class BeltTracking(Procedure):
                 with suppress(FinishRequested):
                     await picking.go()
             finally:
+                run.publish(**picking.watch.queue.live())  # the counters stay readable, however the job ends
                 await asyncio.shield(picking.camera.set_items(None))
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
@@ -88,6 +89,7 @@ class _Picking:
         self.sight = Sight(values, config.belt_z_m, config.items)
         self.watch = BeltWatch(run.encoder(), self.camera, self.sight, values["belt"], config)
         self.watch.learnt = BeltLive(run).look
+        self.watch.tell = lambda event, **what: run.note("decision", event=event, **what)
         self.q_wait: Array = np.array(values["poses"][config.wait_pose])
         self.q_place: Array = np.array(values["poses"][config.place_pose])
         model = robot_from_spec(values["robot"])

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from calibration.belt.estimator import BeltEstimator
 from calibration.belt.estimator import Encoder as Scale
 from calibration.belt.forecast import Forecast
+from calibration.belt.slip import Places, Slip, SlipWatch
 from calibration.belt.tracking import BeltTracker, Track
 from cell.devices import DepthCamera, Encoder, EncoderState, Frame
 from cell.errors import error
@@ -17,7 +19,8 @@ from cell.samples import Sample
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.items import Item, Outcome, Queue, as_sighting
 from procedures.belt.record import PickRecord
-from procedures.belt.sight import Sight
+from procedures.belt.sight import Seen, Sight
+from procedures.belt.stall import Stall
 
 KEEP_M = 0.5  # past the zone, so that nothing already dealt with is taken for new
 LOOK_BACK_S = 1.0  # an exposure older than this is not asked for any more
@@ -43,6 +46,11 @@ class BeltWatch:
         self.tracker = BeltTracker(BeltEstimator(self._scale), self._direction)
         self._epoch, self._since = encoder.counts.epoch, -np.inf
         self._unplaced: list[Item] = []  # by an encoder that began to count anew
+        self._over: list[Item] = []  # more than the queue takes
+        self.slips: list[Slip] = []
+        self.stall = Stall(config.camera_stall_s)
+        self._slip_watch, self._doubted = SlipWatch(config.spacing_m), list[_Look]()
+        self.tell: Callable[..., None] = lambda event, **what: None  # hears of what an operator should know
         self._encoder, self._camera, self._sight, self._config = encoder, camera, sight, config
         self._frames: deque[Sample[Frame]] = deque()
         self._undo: list[Any] = []
@@ -58,7 +66,7 @@ class BeltWatch:
     def __enter__(self) -> Self:
         self._undo = [
             self._encoder.counts.subscribe(self._count),
-            self._camera.frames.subscribe(self._frames.append),
+            self._camera.frames.subscribe(self._frame),
         ]
         return self
 
@@ -89,21 +97,22 @@ class BeltWatch:
         return along * self._flat_length + rise * self._config.belt_z_m
 
     def learn(self) -> list[Item]:
-        """Take in what has been seen since; returns the items that are gone, ended or not."""
-        forecast = self.forecast
+        """Take in what has been seen since; returns the items that are gone, ended or not.
+
+        ``BELT_ASTRAY`` when counts and pictures have not agreed for too long.
+        """
+        now, forecast = self._encoder.counts.clock.now(), self.forecast
+        if (waited := self.stall.look(now)) is not None:
+            self.tell("camera stall" if self.stall.on else "camera back", waited_s=round(waited, 3))
         while self._frames and forecast is not None and self._frames[0].t <= forecast.now:
-            self._take(self._frames.popleft(), forecast)
+            self._take(self._frames.popleft().value, forecast)
         if forecast is None:
             return []
-        far = self._config.zone.max_m + KEEP_M
-        gone = [i for i in self.queue.items if self.along_zone(i) > far]
-        for item in gone:
-            self.queue.items.remove(item)
-            self.tracker.forget(item.key)
-        if self.queue.length > self._config.queue_limit:
-            raise error(
-                "BELT_QUEUE_FULL", f"{self.queue.length} items, queue_limit {self._config.queue_limit}"
-            )
+        gone = self.queue.beyond(self._from_zone(self._config.zone.max_m + KEEP_M, forecast))
+        if gone:
+            self.queue.keep([item for item in self.queue.items if item not in gone])
+            for item in gone:
+                self.tracker.forget(item.key)
         if self.learnt is not None:
             self.learnt(self, forecast)
         return gone
@@ -111,20 +120,26 @@ class BeltWatch:
     def missed(self, now: float, in_hand: Item | None) -> list[Item]:
         """Items but ``in_hand`` that have left the zone unpicked, or whose place nobody knows any more;
         they end here."""
-        out = []
+        out, self._over = self._over, []
         for item in self._unplaced:
             if item is not in_hand and item.outcome is None:
                 self.queue.end(item, Outcome.LOST, now)
                 out.append(item)
         self._unplaced = [item for item in self._unplaced if item is in_hand]
-        for item in self.queue.items:
+        if (forecast := self.forecast) is None:
+            return out
+        for item in self.queue.beyond(self._from_zone(self._config.zone.max_m, forecast)):
             if item is in_hand or item.outcome is not None:
                 continue
-            if self.along_zone(item) > self._config.zone.max_m:
-                seen = item.sightings >= self._config.min_sightings
-                self.queue.end(item, Outcome.OUT_OF_ZONE if seen else Outcome.NOT_DETECTED, now)
-                out.append(item)
+            seen = item.sightings >= self._config.min_sightings
+            self.queue.end(item, Outcome.OUT_OF_ZONE if seen else Outcome.NOT_DETECTED, now)
+            out.append(item)
         return out
+
+    def _from_zone(self, along: float, forecast: Forecast) -> float:
+        """The place on the belt (m, zero travel) that is now at ``along`` of the zone (m)."""
+        level = along - float(self.tracker.direction[2]) * self._config.belt_z_m
+        return level / self._flat_length - forecast.travel(forecast.now) * self._flat_length
 
     def _count(self, sample: Sample[EncoderState]) -> None:
         if self._encoder.counts.epoch != self._epoch:
@@ -136,23 +151,71 @@ class BeltWatch:
         self._epoch, self._since = self._encoder.counts.epoch, t
         self.tracker = BeltTracker(BeltEstimator(self._scale), self._direction)
         self._unplaced += [item for item in self.queue.items if item.outcome is None]
-        self.queue.items.clear()
+        self.queue.keep([])
+        self._slip_watch, self._doubted = SlipWatch(self._config.spacing_m), []
 
-    def _take(self, sample: Sample[Frame], forecast: Forecast) -> None:
-        frame = sample.value
+    def _frame(self, sample: Sample[Frame]) -> None:
+        self.stall.picture(self._encoder.counts.clock.now())
+        self._frames.append(sample)
+
+    def _take(self, frame: Frame, forecast: Forecast) -> None:
+        """Hold the frame back while it is in doubt, and with it those that it makes credible."""
         if forecast.now - frame.t_exposure > LOOK_BACK_S or frame.t_exposure < self._since:
             return
-        travel = forecast.travel(frame.t_exposure) * self._flat_length
-        rows: list[tuple[int, Array, float]] = []
-        for view in frame.items or ():
-            seen = self._sight.seen(view)
-            xy: Array = seen.point[:2]
-            item = self.queue.place(float(xy @ self._along) - travel, float(xy @ self._across), seen.yaw)
+        look = _Look(frame, [self._sight.seen(view) for view in frame.items or ()])
+        travel = forecast.travel(frame.t_exposure)
+        sigma = max((view.sigma_m for view in frame.items or ()), default=0.0)
+        trust = self._slip_watch.look(Places(frame.t_exposure, travel, self._places(look, travel), sigma))
+        self._doubted.append(look)
+        if trust is None:
+            if (astray := self._slip_watch.astray_s) is not None:
+                raise error("BELT_ASTRAY", f"for {astray:.1f} s no two pictures have agreed with the counts")
+            return
+        if trust.slip is not None:
+            self._slipped(trust.slip)
+        believed = [old for old in self._doubted if old is look or old.frame.t_exposure >= trust.since]
+        self._doubted = []
+        for old in believed:
+            self._enter(old, self._places(old, forecast.travel(old.frame.t_exposure)))
+
+    def _places(self, look: "_Look", travel: float) -> Array:
+        """Along and across (k, 2), m at zero travel, of what a frame showed after ``travel`` (m)."""
+        xy = np.array([seen.point[:2] for seen in look.seen]).reshape(-1, 2)
+        out: Array = xy @ np.stack([self._along, self._across], axis=1)
+        return out - [travel * self._flat_length, 0.0]
+
+    def _slipped(self, slip: Slip) -> None:
+        """Everything seen before lies elsewhere than the counts say."""
+        self.slips.append(slip)
+        self.tracker.slipped(slip)
+        self.queue.shift(slip.by)
+        ahead, sigma = -slip.by / self._flat_length, slip.sigma / self._flat_length
+        what = {"ahead_m": round(ahead, 6), "sigma_m": round(sigma, 6), "items": slip.items}
+        self.tell("encoder slip", before_s=round(slip.t, 4), **what)
+
+    def _enter(self, look: "_Look", places: Array) -> None:
+        """Each sighting becomes one of its item."""
+        frame, rows = look.frame, list[tuple[int, Array, float]]()
+        now = self._encoder.counts.clock.now()
+        for seen, (along, across) in zip(look.seen, places, strict=True):
+            item = self.queue.place(float(along), float(across), seen.yaw)
             if item.sightings == 1:
                 item.note(frame.t_exposure, "seen")
+                if self.queue.length > self._config.queue_limit:
+                    self.queue.end(item, Outcome.QUEUE_FULL, now)
+                    self._over.append(item)
             if item.outcome is None:
-                sighting = as_sighting(seen.point, frame.t_exposure, self._encoder.counts.clock.now())
-                self.tracker.see(item.key, sighting, float(seen.point[2]))
+                self.tracker.see(
+                    item.key, as_sighting(seen.point, frame.t_exposure, now), float(seen.point[2])
+                )
             rows.append((item.number, seen.point, seen.yaw))
         if rows and self.record is not None:
             self.record.saw(frame.t_exposure, frame.seq, rows)
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """One frame, and what it shows in the base."""
+
+    frame: Frame
+    seen: list[Seen]

@@ -23,6 +23,7 @@ _CAUSES = {
     "out of zone": "Left the zone before the arm was free: a slower feed, a longer zone, or a faster arm.",
     "lost": "Fell from the gripper on its way, or was taken by somebody: look at grip and weight.",
     "grip failed": "The gripper closed on nothing: look at contact timing, grip_m and the calibrations.",
+    "queue full": "More than queue_limit on their way: a slower feed; or the camera sees items in the belt.",
 }
 _MOST_ITEMS = 60
 _MOST_LINES = 4000  # of the journal; a day of picking has a hundred times as many
