@@ -24,3 +24,18 @@ def kinematics(device: str) -> str:
 def belt_scale(device: str) -> str:
     """Metres per count and direction of the belt whose encoder this is."""
     return f"belt.{device}"
+
+
+def on_flange(name: str) -> bool:
+    """Whether a value says where something on the flange is, which is known through the arm's kinematics."""
+    return name.startswith("T_flange_")
+
+
+def in_base(name: str) -> bool:
+    """Whether a value brings what is measured into the base, known through the arm's kinematics."""
+    return name.startswith(("T_base_", "laser_reference.", "belt."))
+
+
+def rests_on_kinematics(name: str) -> bool:
+    """Whether a value means something else when the arm's kinematics are others."""
+    return on_flange(name) or in_base(name)

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from cell.arm_model import ArmModel
 from cell.poses import Array, from_pose6
-from cell.samples import Sample, Stream
+from cell.samples import Readings, Sample, Stream
 
 
 class DeviceState(StrEnum):
@@ -84,7 +85,10 @@ class SafetyMode(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class ArmState:
-    """One package of the arm's state stream; SI, base frame."""
+    """One package of the arm's state stream; SI, base frame.
+
+    ``model``: what says where the flange is at ``q``; None: the controller, by the pose that it reports.
+    """
 
     q: Array  # (6,) joint positions, rad
     qd: Array  # (6,) joint speeds, rad/s
@@ -98,9 +102,12 @@ class ArmState:
     digital_in: int
     digital_out: int
     stamp: float  # controller's own clock, s
+    model: ArmModel | None = None
 
     @property
     def T_base_flange(self) -> RigidTransform:
+        if self.model is not None:
+            return self.model.forward(self.q)
         return from_pose6(self.tcp_pose6) * from_pose6(self.tcp_offset6).inv()
 
     @property
@@ -111,6 +118,8 @@ class ArmState:
 
 def flange_poses(states: Sequence[ArmState]) -> RigidTransform:
     """``T_base_flange`` (n) of many states at once; one by one it would hold up an event loop."""
+    if (model := states[0].model) is not None:
+        return model.forward_many(np.stack([s.q for s in states]))
     tcp = from_pose6(np.stack([s.tcp_pose6 for s in states]))
     return tcp * from_pose6(np.stack([s.tcp_offset6 for s in states])).inv()
 
@@ -180,7 +189,10 @@ class MotionPort(Protocol):
 class Arm(Device, Protocol):
     """A six-axis arm: state always, motion only through a port that a lease opens."""
 
-    state: Stream[ArmState]
+    @property
+    def state(self) -> Readings[ArmState]:
+        """The state stream."""
+        ...
 
     @property
     def motion_begun(self) -> bool:

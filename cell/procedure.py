@@ -28,6 +28,7 @@ from cell.devices import (
     ObservedArm,
 )
 from cell.errors import error
+from cell.modelled_arm import ArmModels, ModelledArm
 from cell.motion import MotionLease
 from cell.traces import Trace
 
@@ -138,6 +139,7 @@ class Procedure(ABC):
     TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]]
     CHECKPOINTS: ClassVar[frozenset[Any]]
     decides: ClassVar[bool] = False  # about what it proposed, itself and before it ends
+    judges_arm: ClassVar[bool] = False  # it looks at the arm as its controller believes it, calibrated or not
 
     def __init__(self, config: Any) -> None:
         self.config = config
@@ -175,10 +177,14 @@ class Run:
         values: Mapping[str, Any],
         publish: Callable[[], None] = lambda: None,
         adopted: Path | None = None,
+        arm_models: ArmModels | None = None,
     ) -> None:
+        """``arm_models``: how the arm is seen and moved when not as its controller believes."""
         self.id, self.procedure, self.cell, self.folder = run_id, procedure, cell, folder
         self.values, self.adopted = values, adopted
         self.clock, self.worker = cell.clock, cell.worker
+        self.arm_models = arm_models
+        self.proposed: set[str] = set()  # names of the calibrations that it offered
         self.state: StrEnum | None = None
         self.packml = PackML.STARTING
         self.step, self.steps = 0, 0
@@ -260,8 +266,9 @@ class Run:
         self._notebook.note(kind, **fields)
 
     def arm(self) -> Arm:
-        """The arm of this cell."""
-        return self.cell.device("arm")  # type: ignore[return-value]
+        """The arm of this cell; its flange poses are those of the model that the run works with."""
+        arm: Arm = self.cell.device("arm")  # type: ignore[assignment]
+        return arm if self.arm_models is None else ModelledArm(arm, self.arm_models)
 
     def camera(self, role: str) -> DepthCamera:
         """The camera that plays ``role``."""

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import islice
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from cell.clock import Clock
 from cell.errors import error
@@ -30,6 +30,21 @@ class Sample(Generic[T]):
     dt: float
     seq: int
     quality: Quality = Quality.GOOD
+
+
+class Readings(Protocol[T]):
+    """What a reader sees of a :class:`Stream`; its methods are described there."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def clock(self) -> Clock: ...
+    @property
+    def epoch(self) -> int: ...
+    def subscribe(self, listener: Callable[[Sample[T]], None]) -> Callable[[], None]: ...
+    def last(self) -> Sample[T] | None: ...
+    def latest(self, max_age: float) -> Sample[T]: ...
+    def between(self, t0: float, t1: float) -> list[Sample[T]]: ...
 
 
 class Stream(Generic[T]):
@@ -100,3 +115,38 @@ class Stream(Generic[T]):
         if b.t - a.t > max_bracket:
             raise error("STALE_DATA", f"{self.name} has a gap of {b.t - a.t:.3f} s around t={t:.4f} s")
         return interpolate(a.value, b.value, (t - a.t) / (b.t - a.t))
+
+
+class Mapped(Generic[T]):
+    """The readings of ``source`` with ``see`` applied to every value, when somebody looks at it."""
+
+    def __init__(self, source: Readings[T], see: Callable[[T], T]) -> None:
+        self._source, self._see = source, see
+
+    @property
+    def name(self) -> str:
+        return self._source.name
+
+    @property
+    def clock(self) -> Clock:
+        return self._source.clock
+
+    @property
+    def epoch(self) -> int:
+        return self._source.epoch
+
+    def subscribe(self, listener: Callable[[Sample[T]], None]) -> Callable[[], None]:
+        return self._source.subscribe(lambda sample: listener(self._seen(sample)))
+
+    def last(self) -> Sample[T] | None:
+        sample = self._source.last()
+        return None if sample is None else self._seen(sample)
+
+    def latest(self, max_age: float) -> Sample[T]:
+        return self._seen(self._source.latest(max_age))
+
+    def between(self, t0: float, t1: float) -> list[Sample[T]]:
+        return [self._seen(sample) for sample in self._source.between(t0, t1)]
+
+    def _seen(self, sample: Sample[T]) -> Sample[T]:
+        return Sample(self._see(sample.value), sample.t, sample.dt, sample.seq, sample.quality)

@@ -18,10 +18,10 @@ from cell.procedure import PackML, Procedure, Proposal, Run, Worker
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder, load_run
 from daemon.config import CellConfig
-from daemon.results import enter_proposal, propose_results
+from daemon.results import enter_proposal, note_arm_model, propose_results
 from daemon.supervisor import Supervisor
-from daemon.values import resolve_values, tell_configured, with_job_limits, without_passes
-from procedures.arm_setup import lease_settings
+from daemon.values import resolve_values, tell_configured, with_arm_model, with_job_limits, without_passes
+from procedures.arm_setup import arm_models, lease_settings
 
 log = logging.getLogger("cellward.engine")
 
@@ -58,8 +58,7 @@ class CellContext:
         values = run.values if tool is None else {**run.values, "tool": tool}
         guard, settings, speed = lease_settings(values)
         after = None if tool is None else lease_settings(run.values)[1]
-        arm: Arm = self.device("arm")  # type: ignore[assignment]
-        return self.broker.lease(arm, guard, settings, speed, run, after)
+        return self.broker.lease(run.arm(), guard, settings, speed, run, after)
 
     async def propose(self, run: Run, proposal: Proposal, result: Mapping[str, Any]) -> int:
         return await asyncio.to_thread(enter_proposal, run, self.ledger, proposal, result)
@@ -144,7 +143,9 @@ class Engine:
         values = await asyncio.to_thread(resolve_values, context.config, self.ledger, context.supervisor)
         own_limits = getattr(procedure.config, "limits", None)
         values = with_job_limits(values, own_limits, context.config.limits.allow_job_override)
+        values = with_arm_model(values, procedure, context.config, context.supervisor)
         procedure.check(values)
+        models = await asyncio.to_thread(arm_models, values)
         conditions = {
             "config": context.config.model_dump(mode="json"),
             "parameters": dict(params),
@@ -155,7 +156,7 @@ class Engine:
         adopted = self._adoptable(adopt, procedure, conditions) if adopt is not None else None
         run_id = await asyncio.to_thread(self.ledger.next_run_id)
         folder = await asyncio.to_thread(RunFolder.create, self.runs, job, run_id, conditions, context.clock)
-        run = Run(run_id, procedure, context, folder.path, folder, values, self._publish, adopted)
+        run = Run(run_id, procedure, context, folder.path, folder, values, self._publish, adopted, models)
         if dry_run:
             return await self._dry_run(run, folder)
         try:
@@ -164,6 +165,7 @@ class Engine:
             await run_to_its_end(asyncio.to_thread(self._withdraw, folder))
             raise
         run.note("operator", event="start", who=who, channel=channel)
+        note_arm_model(run)
         if self._ending is not None:
             run.note("operator", event="stopped before it began")
         if self._hold_by:

@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from cell.calibrations import rests_on_kinematics
 from cell.procedure import Procedure, Proposal, Run
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder
+from procedures.kinematics_in_use import in_words, misfits, with_model
 
 log = logging.getLogger("cellward.results")
 
@@ -17,9 +19,21 @@ async def propose_results(run: Run, folder: RunFolder, ledger: Ledger) -> None:
     """Write ``result.json`` and the report, propose the calibration, and accept it if a policy says so."""
     if run.result is None:
         return
+    proposal = None if run.result["verdict"] == "fail" else run.procedure.proposal(run)
+    renewed = run.proposed | ({proposal.name} if proposal else set())
+    run.result = with_model(run.result, run.values, renewed)
     await asyncio.to_thread(folder.write_result, run.result)
     await _write_report(run)
-    await asyncio.to_thread(_propose, run, ledger)
+    if proposal is not None:
+        await asyncio.to_thread(_propose, run, ledger, proposal)
+
+
+def note_arm_model(run: Run) -> None:
+    """Into the journal: the model of the arm that the run works with, and what was made with another."""
+    model = run.values["arm_model"]
+    run.note("decision", event="arm model", words=in_words(model), **model)
+    for name, why in misfits(run.values).items():
+        run.note("decision", event="made with another arm model", calibration=name, why=why)
 
 
 def draw_report(folder: Path) -> None:
@@ -39,9 +53,15 @@ async def _write_report(run: Run) -> None:
 
 
 def enter_proposal(run: Run, ledger: Ledger, proposal: Proposal, result: Mapping[str, Any]) -> int:
-    """A proposed calibration in the ledger, with the configured value that it would replace."""
+    """A proposed calibration in the ledger, with the configured value that it would replace.
+
+    Where its meaning rests on the arm's kinematics, the ledger notes the model that the run worked with.
+    """
     configured = run.values["configured"].get(proposal.name)
-    result_id = ledger.propose(proposal.name, proposal.value, result, run.id, configured)
+    model = run.values["arm_model"] if rests_on_kinematics(proposal.name) else None
+    run.proposed.add(proposal.name)
+    told = with_model(result, run.values, run.proposed)
+    result_id = ledger.propose(proposal.name, proposal.value, told, run.id, configured, model)
     run.note("decision", event="proposed", name=proposal.name, result_id=result_id)
     return result_id
 
@@ -57,10 +77,8 @@ def reject_left_open(ledger: Ledger, jobs: Mapping[str, type[Procedure]]) -> lis
     return found
 
 
-def _propose(run: Run, ledger: Ledger) -> None:
+def _propose(run: Run, ledger: Ledger, proposal: Proposal) -> None:
     assert run.result is not None
-    if run.result["verdict"] == "fail" or (proposal := run.procedure.proposal(run)) is None:
-        return
     result_id = enter_proposal(run, ledger, proposal, run.result)
     if proposal.auto and run.result["verdict"] == "pass":
         ledger.accept(result_id, "policy")

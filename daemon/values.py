@@ -9,9 +9,11 @@ from typing import Any
 
 from cell.calibrations import belt_scale, kinematics, laser_reference, time_offset, tool_calibration
 from cell.errors import error
-from cell.store.ledger import Ledger
+from cell.procedure import Procedure
+from cell.store.ledger import Effective, Ledger
 from daemon.config import CellConfig
 from daemon.supervisor import Supervisor
+from procedures.kinematics_in_use import CONTROLLER, choose_model
 
 INPUT_ROLES = ("beams",)  # whose time offset a job can measure
 ARM_ROLES = ("arm", "observed_arm")  # whose kinematics a job can measure
@@ -37,6 +39,8 @@ def resolve_values(config: CellConfig, ledger: Ledger, supervisor: Supervisor) -
         "calibration": {},
         "configured": {},
         "versions": {},
+        "made_with": {},  # the model of the arm, for each committed value
+        "use_kinematics": robot.use_kinematics,
     }
     for setup, (name, nominal_keys) in CALIBRATIONS.items():
         nominal = _nominal(config, nominal_keys)
@@ -49,7 +53,7 @@ def resolve_values(config: CellConfig, ledger: Ledger, supervisor: Supervisor) -
             )
         if effective.version is not None:
             nominal["X"] = effective.value
-            values["versions"][name] = effective.version
+            _note_version(values, name, effective)
         values["calibration"][setup] = nominal or None
     _resolve_tool(values, config, ledger)
     _resolve_time_offsets(values, config, ledger)
@@ -91,7 +95,8 @@ def _resolve_time_offsets(values: dict[str, Any], config: CellConfig, ledger: Le
 def _resolve_kinematics(values: dict[str, Any], config: CellConfig, ledger: Ledger) -> None:
     """By role, the calibrated arm in effect (what ``tracker-sampling`` proposed); None while there is none.
 
-    It says where the true flange is. The controller goes on to believe its own model, which is ``robot``.
+    It says where the true flange is, and a run works with it when ``use_kinematics`` says so. The controller
+    goes on to believe its own model, which is ``robot``.
     """
     devices = config.robot.roles()
     values["kinematics"] = {
@@ -109,8 +114,28 @@ def _effective(values: dict[str, Any], ledger: Ledger, name: str, configured: An
             "RESULT_CONFLICT", f"the configured value of {name} was edited since version {effective.version}"
         )
     if effective.version is not None:
-        values["versions"][name] = effective.version
+        _note_version(values, name, effective)
     return effective.value
+
+
+def _note_version(values: dict[str, Any], name: str, effective: Effective) -> None:
+    values["versions"][name] = effective.version
+    values["made_with"][name] = effective.arm_model or dict(CONTROLLER)
+
+
+def with_arm_model(
+    values: dict[str, Any], procedure: Procedure, config: CellConfig, supervisor: Supervisor
+) -> dict[str, Any]:
+    """``values`` with the model of the arm that a run of ``procedure`` works with, as ``arm_model``.
+
+    ``KINEMATICS_MISSING`` or ``KINEMATICS_OTHER_ARM`` when the config asks for one that there is not.
+    """
+    if procedure.judges_arm:
+        return {**values, "arm_model": dict(CONTROLLER)}
+    device = config.robot.roles().get("arm")
+    entry = supervisor.devices.get(device or "")
+    serial = None if entry is None or entry.identity is None else entry.identity.serial
+    return {**values, "arm_model": choose_model(values, device, serial)}
 
 
 def with_job_limits(values: dict[str, Any], wanted: Any, allowed: bool) -> dict[str, Any]:

@@ -1,20 +1,39 @@
-"""From the values of a run to what a motion lease needs: guard, tool and speed."""
+"""From the values of a run to its arm: the model in use, and what a motion lease needs."""
 
 from collections.abc import Mapping
 from typing import Any
 
-from calibration.kinematics import robot_from_spec
+from calibration.kinematics import measured_arm, robot_from_spec
+from cell.arm_model import ArmModel
 from cell.devices import Speed, ToolSettings
 from cell.guard import GuardLimits, MotionGuard, Tool
+from cell.modelled_arm import ArmModels
 from cell.poses import from_pose6
+from procedures.kinematics_in_use import in_use
+
+
+def arm_model(values: Mapping[str, Any]) -> ArmModel:
+    """The arm as this run takes it to be: what turns its joints into poses and wanted poses into joints."""
+    measured = in_use(values)
+    return robot_from_spec(values["robot"]) if measured is None else measured_arm(values["robot"], measured)
+
+
+def arm_robot(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The ROBOT of :func:`arm_model`, for a data set whose poses come from it."""
+    return dict(in_use(values) or values["robot"])
+
+
+def arm_models(values: Mapping[str, Any]) -> ArmModels | None:
+    """What the arm is and what its controller believes; None where the run believes the controller."""
+    if in_use(values) is None:
+        return None
+    return ArmModels(arm_model(values), robot_from_spec(values["robot"]))
 
 
 def lease_settings(values: Mapping[str, Any]) -> tuple[MotionGuard, ToolSettings, Speed]:
     """Guard, tool and speed for a lease, from the values resolved at the run's start."""
     limits, tool = values["limits"], values["tool"]
-    guard = MotionGuard(
-        robot_from_spec(values["robot"]), GuardLimits.from_mapping(limits), Tool.from_mapping(tool)
-    )
+    guard = MotionGuard(arm_model(values), GuardLimits.from_mapping(limits), Tool.from_mapping(tool))
     settings = ToolSettings(
         from_pose6(tool["T_flange_tool"]), values["payload_kg"], tuple(values["centre_of_mass_m"])
     )

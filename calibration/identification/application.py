@@ -4,14 +4,18 @@ A pose is wanted of an arm with six joints or more; a palletizer, whose flange s
 x, y, z and the heading (yaw) of the flange's x axis about base z.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.kinematics.chain import pose_gap
+from calibration.kinematics.families import arm_spec
 from calibration.kinematics.serial import SerialChain
+from cell.formats.robot import parse_robot
 from cell.poses import Array
 
 TOLERANCE = 1e-9  # m and rad
@@ -33,6 +37,11 @@ class Reached:
     def found(self) -> NDArray[np.bool_]:
         """(k,): whether the place was reached."""
         return self.miss < TOLERANCE * 1e3
+
+
+def chain_of(robot: Mapping[str, Any]) -> SerialChain:
+    """The chain of a ROBOT: the ``robot`` of ``kinematics.<device>``, or what a controller believes."""
+    return arm_spec(parse_robot(robot, "robot")).arm.base
 
 
 def goals_from_yaw(rows: Array) -> Array:

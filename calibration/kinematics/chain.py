@@ -1,11 +1,13 @@
-"""Serial chains in standard Denavit-Hartenberg form, for many joint vectors at a time.
+"""Serial chains of turning joints in Denavit-Hartenberg form, for many joint vectors at a time.
 
-A link is ``Rz(theta) Tz(d) Tx(a) Rx(alpha)`` (Denavit and Hartenberg 1955; the convention in which
-Universal Robots publishes its arms), and ``theta`` is the joint angle plus a constant. Matrices are plain
-4x4 arrays here: a chain is evaluated thousands of times while a plan is made.
+A link is ``Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)`` (Denavit and Hartenberg 1955; the convention in which
+Universal Robots publishes its arms, without ``beta``, which is that of Hayati and Mirmirani 1985), and
+``theta`` is the joint angle plus a constant. Matrices are plain 4x4 arrays here: a chain is evaluated
+thousands of times while a plan is made.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -14,12 +16,16 @@ from cell.poses import Array
 
 @dataclass(frozen=True, eq=False)
 class DhChain:
-    """``theta``, ``d``, ``a``, ``alpha``: (j,) each, rad and m; joint i turns about z of frame i - 1."""
+    """``theta``, ``d``, ``a``, ``alpha``: (j,) each, rad and m; joint i turns about z of frame i - 1.
+
+    ``beta`` (j,) may be left out, and is zero then.
+    """
 
     theta: Array
     d: Array
     a: Array
     alpha: Array
+    beta: Array = field(default_factory=lambda: np.zeros(0))
 
     def frames(self, Q: Array) -> Array:
         """(n, j + 1, 4, 4): the base and the frame after every joint, for ``Q`` (n, j) rad."""
@@ -35,22 +41,36 @@ class DhChain:
 
         Column i of a revolute joint is ``z x (p_end - p)`` over ``z`` (Siciliano et al., Robotics, 3.1.3).
         """
-        z = frames[:, :-1, :3, 2]
-        arm = frames[:, -1:, :3, 3] - frames[:, :-1, :3, 3]
-        out = np.empty((len(frames), 6, z.shape[1]))
-        out[:, :3] = np.cross(z, arm).swapaxes(1, 2)
-        out[:, 3:] = z.swapaxes(1, 2)
+        z = frames[:, :-1, :3, 2].swapaxes(1, 2)
+        arm = (frames[:, -1:, :3, 3] - frames[:, :-1, :3, 3]).swapaxes(1, 2)
+        out = np.empty((len(frames), 6, z.shape[2]))
+        for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):  # np.cross takes as long as all else
+            out[:, k] = z[:, i] * arm[:, j] - z[:, j] * arm[:, i]
+        out[:, 3:] = z
         return out
 
     def _links(self, Q: Array) -> Array:
+        """(n, j, 4, 4): the turn about z mixes the first two rows of what is fixed in a link."""
         angle = Q + self.theta
-        ct, st = np.cos(angle), np.sin(angle)
+        c, s = np.cos(angle)[..., None], np.sin(angle)[..., None]
+        fixed = self._fixed
+        out = np.empty((*Q.shape, 4, 4))
+        out[..., 0, :] = c * fixed[:, 0] - s * fixed[:, 1]
+        out[..., 1, :] = s * fixed[:, 0] + c * fixed[:, 1]
+        out[..., 2:, :] = fixed[:, 2:]
+        return out
+
+    @cached_property
+    def _fixed(self) -> Array:
+        """(j, 4, 4): ``Tz(d) Tx(a) Rx(alpha) Ry(beta)`` of every link."""
         ca, sa = np.cos(self.alpha), np.sin(self.alpha)
-        out = np.zeros((*Q.shape, 4, 4))
-        out[..., 0, 0], out[..., 0, 1], out[..., 0, 2], out[..., 0, 3] = ct, -st * ca, st * sa, self.a * ct
-        out[..., 1, 0], out[..., 1, 1], out[..., 1, 2], out[..., 1, 3] = st, ct * ca, -ct * sa, self.a * st
-        out[..., 2, 1], out[..., 2, 2], out[..., 2, 3] = sa, ca, self.d
-        out[..., 3, 3] = 1.0
+        beta = self.beta if len(self.beta) else np.zeros_like(self.alpha)
+        cb, sb = np.cos(beta), np.sin(beta)
+        out = np.zeros((len(self.d), 4, 4))
+        out[:, 0, 0], out[:, 0, 2], out[:, 0, 3] = cb, sb, self.a
+        out[:, 1, 0], out[:, 1, 1], out[:, 1, 2] = sa * sb, ca, -sa * cb
+        out[:, 2, 0], out[:, 2, 1], out[:, 2, 2], out[:, 2, 3] = -ca * sb, sa, ca * cb, self.d
+        out[:, 3, 3] = 1.0
         return out
 
 

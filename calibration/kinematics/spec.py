@@ -5,14 +5,18 @@ from typing import Any
 
 import numpy as np
 
+from calibration.kinematics.chain import DhChain
+from calibration.kinematics.families import arm_spec
 from calibration.kinematics.ur import DhDeltas, UrArm
 from calibration.kinematics.ur_models import UR_MODELS
 from cell.arm_model import ArmModel
 from cell.errors import error
+from cell.formats.robot import parse_robot
 from cell.poses import Array
 
 _DELTAS = ("delta_theta", "delta_d", "delta_a", "delta_alpha")
 _KEYS = {"model", "calibration", "tool", "prior", "notes"}
+_SAME_ARM_M = 0.05  # of the flange; arms differ from their drawing by millimetres
 
 
 def robot_from_spec(spec: Mapping[str, Any]) -> ArmModel:
@@ -32,6 +36,30 @@ def robot_from_spec(spec: Mapping[str, Any]) -> ArmModel:
         raise error("DATA_INVALID", f"robot: model {model!r} is not supported; supported are {supported}")
     calibration = spec.get("calibration")
     return UrArm(model, None if calibration is None else _deltas(calibration))
+
+
+def measured_arm(believed: Mapping[str, Any], measured: Mapping[str, Any]) -> ArmModel:
+    """The arm that the ROBOT ``believed`` names, with its flange where the ROBOT ``measured`` has it.
+
+    ``measured`` is what a tracker found of the same arm: six joints in series, or a model with deltas.
+    ``DATA_INVALID`` when it is no such chain, or that of another arm.
+    """
+    drawn = robot_from_spec(believed)
+    chain = arm_spec(parse_robot(measured, "kinematics.robot"), "kinematics.robot").arm.base
+    if chain.coupling.shape != (6, 6) or not np.array_equal(chain.coupling, np.eye(6)) or chain.sliding.any():
+        raise error(
+            "DATA_INVALID", "kinematics.robot: an arm that is moved has six joints, each with its own link"
+        )
+    arm = UrArm(drawn.name, measured=DhChain(chain.theta, chain.d, chain.a, chain.alpha, chain.beta))
+    Q = np.array([np.full(6, 0.3), np.full(6, -1.2)])
+    apart = np.linalg.norm(arm.forward_many(Q).translation - drawn.forward_many(Q).translation, axis=1)
+    if float(apart.max()) > _SAME_ARM_M:
+        raise error(
+            "DATA_INVALID",
+            f"kinematics.robot: its flange is up to {1e3 * apart.max():.0f} mm off that of a {drawn.name}, "
+            "so it is another arm",
+        )
+    return arm
 
 
 def _deltas(calibration: Any) -> DhDeltas:

@@ -38,14 +38,17 @@ class DhDeltas:
 
 
 class UrArm:
-    """One arm of Universal Robots. ``name`` is a key of ``UR_MODELS``; ``deltas`` None is the drawing."""
+    """One arm of Universal Robots. ``name`` is a key of ``UR_MODELS``; ``deltas`` None is the drawing.
 
-    def __init__(self, name: str, deltas: DhDeltas | None = None) -> None:
+    ``measured`` is the chain that a tracker found, deltas and all. The metal stays where the drawing has it.
+    """
+
+    def __init__(self, name: str, deltas: DhDeltas | None = None, measured: DhChain | None = None) -> None:
         model = UR_MODELS[name]
         self._name, self._model = name, model
         self._nominal = DhChain(np.zeros(6), model.d, model.a, ALPHA)
-        self.calibrated = deltas is not None
-        self._chain = self._nominal if deltas is None else _shifted(self._nominal, deltas)
+        self.calibrated = deltas is not None or measured is not None
+        self._chain = measured or (self._nominal if deltas is None else _shifted(self._nominal, deltas))
         self._closed_form = getattr(ur_analytic_ik, name)
         self._links = _link_shapes(model.radii)
         self._reach = _reach_after(model)
@@ -56,7 +59,7 @@ class UrArm:
 
     @property
     def chain(self) -> DhChain:
-        """The DH chain in use, factory deltas included."""
+        """The DH chain in use, factory deltas or what was measured included."""
         return self._chain
 
     @property

@@ -6,7 +6,7 @@ from pathlib import Path
 from cell.errors import error
 from cell.store.files import set_aside
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 _SCHEMA = """
 CREATE TABLE state (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE runs (
@@ -15,7 +15,7 @@ CREATE TABLE runs (
 CREATE TABLE calibrations (
     id INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL, state TEXT NOT NULL, version INTEGER,
     value TEXT NOT NULL, result TEXT NOT NULL, run_id INTEGER NOT NULL, config_value TEXT NOT NULL,
-    proposed REAL NOT NULL, decided REAL, who TEXT, why TEXT, UNIQUE (name, version));
+    proposed REAL NOT NULL, decided REAL, who TEXT, why TEXT, arm_model TEXT, UNIQUE (name, version));
 CREATE INDEX calibrations_by_name ON calibrations (name, state);
 CREATE TABLE audit (
     id INTEGER PRIMARY KEY AUTOINCREMENT, at REAL NOT NULL, channel TEXT NOT NULL, who TEXT NOT NULL,
@@ -27,6 +27,8 @@ CREATE TABLE items (
     outcome TEXT NOT NULL, detail TEXT NOT NULL);
 CREATE INDEX items_by_run ON items (run_id);
 """
+_FROM_1 = "ALTER TABLE calibrations ADD COLUMN arm_model TEXT;"
+_SEEN_AS_2 = "CREATE TEMP VIEW calibrations AS SELECT *, NULL AS arm_model FROM main.calibrations"
 
 
 def open_database(path: Path) -> tuple[sqlite3.Connection, bool, Path | None]:
@@ -47,8 +49,9 @@ def open_database(path: Path) -> tuple[sqlite3.Connection, bool, Path | None]:
             raise error("FILE_UNREADABLE", f"{path}: schema {version}, this program knows {SCHEMA_VERSION}")
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = FULL")
-        if version == 0:
-            connection.executescript(f"BEGIN; {_SCHEMA} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;")
+        if version < SCHEMA_VERSION:
+            change = _FROM_1 if version else _SCHEMA
+            connection.executescript(f"BEGIN; {change} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;")
     except BaseException:
         connection.close()
         raise
@@ -64,6 +67,8 @@ def open_for_reading(path: Path) -> sqlite3.Connection:
     connection.row_factory = sqlite3.Row
     try:
         connection.execute("SELECT count(*) FROM calibrations").fetchone()
+        if connection.execute("PRAGMA user_version").fetchone()[0] == 1:
+            connection.execute(_SEEN_AS_2)
     except sqlite3.Error as exc:
         connection.close()
         raise error("FILE_UNREADABLE", f"{path}: {exc}") from exc

@@ -22,16 +22,22 @@ from cell.store.runs import highest_run_id
 
 MAX_RUN_ID = 2**32 - 1
 OPEN_STATES = ("proposed", "accepted")
+_JSON = ("value", "result", "config_value", "arm_model")
 
 
 @dataclass(frozen=True)
 class Effective:
-    """The value in effect; ``version`` is None when it is the configured one."""
+    """The value in effect; ``version`` is None when it is the configured one.
+
+    ``arm_model`` is the model of the arm that it was made with, None where that played no part or was not
+    noted yet: such versions were made as the arm's controller believes.
+    """
 
     value: Any
     version: int | None
     conflict: bool
     result_id: int | None = None
+    arm_model: dict[str, Any] | None = None
 
 
 class Ledger:
@@ -90,15 +96,33 @@ class Ledger:
     # -- calibrations
 
     def propose(
-        self, name: str, value: Any, result: Mapping[str, Any], run_id: int, config_value: Any
+        self,
+        name: str,
+        value: Any,
+        result: Mapping[str, Any],
+        run_id: int,
+        config_value: Any,
+        arm_model: Mapping[str, Any] | None = None,
     ) -> int:
-        """Offer ``value`` for ``name``; returns the result's number. Nothing changes until it is accepted."""
+        """Offer ``value`` for ``name``; returns the result's number. Nothing changes until it is accepted.
+
+        ``arm_model`` names the model of the arm that the value was made with.
+        """
         self._configured[name] = json.loads(to_json(config_value))
         with self._transaction() as db:
             cursor = db.execute(
-                "INSERT INTO calibrations (name, state, value, result, run_id, config_value, proposed)"
-                " VALUES (?, 'proposed', ?, ?, ?, ?, ?)",
-                (name, to_json(value), to_json(result), run_id, to_json(config_value), self._wall()),
+                "INSERT INTO calibrations"
+                " (name, state, value, result, run_id, config_value, proposed, arm_model)"
+                " VALUES (?, 'proposed', ?, ?, ?, ?, ?, ?)",
+                (
+                    name,
+                    to_json(value),
+                    to_json(result),
+                    run_id,
+                    to_json(config_value),
+                    self._wall(),
+                    to_json(arm_model),
+                ),
             )
         assert cursor.lastrowid is not None
         return cursor.lastrowid
@@ -182,7 +206,7 @@ class Ledger:
             if row is None:
                 return Effective(config_value, None, False)
             conflict = row["config_value"] != self._configured[name]
-            return Effective(row["value"], row["version"], conflict, row["id"])
+            return Effective(row["value"], row["version"], conflict, row["id"], row["arm_model"])
 
     def in_effect(self, name: str) -> dict[str, Any] | None:
         """The committed version with its full result document, None when there is none.
@@ -228,7 +252,8 @@ class Ledger:
     def results(self, name: str | None = None, limit: int = 100) -> list[dict[str, Any]]:
         """Calibrations of every state, newest first, without the full result documents."""
         rows = self._rows(
-            "SELECT id, name, state, version, value, run_id, config_value, proposed, decided, who, why"
+            "SELECT id, name, state, version, value, run_id, config_value, proposed, decided, who, why,"
+            " arm_model"
             " FROM calibrations WHERE ?1 IS NULL OR name = ?1 ORDER BY id DESC LIMIT ?2",
             name,
             limit,
@@ -336,4 +361,4 @@ class Ledger:
 
 
 def _decoded(row: Mapping[str, Any]) -> dict[str, Any]:
-    return {k: json.loads(v) if k in ("value", "result", "config_value") else v for k, v in row.items()}
+    return {k: json.loads(v) if k in _JSON and v is not None else v for k, v in row.items()}

@@ -12,7 +12,7 @@ from daemon.cli.predict_tracker import noise_of
 from daemon.cli.predict_values import configured_values
 from daemon.config import CellConfig
 from procedures.iso9283.config import Iso9283Config
-from procedures.iso9283.plan import plan_iso, wanted_poses
+from procedures.iso9283.plan import is_corrected, plan_iso, wanted_poses
 
 _RANGE_M = 3.0  # where nobody says where the tracker stands
 
@@ -32,9 +32,10 @@ def predict_iso9283(config: CellConfig, job: Iso9283Config) -> dict[str, Any]:
         text = f"near = '{job.near}' is not in [poses]; add the pose or name another"
         return {"text": text, "problems": [text], "cautions": []}
     noise, assumed = noise_of(config, roles["tracker"])
+    values = configured_values(config)
     drawn = job.model_copy(update={"corrected": False, "registration": "fit"})
     try:
-        plan = plan_iso(configured_values(config), drawn.model_dump(), list(near)).listing
+        plan = plan_iso(values, drawn.model_dump(), list(near)).listing
     except CellError as exc:
         return {"text": f"no plan: {exc}", "problems": [f"{exc}. {exc.hint}"], "cautions": []}
     distance = _range_m(job)
@@ -50,7 +51,7 @@ def predict_iso9283(config: CellConfig, job: Iso9283Config) -> dict[str, Any]:
     cautions = []
     if job.cycles < CYCLES:
         cautions.append(f"cycles is {job.cycles}; the standard has {CYCLES}")
-    needs = job.corrected or job.registration == "kinematics"
+    needs = is_corrected(values, job) or job.registration == "kinematics"
     text = (
         f"{plan['arrivals']} arrivals at {len(plan['poses'])} poses, all free and in reach; at "
         f"{distance:.1f} m the tracker alone reads AP {mm(floors['AP'])} (95 %) and RP "

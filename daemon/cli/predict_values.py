@@ -10,6 +10,7 @@ def configured_values(config: CellConfig) -> dict[str, Any]:
     return {
         "robot": config.robot.robot_spec(),
         "tool": config.robot.tool.model_dump(mode="json"),
+        "use_kinematics": config.robot.use_kinematics,
         "payload_kg": config.robot.payload_kg,
         "centre_of_mass_m": list(config.robot.centre_of_mass_m),
         "limits": config.limits.model_dump(mode="json"),

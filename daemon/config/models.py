@@ -135,6 +135,11 @@ class RobotSection(Section):
     observed_model: str | None = Field(
         default=None, min_length=1, description="ROBOT file (JSON) of the observed arm"
     )
+    use_kinematics: bool = Field(
+        default=False,
+        description="the daemon's own moves and poses go by the calibrated kinematics of the arm in effect "
+        "(accepted results of tracker-sampling), not by what its controller believes",
+    )
     payload_kg: float = Field(default=0.0, ge=0, le=100.0)
     centre_of_mass_m: Point = Field(
         default_factory=lambda: [0.0] * 3, description="of the payload, in the flange"

@@ -11,6 +11,7 @@ from cell.devices import ItemView
 from cell.errors import error
 from cell.poses import Array, from_pose6
 from procedures.belt.config import ItemLook
+from procedures.kinematics_in_use import require_same_model
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,11 @@ class Seen:
 
 
 class Sight:
-    """A fixed camera above the belt: ``T_base_camera``, and the plane of the belt at height ``z_m``."""
+    """A fixed camera above the belt: ``T_base_camera``, and the plane of the belt at height ``z_m``.
+
+    ``BELT_NO_CAMERA`` without a calibrated one, ``KINEMATICS_DIFFER`` when it was made with another model of
+    the arm than is in use.
+    """
 
     def __init__(self, values: Mapping[str, Any], belt_z_m: float, look: ItemLook) -> None:
         known = (values["calibration"].get("eye-to-hand") or {}).get("X")
@@ -30,6 +35,7 @@ class Sight:
             raise error(
                 "BELT_NO_CAMERA", "T_base_camera is not calibrated: run cone-capture with setup eye-to-hand"
             )
+        require_same_model(values, "T_base_camera")
         self.T_base_camera: RigidTransform = from_pose6(known)
         self._z_m, self._look = belt_z_m, look
 

@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from calibration.belt.pursuit import State
-from calibration.kinematics import robot_from_spec
 from cell.errors import error
 from cell.motion import MotionLease
 from cell.poses import Array, from_pose6
 from cell.procedure import FinishRequested, Procedure, Run
+from procedures.arm_setup import arm_model
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.joints import ToolJoints
 from procedures.belt.live import BeltLive
@@ -22,6 +22,7 @@ from procedures.belt.record import PickRecord, header_of
 from procedures.belt.sight import Sight
 from procedures.belt.states import CHECKPOINTS, PICKING, PickState
 from procedures.belt.watch import BeltWatch
+from procedures.kinematics_in_use import require_same_model
 
 S = PickState
 CAMERA = "fixed_camera"
@@ -52,6 +53,8 @@ class BeltTracking(Procedure):
                 raise error("ARGUMENT_INVALID", f"{key} '{name}' is not in [poses]; there is {known}")
         if values["belt"] is None:
             raise error("BELT_NOT_CALIBRATED", "there is neither a committed nor a configured value")
+        for name in [name for name in values["versions"] if name.startswith("belt.")]:
+            require_same_model(values, name)
         Sight(values, self.config.belt_z_m, self.config.items)
 
     async def run(self, run: Run) -> None:
@@ -71,7 +74,6 @@ class BeltTracking(Procedure):
                 with suppress(FinishRequested):
                     await picking.go()
             finally:
-                run.publish(**picking.watch.queue.live())  # the counters stay readable, however the job ends
                 await asyncio.shield(picking.camera.set_items(None))
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
@@ -89,11 +91,9 @@ class _Picking:
         self.sight = Sight(values, config.belt_z_m, config.items)
         self.watch = BeltWatch(run.encoder(), self.camera, self.sight, values["belt"], config)
         self.watch.learnt = BeltLive(run).look
-        self.watch.tell = lambda event, **what: run.note("decision", event=event, **what)
         self.q_wait: Array = np.array(values["poses"][config.wait_pose])
         self.q_place: Array = np.array(values["poses"][config.place_pose])
-        model = robot_from_spec(values["robot"])
-        self.tool = ToolJoints(model, from_pose6(values["tool"]["T_flange_tool"]), self.q_wait)
+        self.tool = ToolJoints(arm_model(values), from_pose6(values["tool"]["T_flange_tool"]), self.q_wait)
         for key, q in (("wait_pose", self.q_wait), ("place_pose", self.q_place)):
             lean = self.tool.lean(q)
             if lean > UPRIGHT_RAD:

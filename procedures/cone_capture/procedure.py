@@ -17,6 +17,7 @@ from cell.errors import AbortError, CellError, RefusedError, error
 from cell.motion import MotionLease, measured_standstill
 from cell.poses import Array, to_pose6
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
+from procedures.arm_setup import arm_robot
 from procedures.cone_capture.config import ConeCaptureConfig
 from procedures.cone_capture.judging import fault_of, moved_since, repeats, shows_board
 from procedures.cone_capture.plan import (
@@ -333,7 +334,7 @@ class _Capture:
             "setup": self.config.setup,
             "camera": camera_entry(frame.intrinsics),
             "target": self.target,
-            "robot": self.run.values["robot"],
+            "robot": arm_robot(self.run.values),
         }
         adopted = None
         if self.run.adopted is not None:

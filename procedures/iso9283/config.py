@@ -36,9 +36,10 @@ class Iso9283Config(_Strict):
     near: str = Field(default="home", description="pose in [poses] whose branch of the arm is used")
     cycles: int = Field(default=30, ge=2, le=200, description="the standard has 30")
     speed_share: float = Field(default=1.0, gt=0, le=1.0, description="of the cell's limits of speed")
-    corrected: bool = Field(
-        default=False,
-        description="command through the calibrated kinematics in effect: how good it makes the arm",
+    corrected: bool | None = Field(
+        default=None,
+        description="command through the calibrated kinematics in effect: how good it makes the arm; else as "
+        "[robot] use_kinematics says",
     )
     registration: Literal["fit", "kinematics"] = Field(
         default="fit",

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.identification.application import reach
-from calibration.identification.correction import chain_of
+from calibration.identification.application import chain_of, reach
 from calibration.iso9283 import five_places, other_corners
 from calibration.kinematics.serial import SerialChain
 from cell.errors import CellError, error
@@ -56,7 +55,7 @@ def kinematics_of(values: Mapping[str, Any], config: Iso9283Config) -> Mapping[s
         raise error("ISO9283_NO_KINEMATICS", f"{wanted}, and no kinematics of the arm is in effect")
     if why := other_load(found, float(values["payload_kg"])):
         raise error("PAYLOAD_DIFFERS", why)
-    if why := other_arm(found, values["robot"]):
+    if why := other_arm(found, values):
         raise error("ISO9283_NO_KINEMATICS", why)
     return found
 

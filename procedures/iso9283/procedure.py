@@ -22,6 +22,7 @@ class Iso9283Test(Procedure):
     State = State
     TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = TRANSITIONS
     CHECKPOINTS: ClassVar[frozenset[Any]] = CHECKPOINTS
+    judges_arm: ClassVar[bool] = True
 
     config: Iso9283Config
 

@@ -21,6 +21,7 @@ from procedures.iso9283.plan import (
     ORDER,
     IsoPlan,
     Station,
+    is_corrected,
     kinematics_of,
     plan_iso,
     point_of,
@@ -172,7 +173,7 @@ class Session:
             "noise": {"sigma0": noise.sigma0_m, "sigma_per_m": noise.sigma_per_m},
             "payload_kg": float(values["payload_kg"]),
             "speed_share": config.speed_share,
-            "corrected": config.corrected,
+            "corrected": is_corrected(values, config),
             "registration": config.registration,
             "kinematics": calibrated
             and {"version": version, "T_base_tracker": calibrated.get("T_base_tracker")},

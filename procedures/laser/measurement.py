@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from cell.calibrations import laser_reference
 from cell.errors import error
 from cell.poses import from_pose6
 from cell.procedure import Run
-from procedures.arm_setup import lease_settings
+from procedures.arm_setup import arm_model, lease_settings
+from procedures.kinematics_in_use import require_same_model
 from procedures.laser.config import BEAMS, Search
 from procedures.laser.path import course
 from procedures.laser.plan import PlanRequest, note_plan, plan_scan
@@ -68,7 +70,7 @@ class Measurement:
         """A scan that is ready to be taken."""
         values = self.run.values
         pose = (tool or values["tool"])["T_flange_tool"]
-        way = course(self.search, values["robot"], pose, self.p_ref, self.places)
+        way = course(self.search, arm_model(values), pose, self.p_ref, self.places)
         _, _, speed = lease_settings(values)
         late = self.offset_s - float(values["time_offset_s"]["beams"]["applied"])
         return Scan(self.run, self.search, way, record, speed, late, self.retract_pose)
@@ -97,7 +99,8 @@ def check_poses(names: Mapping[str, str | None], values: Mapping[str, Any]) -> N
 def reference_of(values: Mapping[str, Any]) -> dict[str, Any]:
     """The reference of this tool; ``LASER_NO_REFERENCE``, or ``LASER_OTHER_FIXTURE`` when it does not fit.
 
-    A pose that was taught anew means that fixture, tool or cell was moved.
+    ``KINEMATICS_DIFFER`` when its places were told by another model of the arm than is in use now. A pose
+    that was taught anew means that fixture, tool or cell was moved.
     """
     tool = values["tool"]["name"]
     reference: dict[str, Any] | None = values.get("laser_reference")
@@ -105,6 +108,7 @@ def reference_of(values: Mapping[str, Any]) -> dict[str, Any]:
         raise error("LASER_NO_REFERENCE", f"tool '{tool}'")
     if reference["tool"]["id"] != tool:
         raise error("LASER_NO_REFERENCE", f"it is of tool '{reference['tool']['id']}', not '{tool}'")
+    require_same_model(values, laser_reference(tool))
     search = Search.from_reference(reference, None)
     for name in BEAMS:
         beam = search.beam(name)
@@ -129,7 +133,7 @@ def nominal_header(
     measurement: Measurement, tool: Mapping[str, Any], radius_m: float | None
 ) -> dict[str, Any]:
     """The same while there is no reference: beams and tool as configured."""
-    way = course(measurement.search, measurement.run.values["robot"], tool["T_flange_tool"], None, 1)
+    way = course(measurement.search, arm_model(measurement.run.values), tool["T_flange_tool"], None, 1)
     T = from_pose6(tool["T_flange_tool"])
     beams = {}
     for station in way.stations:

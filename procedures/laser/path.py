@@ -1,13 +1,12 @@
 """Where the flange goes: from the stored geometry and the tool in use to poses beside, across and below."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.kinematics import robot_from_spec
+from cell.arm_model import ArmModel
 from cell.errors import error
 from cell.poses import Array, from_pose6
 from procedures.laser.config import BEAMS, Search
@@ -63,7 +62,7 @@ class Course:
 
 def course(
     search: Search,
-    robot: Mapping[str, Any],
+    model: ArmModel,
     T_flange_tool: Sequence[float],
     p_ref: Sequence[float] | None,
     places: int,
@@ -74,7 +73,6 @@ def course(
     With ``p_ref`` (3,), the tool's point of the reference in the flange, all flange poses are shifted so that
     the point of this tool follows the path that the reference's did.
     """
-    model = robot_from_spec(robot)
     tool = from_pose6(T_flange_tool).translation
     taught = tool if p_ref is None else np.array(p_ref, dtype=float)
     aux = {name: model.forward(np.array(search.beam(name).q)) for name in BEAMS}

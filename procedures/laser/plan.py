@@ -11,7 +11,7 @@ from cell.errors import CellError, error
 from cell.guard import MotionGuard, Tool
 from cell.poses import Array
 from cell.procedure import Run
-from procedures.arm_setup import lease_settings
+from procedures.arm_setup import arm_model, lease_settings
 from procedures.laser.config import Search
 from procedures.laser.path import Course, Station, course, deepest, heights_at, highest, way_out
 
@@ -79,7 +79,7 @@ def check_plan(plan: Mapping[str, Any]) -> None:
 def _begun(request: PlanRequest) -> tuple["Moves", Search]:
     """From where the arm stands, out of the fixture if need be."""
     values, search = request.values, Search.model_validate(request.search)
-    way = course(search, values["robot"], values["tool"]["T_flange_tool"], request.p_ref, request.places)
+    way = course(search, arm_model(values), values["tool"]["T_flange_tool"], request.p_ref, request.places)
     moves = Moves(longer_tool(values, search.tool_margin_m), way, np.array(request.q))
     moves.leave_fixture()
     return moves, search

@@ -27,6 +27,7 @@ class TrackerSampling(Procedure):
     State = State
     TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = TRANSITIONS
     CHECKPOINTS: ClassVar[frozenset[Any]] = CHECKPOINTS
+    judges_arm: ClassVar[bool] = True
 
     config: TrackerSamplingConfig
 

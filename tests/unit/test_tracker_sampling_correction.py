@@ -5,12 +5,12 @@ import pytest
 from kincal_scene import joints, make_scene
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.identification.correction import chain_of, corrected_flange_target
 from calibration.identification.solution import identify
-from calibration.kinematics import UrArm
+from calibration.kinematics import UrArm, measured_arm, robot_from_spec
 from calibration.kinematics.families import arm_spec, robot_document
 from cell.errors import CellError
 from cell.formats.robot import parse_robot
+from cell.modelled_arm import ArmModels
 from procedures.iso9283.config import Iso9283Config
 from procedures.iso9283.plan import kinematics_of, require_same_devices
 
@@ -21,34 +21,32 @@ def test_a_controller_that_inverts_its_own_model_then_brings_the_true_flange_the
     spec = arm_spec(parse_robot(scene.data["robot"], "robot"))
     own = len(solved.model.arm.names)
     tools = dict(zip(solved.model.targets, solved.model.tools(solved.x), strict=True))
-    calibrated = chain_of(robot_document(spec, solved.model.arm, solved.x[:own], tools))
-    controller = chain_of({"model": "ur10e"})
     believed = UrArm("ur10e")
+    document = robot_document(spec, solved.model.arm, solved.x[:own], tools)
+    subject = ArmModels(measured_arm({"model": "ur10e"}, document), believed)
     # The place of the reflector is what was measured: its error is that of the arm and not of the gauge.
     tool, truth = tools["smr1"], scene.truth
     registration = solved.registration
     off, uncorrected = [], []
     for q in joints("ur10e", np.random.default_rng(5), 20):
-        wanted = RigidTransform.from_matrix(calibrated.flange(q[None])[0])
+        wanted = subject.own.forward(q)
         p_wanted = registration.to_tracker(wanted.apply(tool)[:, None])[:, 0]
         near = q + 0.01
-        found = corrected_flange_target(wanted, near, calibrated, controller)
-        for target, list_ in ((found.T_base_flange, off), (wanted, uncorrected)):
+        told = subject.told(wanted, near)
+        for target, list_ in ((told, off), (wanted, uncorrected)):
             q_told = believed.inverse(target, near)
             assert q_told is not None
             reached = truth.p_tracker(q_told[None], ["smr1"])[0]
             list_.append(np.linalg.norm(reached - p_wanted))
-        np.testing.assert_allclose(found.q, believed.inverse(found.T_base_flange, near), atol=1e-6)
-        assert found.shift_m > 0.0
     assert max(off) < 5e-6
     assert np.median(uncorrected) > 1e-3
 
 
 def test_a_pose_out_of_reach_is_refused_with_its_place() -> None:
-    chain = chain_of({"model": "ur10e"})
+    arm = robot_from_spec({"model": "ur10e"})
     far = RigidTransform.from_components([5.0, 0.0, 0.0], Rotation.identity())
     with pytest.raises(CellError, match=r"5\.000, 0\.000, 0\.000") as caught:
-        corrected_flange_target(far, np.array([0.0, -1.5, 1.5, -1.5, -1.5, 0.0]), chain, chain)
+        ArmModels(arm, arm).told(far, np.array([0.0, -1.5, 1.5, -1.5, -1.5, 0.0]))
     assert caught.value.name == "MOTION_UNREACHABLE"
 
 
