@@ -1,0 +1,226 @@
+"""Device-level faults at every state of picking and of the belt's calibration, on virtual time.
+
+Whatever happens and whenever: the run ends by the right name with the arm at rest, nothing is picked twice,
+and what journal, ledger and registers count is what the world's gripper truly did. After the cause is gone
+and a reset the next run picks.
+
+A fault strikes run after run in one cell, each time at another state, as in the matrix of the crossed beams:
+each kind takes a share of the states in turn; all pairs are in the long runs.
+"""
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from daemon.plc import PlcFace
+from fakes.object import run_virtual
+from procedures.belt.items import CONTACT, Outcome
+from procedures.belt.states import MOVING, PickState
+from tests.object_cell import WHO, ObjectCell, no_report
+from tests.unit.picking_cell import picking_cell, picking_config
+
+__all__ = ["no_report"]
+pytestmark = pytest.mark.usefixtures("no_report")
+
+# -- the states, and where a fault can be felt
+
+MOMENTS = [s.value for s in PickState if s not in (PickState.REPORT, PickState.STANDING)]
+AT_REST = {"prepare", "ready"}
+IN_MOTION = {s.value for s in MOVING} | {"to-wait"}
+EVERYWHERE = AT_REST | IN_MOTION
+WITH_LEASE = EVERYWHERE - {"prepare"}
+ON_THE_WAY_S = 0.03
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A fault, the errors that may come of it, and the moments at which it can be felt at all."""
+
+    device: str
+    fault: str
+    errors: frozenset[str]
+    felt: set[str]
+    arguments: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        return " ".join([self.device, self.fault, *(str(v) for v in self.arguments.values())])
+
+
+def kind(device: str, fault: str, errors: str, felt: set[str], **arguments: Any) -> Kind:
+    return Kind(device, fault, frozenset(errors.split()), felt, arguments)
+
+
+KINDS = [
+    kind("arm", "protective-stop", "ARM_PROTECTIVE_STOP", EVERYWHERE),
+    kind("belt", "unplug", "DEVICE_LOST", EVERYWHERE),
+    kind("camera", "drop", "DEVICE_LOST", EVERYWHERE),
+    kind("arm", "emergency-stop", "ARM_EMERGENCY_STOP", EVERYWHERE),
+    kind("belt", "bus-off", "CAN_BUS_OFF", EVERYWHERE),
+    kind("camera", "silence", "DEVICE_LOST", EVERYWHERE),
+    kind("arm", "safeguard-stop", "ARM_SAFEGUARD_STOP", EVERYWHERE),
+    kind("belt", "node-stop", "ENCODER_NOT_OPERATIONAL", EVERYWHERE),
+    kind("arm", "drop", "DEVICE_LOST", EVERYWHERE),
+    kind("belt", "reboot", "DEVICE_LOST DEVICE_IDENTITY", EVERYWHERE, serial="999966002"),
+    kind("arm", "silence", "DEVICE_LOST STALE_DATA MOTION_WATCHDOG", EVERYWHERE),
+    kind("camera", "reboot", "DEVICE_LOST", EVERYWHERE),
+    kind("arm", "script-death", "ARM_SCRIPT_DIED", WITH_LEASE),
+    kind("arm", "child-crash", "CHILD_DIED", WITH_LEASE),
+    kind("arm", "watchdog", "MOTION_WATCHDOG", IN_MOTION),
+    kind("belt", "drop", "DEVICE_LOST", EVERYWHERE),
+]
+SHARE = 2  # moments of one kind
+STRIDE = 5
+
+
+def share_of(number: int, kinds: Sequence[Kind] = KINDS) -> list[str]:
+    """The moments of one kind: spread over the job, and others for the next kind."""
+    return [MOMENTS[(number + i * STRIDE) % len(MOMENTS)] for i in range(SHARE)]
+
+
+Strike = tuple[Kind, str]
+GROUPS = [KINDS[i : i + 4] for i in range(0, len(KINDS), 4)]  # in one cell, one after the other
+CELLS = [
+    pytest.param(
+        [(k, moment) for k in group for moment in share_of(KINDS.index(k))],
+        id=", ".join(k.label for k in group),
+    )
+    for group in GROUPS
+]
+ALL = [pytest.param([(k, moment) for moment in MOMENTS], id=k.label) for k in KINDS]
+
+
+def test_every_state_meets_several_kinds_of_fault() -> None:
+    met = [moment for i in range(len(KINDS)) for moment in share_of(i)]
+    assert all(met.count(moment) >= 2 for moment in MOMENTS)
+
+
+@pytest.mark.parametrize("strikes", CELLS)
+def test_a_fault_ends_picking_at_rest_with_true_counters_and_the_next_run_picks(
+    strikes: list[Strike], tmp_path: Path
+) -> None:
+    strike_picking(strikes, tmp_path)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("strikes", ALL)
+def test_a_fault_at_any_state_ends_picking_at_rest(strikes: list[Strike], tmp_path: Path) -> None:
+    strike_picking(strikes, tmp_path)
+
+
+# so far apart that the arm waits for the next one
+FEED = {"spacing_m": "0.8", "profile": "[{ speed_m_s = 0.25 }]"}
+
+
+def strike_picking(strikes: list[Strike], folder: Path) -> None:
+    config = picking_config(folder, {"picks": 2, "max_duration_s": 60.0}, FEED)
+
+    async def main() -> None:
+        async with picking_cell(config) as cell:
+            for fault, moment in strikes:
+                await strike(cell, fault, moment)
+            run_id = await cell.start()
+            end = await cell.finished(run_id)
+            assert end["outcome"] == "complete", end["error"]
+            assert counted(cell, run_id)["picked"] == 2
+
+    run_virtual(main())
+
+
+async def strike(cell: ObjectCell, fault: Kind, moment: str) -> None:
+    before, struck = truth_of(cell), inject_at(cell, moment, fault)
+    run_id = await cell.start()
+    end = await cell.finished(run_id)
+    where = f"{fault.label} at {moment}"
+    assert struck, f"the job never was at {moment} for {where}"
+    await cell.clock.sleep(0.5)
+    assert cell.at_rest(), where
+    if moment in fault.felt:
+        assert end["error"] is not None, f"{end['outcome']} in spite of {where}"
+        assert (end["outcome"], end["packml"]) == ("aborted", "ABORTED"), where
+        assert end["error"]["name"] in fault.errors, (where, end["error"])
+    else:
+        assert end["outcome"] == "complete", (where, end["error"])
+    agrees_with_the_world(cell, run_id, before, where)
+    await put_right(cell)
+
+
+# -- what is counted, and what truly happened
+
+
+@dataclass(frozen=True)
+class Truth:
+    """How often the world's fingers have closed, and on what they took."""
+
+    closed: int
+    taken: tuple[int, ...]
+
+
+def truth_of(cell: ObjectCell) -> Truth:
+    gripper = cell.plant.world.gripper
+    assert gripper is not None
+    gripper.settle(cell.clock.now())
+    taken = tuple(c.item for c in gripper.contacts if c.taken and c.item is not None)
+    return Truth(len(gripper.contacts), taken)
+
+
+def counted(cell: ObjectCell, run_id: int) -> dict[str, int]:
+    """What the ledger says, by outcome."""
+    outcomes = [row["outcome"] for row in cell.ledger.items(run_id)]
+    return {outcome.value: outcomes.count(outcome) for outcome in Outcome}
+
+
+def agrees_with_the_world(cell: ObjectCell, run_id: int, before: Truth, where: str = "") -> None:
+    after, rows = truth_of(cell), cell.ledger.items(run_id)
+    assert len(set(after.taken)) == len(after.taken), f"{where}: an item was picked twice"
+    numbers = [row["item"] for row in rows]
+    assert len(set(numbers)) == len(numbers), f"{where}: an item ended twice"
+    touched = [row for row in rows if any(what == CONTACT for _, what in row["detail"]["history"])]
+    unsure = sum(row["outcome"] == Outcome.LOST for row in touched)  # in the gripper when the job ended
+    assert unsure <= 1, where
+    outcomes, taken = counted(cell, run_id), len(after.taken) - len(before.taken)
+    assert outcomes["picked"] <= taken <= outcomes["picked"] + unsure, (where, outcomes, taken)
+    assert len(touched) - unsure <= after.closed - before.closed <= len(touched), (where, outcomes)
+    events = [line["outcome"] for line in cell.notes(run_id, "item")]
+    assert sorted(events) == sorted(row["outcome"] for row in rows), where
+    shown = PlcFace(cell.config, cell.engine).snapshot()
+    misses = {o.value: shown.get(f"missed_{o.value.replace(' ', '_')}", 0) for o in Outcome}
+    assert {**misses, "picked": shown.get("picks", 0)} == outcomes, where
+    assert shown.get("misses", 0) == sum(misses.values()), where
+
+
+def inject_at(cell: ObjectCell, moment: str, fault: Kind) -> list[str]:
+    """Strike once when the job is at ``moment``; the list holds the state when it did."""
+    plant, struck = cell.plant.plants[fault.device], list[str]()
+    loop = asyncio.get_running_loop()
+
+    def look() -> None:
+        run = cell.engine.run
+        if struck or not cell.engine.active or run is None or run.state is None:
+            return
+        state = run.state.value
+        if state == moment:
+            struck.append(state)
+            strike = partial(plant.inject, fault.fault, fault.arguments)
+            loop.call_later(ON_THE_WAY_S, strike) if state in IN_MOTION else strike()
+
+    cell.engine.subscribe(look)
+    return struck
+
+
+async def put_right(cell: ObjectCell) -> None:
+    """What a person does: mend the cause, take the part out of the gripper, wait for the devices, reset."""
+    for plant in cell.plant.plants.values():
+        plant.clear()
+    cell.plant.plants["belt"].serial = cell.plant.encoder.encoder.truth.serial
+    await cell.until(cell.all_ready, "all devices back", 30.0)
+    gripper = cell.plant.world.gripper
+    assert gripper is not None
+    gripper.command(cell.clock.now(), False)
+    await cell.clock.sleep(0.1)  # until the streams show it
+    await cell.engine.reset(WHO)
