@@ -74,6 +74,7 @@ class BeltTracking(Procedure):
                 with suppress(FinishRequested):
                     await picking.go()
             finally:
+                run.publish(**picking.watch.queue.live())  # the counters stay readable, however the job ends
                 await asyncio.shield(picking.camera.set_items(None))
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
@@ -91,6 +92,7 @@ class _Picking:
         self.sight = Sight(values, config.belt_z_m, config.items)
         self.watch = BeltWatch(run.encoder(), self.camera, self.sight, values["belt"], config)
         self.watch.learnt = BeltLive(run).look
+        self.watch.tell = lambda event, **what: run.note("decision", event=event, **what)
         self.q_wait: Array = np.array(values["poses"][config.wait_pose])
         self.q_place: Array = np.array(values["poses"][config.place_pose])
         self.tool = ToolJoints(arm_model(values), from_pose6(values["tool"]["T_flange_tool"]), self.q_wait)
