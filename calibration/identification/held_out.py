@@ -1,6 +1,7 @@
 """Judged by readings that the solution did not see: nominal, registered only, and calibrated.
 
-Readings are dealt to the folds in turn; each fold is predicted by an arm solved from the others alone.
+Poses are dealt to the folds in turn, with all readings that were made there; each fold is predicted by an arm
+solved from the others alone.
 """
 
 from collections.abc import Callable
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.identification.estimator import Problem, fit
+from calibration.identification.observability import pose_numbers
 from calibration.identification.registration import Registration, register
 from calibration.identification.solution import Solution
 from cell.poses import Array
@@ -38,7 +40,7 @@ def held_out(solution: Solution, refit: Refit | None = None) -> HeldOut:
     used = np.flatnonzero(solution.used)
     sigma = solution.noise.sigma(problem.range_m)
     drawn = model.points(model.nominal, problem.Q, problem.target)
-    fold = np.arange(len(used)) % FOLDS
+    fold = pose_numbers(problem.take(used)) % FOLDS
     rows, distances = [], []
     for k in range(FOLDS):
         judged, rest = used[fold == k], used[fold != k]

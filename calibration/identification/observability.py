@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.identification.estimator import Problem, normal_matrix
 from calibration.identification.model import REGISTRATION, Model
@@ -78,15 +79,18 @@ def observe(problem: Problem, J: Array, weight: Array, x: Array) -> Observabilit
     )
 
 
-def refuse(problem: Problem, found: Observability, has_prior: bool) -> Refusal | None:
-    """Why these poses cannot determine the arm, or None. A prior of the robot's own may fill in."""
+def refuse(problem: Problem, found: Observability, has_prior: bool, copies: int = 0) -> Refusal | None:
+    """Why these poses cannot determine the arm, or None. A prior of the robot's own may fill in.
+
+    ``copies`` are samples that were left out because they repeat others to the last digit.
+    """
     n, unknowns = _distinct(problem), found.unknowns
     if has_prior and 3 * n >= REGISTRATION + 3:
         return None
-    if n < problem.n and 3 * n < unknowns + 3:
+    if n < problem.n + copies and 3 * n < unknowns + 3:
         return Refusal(
             "poses-not-distinct",
-            f"only {n} of {problem.n} samples have joints of their own; {_needed(unknowns)}",
+            f"only {n} of {problem.n + copies} samples have joints of their own; {_needed(unknowns)}",
         )
     if 3 * n < unknowns + 3:
         return Refusal("too-few-poses", f"{n} samples give {3 * n} numbers; {_needed(unknowns)}")
@@ -153,10 +157,21 @@ def _needed(unknowns: int) -> str:
     return f"{unknowns} unknowns (registration of the tracker included) need at least {(unknowns + 5) // 3}"
 
 
-def _distinct(problem: Problem) -> int:
+def pose_numbers(problem: Problem) -> NDArray[np.int64]:
+    """(n,): readings at the same joints have the same number, counted in the order of their first ones."""
+    _, first, same = np.unique(_cells(problem), axis=0, return_index=True, return_inverse=True)
+    order = np.empty(len(first), dtype=np.int64)
+    order[np.argsort(first)] = np.arange(len(first))
+    return order[same.ravel()]
+
+
+def _cells(problem: Problem) -> Array:
     gear = np.max(np.abs(problem.model.arm.base.coupling), axis=0)
-    cells = np.round(problem.Q * np.maximum(gear, 1e-12) / _SAME)
-    return len(np.unique(np.column_stack([cells, problem.target]), axis=0))
+    return np.asarray(np.round(problem.Q * np.maximum(gear, 1e-12) / _SAME))
+
+
+def _distinct(problem: Problem) -> int:
+    return len(np.unique(np.column_stack([_cells(problem), problem.target]), axis=0))
 
 
 def _reduced(Z: Array, order: Sequence[int]) -> tuple[Array, list[int]]:

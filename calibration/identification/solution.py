@@ -10,6 +10,7 @@ from scipy.special import fdtri
 
 from calibration.identification.estimator import Fit, Problem, fit, state_at
 from calibration.identification.model import Model
+from calibration.identification.names import reads_like
 from calibration.identification.noise import TrackerNoise, excess, first_noise
 from calibration.identification.registration import Registration, robust_register
 from calibration.identification.robust import RobustFit, robust_fit
@@ -46,6 +47,14 @@ class Solution:
     @property
     def model(self) -> Model:
         return self.problem.model
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom that the size of ``cov`` was estimated with; infinite where the noise was given
+        and explains the residuals."""
+        if self.noise.given and self.excess == 1.0:
+            return np.inf
+        return max(3.0 * int(self.used.sum()) - self.unknowns, 1.0)
 
     @property
     def T_tracker_base(self) -> RigidTransform:
@@ -122,7 +131,7 @@ def _solution(problem: Problem, found: RobustFit) -> Solution:
         registration=now.registration,
         cov=now.covariance(problem.model, factor),
         used=used,
-        reasons=_reasons(found),
+        reasons=_reasons(problem, found),
         noise=found.noise,
         excess=factor,
         e=now.e,
@@ -131,12 +140,14 @@ def _solution(problem: Problem, found: RobustFit) -> Solution:
     )
 
 
-def _reasons(found: RobustFit) -> dict[int, str]:
+def _reasons(problem: Problem, found: RobustFit) -> dict[int, str]:
     out = {}
     for i in np.flatnonzero(~found.used):
         off = 1e3 * float(np.linalg.norm(found.fit.e[:, i]))
+        like = reads_like(problem, found.fit, int(i))
         out[int(i)] = (
             f"disagrees with the others by {off:.3f} mm, {found.distance[i]:.1f} times what chance explains"
+            f"{'' if like is None else f'; it fits reflector {like} instead'}"
         )
     return out
 

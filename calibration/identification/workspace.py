@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtri, fdtri
 
 from calibration.identification.solution import Solution
 from cell.poses import Array
@@ -25,15 +25,21 @@ def forecast(solution: Solution, Q: Array, target: int = 0) -> Forecast:
     """The error of predicted places in the tracker frame, from the covariance of the parameters alone."""
     p, cov = solution.predict(Q, target)
     base = solution.registration.to_base(p.T).T
-    error = np.full(len(Q), np.nan) if cov is None else radius95(cov)
+    error = np.full(len(Q), np.nan) if cov is None else radius95(cov, solution.freedom)
     return Forecast(Q, base, error)
 
 
-def radius95(cov: Array) -> Array:
-    """(n,): lengths that 95 % of normal vectors with ``cov`` (n, 3, 3) stay below (Satterthwaite 1946)."""
+def radius95(cov: Array, freedom: float = np.inf) -> Array:
+    """(n,): lengths that 95 % of normal vectors with ``cov`` (n, 3, 3) stay below (Satterthwaite 1946).
+
+    ``freedom`` degrees of freedom were left to estimate the size of ``cov`` with: few make it unsure itself,
+    and the lengths larger (Hotelling 1931).
+    """
     trace = np.trace(cov, axis1=1, axis2=2)
     square = np.maximum(np.sum(cov * cov, axis=(1, 2)), 1e-300)
-    out: Array = np.sqrt(square / np.maximum(trace, 1e-300) * chdtri(trace**2 / square, 0.05))
+    axes = trace**2 / square  # as many as a round cloud of this size would have
+    quantile = chdtri(axes, 0.05) if np.isinf(freedom) else axes * fdtri(axes, freedom, 0.95)
+    out: Array = np.sqrt(square / np.maximum(trace, 1e-300) * quantile)
     return out
 
 

@@ -187,6 +187,8 @@ def _of_arm(result: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
     if rms is not None:
         words.append(f"{1e3 * rms:.4f} mm RMS on held-out poses")
     if tracker is not None:
-        words.append(f"the tracker's own noise is {1e3 * tracker:.4f} mm")
+        given = dig(result, "result", "noise", "given") is not False
+        whose = "the tracker's own noise is" if given else "readings scatter about the calibrated arm by"
+        words.append(f"{whose} {1e3 * tracker:.4f} mm")
     found = {key: v for key, v in names.items() if v is not None}
     return found, "; ".join(words) or "the result states no uncertainty"

@@ -17,7 +17,7 @@ def kincal_lines(result: Mapping[str, Any], answer: Mapping[str, Any]) -> list[s
         f"{mm(answer.get('rms_registration_only'))}, calibrated {mm(answer.get('rms_calibrated'), 4)}",
     ]
     if held.get("tracker_3d") is not None:
-        lines.append(f"    the tracker's own noise in it is {mm(held['tracker_3d'], 4)} (sqrt(3) sigma)")
+        lines.append(f"    {_noise(answer)} {mm(held['tracker_3d'], 4)} (sqrt(3) sigma)")
     if aside := held.get("set_aside"):
         off = aside["rms"]
         lines.append(
@@ -51,9 +51,16 @@ def kincal_lines(result: Mapping[str, Any], answer: Mapping[str, Any]) -> list[s
     lines += [f"    {words}" for words in answer.get("unidentifiable") or []]
     if stopped := answer.get("classic"):
         lines.append(
-            f"  the classic method stopped by its {stopped['stopped']} after {stopped['iterations']}"
+            f"  the classic method stopped by its {stopped['stopped']} after {stopped['iterations']} steps"
         )
     return lines + _answers(answer) + _rejected(answer.get("rejected") or [])
+
+
+def _noise(answer: Mapping[str, Any]) -> str:
+    """Residuals cannot tell a tracker's noise from what the arm's parameters lack."""
+    if (answer.get("noise") or {}).get("given", True):
+        return "the tracker's own noise in it is"
+    return "the tracker's noise is not given; from the residuals, with all that the model lacks, it is"
 
 
 def _corrections(answer: Mapping[str, Any]) -> str:

@@ -43,7 +43,8 @@ def verdict_section(source: KincalSource) -> Html:
             (
                 (
                     mm(after),
-                    f"held-out error, calibrated (RMS); √3 σ of the tracker is {mm(source.tracker_3d)}",
+                    f"held-out error, calibrated (RMS); √3 σ of the {source.whose_noise} is "
+                    f"{mm(source.tracker_3d)}",
                 ),
                 (mm(before), "held-out error of the drawn arm in the place that suits it best (RMS)"),
                 (gain, "better than the drawn arm, on poses that the solution did not see"),
@@ -62,7 +63,7 @@ def figures_section(source: KincalSource) -> Html | None:
         return None
     title = "Held-out check"
     axis = mm(dig(source.result, "uncertainty", "tracker", "sigma_axis"))
-    tracker = mm(source.tracker_3d)
+    tracker, whose = mm(source.tracker_3d), source.whose_noise
     held = source.result.get("heldout")
     rows = [
         (
@@ -80,7 +81,7 @@ def figures_section(source: KincalSource) -> Html | None:
     return section(
         title,
         table(
-            ("distance from the tracker's readings", "RMS", "largest", "tracker, 1σ", "tracker, √3 σ"),
+            ("distance from the tracker's readings", "RMS", "largest", f"{whose}, 1σ", f"{whose}, √3 σ"),
             rows,
             "lrrrr",
         ),
@@ -104,7 +105,11 @@ def _noise(source: KincalSource) -> str:
     sigma0, slope = number(dig(noise, "sigma0")), number(dig(noise, "sigma_per_m"))
     if sigma0 is None or slope is None:
         return "its size is not stated"
-    how = "as stated for the instrument" if dig(noise, "given") else "estimated from the residuals"
+    how = (
+        "as stated for the instrument"
+        if dig(noise, "given")
+        else "estimated from the residuals: the tracker's noise, which is not given, and what the model lacks"
+    )
     return f"{1e6 * sigma0:.1f} µm + {1e6 * slope:.1f} µm per metre, {how}"
 
 

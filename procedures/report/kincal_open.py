@@ -3,9 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
+from scipy.special import stdtrit
+
 from procedures.report.html import Html, absent, bullets, el, facts, note, section, table
 from procedures.report.kincal_source import KincalSource, kind_of
-from procedures.report.numbers import DASH, K95, dig, number
+from procedures.report.numbers import DASH, dig, number
 
 _SCALE = {"length": 1e3, "angle": 1e3, "ratio": 1.0}
 _UNIT = {"length": "mm", "angle": "mrad", "ratio": ""}
@@ -81,7 +83,8 @@ def parameters_section(source: KincalSource) -> Html | None:
     if not isinstance(found, Mapping) or not found:
         return None
     sigma = dig(source.answer, "sigma")
-    rows = [_row(name, value, dig(drawn, name), sigma) for name, value in found.items()]
+    k95 = float(stdtrit(source.freedom, 0.975))
+    rows = [_row(name, value, dig(drawn, name), sigma, k95) for name, value in found.items()]
     none = " This method gives no uncertainty." if sigma is None else ""
     return section(
         "Parameters",
@@ -93,14 +96,14 @@ def parameters_section(source: KincalSource) -> Html | None:
     )
 
 
-def _row(name: str, value: Any, drawn: Any, sigma: Any) -> list[object]:
+def _row(name: str, value: Any, drawn: Any, sigma: Any, k95: float) -> list[object]:
     kind = kind_of(name)
     scale, unit = _SCALE[kind], _UNIT[kind]
     digits = 6 if kind == "ratio" else 4
     plain, nominal = number(value), number(drawn)
     change = None if plain is None or nominal is None else plain - nominal
     own = number(dig(sigma, name))
-    spread = DASH if sigma is None else "open" if own is None else _shown(K95 * own, scale, digits)
+    spread = DASH if sigma is None else "open" if own is None else _shown(k95 * own, scale, digits)
     return [
         el("code", name),
         unit,

@@ -30,10 +30,19 @@ def before_section(source: KincalSource) -> Html | None:
         note(
             "Left: distance of each reading from where the arm was expected, drawn (in the place of the "
             "tracker that suits it best) and calibrated (by an arm that did not see this pose). Right: share "
-            "of the poses that stay below a distance. The dashed line is √3 times the tracker's sigma, "
-            f"{mm(source.tracker_3d)}: what is near or below it is the tracker as much as the arm. "
+            f"of the poses that stay below a distance. The dashed line is {_dashed(source)} "
             "Logarithmic scales."
         ),
+    )
+
+
+def _dashed(source: KincalSource) -> str:
+    size = mm(source.tracker_3d)
+    if source.whose_noise == "tracker":
+        return f"√3 times the tracker's sigma, {size}: what is near it is the tracker as much as the arm."
+    return (
+        f"√3 times the sigma of the residuals, {size}. The tracker's noise was not given, so "
+        "it does not tell what is the tracker and what the arm."
     )
 
 

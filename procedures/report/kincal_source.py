@@ -57,10 +57,20 @@ class KincalSource(Source):
 
     @property
     def tracker_3d(self) -> float | None:
-        """sqrt(3) times the tracker's sigma along one axis, at the middle range, m."""
+        """sqrt(3) times the sigma of a reading along one axis, at the middle range, m."""
         return number(dig(self.result, "uncertainty", "tracker", "sigma_3d")) or number(
             dig(self.result, "heldout", "tracker_3d")
         )
+
+    @property
+    def whose_noise(self) -> str:
+        """Whose sigma that is: where the tracker's was not given, it is all that the residuals hold."""
+        return "scatter" if dig(self.answer, "noise", "given") is False else "tracker"
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom that the covariance was sized with; infinite where the noise was given."""
+        return number(dig(self.result, "uncertainty", "degrees_of_freedom")) or np.inf
 
     @property
     def per_sample(self) -> list[Mapping[str, Any]]:
@@ -145,7 +155,7 @@ class KincalSource(Source):
         if cov is None or model is None or Q.shape[1] != model.arm.joints:
             return None
         p, J = model.linearised(model.nominal, Q, np.zeros(len(Q), dtype=np.int64))
-        return Forecast(p.T, radius95(base_covariance(cov, J)))
+        return Forecast(p.T, radius95(base_covariance(cov, J), self.freedom))
 
     def _covariance(self) -> Array | None:
         """(p + 6, p + 6) in the order of :attr:`model`; None when the result has other parameters."""

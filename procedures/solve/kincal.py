@@ -7,11 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from calibration.identification.classic import Classic, solve_classic
+from calibration.identification.estimator import Problem
+from calibration.identification.model import REGISTRATION
 from calibration.identification.noise import estimated, first_noise
 from calibration.identification.observability import Observability, Refusal, observe, refuse
 from calibration.identification.solution import Solution, identify
 from cell.errors import error
 from cell.formats.result import Result, Warning_
+from cell.poses import Array
 from procedures.solve.capture import Progress
 from procedures.solve.kincal_data import KincalSet, check_match, load_kincal
 from procedures.solve.kincal_queries import Query, Wanted, load_query, load_targets
@@ -61,13 +64,14 @@ def _solve(loaded: KincalSet, method: str, query: Query | None, wanted: Wanted |
         "payload_kg": loaded.data.payload_kg,
     }
     if loaded.problem.n < 3:
-        words = f"{loaded.problem.n} of {len(loaded.data.samples)} samples have a reading"
-        return _refused(loaded, Refusal("too-few-poses", words), None, inputs)
+        words = f"{loaded.problem.n} of {len(loaded.data.samples)} samples have a reading of their own"
+        name = "poses-not-distinct" if loaded.copies else "too-few-poses"
+        return _refused(loaded, Refusal(name, words), None, inputs)
     timed = _twice(loaded, method)
     inputs["solve_seconds"] = timed.seconds
     solution = timed.solution
-    observed = _observe(solution)
-    refusal = refuse(solution.problem, observed, loaded.spec.robot.prior is not None)
+    observed = _observe(solution.problem.take(solution.used), solution.x)
+    refusal = refuse(solution.problem, observed, loaded.spec.robot.prior is not None, loaded.copies)
     if refusal is not None:
         return _refused(loaded, refusal, observed, inputs)
     check_match(loaded, solution)
@@ -100,8 +104,9 @@ def _of_classic(loaded: KincalSet, found: Classic) -> Solution:
     """The classic parameters with what the source does not have: no covariance, nothing rejected."""
     problem = loaded.problem
     noise = first_noise(loaded.noise)
-    unknowns = min(problem.model.size + 6, 3 * problem.n)
-    noise = estimated(noise, found.e, problem.range_m, min(unknowns, 3 * problem.n - 1))
+    determined = _observe(problem, found.x).rank + REGISTRATION
+    unknowns = min(determined, 3 * problem.n - 1)
+    noise = estimated(noise, found.e, problem.range_m, unknowns)
     return Solution(
         problem=problem,
         x=found.x,
@@ -117,10 +122,9 @@ def _of_classic(loaded: KincalSet, found: Classic) -> Solution:
     )
 
 
-def _observe(solution: Solution) -> Observability:
-    part = solution.problem.take(solution.used)
-    _, J = part.model.linearised(solution.x, part.Q, part.target)
-    return observe(part, J, np.ones(part.n), solution.x)
+def _observe(problem: Problem, x: Array) -> Observability:
+    _, J = problem.model.linearised(x, problem.Q, problem.target)
+    return observe(problem, J, np.ones(problem.n), x)
 
 
 def _refused(

@@ -11,14 +11,17 @@ from calibration.identification.model import Model, make_model
 from calibration.identification.registration import robust_register
 from calibration.identification.solution import Solution
 from calibration.kinematics.families import ArmSpec, arm_spec
+from calibration.kinematics.serial import SerialChain
 from cell.errors import error
 from cell.formats.kincal import SCHEMA, Kincal
 from cell.formats.reading import parse, read_json
-from cell.formats.robot import parse_robot
+from cell.formats.robot import PalletizerRobot, parse_robot
+from cell.poses import Array
+from procedures.solve.kincal_copies import copies_of, copies_warning
 from procedures.solve.kincal_tables import is_table, read_table
 
 FILE_NAME = "kincal.json"
-FAR_P, _FAR_Q = 20.0, 4.0 * np.pi
+FAR_P, FAR_Q = 20.0, 4.0 * np.pi
 _ONE_TARGET = "smr1"
 _FEW = 3  # fewer points say nothing about units
 _MISFIT = 0.05  # of the points' spread: no arm is that far from its drawing
@@ -28,7 +31,7 @@ _BETTER = 0.3
 @dataclass
 class KincalSet:
     """Row k of ``Q`` (n, j), ``p`` (3, n) and ``target`` (n,) is sample ``rows[k]``; ``unusable`` samples
-    have no reading."""
+    have no reading of their own, ``copies`` of them because they repeat another one."""
 
     path: Path
     data: Kincal
@@ -36,6 +39,7 @@ class KincalSet:
     problem: Problem
     rows: list[int]
     unusable: dict[int, str] = field(default_factory=dict)
+    copies: int = 0
     warnings: list[tuple[str, str]] = field(default_factory=list)
 
     @property
@@ -45,7 +49,7 @@ class KincalSet:
     @property
     def indices(self) -> list[int]:
         """The data set's own number of every sample."""
-        return [k if s.index is None else s.index for k, s in enumerate(self.data.samples)]
+        return [_number(self.data, k) for k in range(len(self.data.samples))]
 
     @property
     def noise(self) -> dict[str, float]:
@@ -62,12 +66,15 @@ def load_kincal(path: Path, robot: Path | None = None) -> KincalSet:
     """
     file, data = read_kincal(path)
     spec = _robot(file, data, robot)
+    _check_lengths(file, spec)
     names = _targets(file, data, spec)
     unusable = {
         k: "the tracker had no reading"
         for k, s in enumerate(data.samples)
         if s.p_tracker is None or None in s.p_tracker
     }
+    copies = copies_of(data, names, unusable)
+    unusable |= {k: f"a copy of sample {_number(data, first)}" for k, first in copies.items()}
     rows = [k for k in range(len(data.samples)) if k not in unusable]
     _check_joints(file, data, spec)
     used = [names[k] for k in rows]
@@ -78,7 +85,9 @@ def load_kincal(path: Path, robot: Path | None = None) -> KincalSet:
         np.array([data.samples[k].p_tracker for k in rows], dtype=float).reshape(len(rows), 3).T.copy(),
         np.array([targets.index(name) for name in used], dtype=np.int64),
     )
-    loaded = KincalSet(file, data, spec, problem, rows, unusable)
+    loaded = KincalSet(file, data, spec, problem, rows, unusable, len(copies))
+    if copies:
+        loaded.warnings.append(copies_warning(len(copies)))
     _check_units(loaded)
     if problem.model.unknown_tools:
         listed = ", ".join(problem.model.unknown_tools)
@@ -125,6 +134,12 @@ def _targets(file: Path, data: Kincal, spec: ArmSpec) -> list[str]:
     return [only if s.target is None else s.target for s in data.samples]
 
 
+def _number(data: Kincal, k: int) -> int:
+    """The data set's own number of a sample."""
+    own = data.samples[k].index
+    return k if own is None else own
+
+
 def _check_joints(file: Path, data: Kincal, spec: ArmSpec) -> None:
     joints = spec.arm.joints
     for k, sample in enumerate(data.samples):
@@ -141,8 +156,8 @@ def _check_units(loaded: KincalSet) -> None:
     if problem.n < _FEW:
         return
     index = loaded.indices
-    gear = np.minimum(np.max(np.abs(problem.model.arm.base.coupling), axis=0), 1.0)
-    turned = np.flatnonzero(np.max(np.abs(problem.Q * gear), axis=1) > _FAR_Q)
+    gear = slowest_gear(problem.model.arm.base)
+    turned = np.flatnonzero(np.max(np.abs(problem.Q * gear), axis=1) > FAR_Q)
     far = np.flatnonzero(problem.range_m > FAR_P)
     _refuse_other_units(loaded, bool(len(turned)))
     if len(far):
@@ -153,6 +168,28 @@ def _check_units(loaded: KincalSet) -> None:
     if len(turned):
         text = f"a joint of sample {index[loaded.rows[turned[0]]]} is beyond 4 pi rad"
         loaded.warnings.append(("units.rotation", f"{text} ({len(turned)} such): are the angles in degrees?"))
+
+
+def _check_lengths(file: Path, spec: ArmSpec) -> None:
+    """Links of a chain may be hundreds of metres in pure DH form; places and a palletizer's links may not."""
+    far = [f"tool {name}" for name, place in spec.tools.items() if np.max(np.abs(place)) > FAR_P]
+    if isinstance(spec.robot, PalletizerRobot):
+        arm = spec.arm
+        far += [
+            name
+            for name, kind, v in zip(arm.names, arm.kinds, arm.nominal, strict=True)
+            if kind == "length" and abs(v) > FAR_P
+        ]
+    if far:
+        raise error(
+            "DATA_INVALID",
+            f"{file}: {far[0]} of the robot is longer than {FAR_P:.0f} m; write metres, not millimetres",
+        )
+
+
+def slowest_gear(chain: SerialChain) -> Array:
+    """(j,): how far the links turn for one turn of a motor, at most once."""
+    return np.asarray(np.minimum(np.max(np.abs(chain.coupling), axis=0), 1.0))
 
 
 def _refuse_other_units(loaded: KincalSet, turned: bool) -> None:

@@ -14,9 +14,12 @@ from cell.errors import error
 from cell.formats.kincal import QUERY_SCHEMA, TARGETS_SCHEMA, KincalQuery, KincalTargets
 from cell.formats.reading import parse, read_json
 from cell.poses import Array, from_pose6
-from procedures.solve.kincal_data import KincalSet
+from procedures.solve.kincal_data import FAR_P, FAR_Q, KincalSet, slowest_gear
 
 _TILT = 2e-3  # rad
+_MARGIN = 0.1  # of a joint's sampled range
+
+Warnings = list[tuple[str, str]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +49,9 @@ def load_query(path: Path, loaded: KincalSet) -> Query:
     if target is None or target not in known:
         said = "is missing" if target is None else f"{target!r} is not known"
         raise error("DATA_INVALID", f"{path}: target {said}; there is {', '.join(known)}")
+    if np.any(np.abs(Q * slowest_gear(loaded.spec.arm.base)) > FAR_Q):
+        text = f"a joint of {path.name} is beyond 4 pi rad: are the angles in degrees?"
+        loaded.warnings.append(("units.rotation", text))
     place = None if target in loaded.model.targets else loaded.spec.tools[target]
     return Query(Q, target, place)
 
@@ -70,6 +76,12 @@ def load_targets(path: Path, loaded: KincalSet) -> Wanted:
                 "DATA_INVALID",
                 f"{path}: targets[{k}] has 4 numbers; an arm with {joints} joints needs x, y, z, rx, ry, rz",
             )
+    if np.any(np.abs(goals[:, :3, 3]) > FAR_P):
+        text = f"a place of {path.name} is more than {FAR_P:.0f} m away: are the lengths in millimetres?"
+        loaded.warnings.append(("units.translation", text))
+    if any(np.linalg.norm(target[3:]) > FAR_Q for target in asked.targets):
+        text = f"an attitude of {path.name} is beyond 4 pi rad: are the angles in degrees?"
+        loaded.warnings.append(("units.rotation", text))
     near = None if asked.q_near is None else _joints(path, "q_near", asked.q_near, joints)
     return Wanted(goals, near, level)
 
@@ -81,8 +93,8 @@ def _joints(path: Path, name: str, rows: list[list[float]], joints: int) -> Arra
     return np.array(rows, dtype=float).reshape(-1, joints)
 
 
-def answer_query(solution: Solution, query: Query) -> dict[str, object]:
-    """``p_tracker`` and, where there is a covariance, what 95 % of errors stay below."""
+def answer_query(solution: Solution, query: Query) -> tuple[dict[str, object], Warnings]:
+    """``p_tracker`` and, where there is a covariance, what 95 % of errors stay below; and warnings."""
     model, x, cov = solution.model, solution.x, solution.cov
     if query.place is None:
         p, own = solution.predict(query.Q, model.targets.index(query.target))
@@ -92,16 +104,35 @@ def answer_query(solution: Solution, query: Query) -> dict[str, object]:
         p, own = predict(model, moved, solution.registration, cov, query.Q, 0)
     answer: dict[str, object] = {"p_tracker": p.tolist()}
     if own is not None:
-        answer["p_tracker_95"] = radius95(own).tolist()
-    return answer
+        answer["p_tracker_95"] = radius95(own, solution.freedom).tolist()
+    return answer, _beyond_samples(solution, query.Q, "predict")
 
 
-def answer_targets(solution: Solution, wanted: Wanted) -> tuple[dict[str, object], list[tuple[str, str]]]:
+def _beyond_samples(solution: Solution, Q: Array, asked: str) -> Warnings:
+    """That joints ``Q`` (k, j), NaN where there are none, are not among those that were sampled: the model is
+    believed there, and nothing checks it."""
+    sampled = solution.problem.Q[solution.used]
+    low, high = sampled.min(axis=0), sampled.max(axis=0)
+    off = np.maximum(low - Q, Q - high)
+    out = off > _MARGIN * (high - low)
+    rows = np.flatnonzero(np.any(out, axis=1))
+    if not len(rows):
+        return []
+    joints = ", ".join(str(j + 1) for j in np.flatnonzero(np.any(out, axis=0)))
+    text = (
+        f"{_listed(rows)} of --{asked} are outside the sampled ranges of joint {joints}; nothing checks them"
+    )
+    return [(f"{asked}.beyond-samples", text)]
+
+
+def answer_targets(solution: Solution, wanted: Wanted) -> tuple[dict[str, object], Warnings]:
     """``q`` for the wanted poses, null where out of reach, and what is to be warned of."""
     model = solution.model
     chain = model.arm.chain(solution.x[: len(model.arm.names)])
+    if not len(wanted.goals):
+        return {"q": []}, []
     found = reach(chain, wanted.goals, wanted.q_near, solution.problem.Q, wanted.level)
-    warnings = []
+    warnings = _beyond_samples(solution, found.q, "targets")
     lost = np.flatnonzero(~found.found)
     if len(lost):
         warnings.append(

@@ -8,9 +8,7 @@ from calibration.identification.classic import Classic, solve_classic
 from calibration.identification.estimator import Problem
 from calibration.identification.held_out import FOLDS, HeldOut, held_out, rms
 from calibration.identification.model import REGISTRATION
-from calibration.identification.noise import FLOOR
-from calibration.identification.observability import Observability, still_joints
-from calibration.identification.range_offset import RangeOffset, range_offset
+from calibration.identification.observability import Observability
 from calibration.identification.registration import Registration, register
 from calibration.identification.selection import source_rule
 from calibration.identification.solution import Solution
@@ -20,12 +18,7 @@ from cell.formats.result import Result, Warning_
 from cell.poses import Array, to_pose6
 from procedures.solve.kincal_data import KincalSet
 from procedures.solve.kincal_queries import Query, Wanted, answer_query, answer_targets
-
-_MANY_REJECTED = 0.1
-_FEW_LEFT = 1.0  # readings' numbers over unknowns, beyond one
-_FAR_FROM_PRIOR = 5.0
-_FAR_OFF = 0.03  # of the spread of the points
-_NAMES_SHOWN = 6
+from procedures.solve.kincal_warnings import Findings, warnings_of
 
 
 @dataclass(frozen=True)
@@ -46,7 +39,7 @@ def fill_result(solved: Solved) -> Result:
     solution = solved.solution
     judged = held_out(solution, None if solved.classic is None else _refit_classic)
     answer, warnings = _answer(solved, judged)
-    warnings = [*solved.loaded.warnings, *_warnings(solved, judged), *warnings]
+    warnings = [*solved.loaded.warnings, *_findings(solved, judged), *warnings]
     return Result(
         kind="kincal",
         verdict="warn" if warnings else "pass",
@@ -101,12 +94,14 @@ def _answer(solved: Solved, judged: HeldOut) -> tuple[dict[str, object], list[tu
     }
     if solved.classic is not None:
         answer["classic"] = {"iterations": solved.classic.iterations, "stopped": solved.classic.stopped}
+    warnings: list[tuple[str, str]] = []
     if solved.query is not None:
-        answer |= answer_query(solution, solved.query)
-    if solved.wanted is None:
-        return answer, []
-    found, warnings = answer_targets(solution, solved.wanted)
-    return answer | found, warnings
+        found, told = answer_query(solution, solved.query)
+        answer, warnings = answer | found, warnings + told
+    if solved.wanted is not None:
+        found, told = answer_targets(solution, solved.wanted)
+        answer, warnings = answer | found, warnings + told
+    return answer, warnings
 
 
 def _named(names: tuple[str, ...], values: Array) -> dict[str, float]:
@@ -122,7 +117,8 @@ def _rejected(solved: Solved) -> list[dict[str, object]]:
 
 def _uncertainty(solution: Solution) -> dict[str, object]:
     if solution.cov is None:
-        return {"cov": None, "meaning": "this method gives no uncertainty"}
+        meaning = "this method gives no uncertainty"
+        return {"cov": None, "meaning": meaning, "tracker": _tracker(solution)}
     registration = [f"{kind}_{axis}" for kind in ("turn", "shift") for axis in "xyz"]
     at = forecast(solution, solution.problem.Q[solution.used])
     elsewhere = forecast(solution, places(solution.problem.Q))
@@ -146,12 +142,16 @@ def _uncertainty(solution: Solution) -> dict[str, object]:
             "meaning": "95 % of prediction errors in the tracker frame stay below this (m), at the samples "
             "and at joints spread over the ranges of the samples, if the model holds",
         },
+        "degrees_of_freedom": None if np.isinf(solution.freedom) else solution.freedom,
         "tracker": _tracker(solution),
     }
 
 
 def _tracker(solution: Solution) -> dict[str, float]:
-    """The tracker's own uncertainty at the middle range, along one axis and as a 3D distance."""
+    """The noise of a reading at the middle range, along one axis and as a 3D distance.
+
+    As it was given for the tracker; where none was, what the residuals show, which is never less.
+    """
     middle = float(np.median(solution.problem.range_m))
     sigma = float(solution.noise.sigma(np.array([middle]))[0])
     return {"range_m": middle, "sigma_axis": sigma, "sigma_3d": float(np.sqrt(3.0) * sigma)}
@@ -227,82 +227,13 @@ def _observability(solved: Solved) -> dict[str, object]:
     }
 
 
-def _warnings(solved: Solved, judged: HeldOut) -> list[tuple[str, str]]:
-    solution, observed, loaded = solved.solution, solved.observed, solved.loaded
-    problem, used = solution.problem, int(solution.used.sum())
-    out: list[tuple[str, str]] = []
-    if observed.lacking:
-        still = still_joints(problem)
-        cause = f" (joint {', '.join(str(j + 1) for j in still)} does not move)" if still else ""
-        text = f"only the prior determines {'; '.join(observed.lacking)}{cause}"
-        out.append(("observability.prior", text))
-    if 3 * used < observed.unknowns * (1.0 + _FEW_LEFT):
-        text = f"{used} samples give {3 * used} numbers for {observed.unknowns} unknowns; take more"
-        out.append(("samples.few", text))
-    if not len(judged.rows):
-        out.append(
-            ("heldout.none", "there are too few samples to hold any back; the accuracy is not checked")
+def _findings(solved: Solved, judged: HeldOut) -> list[tuple[str, str]]:
+    return warnings_of(
+        Findings(
+            loaded=solved.loaded,
+            solution=solved.solution,
+            observed=solved.observed,
+            judged=judged,
+            classic=solved.classic is not None,
         )
-    elif solved.classic is None and (rms(judged.calibrated) or 0.0) > (rms(judged.registration) or 0.0):
-        text = "on held-out samples the calibrated arm is no better than the nominal one in its best place"
-        out.append(("calibration.no-gain", text))
-    out += _far_off(solution)
-    total = len(loaded.data.samples)
-    if total - used > _MANY_REJECTED * total:
-        out.append(("samples.rejected", f"{total - used} of {total} samples were not used"))
-    if solution.excess > 1.0 and solved.classic is None:
-        out.append(("noise.too-small", _too_small(solution)))
-    offset = range_offset(solution)
-    if offset is not None and offset.significant:
-        out.append(("reflector.constant", _wrong_constant(offset)))
-    added = [name for name in solution.model.names if name not in loaded.model.names]
-    if added:
-        text = f"the residuals ask for {_and_more(added)}, which the robot's table leaves fixed; adjusted too"
-        out.append(("numbers.added", text))
-    if loaded.spec.robot.prior is not None:
-        away = np.abs(solution.x - solution.model.nominal) / solution.model.sd
-        names = [solution.model.names[k] for k in np.flatnonzero(away > _FAR_FROM_PRIOR)]
-        if names:
-            text = f"{_and_more(names)} moved more than {_FAR_FROM_PRIOR:.0f} times the robot's prior"
-            out.append(("prior.far", text))
-    return out
-
-
-def _far_off(solution: Solution) -> list[tuple[str, str]]:
-    """An arm that is farther from its drawing than workshops build them: most often the drawing is wrong."""
-    problem, model = solution.problem.take(solution.used), solution.model
-    if model.unknown_tools:
-        return []
-    drawn = model.points(model.nominal, problem.Q, problem.target)
-    best = register(problem.p, drawn, np.ones(problem.n))
-    off = rms(np.sqrt(np.sum((best.to_tracker(drawn) - problem.p) ** 2, axis=0))) or 0.0
-    spread = rms(np.sqrt(np.sum((drawn - drawn.mean(axis=1, keepdims=True)) ** 2, axis=0))) or 0.0
-    if off <= _FAR_OFF * spread:
-        return []
-    text = f"the nominal arm is {1e3 * off:.0f} mm off in its best place (RMS); check the robot and its tool"
-    return [("robot.far-off", text)]
-
-
-def _too_small(solution: Solution) -> str:
-    factor = float(np.sqrt(solution.excess))
-    floor = " (it was raised to 1 um)" if solution.noise.sigma0 < FLOOR else ""
-    return (
-        f"the residuals are {factor:.1f} times what the given noise explains{floor}: the arm has errors that "
-        "its parameters lack, as gears and bending, or the tracker is noisier, or a reflector's constant is "
-        "wrong; the covariance is widened"
     )
-
-
-def _wrong_constant(offset: RangeOffset) -> str:
-    long = "long" if offset.offset_m > 0.0 else "short"
-    names = _and_more(list(offset.targets))
-    return (
-        f"ranges to {names} look {1e3 * abs(offset.offset_m):.2f} mm too {long} (give "
-        f"or take {2e3 * offset.sigma_m:.2f}): check the reflector's constant and kind; the error is in the "
-        "arm that was found, and its uncertainty does not know of it"
-    )
-
-
-def _and_more(names: list[str]) -> str:
-    shown = ", ".join(names[:_NAMES_SHOWN])
-    return f"{shown} and {len(names) - _NAMES_SHOWN} more" if len(names) > _NAMES_SHOWN else shown
