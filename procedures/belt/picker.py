@@ -206,8 +206,10 @@ class Picker:
             self._go(t, home, np.zeros(4))
             return True
         item, above = coming
-        self._go(t, above, self._above)
-        if self._run.state is not S.WAIT:
+        if self._run.state is S.WAIT:
+            self._go(t, above, self._above)
+        else:
+            self._begin_way(t, above, self._above)
             await self._run.enter(S.WAIT, f"item {item.number}")
         return True
 
