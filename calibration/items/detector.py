@@ -25,6 +25,7 @@ Depth = NDArray[np.uint16]
 
 _COARSE = 4  # px between the points that the first look takes
 _MARGIN = 20  # px around an item that its rim may need
+_RIM, _FEWEST_PX = 9, 50  # px along the rim where a side may pass for the top; px of a face
 _RIM_PX = 3  # closer to the edge of the picture an item may be cut
 _BAND_M = 0.004  # of depth about an upper face; stereo is no better
 
@@ -110,16 +111,19 @@ class ItemDetector:
         slope = (self.rays(np.stack([u.ravel(), v.ravel()], axis=1)) @ self._normal).reshape(u.shape)
         height = self._heights(window, slope)
         valid = (window > 0) & (height > 0.5 * self.spec.min_height_m)
-        if valid.sum() < 50:
+        if valid.sum() < _FEWEST_PX:
             return None
         top = float(np.percentile(height[valid], 70.0))
         face = _largest(valid & (np.abs(height - top) < _BAND_M))
         if face is None:
             return None
-        top = float(np.mean(height[face]))
+        inner = cv2.erode(face.astype(np.uint8), np.ones((_RIM, _RIM), np.uint8)).astype(bool)
+        if inner.sum() < _FEWEST_PX:
+            return None
+        top = float(np.mean(height[inner]))
         if not self.spec.min_height_m <= top <= self.spec.max_height_m:
             return None
-        rim = measured_rim(colour[y0:y1, x0:x1], face, partial(self._side_px, np.array([x0, y0]), top))
+        rim = measured_rim(colour[y0:y1, x0:x1], face, partial(self._foot, np.array([x0, y0]), top))
         if rim is None:
             return None
         pixels = rim.points + np.array([x0, y0])
@@ -147,12 +151,11 @@ class ItemDetector:
         out: Array = rays * ((self.spec.offset_m + height) / (rays @ self._normal))[:, None]
         return out
 
-    def _side_px(self, corner: Array, height: float, points: Array, normals: Array) -> Array:
-        """How far the foot of an item reaches beyond its upper rim at ``points`` (n, 2) of a window, px."""
-        rim = self._on_face(points + corner, height)
-        foot = rim - height * self._normal
+    def _foot(self, corner: Array, height: float, points: Array) -> Array:
+        """Where the foot of an item is below ``points`` (n, 2) px of its upper rim, both in a window."""
+        foot = self._on_face(points + corner, height) - height * self._normal
         pixels = cv2.projectPoints(foot, np.zeros(3), np.zeros(3), self._K, self._dist)[0].reshape(-1, 2)
-        out: Array = np.sum((pixels - points - corner) * normals, axis=1)
+        out: Array = pixels - corner
         return out
 
     def _heights(self, depth: Depth, slope: Array) -> Array:

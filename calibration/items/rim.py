@@ -12,69 +12,88 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.items.silhouette import Sides, sides_of, straightened, strip_widths, with_corners
+from calibration.items.strip import Shade, about_middle, blur_of, shade_of
 from cell.poses import Array
 
 _POINTS = 160  # along the rim
-_INWARD, _OUTWARD, _MOST_SIDE = 6.0, 5.0, 24.0  # px
+_INWARD, _OUTWARD = 6.0, 5.0  # px
+_OWN, _BEYOND = 3.5, 3.0  # px from the edge, where the colours of face and belt are read
 _STEP = 0.25
 _JAGGED = 4.0  # points: depth's own rim
-_LEAST_CONTRAST = 15.0  # grey levels between face and belt
-_SHADE = 0.6  # of the way from the face's colour to the belt's: a side of which nothing is known
-_WIDE = 5.0  # px; a strip whose own colour can be read
-_ALIKE = 0.8  # cosine between normals of one side
-_ROUNDS = 2
+_LEAST_CONTRAST = 15.0  # grey levels across an edge
+_WIDE = 12.0  # px; beyond, the edge between face and side is looked for alone
+_HIDDEN = 0.3  # px; a side that is not seen
+_BROAD = 0.75  # of its widest: where the shade of a strip is read
+_OTHER = 0.25  # of the rise, by which a profile may miss the belt's colour: something lies beside the item
+_ROUNDS, _SETTLED_PX = 3, 0.2
 _CORNER, _SHARP = 7, 0.7  # points before and after, and the cosine of how far the rim may turn between them
+_ACROSS = 0.87  # cosine between the normals of sides that are blurred alike
 _FEWEST = 0.4  # of the points must show an edge
 _FARTHEST = 4.0  # px from where depth has the rim
-_SYSTEMATIC_PX = 0.15  # what is left of the sides' influence on the centre, on drawn boxes
+_UNSEEN_PX = 1.5  # of a rim that colour does not show: where depth has it
+_WIDTH_PX = 0.15  # of a strip's width, by errors of height and attitude
+_SYSTEMATIC_PX = 0.15  # of each side, on drawn boxes
 
-SideWidth = Callable[[Array, Array], Array]
+Foot = Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
 class Rim:
-    """``points`` (n, 2) px in order around the face; ``sigma_px`` of their centre, per axis."""
+    """``points`` (n, 2) px in order around the face; ``sigma_px`` of their centre, along its worse axis;
+    ``moved_px`` how far the rim lay from where it was looked for, RMS."""
 
     points: Array
     sigma_px: float
+    moved_px: float
 
 
-def measured_rim(colour: NDArray[np.uint8], face: NDArray[np.bool_], side_width: SideWidth) -> Rim | None:
+def measured_rim(colour: NDArray[np.uint8], face: NDArray[np.bool_], foot: Foot) -> Rim | None:
     """The rim in ``colour`` (h, w, 3) of ``face`` (h, w); None when colour shows no edge there.
 
-    ``side_width(points, normals)`` (n,) px is how far the item's side reaches beyond the rim at ``points``
-    (n, 2) along outward ``normals`` (n, 2).
+    ``foot(points)`` (n, 2) px is where the belt is below ``points`` (n, 2) px of the rim.
     """
     contours, _ = cv2.findContours(face.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    inner = cv2.erode(face.astype(np.uint8), np.ones((9, 9), np.uint8)).astype(bool)
-    if not contours or inner.sum() < 20:
+    if not contours:
         return None
     contour = max(contours, key=len)[:, 0, :].astype(float)
-    own = np.median(colour[inner].reshape(-1, 3), axis=0)
     found: Rim | None = None
     # From depth's rim first, which bulges where a side was taken for the top; then from what that came to.
     for _ in range(_ROUNDS):
-        found = _moved(colour, own, contour, side_width)
+        found = _moved(colour, contour, foot)
         if found is None:
             return None
+        if found.moved_px < _SETTLED_PX:
+            break
         contour = found.points
     return found
 
 
-def _moved(colour: NDArray[np.uint8], own: Array, contour: Array, side_width: SideWidth) -> Rim | None:
-    """A closed ``contour`` (k, 2) px moved to the edge of the face, whose colour is ``own`` (3,)."""
+def _moved(colour: NDArray[np.uint8], contour: Array, foot: Foot) -> Rim | None:
+    """A closed ``contour`` (k, 2) px moved to the edge of the face."""
     start, normal = _evenly(contour)
-    side = np.clip(side_width(start, normal), 0.0, _MOST_SIDE)
+    corner = _corners(normal)
+    sides = sides_of(normal, corner)
+    start, normal = straightened(start, normal, sides)
+    full, alone = strip_widths(start, normal, with_corners(start, normal, sides), foot)
+    wide = _each_side(full, sides) > _WIDE
+    side = np.where(wide, 0.0, full)
     s = np.arange(-_INWARD, _OUTWARD + float(side.max()) + 1e-9, _STEP)
-    seen = _profiles(colour, start, normal, s)
-    beyond = s[None, :] > side[:, None] + 3.0
-    belt = np.median(seen[beyond], axis=0)
-    contrast = float(np.linalg.norm(belt - own))
-    if contrast < _LEAST_CONTRAST:
-        return None
-    rise = ((seen - own) @ (belt - own)) / contrast**2  # 0 on the face, 1 on the belt
-    shift = _edge(s, rise, side, _shades(s, rise, side, normal))
-    good = (np.abs(shift) < _FARTHEST) & ~_corners(normal)
+    seen = _profiles(colour, start, normal, np.broadcast_to(s, (len(start), len(s))))
+    own = _steady(np.mean(seen[:, s <= -_OWN], axis=1))
+    there = _profiles(colour, start, normal, full[:, None] + np.arange(_BEYOND, _OUTWARD + 0.1, 0.5))
+    belt = np.median(there.reshape(-1, 3), axis=0)
+    # Past a wide strip the belt is far away; what is beside the face then is the strip.
+    next_to = _steady(np.mean(seen[:, (s >= _BEYOND) & (s <= _OUTWARD)], axis=1))
+    beyond = np.where(wide[:, None], next_to, belt)
+    contrast = np.linalg.norm(beyond - own, axis=1)
+    way = (beyond - own) / np.maximum(contrast, 1e-9)[:, None] ** 2
+    rise = np.einsum("nsc,nc->ns", seen - own[:, None], way)
+    middle, last = _middle(s, rise, side)
+    plain = (contrast > _LEAST_CONTRAST) & (np.abs(last - 1.0) < _OTHER) & ~corner & (alone | wide)
+    shade, doubt = _shades(s, rise, side, middle, normal, np.where(plain, sides, -1))
+    shift = middle - side * (1.0 - shade)
+    good = plain & (np.abs(shift) < _FARTHEST)
     if good.mean() < _FEWEST:
         return None
     everywhere = np.interp(np.arange(len(shift)), np.flatnonzero(good), shift[good], period=len(shift))
@@ -82,13 +101,16 @@ def _moved(colour: NDArray[np.uint8], own: Array, contour: Array, side_width: Si
     off = shift - smooth
     spread = 1.4826 * float(np.median(np.abs(off[good]))) + 0.02
     shift = np.where(good & (np.abs(off) < 4.0 * spread), shift, smooth)
-    sigma_px = float(np.hypot(spread * np.sqrt(2.0 / good.sum()), _SYSTEMATIC_PX))
-    return Rim(start + shift[:, None] * normal, sigma_px)
+    points = start + shift[:, None] * normal
+    strip = np.where(side > _HIDDEN, np.hypot(side * doubt, _WIDTH_PX * (1.0 - shade)), 0.0)
+    unsure = np.where(good | corner, np.hypot(strip, _SYSTEMATIC_PX), _UNSEEN_PX)
+    moved = float(np.sqrt(np.mean(shift[good] ** 2)))
+    return Rim(points, _sigma(points, normal, unsure, sides, spread), moved)
 
 
 def _profiles(colour: NDArray[np.uint8], start: Array, normal: Array, s: Array) -> Array:
-    """Colours (n, k, 3) at ``s`` (k,) px outward from ``start`` (n, 2)."""
-    where = (start[:, None, :] + s[None, :, None] * normal[:, None, :]).astype(np.float32)
+    """Colours (n, k, 3) at ``s`` (n, k) px outward from ``start`` (n, 2)."""
+    where = (start[:, None, :] + s[..., None] * normal[:, None, :]).astype(np.float32)
     seen: Array = cv2.remap(
         colour.astype(np.float32),
         where[..., 0],
@@ -99,46 +121,81 @@ def _profiles(colour: NDArray[np.uint8], start: Array, normal: Array, s: Array) 
     return seen
 
 
-def _edge(s: Array, rise: Array, side: Array, shade: Array) -> Array:
-    """Where the face ends (n,), px along ``s``: what the area under ``rise`` says, less the side's part."""
+def _middle(s: Array, rise: Array, side: Array) -> tuple[Array, Array]:
+    """Where the whole rise is on average (n,), px along ``s``, from the area under it up to the end of what
+    belongs to the rim; and what it comes to there (n,)."""
     end = side + _OUTWARD
     rows = np.arange(len(side))
     slices = 0.5 * _STEP * (rise[:, 1:] + rise[:, :-1])
     grown = np.concatenate([np.zeros((len(side), 1)), np.cumsum(slices, axis=1)], axis=1)
     k = np.minimum(((end - s[0]) / _STEP).astype(int), len(s) - 2)
     area = grown[rows, k] + (end - s[k]) * rise[rows, k]
-    return np.asarray(end - area - side * (1.0 - shade))
+    back = np.maximum(k - round((_OUTWARD - _BEYOND) / _STEP), 0)
+    last = (grown[rows, k] - grown[rows, back]) / np.maximum((k - back) * _STEP, _STEP)
+    return np.asarray(end - area), np.asarray(last)
 
 
-def _shades(s: Array, rise: Array, side: Array, normal: Array) -> Array:
-    """How far each side's colour is on the way from the face's to the belt's (n,).
+def _each_side(values: Array, sides: Sides) -> Array:
+    """``values`` (n,) with those of one side replaced by their median."""
+    out = values.copy()
+    for k in np.unique(sides[sides >= 0]):
+        out[sides == k] = np.median(values[sides == k])
+    return out
 
-    A strip that is wide enough is read; a narrow one is taken to be as its neighbours on the same side of
-    the item, as the item's other sides, or as most sides are.
+
+def _shades(
+    s: Array, rise: Array, side: Array, middle: Array, normal: Array, sides: Sides
+) -> tuple[Array, Array]:
+    """How far each side's colour is on the way from the face's to the belt's (n,), and how unsure that is.
+
+    Sides that are not seen show the blur, which is the same on the side across.
     """
-    wide = side > _WIDE
-    if not wide.any():
-        return np.full(len(side), _SHADE)
-    edge = _edge(s, rise, side, np.full(len(side), _SHADE))
-    for _ in range(2):
-        middle = (s[None, :] > edge[:, None] + 2.0) & (s[None, :] < (edge + side)[:, None] - 2.0)
-        count = np.maximum(middle.sum(axis=1), 1)
-        own = np.clip(np.sum(np.where(middle, rise, 0.0), axis=1) / count, 0.0, 1.2)
-        known = wide & (middle.sum(axis=1) > 0)
-        if not known.any():
-            return np.full(len(side), _SHADE)
-        alike = (normal @ normal[known].T) > _ALIKE
-        shade = np.where(alike.any(axis=1), _medians(own[known], alike), float(np.median(own[known])))
-        edge = _edge(s, rise, side, shade)
-    return shade
+    shade, doubt = np.zeros(len(side)), np.zeros(len(side))
+    widths = {int(k): float(np.max(side[sides == k])) for k in np.unique(sides[sides >= 0])}
+    blurs: list[tuple[Array, float]] = []
+    for k, width in sorted(widths.items(), key=lambda pair: pair[1]):
+        own = sides == k
+        way = np.mean(normal[own], axis=0)
+        across = [blur for n, blur in blurs if abs(float(n @ way)) > _ACROSS]
+        found = Shade()
+        if width < _HIDDEN:
+            blurs.append((way, blur_of(about_middle(s, rise[own], middle[own], 0.0))))
+        else:
+            broad = own & (side > _BROAD * width)  # at its end a strip may be cut
+            usual = float(np.median(side[broad]))
+            profile = about_middle(s, rise[broad], middle[broad], usual)
+            found = shade_of(profile, usual, across[0] if across else None)
+        shade[own], doubt[own] = found.mean, found.sigma
+    known = sides >= 0
+    if known.any() and not known.all():
+        at = np.arange(len(side))
+        shade, doubt = (np.interp(at, at[known], v[known], period=len(at)) for v in (shade, doubt))
+    return shade, doubt
 
 
-def _medians(values: Array, chosen: NDArray[np.bool_]) -> Array:
-    """The median of those of ``values`` (k,) that each row of ``chosen`` (n, k) names; inf for none."""
-    ordered = np.sort(np.where(chosen, values, np.inf), axis=1)
-    count, rows = chosen.sum(axis=1), np.arange(len(chosen))
-    low, high = np.maximum(count - 1, 0) // 2, np.minimum(count // 2, len(values) - 1)
-    return np.asarray(0.5 * (ordered[rows, low] + ordered[rows, high]))
+def _sigma(points: Array, normal: Array, unsure: Array, sides: Sides, spread: float) -> float:
+    """Standard deviation of the centre of area along its worse axis, px.
+
+    A rim that moves out by d over the length l at p moves the centre by (p - c) d l / area. A whole side is
+    ``unsure`` (n,) px as one; ``spread`` is that of single points.
+    """
+    after = np.roll(points, -1, axis=0)
+    cross = points[:, 0] * after[:, 1] - after[:, 0] * points[:, 1]
+    area = 0.5 * float(cross.sum())
+    centre = np.sum((points + after) * cross[:, None], axis=0) / (6.0 * area)
+    length = 0.5 * np.linalg.norm(after - np.roll(points, 1, axis=0), axis=1)
+    pull = (points - centre) * (length / abs(area))[:, None]
+    cov = 2.0 * spread**2 * pull.T @ pull
+    _, cluster = np.unique(np.where(sides < 0, -1 - _direction(normal), sides), return_inverse=True)
+    for k in range(int(cluster.max()) + 1):
+        moved = np.sum((pull * unsure[:, None])[cluster == k], axis=0)
+        cov += np.outer(moved, moved)
+    return float(np.sqrt(np.linalg.eigvalsh(cov)[-1]))
+
+
+def _direction(normal: Array) -> NDArray[np.int64]:
+    """Which of eight ways each normal (n, 2) points."""
+    return np.asarray(np.round(np.arctan2(normal[:, 1], normal[:, 0]) * 4.0 / np.pi), dtype=np.int64) % 8
 
 
 def _evenly(contour: Array) -> tuple[Array, Array]:
@@ -160,6 +217,11 @@ def _corners(normal: Array) -> NDArray[np.bool_]:
     """(n,) where the rim turns within few points: across a corner a side is not as wide as beside it."""
     before, after = np.roll(normal, _CORNER, axis=0), np.roll(normal, -_CORNER, axis=0)
     return np.asarray(np.sum(before * after, axis=1) < _SHARP)
+
+
+def _steady(colours: Array) -> Array:
+    """``colours`` (n, 3) along the rim without what single pixels add."""
+    return np.column_stack([_around(colours[:, k], 3.0) for k in range(colours.shape[1])])
 
 
 def _around(values: Array, sigma: float) -> Array:

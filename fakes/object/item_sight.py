@@ -10,7 +10,7 @@ from cell.devices import ItemView
 from cell.poses import Array
 from fakes.items import Items
 
-_SIGMA_M, _SIGMA_RAD = 0.00013, 0.009  # as the detector of the wire face does on drawn boxes
+_SIGMA_M, _SIGMA_RAD = 0.00013, 0.009  # no better than the detector on drawn boxes
 _RIM_PX = 5.0
 _LOOK_M = 1.2  # along the belt, each way from below the camera
 

@@ -28,6 +28,35 @@ def test_an_items_middle_is_found_anywhere_in_the_picture_at_any_speed(
     assert np.sqrt(np.mean(np.square(errors), axis=0))[:2].max() < 1.5 * np.mean(stated)
 
 
+def test_a_side_that_is_seen_as_a_narrow_strip_does_not_move_the_middle(scene: Scene) -> None:
+    detector, off = scene.detector(), []
+    for x in np.linspace(-0.06, 0.18, 9):  # below the camera, where a side is 0 to 5 pixels wide
+        (item,) = detector.find(*scene.picture([(x, -0.62, 0.1)]))
+        off.append(T_BASE_CAMERA.apply(item.point)[:2] - [x, -0.62])
+    assert np.abs(off).max() < 0.25e-3
+    assert np.abs(np.mean(off, axis=0)).max() < 0.1e-3
+
+
+@pytest.mark.parametrize(("x", "yaw"), [(-0.25, 0.06), (0.4, 1.2)])
+def test_a_tall_items_middle_is_found_where_its_side_is_seen_at_a_slant(
+    scene: Scene, x: float, yaw: float
+) -> None:
+    size = (0.06, 0.04, 0.075)
+    (item,) = scene.detector().find(*scene.picture([(x, -0.55, yaw)], size=size))
+    assert T_BASE_CAMERA.apply(item.point) == pytest.approx([x, -0.55, 0.075], abs=0.7e-3)
+
+
+def test_an_item_with_another_close_beside_it_is_less_sure(scene: Scene) -> None:
+    detector = scene.detector()
+    (alone,) = detector.find(*scene.picture([(-0.1, -0.6, 0.0)]))
+    beside = detector.find(*scene.picture([(-0.165, -0.6, 0.0), (-0.1, -0.6, 0.0)]))
+    assert beside
+    for item in beside:
+        x = T_BASE_CAMERA.apply(item.point)[0]
+        assert item.sigma_m > 2.0 * alone.sigma_m
+        assert min(abs(x + 0.165), abs(x + 0.1)) < 3.0 * item.sigma_m
+
+
 def test_an_item_says_how_it_lies_how_large_and_how_high_it_is(scene: Scene) -> None:
     (item,) = scene.detector().find(*scene.picture([(0.1, -0.6, 0.7)]))
     axis = T_BASE_CAMERA.rotation.apply(item.axis)

@@ -1,0 +1,119 @@
+"""The sides of a rim, and how far an item reaches beyond it in the picture by way of its own visible sides.
+
+Seen from above at a slant, the foot of an item is its rim moved along the sight. Where the sight runs along a
+side, the foot is moved far along the rim, so the strip that is seen beside it is cut slantwise at its end:
+its width is that to the edge of the whole silhouette, the hull of rim and foot.
+"""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.poses import Array
+
+_SAME_SIDE = 0.87  # cosine between normals of one side
+_BOWED_PX, _FEW = 0.6, 6  # RMS beside a straight side, and points that tell no direction
+_TURNS = 0.7  # cosine: two sides that meet at such a corner are extended to it
+_CORNER_PX = 8.0  # from where the corner is looked for
+_CUT_PX = 0.3  # by which the silhouette has to cut a strip before it counts
+
+Sides = NDArray[np.int64]
+
+
+def sides_of(normal: Array, apart: NDArray[np.bool_]) -> Sides:
+    """Numbers (n,) of the sides that the points belong to, -1 for those ``apart``: runs that hardly turn."""
+    number = np.full(len(normal), -1, dtype=np.int64)
+    first, made = -1, -1
+    begin = int(np.argmax(apart))  # a side must not be cut where the numbering begins
+    for i in (np.arange(len(normal)) + begin) % len(normal):
+        if apart[i]:
+            first = -1
+            continue
+        if first < 0 or normal[i] @ normal[first] < _SAME_SIDE:
+            first, made = int(i), made + 1
+        number[i] = made
+    return number
+
+
+def straightened(points: Array, normal: Array, sides: Sides) -> tuple[Array, Array]:
+    """``points`` and ``normal`` (n, 2) as a straight line, or a slight bow, through each side has them.
+
+    A normal that is off by a hundredth has the width of a strip wrong by tenths of a pixel.
+    """
+    p_out, n_out = points.copy(), normal.copy()
+    for k in np.unique(sides[sides >= 0]):
+        own = np.flatnonzero(sides == k)
+        if len(own) < _FEW:
+            continue
+        way = np.mean(normal[own], axis=0)
+        way /= np.linalg.norm(way)
+        along = np.array([-way[1], way[0]])
+        middle = points[own].mean(axis=0)
+        x, y = (points[own] - middle) @ along, (points[own] - middle) @ way
+        curve, slope = _line(x, y)
+        if np.sqrt(np.mean((y - curve) ** 2)) > _BOWED_PX:
+            curve, slope = _bow(x, y)
+        tilted = way - slope[:, None] * along
+        n_out[own] = tilted / np.linalg.norm(tilted, axis=1, keepdims=True)
+        p_out[own] = middle + x[:, None] * along + curve[:, None] * way
+    return p_out, n_out
+
+
+def _line(x: Array, y: Array) -> tuple[Array, Array]:
+    """The best line through points with means of 0: its ``y`` and its slope at each."""
+    slope = float(x @ y) / max(float(x @ x), 1e-12)
+    return slope * x, np.full(len(x), slope)
+
+
+def _bow(x: Array, y: Array) -> tuple[Array, Array]:
+    powers = np.stack([np.ones_like(x), x, x * x], axis=1)
+    c = np.linalg.lstsq(powers, y, rcond=None)[0]
+    return powers @ c, c[1] + 2.0 * c[2] * x
+
+
+def with_corners(points: Array, normal: Array, sides: Sides) -> Array:
+    """``points`` (n, 2) of the sides in order, with the corner where two sides that meet would cross.
+
+    Points of no side are left out where there is such a corner.
+    """
+    known = np.flatnonzero(sides >= 0)
+    if not len(known):
+        return points
+    out, before = list[Array](), known[-1]
+    for here in known:
+        if sides[here] != sides[before]:
+            corner = _crossing(points[before], normal[before], points[here], normal[here])
+            between = np.arange(before + 1, here if here > before else here + len(points)) % len(points)
+            out.append(points[between] if corner is None else corner[None, :])
+        out.append(points[here][None, :])
+        before = here
+    return np.concatenate(out)
+
+
+def _crossing(p: Array, n: Array, q: Array, m: Array) -> Array | None:
+    if float(n @ m) > _TURNS:
+        return None
+    corner = np.linalg.solve(np.stack([n, m]), np.array([n @ p, m @ q]))
+    return corner if np.linalg.norm(corner - 0.5 * (p + q)) < _CORNER_PX else None
+
+
+def strip_widths(
+    points: Array, normal: Array, rim: Array, foot: Callable[[Array], Array]
+) -> tuple[Array, NDArray[np.bool_]]:
+    """How far the item reaches beyond its rim at ``points`` (n, 2) along ``normal`` (n, 2), px, and whether
+    one side alone is seen there. ``foot(points)`` (n, 2) are those below; ``rim`` (m, 2) is all of it."""
+    own = np.sum((foot(points) - points) * normal, axis=1)
+    hull = cv2.convexHull(np.concatenate([rim, foot(rim)]).astype(np.float32))[:, 0, :].astype(float)
+    way = np.roll(hull, -1, axis=0) - hull
+    out = np.column_stack([way[:, 1], -way[:, 0]])
+    if np.sum(out * (hull - hull.mean(axis=0))) < 0.0:
+        out = -out
+    facing = normal @ out.T
+    ahead = np.sum(hull * out, axis=1)[None, :] - points @ out.T
+    leave = np.min(np.where(facing > 1e-9, ahead / np.where(facing > 1e-9, facing, 1.0), np.inf), axis=1)
+    seen = own > 0.0
+    cut = seen & (leave < own - _CUT_PX)
+    width = np.where(cut, np.maximum(leave, 0.0), np.maximum(own, 0.0))
+    return width, ~(seen & (leave > own + 2.0 * _CUT_PX))
