@@ -82,6 +82,10 @@ class ObservedPalletizer:
         """``T_base_flange`` as it truly is."""
         return self.true.flange(self.track.at(t)[0]) * exp_xi(self._repeatability.at(t))
 
+    def lines(self, t: float) -> Array:
+        """(5, 2, 3) m: its links, see :meth:`fakes.palletizer.Palletizer.lines`."""
+        return self.true.lines(self.track.at(t)[0])
+
     def believed_flange(self, t: float) -> RigidTransform:
         """``T_base_flange`` as the controller computes it."""
         return self.believed.flange(self.track.at(t)[0])

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from cell.poses import Array
+
 JOINTS = 4
 
 
@@ -44,6 +46,25 @@ class Palletizer:
     def from_mapping(cls, values: Mapping[str, float]) -> "Palletizer":
         """From a table that has these and perhaps other keys."""
         return cls(**{field.name: float(values[field.name]) for field in fields(cls)})
+
+    def lines(self, q: ArrayLike) -> Array:
+        """(5, 2, 3) m: both ends of post, shoulder, upper arm, forearm and wrist in the base, for ``q`` (4,).
+
+        The flange and what it carries are left out, for a reflector sits there.
+        """
+        q1, q2, q3, _ = np.asarray(q, dtype=float)
+        heading, upper = self.k1 * q1 + self.t1, self.k2 * q2 + self.t2
+        fore = upper + self.k3 * q3 + self.t3
+        steps = [
+            (0.0, self.d1),
+            (self.a1, 0.0),
+            (self.a2 * np.cos(upper), self.a2 * np.sin(upper)),
+            (self.a3 * np.cos(fore), self.a3 * np.sin(fore)),
+            (self.a4, 0.0),
+        ]
+        out, up = np.cumsum([(0.0, 0.0), *steps], axis=0).T
+        joints = np.column_stack([out * np.cos(heading), out * np.sin(heading), up])
+        return np.stack([joints[:-1], joints[1:]], axis=1)
 
     def flange(self, q: ArrayLike) -> RigidTransform:
         """``T_base_flange`` for motor-side joints ``q`` = [q1, q2, q3, q5], (4,) or (n, 4), rad."""

@@ -89,7 +89,7 @@ class TrackerTruth(_Strict):
     temperature_c: float = Field(default=20.0, ge=-40, le=60)
     pressure_pa: float = Field(default=101325.0, ge=50e3, le=120e3)
     arm_radius_m: float = Field(
-        default=0.0, ge=0, le=0.3, description="the UR arm's links hide what is behind them; 0: they do not"
+        default=0.0, ge=0, le=0.3, description="of the links, which hide what is behind them; 0: they do not"
     )
     opaque: list[BoxTruth] = Field(default=[], description="what hides the reflectors behind it")
 

@@ -232,6 +232,9 @@ class World:
         return self.tracker.sight.position(name, t)
 
     def _links(self, t: float) -> Array:
+        """Of the arm that a tracker is there for: a UR beside an observed arm is parked out of the way."""
+        if self.observed is not None:
+            return self.observed.lines(t)
         return self.shape.lines(self.track.at(t)[0])
 
     def _tracker_looks(self, segment: Segment) -> None:

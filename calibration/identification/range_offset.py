@@ -9,15 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fdtri
 
+from calibration.identification.constant import CHANCE, without_constant
 from calibration.identification.solution import Solution
-
-_CHANCE = 1e-4  # of blaming a reflector that is as it was set
 
 
 @dataclass(frozen=True)
 class RangeOffset:
-    """``offset_m`` is what ranges to ``targets`` are too long by, ``sigma_m`` its standard deviation;
-    ``significant`` when chance does not explain it."""
+    """``offset_m`` is what ranges to ``targets`` are too long by, what was taken out of them included;
+    ``sigma_m`` its standard deviation, ``significant`` when chance does not explain it."""
 
     targets: tuple[str, ...]
     offset_m: float
@@ -28,7 +27,7 @@ class RangeOffset:
 def range_offset(solution: Solution) -> RangeOffset | None:
     """The offset that readings ask for most, of all reflectors together or of one; None without a covariance
     or with too few readings."""
-    problem, cov = solution.problem, solution.cov
+    problem, cov = solution.problem, without_constant(solution)
     rows = np.flatnonzero(solution.used)
     left = 3 * len(rows) - solution.unknowns - 1
     if cov is None or left < 3:
@@ -51,7 +50,10 @@ def range_offset(solution: Solution) -> RangeOffset | None:
         rest = max(float(r @ r) - gain, 1e-12)
         ratio = gain / (rest / left)
         offset = RangeOffset(
-            own, float(g @ r) / information, information**-0.5, ratio > float(fdtri(1, left, 1.0 - _CHANCE))
+            own,
+            solution.constant_m + float(g @ r) / information,
+            information**-0.5,
+            ratio > float(fdtri(1, left, 1.0 - CHANCE)),
         )
         found.append((ratio, offset))
     return max(found, key=lambda pair: pair[0])[1] if found else None

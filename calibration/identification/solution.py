@@ -29,7 +29,9 @@ class Solution:
     ``cov`` (p + 6, p + 6) covers the parameters and the registration (a turn and a shift in the base), None
     where a method has none. ``used`` (n,) readings made it, ``reasons`` say why others did not. ``e`` (3, n)
     are residuals in the base, ``distance`` (n,) what they are in units of chance. ``excess`` is the square of
-    the factor by which the residuals exceed the noise levels; the covariance carries it.
+    the factor by which the residuals exceed the noise levels; the covariance carries it. ``constant_m`` was
+    found of the reflector's constant and taken out of the readings, ``constant_sigma_m`` is what stays open;
+    without that ``cov`` would be ``cov_constant_known`` (None: it is).
     """
 
     problem: Problem
@@ -43,6 +45,9 @@ class Solution:
     e: Array
     distance: Array
     unknowns: float
+    constant_m: float = 0.0
+    constant_sigma_m: float = 0.0
+    cov_constant_known: Array | None = None
 
     @property
     def model(self) -> Model:

@@ -1,7 +1,8 @@
 """``cellward.kincal/1``: joints of an arm and where a laser tracker saw reflectors on its flange.
 
-Three extensions of the format that runs use: a sample may have its own ``index``, its time ``t``, and
-``scatter_m``, the spread of the readings that were averaged. ``p_tracker`` may be null: the beam was broken.
+Four extensions of the format that runs use: a sample may have its own ``index``, its time ``t``, and
+``scatter_m``, the spread of the readings that were averaged; ``noise`` may have ``sigma_constant``.
+``p_tracker`` may be null: the beam was broken.
 """
 
 from typing import Annotated, Any
@@ -31,6 +32,12 @@ class TrackerNoiseTable(Strict):
         return self
 
 
+class KincalNoise(TrackerNoiseTable):
+    """``sigma_constant`` (m): how well a reflector's constant is known; without it, it is taken as right."""
+
+    sigma_constant: Sigma | None = None
+
+
 class Sample(Strict):
     """One pose at rest. ``p_tracker`` is in the tracker frame, m; ``target`` names the reflector."""
 
@@ -48,7 +55,7 @@ class Kincal(Strict):
 
     schema_: Annotated[str, Field(alias="schema")]
     robot: dict[str, Any] | None = None
-    noise: TrackerNoiseTable | None = None
+    noise: KincalNoise | None = None
     payload_kg: Annotated[float, Field(ge=0.0)] | None = None
     samples: Annotated[list[Sample], Field(max_length=200_000)]
     notes: Any = None

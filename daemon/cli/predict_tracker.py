@@ -10,8 +10,7 @@ from daemon.config import CellConfig
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.plan import PlanRequest, plan_sampling
 from procedures.tracker.procedure import check_payload
-from procedures.tracker.sampling import payload_of
-from procedures.tracker.space import make_space, robot_of
+from procedures.tracker.space import make_space, payload_of, robot_of
 from procedures.tracker.stored import load_stored
 
 TRACKER = {"sigma0": 15e-6, "sigma_per_m": 6e-6}  # of today's trackers, where the driver's section is silent

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from calibration.identification.classic import Classic, solve_classic
+from calibration.identification.constant import identify_with_constant
 from calibration.identification.estimator import Problem
 from calibration.identification.model import REGISTRATION
 from calibration.identification.noise import estimated, first_noise
 from calibration.identification.observability import Observability, Refusal, observe, refuse
-from calibration.identification.solution import Solution, identify
+from calibration.identification.solution import Solution
 from cell.errors import error
 from cell.formats.result import Result, Warning_
 from cell.poses import Array
@@ -93,7 +94,7 @@ def _twice(loaded: KincalSet, method: str) -> _Timed:
         if method == CLASSIC:
             classic = solve_classic(loaded.problem)
         else:
-            solution = identify(loaded.problem, loaded.noise)
+            solution = identify_with_constant(loaded.problem, loaded.noise)
         seconds.append(time.perf_counter() - start)
     if classic is not None:
         solution = _of_classic(loaded, classic)

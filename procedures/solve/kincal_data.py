@@ -16,6 +16,7 @@ from cell.errors import error
 from cell.formats.kincal import SCHEMA, Kincal
 from cell.formats.reading import parse, read_json
 from cell.formats.robot import PalletizerRobot, parse_robot
+from cell.formats.tracker_samples import FILE_NAME as LINES_NAME
 from cell.poses import Array
 from procedures.solve.kincal_copies import copies_of, copies_warning
 from procedures.solve.kincal_tables import is_table, read_table
@@ -61,6 +62,8 @@ class KincalSet:
 def load_kincal(path: Path, robot: Path | None = None) -> KincalSet:
     """Read and check a data set: a folder with kincal.json, a JSON file, CSV or MATLAB columns.
 
+    Of a run that ended before its kincal.json was written, the poses that it had finished.
+
     ``robot`` is a file with a ROBOT, which CSV and MATLAB need and which goes before the one in the data.
     Raises an ``InputError`` that names file, field and fix.
     """
@@ -88,6 +91,8 @@ def load_kincal(path: Path, robot: Path | None = None) -> KincalSet:
     loaded = KincalSet(file, data, spec, problem, rows, unusable, len(copies))
     if copies:
         loaded.warnings.append(copies_warning(len(copies)))
+    if file.name == LINES_NAME:
+        loaded.warnings.append(("samples.interrupted", _ended_early(data)))
     _check_units(loaded)
     if problem.model.unknown_tools:
         listed = ", ".join(problem.model.unknown_tools)
@@ -99,8 +104,28 @@ def load_kincal(path: Path, robot: Path | None = None) -> KincalSet:
 def read_kincal(path: Path) -> tuple[Path, Kincal]:
     """The file and its samples, without the arm; raises an ``InputError``."""
     file = path / FILE_NAME if path.is_dir() else path
-    raw = read_table(file) if is_table(file) else read_json(file)
+    if file.name == FILE_NAME and not file.exists() and file.with_name(LINES_NAME).exists():
+        file = file.with_name(LINES_NAME)
+    if file.name == LINES_NAME:
+        raw = _finished_poses(file)
+    else:
+        raw = read_table(file) if is_table(file) else read_json(file)
     return file, parse(Kincal, raw, SCHEMA, str(file))
+
+
+def _finished_poses(file: Path) -> dict[str, Any]:
+    from procedures.tracker.record import SampleRecord  # whose package solves with this module
+
+    if not file.is_file():
+        raise error("FILE_MISSING", f"{file} does not exist; give the path of a data set")
+    return SampleRecord.read(file.parent).left()
+
+
+def _ended_early(data: Kincal) -> str:
+    finished, doubted = data.notes["finished"], data.notes["doubted"]
+    aside = finished - doubted - len(data.samples)
+    text = f"the run ended early: of its {finished} finished poses {aside} were set aside to judge"
+    return text + (f", and for {doubted} no look at the monuments vouches" if doubted else "")
 
 
 def _robot(file: Path, data: Kincal, robot: Path | None) -> ArmSpec:

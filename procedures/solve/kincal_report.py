@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.identification.classic import Classic, solve_classic
+from calibration.identification.constant import KEY, constant_of, moved, unnoticed
 from calibration.identification.estimator import Problem
 from calibration.identification.held_out import FOLDS, HeldOut, held_out, rms
 from calibration.identification.model import REGISTRATION
@@ -88,7 +89,9 @@ def _answer(solved: Solved, judged: HeldOut) -> tuple[dict[str, object], list[tu
             "sigma_per_m": solution.noise.sigma_per_m,
             "given": solution.noise.given,
             "excess": solution.excess,
+            "sigma_constant": solved.loaded.noise.get(KEY),
         },
+        "reflector_constant_m": solution.constant_m,
         "rejected": _rejected(solved),
         "payload_kg": solved.loaded.data.payload_kg,
     }
@@ -144,6 +147,27 @@ def _uncertainty(solution: Solution) -> dict[str, object]:
         },
         "degrees_of_freedom": None if np.isinf(solution.freedom) else solution.freedom,
         "tracker": _tracker(solution),
+        "reflector_constant": _constant(solution),
+    }
+
+
+def _constant(solution: Solution) -> dict[str, object] | None:
+    """What is open of the reflector's constant, and what a wrong one may do that nobody notices."""
+    told = constant_of(solution)
+    if told is None:
+        return None
+    Q = places(solution.problem.Q)
+    _, J = solution.model.linearised(solution.x, Q, np.zeros(len(Q), dtype=np.int64))
+    hidden = unnoticed(told)
+    return {
+        "sigma": solution.constant_sigma_m,
+        "readings_sigma": told.sigma_m,
+        "unnoticed": hidden,
+        "unnoticed_error_max": float(hidden * moved(told, J).max()),
+        "meaning": "sigma: what is left open of the constant (m, along the beam), in the covariance; 0 where "
+        "the data set's noise has no sigma_constant, for then the constant is taken as right. "
+        "readings_sigma: what these readings alone would leave open. A wrong constant below unnoticed may "
+        "not show, and moves places in the tracker frame by up to unnoticed_error_max",
     }
 
 

@@ -52,6 +52,13 @@ class Sight(_Strict):
         le=0.5,
         description="between the beam and links, tool and keep-out boxes",
     )
+    link_radius_m: float | None = Field(
+        default=None,
+        gt=0,
+        le=1.0,
+        description="of an observed arm's links, drawn along d and a of its table; without it only those of "
+        "a UR are known to hide a reflector",
+    )
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -105,6 +112,13 @@ class TrackerSamplingConfig(_Strict):
     sight: Sight = Field(default_factory=lambda: Sight())
     settle_s: float = Field(default=0.5, ge=0, le=60)
     window_s: float = Field(default=1.0, gt=0, le=60, description="of one stable point")
+    constant_sigma_m: float = Field(
+        default=0.00001,
+        ge=0,
+        le=0.05,
+        description="how well the reflectors' constant is known: makers state 3 to 10 um for a ball, up to "
+        "1 mm for a prism",
+    )
     max_scatter_m: float = Field(default=0.0002, gt=0, le=0.01, description="of the readings in the window")
     measure_timeout_s: float = Field(default=10.0, gt=0, le=300)
     find_timeout_s: float = Field(default=15.0, gt=0, le=300)

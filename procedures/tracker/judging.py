@@ -76,10 +76,10 @@ def set_aside(
     suits the solved readings best.
     """
     T_tracker_base = from_pose6(answer["T_tracker_base"])
-    p = np.array([s["p_tracker"] for s in aside["samples"]])
+    p = _with_right_constant(answer, aside["samples"])
     calibrated = T_tracker_base.apply(places(answer["robot"], aside["samples"]))
     drawn = places(solved["robot"], aside["samples"])
-    p_solved = np.array([s["p_tracker"] for s in solved["samples"]]).T
+    p_solved = _with_right_constant(answer, solved["samples"]).T
     best = register(p_solved, places(solved["robot"], solved["samples"]).T, np.ones(p_solved.shape[1]))
     off = {
         "nominal": np.linalg.norm(T_tracker_base.apply(drawn) - p, axis=1),
@@ -98,6 +98,13 @@ def set_aside(
         "meaning": "distance (m) of readings that were set aside before solving from their prediction; the "
         "tracker's own noise (tracker_3d, RMS) is in it",
     }
+
+
+def _with_right_constant(answer: Mapping[str, Any], samples: list[Any]) -> Array:
+    """(n, 3): readings without what was found of the reflector's constant."""
+    p = np.array([s["p_tracker"] for s in samples])
+    out: Array = p * (1.0 - answer["reflector_constant_m"] / np.linalg.norm(p, axis=1, keepdims=True))
+    return out
 
 
 def places(robot: Mapping[str, Any], samples: list[Any]) -> Array:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.identification.constant import KEY, open_constant
 from calibration.identification.estimator import Problem
 from calibration.identification.model import Targets
 from calibration.identification.observability import Observability, observe, refuse
@@ -66,11 +67,15 @@ class Visit:
 
 @dataclass(frozen=True)
 class SamplingPlan:
-    """``locate`` come first, to find the tracker's place; ``listing`` is everything a person wants to see."""
+    """``locate`` come first, to find the tracker's place; ``listing`` is everything a person wants to see.
+
+    Ways that are not free directly meet at the joints ``hub``.
+    """
 
     visits: list[Visit]
     locate: list[Visit]
     listing: dict[str, Any]
+    hub: list[float]
 
 
 def plan_sampling(request: PlanRequest) -> SamplingPlan:
@@ -148,7 +153,7 @@ class _Planner:
             "lost": lost,
             "T_base_tracker": self._request.T_base_tracker,
         }
-        return SamplingPlan(visits, locate, listing)
+        return SamplingPlan(visits, locate, listing, self._hub.tolist())
 
     # -- which poses
 
@@ -288,13 +293,24 @@ class _Planner:
         rows = range(len(Q))
         _, J = model.linearised(model.nominal, validation, np.zeros(len(validation), dtype=np.int64))
         cov = np.asarray(np.linalg.inv(design.information(rows)), dtype=float)
+        cov = self._with_constant(cov, Q, target)
         error95 = radius95(base_covariance(cov, J))
         return {
             "rms_m": design.predicted_rms(rows),
             "error_95_median_m": float(np.median(error95)),
             "error_95_max_m": float(error95.max()),
-            "assuming": dict(self._request.noise),
+            "assuming": {**self._request.noise, KEY: self._config.constant_sigma_m},
         }
+
+    def _with_constant(self, cov: Array, Q: Array, target: Targets) -> Array:
+        """``cov`` with what stays open of the reflector's constant; as it is while no beam is known."""
+        space, sigma = self._space, self._config.constant_sigma_m
+        if space.view is None or not sigma > 0.0:
+            return cov
+        f, J = space.model.linearised(space.model.nominal, Q, target)
+        beams = f - space.view.place.translation[:, None]
+        beams /= np.linalg.norm(beams, axis=0)
+        return cov + open_constant(cov, J, beams, 1.0 / space.sigma(Q, target), sigma)
 
     def _hold_against_limit(self, error95_m: float, rule: SourceRule) -> None:
         """Beyond the limit a plan may still go on by the source's rule, as the source would."""

@@ -6,12 +6,13 @@ from typing import Any, ClassVar
 
 from cell.calibrations import kinematics
 from cell.errors import CellError, error
+from cell.motion import run_to_its_end
 from cell.procedure import Procedure, Proposal, Run
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.health import keep_trends
 from procedures.tracker.judging import proposal_value, solve_within_limits
-from procedures.tracker.sampling import Sampling, payload_of
-from procedures.tracker.space import robot_of
+from procedures.tracker.sampling import Sampling
+from procedures.tracker.space import payload_of, robot_of
 from procedures.tracker.states import CHECKPOINTS, TRANSITIONS, State
 
 MIN_SAMPLES = 3
@@ -54,6 +55,9 @@ class TrackerSampling(Procedure):
             await sampling.take_all()
         except CellError as failure:
             raise await _with_what_is_left(run, sampling, failure) from failure
+        except (Exception, asyncio.CancelledError):  # a bug, an abort or a halt: the poses are no less good
+            await run_to_its_end(_keep_what_is_left(run, sampling))
+            raise
         await run.enter(State.SOLVE, f"{len(sampling.record.samples)} poses")
         if len(sampling.record.samples) < MIN_SAMPLES:
             raise error("TRACKER_INCOMPLETE", f"{len(sampling.record.samples)} poses were finished")
@@ -77,12 +81,19 @@ async def _with_what_is_left(run: Run, sampling: Sampling, failure: CellError) -
     count = len(sampling.record.samples)
     if not count or failure.name == "TRACKER_MOVED":
         return failure
-    try:
-        await asyncio.to_thread(sampling.write)
-    except CellError as second:  # as a full disk; the first failure is the reason
-        run.note("error", **second.as_dict())
+    await _keep_what_is_left(run, sampling)
     text = f"{failure.detail}; {count} poses are kept, `cellward adopt {run.id}` goes on from them"
     return error(failure.name, text)
+
+
+async def _keep_what_is_left(run: Run, sampling: Sampling) -> None:
+    """Write the data sets of what was measured, if anything was."""
+    if not sampling.record.samples:
+        return
+    try:
+        await asyncio.to_thread(sampling.write)
+    except CellError as second:  # as a full disk; what ended the run is the reason
+        run.note("error", **second.as_dict())
 
 
 def check_payload(config: TrackerSamplingConfig, values: Mapping[str, Any]) -> None:

@@ -1,26 +1,23 @@
 """The raw data of a sampling on disk: one line a finished pose, durable before the next one.
 
 ``samples.jsonl`` also has the tracker's place and every look at a monument, which taking up again needs.
-``kincal.json`` and ``heldout.json`` are the data sets made of it, written when solving starts: what is solved
-and what was set aside to judge it.
+``kincal.json`` and ``heldout.json`` are the data sets made of it, written when measuring ends, whatever ended
+it: what is solved and what was set aside to judge it. After a kill the lines say the same.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from cell.errors import error
-from cell.store.files import append_lines, to_json, write_atomic
-from procedures.tracker.monuments import compare, moved_text
+import numpy as np
 
-SAMPLES_FILE = "samples.jsonl"
+from cell.formats.tracker_samples import FILE_NAME, SCHEMA, as_data_set, read_lines
+from cell.store.files import append_lines, to_json, write_atomic
+from procedures.tracker.monuments import compare, first_seen, moved_text
+
 DATA_FILE = "kincal.json"
 HELD_OUT_FILE = "heldout.json"
-HEADER_SCHEMA = "cellward.tracker-samples/1"
-SCHEMA = "cellward.kincal/1"
-_OWN = ("held_out", "asked_q")  # of a sample's line, not of the data format
 
 
 @dataclass
@@ -39,16 +36,9 @@ class SampleRecord:
 
         ``FILE_UNREADABLE`` when a whole line is damaged.
         """
-        record, path = cls(folder), folder / SAMPLES_FILE
-        if not path.exists():
-            return record
-        for number, line in enumerate(path.read_bytes().splitlines(keepends=True), 1):
-            if not line.endswith(b"\n"):
-                break
-            try:
-                record._take(json.loads(line))
-            except (ValueError, KeyError, TypeError, AttributeError) as exc:
-                raise error("FILE_UNREADABLE", f"{path}:{number}: no line of a tracker's samples") from exc
+        record, path = cls(folder), folder / FILE_NAME
+        for entry in read_lines(path) if path.exists() else ():
+            record._take(entry)
         return record
 
     def vouched_for(self, limit_m: float) -> "SampleRecord":
@@ -70,7 +60,7 @@ class SampleRecord:
 
     def begin(self, header: Mapping[str, Any], adopted: "SampleRecord | None" = None) -> None:
         """Write the header, and take over what ``adopted`` has measured."""
-        self._append({"kind": "header", "schema": HEADER_SCHEMA, **header})
+        self._append({"kind": "header", "schema": SCHEMA, **header})
         if adopted is None:
             return
         if adopted.T_base_tracker is not None:
@@ -92,6 +82,19 @@ class SampleRecord:
         """One finished pose; on disk when this returns."""
         self._append({"kind": "sample", **sample})
 
+    def left(self) -> dict[str, Any]:
+        """``cellward.kincal/1`` from the lines alone, for a run that ended before its data sets were written.
+
+        What the monuments do not vouch for is left out, as when a run is taken up.
+        """
+        good = self.vouched_for(self.header.get("max_drift_m", np.inf))
+        notes = {
+            "finished": len(self.samples),
+            "doubted": len(self.samples) - len(good.samples),
+            "sampling": {"monument_points": first_seen(good.looks)},
+        }
+        return {**as_data_set(self.header, good.samples, aside=False), "notes": notes}
+
     @property
     def unlooked(self) -> int:
         """Samples since the last look at the monuments."""
@@ -100,17 +103,14 @@ class SampleRecord:
     def write_data_sets(self, notes: Mapping[str, Any], stored: Sequence[Mapping[str, Any]] = ()) -> Path:
         """``kincal.json``, with what is ``stored`` of another set, and ``heldout.json``; the first's path."""
         for name, aside in ((HELD_OUT_FILE, True), (DATA_FILE, False)):
-            samples = [
-                {k: v for k, v in s.items() if k not in _OWN} for s in self.samples if s["held_out"] is aside
-            ]
+            data = {**as_data_set(self.header, self.samples, aside=aside), "notes": dict(notes)}
             if not aside:
-                samples += [{**s, "index": len(self.samples) + k} for k, s in enumerate(stored)]
-            data = {"schema": SCHEMA, **self.header, "samples": samples, "notes": dict(notes)}
+                data["samples"] += [{**s, "index": len(self.samples) + k} for k, s in enumerate(stored)]
             write_atomic(self.folder / name, to_json(data, indent=1) + "\n")
         return self.folder / DATA_FILE
 
     def _append(self, entry: Mapping[str, Any]) -> None:
-        append_lines(self.folder / SAMPLES_FILE, [entry])
+        append_lines(self.folder / FILE_NAME, [entry])
         self._take(entry)
 
     def _take(self, entry: Mapping[str, Any]) -> None:

@@ -17,6 +17,7 @@ from cell.guard import PLANNED_CLEAR_M, MotionGuard
 from cell.poses import Array, from_pose6
 from procedures.arm_setup import lease_settings
 from procedures.tracker.config import TrackerSamplingConfig
+from procedures.tracker.shape import Shape, shape_of
 from procedures.tracker.sight import REASONS, View
 
 ASSUMED_RANGE_M = 3.5  # while nobody knows where the tracker stands
@@ -41,17 +42,24 @@ def robot_of(values: Mapping[str, Any], config: TrackerSamplingConfig) -> dict[s
     return {**robot, "tool": places} if places else robot
 
 
+def payload_of(config: TrackerSamplingConfig, values: Mapping[str, Any]) -> float:
+    """What hangs on the flange, kg."""
+    return float(values["payload_kg"] if config.payload_kg is None else config.payload_kg)
+
+
 @dataclass(frozen=True, eq=False)
 class Space:
     """One arm with its reflectors, in front of one tracker; ``view`` None: its place is not known yet.
 
-    ``ranges`` (j, 2) rad; ``guard`` only for an arm that we move. Joints are the controller's.
+    ``ranges`` (j, 2) rad; ``guard`` only for an arm that we move, ``shape`` where one is known. Joints are
+    the controller's.
     """
 
     spec: ArmSpec
     model: Model
     ranges: Array
     guard: MotionGuard | None
+    shape: Shape | None
     view: View | None
     noise: Mapping[str, float]
     refused: Counter[str] = field(default_factory=Counter)
@@ -128,6 +136,16 @@ class Space:
         if self.guard is not None:
             self.guard.check_path_joints(q0, q1, PLANNED_CLEAR_M)
 
+    def check_way(self, q0: Array, q1: Array) -> None:
+        """As :meth:`check_path` for a way that was not planned, or whose start is measured: just as much is
+        kept as lies between two samples of a path."""
+        if self.guard is not None:
+            self.guard.check_path_joints(q0, q1, 0.5 * PLANNED_CLEAR_M)
+
+    def link_ends(self, Q: Array) -> Array | None:
+        """(n, k, 2, 3): the links at joints (n, j), as :meth:`View.hidden` wants them; None of no shape."""
+        return None if self.shape is None else self.shape.ends(Q)
+
     def check_start(self, q: Array) -> None:
         """Raise the coded error that keeps an arm, which is measured at ``q`` (j,), from being moved."""
         if self.guard is not None:
@@ -153,8 +171,7 @@ class Space:
         fault = self.view.faults(self.flange(Q), p, target)
         seen = np.flatnonzero(fault < 0)
         if len(seen):
-            ends = None if self.guard is None else self.guard.capsule_ends(Q[seen])
-            fault[seen[self.view.hidden(p[seen], ends)]] = 3
+            fault[seen[self.view.hidden(p[seen], self.link_ends(Q[seen]))]] = 3
         if count is not None:
             count.update(REASONS[code] for code in fault[fault >= 0])
         good: NDArray[np.bool_] = fault < 0
@@ -192,11 +209,14 @@ def make_space(
         )
     model = make_model(spec, list(config.reflectors))
     place = None if T_base_tracker is None else from_pose6(T_base_tracker)
-    view = None if place is None else _view(place, config, guard)
-    return Space(spec, model, ranges, guard, view, dict(noise))
+    shape = shape_of(spec, guard, config.sight.link_radius_m)
+    view = None if place is None else _view(place, config, guard, shape)
+    return Space(spec, model, ranges, guard, shape, view, dict(noise))
 
 
-def _view(place: RigidTransform, config: TrackerSamplingConfig, guard: MotionGuard | None) -> View:
+def _view(
+    place: RigidTransform, config: TrackerSamplingConfig, guard: MotionGuard | None, shape: Shape | None
+) -> View:
     boxes = [] if guard is None else [(box.low, box.high) for box in guard.limits.keep_out]
-    radii = np.zeros(0) if guard is None else guard.radii
+    radii = np.zeros(0) if shape is None else shape.radii
     return View(place, config.sight, list(config.reflectors.values()), radii, boxes)

@@ -146,9 +146,13 @@ def test_a_point_that_shakes_is_tried_again_and_told_when_it_stays_so(tmp_path: 
 
 
 def test_a_reflector_that_is_not_where_it_should_be_is_not_taken_for_it(tmp_path: Path) -> None:
-    job = {"reflectors": {"smr1": {"point": [-0.05, 0.0, 0.26], "normal": [0, 0, 1], "half_angle_rad": 0.9}}}
-    end, _ = run(tmp_path, lambda cell: None, {**job, "max_locate_error_m": 0.3, "max_surprise_m": 0.02})
-    assert error_of(end) in ("TRACKER_WRONG_TARGET", "TRACKER_NOT_LOCATED")
+    smr1 = {"point": [-0.05, 0.0, 0.26], "normal": [0, 0, 1], "half_angle_rad": 0.9}
+    job: dict[str, Any] = {"reflectors": {"smr1": smr1}}
+    job |= {"max_locate_error_m": 0.3, "max_surprise_m": 0.02}
+    end, cell = run(tmp_path, lambda cell: None, job)
+    # Seen too far away, not seen where it is searched for, or no place of the tracker explains all of them.
+    assert error_of(end) in ("TRACKER_WRONG_TARGET", "TRACKER_NO_TARGET", "TRACKER_NOT_LOCATED")
+    assert not (cell.folder(1).path / "result.json").exists()
 
 
 # -- the stand

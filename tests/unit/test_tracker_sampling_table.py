@@ -71,6 +71,7 @@ async def elsewhere_than_assumed(folder: Path) -> set[Edge]:
 async def carried(folder: Path) -> set[Edge]:
     """One reflector for two nests and the monuments: a person carries it, and the plan is made again."""
     both = {"reflectors": reflectors("tracker", "smr1", "smr2"), "poses": 15, "swap_by_operator": True}
+    both |= {"monument_every": 3}
     x, *rest = nominal_tracker("tracker")
     return await walked(folder, {**both, "T_base_tracker_nominal": [x + 0.08, *rest]}, scenario="tracker")
 
