@@ -8,6 +8,7 @@ import contextlib
 import multiprocessing
 import queue
 import threading
+import time
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -18,6 +19,8 @@ from fakes.world import Message, World
 
 BACKLOG = 20_000  # messages; 40 s of set-points at 500 Hz
 JOIN_S = 3.0
+_MOST_AT_ONCE = 100
+_GATHER_S = 0.004  # two set-points at least go together; an exposure takes that long too
 
 
 class FrameProcess:
@@ -73,8 +76,15 @@ class FrameProcess:
 
     def _write(self, connection: "Connection[Any, Any]") -> None:
         with connection, contextlib.suppress(OSError):
-            while (message := self._queue.get()) is not None:
-                connection.send(message)
+            over = False
+            while not over:
+                messages = [self._queue.get()]
+                with contextlib.suppress(queue.Empty):
+                    while messages[-1] is not None and len(messages) < _MOST_AT_ONCE:
+                        messages.append(self._queue.get_nowait())
+                over = messages[-1] is None
+                connection.send([message for message in messages if message is not None])
+                time.sleep(_GATHER_S)
 
 
 def _serve(socket_path: str, scenario: str, connection: "Connection[Any, Any]") -> None:

@@ -2,6 +2,7 @@
 comes to rest by itself (only :class:`JointSpeed` runs until something else follows)."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import inf
 from typing import ClassVar, Protocol
 
@@ -151,21 +152,26 @@ class Polynomial:
     origin: float
     coefficients: Array  # (degree + 1, 6)
 
-    @property
+    @cached_property
     def t_end(self) -> float:
-        return self.t1 + float(np.max(np.abs(self._inside(self.t1)[1]))) / SERVO_REST_RAD_S2
+        return self.t1 + float(np.max(np.abs(self._end[1]))) / SERVO_REST_RAD_S2
 
     def at(self, t: float) -> tuple[Array, Array]:
         if t <= self.t1:
             return self._inside(t)
-        return _brake(*self._inside(self.t1), SERVO_REST_RAD_S2, t - self.t1)
+        return _brake(*self._end, SERVO_REST_RAD_S2, t - self.t1)
+
+    @cached_property
+    def _end(self) -> tuple[Array, Array]:
+        return self._inside(self.t1)
 
     def _inside(self, t: float) -> tuple[Array, Array]:
-        q, qd = np.zeros(self.coefficients.shape[1]), np.zeros(self.coefficients.shape[1])
-        for c in self.coefficients[::-1]:
-            qd = qd * (t - self.origin) + q
-            q = q * (t - self.origin) + c
-        return q, qd
+        powers = [1.0]
+        for _ in range(len(self.coefficients) - 1):
+            powers.append(powers[-1] * (t - self.origin))
+        rates = [k * power for k, power in enumerate(powers[:-1], start=1)]
+        c = self.coefficients
+        return np.dot(powers, c), np.dot(rates, c[1:]) if rates else np.zeros(c.shape[1])
 
 
 def _brake(q: Array, qd: Array, decel: float, tau: float) -> tuple[Array, Array]:

@@ -101,7 +101,7 @@ class MotionGuard:
                 f"limit {self.limits.joint_speed_rad_s:g} rad/s",
             )
         levers = self.model.forward_many(joints).rotation.apply(self.tool.T_flange_tool.translation)
-        twists = np.array([self.model.jacobian(q) @ qd for q, qd in zip(joints, speeds, strict=True)])
+        twists = np.einsum("nij,nj->ni", self.model.jacobian_many(joints), speeds)
         tcp = float(np.linalg.norm(twists[:, :3] + np.cross(twists[:, 3:], levers), axis=1).max())
         if tcp > self.limits.speed_m_s * (1.0 + 1e-9):
             raise error(

@@ -51,7 +51,8 @@ def serve_frames(socket_path: str, scenario_path: str, connection: Connection) -
 def _follow(server: "FrameServer", connection: Connection) -> None:
     try:
         while True:
-            server.handle(connection.recv())
+            for message in connection.recv():
+                server.handle(message)
     except (EOFError, OSError):
         server.stop()
 

@@ -10,10 +10,10 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from cell.poses import Array, from_pose6
-from fakes.kinematics import Chain, UnreachableError
+from fakes.kinematics import Chain, UnreachableError, rotation_vector
 from fakes.linear_path import LinearPath
 from fakes.track import Track
 from fakes.ur.runtime import ScriptError, Steps
@@ -77,7 +77,7 @@ class Arm:
         """TCP pose in the base for ``q``, with the active tool or another."""
         tool = (self.tool.T_flange_tcp if offset6 is None else from_pose6(offset6)).as_matrix()
         pose = self.believed.matrix(q) @ tool
-        return np.concatenate([pose[:3, 3], Rotation.from_matrix(pose[:3, :3]).as_rotvec()])
+        return np.concatenate([pose[:3, 3], rotation_vector(pose[:3, :3])])
 
     def inverse(self, pose6: ArrayLike, q_near: ArrayLike | None = None) -> Array:
         """Joints for a TCP pose near ``q_near`` (default: now); a script error when there are none."""
