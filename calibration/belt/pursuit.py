@@ -7,7 +7,7 @@ ruckig's (Berscheid and Kroeger, Jerk-limited real-time trajectory generation wi
 """
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -97,11 +97,8 @@ class PursuitLimits:
     yaw_j: float = 160.0
 
     def slower(self, share: float) -> "PursuitLimits":
-        """For the same ways at ``share`` of the speed."""
-        s2, s3 = share**2, share**3
-        return PursuitLimits(
-            self.v * share, self.a * s2, self.j * s3, self.yaw_v * share, self.yaw_a * s2, self.yaw_j * s3
-        )
+        """With ``share`` of the speeds; a tool that has to get slower must brake as hard as ever."""
+        return replace(self, v=self.v * share, yaw_v=self.yaw_v * share)
 
 
 def _shares(way: Array, v: Array, away: Array, limits: PursuitLimits) -> Array:
@@ -121,8 +118,10 @@ def _shares(way: Array, v: Array, away: Array, limits: PursuitLimits) -> Array:
 class Leg:
     """One motion from a state to rest at an ``offset`` (4,) from an origin; from then on it stays there."""
 
-    def __init__(self, t0: float, trajectory: Trajectory, origin: Origin, offset: Array) -> None:
-        self.t0, self.origin, self.offset = t0, origin, offset
+    def __init__(
+        self, t0: float, trajectory: Trajectory, origin: Origin, offset: Array, apart: bool = False
+    ) -> None:
+        self.t0, self.origin, self.offset, self.apart = t0, origin, offset, apart
         self._trajectory = trajectory
 
     @property
@@ -167,5 +166,5 @@ def plan(
         trajectory = Trajectory(AXES)
         with suppress(RuckigError):  # a few states leave no common duration, each axis alone has one
             if Ruckig(AXES).calculate(wanted, trajectory) in (Result.Working, Result.Finished):
-                return Leg(t0, trajectory, origin, np.asarray(offset, dtype=float))
+                return Leg(t0, trajectory, origin, np.asarray(offset, dtype=float), apart)
     raise error("PLAN_INFEASIBLE", f"no motion within the limits from {np.round(relative.p, 4).tolist()}")

@@ -15,17 +15,18 @@ _LEVEL_M = 0.3  # a way long enough to end as all do
 
 @dataclass(frozen=True)
 class Corner:
-    """``reach_s`` the way down takes to the upper end of its straight part; ``last_s`` is what a level way at
-    full speed has left when the tool is within 3 mm of its end. The tool may leave sideways ``clear_m`` up.
+    """``reach_s`` the way down takes to the upper end of its straight part; ``last_s`` is what a level way
+    has left when the tool is within 3 mm of its end. The tool may leave sideways ``clear_m`` up.
     """
 
     reach_s: float
     last_s: float
     clear_m: float
 
-    def lead_s(self, share: float) -> float:
-        """So long before its end a level way at ``share`` of the speed may turn down."""
-        return self.reach_s + self.last_s / share
+    @property
+    def lead_s(self) -> float:
+        """So long before its end a level way may turn down."""
+        return self.reach_s + self.last_s
 
 
 def corner(config: BeltTrackingConfig, limits: PursuitLimits) -> Corner:

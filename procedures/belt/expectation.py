@@ -18,7 +18,7 @@ from cell.poses import Array
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.corner import corner
 from procedures.belt.joints import ToolJoints
-from procedures.belt.picker import JOINT_SHARE
+from procedures.belt.picker import JOINT_SHARE, LEAST_SLOWING, SLOWINGS
 
 SPEEDS_M_S = (0.1, 0.2, 0.3)
 SLOWEST_SHARE = 0.1  # of the first of these speeds: a belt that is being set up
@@ -180,21 +180,21 @@ class Expectation:
 
     def _down_to(self, t: float, state: State, origin: Origin) -> Leg:
         """The way to above ``origin`` and, round the corner, down to it."""
-        level, share = self._way_to(t, state, origin, self._up)
-        turn = max(level.t1 - self._corner.lead_s(share), t)
+        level = self._way_to(t, state, origin, self._up)
+        turn = max(level.t1 - self._corner.lead_s, t)
         return plan(turn, level.at(turn), origin, np.zeros(4), self._limits, apart=True)
 
-    def _way_to(self, t: float, state: State, origin: Origin, offset: Array) -> tuple[Leg, float]:
-        """As fast as limits and joints let, by the job's own rule; and the share of the full speed."""
+    def _way_to(self, t: float, state: State, origin: Origin, offset: Array) -> Leg:
+        """As fast as limits and joints let: the job's own rule."""
         share = 1.0
         leg = plan(t, state, origin, offset, self._limits)
-        for _ in range(2):
+        for _ in range(SLOWINGS):
             over = self._fastest(leg) / (JOINT_SHARE * self._config.limits.joint_speed_rad_s)
             if over <= 1.0:
                 break
-            share /= over
+            share /= max(over, LEAST_SLOWING)
             leg = plan(t, state, origin, offset, self._limits.slower(share))
-        return leg, share
+        return leg
 
     def _fastest(self, leg: Leg) -> float:
         """The highest joint speed on ``leg``, rad/s."""

@@ -32,6 +32,7 @@ LEAD_S = 0.012  # from a decision to where it begins to act
 AHEAD_S = 0.05  # twice that is the length of a piece: a loop that is late once does not end the stream
 JOINT_SHARE = 0.9  # of the joints' speed limit that a plan may use; a change of plan needs the rest
 BRAKE_SHARE = 0.95
+SLOWINGS, LEAST_SLOWING = 5, 1.1  # a way that never reaches the speed limit feels a lower one late
 YAW_SHARE = 0.6  # of it for turning the tool; the way itself turns the wrist too
 CHOICES = 3
 PUBLISH_S = 0.2
@@ -76,6 +77,7 @@ class Picker:
         self._share = 1.0  # of the full speed, on the present way
         self._q: Array = np.zeros(6)
         self._item: Item | None = None
+        self._awaited: Item | None = None  # on its way to the zone
         self._t_contact = 0.0
         self._phase: Callable[[float], Coroutine[Any, Any, bool]] = self._ready
         self._leg: Leg = plan(0.0, wait, Place(wait.p), np.zeros(4), self._limits)
@@ -119,7 +121,7 @@ class Picker:
                 break
             self._share *= 0.8
             slower, old = self._limits.slower(self._share), self._leg
-            self._leg = plan(t, old.at(t), old.origin, old.offset, slower)
+            self._leg = plan(t, old.at(t), old.origin, old.offset, slower, old.apart)
         return piece
 
     def _keep(self, t: float) -> None:
@@ -206,10 +208,12 @@ class Picker:
             self._go(t, home, np.zeros(4))
             return True
         item, above = coming
-        if self._run.state is S.WAIT:
+        if self._awaited is item:
             self._go(t, above, self._above)
         else:
+            self._awaited = item
             self._begin_way(t, above, self._above)
+        if self._run.state is not S.WAIT:
             await self._run.enter(S.WAIT, f"item {item.number}")
         return True
 
@@ -220,7 +224,7 @@ class Picker:
         self._go(t, ride, self._above)
         if not self._leaves_after(ride.track, self._leg.t1 + self._descent_s):
             return await self._give_up(t)
-        if self._leg.t1 - t <= self._corner.lead_s(self._share):
+        if self._leg.t1 - t <= self._corner.lead_s:
             self._share = 1.0
             await self._run.enter(S.DESCEND)
             self._phase = self._descend
@@ -257,7 +261,7 @@ class Picker:
             aim, rest = self._strategy.meet(item, t), self._leg
             while aim is not None:
                 self._begin_way(t, self._aimed(item, aim), self._above)
-                late = self._leg.t1 + self._descent_s / self._share - aim.contact
+                late = self._leg.t1 + self._descent_s - aim.contact
                 if late <= STEP_S:
                     self._item, self._aim, self._phase = item, aim, self._go_above
                     item.note(t, "approach")
@@ -272,7 +276,8 @@ class Picker:
         assert self._aim is not None
         self._strategy.improve(self._item, self._aim, t)
         self._go(t, self._aimed(self._item, self._aim), self._above)
-        if t >= self._aim.contact - self._descent_s / self._share - 0.5 * STEP_S:
+        if t >= self._aim.contact - self._descent_s - 0.5 * STEP_S:
+            self._share = 1.0
             await self._run.enter(S.DESCEND)
             self._phase = self._go_down
         return True
@@ -328,7 +333,7 @@ class Picker:
 
     async def _to_place(self, t: float) -> bool:
         self._go(t, Place(self._place.p), self._over_place)
-        if self._leg.t1 - t <= self._corner.lead_s(self._share):
+        if self._leg.t1 - t <= self._corner.lead_s:
             self._share = 1.0
             self._phase = self._put_down
         return True
@@ -382,11 +387,11 @@ class Picker:
         """The first plan of a new way: as fast as the limits and the joints let."""
         state = self._leg.at(t)
         self._share, leg = 1.0, plan(t, state, origin, offset, self._limits)
-        for _ in range(2):
+        for _ in range(SLOWINGS):
             over = self._tool.fastest(leg, self._q) / (JOINT_SHARE * self._config.limits.joint_speed_rad_s)
             if over <= 1.0:
                 break
-            self._share /= over
+            self._share /= max(over, LEAST_SLOWING)
             leg = plan(t, state, origin, offset, self._limits.slower(self._share))
         self._leg = leg
 

@@ -79,7 +79,7 @@ def test_a_tool_that_goes_round_the_corner_is_beside_the_item_before_the_straigh
     round_it = corner(config, LIMITS)
     start, goal = State.still(np.array([0.4, 0.3, 0.05, 0.0])), Place(np.zeros(4))
     level = plan(0.0, start, goal, np.array([0.0, 0.0, 0.05, 0.0]), LIMITS)
-    turn = level.t1 - round_it.lead_s(1.0)
+    turn = level.t1 - round_it.lead_s
     down = plan(turn, level.at(turn), goal, np.zeros(4), LIMITS, apart=True)
     for t in np.arange(turn, down.t1, 0.002):
         p = down.at(float(t)).p
@@ -91,7 +91,7 @@ def test_a_tool_that_goes_round_the_corner_is_beside_the_item_before_the_straigh
 
 def test_the_sources_moves_begin_and_end_at_rest_unless_told_otherwise() -> None:
     classic = BeltTrackingConfig.model_validate({**CONFIG, "method": "classic"})
-    assert corner(classic, LIMITS).lead_s(1.0) == 0.0
+    assert corner(classic, LIMITS).lead_s == 0.0
     assert corner(classic, LIMITS).clear_m == classic.above_m
     told = BeltTrackingConfig.model_validate({**CONFIG, "method": "classic", "straight_m": 0.02})
-    assert corner(told, LIMITS).lead_s(1.0) > 0.1
+    assert corner(told, LIMITS).lead_s > 0.1

@@ -114,3 +114,15 @@ def test_against_the_belt_the_tool_has_its_whole_speed_in_the_base() -> None:
     fast = Conveyor(np.array([-0.6, 0.5, 0.3, 0.0]))
     _, _, v, _ = sampled(plan(0.0, START, fast, np.zeros(4), LIMITS))
     assert 0.9 * LIMITS.v < np.linalg.norm(v[:, :3], axis=1).max() <= LIMITS.v
+
+
+def test_a_tool_that_has_to_get_slower_brakes_as_hard_as_ever() -> None:
+    goal = Place(START.p + np.array([0.6, 0.0, 0.0, 0.0]))
+    quick = plan(0.0, START, goal, np.zeros(4), LIMITS)
+    now = 0.2
+    slow = plan(now, quick.at(now), goal, np.zeros(4), LIMITS.slower(0.3))
+    fastest = max(float(slow.at(now + 0.001 * k).v[0]) for k in range(400))
+    # It still accelerates when told, for as long as the jerk lets it, and not longer.
+    a = float(quick.at(now).a[0])
+    assert fastest <= float(quick.at(now).v[0]) + a * a / (2.0 * LIMITS.j) + 1e-6
+    assert slow.at(now + 0.3).v[0] < 0.31 * LIMITS.v
