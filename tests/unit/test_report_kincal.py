@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from kincal_scene import Scene, make_scene
+from scipy.special import stdtrit
 from test_report_page import HOSTILE, Page
 
 from calibration.identification.solution import identify
@@ -91,10 +92,12 @@ def test_parameters_are_listed_with_their_interval_and_open_ones_have_none(
     subject: Page, result: dict[str, Any]
 ) -> None:
     text, answer = text_of(subject), result["result"]
+    k95 = stdtrit(result["uncertainty"]["degrees_of_freedom"], 0.975)  # Student's
+    assert k95 > 1.96
     for name, sigma in answer["sigma"].items():
         scale = {"length": 1e3, "angle": 1e3, "ratio": 1.0}[kind_of(name)]
         digits = 6 if kind_of(name) == "ratio" else 4
-        shown = "open" if sigma is None else f"{1.96 * scale * sigma:.{digits}f}"
+        shown = "open" if sigma is None else f"{k95 * scale * sigma:.{digits}f}"
         row = text[text.index(f" {name} ", text.index("drawn calibrated change")) :][:90]
         assert f" {shown} " in row
 
