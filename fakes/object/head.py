@@ -43,7 +43,7 @@ class CameraHead(Plant):
         if T is None:
             return None
         points = np.ascontiguousarray(T.apply(self._points))
-        if not self._is_seen(points, T.rotation.as_matrix()[:, 2] * faces_away(target)):
+        if not self._is_seen(points, T.as_matrix()[:3, 2] * faces_away(target)):
             return None
         camera = self.world.camera
         uv = self._project(points)
