@@ -3,7 +3,8 @@
 The suite (``test_arm_contract.py``, ``test_camera_contract.py``) knows nothing but an :class:`ArmRig` or a
 :class:`CameraRig`. Another face is added with :func:`add_arm_face` or :func:`add_camera_face` at the end of
 this file; see :class:`Face` for what it consists of. A face on real sockets or children gets ``wire=True``,
-which marks its tests. ``lacks`` names the faults that it cannot show.
+which marks its tests, and ``alone=True`` if the machine must do nothing else. ``lacks`` names the faults
+that it cannot show.
 """
 
 import asyncio
@@ -18,6 +19,7 @@ from contextlib import (
     nullcontext,
 )
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -81,6 +83,7 @@ class Face(Generic[R]):
     rig: Callable[[Any], AbstractAsyncContextManager[R]]
     serve: Callable[[], AbstractContextManager[Any]] = nullcontext
     wire: bool = False
+    alone: bool = False
     lacks: frozenset[str] = frozenset()
 
 
@@ -109,7 +112,7 @@ def camera_faces() -> list[Any]:
 
 
 def _parameter(face: Face[Any]) -> Any:
-    marks = [pytest.mark.wire, pytest.mark.alone] if face.wire else []
+    marks = [pytest.mark.wire] * face.wire + [pytest.mark.alone] * face.alone
     return pytest.param(face, id=face.name, marks=marks)
 
 
@@ -193,7 +196,8 @@ async def _until_idle(controller: ControllerHandle) -> None:
     raise AssertionError(f"the controller does not come to rest: {state}")
 
 
-add_arm_face(Face("wire", asyncio.run, _wire_arm, lambda: running_controller(ARM_HOST, SCENARIO), wire=True))
+_controller = partial(running_controller, ARM_HOST, SCENARIO)
+add_arm_face(Face("wire", asyncio.run, _wire_arm, _controller, wire=True, alone=True))
 
 
 # -- the camera on the wire: the driver for OAK with its vision child, and a frame server's process

@@ -19,7 +19,7 @@ from daemon.demo.wire import run_wire as run_steps
 
 STEPS = [CONE_CAPTURE]
 STAND_INS = Path(__file__).with_name("demo_stand_ins.py")
-pytestmark = [pytest.mark.wire, pytest.mark.alone]
+pytestmark = pytest.mark.wire
 
 
 def run_wire(folder: Path) -> int:

@@ -10,7 +10,7 @@ from fake_ur_client import genuine
 
 from fakes.ur.process import running_controller
 
-pytestmark = [pytest.mark.wire, pytest.mark.alone]
+pytestmark = pytest.mark.wire
 HOST = "127.0.0.4"
 
 EVERYTHING = """
@@ -184,9 +184,9 @@ def test_no_control_cycle_was_lost(subject: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize(("version", "model", "rate"), [("3.15.0", "ur5", 125.0), ("5.23.0", "ur20", 500.0)])
 def test_other_controllers_are_taken_for_what_they_are(version: str, model: str, rate: float) -> None:
-    with running_controller("127.0.0.11", version=version, model=model):
+    with running_controller("127.0.0.12", version=version, model=model):
         seen = genuine(
-            "127.0.0.11",
+            "127.0.0.12",
             """
             r, c = RTDEReceiveInterface(HOST), RTDEControlInterface(HOST)
             q = r.getActualQ()

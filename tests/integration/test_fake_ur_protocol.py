@@ -11,7 +11,7 @@ from fake_ur_client import Lines, Rtde, Text
 
 from fakes.ur.process import ControllerHandle, running_controller
 
-pytestmark = [pytest.mark.wire, pytest.mark.alone]
+pytestmark = pytest.mark.wire
 HOST = "127.0.0.5"
 INT0 = "input_int_register_0"
 

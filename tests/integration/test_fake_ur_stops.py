@@ -12,7 +12,7 @@ from fake_ur_client import Lines, Rtde, Text, genuine
 from cell.errors import InputError
 from fakes.ur.process import ControllerHandle, running_controller
 
-pytestmark = [pytest.mark.wire, pytest.mark.alone]
+pytestmark = pytest.mark.wire
 HOST = "127.0.0.6"
 STATE = "runtime_state,safety_mode,robot_mode,robot_status_bits,safety_status_bits,actual_qd"
 LAYOUT = "IiiII6d"

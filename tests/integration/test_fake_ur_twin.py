@@ -15,7 +15,7 @@ import psutil
 import pytest
 from fake_ur_client import Lines, Rtde, Text
 
-pytestmark = [pytest.mark.wire, pytest.mark.alone]
+pytestmark = pytest.mark.wire
 HOST = "127.0.0.7"
 COMMAND = [sys.executable, "-m", "fakes.cli"]
 
