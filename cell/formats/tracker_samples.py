@@ -1,9 +1,9 @@
 """``cellward.tracker-samples/1``: what a sampling has measured, a line each, on disk pose by pose.
 
-The first line is the ``header``: ``robot``, ``noise``, ``payload_kg`` as in ``cellward.kincal/1``, and
-``max_drift_m``, the limit for a monument. A ``tracker`` line says where the tracker was found, ``monuments``
-what a look at them saw after so many poses, a ``sample`` is a finished pose. Whatever ends a run, the data
-set can be made from these lines.
+The first line is the ``header``: ``robot``, ``noise``, ``payload_kg`` as in ``cellward.kincal/1``, the
+``serials`` of arm and tracker, and ``max_drift_m``, the limit for a monument. A ``tracker`` line says where
+the tracker was found, ``monuments`` what a look at them saw after so many poses, a ``sample`` is a finished
+pose. Whatever ends a run, the data set can be made from these lines.
 """
 
 import json

@@ -12,6 +12,7 @@ from calibration.kinematics.ur_models import UR_MODELS
 from cell.errors import error
 from cell.formats.reading import read_json
 from daemon.cli.options import CellPaths
+from procedures.kinematics_in_use import other_arm, other_device
 from procedures.report.numbers import covariance, dig, number, radius95
 
 POSE, KINEMATICS, VALUE = "pose", "kinematics", "value"
@@ -105,7 +106,8 @@ def from_file(path: Path) -> Exported:
 
 def from_ledger(name: str, paths: CellPaths) -> Exported:
     """The version of ``name`` in effect. ``NOT_FOUND`` when none is committed, ``RESULT_CONFLICT`` when the
-    configured value was edited since."""
+    configured value was edited since, ``KINEMATICS_OTHER_ARM`` when it is not of the arm that the config
+    names."""
     from daemon.config import load_config
     from daemon.values import tell_configured
 
@@ -115,7 +117,8 @@ def from_ledger(name: str, paths: CellPaths) -> Exported:
 
     ledger = Ledger(paths.ledger, read_only=True)
     try:
-        tell_configured(load_config(paths.config), ledger)
+        config = load_config(paths.config)
+        tell_configured(config, ledger)
         found = ledger.in_effect(name)
         rows = ledger.results()
     finally:
@@ -127,9 +130,23 @@ def from_ledger(name: str, paths: CellPaths) -> Exported:
             "RESULT_CONFLICT",
             f"the configured value of {name} was edited since version {found['version']} replaced it",
         )
+    _require_own_arm(name, found["value"], config)
     decided = datetime.fromtimestamp(found["decided"] or found["proposed"], UTC)
     source = f"result {found['id']} of run {found['run_id']}, accepted by {found['who']}"
     return _of(name, found["value"], found["result"] or {}, found["version"], decided, source)
+
+
+def _require_own_arm(name: str, value: Any, config: Any) -> None:
+    """Kinematics written for another program no longer tell whose they are: the arm in the cell's config is
+    meant, by its serial number and, where it is moved, by its model and factory calibration."""
+    kind, _, device = name.partition(".")
+    if kind != "kinematics" or not isinstance(value, Mapping) or device not in config.device:
+        return
+    why = other_device(value, "arm", getattr(config.device[device], "expect_serial", None))
+    if why is None and config.robot.roles().get("arm") == device:
+        why = other_arm(value, {"robot": config.robot.robot_spec()})
+    if why is not None:
+        raise error("KINEMATICS_OTHER_ARM", f"{name}: {why}")
 
 
 def _not_committed(name: str, rows: list[dict[str, Any]]) -> str:

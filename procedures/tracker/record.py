@@ -91,7 +91,10 @@ class SampleRecord:
         notes = {
             "finished": len(self.samples),
             "doubted": len(self.samples) - len(good.samples),
-            "sampling": {"monument_points": first_seen(good.looks)},
+            "sampling": {
+                "monument_points": first_seen(good.looks),
+                "serials": self.header.get("serials", {}),
+            },
         }
         return {**as_data_set(self.header, good.samples, aside=False), "notes": notes}
 

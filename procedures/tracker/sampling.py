@@ -146,6 +146,7 @@ class Sampling:
             robot, payload_kg = robot_of(values, config), payload_of(config, values)
             self._stored = await asyncio.to_thread(load_stored, config, robot, payload_kg)
             assert self._stored is not None
+            self._stored.require_same_devices(self.serials)
             self.run.note("decision", event="stored set", poses=len(self._stored.samples))
         return self._stored
 
@@ -168,6 +169,7 @@ class Sampling:
             "noise": self.noise,
             "payload_kg": payload_of(config, run.values),
             "max_drift_m": config.max_drift_m,
+            "serials": self.serials,
         }
         adopted = None
         if run.adopted is not None:

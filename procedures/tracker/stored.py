@@ -20,15 +20,27 @@ _LEAST_SEEN = 2  # of three or more, as the arm may hide one; poses that do not 
 
 @dataclass(frozen=True)
 class StoredSet:
-    """``samples`` as in ``cellward.kincal/1``; ``monuments`` as each was first seen in their run."""
+    """``samples`` as in ``cellward.kincal/1``; ``monuments`` as each was first seen in their run, ``serials``
+    of the arm and the tracker that were there."""
 
     path: Path
     samples: list[dict[str, Any]]
     monuments: dict[str, Any]
+    serials: dict[str, str]
 
     def entries(self) -> list[tuple[list[float], str]]:
         """Joints and reflector of each pose, for a plan."""
         return [(s["q"], s["target"]) for s in self.samples]
+
+    def require_same_devices(self, serials: Mapping[str, str]) -> None:
+        """``TRACKER_SET_REFUSED`` when it was measured with another arm or tracker than those of ``serials``.
+
+        A serial that nobody could tell says nothing.
+        """
+        for role, now in serials.items():
+            then = self.serials.get(role)
+            if then and now and then != now:
+                raise self._refused(f"it was measured with {role} {then}, and this is {role} {now}")
 
     def require_same_stand(self, seen: Mapping[str, Any], limit_m: float) -> None:
         """``TRACKER_MOVED`` when the monuments ``seen`` now are not where the set has them."""
@@ -63,7 +75,7 @@ def load_stored(
         if s.p_tracker is not None and None not in s.p_tracker
     ]
     facts = (data.notes or {}).get("sampling") or {}
-    stored = StoredSet(path, samples, facts.get("monument_points") or {})
+    stored = StoredSet(path, samples, facts.get("monument_points") or {}, facts.get("serials") or {})
     if not _alike(data.robot or {}, robot):
         raise stored._refused("its robot, or a reflector on it, is not this cell's")
     if data.payload_kg is None or abs(data.payload_kg - payload_kg) > SAME_LOAD_KG:

@@ -374,6 +374,39 @@ def test_a_version_that_the_configuration_contradicts_is_refused(cell: Cell, sub
     assert "was edited since version 1" in ran.err
 
 
+ARM = """
+[robot]
+model = "ur10e"
+[device.arm]
+driver = "fakes.object:ObjectArm"
+scenario = "tracker"
+expect_serial = "99991100001"
+[limits]
+workspace = [{ min = [-1.0, -1.0, 0.0], max = [1.0, 1.0, 1.5] }]
+"""
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        ({"serials": {"arm": "99991100001"}, "controller": {"model": "ur10e"}}, None),
+        ({"serials": {"arm": "20991234"}}, "measured with arm 20991234, and this is arm 99991100001"),
+        ({"controller": {"model": "ur5e"}}, "are of another arm: its model or factory calibration is not"),
+    ],
+)
+def test_kinematics_of_another_arm_than_the_config_names_are_not_exported(
+    cell: Cell, subject: CommandLine, arms: dict[str, Any], value: dict[str, Any], told: str | None
+) -> None:
+    text = cell.config.read_text().replace("[cell]", "[cell]\ntwin = true")
+    cell.config.write_text(text + ARM)
+    cell.commit("kinematics.arm", {"robot": arms["ur10e"]["result"]["robot"], **value}, arms["ur10e"])
+    ran = subject("export", "kinematics.arm", "--format", "ros")
+    assert ran.code == (0 if told is None else 4), ran.err
+    if told is not None:
+        assert (ran.out, ran.err.count("kinematics.arm:")) == ("", 1)
+        assert told in ran.err
+
+
 @pytest.mark.parametrize(
     ("document", "told"),
     [

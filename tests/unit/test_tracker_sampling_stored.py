@@ -80,6 +80,20 @@ def test_few_poses_with_a_stored_set_reach_what_many_reach(earlier: Path, tmp_pa
     run_virtual(main())
 
 
+@pytest.mark.parametrize("role", ["arm", "tracker"])
+def test_a_set_of_another_arm_or_tracker_is_refused_in_one_sentence(earlier: Path, role: str) -> None:
+    data = read_json(earlier)
+    stored = load_stored(job(earlier), data["robot"], data["payload_kg"])
+    assert stored is not None
+    serials = data["notes"]["sampling"]["serials"]
+    stored.require_same_devices(serials)
+    stored.require_same_devices({role: ""})
+    with pytest.raises(CellError) as caught:
+        stored.require_same_devices(serials | {role: "20991234"})
+    assert caught.value.name == "TRACKER_SET_REFUSED"
+    assert f"it was measured with {role} {serials[role]}, and this is {role} 20991234" in caught.value.detail
+
+
 @pytest.mark.usefixtures("no_report")
 @pytest.mark.parametrize(("shift", "name"), [(0.002, "TRACKER_MOVED"), (None, "TRACKER_SET_REFUSED")])
 def test_a_set_from_another_stand_is_refused_by_the_monuments(

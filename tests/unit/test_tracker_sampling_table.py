@@ -71,9 +71,13 @@ async def elsewhere_than_assumed(folder: Path) -> set[Edge]:
 async def carried(folder: Path) -> set[Edge]:
     """One reflector for two nests and the monuments: a person carries it, and the plan is made again."""
     both = {"reflectors": reflectors("tracker", "smr1", "smr2"), "poses": 15, "swap_by_operator": True}
-    both |= {"monument_every": 3}
     x, *rest = nominal_tracker("tracker")
-    return await walked(folder, {**both, "T_base_tracker_nominal": [x + 0.08, *rest]}, scenario="tracker")
+    edges: set[Edge] = set()
+    for every in (3, 15):  # to the other nest from the monuments, and without a look at them
+        job = {**both, "T_base_tracker_nominal": [x + 0.08, *rest], "monument_every": every}
+        (folder / str(every)).mkdir()
+        edges |= await walked(folder / str(every), job, scenario="tracker")
+    return edges
 
 
 async def shaken(folder: Path) -> set[Edge]:

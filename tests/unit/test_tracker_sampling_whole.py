@@ -104,7 +104,7 @@ def test_poses_that_were_set_aside_judge_the_result_and_did_not_make_it(done: Do
 def test_payload_robot_and_noise_are_in_the_data(done: Done) -> None:
     data = read_json(done.folder / "kincal.json")
     assert data["payload_kg"] == {"tracker": 0.8, "palletizer": 40.0}[done.scenario]
-    assert data["noise"] == {"sigma0": 15e-6, "sigma_per_m": 6e-6}
+    assert data["noise"] == {"sigma0": 15e-6, "sigma_per_m": 6e-6, "sigma_constant": 1e-5}
     assert done.result["result"]["payload_kg"] == data["payload_kg"]
 
 
