@@ -1,6 +1,8 @@
 """From the values of a run to its arm: the model in use, and what a motion lease needs."""
 
+import json
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 from calibration.kinematics import measured_arm, robot_from_spec
@@ -15,7 +17,15 @@ from procedures.kinematics_in_use import in_use
 def arm_model(values: Mapping[str, Any]) -> ArmModel:
     """The arm as this run takes it to be: what turns its joints into poses and wanted poses into joints."""
     measured = in_use(values)
-    return robot_from_spec(values["robot"]) if measured is None else measured_arm(values["robot"], measured)
+    if measured is None:
+        return robot_from_spec(values["robot"])
+    return _measured(json.dumps(values["robot"]), json.dumps(measured))
+
+
+@lru_cache(maxsize=2)
+def _measured(believed: str, measured: str) -> ArmModel:
+    """Kept: jobs ask again and again, on the loop."""
+    return measured_arm(json.loads(believed), json.loads(measured))
 
 
 def arm_robot(values: Mapping[str, Any]) -> dict[str, Any]:

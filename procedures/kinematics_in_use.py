@@ -45,7 +45,7 @@ def in_words(model: Mapping[str, Any]) -> str:
     """A model as a person reads it."""
     if model["name"] == CONTROLLER["name"]:
         return "the controller's own kinematics"
-    return f"{model['name']} version {model['version']}"
+    return f"{model['name']} version {model.get('version')}"
 
 
 # -- whose kinematics they are

@@ -8,6 +8,7 @@ from daemon.cli.jobs import connect
 from daemon.cli.options import ConfigOption, JsonOption, cell_paths
 from daemon.cli.output import local_time, out, out_json, say, table
 from daemon.cli.value_text import in_a_list, value_text
+from procedures.kinematics_in_use import in_words
 
 ResultArgument = Annotated[
     int, typer.Argument(help="The number that 'cellward results' shows.", show_default=False)
@@ -56,6 +57,7 @@ def results(
             "proposed",
             "decided by",
             "why",
+            "made with",
             "value",
         )
         out(table(columns, (_row(entry) for entry in found)))
@@ -65,8 +67,9 @@ def results(
 
 def _row(entry: dict[str, Any]) -> list[Any]:
     keys = ("id", "name", "state", "version", "run_id")
-    value = value_text(entry["name"], entry["value"])
-    return [*(entry[k] for k in keys), local_time(entry["proposed"]), entry["who"], entry["why"], value]
+    made = "" if entry["arm_model"] is None else in_words(entry["arm_model"])
+    told = local_time(entry["proposed"]), entry["who"], entry["why"], made
+    return [*(entry[k] for k in keys), *told, value_text(entry["name"], entry["value"])]
 
 
 def accept(result: ResultArgument, config: ConfigOption = None) -> None:

@@ -22,6 +22,7 @@ def check(
     Exit code 2 when a job cannot succeed with it; a warning alone changes nothing.
     """
     from daemon.cli.predict import predictions
+    from daemon.cli.predict_arm import arm_in_use
     from daemon.cli.predict_values import found_in
     from daemon.config import load_config
 
@@ -29,19 +30,23 @@ def check(
     loaded = load_config(path)
     expected = predictions(loaded)
     problems = found_in(expected, "problems")
-    warnings = [*loaded.warnings, *found_in(expected, "cautions")]
+    arm = arm_in_use(loaded)
+    doubts = [f"arm: {text}" for text in arm["cautions"]] if arm else []
+    warnings = [*loaded.warnings, *doubts, *found_in(expected, "cautions")]
     for problem in problems:
         say(f"Error: {problem}")
     for warning in warnings:
         say(f"Warning: {warning}")
     found = _probe(loaded) if probe else []
     if as_json:
-        shown = {"config": str(path), "problems": problems, "warnings": warnings, "predictions": expected}
-        out_json({**shown, "devices": found})
+        shown = {"config": str(path), "problems": problems, "warnings": warnings, "arm": arm}
+        out_json({**shown, "predictions": expected, "devices": found})
     else:
         about = f"cell '{loaded.cell.name}', {len(loaded.device)} devices"
         failing = "could be read, but jobs cannot succeed with it" if problems else "is valid"
         out(f"{path} {failing}: {about}")
+        if arm is not None:
+            out(f"arm: {arm['text']}")
         for job in expected:
             out(f"{job['job']} {job['text']}")
         if probe:

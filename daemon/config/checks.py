@@ -73,6 +73,12 @@ def check_contradictions(raw: Mapping[str, Any], findings: Findings) -> None:
     _check_twin(raw, findings)
     _check_faces(raw, findings)
     _check_limits(raw, findings)
+    if _table(raw, "robot").get("use_kinematics") is True and not _has_arm(raw):
+        findings.add(("robot", "use_kinematics"), "there is no arm whose kinematics could be used")
+
+
+def _has_arm(raw: Mapping[str, Any]) -> bool:
+    return "arm" in _table(raw, "robot") or "arm" in _table(raw, "device")
 
 
 def _check_twin(raw: Mapping[str, Any], findings: Findings) -> None:
@@ -104,8 +110,7 @@ def _check_faces(raw: Mapping[str, Any], findings: Findings) -> None:
 
 def _check_limits(raw: Mapping[str, Any], findings: Findings) -> None:
     limits = {**LimitsSection().model_dump(), **_table(raw, "limits")}
-    has_arm = "arm" in _table(raw, "robot") or "arm" in _table(raw, "device")
-    if has_arm and not limits["workspace"]:
+    if _has_arm(raw) and not limits["workspace"]:
         findings.add(("limits",), "no workspace is given; an arm needs one box at least to stay within")
     if limits.get("allow_job_override") is True:
         return

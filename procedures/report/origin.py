@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from cell.store.files import to_json
+from procedures.kinematics_in_use import in_words
 from procedures.report.html import Html, absent, el, section, table
 from procedures.report.numbers import DASH, dig, number
 from procedures.report.source import Source
@@ -32,11 +33,11 @@ def inputs_section(source: Source) -> Html:
         rows += _rows(
             ("payload", None if dig(values, "payload_kg") is None else f"{dig(values, 'payload_kg')} kg"),
             ("tool", _plain(dig(values, "tool"))),
-            ("arm model", dig(values, "robot", "model")),
+            ("arm", dig(values, "robot", "model")),
         )
     rows += _rows(("calibrations in effect", _versions(values)))
     if isinstance(inputs, Mapping):
-        shown = {"solve_seconds": _seconds}
+        shown = {"solve_seconds": _seconds, "arm_model": _model}
         rows += [
             (key.replace("_", " "), shown.get(key, _plain)(value))
             for key, value in inputs.items()
@@ -64,6 +65,10 @@ def _plain(value: Any) -> object:
     if isinstance(value, Mapping):
         return ", ".join(f"{k} {_plain(v)}" for k, v in value.items()) or "none"
     return to_json(value) if isinstance(value, list) else str(value)
+
+
+def _model(value: Any) -> object:
+    return in_words(value) if isinstance(value, Mapping) and "name" in value else _plain(value)
 
 
 def _seconds(value: Any) -> str:

@@ -1,12 +1,14 @@
 """``cellward check``: findings, predictions, and the probe."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from cli_harness import CellOnDisk, CommandLine
 
-from daemon.config import init_text
+from cell.store.ledger import Ledger
+from daemon.config import init_text, load_config
 from daemon.demo.fast import write_config as write_demo_config
 from daemon.demo.scenes import Scene
 from tests.object_cell import write_config
@@ -41,6 +43,82 @@ def test_a_valid_file_is_said_to_be_valid_with_what_can_be_expected(
     assert beams["slide_m"] == pytest.approx(0.02 * 0.005)
     assert beams["problems"] == []
     assert 0.0 < beams["U_z_m"] < beams["U_xy_m"] < beams["slide_m"]
+
+
+@pytest.fixture
+def ledger(objects: Path) -> Iterator[Ledger]:
+    """That of the cell of ``objects``, beside its daemon's."""
+    state = Path(load_config(objects).cell.state_dir)
+    state.mkdir(parents=True, exist_ok=True)
+    found = Ledger(state / "ledger.sqlite")
+    yield found
+    found.close()
+
+
+def use_kinematics(path: Path) -> None:
+    path.write_text(path.read_text().replace("[robot]", "[robot]\nuse_kinematics = true", 1))
+
+
+def test_it_says_which_model_of_the_arm_will_be_used(
+    subject: CommandLine, objects: Path, ledger: Ledger
+) -> None:
+    value = {"robot": {"model": "ur10e"}, "controller": {"model": "ur10e"}, "payload_kg": 1.2}
+    assert (
+        "arm: moves and poses go by the controller's own kinematics\n" in subject("check", "-c", objects).out
+    )
+    waits = ledger.propose("kinematics.arm", value, {}, 0, None)
+    camera = ledger.propose("T_flange_camera", [0.0] * 6, {}, 0, None)
+    ledger.accept(camera, "test")
+
+    use_kinematics(objects)
+    done = subject("check", "-c", objects)
+    assert done.code == 0
+    assert "no version of kinematics.arm is accepted: jobs that use the arm are refused" in done.err
+    assert f"'cellward accept {waits}' puts the one that waits into effect" in done.err
+
+    ledger.accept(waits, "test")
+    done = subject("check", "-c", objects)
+    assert "arm: moves and poses go by kinematics.arm version 1\n" in done.out
+    assert "Warning: arm: T_flange_camera version 1 was made with the controller's own kinematics" in done.err
+
+    objects.write_text(objects.read_text().replace("use_kinematics = true", "use_kinematics = false"))
+    done = subject("check", "-c", objects, "--json")
+    found = json.loads(done.out)["arm"]
+    assert found["model"] == {"name": "controller"}
+    assert "kinematics.arm version 1 is accepted and not used" in found["text"]
+    assert found["cautions"] == []
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        ({"controller": {"model": "ur5e"}}, "the kinematics in effect are of another arm"),
+        ({"payload_kg": 4.0}, "the kinematics in effect were measured with 4 kg"),
+        (
+            {"serials": {"arm": "9999-7"}},
+            "the kinematics in effect were measured with arm 9999-7, and this is arm 99991100001",
+        ),
+    ],
+)
+def test_it_warns_of_accepted_kinematics_that_are_not_of_this_arm(
+    subject: CommandLine, objects: Path, ledger: Ledger, value: dict[str, object], told: str
+) -> None:
+    ledger.accept(
+        ledger.propose("kinematics.arm", {"robot": {"model": "ur10e"}, **value}, {}, 0, None), "test"
+    )
+    use_kinematics(objects)
+    text = objects.read_text()
+    if "expect_serial" not in text:
+        objects.write_text(text.replace("[device.arm]", '[device.arm]\nexpect_serial = "99991100001"', 1))
+    assert f"Warning: arm: {told}" in subject("check", "-c", objects).err
+
+
+def test_the_switch_without_an_arm_is_a_mistake(subject: CommandLine, tmp_path: Path) -> None:
+    path = tmp_path / "armless.toml"
+    path.write_text("schema = 1\n[robot]\nuse_kinematics = true\n")
+    done = subject("check", "-c", path)
+    assert done.code == 2
+    assert "robot.use_kinematics: there is no arm whose kinematics could be used" in done.err
 
 
 @pytest.fixture

@@ -2,8 +2,10 @@
 
 import csv
 import re
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,9 +13,11 @@ import ur_analytic_ik
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration.kinematics import UR_MODELS, DhDeltas, UrArm, robot_from_spec
+from calibration.kinematics import UR_MODELS, DhDeltas, UrArm, measured_arm, robot_from_spec
+from calibration.kinematics.families import arm_spec, chain_document
 from cell.arm_model import ArmModel
 from cell.errors import CellError
+from cell.formats.robot import parse_robot
 from cell.poses import Array, log_xi
 
 angles = st.lists(st.floats(-3.1, 3.1), min_size=6, max_size=6).map(np.array)
@@ -30,8 +34,21 @@ def factory_deltas(scale: float = 1.0) -> DhDeltas:
     )
 
 
-@pytest.fixture(params=["nominal", "calibrated"])
-def subject(request: pytest.FixtureRequest) -> UrArm:
+def as_robot(deltas: DhDeltas) -> dict[str, Any]:
+    return {"model": "ur5e", "calibration": {key: row.tolist() for key, row in vars(deltas).items()}}
+
+
+def tracked() -> dict[str, Any]:
+    """The same arm as a tracker finds it: near frames with a turn of near-parallel axes, and a little off."""
+    chain = arm_spec(parse_robot(as_robot(factory_deltas()), "robot")).arm.base
+    chain = replace(chain, theta=chain.theta + 4e-4, beta=chain.beta + 3e-4, a=chain.a + 2e-4)
+    return {"family": "serial", **chain_document(chain, {1, 2})}
+
+
+@pytest.fixture(params=["nominal", "calibrated", "measured"])
+def subject(request: pytest.FixtureRequest) -> ArmModel:
+    if request.param == "measured":
+        return measured_arm({"model": "ur5e"}, tracked())
     return UrArm("ur5e", factory_deltas() if request.param == "calibrated" else None)
 
 
@@ -74,7 +91,7 @@ def test_a_factory_calibration_reproduces_what_a_real_controller_reports(data_fo
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_the_jacobian_agrees_with_finite_differences(subject: UrArm, seed: int) -> None:
+def test_the_jacobian_agrees_with_finite_differences(subject: ArmModel, seed: int) -> None:
     q = np.random.default_rng(seed).uniform(-3, 3, 6)
     step = 1e-6
     numeric = np.empty((6, 6))
@@ -100,7 +117,7 @@ def test_every_inverse_solution_reaches_the_pose(q: Array, calibrated: bool) -> 
         assert np.all(solution <= subject.joint_limits[:, 1])
 
 
-def test_the_inverse_stays_with_its_hint(subject: UrArm) -> None:
+def test_the_inverse_stays_with_its_hint(subject: ArmModel) -> None:
     rng = np.random.default_rng(7)
     for _ in range(40):
         q = rng.uniform(-3, 3, 6)
@@ -111,14 +128,14 @@ def test_the_inverse_stays_with_its_hint(subject: UrArm) -> None:
         np.testing.assert_allclose(found, q, atol=1e-6)
 
 
-def test_the_inverse_finds_eight_branches_in_the_open(subject: UrArm) -> None:
+def test_the_inverse_finds_eight_branches_in_the_open(subject: ArmModel) -> None:
     q = np.array([0.3, -1.2, 1.4, -1.7, -1.5, 0.2])
     branches = subject.inverse_all(subject.forward(q))
     assert len(branches) == 8
     assert min(float(np.max(np.abs(b - q))) for b in branches) < 1e-9
 
 
-def test_the_inverse_takes_the_turn_closest_to_its_hint(subject: UrArm) -> None:
+def test_the_inverse_takes_the_turn_closest_to_its_hint(subject: ArmModel) -> None:
     q = np.array([0.3, -1.2, 1.4, -1.7, -1.5, 0.2])
     turns = 2 * np.pi * np.array([-1, 0, 0, 1, 1, -1])
     found = subject.inverse(subject.forward(q), q + turns + 0.3)
@@ -126,14 +143,14 @@ def test_the_inverse_takes_the_turn_closest_to_its_hint(subject: UrArm) -> None:
     np.testing.assert_allclose(found, q + turns, atol=1e-6)
 
 
-def test_the_inverse_at_a_wrist_singularity_keeps_the_hinted_wrist(subject: UrArm) -> None:
+def test_the_inverse_at_a_wrist_singularity_keeps_the_hinted_wrist(subject: ArmModel) -> None:
     q = np.array([0.3, -1.2, 1.4, -1.7, 0.0, 1.1])
     found = subject.inverse(subject.forward(q), q)
     assert found is not None
     np.testing.assert_allclose(found, q, atol=1e-6)
 
 
-def test_a_pose_out_of_reach_has_no_solution(subject: UrArm) -> None:
+def test_a_pose_out_of_reach_has_no_solution(subject: ArmModel) -> None:
     q = np.array([0.3, -1.2, 1.4, -1.7, -1.5, 0.2])
     far = subject.forward(q).as_matrix()
     far[:3, 3] *= 5.0
@@ -142,7 +159,9 @@ def test_a_pose_out_of_reach_has_no_solution(subject: UrArm) -> None:
     assert subject.inverse_all(T) == []
 
 
-def test_the_links_join_from_the_base_to_the_flange_although_the_frames_lie_far_away(subject: UrArm) -> None:
+def test_the_links_join_from_the_base_to_the_flange_although_the_frames_lie_far_away(
+    subject: ArmModel,
+) -> None:
     q = np.array([0.3, -1.2, 1.4, -1.7, -1.5, 0.2])
     capsules = subject.capsules(q)
     assert [c.name for c in capsules] == [s.name for s in subject.links]
@@ -152,7 +171,7 @@ def test_the_links_join_from_the_base_to_the_flange_although_the_frames_lie_far_
     np.testing.assert_allclose(capsules[-1].p1, subject.forward(q).translation, atol=0.005)
 
 
-def test_no_point_of_the_arm_is_farther_from_an_axis_than_its_reach(subject: UrArm) -> None:
+def test_no_point_of_the_arm_is_farther_from_an_axis_than_its_reach(subject: ArmModel) -> None:
     Q = np.random.default_rng(3).uniform(-3, 3, (300, 6))
     frames = UrArm("ur5e").chain.frames(Q)
     ends = UrArm("ur5e").link_ends(Q).reshape(len(Q), -1, 3)
@@ -194,3 +213,45 @@ def test_a_wrong_robot_table_is_refused_with_the_field_named(spec: dict[str, obj
         robot_from_spec(spec)
     assert caught.value.name == "DATA_INVALID"
     assert needle in str(caught.value)
+
+
+def test_a_measured_arm_is_the_chain_that_was_found_and_its_metal_stays_as_drawn() -> None:
+    subject, drawn = measured_arm({"model": "ur5e"}, tracked()), UrArm("ur5e")
+    Q = np.random.default_rng(3).uniform(-3.0, 3.0, (30, 6))
+    found = arm_spec(parse_robot(tracked(), "robot")).arm.base.flange(Q)
+    np.testing.assert_allclose(subject.forward_many(Q).as_matrix(), found, atol=1e-12)
+    np.testing.assert_array_equal(subject.link_ends(Q), drawn.link_ends(Q))
+    assert np.abs(found[:, :3, 3] - drawn.forward_many(Q).translation).max() > 5e-4
+
+
+def test_far_frames_and_near_frames_are_one_arm() -> None:
+    far = UrArm("ur5e", factory_deltas())
+    near = measured_arm({"model": "ur5e"}, as_robot(factory_deltas()))
+    Q = np.random.default_rng(3).uniform(-3.0, 3.0, (30, 6))
+    np.testing.assert_allclose(near.forward_many(Q).as_matrix(), far.forward_many(Q).as_matrix(), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (
+            {
+                "coupling": [[1.0 if i == j else 0.0 for j in range(6)] for i in range(5)]
+                + [[0, 0, 0, 0, 0.2, 1]]
+            },
+            "six joints, each with its own link",
+        ),
+        (
+            {"links": [{"theta": 0.0, "d": 0.1, "a": 0.2, "alpha": 0.0, "joint": "revolute"}] * 6},
+            "off that of a ur5e, so it is another arm",
+        ),
+        (
+            {"links": [{"theta": 0.0, "d": 0.1, "a": 0.2, "alpha": 0.0, "joint": "revolute"}] * 5},
+            "six joints, each with its own link",
+        ),
+    ],
+)
+def test_a_chain_that_cannot_be_this_arm_is_refused(change: dict[str, Any], told: str) -> None:
+    with pytest.raises(CellError, match=told) as caught:
+        measured_arm({"model": "ur5e"}, {**tracked(), **change})
+    assert caught.value.name == "DATA_INVALID"

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cell.clock import ClockModel
 from cell.errors import CellError
-from cell.samples import Sample, Stream
+from cell.samples import Mapped, Sample, Stream
 
 
 @dataclass
@@ -91,6 +91,26 @@ def test_a_sample_that_does_not_follow_is_a_defect(subject: Stream[float]) -> No
     fill(subject)
     with pytest.raises(ValueError, match="does not follow"):
         subject.push(Sample(0.0, 0.5, 0.0, 11))
+
+
+def test_a_mapped_stream_gives_the_same_samples_with_other_values(
+    subject: Stream[float], clock: HandClock
+) -> None:
+    mapped = Mapped(subject, lambda value: -value)
+    assert mapped.last() is None
+    came: list[float] = []
+    end = mapped.subscribe(lambda sample: came.append(sample.value))
+    fill(subject, 3)
+    end()
+    subject.push(Sample(3.0, 0.3, 0.001, 3))
+    clock.t = 0.35
+    assert came == [0.0, -1.0, -2.0]
+    assert mapped.latest(0.1) == Sample(-3.0, 0.3, 0.001, 3)
+    assert [s.value for s in mapped.between(0.05, 0.25)] == [-1.0, -2.0]
+    subject.new_epoch()
+    assert (mapped.epoch, mapped.name, mapped.clock) == (1, "gauge", clock)
+    with pytest.raises(CellError, match="no sample yet"):
+        mapped.latest(1.0)
 
 
 @settings(max_examples=8, deadline=None)

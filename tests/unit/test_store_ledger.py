@@ -51,6 +51,42 @@ def test_looking_at_a_ledger_changes_nothing_even_at_a_corrupt_one(tmp_path: Pat
     assert path.read_bytes().startswith(b"no database")
 
 
+def test_a_version_notes_with_which_model_of_the_arm_it_was_made(subject: Ledger) -> None:
+    model = {"name": "kinematics.arm", "version": 3}
+    subject.accept(propose(subject, 1.0), "test")
+    assert subject.effective(NAME, CONFIG).arm_model is None
+    made = subject.propose(NAME, [2, 0, 0, 0, 0, 0], {}, 1, CONFIG, model)
+    assert subject.effective(NAME, CONFIG).arm_model is None, "it is only proposed"
+    subject.accept(made, "test")
+    assert subject.effective(NAME, CONFIG).arm_model == model
+    assert subject.results()[0]["arm_model"] == model
+    subject.rollback(NAME, "test")
+    assert subject.effective(NAME, CONFIG).arm_model is None
+
+
+def test_a_ledger_from_before_models_were_noted_is_read_as_it_is_and_taken_over(tmp_path: Path) -> None:
+    path = tmp_path / "ledger.sqlite"
+    old = Ledger(path)
+    old.accept(propose(old, 1.0), "test")
+    old.close()
+    database = sqlite3.connect(path)
+    database.executescript("ALTER TABLE calibrations DROP COLUMN arm_model; PRAGMA user_version = 1;")
+    database.close()
+    looking = Ledger(path, read_only=True)
+    assert [(row["name"], row["arm_model"]) for row in looking.results()] == [(NAME, None)]
+    assert looking.effective(NAME, CONFIG).version == 1
+    looking.close()
+    database = sqlite3.connect(path)
+    assert database.execute("PRAGMA user_version").fetchone()[0] == 1
+    database.close()
+    subject = Ledger(path)
+    assert subject.aside is None
+    assert subject.effective(NAME, CONFIG) == Effective([1.0, 0, 0, 0, 0, 0], 1, False, 1, None)
+    subject.accept(subject.propose(NAME, CONFIG, {}, 1, CONFIG, {"name": "controller"}), "test")
+    assert subject.effective(NAME, CONFIG).arm_model == {"name": "controller"}
+    subject.close()
+
+
 def test_run_numbers_go_on_after_a_restart(tmp_path: Path, subject: Ledger) -> None:
     assert [subject.next_run_id() for _ in range(3)] == [1, 2, 3]
     subject.close()

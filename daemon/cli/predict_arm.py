@@ -1,0 +1,88 @@
+"""What ``cellward check`` says of the arm's model: whose kinematics the daemon's own moves will go by."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from cell.calibrations import kinematics
+from cell.errors import CellError
+from daemon.config import CellConfig
+from procedures.kinematics_in_use import CONTROLLER, in_words, misfits, other_arm, other_device, other_load
+
+SWITCH = "[robot] use_kinematics"
+
+
+def arm_in_use(config: CellConfig) -> dict[str, Any] | None:
+    """``model`` as a run has it (None: jobs are refused), ``text`` and ``cautions``; None without an arm.
+
+    What is accepted is read from the cell's ledger, which a running daemon may have open.
+    """
+    device = config.robot.roles().get("arm")
+    if device is None:
+        return None
+    name, wanted = kinematics(device), config.robot.use_kinematics
+    try:
+        rows = _rows(Path(config.cell.state_dir) / "ledger.sqlite")
+    except CellError as exc:
+        text = f"{SWITCH} is {str(wanted).lower()}; what is accepted is not known: {exc}"
+        return {
+            "model": None if wanted else dict(CONTROLLER),
+            "text": text,
+            "cautions": [text] if wanted else [],
+        }
+    committed = {row["name"]: row for row in rows if row["state"] == "committed"}
+    found = committed.get(name)
+    if found is None and wanted:
+        return {"model": None, **_missing(name, rows)}
+    model = {"name": name, "version": found["version"]} if found and wanted else dict(CONTROLLER)
+    text = f"moves and poses go by {in_words(model)}"
+    if found is not None and not wanted:
+        text += f"; {name} version {found['version']} is accepted and not used, {SWITCH} = true would use it"
+    cautions = list(misfits(_values(model, committed)).values())
+    if found is not None and wanted:
+        cautions += _unfit(config, device, found["value"])
+    return {"model": model, "text": text, "cautions": cautions}
+
+
+def _rows(path: Path) -> list[dict[str, Any]]:
+    """What the ledger has of calibrations, newest first; nothing while there is no ledger."""
+    from cell.store.ledger import Ledger
+
+    if not path.exists():
+        return []
+    ledger = Ledger(path, read_only=True)
+    try:
+        return ledger.results(limit=1000)
+    finally:
+        ledger.close()
+
+
+def _missing(name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    waiting = [row["id"] for row in rows if row["name"] == name and row["state"] == "proposed"]
+    do = (
+        f"'cellward accept {waiting[0]}' puts the one that waits into effect"
+        if waiting
+        else "run tracker-sampling"
+    )
+    text = f"{SWITCH} = true, and no version of {name} is accepted: jobs that use the arm are refused; {do}"
+    return {"text": text, "cautions": [text]}
+
+
+def _values(model: Mapping[str, Any], committed: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
+    """As a run's values have it."""
+    return {
+        "arm_model": model,
+        "made_with": {name: row["arm_model"] or dict(CONTROLLER) for name, row in committed.items()},
+        "versions": {name: row["version"] for name, row in committed.items()},
+    }
+
+
+def _unfit(config: CellConfig, device: str, value: Mapping[str, Any]) -> list[str]:
+    """Why the accepted version may not be this arm's, or not its load's, as far as the config tells."""
+    serial = getattr(config.device[device], "expect_serial", None)
+    why = (
+        other_arm(value, {"robot": config.robot.robot_spec()}),
+        other_device(value, "arm", serial),
+        other_load(value, config.robot.payload_kg),
+    )
+    return [text for text in why if text]
