@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from calibration.hand_eye.solution import Measurements
 from calibration.hand_eye.views import View
 from cell.devices import Intrinsics
-from cell.poses import exp_xi, to_pose6
+from cell.poses import compose, exp_xi, from_pose6, to_pose6
 
 CAMERA = Intrinsics(1280, 800, (900.0, 905.0, 640.0, 400.0), (-0.12, 0.08, 0.001, -0.0005, 0.0))
 BOARD = {
@@ -87,7 +87,7 @@ def cone_views(rng: np.random.Generator, count: int, half_angle: float = 0.44) -
             [0, 0, rng.normal() * 0.3]
         )
         centre = np.array([0, 0, 0.5 * rng.uniform(0.9, 1.1)])
-        out.append(RigidTransform.from_components(centre - R.apply(POINTS.mean(axis=0)), R))
+        out.append(from_pose6([*(centre - R.apply(POINTS.mean(axis=0))), *R.as_rotvec()]))
     return out
 
 
@@ -108,13 +108,10 @@ def make_scene(
     placed = [exp_xi(np.r_[rng.normal(size=3) * 0.2, rng.normal(size=3) * 0.4]) for _ in range(groups)]
     flange, corners = [], []
     for g, C in zip(group, seen, strict=True):
-        F = placed[g] * C.inv() * X_TRUE.inv() if setup == "eye-in-hand" else X_TRUE * C * placed[g].inv()
-        noise = RigidTransform.from_components(
-            rng.normal(size=3) * flange_t, Rotation.from_rotvec(rng.normal(size=3) * flange_r)
-        )
-        flange.append(F * noise)
-        uv, _ = cv2.projectPoints(
-            POINTS, C.rotation.as_rotvec(), C.translation, CAMERA.matrix, np.array(CAMERA.dist)
-        )
+        way = (placed[g], C.inv(), X_TRUE.inv()) if setup == "eye-in-hand" else (X_TRUE, C, placed[g].inv())
+        noise = from_pose6([*(rng.normal(size=3) * flange_t), *(rng.normal(size=3) * flange_r)])
+        flange.append(compose(*way, noise))
+        t, r = np.split(to_pose6(C), 2)
+        uv, _ = cv2.projectPoints(POINTS, r, t, CAMERA.matrix, np.array(CAMERA.dist))
         corners.append(uv.reshape(-1, 2) + rng.normal(size=(54, 2)) * px)
     return Scene(setup, flange, seen, np.array(corners), group)
