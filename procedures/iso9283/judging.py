@@ -10,11 +10,11 @@ import numpy as np
 from calibration.identification.registration import Registration, register
 from calibration.iso9283 import CYCLES, FORMULA_AP, FORMULA_RP, PoseFigures, drift, figures
 from cell.errors import error
-from cell.formats.iso9283 import SCHEMA, Iso9283
-from cell.formats.reading import parse, read_json
+from cell.formats.iso9283 import Iso9283
 from cell.formats.result import Result, Warning_
 from cell.poses import Array, from_pose6
 from procedures.iso9283.plan import ORDER
+from procedures.iso9283.record import read_data_set
 from procedures.tracker.locating import pose6_of, registration_of
 
 _STAND_FACTOR, _STAND_M = 3.0, 0.0005  # of what the best place leaves, before the stand is said to have moved
@@ -39,7 +39,7 @@ def solve_iso9283(path: Path, limits: Mapping[str, float | None]) -> dict[str, A
 
     ``ISO9283_INCOMPLETE`` when a pose has fewer than two arrivals.
     """
-    data = parse(Iso9283, read_json(path), SCHEMA, str(path))
+    data = read_data_set(path)
     arrivals = _arrivals(data)
     best = _fit(arrivals)
     used = best

@@ -4,7 +4,8 @@ import asyncio
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from cell.errors import error
+from cell.errors import CellError, error
+from cell.motion import run_to_its_end
 from cell.procedure import Procedure, Run
 from procedures.iso9283.config import Iso9283Config
 from procedures.iso9283.judging import solve_iso9283
@@ -41,7 +42,11 @@ class Iso9283Test(Procedure):
 
     async def run(self, run: Run) -> None:
         session = Session(self.config, run)
-        await session.take_all()
+        try:
+            await session.take_all()
+        except (Exception, asyncio.CancelledError):  # whatever it was, the arrivals are no less good
+            await run_to_its_end(_keep_what_is_left(run, session))
+            raise
         await run.enter(State.SOLVE, f"{len(session.record.samples)} arrivals")
         path = await asyncio.to_thread(session.write)
         run.note("solve", event="started", samples=len(session.record.samples))
@@ -52,6 +57,16 @@ class Iso9283Test(Procedure):
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """Every pose with the guard's findings and the order of visits; nothing moves."""
         return (await Session(self.config, run).plan()).listing
+
+
+async def _keep_what_is_left(run: Run, session: Session) -> None:
+    """Write the data set of what was measured, if anything was."""
+    if not session.record.samples:
+        return
+    try:
+        await asyncio.to_thread(session.write)
+    except CellError as second:  # as a full disk; what ended the run is the reason
+        run.note("error", **second.as_dict())
 
 
 async def _keep_trends(run: Run) -> None:

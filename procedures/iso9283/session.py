@@ -73,6 +73,7 @@ class Session:
         plan = await self.plan()
         run.note("decision", event="plan", plan=plan.listing)
         self.stations = {station.name: station for station in plan.stations}
+        await asyncio.to_thread(self.write)
         before = [name for name in self.stations if name not in ORDER]
         route = [(name, 0) for name in before]
         route += [(name, cycle) for cycle in range(1, config.cycles + 1) for name in ORDER]

@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from calibration.identification.registration import register
 from cell.calibrations import kinematics
+from cell.errors import CellError
 from cell.poses import from_pose6
-from cell.store.files import read_json
+from cell.store.files import read_json, to_json
 from daemon.cli.predict_iso9283 import predict_iso9283
 from daemon.cli.replay import differences
 from daemon.config import CellConfig
@@ -21,6 +22,7 @@ from daemon.values import robot_spec
 from fakes.object import run_virtual
 from fakes.scenario import Scenario
 from procedures.iso9283.config import Iso9283Config
+from procedures.iso9283.judging import solve_iso9283
 from procedures.iso9283.plan import ORDER
 from procedures.replay import solve_again
 from tests.object_cell import ObjectCell, no_report, open_cell, refused, write_config
@@ -393,3 +395,36 @@ def test_check_tells_arrivals_and_what_the_tracker_alone_would_read(tmp_path: Pa
 def test_check_finds_what_would_make_the_test_fail(tmp_path: Path, job: dict[str, Any], told: str) -> None:
     (problem,) = predicted(tmp_path, **job)["problems"]
     assert told in problem
+
+
+# -- what is on disk, whatever ended the run
+
+
+def stopped_at(folder: Path, arrivals: int) -> Path:
+    """The folder of a test that was aborted after so many arrivals."""
+
+    async def main() -> Path:
+        async with open_cell(iso_config(folder, {"cycles": 4}), job=JOB) as cell:
+            run_id = await cell.start()
+            await cell.until(lambda: cell.engine.status()["step"] >= arrivals, "arrivals", 300.0)
+            await cell.engine.abort("test")
+            assert (await cell.finished(run_id))["outcome"] == "stopped"
+            return cell.folder(run_id).path
+
+    return run_virtual(main())
+
+
+def test_an_abort_leaves_its_arrivals_in_a_data_set_and_a_kill_leaves_them_readable(tmp_path: Path) -> None:
+    folder = stopped_at(tmp_path, 15)
+    path = folder / "iso9283.json"
+    data, lines = read_json(path), (folder / "samples.jsonl").read_bytes()
+    assert len(data["samples"]) == len(lines.splitlines()) >= 14
+    whole = solve_iso9283(path, {})
+    assert whole["result"]["cycles"] >= 2
+    # A kill: the data set as it was before the first arrival, and half a line at the end.
+    path.write_text(to_json(data | {"samples": []}), "utf-8")
+    (folder / "samples.jsonl").write_bytes(lines + b'{"pose": "P')
+    assert differences(whole, solve_iso9283(path, {})) == []
+    (folder / "samples.jsonl").write_bytes(b"nonsense\n" + lines)
+    with pytest.raises(CellError, match=r"samples\.jsonl:1: no line of a test's arrivals"):
+        solve_iso9283(path, {})
