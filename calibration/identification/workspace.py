@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri, fdtri
 
-from calibration.identification.solution import Solution
+from calibration.identification.model import Model
+from calibration.identification.solution import Solution, base_covariance
 from cell.poses import Array
 
 _PLACES = 200
@@ -21,12 +22,24 @@ class Forecast:
     error95: Array
 
 
-def forecast(solution: Solution, Q: Array, target: int = 0) -> Forecast:
-    """The error of predicted places in the tracker frame, from the covariance of the parameters alone."""
-    p, cov = solution.predict(Q, target)
-    base = solution.registration.to_base(p.T).T
-    error = np.full(len(Q), np.nan) if cov is None else radius95(cov, solution.freedom)
-    return Forecast(Q, base, error)
+def forecast(solution: Solution, Q: Array) -> Forecast:
+    """The error of predicted places in the tracker frame, from the covariance of the parameters alone; at all
+    joints ``Q`` (n, j) that of the reflector whose place is known worst there."""
+    if solution.cov is None:
+        p, _ = solution.predict(Q)
+        return Forecast(Q, solution.registration.to_base(p.T).T, np.full(len(Q), np.nan))
+    return worst_forecast(solution.model, solution.x, solution.cov, solution.freedom, Q)
+
+
+def worst_forecast(model: Model, x: Array, cov: Array, freedom: float, Q: Array) -> Forecast:
+    """See :func:`forecast`: for parameters ``x`` (p,) with ``cov`` (p + 6, p + 6)."""
+    points, errors = [], []
+    for target in range(len(model.targets)):
+        f, J = model.linearised(x, Q, np.full(len(Q), target, dtype=np.int64))
+        points.append(f.T)
+        errors.append(radius95(base_covariance(cov, J), freedom))
+    worst, rows = np.argmax(errors, axis=0), np.arange(len(Q))
+    return Forecast(Q, np.array(points)[worst, rows], np.array(errors)[worst, rows])
 
 
 def radius95(cov: Array, freedom: float = np.inf) -> Array:

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from calibration.identification.model import Model, make_model
-from calibration.identification.solution import base_covariance
-from calibration.identification.workspace import places, radius95
+from calibration.identification.workspace import places, worst_forecast
 from calibration.kinematics.families import arm_spec
 from cell.errors import CellError
 from cell.formats.robot import parse_robot
@@ -150,12 +149,13 @@ class KincalSource(Source):
         return dense or self._listed()
 
     def forecast_at(self, Q: Array) -> Forecast | None:
-        """Predicted errors at joints ``Q`` (n, j), for the first reflector; None without a covariance."""
+        """Predicted errors at joints ``Q`` (n, j), of the reflector that is known worst; None without a
+        covariance."""
         cov, model = self._covariance(), self.model
         if cov is None or model is None or Q.shape[1] != model.arm.joints:
             return None
-        p, J = model.linearised(model.nominal, Q, np.zeros(len(Q), dtype=np.int64))
-        return Forecast(p.T, radius95(base_covariance(cov, J), self.freedom))
+        found = worst_forecast(model, model.nominal, cov, self.freedom, Q)
+        return Forecast(found.p, found.error95)
 
     def _covariance(self) -> Array | None:
         """(p + 6, p + 6) in the order of :attr:`model`; None when the result has other parameters."""

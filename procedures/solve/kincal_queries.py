@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.identification.application import goals_from_yaw, reach, yaw_of
+from calibration.identification.model import LENGTH_M
 from calibration.identification.solution import Solution, predict
 from calibration.identification.workspace import radius95
 from calibration.kinematics.ur_models import JOINT_LIMITS
@@ -24,11 +25,13 @@ Warnings = list[tuple[str, str]]
 
 @dataclass(frozen=True, eq=False)
 class Query:
-    """Joints ``Q`` (n, j) whose readings of ``target`` are wanted; ``place`` (3,) when no sample has it."""
+    """Joints ``Q`` (n, j) whose readings of ``target`` are wanted; where no sample has it, ``place`` (3,) is
+    where it was drawn, to ``place_sd`` along each axis, m."""
 
     Q: Array
     target: str
     place: Array | None
+    place_sd: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +56,7 @@ def load_query(path: Path, loaded: KincalSet) -> Query:
         text = f"a joint of {path.name} is beyond 4 pi rad: are the angles in degrees?"
         loaded.warnings.append(("units.rotation", text))
     place = None if target in loaded.model.targets else loaded.spec.tools[target]
-    return Query(Q, target, place)
+    return Query(Q, target, place, loaded.spec.prior.length_m or LENGTH_M)
 
 
 def load_targets(path: Path, loaded: KincalSet) -> Wanted:
@@ -102,10 +105,16 @@ def answer_query(solution: Solution, query: Query) -> tuple[dict[str, object], W
         moved = x.copy()
         moved[model.tool_rows()[:3]] = query.place
         p, own = predict(model, moved, solution.registration, cov, query.Q, 0)
+        own = None if own is None else own + query.place_sd**2 * np.eye(3)
     answer: dict[str, object] = {"p_tracker": p.tolist()}
     if own is not None:
         answer["p_tracker_95"] = radius95(own, solution.freedom).tolist()
-    return answer, _beyond_samples(solution, query.Q, "predict")
+    warnings = _beyond_samples(solution, query.Q, "predict")
+    if query.place is not None:
+        known = f"its place on the flange is as drawn, to {1e3 * query.place_sd:.3g} mm"
+        text = f"no sample has {query.target}; {known}"
+        warnings.append(("predict.unmeasured", text))
+    return answer, warnings
 
 
 def _beyond_samples(solution: Solution, Q: Array, asked: str) -> Warnings:

@@ -116,6 +116,12 @@ def _mat(path: Path) -> dict[str, list[Any]]:
             columns[name] = _words(value)
         elif isinstance(value, np.ndarray) and np.issubdtype(value.dtype, np.number):
             columns |= _numbers(path, name, np.asarray(value))
+    if not any(_JOINT.match(name) for name in columns):
+        have = ", ".join(variables) or "nothing"
+        raise error(
+            "DATA_INVALID",
+            f"{path} needs a matrix q with a column for each joint, or columns q1, q2, ...; it has {have}",
+        )
     lengths = {name: len(column) for name, column in columns.items()}
     if len(set(lengths.values())) > 1:
         listed = ", ".join(f"{name} {n}" for name, n in lengths.items())

@@ -222,3 +222,9 @@ def test_a_path_that_is_not_there_says_so(tmp_path: Path) -> None:
     for name in ("none", "none.csv", "none.mat"):
         with pytest.raises(InputError, match="does not exist"):
             load_kincal(tmp_path / name)
+
+
+def test_matlab_variables_without_joints_are_listed(scene: Scene, tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"joints": np.zeros((3, 6)), "data": {"q": np.zeros((3, 6))}})
+    with pytest.raises(InputError, match=r"columns q1, q2, ...; it has joints, data"):
+        load_kincal(tmp_path / "a.mat", robot_file(scene, tmp_path))

@@ -140,6 +140,27 @@ def test_joints_and_poses_outside_of_what_was_sampled_are_told(tmp_path: Path) -
     assert set(warned) == {"targets.beyond-samples", "targets.unreachable", "units.translation"}
 
 
+def test_a_reflector_that_no_sample_has_is_as_sure_as_its_drawing(tmp_path: Path) -> None:
+    scene = make_scene("ur10e", 33, 60, tools=TOOLS["ur10e"])
+    samples = [s for s in scene.data["samples"] if s["target"] == "smr1"]
+    query = tmp_path / "query.json"
+    asked = {"schema": "cellward.kincal-query/1", "q": scene.Q[:5].tolist(), "target": "smr2"}
+    query.write_text(json.dumps(asked), "utf-8")
+    result = solved(scene.changed(samples=samples), tmp_path, predict=query)
+    assert "as drawn, to 20 mm" in told(result)["predict.unmeasured"]
+    assert min(result["result"]["p_tracker_95"]) > 0.02 * 2.7  # 95 % of a round cloud of 20 mm
+
+
+def test_the_predicted_error_is_that_of_the_reflector_that_is_known_worst(tmp_path: Path) -> None:
+    scene = make_scene("ur10e", 34, 60, tools=TOOLS["ur10e"])
+    samples = [s for k, s in enumerate(scene.data["samples"]) if s["target"] == "smr1" or k < 5]
+    found = solved(scene.changed(samples=samples), tmp_path)
+    other = [{**s, "target": "smr1"} for s in samples if s["target"] == "smr1"]
+    alone = solved(scene.changed(samples=other), tmp_path)
+    worst, best = (r["uncertainty"]["predicted_95"]["samples"]["median"] for r in (found, alone))
+    assert worst > 1.1 * best
+
+
 def test_questions_in_degrees_are_told(tmp_path: Path) -> None:
     scene = make_scene("ur10e", 29, 40)
     query, targets = tmp_path / "query.json", tmp_path / "targets.json"
