@@ -105,7 +105,9 @@ def _moved(colour: NDArray[np.uint8], contour: Array, foot: Foot) -> Rim | None:
     strip = np.where(side > _HIDDEN, np.hypot(side * doubt, _WIDTH_PX * (1.0 - shade)), 0.0)
     unsure = np.where(good | corner, np.hypot(strip, _SYSTEMATIC_PX), _UNSEEN_PX)
     moved = float(np.sqrt(np.mean(shift[good] ** 2)))
-    return Rim(points, _sigma(points, normal, unsure, sides, spread), moved)
+    sigma_px = _sigma(points, normal, unsure, sides, spread)
+    # At a corner depth's rim bulges, and colour says nothing; where the sides would meet is better.
+    return Rim(with_corners(*straightened(points, normal, sides), sides), sigma_px, moved)
 
 
 def _profiles(colour: NDArray[np.uint8], start: Array, normal: Array, s: Array) -> Array:
