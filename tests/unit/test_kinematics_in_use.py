@@ -331,6 +331,28 @@ def test_another_load_and_a_tool_of_another_model_are_told_in_the_result(tmp_pat
     run_virtual(main())
 
 
+def test_a_reference_keeps_the_model_it_was_made_with_and_fits_a_check_that_follows(tmp_path: Path) -> None:
+    laser_config(tmp_path, {"max_U_m": 0.01, "max_slope_rad": 0.1, "max_plane_gap_m": 0.01})
+    config, error = switched(tmp_path, True), Scenario.load("laser").world.arm.error.model_dump()
+    value = {"robot": {"model": "ur10e", "calibration": {k: list(v) for k, v in error.items()}}}
+
+    async def main() -> None:
+        async with open_cell(config, job="laser-reference") as cell:
+            commit(cell, ARM, value)
+            end = await cell.run_job()
+            assert (end["outcome"], end["error"]) == ("complete", None)
+            (row,) = cell.ledger.results(laser_reference(TOOL))
+            assert row["arm_model"] == {"name": ARM, "version": 1}
+            cell.ledger.accept(row["id"], "test")
+            run_id = await cell.start(job="laser-check")
+            await cell.engine.abort("test")
+            await cell.finished(run_id)
+            commit(cell, ARM, value)  # a new version is another model
+            assert (await refused(cell.start(job="laser-check"))).name == "KINEMATICS_DIFFER"
+
+    run_virtual(main())
+
+
 def test_a_reference_of_beams_made_with_another_model_is_refused(tmp_path: Path) -> None:
     value = {"robot": {"model": "ur10e", "calibration": {"delta_a": [0.0, 0.001, 0.0, 0.0, 0.0, 0.0]}}}
     laser_config(tmp_path)
