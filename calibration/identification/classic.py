@@ -51,16 +51,16 @@ def solve_classic(problem: Problem, start: Array | None = None) -> Classic:
         step = _step(A @ A.T + mu * np.eye(model.size), gradient) / unit
         ahead = _state(problem, x + step, even)
         before, after = _rms_mm(e), _rms_mm(ahead[1])
-        if not after < before:
+        if after < before:
+            x, (place, e, J) = x + step, ahead
+            taken += 1
+            mu /= 10.0
+        else:
             mu *= 10.0
             if mu > _MOST_MU:
                 stopped = "no better step"
                 break
-            continue
-        x, (place, e, J) = x + step, ahead
-        taken += 1
-        mu /= 10.0
-        if before - after <= _RMS_CHANGE_MM:
+        if np.any(step) and abs(before - after) <= _RMS_CHANGE_MM:
             stopped = "change of RMS"
             break
     return Classic(x, place, e, taken, stopped)

@@ -121,6 +121,18 @@ def test_the_classic_method_gets_there_too_and_says_why_it_stopped(count: int) -
     assert off < 1.5 * np.sqrt(np.mean(np.sum(errors(scene, ours)[0] ** 2, axis=1)))
 
 
+def test_the_classic_method_stops_on_a_small_change_whichever_way_it_goes() -> None:
+    """The source's rule is on the amount of the change; from its own answer there is nothing to gain."""
+    problem = make_scene("palletizer", 5, 40).problem
+    for mu_worn in range(3):
+        found = solve_classic(problem)
+        for _ in range(mu_worn):
+            found = solve_classic(problem, found.x)
+        again = solve_classic(problem, found.x)
+        assert again.stopped in ("change of RMS", "gradient")
+        assert again.iterations <= 1
+
+
 def test_the_classic_method_is_pulled_by_a_blunder_and_ours_is_not() -> None:
     scene = make_scene("palletizer", 6, 60, blunders=2)
     classic, ours = solve_classic(scene.problem), identify(scene.problem, {})
