@@ -1,7 +1,6 @@
 """A bent tool in the twin: genuine ur-rtde moves it, pymodbus polls the beams, the daemon puts it right."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 from cell.poses import from_pose6, to_pose6
 from cell.store.ledger import Ledger
 from fakes.control import ask
-from tests.unit.laser_cell import the_plain_rule_misses
 from tests.wire_cell import WireCell, shipped, wait_for, wire_cell
 
 pytestmark = [pytest.mark.wire, pytest.mark.alone]
@@ -22,11 +20,11 @@ QUICK = {
     "passes": 1,
     "descend_step_m": 0.01,
     "z_resolution_m": 0.00016,
-    "search_speed_m_s": 0.15,
+    "search_speed_m_s": 0.25,
     "measure_speed_m_s": 0.03,
-    "speed_m_s": 0.5,
-    "accel_m_s2": 5.0,
-    "joint_speed_rad_s": 2.0,
+    "speed_m_s": 1.0,
+    "accel_m_s2": 10.0,
+    "joint_speed_rad_s": 3.0,
 }
 MORE = """
 lead_m = 0.002
@@ -45,27 +43,27 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireCell]:
         yield made
 
 
-def run_job(cell: WireCell, job: str) -> tuple[dict[str, Any], dict[str, Any], Path]:
-    """The run's end, its result, and its folder."""
+def run_job(cell: WireCell, job: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The run's end and its result."""
     run_id = cell.start_job(job)
     end = cell.wait_for_end(180.0)
     assert end["run_id"] == run_id
     folder = next(r for r in cell.runs() if r.run_id == run_id)
-    return end, folder.read_result() or {}, folder.path
+    return end, folder.read_result() or {}
 
 
 @pytest.mark.restarts_children
 def test_a_bent_tool_is_measured_proposed_accepted_and_meets_the_reference_in_the_second_scan(
     cell: WireCell,
 ) -> None:
-    end, _, _ = run_job(cell, "laser-reference")
+    end, _ = run_job(cell, "laser-reference")
     assert (end["outcome"], end["verdict"]) == ("complete", "pass"), end
     before = from_pose6(ask(cell.folder, {"do": "truth"})["T_flange_tool"])
     ask(cell.folder, {"do": "tool", "bend": [*SHIFT, *TILT]})
     true = from_pose6(ask(cell.folder, {"do": "truth"})["T_flange_tool"])
     assert np.linalg.norm(true.translation - before.translation) > 0.001
 
-    end, result, folder = run_job(cell, "laser-update")
+    end, result = run_job(cell, "laser-update")
     assert (end["outcome"], end["verdict"]) == ("complete", "pass"), end
     found, U = from_pose6(result["result"]["T_flange_tool"]), result["uncertainty"]
     # 95 % limits widened to what is exceeded once in a thousand.
@@ -78,13 +76,10 @@ def test_a_bent_tool_is_measured_proposed_accepted_and_meets_the_reference_in_th
     assert second["apart"] <= second["U_m"]
 
     ledger = Ledger(cell.folder / "state" / "ledger.sqlite", read_only=True)
-    (reference,) = ledger.results("laser_reference.pin")
     committed = ledger.results("T_flange_tool.pin")
     ledger.close()
     assert [r["state"] for r in committed] == ["committed"]
     assert np.allclose(committed[0]["value"], to_pose6(found), atol=1e-12)
-    x_m = float((true.translation - before.translation)[0])
-    the_plain_rule_misses(folder, result["result"], reference["value"], 2.0 * x_m)
     cell.stays_at_rest(0.3)
 
 
