@@ -32,6 +32,7 @@ LEAD_S = 0.012  # from a decision to where it begins to act
 AHEAD_S = 0.05  # twice that is the length of a piece: a loop that is late once does not end the stream
 JOINT_SHARE = 0.9  # of the joints' speed limit that a plan may use; a change of plan needs the rest
 BRAKE_SHARE = 0.95
+TOOL_SHARE = 0.99  # of the tool's speed limit: a goal that jumps shares it anew among axes that are all fast
 SLOWINGS, LEAST_SLOWING = 5, 1.1  # a way that never reaches the speed limit feels a lower one late
 YAW_SHARE = 0.6  # of it for turning the tool; the way itself turns the wrist too
 CHOICES = 3
@@ -112,12 +113,15 @@ class Picker:
             await asyncio.gather(*self._writing)
 
     def _piece(self, t: float, here: tuple[Array, Array]) -> TrajectoryPiece:
-        """The next piece from ``here`` on; a way that gets too fast for a joint is slowed down."""
+        """The next piece from ``here`` on; a way that gets too fast for joints or tool is slowed down."""
         for _ in range(4):
             ahead = [self._leg.at(t + k * AHEAD_S) for k in (1, 2)]
             Q, Qd = self._tool.line(ahead, here[0] + AHEAD_S * here[1])
             piece = self._tool.piece(t, AHEAD_S, [here, *zip(Q, Qd, strict=True)])
-            if fastest_joint(piece) <= BRAKE_SHARE * self._config.limits.joint_speed_rad_s:
+            tool = max(float(np.linalg.norm(self._leg.at(t + k * AHEAD_S).v[:3])) for k in (0.5, 1.0, 1.5))
+            limits = self._config.limits
+            slow = tool <= TOOL_SHARE * limits.speed_m_s
+            if slow and fastest_joint(piece) <= BRAKE_SHARE * limits.joint_speed_rad_s:
                 break
             self._share *= 0.8
             slower, old = self._limits.slower(self._share), self._leg

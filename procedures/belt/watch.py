@@ -197,7 +197,8 @@ class BeltWatch:
         """Each sighting becomes one of its item."""
         frame, rows = look.frame, list[tuple[int, Array, float]]()
         now = self._encoder.counts.clock.now()
-        for seen, (along, across) in zip(look.seen, places, strict=True):
+        for k in np.argsort(-places[:, 0]):  # when the queue is full, who comes first is in it
+            seen, (along, across) = look.seen[k], places[k]
             item = self.queue.place(float(along), float(across), seen.yaw)
             if item.sightings == 1:
                 item.note(frame.t_exposure, "seen")
