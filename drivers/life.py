@@ -1,6 +1,10 @@
-"""The life of one link: good until something breaks it, and everybody who waits is told what did."""
+"""The life of one link: good until something breaks it, and everybody who waits is told what did.
+
+What keeps it going, a task that polls or reads, lives and ends with it.
+"""
 
 import asyncio
+from collections.abc import Coroutine
 from typing import Any
 
 from cell.clock import Clock
@@ -9,12 +13,14 @@ from cell.samples import Sample, Stream
 
 
 class Life:
-    """``begin`` at each opening, ``lose`` at the first failure; what ends the link is kept until then."""
+    """``begin`` at each opening, ``lose`` at the first failure, ``end`` when the device is closed; what ended
+    the link is kept until it is opened again."""
 
     def __init__(self, name: str, clock: Clock) -> None:
         self._name, self._clock = name, clock
         self._failure: CellError | None = error("DEVICE_LOST", f"{name} is not connected")
         self._lost: asyncio.Future[CellError] | None = None
+        self._work: asyncio.Task[None] | None = None
 
     def begin(self) -> None:
         """The link is being opened."""
@@ -29,6 +35,30 @@ class Life:
         if self._lost is not None and not self._lost.done():
             self._lost.set_result(failure)
         return True
+
+    def keep_going(self, work: Coroutine[Any, Any, None], what: str) -> None:
+        """Run ``work`` from now on. If it fails for no reason of the link that is a defect, and as nobody
+        watches the device any more, the link is lost."""
+        self._work = asyncio.create_task(work, name=f"{self._name} {what}")
+        self._work.add_done_callback(self._note_end)
+
+    def stop_work(self) -> None:
+        """Whatever it waits for will not come."""
+        if self._work is not None:
+            self._work.cancel()
+
+    async def end(self) -> None:
+        """The device is closed by us: the link is lost, and its work is over when this returns."""
+        # Lost first: a reply that comes with the cancellation swallows that (asyncio.wait_for before 3.12).
+        self.lose(error("DEVICE_LOST", f"{self._name} was closed"))
+        work, self._work = self._work, None
+        if work is not None:
+            work.cancel()
+            await asyncio.wait([work])
+
+    def _note_end(self, work: asyncio.Task[None]) -> None:
+        if not work.cancelled() and (failure := work.exception()) is not None:
+            self.lose(error("INTERNAL", f"{work.get_name()}: {failure!r}"))
 
     @property
     def good(self) -> bool:

@@ -44,7 +44,6 @@ class ModbusInputs:
         self._stuck = StuckWatch(name, config.inputs)
         self._link: ModbusLink | None = None
         self._ticker: Ticker | None = None
-        self._polling: asyncio.Task[None] | None = None
         self._identity: Identity | None = None
         self._counts: list[ChangeCount] = []
         self._begun = 0.0  # start of the newest good poll
@@ -76,17 +75,11 @@ class ModbusInputs:
             raise
         self._ticker = Ticker(self._config.poll_period_s)
         self._ticker.start()
-        self._polling = asyncio.create_task(self._poll_on(self._ticker), name=f"{self.name} polling")
-        self._polling.add_done_callback(self._note_end)
+        self._life.keep_going(self._poll_on(self._ticker), "polling")
 
     async def close(self) -> None:
         """End polling and the connection."""
-        # First, because a reply that comes with the cancellation swallows it (asyncio.wait_for before 3.12).
-        self._life.lose(error("DEVICE_LOST", f"{self.name} was closed"))
-        polling, self._polling = self._polling, None
-        if polling is not None:
-            polling.cancel()
-            await asyncio.wait([polling])
+        await self._life.end()
         if self._ticker is not None:
             self._ticker.stop()
         link, self._link, self._ticker = self._link, None, None
@@ -219,13 +212,8 @@ class ModbusInputs:
     def _disconnected(self) -> None:
         """The request in flight would wait its timeout for a connection that is gone."""
         failure = error("DEVICE_LOST", self._silence("the other end closed the connection"))
-        if self._life.lose(failure) and self._polling is not None:
-            self._polling.cancel()
-
-    def _note_end(self, task: asyncio.Task[None]) -> None:
-        """A poll that fails for no reason of the link is a defect, and leaves the inputs unwatched."""
-        if not task.cancelled() and (failure := task.exception()) is not None:
-            self._life.lose(error("INTERNAL", f"{task.get_name()}: {failure!r}"))
+        if self._life.lose(failure):
+            self._life.stop_work()
 
     def _unreachable(self, exc: NoAnswer) -> CellError:
         what = f"unit {self._config.unit} gives {exc}"

@@ -53,7 +53,6 @@ class ObservedArmReader:
         self._rest = RestWatch(config.rest_window_s, config.rest_spread_rad, config.poll_period_s)
         self._source: Source | None = None
         self._ticker: Ticker | None = None
-        self._polling: asyncio.Task[None] | None = None
         self._identity: Identity | None = None
         self._failures = self._failures_in_a_row = 0
 
@@ -79,19 +78,11 @@ class ObservedArmReader:
             raise
         self._ticker = Ticker(self._config.poll_period_s)
         self._ticker.start()
-        self._polling = asyncio.create_task(
-            self._poll_on(self._ticker, self._source), name=f"{self.name} polling"
-        )
-        self._polling.add_done_callback(self._note_end)
+        self._life.keep_going(self._poll_on(self._ticker, self._source), "polling")
 
     async def close(self) -> None:
         """End polling and the connection."""
-        # First, because a reply that comes with the cancellation swallows it (asyncio.wait_for before 3.12).
-        self._life.lose(error("DEVICE_LOST", f"{self.name} was closed"))
-        polling, self._polling = self._polling, None
-        if polling is not None:
-            polling.cancel()
-            await asyncio.wait([polling])
+        await self._life.end()
         if self._ticker is not None:
             self._ticker.stop()
         source, self._source, self._ticker = self._source, None, None
@@ -214,13 +205,8 @@ class ObservedArmReader:
     def _disconnected(self) -> None:
         """The request in flight would wait its timeout for a connection that is gone."""
         failure = error("DEVICE_LOST", self._silence("the other end closed the connection"))
-        if self._life.lose(failure) and self._polling is not None:
-            self._polling.cancel()
-
-    def _note_end(self, task: asyncio.Task[None]) -> None:
-        """A look that fails for no reason of the link is a defect, and leaves the arm unwatched."""
-        if not task.cancelled() and (failure := task.exception()) is not None:
-            self._life.lose(error("INTERNAL", f"{task.get_name()}: {failure!r}"))
+        if self._life.lose(failure):
+            self._life.stop_work()
 
     def _silence(self, what: str) -> str:
         look = self._looks.last()

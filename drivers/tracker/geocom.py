@@ -50,7 +50,6 @@ class GeocomTracker:
         self._link: Link | None = None
         self._session: Session | None = None
         self._station: Station | None = None
-        self._polling: asyncio.Task[None] | None = None
         self._identity: Identity | None = None
         self._selected: str | None = None
         self._found = False  # a reflector was found, so that one that is missing was lost
@@ -87,16 +86,11 @@ class GeocomTracker:
         except BaseException:
             await self.close()
             raise
-        self._polling = asyncio.create_task(self._poll_on(station), name=f"{self.name} polling")
-        self._polling.add_done_callback(self._note_end)
+        self._life.keep_going(self._poll_on(station), "polling")
 
     async def close(self) -> None:
         """End polling and the connection; a search under way in the instrument is stopped."""
-        self._life.lose(error("DEVICE_LOST", f"{self.name} was closed"))
-        polling, self._polling = self._polling, None
-        if polling is not None:
-            polling.cancel()
-            await asyncio.wait([polling])
+        await self._life.end()
         link, self._link = self._link, None
         if self._session is not None:
             self._session.end(f"{self.name} was closed")
@@ -322,11 +316,6 @@ class GeocomTracker:
         if self._session is not None:
             self._session.end(reason)
         self._life.lose(error("DEVICE_LOST", f"{self.name} at {self._config.url}: {reason}"))
-
-    def _note_end(self, task: asyncio.Task[None]) -> None:
-        """Polling that fails for no reason of the link is a defect, and leaves the tracker unwatched."""
-        if not task.cancelled() and (failure := task.exception()) is not None:
-            self._life.lose(error("INTERNAL", f"{task.get_name()}: {failure!r}"))
 
     def _unreachable(self, what: str) -> CellError:
         return error("DEVICE_UNREACHABLE", f"{self.name} at {self._config.url}: {what}")

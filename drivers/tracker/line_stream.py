@@ -42,7 +42,6 @@ class LineStreamTracker:
         self._life = Life(name, clock)
         self._link: Link | None = None
         self._lines = Lines()
-        self._task: asyncio.Task[None] | None = None
         self._answered = asyncio.Event()  # the request, by any line
         self._read = asyncio.Event()  # a line, for the first time
         self._asked: float | None = None  # when the request was sent that has no answer yet
@@ -68,8 +67,7 @@ class LineStreamTracker:
         self._lines, self._read, self._last_arrival = Lines(), asyncio.Event(), self._clock.now()
         try:
             self._link = await self._connect()
-            self._task = asyncio.create_task(self._run(), name=f"{self.name} reading")
-            self._task.add_done_callback(self._note_end)
+            self._life.keep_going(self._run(), "reading")
             async with asyncio.timeout(self._config.silence_s):
                 await self._read.wait()
             self._life.require()
@@ -83,11 +81,7 @@ class LineStreamTracker:
 
     async def close(self) -> None:
         """End the connection."""
-        self._life.lose(error("DEVICE_LOST", f"{self.name} was closed"))
-        task, self._task = self._task, None
-        if task is not None:
-            task.cancel()
-            await asyncio.wait([task])
+        await self._life.end()
         link, self._link = self._link, None
         if link is not None:
             link.close()
@@ -281,8 +275,3 @@ class LineStreamTracker:
 
     def _dropped(self, reason: str) -> None:
         self._lose("DEVICE_LOST", reason)
-
-    def _note_end(self, task: asyncio.Task[None]) -> None:
-        """Reading that fails for no reason of the link is a defect, and leaves the tracker unwatched."""
-        if not task.cancelled() and (failure := task.exception()) is not None:
-            self._life.lose(error("INTERNAL", f"{task.get_name()}: {failure!r}"))
