@@ -16,11 +16,11 @@ from scipy.spatial.transform import RigidTransform
 
 from cell.arm_model import ArmModel
 from cell.devices import Arm, ArmState, Identity, MotionPort, Speed, ToolSettings, TrajectoryPiece
-from cell.errors import error
+from cell.errors import CellError, error
+from cell.motion import FRESH_WITHIN_S, MAX_STATE_AGE_S
 from cell.poses import Array, exp_xi, log_xi
 from cell.samples import Mapped, Readings
 
-FRESH_S = 0.1
 BELIEF_M, BELIEF_RAD = 0.0003, 0.0003  # pendant and model of a real UR agree to 0.09 mm at worst
 _STEP_M, _STEP_RAD = 0.05, 0.2  # along a line, so that its end is found on the branch that it begins on
 
@@ -82,7 +82,7 @@ class ModelledArm:
 
     async def open_motion(self, tool: ToolSettings) -> MotionPort:
         """As the arm's own, and refused when the controller believes something else than is known."""
-        self._models.check_belief(self._arm.state.latest(FRESH_S).value)
+        self._models.check_belief(await _state(self._arm))
         return ModelledPort(await self._arm.open_motion(tool), self._arm, self._models)
 
     @property
@@ -127,15 +127,16 @@ class ModelledPort:
         self._port, self._arm, self._models = port, arm, models
 
     async def move_linear(self, T_base_flange: RigidTransform, speed: Speed) -> None:
-        await self._port.move_linear(self._told(T_base_flange), speed)
+        await self._port.move_linear(await self._told(T_base_flange), speed)
 
     async def guarded_move(
         self, T_base_flange: RigidTransform, speed: Speed, max_force_n: float, max_travel_m: float
     ) -> bool:
-        return await self._port.guarded_move(self._told(T_base_flange), speed, max_force_n, max_travel_m)
+        told = await self._told(T_base_flange)
+        return await self._port.guarded_move(told, speed, max_force_n, max_travel_m)
 
-    def _told(self, T_base_flange: RigidTransform) -> RigidTransform:
-        return self._models.told(T_base_flange, self._arm.state.latest(FRESH_S).value.q)
+    async def _told(self, T_base_flange: RigidTransform) -> RigidTransform:
+        return self._models.told(T_base_flange, (await _state(self._arm)).q)
 
     async def move_joints(self, q: Array, speed: Speed) -> None:
         await self._port.move_joints(q, speed)
@@ -151,3 +152,12 @@ class ModelledPort:
 
     async def close(self) -> None:
         await self._port.close()
+
+
+async def _state(arm: Arm) -> ArmState:
+    """What the controller reports now; a short silence, as while a long line was checked, is waited out."""
+    try:
+        return arm.state.latest(MAX_STATE_AGE_S).value
+    except CellError:
+        await arm.wait_fresh(FRESH_WITHIN_S)
+        return arm.state.latest(MAX_STATE_AGE_S).value
