@@ -75,10 +75,10 @@ class UrArm:
         return self._reach.copy()
 
     def forward(self, q: Array) -> RigidTransform:
-        return RigidTransform.from_matrix(self._chain.frames(_rows(q))[0, -1])
+        return RigidTransform(self._chain.frames(_rows(q))[0, -1], normalize=False)
 
     def forward_many(self, Q: Array) -> RigidTransform:
-        return RigidTransform.from_matrix(self._chain.frames(_rows(Q))[:, -1])
+        return RigidTransform(self._chain.frames(_rows(Q))[:, -1], normalize=False)
 
     def jacobian(self, q: Array) -> Array:
         J: Array = self.jacobian_many(_rows(q))[0]
