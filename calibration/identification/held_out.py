@@ -1,7 +1,7 @@
 """Judged by readings that the solution did not see: nominal, registered only, and calibrated.
 
 Poses are dealt to the folds in turn, with all readings that were made there; each fold is predicted by an arm
-solved from the others alone.
+solved from the others alone. Where that leaves too few others, poses are judged one at a time.
 """
 
 from collections.abc import Callable
@@ -32,19 +32,21 @@ class HeldOut:
     nominal: Array
     registration: Array
     calibrated: Array
+    folds: int
 
 
 def held_out(solution: Solution, refit: Refit | None = None) -> HeldOut:
-    """K-fold check over the readings in use; folds whose rest is too small are left out."""
+    """K-fold check over the readings in use; folds whose rest is too small even so are left out."""
     problem, model = solution.problem, solution.model
     used = np.flatnonzero(solution.used)
     sigma = solution.noise.sigma(problem.range_m)
     drawn = model.points(model.nominal, problem.Q, problem.target)
-    fold = pose_numbers(problem.take(used)) % FOLDS
+    least = solution.unknowns + 3
+    fold = _dealt(pose_numbers(problem.take(used)), least)
     rows, distances = [], []
-    for k in range(FOLDS):
+    for k in np.unique(fold):
         judged, rest = used[fold == k], used[fold != k]
-        if not len(judged) or 3 * len(rest) < solution.unknowns + 3 or _loses_target(problem, judged, rest):
+        if 3 * len(rest) < least or _loses_target(problem, judged, rest):
             continue
         part, weight = problem.take(rest), sigma[rest] ** -2.0
         x, place = (refit or _refit)(part, solution.x, weight)
@@ -56,9 +58,16 @@ def held_out(solution: Solution, refit: Refit | None = None) -> HeldOut:
         distances.append([np.sqrt(np.sum((q - p) ** 2, axis=0)) for q in away])
     if not rows:
         none = np.zeros(0)
-        return HeldOut(np.zeros(0, dtype=np.int64), none, none, none)
+        return HeldOut(np.zeros(0, dtype=np.int64), none, none, none, 0)
     nominal, registration, calibrated = (np.concatenate([d[i] for d in distances]) for i in range(3))
-    return HeldOut(np.concatenate(rows), nominal, registration, calibrated)
+    return HeldOut(np.concatenate(rows), nominal, registration, calibrated, len(rows))
+
+
+def _dealt(pose: NDArray[np.int64], least: float) -> NDArray[np.int64]:
+    """(n,): the fold of readings at ``pose`` (n,); the others of each must give ``least`` numbers."""
+    fold = pose % FOLDS
+    largest = int(np.bincount(fold).max(initial=0))
+    return pose if 3 * (len(pose) - largest) < least else fold
 
 
 def _refit(part: Problem, start: Array, weight: Array) -> tuple[Array, Registration]:

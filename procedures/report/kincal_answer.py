@@ -34,7 +34,7 @@ def verdict_section(source: KincalSource) -> Html:
         return top
     before = number(dig(source.answer, "rms_registration_only"))
     after = number(dig(source.answer, "rms_calibrated"))
-    gain = DASH if not before or not after else f"{before / after:.0f} ×"
+    gain = DASH if not before or not after else f"{before / after:.{0 if before > 10.0 * after else 1}f} ×"
     predicted = dig(source.result, "uncertainty", "predicted_95", "workspace")
     places = len(dig(predicted, "places") or [])
     return Html(
@@ -87,7 +87,8 @@ def figures_section(source: KincalSource) -> Html | None:
         ),
         *(note(el("b", name), ": ", meaning) for _, _, name, meaning in _FIGURES),
         note(
-            f"{judged:.0f} samples in {dig(held, 'folds')} folds, each judged by an arm that did not see it. "
+            f"{judged:.0f} of {dig(source.result, 'inputs', 'used')} samples in {dig(held, 'folds')} folds, "
+            "each judged by an arm that did not see it. "
             "The distances hold the tracker's own noise: √3 σ of single readings, less where a point "
             "averages many. σ is along one axis, "
             f"at the middle range of {_metres(source)}; {_noise(source)}."

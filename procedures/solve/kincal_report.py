@@ -7,7 +7,7 @@ import numpy as np
 from calibration.identification.classic import Classic, solve_classic
 from calibration.identification.constant import KEY, constant_of, moved, unnoticed
 from calibration.identification.estimator import Problem
-from calibration.identification.held_out import FOLDS, HeldOut, held_out, rms
+from calibration.identification.held_out import HeldOut, held_out, rms
 from calibration.identification.model import REGISTRATION
 from calibration.identification.observability import Observability
 from calibration.identification.registration import Registration, register
@@ -217,7 +217,7 @@ def _held_out(solution: Solution, judged: HeldOut) -> dict[str, object]:
     figures = (judged.nominal, judged.registration, judged.calibrated)
     names = ("nominal", "registration_only", "calibrated")
     return {
-        "folds": FOLDS,
+        "folds": judged.folds,
         "samples": len(judged.rows),
         "rms": {name: rms(d) for name, d in zip(names, figures, strict=True)},
         "max": {name: float(d.max()) if len(d) else None for name, d in zip(names, figures, strict=True)},

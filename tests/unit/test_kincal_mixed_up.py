@@ -77,6 +77,14 @@ def test_a_pose_measured_again_does_not_vouch_for_itself(tmp_path: Path) -> None
     assert often["result"]["rms_calibrated"] > 0.8 * once["result"]["rms_calibrated"]
 
 
+def test_of_few_poses_every_one_is_judged_by_an_arm_that_did_not_see_it(tmp_path: Path) -> None:
+    """Five folds of eight poses leave six, which cannot determine a palletizer; eight of one leave seven."""
+    few = solved(make_scene("palletizer", 35, 8), tmp_path)["heldout"]
+    assert (few["samples"], few["folds"]) == (8, 8)
+    many = solved(make_scene("palletizer", 35, 40), tmp_path)["heldout"]
+    assert (many["samples"], many["folds"]) == (40, 5)
+
+
 def test_a_reading_of_another_reflector_is_left_out_with_that_reflectors_name(tmp_path: Path) -> None:
     scene = make_scene("ur10e", 24, 60, tools=TOOLS["ur10e"])
     (out,) = solved(renamed(scene, range(7, 8)), tmp_path)["result"]["rejected"]
