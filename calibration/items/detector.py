@@ -3,6 +3,10 @@
 Depth says that something is there and how high it is; its edges are blurred by several pixels on any real
 stereo camera. Colour has sharp edges but does not know what is top and what is side. So the upper face comes
 from depth, and its rim is moved to the edge that colour shows (:mod:`calibration.items.rim`).
+
+Depth is off by a per cent of the distance on many cameras, and that would be more than the height of many
+items. Where the belt is, the calibrated camera pose says better, so heights are counted from the belt as
+depth has it: over the whole picture to tell items from it, and beside each item to measure it.
 """
 
 from collections.abc import Iterator, Mapping
@@ -26,6 +30,8 @@ Depth = NDArray[np.uint16]
 _COARSE = 4  # px between the points that the first look takes
 _MARGIN = 20  # px around an item that its rim may need
 _RIM, _FEWEST_PX = 9, 50  # px along the rim where a side may pass for the top; px of a face
+_LEVEL_M = 0.02  # from where it should be, depth may have the belt
+_CLEAR = 17  # px about what stands out, where depth is neither that nor the belt
 _RIM_PX = 3  # closer to the edge of the picture an item may be cut
 _BAND_M = 0.004  # of depth about an upper face; stereo is no better
 
@@ -88,13 +94,21 @@ class ItemDetector:
 
     def find(self, colour: Image, depth: Depth) -> tuple[ItemView, ...]:
         """Items in ``colour`` (h, w, 3) BGR with ``depth`` (h, w) in mm aligned to it, 0 = invalid."""
-        found = (self._measure(box, colour, depth) for box in self._candidates(depth))
+        level = self._level(depth)
+        found = (self._measure(box, colour, depth, level) for box in self._candidates(depth, level))
         return tuple(item for item in found if item is not None)
 
-    def _candidates(self, depth: Depth) -> Iterator[tuple[int, int, int, int]]:
+    def _level(self, depth: Depth) -> float:
+        """How high depth has the belt over where it is, m; 0 where it is not to be seen."""
+        coarse = depth[::_COARSE, ::_COARSE]
+        height = self._heights(coarse, self._slope)[(coarse > 0) & self._inside]
+        near = height[np.abs(height) < _LEVEL_M]
+        return float(np.median(near)) if len(near) > _FEWEST_PX else 0.0
+
+    def _candidates(self, depth: Depth, level: float) -> Iterator[tuple[int, int, int, int]]:
         """Boxes x0, y0, x1, y1 (px) around what stands out."""
         coarse = depth[::_COARSE, ::_COARSE]
-        height = self._heights(coarse, self._slope)
+        height = self._heights(coarse, self._slope) - level
         low, high = 0.5 * self.spec.min_height_m, self.spec.max_height_m + _BAND_M
         mask = ((height > low) & (height < high) & (coarse > 0) & self._inside).astype(np.uint8)
         mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
@@ -104,12 +118,14 @@ class ItemDetector:
             x1, y1 = _COARSE * int(x + w) + _MARGIN, _COARSE * int(y + h) + _MARGIN
             yield max(x0, 0), max(y0, 0), min(x1, self.camera.width), min(y1, self.camera.height)
 
-    def _measure(self, box: tuple[int, int, int, int], colour: Image, depth: Depth) -> ItemView | None:
+    def _measure(
+        self, box: tuple[int, int, int, int], colour: Image, depth: Depth, level: float
+    ) -> ItemView | None:
         x0, y0, x1, y1 = box
         window = depth[y0:y1, x0:x1]
         u, v = np.meshgrid(np.arange(x0, x1, dtype=float), np.arange(y0, y1, dtype=float))
         slope = (self.rays(np.stack([u.ravel(), v.ravel()], axis=1)) @ self._normal).reshape(u.shape)
-        height = self._heights(window, slope)
+        height = self._heights(window, slope) - level
         valid = (window > 0) & (height > 0.5 * self.spec.min_height_m)
         if valid.sum() < _FEWEST_PX:
             return None
@@ -120,7 +136,7 @@ class ItemDetector:
         inner = cv2.erode(face.astype(np.uint8), np.ones((_RIM, _RIM), np.uint8)).astype(bool)
         if inner.sum() < _FEWEST_PX:
             return None
-        top = float(np.mean(height[inner]))
+        top = float(np.mean(height[inner])) - self._beside(height, window > 0, valid)
         if not self.spec.min_height_m <= top <= self.spec.max_height_m:
             return None
         rim = measured_rim(colour[y0:y1, x0:x1], face, partial(self._foot, np.array([x0, y0]), top))
@@ -131,6 +147,12 @@ class ItemDetector:
         if np.any(pixels < _RIM_PX) or np.any(pixels > edge):
             return None
         return self._view(outline(self._on_face(pixels, top), self._normal), top, rim.sigma_px)
+
+    def _beside(self, height: Array, seen: NDArray[np.bool_], stands: NDArray[np.bool_]) -> float:
+        """The height (m) that depth gives to the belt around what ``stands`` out; 0 where it shows none."""
+        clear = ~cv2.dilate(stands.astype(np.uint8), np.ones((_CLEAR, _CLEAR), np.uint8)).astype(bool)
+        belt = height[seen & clear & (np.abs(height) < 0.5 * self.spec.min_height_m)]
+        return float(np.mean(belt)) if len(belt) > _FEWEST_PX else 0.0
 
     def _view(self, shape: Outline, height: float, sigma_px: float) -> ItemView | None:
         low, high = self.spec.size_m

@@ -33,6 +33,19 @@ class BeltCalibrationConfig(BaseModel):
     belt_z_m: float | None = Field(
         default=None, ge=-5, le=5, description="camera: height of the belt's surface in the base"
     )
+    camera_turn_95_rad: float = Field(
+        default=0.0005,
+        ge=0,
+        le=0.05,
+        description="camera: T_base_camera may be turned by so much (95 %), as its result says; so is dir",
+    )
+    distance_95_m: float = Field(
+        default=0.0005,
+        ge=0,
+        le=0.05,
+        description="camera: its distance from the belt, by T_base_camera and belt_z_m, may be off by so "
+        "much (95 %); m_per_count is then in proportion",
+    )
     items: ItemLook = Field(default_factory=ItemLook)
     sightings: int = Field(default=80, ge=10, le=2000, description="camera: take so many at least")
     travel_m: float = Field(

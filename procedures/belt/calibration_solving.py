@@ -12,7 +12,7 @@ from calibration.belt.scale import BeltScale, Refusal, fit_scale, two_points
 from cell.formats.result import Result, Verdict, Warning_
 from procedures.belt.calibration_record import read_data_set
 from procedures.belt.calibration_rows import Rows, rows_of
-from procedures.belt.calibration_spread import spread
+from procedures.belt.calibration_spread import spread, with_camera
 
 KIND = "belt-calibration"
 _STANDS_COUNTS = 2.0
@@ -39,6 +39,7 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> dict[str, Any]
         return Result(kind=KIND, verdict="fail", reasons=[str(answer)], result=None, inputs=inputs).as_json()
     sure = None if data["source"] == "touch" else spread(answer, rows)
     if sure is not None:
+        sure = with_camera(sure, answer, *_camera(data, rows, config))
         answer = replace(answer, half_scale=sure.half_scale, half_angle=sure.half_angle, cov=sure.cov)
     sense = -1.0 if _net_counts(rows) < 0.0 else 1.0
     way = sense * answer.direction
@@ -79,6 +80,16 @@ def _answer(data: Mapping[str, Any], rows: Rows, touch_sigma_m: float) -> BeltSc
             return Refusal("encoder-stands", f"{words}; look whether its wheel turns with the belt")
         return Refusal("belt-stands", f"the encoder did not count in {span:.0f} s; start the belt")
     return fit_scale(rows.points, rows.counts, rows.items)
+
+
+def _camera(data: Mapping[str, Any], rows: Rows, config: Mapping[str, Any]) -> tuple[float, float]:
+    """What the camera's pose may be wrong by (95 %): its turn, rad, and its distance as a share of itself.
+
+    Runs from before these were asked for have neither.
+    """
+    above = abs(float(data["T_base_camera"][2]) - float(np.mean(rows.points[:, 2])))
+    share = float(config.get("distance_95_m", 0.0)) / max(above, 1e-3)
+    return float(config.get("camera_turn_95_rad", 0.0)), share
 
 
 def _by_touch(rows: Rows, sigma_m: float) -> BeltScale | Refusal:
@@ -203,8 +214,8 @@ def _open(data: Mapping[str, Any], answer: BeltScale) -> list[str]:
             words.append("how well the mark was met: with so few touches it is touch_sigma_m, not measured")
         return words
     words = [
-        "an error of T_base_camera: it turns dir as far as the camera is turned, and stretches m_per_count "
-        "as far as the camera misjudges distances; the intervals hold what sightings show of each other alone"
+        "a camera that is turned by more than camera_turn_95_rad, or whose distance from the belt is off by "
+        "more than distance_95_m: it turns dir, and stretches m_per_count, as far"
     ]
     if data.get("configured") is None:
         words.append(

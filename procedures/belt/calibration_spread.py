@@ -22,6 +22,7 @@ from procedures.belt.calibration_rows import Rows
 _FEWEST = 4  # clusters that say anything
 _PLACES = 12  # of the picture
 _PATTERN_M = 1e-3  # a sighting further off is a false one
+_NORMAL95 = 1.96
 _K95 = float(student.ppf(0.975, _PLACES - 2))  # of what is as large as their pattern
 
 
@@ -60,6 +61,21 @@ def spread(answer: BeltScale, rows: Rows) -> Spread | None:
         float(np.hypot(max(s.half_angle for s in found), _K95 * across)),
         widest.cov + answer.m_per_count**2 * np.outer(unseen, unseen),
         widest.by,
+    )
+
+
+def with_camera(sure: Spread, answer: BeltScale, turn_95_rad: float, share_95: float) -> Spread:
+    """``sure`` with what all sightings share, which no pattern shows: a camera that is turned by up to
+    ``turn_95_rad`` about any axis turns the direction as far, one whose distance from the belt is wrong by
+    the share ``share_95`` has the scale wrong by it."""
+    m, along = answer.m_per_count, answer.direction
+    onto = np.outer(along, along)
+    shared = share_95**2 * onto + turn_95_rad**2 * (np.eye(len(along)) - onto)
+    return replace(
+        sure,
+        half_scale=float(np.hypot(sure.half_scale, m * share_95)),
+        half_angle=float(np.hypot(sure.half_angle, turn_95_rad)),
+        cov=sure.cov + (m / _NORMAL95) ** 2 * shared,
     )
 
 

@@ -2,7 +2,8 @@
 
 ``counts.framed`` has rows of :data:`COUNT`, ``steps.framed`` rows of :data:`STEP` and ``belief.framed`` rows
 of :data:`BELIEF`, all of a tenth of a second in one frame; ``sightings.framed`` has one JSON object a camera
-frame with items in it. What was decided is in the journal. The loop only appends to lists: packing and writing happen in a thread.
+frame with items in it. What was decided is in the journal. The loop only appends to lists: packing and
+writing happen in a thread.
 """
 
 import asyncio

@@ -1,12 +1,14 @@
 """Intervals of a belt's scale when sightings share errors: of a frame, or of a place in the picture."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from calibration.belt.scale import BeltScale, fit_scale
 from procedures.belt.calibration_rows import Rows, counts_at
-from procedures.belt.calibration_spread import spread
+from procedures.belt.calibration_spread import spread, with_camera
 
 SCALE, WAY = 1.013e-4, np.array([0.9998, -0.02, 0.0]) / np.hypot(0.9998, 0.02)
 ITEMS, SPACING, SEEN, RUNS = 9, 0.25, 1.1, 120
@@ -70,6 +72,33 @@ def test_what_the_camera_gets_wrong_over_the_picture_widens_it() -> None:
     wide, plain, _ = inside(pattern)
     assert plain < 0.4
     assert wide > 0.85
+
+
+def test_a_camera_that_is_turned_and_too_far_away_is_inside_the_interval_that_asks_for_it() -> None:
+    turn_95, share_95, inside = 5e-4, 6e-4, []
+    for seed in range(RUNS):
+        rng = np.random.default_rng(seed)
+        rows = seen(rng, lambda rng, frame, x: np.zeros(len(x)))
+        turned = Rotation.from_rotvec(rng.normal(0.0, turn_95 / 1.96, 3)).apply(rows.points)
+        off = replace(rows, points=turned * (1.0 + rng.normal(0.0, share_95 / 1.96)))
+        answer = fit_scale(off.points, off.counts, off.items)
+        assert isinstance(answer, BeltScale)
+        alone = spread(answer, off)
+        assert alone is not None
+        sure = with_camera(alone, answer, turn_95, share_95)
+        beside = np.cross([0.0, 0.0, 1.0], WAY)
+        inside.append(
+            [
+                abs(answer.m_per_count - SCALE) <= half.half_scale
+                and abs(answer.direction @ beside) <= half.half_angle
+                for half in (sure, alone)
+            ]
+        )
+        d = answer.direction
+        assert np.sqrt(d @ sure.cov @ d) >= np.sqrt(d @ alone.cov @ d)
+    with_it, without = np.mean(inside, axis=0)
+    assert with_it > 0.85  # of both at once; 0.9 is right
+    assert without < 0.5
 
 
 def test_late_stamps_of_counts_are_smoothed_out() -> None:

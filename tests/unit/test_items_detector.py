@@ -66,6 +66,18 @@ def test_an_item_with_another_close_beside_it_is_less_sure(scene: Scene) -> None
         assert min(abs(x + 0.165), abs(x + 0.1)) < 3.0 * item.sigma_m
 
 
+@pytest.mark.parametrize("share", [-0.008, 0.008])
+def test_depth_that_is_off_by_a_share_of_the_distance_moves_neither_place_nor_height(
+    scene: Scene, share: float
+) -> None:
+    x, y = -0.25, -0.5
+    colour, depth = scene.picture([(x, y, 0.3)])
+    dither = np.random.default_rng(2).uniform(-0.5, 0.5, depth.shape)  # not to be rounded twice
+    off = np.round(depth * (1.0 + share) + dither).astype(np.uint16)
+    (item,) = scene.detector().find(colour, off)
+    assert T_BASE_CAMERA.apply(item.point) == pytest.approx([x, y, 0.03], abs=0.4e-3)
+
+
 def test_an_item_says_how_it_lies_how_large_and_how_high_it_is(scene: Scene) -> None:
     (item,) = scene.detector().find(*scene.picture([(0.1, -0.6, 0.7)]))
     axis = T_BASE_CAMERA.rotation.apply(item.axis)
