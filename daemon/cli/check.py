@@ -22,7 +22,7 @@ def check(
     Exit code 2 when a job cannot succeed with it; a warning alone changes nothing.
     """
     from daemon.cli.predict import predictions
-    from daemon.cli.predict_arm import arm_in_use
+    from daemon.cli.predict_arm import arm_in_use, strangers
     from daemon.cli.predict_values import found_in
     from daemon.config import load_config
 
@@ -38,6 +38,10 @@ def check(
     for warning in warnings:
         say(f"Warning: {warning}")
     found = _probe(loaded) if probe else []
+    serials = {d["device"]: d["serial"] for d in found if d["serial"]}
+    for stranger in strangers(loaded, serials) if serials else ():
+        warnings.append(stranger)
+        say(f"Warning: {stranger}")
     if as_json:
         shown = {"config": str(path), "problems": problems, "warnings": warnings, "arm": arm}
         out_json({**shown, "predictions": expected, "devices": found})

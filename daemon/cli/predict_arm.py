@@ -22,7 +22,7 @@ def arm_in_use(config: CellConfig) -> dict[str, Any] | None:
         return None
     name, wanted = kinematics(device), config.robot.use_kinematics
     try:
-        rows = _rows(Path(config.cell.state_dir) / "ledger.sqlite")
+        rows = accepted_rows(config)
     except CellError as exc:
         text = f"{SWITCH} is {str(wanted).lower()}; what is accepted is not known: {exc}"
         return {
@@ -44,10 +44,30 @@ def arm_in_use(config: CellConfig) -> dict[str, Any] | None:
     return {"model": model, "text": text, "cautions": cautions}
 
 
-def _rows(path: Path) -> list[dict[str, Any]]:
-    """What the ledger has of calibrations, newest first; nothing while there is no ledger."""
+def strangers(config: CellConfig, serials: Mapping[str, str]) -> list[str]:
+    """Accepted kinematics that were measured with another arm than the one that says it has this serial.
+
+    ``serials`` by device, as a probe found them; what nobody could tell says nothing.
+    """
+    try:
+        rows = [row for row in accepted_rows(config) if row["state"] == "committed"]
+    except CellError as exc:
+        return [f"whose kinematics are accepted is not known: {exc}"]
+    told = ((row, other_device(row["value"], "arm", serials.get(_device_of(row)))) for row in rows)
+    return [f"{row['name']} version {row['version']}: {why}" for row, why in told if why]
+
+
+def _device_of(row: Mapping[str, Any]) -> str:
+    """The arm whose kinematics a row of the ledger has; no device's name for anything else."""
+    kind, _, device = str(row["name"]).partition(".")
+    return device if kind == "kinematics" else ""
+
+
+def accepted_rows(config: CellConfig) -> list[dict[str, Any]]:
+    """What the cell's ledger has of calibrations, newest first; nothing while there is no ledger."""
     from cell.store.ledger import Ledger
 
+    path = Path(config.cell.state_dir) / "ledger.sqlite"
     if not path.exists():
         return []
     ledger = Ledger(path, read_only=True)

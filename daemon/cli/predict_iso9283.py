@@ -5,14 +5,22 @@ from typing import Any
 import numpy as np
 
 from calibration.iso9283 import CYCLES, figures
+from cell.calibrations import kinematics
 from cell.errors import CellError
 from cell.poses import from_pose6
 from daemon.cli.output import mm
+from daemon.cli.predict_arm import accepted_rows
 from daemon.cli.predict_tracker import noise_of
 from daemon.cli.predict_values import configured_values
 from daemon.config import CellConfig
 from procedures.iso9283.config import Iso9283Config
-from procedures.iso9283.plan import is_corrected, plan_iso, wanted_poses
+from procedures.iso9283.plan import (
+    is_corrected,
+    kinematics_of,
+    plan_iso,
+    require_same_devices,
+    wanted_poses,
+)
 
 _RANGE_M = 3.0  # where nobody says where the tracker stands
 
@@ -52,6 +60,8 @@ def predict_iso9283(config: CellConfig, job: Iso9283Config) -> dict[str, Any]:
     if job.cycles < CYCLES:
         cautions.append(f"cycles is {job.cycles}; the standard has {CYCLES}")
     needs = is_corrected(values, job) or job.registration == "kinematics"
+    if needs:
+        problems += _not_of_this_arm(config, job, values)
     text = (
         f"{plan['arrivals']} arrivals at {len(plan['poses'])} poses, all free and in reach; at "
         f"{distance:.1f} m the tracker alone reads AP {mm(floors['AP'])} (95 %) and RP "
@@ -59,6 +69,24 @@ def predict_iso9283(config: CellConfig, job: Iso9283Config) -> dict[str, Any]:
         + ("; needs kinematics of the arm that are accepted when it starts" if needs else "")
     )
     return {"text": text, "tracker": floors, "problems": problems, "cautions": cautions}
+
+
+def _not_of_this_arm(config: CellConfig, job: Iso9283Config, values: dict[str, Any]) -> list[str]:
+    """Why the job would refuse the kinematics that are accepted now, by what the config says of arm and
+    tracker; nothing while none are accepted."""
+    roles = config.robot.roles()
+    name = kinematics(roles["arm"])
+    serials = {
+        role: getattr(config.device[roles[role]], "expect_serial", None) or "" for role in ("arm", "tracker")
+    }
+    try:
+        rows = [r for r in accepted_rows(config) if (r["name"], r["state"]) == (name, "committed")]
+        if rows:
+            found = kinematics_of({**values, "kinematics": {"arm": rows[0]["value"]}}, job)
+            require_same_devices(found, job, serials)
+    except CellError as exc:
+        return [f"{exc}. {exc.hint}"]
+    return []
 
 
 def _range_m(job: Iso9283Config) -> float:

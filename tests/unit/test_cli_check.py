@@ -246,6 +246,21 @@ def test_the_probe_names_who_answers(subject: CommandLine, objects: Path) -> Non
     }
 
 
+def test_a_probe_tells_an_arm_that_accepted_kinematics_were_not_measured_with(
+    subject: CommandLine, objects: Path, ledger: Ledger
+) -> None:
+    value = {"robot": {"model": "ur10e"}, "serials": {"arm": "20991234"}}
+    ledger.accept(ledger.propose("kinematics.arm", value, {}, 0, None), "test")
+    told = (
+        "kinematics.arm version 1: the kinematics in effect were measured with arm 20991234, and this is arm "
+        "99991100001"
+    )
+    done = subject("check", "--probe", "-c", objects, "--json")
+    assert told in json.loads(done.out)["warnings"]
+    assert done.err.count(f"Warning: {told}") == 1
+    assert told not in subject("check", "-c", objects).err, "without a probe nobody knows who is there"
+
+
 def test_a_probe_that_finds_another_device_is_refused(
     subject: CommandLine, objects: Path, tmp_path: Path
 ) -> None:

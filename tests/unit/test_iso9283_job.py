@@ -15,6 +15,7 @@ from cell.calibrations import kinematics
 from cell.errors import CellError
 from cell.poses import from_pose6
 from cell.store.files import read_json, to_json
+from cell.store.ledger import Ledger
 from daemon.cli.predict_iso9283 import predict_iso9283
 from daemon.cli.replay import differences
 from daemon.config import CellConfig
@@ -372,6 +373,31 @@ def test_without_a_nominal_place_a_person_points_the_tracker_first(tmp_path: Pat
 def predicted(folder: Path, **job: Any) -> dict[str, Any]:
     config = iso_config(folder, {"cycles": 30, **job})
     return predict_iso9283(config, Iso9283Config.model_validate(config.job_section(JOB)))
+
+
+@pytest.mark.parametrize(
+    ("serials", "job", "told"),
+    [
+        ({"arm": "20991234"}, {"corrected": True}, "with arm 20991234, and this is arm 99991100001"),
+        ({"tracker": "1"}, {"registration": "kinematics"}, "with tracker 1, and this is tracker 99994400001"),
+        ({"tracker": "1"}, {"corrected": True}, None),
+        ({"arm": "99991100001", "tracker": "99994400001"}, {"registration": "kinematics"}, None),
+    ],
+)
+def test_check_says_that_the_accepted_kinematics_are_of_other_devices(
+    tmp_path: Path, serials: dict[str, str], job: dict[str, Any], told: str | None
+) -> None:
+    config = iso_config(tmp_path, {"cycles": 30, **job})
+    state = Path(config.cell.state_dir)
+    state.mkdir(parents=True, exist_ok=True)
+    ledger = Ledger(state / "ledger.sqlite")
+    value = {**true_kinematics(), "serials": serials}
+    ledger.accept(ledger.propose(kinematics("arm"), value, {}, 0, None), "test")
+    ledger.close()
+    found = predict_iso9283(config, Iso9283Config.model_validate(config.job_section(JOB)))["problems"]
+    assert len(found) == (0 if told is None else 1), found
+    if told is not None:
+        assert told in found[0]
 
 
 def test_check_tells_arrivals_and_what_the_tracker_alone_would_read(tmp_path: Path) -> None:
