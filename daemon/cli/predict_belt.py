@@ -9,6 +9,7 @@ from calibration.kinematics import robot_from_spec
 from cell.errors import CellError
 from cell.guard import GuardLimits, MotionGuard, Tool
 from cell.poses import Array, from_pose6
+from daemon.cli.predict_belt_setup import belt_setup
 from daemon.cli.predict_values import configured_values
 from daemon.config import CellConfig
 from daemon.values import with_job_limits
@@ -23,7 +24,8 @@ ROLES = ("arm", CAMERA, "belt", "gripper")
 def predict_belt(config: CellConfig, job: BeltTrackingConfig) -> dict[str, Any]:
     """``text``, the figures for each speed of the belt, and what was found.
 
-    ``problems``: the job is refused or cannot pick with these; ``cautions``: it can, but not at every speed.
+    ``problems``: the job is refused or cannot pick with these; ``cautions``: it can, but not at every speed,
+    or something looks mistaken.
     """
     problems = [*_roles(config), *_poses(config, job)]
     values = configured_values(config)
@@ -37,24 +39,24 @@ def predict_belt(config: CellConfig, job: BeltTrackingConfig) -> dict[str, Any]:
     q_wait, q_place = (np.array(values["poses"][name]) for name in (job.wait_pose, job.place_pose))
     tool = ToolJoints(model, from_pose6(values["tool"]["T_flange_tool"]), q_wait)
     problems = list(_leans(job, tool, q_wait, q_place))
-    slide = _slide_words(job)
+    slide, mistaken = _slide_words(job), list(belt_setup(config, job))
     if job.belt is None:
         text = f"{slide}; no prediction of the zone without [job.belt-tracking] belt"
-        return {"text": text, "problems": problems, "cautions": []}
+        return {"text": text, "problems": problems, "cautions": mistaken}
     if problems:
-        return {"text": slide, "problems": problems, "cautions": []}
+        return {"text": slide, "problems": problems, "cautions": mistaken}
     guard = MotionGuard(model, GuardLimits.from_mapping(values["limits"]), Tool.from_mapping(values["tool"]))
     expectation = Expectation(job, tool, q_wait, q_place, np.array(job.belt.dir))
     problems = expectation.unreachable(guard)
     if problems:
-        return {"text": slide, "problems": problems, "cautions": []}
+        return {"text": slide, "problems": problems, "cautions": mistaken}
     expected = [expectation.at_speed(v) for v in SPEEDS_M_S]
     return {
         "text": f"{_words(expected)}; {slide}; it needs a calibrated camera above the belt when it starts",
         "speeds": [row.as_dict() for row in expected],
         "slides": [{"speed_m_s": v, "slide_m": slide} for v, slide in slides(job.dwell_s)],
         "problems": [],
-        "cautions": [*_cautions(job, expectation, expected)],
+        "cautions": [*mistaken, *_cautions(job, expectation, expected)],
     }
 
 

@@ -73,6 +73,32 @@ def test_what_would_be_refused_is_told_at_once(
     assert "Traceback" not in shown.err
 
 
+@pytest.mark.parametrize(
+    ("was", "now", "told"),
+    [
+        ("m_per_count = 0.0001", "m_per_count = 0.1", "the rounding of a count alone is 28.9 mm RMS"),
+        ("dir = [0.9998, -0.02, 0.0]", "dir = [-0.9998, 0.02, 0.0]", "behind the end of the zone at 0.45 m"),
+        (
+            "[job.belt-calibration]\nbelt_z_m = 0.15",
+            "[job.belt-calibration]\nbelt_z_m = 0.2",
+            "belt_z_m is 0.15 m here and 0.2 m in [job.belt-calibration]",
+        ),
+        (
+            "T_base_camera_nominal = [-0.75, 0.55, 0.95,",
+            "T_base_camera_nominal = [-0.75, 0.55, 0.2,",
+            "the camera at 0.2 m does not look down on the belt",
+        ),
+    ],
+)
+def test_what_looks_mistaken_is_a_warning_that_says_what_to_look_at(
+    subject: CommandLine, cell: Path, was: str, now: str, told: str
+) -> None:
+    change(cell, was, now)
+    shown = subject("check", "-c", cell)
+    assert shown.code == 0, shown.err
+    assert told in shown.err
+
+
 def test_a_missing_device_is_told_by_its_role(subject: CommandLine, cell: Path) -> None:
     change(cell, 'gripper = "gripper"', "")
     change(cell, "[device.gripper]", "[device.claw]")

@@ -1,0 +1,51 @@
+"""What looks mistaken in how a belt is set up, though it could be picked from: units, senses, heights."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from cell.poses import Array, from_pose6
+from daemon.config import CellConfig
+from procedures.belt.config import BeltTrackingConfig
+
+_COARSE_M = 0.5e-3  # RMS of a count's rounding; the arm meets items that well at best
+_LEAST_HEIGHT_M = 0.1  # of a camera above the belt
+_OTHER_M = 0.002  # between heights of one belt
+
+
+def belt_setup(config: CellConfig, job: BeltTrackingConfig) -> Iterator[str]:
+    """One sentence, with what to do, for each."""
+    if job.belt is not None:
+        if (rounding := abs(job.belt.m_per_count) / np.sqrt(12.0)) > _COARSE_M:
+            yield (
+                f"belt.m_per_count = {job.belt.m_per_count:g} m: the rounding of a count alone is "
+                f"{1e3 * rounding:.1f} mm RMS of every place; it is metres of belt for one count"
+            )
+        yield from _camera(config, job, np.array(job.belt.dir, dtype=float))
+    other = config.job_section("belt-calibration").get("belt_z_m")
+    if other is not None and abs(float(other) - job.belt_z_m) > _OTHER_M:
+        yield (
+            f"belt_z_m is {job.belt_z_m:g} m here and {other:g} m in [job.belt-calibration]; it is the "
+            "height of one belt in the base"
+        )
+
+
+def _camera(config: CellConfig, job: BeltTrackingConfig, way: Array) -> Iterator[str]:
+    """Where the camera of the drawing looks at the belt, beside the zone."""
+    if config.robot.T_base_camera_nominal is None:
+        return
+    T = from_pose6(config.robot.T_base_camera_nominal)
+    sight, height = T.rotation.apply([0.0, 0.0, 1.0]), float(T.translation[2]) - job.belt_z_m
+    if height < _LEAST_HEIGHT_M or sight[2] >= 0.0:
+        yield (
+            f"belt_z_m = {job.belt_z_m:g} m: by its drawing (T_base_camera_nominal) the camera at "
+            f"{T.translation[2]:g} m does not look down on the belt; look which of them is wrong"
+        )
+        return
+    along = float((T.translation - height / sight[2] * sight) @ way)
+    if along > job.zone.max_m:
+        yield (
+            f"by its drawing the camera looks at the belt at {along:.2f} m along dir, behind the end of the "
+            f"zone at {job.zone.max_m:g} m: items are seen when they have passed the arm; belt.dir is the "
+            "way that the belt runs, and zone is counted along it"
+        )
