@@ -36,6 +36,7 @@ TOOL_SHARE = 0.99  # of the tool's speed limit: a goal that jumps shares it anew
 SLOWINGS, LEAST_SLOWING = 5, 1.1  # a way that never reaches the speed limit feels a lower one late
 YAW_SHARE = 0.6  # of it for turning the tool; the way itself turns the wrist too
 CHOICES = 3
+COMING_S = 30.0  # an item that comes later is not waited for above the zone's edge
 PUBLISH_S = 0.2
 MET_M, MET_M_S = 0.0003, 0.02  # from rest on an item
 
@@ -424,29 +425,27 @@ class Picker:
                 break  # and those behind it are still farther upstream
             if self._leaves_after(track, contact):
                 found.append((contact, item, ride))
+                if len(found) == CHOICES and self._config.choice == "leaving first":
+                    break
         if self._config.choice == "soonest":
             found.sort(key=lambda one: one[0])
         return [(item, ride) for _, item, ride in found[:CHOICES]]
 
     def _coming(self, t: float) -> tuple[Item, Place] | None:
-        """The first item that is not in the zone yet, and the place above its edge."""
+        """The first item that is not in the zone yet, and the place above its edge where it will come in.
+
+        That is where the belt carries it to, however fast; a forecast over half a minute would be a guess.
+        """
+        now, speed = np.array([t]), self._watch.speed()
         for item in self._watch.queue.waiting(self._config.min_sightings):
             track = self._watch.track(item)
-            if track is None or float(track.along(np.array([t]))[0]) >= self._config.zone.min_m:
+            if track is None or (left := self._config.zone.min_m - float(track.along(now)[0])) <= 0.0:
                 continue
-            if (entry := self._entry(track, t)) is None:
+            if speed < self._config.standing_m_s or left / speed > COMING_S:
                 return None
-            yaw = self._yaw(item)
-            return item, Place(np.array([*track.xy(np.array([entry]))[0], track.height, yaw]))
+            xy = track.xy(now)[0] + left * track.flat
+            return item, Place(np.array([*xy, track.height, self._yaw(item)]))
         return None
-
-    def _entry(self, track: Track, t: float) -> float | None:
-        """When the item will be at the zone's first edge, s; None when that is far off."""
-        speed = self._watch.speed()
-        left = self._config.zone.min_m - float(track.along(np.array([t]))[0])
-        if speed < self._config.standing_m_s or left / speed > 30.0:
-            return None
-        return t + max(left, 0.0) / speed
 
     def _leaves_after(self, track: Track, contact: float) -> bool:
         """Whether the item is still in the zone when a contact at ``contact`` is over."""
