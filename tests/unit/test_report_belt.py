@@ -81,7 +81,7 @@ def test_a_calibration_is_drawn_with_its_sightings(runs: dict[str, Path]) -> Non
     assert "cannot be drawn" not in text
     result = json.loads((runs["belt-calibration"] / "result.json").read_text("utf-8"))
     assert f"{1e6 * result['result']['m_per_count']:.3f} µm" in text
-    assert "an error of T_base_camera" in text
+    assert "a camera that is turned by more than camera_turn_95_rad" in text
 
 
 @pytest.mark.parametrize("job", ["belt-calibration", "belt-tracking"])
@@ -120,7 +120,7 @@ def test_the_command_line_says_what_was_found(runs: dict[str, Path]) -> None:
     calibrated = result_text(results["belt-calibration"])
     found = results["belt-calibration"]["result"]
     assert f"one count moves the belt by {1e6 * found['m_per_count']:.3f} um (95 %:" in calibrated
-    assert "not seen: an error of T_base_camera" in calibrated
+    assert "not seen: a camera that is turned by more than" in calibrated
     picked = result_text(results["belt-tracking"])
     assert "2 picked of" in picked
     assert "gripped moving with the item, method ml" in picked
