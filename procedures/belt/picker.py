@@ -119,7 +119,8 @@ class Picker:
             ahead = [self._leg.at(t + k * AHEAD_S) for k in (1, 2)]
             Q, Qd = self._tool.line(ahead, here[0] + AHEAD_S * here[1])
             piece = self._tool.piece(t, AHEAD_S, [here, *zip(Q, Qd, strict=True)])
-            tool = max(float(np.linalg.norm(self._leg.at(t + k * AHEAD_S).v[:3])) for k in (0.5, 1.0, 1.5))
+            ways = [self._leg.at(t + k * AHEAD_S).v[:3] for k in (0.5, 1.0, 1.5, 2.0)]
+            tool = max(float(np.linalg.norm(v)) for v in ways)
             limits = self._config.limits
             slow = tool <= TOOL_SHARE * limits.speed_m_s
             if slow and fastest_joint(piece) <= BRAKE_SHARE * limits.joint_speed_rad_s:
