@@ -4,7 +4,6 @@ The original reads byte by byte, ends its reader for good at one malformed line,
 were cut off, and keeps the file open when the adapter was pulled out. Its codec is used as it is.
 """
 
-import os
 import re
 import select
 from collections import deque
@@ -13,9 +12,9 @@ from contextlib import suppress
 import can
 from can.interfaces.slcan import slcanBus
 
+from drivers.can_encoder.arrivals import Arrivals
 from drivers.can_encoder.place import Place
 
-_CHUNK = 4096
 _LONGEST_LINE = 64
 _FRAME = re.compile(r"[tTrR]")
 _FLAGS = re.compile(r"F([0-9A-Fa-f]{2})")
@@ -29,7 +28,8 @@ class SerialBus(slcanBus):
         self.malformed = 0
         self.flags: int | None = None  # the adapter's answer to :meth:`ask_flags`
         self._raw = bytearray()
-        self._lines: deque[str] = deque()
+        self._lines: deque[tuple[float, str]] = deque()
+        self._arrivals: Arrivals | None = None
         super().__init__(
             place.channel,
             tty_baudrate=place.baudrate,
@@ -38,6 +38,11 @@ class SerialBus(slcanBus):
             timeout=0.0,
         )
         self.serialPortOrig.write_timeout = timeout
+        self._arrivals = Arrivals(self.serialPortOrig.fileno())
+
+    def fileno(self) -> int:
+        """Readable when something has arrived, or the line has ended."""
+        return -1 if self._arrivals is None else self._arrivals.fd
 
     def ask_flags(self) -> None:
         """Ask for the adapter's status flags; the answer comes among the frames."""
@@ -46,9 +51,10 @@ class SerialBus(slcanBus):
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         while self._lines or self._fill(timeout):
-            line = self._lines.popleft()
+            t, line = self._lines.popleft()
             if _FRAME.match(line):
                 if (message := self._decoded(line)) is not None:
+                    message.timestamp = t  # monotonic: when its last byte was there
                     return message, False
                 self.malformed += 1
             elif found := _FLAGS.fullmatch(line):
@@ -69,36 +75,28 @@ class SerialBus(slcanBus):
         return message if len(line) - head - digits in (0, 4) else None
 
     def _fill(self, timeout: float | None) -> bool:
-        """Read what has arrived; whether there are whole lines."""
-        if timeout != 0 and not select.select([self.fileno()], [], [], timeout)[0]:
+        """Take what has arrived; whether there are whole lines."""
+        assert self._arrivals is not None
+        if timeout != 0 and not select.select([self._arrivals.fd], [], [], timeout)[0]:
             return False
         try:
-            chunk = os.read(self.fileno(), _CHUNK)
-        except BlockingIOError:
-            return False
+            chunks = self._arrivals.take()
         except OSError as exc:
-            raise can.CanOperationError(f"the adapter is gone ({exc.strerror})") from exc
-        if not chunk:
-            self._check_line()
-            return False
-        self._raw += chunk
-        *lines, rest = self._raw.split(b"\r")
-        if len(rest) > _LONGEST_LINE:
-            self.malformed += 1
-            rest = rest[:0]
-        self._raw = bytearray(rest)
-        self._lines += [line.decode("ascii", "replace").lstrip(_REFUSED) for line in lines if line]
+            raise can.CanOperationError(f"the adapter is gone ({exc})") from exc
+        for t, chunk in chunks:
+            self._raw += chunk
+            *lines, rest = self._raw.split(b"\r")
+            if len(rest) > _LONGEST_LINE:
+                self.malformed += 1
+                rest = rest[:0]
+            self._raw = bytearray(rest)
+            self._lines += [(t, line.decode("ascii", "replace").lstrip(_REFUSED)) for line in lines if line]
         return bool(self._lines)
-
-    def _check_line(self) -> None:
-        """A terminal gives nothing both when nothing has come and when it is hung up."""
-        look = select.poll()
-        look.register(self.fileno(), select.POLLIN)
-        if any(events & (select.POLLHUP | select.POLLERR | select.POLLNVAL) for _, events in look.poll(0)):
-            raise can.CanOperationError("the adapter is gone (its line was hung up)")
 
     def shutdown(self) -> None:
         """Close channel and file; the channel of an adapter that is gone needs no closing."""
+        if self._arrivals is not None:
+            self._arrivals.close()
         with suppress(can.CanError, OSError):
             super().shutdown()
         with suppress(OSError):

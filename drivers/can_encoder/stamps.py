@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from itertools import groupby
 from typing import NamedTuple, Protocol
 
 import can
@@ -91,7 +92,7 @@ class GatewayStamps:
 
 
 class HostStamps:
-    """Frames without a stamp: they count from their arrival here.
+    """Frames that count from their arrival here, which is in their ``timestamp`` where it was seen.
 
     Several that were found together came one after the other, a period apart. How much arrivals have lately
     scattered about whole periods is what a single one may be wrong by.
@@ -104,15 +105,21 @@ class HostStamps:
         self.refused = 0
 
     def take(self, messages: Sequence[can.Message], looked: float, now: float) -> list[Stamp]:
-        if not messages:
-            return []
+        found: list[Stamp] = []
+        for arrival, group in groupby(messages, lambda message: message.timestamp or now):
+            since = looked if self._last is None else max(looked, self._last)
+            found += self._together(len(list(group)), min(since, arrival), arrival)
+        return found
+
+    def _together(self, count: int, floor: float, arrival: float) -> list[Stamp]:
+        """``count`` frames that were found at ``arrival``, all of them after ``floor``."""
         if self._last is not None:
-            whole = max(round((now - self._last) / self._period_s), 1)
-            off = abs(now - self._last - whole * self._period_s)
+            whole = max(round((arrival - self._last) / self._period_s), 1)
+            off = abs(arrival - self._last - whole * self._period_s)
             self._scatter = max(_FORGET * self._scatter, min(off, self._period_s))
-        self._last = now
-        floor = min(looked, now)
-        waited = 0.5 * min(self._period_s, now - floor) if len(messages) > 1 else 0.0
-        back = range(len(messages) - 1, -1, -1)
+        self._last = arrival
+        waited = 0.5 * min(self._period_s, arrival - floor) if count > 1 else 0.0
         dt = _HOST_DT_S + max(self._scatter, waited)
-        return [Stamp(max(now - k * self._period_s, floor), dt, now) for k in back]
+        return [
+            Stamp(max(arrival - k * self._period_s, floor), dt, arrival) for k in range(count - 1, -1, -1)
+        ]
