@@ -18,6 +18,8 @@ _PHASE, _RATE = 0.1, 0.005  # gains of the loop that numbers the frames
 _LOST_RHYTHM = 0.5  # s without a frame
 _LOST = 0.6  # of a period: later than this, a frame is missing; lost frames are rarer than late ones
 _PULL = 0.3  # of a period; one late frame does not pull the rhythm further
+_FOLLOW = 0.2  # of the change in what a frame adds
+_TELLING = 3.0  # counts that a frame adds at least, for its count to tell whether one before it was lost
 _BURST = 12  # frames that may come at once after a stall
 _QUANTUM = 12.0**-0.5  # counts; what rounding alone leaves
 _RECENT = 40  # blocks
@@ -26,7 +28,7 @@ _RHYTHM = 0.35  # of a period: stamps further than this from the rhythm are late
 _STEP = 0.9  # of a period
 _NEAR = 4  # frames on either side that show a stray one
 _FAR, _FAR_SIGMAS = 2.0, 6.0  # counts
-_MOST_LATE = 0.15  # share of late stamps beyond which there is no rhythm
+_MOST_LATE = 0.5  # share of late stamps beyond which there is no rhythm
 
 
 @dataclass
@@ -34,7 +36,8 @@ class FrameCounter:
     """Numbers the frames of a sender by their stamps, lost ones counted; the period follows the sender.
 
     A frame that comes before its turn belongs to a burst after a stall: it shares the number before it, and
-    :func:`distinct` moves the stalled ones back.
+    :func:`distinct` moves the stalled ones back. A frame that comes late is told from the one after a lost
+    frame by its count, where the belt moves fast enough for that.
     """
 
     period: float
@@ -42,17 +45,22 @@ class FrameCounter:
     _due: float | None = None
     _open: int = 0  # numbers left out lately, which a burst may fill
     _since: int = 0  # frames since then
+    _n: float = 0.0  # the last count, and what frames lately added
+    _each: float = 0.0
 
-    def add(self, t: float) -> int:
-        """The number of the frame stamped ``t`` (s)."""
+    def add(self, t: float, n: float) -> int:
+        """The number of the frame with count ``n`` (unwrapped) stamped ``t`` (s)."""
+        gained, self._n = n - self._n, n
         if self._due is None or t - self._due > _LOST_RHYTHM:
             missed = 0 if self._due is None else round((t - self._due) / self.period)
             self._slot += 1 + missed
             self._due = t + self.period
-            self._open = 0
+            self._open, self._each = 0, 0.0
             return self._slot
         late = t - self._due
-        missed = self._missed(late / self.period)
+        missed = self._missed(late / self.period, gained)
+        if missed == 0:
+            self._each += _FOLLOW * (gained - self._each)
         late -= missed * self.period
         late = min(max(late, -_PULL * self.period), _PULL * self.period)
         self._slot += 1 + missed
@@ -60,12 +68,14 @@ class FrameCounter:
         self._due += (1 + missed) * self.period + _PHASE * late
         return self._slot
 
-    def _missed(self, late: float) -> int:
+    def _missed(self, late: float, gained: float) -> int:
         """Frames lost before one that is ``late`` periods late; -1 when it belongs to a burst."""
         self._since += 1
         if self._since > _BURST:
             self._open = 0
         missed = int(late + 1.0 - _LOST)
+        if missed > 0 and abs(self._each) >= _TELLING:
+            missed = min(missed, max(round(gained / self._each) - 1, 0))
         if late < -_LOST and self._open > 0:
             missed = -1
         if missed > 0:
@@ -113,27 +123,58 @@ def true_times(t: Array, slots: NDArray[np.int64], n: Array) -> Timed:
 
 
 def _rhythm(t: Array, slots: NDArray[np.int64]) -> tuple[Array, float]:
-    """Straight line through the stamps; late ones are found by their distance and left out."""
-    x = (slots - slots[-1]).astype(float)
-    use = np.ones(len(t), dtype=bool)
+    """Straight line through the stamps that are not late.
+
+    A frame is late at times and never early, so the earliest of each block begin; whoever lies near their
+    line then makes it.
+    """
+    x, y = (slots - slots[-1]).astype(float), t - t[-1]
+    period = float(y[0] / x[0]) if x[0] < 0.0 else 0.0
+    k = len(x) // _BLOCK
+    block = (y - period * x)[len(x) - k * _BLOCK :].reshape(k, _BLOCK)
+    first = len(x) - k * _BLOCK + np.arange(k) * _BLOCK + np.argmin(block, axis=1)
+    use = np.zeros(len(x), dtype=bool)
+    use[first] = True
     fit, rate = np.zeros(len(t)), 0.0
-    for _ in range(3):
-        rate, at = np.polyfit(x[use], t[use] - t[-1], 1)
-        fit = rate * x + at + t[-1]
-        off = t - fit
-        centre = np.median(off)
-        spread = 1.4826 * float(np.median(np.abs(off - centre)))
+    for turn in range(4):
+        rate, at = _line(x[use], y[use])
+        fit = rate * x + at
+        off = y - fit
+        centre = _median(off[use])
+        spread = 1.4826 * _median(np.abs(off[use] - centre))
         again = np.abs(off - centre) <= 4.0 * spread + 1e-6
-        if np.array_equal(again, use) or again.sum() < 0.5 * len(t):
+        if turn == 0:  # from the envelope's line to all that are near it
+            again |= np.abs(off - centre) <= 0.5 * _RHYTHM * rate
+        if np.array_equal(again, use) or again.sum() < 0.4 * len(t):
             break
         use = again
-    return fit, float(rate)
+    return fit + t[-1], rate
+
+
+def _median(x: Array) -> float:
+    """Of numbers that are all finite, which spares the library's look for others."""
+    k = len(x) // 2
+    part = np.partition(x, (k - 1, k) if len(x) % 2 == 0 else k)
+    return float(part[k] if len(x) % 2 else 0.5 * (part[k - 1] + part[k]))
+
+
+def _line(x: Array, y: Array) -> tuple[float, float]:
+    """Slope and value at 0 of the straight line through the points (k,) by least squares."""
+    middle = float(x.mean())
+    u = x - middle
+    rate = float(u @ y) / max(float(u @ u), 1e-12)
+    return rate, float(y.mean()) - rate * middle
 
 
 def _steps(off: Array, period: float) -> bool:
-    """Whether the deviation from the rhythm steps somewhere: then a frame got a wrong number."""
+    """Whether the deviation from the rhythm steps somewhere and stays: then a frame got a wrong number.
+
+    A block that is late alone was held up with all its frames.
+    """
     k = len(off) // _BLOCK
     middle = np.median(off[len(off) - k * _BLOCK :].reshape(k, _BLOCK), axis=1)
+    if k > 2:
+        middle = np.median(sliding_window_view(middle, 3), axis=1)
     return bool(np.ptp(middle) > _STEP * period)
 
 
@@ -150,7 +191,8 @@ def strays(t: Array, n: Array, sigma: float) -> NDArray[np.bool_]:
     speed = np.concatenate([np.full(_NEAR, speed[0]), speed, np.full(_NEAR, speed[-1])])
     views = [sliding_window_view(a, 2 * _NEAR + 1) for a in (t, n)]
     inner = slice(_NEAR, len(t) - _NEAR)
-    usual = np.median(views[1] - speed[:, None] * (views[0] - t[inner, None]), axis=1)
+    level = views[1] - speed[:, None] * (views[0] - t[inner, None])
+    usual = np.partition(level, _NEAR, axis=1)[:, _NEAR]  # the median of an odd number
     found[inner] = np.abs(n[inner] - usual) > _FAR + _FAR_SIGMAS * sigma
     return found
 

@@ -88,7 +88,7 @@ class BeltEstimator:
             self._start, self._zero = t, n
         if last == (t, n - self._zero):
             return
-        history.add(t, n - self._zero, self.frames.add(t))
+        history.add(t, n - self._zero, self.frames.add(t, n - self._zero))
         if (k + 1) % _SPEED_EACH == 0 and k >= _SPEED_EACH:
             before = history.at(k - _SPEED_EACH)
             if t - before[0] > 0.5 * _SPEED_EACH * self.encoder.period:  # a burst's stamps tell no speed

@@ -142,7 +142,7 @@ def counts_at(encoder: Array, times: Sequence[float], period_s: float) -> list[f
     on both sides.
     """
     frames = FrameCounter(period_s)
-    slots = np.array([frames.add(float(t)) for t in encoder[:, 0]], dtype=np.int64)
+    slots = np.array([frames.add(float(t), float(n)) for t, n in encoder], dtype=np.int64)
     return [_smoothed(encoder, slots, t) for t in times]
 
 

@@ -58,15 +58,15 @@ def frames(seed: int, late: float, lost: float = 0.0, count: int = 1500) -> tupl
     return instants, instants + rng.exponential(late, len(instants))
 
 
-def numbered(stamps: np.ndarray) -> np.ndarray:
+def numbered(stamps: np.ndarray, counts: np.ndarray) -> np.ndarray:
     counter = FrameCounter(0.005)
-    return np.array([counter.add(float(t)) for t in stamps])
+    return np.array([counter.add(float(t), float(n)) for t, n in zip(stamps, counts, strict=True)])
 
 
 def test_stamps_with_jitter_are_brought_to_the_senders_rhythm() -> None:
     instants, stamps = frames(1, 4e-4, lost=0.02)
-    slots = numbered(stamps)
     n = np.floor(2000.0 * instants + 0.3)
+    slots = numbered(stamps, n)
     timed = true_times(stamps, slots, n)
     off = timed.t - instants
     assert timed.share == pytest.approx(0.0, abs=0.02)
@@ -78,22 +78,38 @@ def test_stamps_that_tell_the_truth_about_an_irregular_sender_are_kept() -> None
     rng = np.random.default_rng(2)
     instants = 0.005 * np.arange(1500) + rng.uniform(-8e-4, 8e-4, 1500)
     n = np.floor(2037.0 * instants + 0.3)
-    timed = true_times(instants, numbered(instants), n)
+    timed = true_times(instants, numbered(instants, n), n)
     assert timed.share == pytest.approx(1.0, abs=0.03)
     assert np.std(timed.t - instants) < 2e-5
 
 
 def test_lost_frames_keep_their_numbers() -> None:
     instants, stamps = frames(3, 2e-4, lost=0.3)
-    assert np.array_equal(np.diff(numbered(stamps)), np.rint(np.diff(instants) / 0.005))
+    standing, moving = np.zeros(len(stamps)), np.floor(1500.0 * instants)
+    for counts in (standing, moving):
+        assert np.array_equal(np.diff(numbered(stamps, counts)), np.rint(np.diff(instants) / 0.005))
 
 
 def test_frames_of_a_burst_after_a_stall_get_their_own_numbers_back() -> None:
     stamps = 0.005 * np.arange(200)
     stamps[100:106] = stamps[106]  # six frames held up, delivered at once
-    assert np.array_equal(np.diff(distinct(numbered(stamps))), np.ones(199))
+    assert np.array_equal(np.diff(distinct(numbered(stamps, np.zeros(200)))), np.ones(199))
 
 
 def test_a_sender_of_another_period_than_nominal_is_followed() -> None:
     stamps = 0.0052 * np.arange(1500)
-    assert np.array_equal(np.diff(numbered(stamps)), np.ones(1499))
+    assert np.array_equal(np.diff(numbered(stamps, np.zeros(1500))), np.ones(1499))
+
+
+def test_a_reader_that_is_late_for_every_third_frame_still_finds_the_senders_rhythm() -> None:
+    rng = np.random.default_rng(4)
+    instants = 0.005 * np.arange(2400)
+    n = np.floor(1500.0 * instants + 0.3)
+    late = np.where(rng.uniform(size=2400) < 0.35, rng.uniform(0.0, 0.0049, 2400), 5e-5)
+    late[::97] = 0.0112
+    stamps = np.maximum.accumulate(instants + late)
+    slots = numbered(stamps, n)
+    for size in range(400, 2400, 53):  # whoever happens to be the newest
+        timed = true_times(stamps[:size], slots[:size], n[:size])
+        assert timed.share is not None
+        assert np.abs(timed.t - instants[:size]).max() < 5e-4
