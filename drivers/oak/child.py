@@ -41,7 +41,7 @@ _SEARCH_TIMEOUT_MS = "5000"  # for a device; the library's own is longer than th
 _PR_SET_PDEATHSIG = 1
 _WAIT_S = 0.1
 _CLOSE_S = 1.0
-_BEHIND_THE_LOOP = 10  # niceness added: a picture may be late, its stamp stays true; the arm's loop may not
+_BEHIND_THE_LOOP = 5  # niceness added: a picture may be late, its stamp stays true; the arm's loop may not
 
 
 class Detection(Protocol):
@@ -225,7 +225,10 @@ class VisionChild:
         self._captures = [c for c in self._captures if not c.complete]
 
     def _board(self, grey: NDArray[np.uint8]) -> BoardView | None:
-        found = None if self._detector is None else self._detector.detect(grey)
+        """Not while items are looked for: no job needs both, and each takes its time."""
+        if self._detector is None or self._finder_for is not None:
+            return None
+        found = self._detector.detect(grey)
         if found is None or len(found.ids) == 0:
             return None
         ids = np.asarray(found.ids, dtype=np.int64).ravel()

@@ -11,6 +11,7 @@ from cell.clock import Clock
 from cell.devices import ArmState, Speed, ToolSettings, TrajectoryPiece
 from cell.errors import CellError, error
 from cell.poses import Array, from_pose6, to_pose6
+from cell.priority import LOOP, real_time
 from cell.samples import Sample
 from drivers.ur.config import UrConfig
 from drivers.ur.feed import STOPPED, StateFeed
@@ -123,7 +124,7 @@ class UrMotion:
         rest, ``MOTION_LIMIT`` when the first piece does not begin where the arm is.
         """
         config = self._config
-        with Watch(self._arm, self.client, lambda sample: None) as watch:
+        with real_time(LOOP), Watch(self._arm, self.client, lambda sample: None) as watch:
             undo = self.client.subscribe(lambda event: _note_end(watch, event))
             try:
                 await self._call(

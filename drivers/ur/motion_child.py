@@ -20,9 +20,10 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any, Protocol
 
+from cell.priority import SETPOINTS, real_time
 from drivers.ur.following import Follower, Piece
 from drivers.ur.framing import Message, Unframer, encode
 
@@ -102,6 +103,7 @@ class MotionChild:
         self._withheld = False
         self._next_kick = 0.0
         self._follower: Follower | None = None
+        self._urgent = ExitStack()
         self._servo = (0.0, 0.0, 0.0)  # look-ahead, gain, deceleration
         self._servoing = False
         self._next_setpoint = 0.0
@@ -212,6 +214,7 @@ class MotionChild:
             return control.servoJ(q, 0.0, 0.0, SERVO_PERIOD_S, lookahead, gain)
 
     def _end_following(self, end: str) -> None:
+        self._urgent.close()
         self._follower = None
         self._next_kick = 0.0
         self._tell({"event": "followed", "end": end})
@@ -254,6 +257,7 @@ class MotionChild:
         self._follower = Follower(min(horizon_s, BEAT_LIMIT_S), ramp, settle_s=lookahead + 0.04)
         self._servo = (lookahead, gain, decel)
         self._servoing = False
+        self._urgent.enter_context(real_time(SETPOINTS))
         self._next_setpoint = time.monotonic()
         return True
 
