@@ -88,7 +88,8 @@ class ArmModel(Protocol):
         ...
 
     def inverse_line(self, T_base_flange: Array, q_near: Array) -> Array | None:
-        """Joints (n, 6) along a line of poses (n, 4, 4), each near the one before, the first ``q_near``.
+        """Joints (n, 6) along a line of poses (n, 4, 4), each near the one before, the first ``q_near``
+        (6,), or with guesses ``q_near`` (n, 6).
 
         None where a pose has no joints within limits.
         """

@@ -128,7 +128,9 @@ class UrArm:
 
     def inverse_line(self, T_base_flange: Array, q_near: Array) -> Array | None:
         near = np.asarray(q_near, dtype=float)
-        together, reached = converge(self._chain, T_base_flange, np.tile(near, (len(T_base_flange), 1)))
+        starts = np.broadcast_to(near, (len(T_base_flange), 6))
+        together, reached = converge(self._chain, T_base_flange, starts)
+        near = starts[0]
         low, high = JOINT_LIMITS.T
         steps = np.diff(together, axis=0, prepend=near[None])
         within = np.all((together >= low) & (together <= high))

@@ -100,7 +100,8 @@ class MotionGuard:
                 f"set-point turns joint '{JOINTS[worst]}' at {abs(speeds[n, worst]):.3f} rad/s, "
                 f"limit {self.limits.joint_speed_rad_s:g} rad/s",
             )
-        levers = self.model.forward_many(joints).rotation.apply(self.tool.T_flange_tool.translation)
+        turns = self.model.forward_many(joints).as_matrix()[:, :3, :3]
+        levers = turns @ self.tool.T_flange_tool.translation
         twists = np.einsum("nij,nj->ni", self.model.jacobian_many(joints), speeds)
         tcp = float(np.linalg.norm(twists[:, :3] + np.cross(twists[:, 3:], levers), axis=1).max())
         if tcp > self.limits.speed_m_s * (1.0 + 1e-9):

@@ -66,10 +66,11 @@ class ToolJoints:
         return q[0], qd[0]
 
     def line(self, states: Sequence[State], near: Array) -> tuple[Array, Array]:
-        """Joints (n, 6) and joint speeds (n, 6) for the tool at ``states``, from ``near`` (6,) on."""
-        T = self.flanges(states)
+        """Joints (n, 6) and joint speeds (n, 6) for the tool at ``states``, from ``near`` (6,) on, or with
+        guesses ``near`` (n, 6)."""
+        T, first = self.flanges(states), near.reshape(-1, 6)[:1]
         Q = self._model.inverse_line(T, near)
-        if Q is None or float(np.max(np.abs(np.diff(Q, axis=0, prepend=near[None])))) > _FARTHEST_RAD:
+        if Q is None or float(np.max(np.abs(np.diff(Q, axis=0, prepend=first)))) > _FARTHEST_RAD:
             places = (", ".join(f"{x:.3f}" for x in state.p[:3]) for state in (states[0], states[-1]))
             raise error("MOTION_UNREACHABLE", f"the tool at {' to '.join(dict.fromkeys(places))} m")
         V = np.array([state.v for state in states])

@@ -28,16 +28,18 @@ from procedures.belt.states import PickState as S
 from procedures.belt.watch import BeltWatch
 
 STEP_S = 0.02  # between decisions
+LEARN_S = 0.04  # between looks at what has come in, but for the last of the way to an item
 LEAD_S = 0.012  # from a decision to where it begins to act
-AHEAD_S = 0.05  # twice that is the length of a piece: a loop that is late once does not end the stream
-JOINT_SHARE = 0.9  # of the joints' speed limit that a plan may use; a change of plan needs the rest
-BRAKE_SHARE = 0.95
+AHEAD_S, NODES = 0.05, (1, 2, 3)  # a piece goes on for longer than a loop that is late once
+JOINT_SHARE = 0.85  # of the joints' speed limit that a plan may use; a change of plan needs the rest
+BRAKE_SHARE = 0.9
 TOOL_SHARE = 0.99  # of the tool's speed limit: a goal that jumps shares it anew among axes that are all fast
 SLOWINGS, LEAST_SLOWING = 5, 1.1  # a way that never reaches the speed limit feels a lower one late
 YAW_SHARE = 0.6  # of it for turning the tool; the way itself turns the wrist too
 CHOICES = 3
 COMING_S = 30.0  # an item that comes later is not waited for above the zone's edge
 PUBLISH_S = 0.2
+CLOSE = frozenset({S.DESCEND, S.GRIP})
 MET_M, MET_M_S = 0.0003, 0.02  # from rest on an item
 
 
@@ -83,7 +85,7 @@ class Picker:
         self._t_contact = 0.0
         self._phase: Callable[[float], Coroutine[Any, Any, bool]] = self._ready
         self._leg: Leg = plan(0.0, wait, Place(wait.p), np.zeros(4), self._limits)
-        self._published = -np.inf
+        self._published = self._learnt = -np.inf
         self._standing_since: float | None = None
         self.standing = False
 
@@ -116,8 +118,8 @@ class Picker:
     def _piece(self, t: float, here: tuple[Array, Array]) -> TrajectoryPiece:
         """The next piece from ``here`` on; a way that gets too fast for joints or tool is slowed down."""
         for _ in range(4):
-            ahead = [self._leg.at(t + k * AHEAD_S) for k in (1, 2)]
-            Q, Qd = self._tool.line(ahead, here[0] + AHEAD_S * here[1])
+            ahead = [self._leg.at(t + k * AHEAD_S) for k in NODES]
+            Q, Qd = self._tool.line(ahead, here[0] + AHEAD_S * np.array(NODES)[:, None] * here[1])
             piece = self._tool.piece(t, AHEAD_S, [here, *zip(Q, Qd, strict=True)])
             ways = [self._leg.at(t + k * AHEAD_S).v[:3] for k in (0.5, 1.0, 1.5, 2.0)]
             tool = max(float(np.linalg.norm(v)) for v in ways)
@@ -144,6 +146,9 @@ class Picker:
             self._writing.pop(0).result()
         if (sample := self._arm.state.last()) is not None:
             self._lag.look(sample.t, sample.value.q)
+        if self._run.state not in CLOSE and now - self._learnt < LEARN_S - 0.5 * STEP_S:
+            return
+        self._learnt = now
         self._watch.learn()
         for item in self._watch.missed(now, self._item):
             self._ended(item)

@@ -44,6 +44,8 @@ class BeltWatch:
         self._scale = Scale(float(belt["m_per_count"]), None, encoder.period_s)
         self._direction = np.array(belt["dir"], dtype=float)
         self.tracker = BeltTracker(BeltEstimator(self._scale), self._direction)
+        #: The belt's motion as it was last learnt: counts come all the time, and each changes it a little.
+        self.forecast: Forecast | None = None
         self._epoch, self._since = encoder.counts.epoch, -np.inf
         self._unplaced: list[Item] = []  # by an encoder that began to count anew
         self._over: list[Item] = []  # more than the queue takes
@@ -74,11 +76,6 @@ class BeltWatch:
         for undo in self._undo:
             undo()
 
-    @property
-    def forecast(self) -> Forecast | None:
-        """The belt's motion as it is known now."""
-        return self.tracker.belt.forecast()
-
     def speed(self) -> float:
         """Of the belt, m/s; 0 before anything was counted."""
         forecast = self.forecast
@@ -101,7 +98,8 @@ class BeltWatch:
 
         ``BELT_ASTRAY`` when counts and pictures have not agreed for too long.
         """
-        now, forecast = self._encoder.counts.clock.now(), self.forecast
+        now = self._encoder.counts.clock.now()
+        forecast = self.forecast = self.tracker.belt.forecast()
         if (waited := self.stall.look(now)) is not None:
             self.tell("camera stall" if self.stall.on else "camera back", waited_s=round(waited, 3))
         while self._frames and forecast is not None and self._frames[0].t <= forecast.now:
@@ -149,7 +147,7 @@ class BeltWatch:
     def _begin_anew(self, t: float) -> None:
         """The encoder counts from nothing (its node restarted): where items lie is not known any more."""
         self._epoch, self._since = self._encoder.counts.epoch, t
-        self.tracker = BeltTracker(BeltEstimator(self._scale), self._direction)
+        self.tracker, self.forecast = BeltTracker(BeltEstimator(self._scale), self._direction), None
         self._unplaced += [item for item in self.queue.items if item.outcome is None]
         self.queue.keep([])
         self._slip_watch, self._doubted = SlipWatch(self._config.spacing_m), []
