@@ -20,7 +20,7 @@ from fakes.world import Message, World
 BACKLOG = 20_000  # messages; 40 s of set-points at 500 Hz
 JOIN_S = 3.0
 _MOST_AT_ONCE = 100
-_GATHER_S = 0.004  # two set-points at least go together; an exposure takes that long too
+_GATHER_S = 0.008  # some set-points go together; a picture is drawn later than that
 
 
 class FrameProcess:

@@ -152,6 +152,10 @@ class Polynomial:
     origin: float
     coefficients: Array  # (degree + 1, 6)
 
+    def __reduce__(self) -> tuple[type["Polynomial"], tuple[float, float, float, Array]]:
+        """Without what can be computed again: 500 of them a second go to the camera's process."""
+        return Polynomial, (self.t0, self.t1, self.origin, self.coefficients)
+
     @cached_property
     def t_end(self) -> float:
         return self.t1 + float(np.max(np.abs(self._end[1]))) / SERVO_REST_RAD_S2

@@ -148,6 +148,13 @@ class Twin:
             found |= self._tracker.addresses()
         return found
 
+    def _camera_table(self) -> dict[str, Any] | None:
+        """Pictures are drawn on the cores that also look at them: ten may be missed."""
+        if self._camera is None:
+            return None
+        timeout = max(1.0, 10.0 * self.world.camera.period_s)
+        return {"driver": "oak", "source": self._frames_url, "frame_timeout_s": timeout}
+
     @property
     def _frames_url(self) -> str:
         return f"frames+unix://{self.frames_socket}"
@@ -234,7 +241,7 @@ class Twin:
     def _config_text(self) -> str:
         return self.scenario.cell_toml(
             arm={"driver": "ur", "host": self.bind},
-            camera={"driver": "oak", "source": self._frames_url} if self._camera is not None else None,
+            camera=self._camera_table(),
             beams=self._inputs.device() if self._inputs is not None else None,
             belt=self._encoder.device() if self._encoder is not None else None,
             gripper=self._gripper_device(),

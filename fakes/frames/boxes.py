@@ -24,7 +24,10 @@ _SIDE_SHADE = 0.45  # light comes from above
 _BLUR_PX = 0.7
 # Corners of a box in units of half its size, and its faces, each counter-clockwise from outside.
 _CORNERS = np.array([[x, y, z] for z in (-1.0, 0.0) for y in (-0.5, 0.5) for x in (-0.5, 0.5)])
-_FACES = ((4, 5, 7, 6), (0, 1, 5, 4), (1, 3, 7, 5), (3, 2, 6, 7), (2, 0, 4, 6))
+_FACES = np.array([(4, 5, 7, 6), (0, 1, 5, 4), (1, 3, 7, 5), (3, 2, 6, 7), (2, 0, 4, 6)])
+_NEXT = [1, 2, 3, 0]
+_TURN, _TURN_BACK = [1, 2, 0], [2, 0, 1]  # of a cross product
+_ZERO = np.zeros(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,22 +71,23 @@ class BoxPainter:
 
     def _faces(self, box: Box) -> list[_Face]:
         """Those that are turned to the camera, the upper one last."""
-        corners, found = box.corners(), []
-        for k, face in enumerate(_FACES):
-            points = corners[list(face)]
-            normal = np.cross(points[1] - points[0], points[2] - points[1])
-            normal /= np.linalg.norm(normal)
-            if normal @ points[0] >= 0.0:
-                continue
-            s = np.arange(_PER_EDGE) / _PER_EDGE
-            after = np.roll(points, -1, axis=0)
-            rim = (points[:, None] + s[None, :, None] * (after - points)[:, None]).reshape(-1, 3)
-            pixels = cv2.projectPoints(rim, np.zeros(3), np.zeros(3), self._K, self._dist)[0].reshape(-1, 2)
-            shade = 1.0 if k == 0 else _SIDE_SHADE * (1.0 + 0.15 * k)
-            found.append(
-                _Face((normal, float(normal @ points[0])), pixels, tuple(shade * c for c in box.colour))
-            )
-        return found[::-1]
+        faces = box.corners()[_FACES]  # (5, 4, 3)
+        along, down = faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 1]
+        normals = along[:, _TURN] * down[:, _TURN_BACK] - along[:, _TURN_BACK] * down[:, _TURN]
+        normals /= np.sqrt((normals**2).sum(axis=1))[:, None]
+        offsets = (normals * faces[:, 0]).sum(axis=1)
+        turned = np.flatnonzero(offsets < 0.0)
+        if not len(turned):
+            return []
+        points = faces[turned]
+        step = (points[:, _NEXT] - points)[:, :, None] / _PER_EDGE
+        rims = points[:, :, None] + np.arange(_PER_EDGE)[:, None] * step
+        pixels = cv2.projectPoints(rims.reshape(-1, 3), _ZERO, _ZERO, self._K, self._dist)[0]
+        shades = [1.0 if k == 0 else _SIDE_SHADE * (1.0 + 0.15 * k) for k in turned]
+        return [
+            _Face((normals[k], float(offsets[k])), rim, tuple(shade * c for c in box.colour))
+            for k, rim, shade in zip(turned, pixels.reshape(len(turned), -1, 2), shades, strict=True)
+        ][::-1]
 
     def _paint_colour(self, colour: Image, seen: Sequence[list[_Face]]) -> None:
         window = self._window([face.rim for faces in seen for face in faces])
