@@ -23,7 +23,7 @@ def demo(
     if fast:
         from daemon.demo.fast import run_fast
 
-        raise typer.Exit(run_fast(output.absolute(), steps_of(job or list(STEPS))))
+        raise typer.Exit(run_fast(output.absolute(), steps_of(job or ())))
     from daemon.demo.wire import run_wire
 
     raise typer.Exit(run_wire(output.absolute(), steps_of(job or ())))

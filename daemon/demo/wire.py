@@ -13,7 +13,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from cell.errors import CellError, RetryError, error
+from cell.errors import CellError, RetryError, catalogue, error
 from cell.store.ledger import Ledger
 from daemon.cli.failures import OK
 from daemon.cli.output import out, say
@@ -64,22 +64,47 @@ def _play(scene: Scene, folder: Path) -> list[tuple[Path, int, dict[str, Any]]]:
             say(f"twin '{scene.twin}' pid {twin.pid}, daemon pid {daemon.pid}; waiting for the devices")
             daemon.wait_for(plc.connect, "Modbus server", DAEMON_START_S)
             for step in scene.steps:
-                _wait_ready(plc, daemon, step)
                 try:
-                    run_id = _run_step(plc, step, folder, (twin, daemon))
+                    run_id, met = _try_step(plc, step, folder, (twin, daemon))
                 except RetryError:  # a lost link; a daemon that is gone is the better reason
                     daemon.check_alive(LAST_WORDS_S)
                     raise
-                runs.append((where, run_id, json.loads(_ask_twin(folder, "truth", "--json"))))
+                truth = json.loads(_ask_twin(folder, "truth", "--json"))
+                if step.picks:  # of this run alone
+                    del truth["gripper"]["contacts"][:met]
+                runs.append((where, run_id, truth))
     return runs
+
+
+def _try_step(plc: Plc, step: Step, folder: Path, children: tuple[Child, Child]) -> tuple[int, int]:
+    """The number of the run, and how many items the gripper had met before.
+
+    A run that the watchdog ended is no result: the PLC resets the fault, as an operator would after a look,
+    and starts the job again.
+    """
+    for left in reversed(range(step.attempts)):
+        _wait_ready(plc, children[1], step)
+        met = (
+            len(json.loads(_ask_twin(folder, "truth", "--json"))["gripper"]["contacts"]) if step.picks else 0
+        )
+        status = _run_step(plc, step, folder, children)
+        if not left or status.error_code != catalogue()["MOTION_WATCHDOG"].code:
+            break
+        say(
+            f"run {status.run_id} was ended by the watchdog: a set-point or the daemon's beat came too late, "
+            "as on a machine that is busy; the PLC resets the fault and starts the job again"
+        )
+        plc.command(registers.RESET)
+    return status.run_id, met
 
 
 def _wait_ready(plc: Plc, daemon: Child, step: Step) -> None:
     daemon.wait_for(lambda: plc.poll().ready_with(step.needs), f"devices of {step.job}", DAEMON_START_S)
 
 
-def _run_step(plc: Plc, step: Step, folder: Path, children: tuple[Child, ...]) -> int:
-    """Start the job as a PLC does, play the operator when it asks, and acknowledge the result."""
+def _run_step(plc: Plc, step: Step, folder: Path, children: tuple[Child, ...]) -> registers.Status:
+    """Start the job as a PLC does, play the operator when it asks, and acknowledge the result; what was read
+    last before that."""
     begun = time.monotonic()
     if step.bump is not None:
         _bump(plc, folder, step.bump)
@@ -109,7 +134,7 @@ def _run_step(plc: Plc, step: Step, folder: Path, children: tuple[Child, ...]) -
             time.sleep(POLL_S)
     plc.command(registers.ACKNOWLEDGE)
     say(f"run {status.run_id} ended after {time.monotonic() - begun:.0f} s; the PLC acknowledged the result")
-    return status.run_id
+    return status
 
 
 def _start(plc: Plc, step: Step) -> None:

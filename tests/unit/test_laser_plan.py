@@ -25,6 +25,7 @@ pytestmark = pytest.mark.usefixtures("no_report")
 SHIPPED = Scenario.load("laser").cell
 SECTION = SHIPPED.job["laser-reference"]
 ROBOT = {"model": "ur10e"}
+MODEL = robot_from_spec(ROBOT)
 TOOL = {"name": "pin", "T_flange_tool": [0.0, 0.0, 0.18, 0.0, 0.0, 0.0], "radius_m": 0.02}
 
 
@@ -73,7 +74,7 @@ def test_edges_come_in_pairs() -> None:
 
 
 def test_the_second_place_is_along_the_beam_in_the_same_attitude() -> None:
-    way = course(search(), ROBOT, TOOL["T_flange_tool"], None, 2)
+    way = course(search(), MODEL, TOOL["T_flange_tool"], None, 2)
     first, second, other, _ = way.stations
     assert (first.beam, first.place, second.place, other.beam) == ("xs", 0, 1, "ys")
     step = second.start.translation - first.start.translation
@@ -86,8 +87,8 @@ def test_the_second_place_is_along_the_beam_in_the_same_attitude() -> None:
 def test_another_tool_s_point_follows_the_path_of_the_reference_s() -> None:
     bent = [0.001, -0.002, 0.19, 0.01, 0.0, 0.0]
     p_ref = [0.0, 0.0, 0.18]
-    before = course(search(), ROBOT, TOOL["T_flange_tool"], p_ref, 2)
-    after = course(search(), ROBOT, bent, p_ref, 2)
+    before = course(search(), MODEL, TOOL["T_flange_tool"], p_ref, 2)
+    after = course(search(), MODEL, bent, p_ref, 2)
     for a, b in zip(before.stations, after.stations, strict=True):
         assert after.tip(b.start) == pytest.approx(before.tip(a.start), abs=1e-12)
         assert not b.taught
@@ -98,11 +99,11 @@ def test_auxiliary_points_in_two_attitudes_are_refused() -> None:
     poses = {**SHIPPED.poses, "aux_ys": [*SHIPPED.poses["aux_ys"][:5], SHIPPED.poses["aux_ys"][5] + 0.05]}
     config = LaserReferenceConfig.model_validate(SECTION)
     with pytest.raises(Exception, match=r"'aux_xs' and 'aux_ys' differ by 2.9 deg"):
-        course(Search.from_config(config, poses, "beams"), ROBOT, TOOL["T_flange_tool"], None, 1)
+        course(Search.from_config(config, poses, "beams"), MODEL, TOOL["T_flange_tool"], None, 1)
 
 
 def test_the_search_leaves_room_to_measure_above_the_floor() -> None:
-    way = course(search(), ROBOT, TOOL["T_flange_tool"], None, 1)
+    way = course(search(), MODEL, TOOL["T_flange_tool"], None, 1)
     station = way.stations[0]
     high = way.tip(station.start)[2]
     tight = search(floor_m=float(high) - 0.041)
@@ -124,7 +125,7 @@ def test_every_sweep_down_to_the_limit_is_listed_with_what_the_guard_says() -> N
         (0.016, 1 + 8),
         (0.041, 1 + 8),
     ]
-    model = robot_from_spec(ROBOT)
+    model = MODEL
     for row in rows:
         length = np.linalg.norm(np.array(row["to"]) - row["from"])
         assert length == pytest.approx(0.03)
@@ -168,7 +169,7 @@ def test_the_moves_are_listed_in_the_order_in_which_they_are_made() -> None:
 
 
 def test_a_tool_that_stands_between_the_sensors_is_lifted_first() -> None:
-    model = robot_from_spec(ROBOT)
+    model = MODEL
     beside = np.array(SHIPPED.poses["aux_xs"])
     aux = model.forward(beside)
     low = RigidTransform.from_components(aux.translation - [0.0, 0.0, 0.02], aux.rotation)
