@@ -29,7 +29,7 @@ from fakes.faults import Fault
 from fakes.frames.faults import CameraFaults
 from fakes.frames.server import serve_frames
 from fakes.scenario import Scenario
-from fakes.world import World
+from fakes.world import Message, World
 
 pytestmark = pytest.mark.wire
 
@@ -47,8 +47,11 @@ class Twin:
         )
         self.process.start()
         theirs.close()
-        self.world.mirror_to(self._pipe.send)
-        self.faults = CameraFaults(self._pipe.send)
+        self.world.mirror_to(self._send)
+        self.faults = CameraFaults(self._send)
+
+    def _send(self, message: Message) -> None:
+        self._pipe.send([message])  # several may go together
 
     def wait(self) -> None:
         deadline = time.monotonic() + 30.0
