@@ -14,13 +14,14 @@ def real_time(priority: int) -> Iterator[None]:
     Niceness does not do it: it shares a core, and a loop that gets its share late is late all the same.
     """
     before = os.sched_getscheduler(0)
+    granted = True
     try:
         os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except OSError:
-        yield
-        return
+        granted = False
     try:
         yield
     finally:
-        with suppress(OSError):
-            os.sched_setscheduler(0, before & ~os.SCHED_RESET_ON_FORK, os.sched_param(0))
+        if granted:
+            with suppress(OSError):
+                os.sched_setscheduler(0, before & ~os.SCHED_RESET_ON_FORK, os.sched_param(0))

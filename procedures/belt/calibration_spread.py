@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from calibration.belt.scale import BeltScale
 from cell.poses import Array
@@ -23,7 +23,7 @@ _FEWEST = 4  # clusters that say anything
 _PLACES = 12  # of the picture
 _PATTERN_M = 1e-3  # a sighting further off is a false one
 _NORMAL95 = 1.96
-_K95 = float(student.ppf(0.975, _PLACES - 2))  # of what is as large as their pattern
+_K95 = float(stdtrit(_PLACES - 2, 0.975))  # of what is as large as their pattern
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def _clustered(
     score = np.zeros((count, r.shape[1]))
     np.add.at(score, cluster, x[:, None] * r)
     cov = score.T @ score / float(np.sum(x * x)) ** 2 * count / (count - 1.0)
-    reach = float(student.ppf(0.975, count - 1))
+    reach = float(stdtrit(count - 1, 0.975))
     along = answer.direction
     beside = np.eye(len(along)) - np.outer(along, along)
     turn = float(np.sqrt(max(float(np.linalg.eigvalsh(beside @ cov @ beside)[-1]), 0.0)))
