@@ -131,8 +131,24 @@ class Leg:
 
     def at(self, t: float) -> State:
         """The tool in the base at ``t``."""
+        return self.origin.at(t) + self._relative(t)
+
+    def gap(self, t: float) -> State:
+        """What is left at ``t`` to where it ends, seen from the origin."""
+        relative = self._relative(t)
+        return State(relative.p - self.offset, relative.v, relative.a)
+
+    def down_at(self, height: float) -> float:
+        """When it is first so high (m) above its end; where it begins lower, at once."""
+        above = float(self.offset[2]) + height
+        if float(self._relative(self.t0).p[2]) <= above:
+            return self.t0
+        after = self._trajectory.get_first_time_at_position(2, above)
+        return self.t1 if after is None else self.t0 + float(after)
+
+    def _relative(self, t: float) -> State:
         p, v, a = self._trajectory.at_time(max(t - self.t0, 0.0))
-        return self.origin.at(t) + State(np.array(p), np.array(v), np.array(a))
+        return State(np.array(p), np.array(v), np.array(a))
 
 
 def plan(

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from calibration.belt.arm_time import MotionLimits, rest_to_rest
+from calibration.belt.descent import descend
 from calibration.belt.pursuit import Leg, Origin, Place, PursuitLimits, Ride, State, plan
 from calibration.belt.tracking import Track
 from cell.devices import Gripper, TrajectoryPiece
@@ -245,7 +246,8 @@ class Picker:
         ride = self._ride()
         if ride is None:
             return await self._give_up(t)
-        self._go(t, ride, self._at_grip, apart=True)
+        slower = self._limits.slower(self._share)
+        self._leg = descend(t, self._leg.at(t), ride, self._at_grip, slower)
         if self._meets(t, ride):
             await self._close(t)
         return True

@@ -1,0 +1,46 @@
+"""The last of the way onto an item: down only as far as what is beside allows."""
+
+import numpy as np
+from ruckig import ControlInterface, InputParameter, Ruckig, Trajectory
+
+from calibration.belt.pursuit import Leg, Origin, PursuitLimits, State, plan
+from cell.poses import Array
+
+TOUCH_M = 0.0005  # above the offset, fingers may be in contact
+BESIDE_M = 0.0002
+HOLD_M = 0.0015  # low, to be down soon; and more than an item's height is wrong
+
+
+def descend(t0: float, state: State, origin: Origin, offset: Array, limits: PursuitLimits) -> Leg:
+    """Each axis to rest at ``offset`` (4,) from ``origin`` as early as it can; but a tool that would touch
+    while it is still beside its goal, because the belt does otherwise than foretold, stays above it.
+
+    A tool too low to stop above goes on. Errors as of :func:`calibration.belt.pursuit.plan`.
+    """
+    straight = plan(t0, state, origin, offset, limits, apart=True)
+    touch = straight.down_at(TOUCH_M)
+    if max(_beside(straight, t0), _beside(straight, touch)) <= BESIDE_M:
+        return straight
+    low = _stop(straight.gap(t0), limits)
+    if low <= TOUCH_M:
+        return straight
+    above = np.array([0.0, 0.0, min(low, HOLD_M), 0.0])
+    return plan(t0, state, origin, offset + above, limits, apart=True)
+
+
+def _beside(leg: Leg, t: float) -> float:
+    gap = leg.gap(t).p
+    return float(np.hypot(gap[0], gap[1]))
+
+
+def _stop(gap: State, limits: PursuitLimits) -> float:
+    """How high above the offset a tool ends that only brakes, m."""
+    wanted = InputParameter(1)
+    wanted.control_interface = ControlInterface.Velocity
+    wanted.current_position, wanted.current_velocity = [gap.p[2]], [gap.v[2]]
+    wanted.current_acceleration = [gap.a[2]]
+    wanted.target_velocity, wanted.target_acceleration = [0.0], [0.0]
+    wanted.max_acceleration, wanted.max_jerk = [limits.a], [limits.j]
+    braking = Trajectory(1)
+    Ruckig(1).calculate(wanted, braking)
+    return float(braking.at_time(braking.duration)[0][0])
