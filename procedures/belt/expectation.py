@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from calibration.belt.pursuit import Leg, Origin, Place, PursuitLimits, State, plan
+from calibration.belt.pursuit import Leg, Origin, Place, State, plan
 from cell.errors import CellError
 from cell.guard import MotionGuard
 from cell.poses import Array
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.corner import corner
 from procedures.belt.joints import ToolJoints
-from procedures.belt.picker import JOINT_SHARE, LEAST_SLOWING, SLOWINGS
+from procedures.belt.way import pursuit_limits, within_joint_speed
 
 SPEEDS_M_S = (0.1, 0.2, 0.3)
 SLOWEST_SHARE = 0.1  # of the first of these speeds: a belt that is being set up
@@ -75,10 +75,7 @@ class Expectation:
         self._config, self._tool, self._way = config, tool, way / np.linalg.norm(way)
         self._q_wait, self._q_place = q_wait, q_place
         self._wait, self._place = tool.state(q_wait), tool.state(q_place)
-        limits = config.limits
-        self._limits = PursuitLimits(
-            limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3, yaw_v=limits.joint_speed_rad_s
-        )
+        self._limits = pursuit_limits(config.limits)
         self._gripper_s = config.grip_timeout_s / 3.0
         self._up = np.array([0.0, 0.0, config.above_m, 0.0])
         self._corner = corner(config, self._limits)
@@ -186,14 +183,11 @@ class Expectation:
 
     def _way_to(self, t: float, state: State, origin: Origin, offset: Array) -> Leg:
         """As fast as limits and joints let: the job's own rule."""
-        share = 1.0
-        leg = plan(t, state, origin, offset, self._limits)
-        for _ in range(SLOWINGS):
-            over = self._fastest(leg) / (JOINT_SHARE * self._config.limits.joint_speed_rad_s)
-            if over <= 1.0:
-                break
-            share /= max(over, LEAST_SLOWING)
-            leg = plan(t, state, origin, offset, self._limits.slower(share))
+        leg, _ = within_joint_speed(
+            lambda share: plan(t, state, origin, offset, self._limits.slower(share)),
+            self._fastest,
+            self._config.limits.joint_speed_rad_s,
+        )
         return leg
 
     def _fastest(self, leg: Leg) -> float:

@@ -12,33 +12,25 @@ from typing import Any
 import numpy as np
 
 from calibration.belt.arm_time import MotionLimits, rest_to_rest
-from calibration.belt.descent import descend
-from calibration.belt.pursuit import Leg, Origin, Place, PursuitLimits, Ride, State, plan
-from calibration.belt.tracking import Track
+from calibration.belt.pursuit import Place, Ride, State
 from cell.devices import Gripper, TrajectoryPiece
 from cell.errors import error
 from cell.poses import Array
 from cell.procedure import Run
+from procedures.belt.choice import Choice
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.corner import corner
 from procedures.belt.items import CONTACT, Item, Outcome, life
-from procedures.belt.joints import ToolJoints, fastest_joint, on_piece
+from procedures.belt.joints import ToolJoints, on_piece
 from procedures.belt.lag import Lag
 from procedures.belt.meeting import Aim, strategy
 from procedures.belt.states import PickState as S
 from procedures.belt.watch import BeltWatch
+from procedures.belt.way import AHEAD_S, Way, pursuit_limits
 
 STEP_S = 0.02  # between decisions
 LEARN_S = 0.04  # between looks at what has come in, but for the last of the way to an item
 LEAD_S = 0.012  # from a decision to where it begins to act
-AHEAD_S, NODES = 0.05, (1, 2, 3)  # a piece goes on for longer than a loop that is late once
-JOINT_SHARE = 0.85  # of the joints' speed limit that a plan may use; a change of plan needs the rest
-BRAKE_SHARE = 0.9
-TOOL_SHARE = 0.99  # of the tool's speed limit: a goal that jumps shares it anew among axes that are all fast
-SLOWINGS, LEAST_SLOWING = 5, 1.1  # a way that never reaches the speed limit feels a lower one late
-YAW_SHARE = 0.6  # of it for turning the tool; the way itself turns the wrist too
-CHOICES = 3
-COMING_S = 30.0  # an item that comes later is not waited for above the zone's edge
 PUBLISH_S = 0.2
 CLOSE = frozenset({S.DESCEND, S.GRIP})
 MET_M, MET_M_S = 0.0003, 0.02  # from rest on an item
@@ -57,18 +49,15 @@ class Picker:
         place: State,
     ) -> None:
         self._run, self._config, self._watch, self._tool = run, config, watch, tool
-        self._wait, self._place = wait, place
+        self._wait, self._place = Place(wait.p), Place(place.p)
         limits = config.limits
-        self._limits = PursuitLimits(
-            limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3, yaw_v=YAW_SHARE * limits.joint_speed_rad_s
-        )
         axis = MotionLimits(limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3)
         self._descent_s = float(rest_to_rest(np.array(config.above_m), axis))
         self._above = np.array([0.0, 0.0, config.above_m + config.grip_m, 0.0])
         self._at_grip = np.array([0.0, 0.0, config.grip_m, 0.0])
         self._over_place = np.array([0.0, 0.0, config.above_m, 0.0])
         classic = config.method == "classic"
-        self._corner = corner(config, self._limits)
+        self._corner = corner(config, pursuit_limits(limits))
         self._aim: Aim | None = None
         self._meets_only = classic or not config.follow
         self._strategy = strategy(config, watch, wait.p[:3], self._descent_s)
@@ -79,13 +68,12 @@ class Picker:
         self._lag = Lag()
         self._held = False
         self._foot_m = 0.0
-        self._share = 1.0  # of the full speed, on the present way
-        self._q: Array = np.zeros(6)
         self._item: Item | None = None
         self._awaited: Item | None = None  # on its way to the zone
         self._t_contact = 0.0
         self._phase: Callable[[float], Coroutine[Any, Any, bool]] = self._ready
-        self._leg: Leg = plan(0.0, wait, Place(wait.p), np.zeros(4), self._limits)
+        self._way = Way(tool, limits, wait)
+        self._choice = Choice(config, watch, tool, float(wait.p[3]), self._descent_s)
         self._published = self._learnt = -np.inf
         self._standing_since: float | None = None
         self.standing = False
@@ -94,16 +82,15 @@ class Picker:
         """Set-points from rest at ``q`` (6,) on, until :attr:`standing`, a wish for rest, or enough picks."""
         clock = self._run.clock
         t = clock.now() + LEAD_S
-        self._leg = plan(t, self._tool.state(q), Place(self._wait.p), np.zeros(4), self._limits)
+        self._way.start(t, q, self._wait)
         self._phase, self.standing, self._standing_since = self._ready, False, None
         here = q, np.zeros(6)
         try:
             while True:
-                self._q = here[0]
                 await self._learn()
                 if not await self._phase(t):
                     return
-                piece = self._piece(t, here)
+                piece = self._way.piece(t, here)
                 self._keep(t)
                 if clock.now() < t + AHEAD_S:  # a piece that is over would only end the one in use
                     yield self._lag.ahead(piece)
@@ -116,28 +103,11 @@ class Picker:
                 await self._end_item(Outcome.LOST)
             await asyncio.gather(*self._writing)
 
-    def _piece(self, t: float, here: tuple[Array, Array]) -> TrajectoryPiece:
-        """The next piece from ``here`` on; a way that gets too fast for joints or tool is slowed down."""
-        for _ in range(4):
-            ahead = [self._leg.at(t + k * AHEAD_S) for k in NODES]
-            Q, Qd = self._tool.line(ahead, here[0] + AHEAD_S * np.array(NODES)[:, None] * here[1])
-            piece = self._tool.piece(t, AHEAD_S, [here, *zip(Q, Qd, strict=True)])
-            ways = [self._leg.at(t + k * AHEAD_S).v[:3] for k in (0.5, 1.0, 1.5, 2.0)]
-            tool = max(float(np.linalg.norm(v)) for v in ways)
-            limits = self._config.limits
-            slow = tool <= TOOL_SHARE * limits.speed_m_s
-            if slow and fastest_joint(piece) <= BRAKE_SHARE * limits.joint_speed_rad_s:
-                break
-            self._share *= 0.8
-            slower, old = self._limits.slower(self._share), self._leg
-            self._leg = plan(t, old.at(t), old.origin, old.offset, slower, old.apart)
-        return piece
-
     def _keep(self, t: float) -> None:
         """This set-point, for whoever looks at the run later."""
         if (record := self._watch.record) is not None:
             number = 0 if self._item is None else self._item.number
-            record.goes(t, self._leg.at(t), self._watch.speed(), number)
+            record.goes(t, self._way.at(t), self._watch.speed(), number)
 
     # -- what is known
 
@@ -197,34 +167,32 @@ class Picker:
 
     async def _ready(self, t: float) -> bool:
         """At rest above the belt, or on the way there: whoever comes first is next."""
-        home = Place(self._wait.p)
         if self._rest_wanted:
             if self._run.state is S.WAIT:
                 await self._run.enter(S.RETURN, "rest is wanted")
-            self._go(t, home, np.zeros(4))
-            return t < self._leg.t1
+            self._way.go(t, self._wait, np.zeros(4))
+            return t < self._way.t1
         if self._meets_only:
             return await self._agree(t)
-        before = self._leg, self._share
-        for item, ride in self._reachable(t):
-            self._begin_way(t, ride, self._above)
-            if self._leaves_after(ride.track, self._leg.t1 + self._descent_s):
+        for item, ride in self._choice.reachable(t, self._way, self._above):
+            tried = self._way.tried(t, ride, self._above)
+            if self._choice.can_be_met(ride.track, tried[0].t1):
+                self._way.take(tried)
                 self._item = item
                 item.note(t, "approach")
                 await self._run.enter(S.APPROACH, f"item {item.number}")
                 self._phase = self._approach
                 return True
-            self._leg, self._share = before
-        coming = self._coming(t)
+        coming = self._choice.coming(t)
         if coming is None:
-            self._go(t, home, np.zeros(4))
+            self._way.go(t, self._wait, np.zeros(4))
             return True
         item, above = coming
         if self._awaited is item:
-            self._go(t, above, self._above)
+            self._way.go(t, above, self._above)
         else:
             self._awaited = item
-            self._begin_way(t, above, self._above)
+            self._way.begin(t, above, self._above)
         if self._run.state is not S.WAIT:
             await self._run.enter(S.WAIT, f"item {item.number}")
         return True
@@ -233,21 +201,20 @@ class Picker:
         ride = self._ride()
         if ride is None or self.standing:
             return await self._give_up(t)
-        self._go(t, ride, self._above)
-        if not self._leaves_after(ride.track, self._leg.t1 + self._descent_s):
+        self._way.go(t, ride, self._above)
+        if not self._choice.can_be_met(ride.track, self._way.t1):
             return await self._give_up(t)
-        if self._leg.t1 - t <= self._corner.lead_s:
-            self._share = 1.0
+        if self._way.t1 - t <= self._corner.lead_s:
+            self._way.at_full_speed()
             await self._run.enter(S.DESCEND)
             self._phase = self._descend
         return True
 
     async def _descend(self, t: float) -> bool:
         ride = self._ride()
-        if ride is None:
+        if ride is None or self._choice.is_past(ride.track, self._way.t1):
             return await self._give_up(t)
-        slower = self._limits.slower(self._share)
-        self._leg = descend(t, self._leg.at(t), ride, self._at_grip, slower)
+        self._way.descend(t, ride, self._at_grip)
         if self._meets(t, ride):
             await self._close(t)
         return True
@@ -265,22 +232,23 @@ class Picker:
 
     async def _agree(self, t: float) -> bool:
         """At rest at the waiting point: agree on a contact that the arm can keep."""
-        self._go(t, Place(self._wait.p), np.zeros(4))
-        if self._leg.t1 > t:
+        self._way.go(t, self._wait, np.zeros(4))
+        if self._way.t1 > t:
             return True
         if self._run.state is not S.WAIT:
             await self._run.enter(S.WAIT)
         for item in self._watch.queue.waiting(self._config.min_sightings):
-            aim, rest = self._strategy.meet(item, t), self._leg
+            aim = self._strategy.meet(item, t)
             while aim is not None:
-                self._begin_way(t, self._aimed(item, aim), self._above)
-                late = self._leg.t1 + self._descent_s - aim.contact
+                tried = self._way.tried(t, self._aimed(item, aim), self._above)
+                late = tried[0].t1 + self._descent_s - aim.contact
                 if late <= STEP_S:
+                    self._way.take(tried)
                     self._item, self._aim, self._phase = item, aim, self._go_above
                     item.note(t, "approach")
                     await self._run.enter(S.APPROACH, f"item {item.number}")
                     return True
-                self._leg, aim = rest, self._strategy.later(item, aim, late)
+                aim = self._strategy.later(item, aim, late)
         return True
 
     async def _go_above(self, t: float) -> bool:
@@ -288,9 +256,9 @@ class Picker:
         assert self._item is not None
         assert self._aim is not None
         self._strategy.improve(self._item, self._aim, t)
-        self._go(t, self._aimed(self._item, self._aim), self._above)
+        self._way.go(t, self._aimed(self._item, self._aim), self._above)
         if t >= self._aim.contact - self._descent_s - 0.5 * STEP_S:
-            self._share = 1.0
+            self._way.at_full_speed()
             await self._run.enter(S.DESCEND)
             self._phase = self._go_down
         return True
@@ -299,24 +267,24 @@ class Picker:
         assert self._item is not None
         assert self._aim is not None
         self._strategy.improve(self._item, self._aim, t)
-        self._go(t, self._aimed(self._item, self._aim), self._at_grip)
-        if self._leg.t1 - t <= 0.5 * STEP_S:
+        self._way.go(t, self._aimed(self._item, self._aim), self._at_grip)
+        if self._way.t1 - t <= 0.5 * STEP_S:
             await self._close(t)
         return True
 
     def _aimed(self, item: Item, aim: Aim) -> Place:
-        return Place(np.array([*aim.xy, aim.height, self._yaw(item)]))
+        return Place(np.array([*aim.xy, aim.height, self._choice.yaw(item)]))
 
     def _meets(self, t: float, ride: Ride) -> bool:
         """Whether the tool is on the item and moves with it: a forecast that shakes is never met exactly."""
-        gap = self._leg.at(t) - ride.at(t)
+        gap = self._way.at(t) - ride.at(t)
         off = float(np.linalg.norm(gap.p[:3] - self._at_grip[:3]))
         return off < MET_M and float(np.linalg.norm(gap.v[:3])) < MET_M_S
 
     async def _grip(self, t: float) -> bool:
         """Move with the item until it is held, and at least for the dwell."""
         if not self._meets_only and (ride := self._ride()) is not None:
-            self._go(t, ride, self._at_grip, apart=True)
+            self._way.go(t, ride, self._at_grip, apart=True)
         if t < self._t_contact + self._config.dwell_s or (held := self._answer()) is None:
             return True
         assert self._item is not None
@@ -326,8 +294,8 @@ class Picker:
         if not held:
             self._begin(self._gripper.release(self._config.grip_timeout_s))
             await self._end_item(Outcome.GRIP_FAILED)
-        self._foot_m = float(self._leg.at(t).p[2])
-        self._leg = plan(t, self._leg.at(t), self._leg.origin, self._above, self._limits)
+        self._foot_m = float(self._way.at(t).p[2])
+        self._way.rise(t, self._above)
         self._phase = self._lift
         return True
 
@@ -337,7 +305,7 @@ class Picker:
             return True
         if self._held:
             await self._run.enter(S.PLACE)
-            self._begin_way(t, Place(self._place.p), self._over_place)
+            self._way.begin(t, self._place, self._over_place)
             self._phase = self._to_place
         else:
             await self._run.enter(S.RETURN)
@@ -345,15 +313,15 @@ class Picker:
         return True
 
     async def _to_place(self, t: float) -> bool:
-        self._go(t, Place(self._place.p), self._over_place)
-        if self._leg.t1 - t <= self._corner.lead_s:
-            self._share = 1.0
+        self._way.go(t, self._place, self._over_place)
+        if self._way.t1 - t <= self._corner.lead_s:
+            self._way.at_full_speed()
             self._phase = self._put_down
         return True
 
     async def _put_down(self, t: float) -> bool:
-        self._go(t, Place(self._place.p), np.zeros(4), apart=True)
-        if self._leg.t1 - t <= 0.5 * STEP_S:
+        self._way.go(t, self._place, np.zeros(4), apart=True)
+        if self._way.t1 - t <= 0.5 * STEP_S:
             if not self._gripper.holding(0.1):
                 await self._end_item(Outcome.LOST)
             self._begin(self._gripper.release(self._config.grip_timeout_s))
@@ -371,10 +339,10 @@ class Picker:
         return True
 
     async def _leave_place(self, t: float) -> bool:
-        self._go(t, Place(self._place.p), self._over_place)
+        self._way.go(t, self._place, self._over_place)
         if self._clear(t, float(self._place.p[2])):
             await self._run.enter(S.RETURN)
-            self._begin_way(t, Place(self._wait.p), np.zeros(4))
+            self._way.begin(t, self._wait, np.zeros(4))
             self._phase = self._ready
         return True
 
@@ -382,83 +350,11 @@ class Picker:
 
     def _clear(self, t: float, foot_m: float) -> bool:
         """Whether the tool has risen so far from ``foot_m`` that it may go sideways."""
-        return t >= self._leg.t1 or float(self._leg.at(t).p[2]) - foot_m >= self._corner.clear_m
-
-    def _go(self, t: float, origin: Origin, offset: Array, apart: bool = False) -> None:
-        """From where the tool is at ``t`` to rest at ``offset`` from ``origin``; a way to a place is kept."""
-        old = self._leg
-        if (
-            isinstance(origin, Place)
-            and isinstance(old.origin, Place)
-            and np.array_equal(origin.p, old.origin.p)
-            and np.array_equal(offset, old.offset)
-        ):
-            return
-        self._leg = plan(t, self._leg.at(t), origin, offset, self._limits.slower(self._share), apart)
-
-    def _begin_way(self, t: float, origin: Origin, offset: Array) -> None:
-        """The first plan of a new way: as fast as the limits and the joints let."""
-        state = self._leg.at(t)
-        self._share, leg = 1.0, plan(t, state, origin, offset, self._limits)
-        for _ in range(SLOWINGS):
-            over = self._tool.fastest(leg, self._q) / (JOINT_SHARE * self._config.limits.joint_speed_rad_s)
-            if over <= 1.0:
-                break
-            self._share /= max(over, LEAST_SLOWING)
-            leg = plan(t, state, origin, offset, self._limits.slower(self._share))
-        self._leg = leg
+        return t >= self._way.t1 or float(self._way.at(t).p[2]) - foot_m >= self._corner.clear_m
 
     def _ride(self) -> Ride | None:
         """The item in hand, as it is foretold now."""
-        track = None if self._item is None else self._watch.track(self._item)
-        return None if track is None or self._item is None else Ride(track, self._yaw(self._item))
-
-    def _yaw(self, item: Item) -> float:
-        """The least turn that brings the tool along the item's longer side or across it, rad."""
-        if not self._config.align:
-            return float(self._wait.p[3])
-        turn = item.yaw - self._tool.heading()
-        return float((turn + np.pi / 2) % np.pi - np.pi / 2)
-
-    def _reachable(self, t: float) -> list[tuple[Item, Ride]]:
-        """Who can be met in the zone when the tool goes now, in the order of the config's choice."""
-        found: list[tuple[float, Item, Ride]] = []
-        for item in self._watch.queue.waiting(self._config.min_sightings):
-            track = self._watch.track(item)
-            if track is None:
-                continue
-            ride = Ride(track, self._yaw(item))
-            contact = plan(t, self._leg.at(t), ride, self._above, self._limits).t1 + self._descent_s
-            if float(track.along(np.array([contact]))[0]) < self._config.zone.min_m:
-                break  # and those behind it are still farther upstream
-            if self._leaves_after(track, contact):
-                found.append((contact, item, ride))
-                if len(found) == CHOICES and self._config.choice == "leaving first":
-                    break
-        if self._config.choice == "soonest":
-            found.sort(key=lambda one: one[0])
-        return [(item, ride) for _, item, ride in found[:CHOICES]]
-
-    def _coming(self, t: float) -> tuple[Item, Place] | None:
-        """The first item that is not in the zone yet, and the place above its edge where it will come in.
-
-        That is where the belt carries it to, however fast; a forecast over half a minute would be a guess.
-        """
-        now, speed = np.array([t]), self._watch.speed()
-        for item in self._watch.queue.waiting(self._config.min_sightings):
-            track = self._watch.track(item)
-            if track is None or (left := self._config.zone.min_m - float(track.along(now)[0])) <= 0.0:
-                continue
-            if speed < self._config.standing_m_s or left / speed > COMING_S:
-                return None
-            xy = track.xy(now)[0] + left * track.flat
-            return item, Place(np.array([*xy, track.height, self._yaw(item)]))
-        return None
-
-    def _leaves_after(self, track: Track, contact: float) -> bool:
-        """Whether the item is still in the zone when a contact at ``contact`` is over."""
-        end = contact + self._config.dwell_s + self._config.grip_timeout_s / 3.0
-        return bool(float(track.along(np.array([end]))[0]) <= self._config.zone.max_m)
+        return None if self._item is None else self._choice.ride(self._item)
 
     async def _give_up(self, t: float) -> bool:
         """This item cannot be met any more; it ends when it leaves the zone."""
@@ -467,7 +363,7 @@ class Picker:
             self._item = None
         await self._run.enter(S.RETURN)
         self._phase = self._ready
-        self._go(t, Place(self._wait.p), np.zeros(4))
+        self._way.go(t, self._wait, np.zeros(4))
         return True
 
     async def _end_item(self, outcome: Outcome) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from calibration.belt import descent
 from fakes.object import run_virtual
 from procedures.belt.items import Outcome
 from tests.object_cell import ObjectCell, no_report, refused
@@ -160,5 +161,41 @@ def test_an_encoder_that_restarts_loses_the_items_on_their_way_and_the_job_goes_
             assert len(picked(cell, run_id)) == 2
             off = np.linalg.norm(contact_errors(cell), axis=1)
             assert np.max(off) < 1e-3, "nothing is gripped where it was before the restart"
+
+    run_virtual(scene())
+
+
+def test_counts_of_a_whole_millimetre_are_fine_enough_to_come_down_on_an_item(tmp_path: Path) -> None:
+    job = {"picks": 2, "belt": {"m_per_count": 0.001, "dir": [0.9998, -0.02, 0.0]}}
+    world = {
+        "m_per_count": "0.001",
+        "profile": "[{ speed_m_s = 0.2 }]\nripple = [{ amplitude = 0.03, hz = 1 }]",
+    }
+
+    async def scene() -> None:
+        async with picking_cell(picking_config(tmp_path, job, world)) as cell:
+            end = await cell.finished(await cell.start())
+            assert end["outcome"] == "complete"
+            assert np.linalg.norm(contact_errors(cell), axis=1).max() < 1e-3
+
+    run_virtual(scene())
+
+
+def test_a_tool_that_never_gets_over_its_item_lets_it_go_at_the_end_of_the_zone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(descent, "BESIDE_M", -1.0)
+
+    async def scene() -> None:
+        async with picking_cell(picking_config(tmp_path)) as cell:
+            run_id = await cell.start()
+            await cell.until_state("descend")
+            await cell.until(lambda: bool(cell.ledger.items(run_id)), "the end of an item", 30.0)
+            (first,) = cell.ledger.items(run_id)
+            assert first["outcome"] == Outcome.OUT_OF_ZONE.value
+            assert cell.plant.world.gripper is not None
+            assert not cell.plant.world.gripper.contacts
+            await cell.engine.finish("test")
+            assert (await cell.finished(run_id))["outcome"] == "complete"
 
     run_virtual(scene())
