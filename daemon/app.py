@@ -15,10 +15,11 @@ from cell.errors import error
 from cell.motion import MotionBroker
 from cell.store.ledger import Ledger
 from cell.store.runs import interrupted_runs
+from daemon.cell_context import CellContext
 from daemon.composition import supervised_devices
 from daemon.config import CellConfig, load_config
 from daemon.control import ControlServer
-from daemon.engine import CellContext, Engine
+from daemon.engine import Engine
 from daemon.health import Beats, LoopLag, watchdog
 from daemon.logs import set_up_logging
 from daemon.modbus import ModbusFace

@@ -3,91 +3,25 @@
 import asyncio
 import logging
 from collections.abc import Callable, Mapping
-from contextlib import AbstractAsyncContextManager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from cell.clock import Clock
-from cell.devices import Arm, Device
+from cell.devices import Arm
 from cell.errors import CellError, LatchError, error
-from cell.motion import MotionBroker, MotionLease, run_to_its_end
-from cell.procedure import PackML, Procedure, Proposal, Run, Worker
-from cell.store.ledger import Ledger
+from cell.motion import run_to_its_end
+from cell.procedure import PackML, Procedure, Run
 from cell.store.runs import RunFolder, load_run
-from daemon.config import CellConfig
-from daemon.results import enter_proposal, note_arm_model, propose_results
-from daemon.supervisor import Supervisor
+from daemon.cell_context import CellContext
+from daemon.results import note_arm_model, propose_results
+from daemon.status import live_of, status_of, summary_of
 from daemon.values import resolve_values, tell_configured, with_arm_model, with_job_limits, without_passes
-from procedures.arm_setup import arm_models, lease_settings
+from procedures.arm_setup import arm_models
 
 log = logging.getLogger("cellward.engine")
 
-TREND_POINTS = 200  # of a health number, in a report
-LIVE_ROWS = 250  # of a trace in one answer: more would hold up a loop that decides every 20 ms
-TABLES = (  # of a result, one entry a sample or a place: too much for a status
-    ("uncertainty", "cov"),
-    ("uncertainty", "predicted_95", "workspace", "places"),
-    ("residuals", "per_sample"),
-)
 WAITING = {PackML.IDLE, PackML.STOPPED, PackML.ABORTED, PackML.COMPLETE}
-
-
-@dataclass
-class CellContext:
-    """What a run may touch; implements :class:`cell.procedure.Cell`."""
-
-    config: CellConfig
-    clock: Clock
-    worker: Worker
-    supervisor: Supervisor
-    broker: MotionBroker
-    ledger: Ledger
-
-    def device(self, role: str) -> Device:
-        name = self.config.robot.roles().get(role)
-        if name is None:
-            raise error("DEVICE_NOT_READY", f"[robot] names no device for the role '{role}'")
-        return self.supervisor.ready(name)
-
-    def motion(
-        self, run: Run, tool: Mapping[str, Any] | None = None
-    ) -> AbstractAsyncContextManager[MotionLease]:
-        values = run.values if tool is None else {**run.values, "tool": tool}
-        guard, settings, speed = lease_settings(values)
-        after = None if tool is None else lease_settings(run.values)[1]
-        return self.broker.lease(run.arm(), guard, settings, speed, run, after)
-
-    async def propose(self, run: Run, proposal: Proposal, result: Mapping[str, Any]) -> int:
-        return await asyncio.to_thread(enter_proposal, run, self.ledger, proposal, result)
-
-    async def accept(self, run: Run, result_id: int, who: str, *, commit: bool) -> None:
-        row = await asyncio.to_thread(self.ledger.accept, result_id, who, commit)
-        run.note("decision", event="accepted", name=row["name"], result_id=result_id, by=who)
-
-    async def commit(self, run: Run, result_id: int) -> None:
-        row = await asyncio.to_thread(self.ledger.commit, result_id)
-        what = {"name": row["name"], "result_id": result_id, "version": row["version"]}
-        try:
-            run.note("decision", event="committed", **what)
-        except CellError as exc:  # it is in effect all the same, and nobody may think otherwise
-            log.error("run %d: committed, but not in the journal (%s): %s", run.id, exc, what)
-
-    async def reject(self, run: Run, result_id: int, why: str) -> None:
-        row = await asyncio.to_thread(self.ledger.reject, result_id, f"run {run.id}", why)
-        run.note("decision", event="rejected", name=row["name"], result_id=result_id, why=why)
-
-    async def add_trend(self, name: str, value: float) -> list[tuple[float, float]]:
-        return await asyncio.to_thread(self._add_trend, name, value)
-
-    async def add_item(self, run: Run, item: int, t: float, outcome: str, detail: Mapping[str, Any]) -> None:
-        await asyncio.to_thread(self.ledger.add_item, run.id, item, t, outcome, detail)
-
-    def _add_trend(self, name: str, value: float) -> list[tuple[float, float]]:
-        self.ledger.add_trend(name, value)
-        return self.ledger.trend(name, TREND_POINTS)
 
 
 class Engine:
@@ -242,8 +176,7 @@ class Engine:
 
     async def _check_decidable(self, result_id: int) -> None:
         """``NOT_NOW`` for a result of the running job: it decides about it itself, or has yet to end."""
-        run = self.run if self._task is not None else None
-        if run is None:
+        if (run := self.running) is None:
             return
         row = await asyncio.to_thread(self.ledger.result, result_id)
         if row["run_id"] == run.id:
@@ -276,45 +209,18 @@ class Engine:
             return self.idle_state
         return self._ending or self.run.packml
 
+    @property
+    def running(self) -> Run | None:
+        """The run of the job that is active."""
+        return self.run if self._task is not None else None
+
     def status(self) -> dict[str, Any]:
-        """Everything a person or a PLC may want to see at a glance."""
-        run = self.run if self._task is not None else None
-        return {
-            "cell": self.context.config.cell.name,
-            "twin": self.context.config.cell.twin,
-            "packml": self.packml.name,
-            "packml_number": int(self.packml),
-            "job": run.procedure.name if run else None,
-            "job_number": run.procedure.number if run else 0,
-            "run_id": run.id if run else None,
-            "state": run.state.value if run and run.state else None,
-            "step": run.step if run else 0,
-            "steps": run.steps if run else 0,
-            "live": dict(run.live) if run else {},
-            "prompt": {"id": run.prompt[0], "text": run.prompt[1]} if run and run.prompt else None,
-            "error": self.error.as_dict() if self.error else None,
-            "latched": self.context.broker.latched is not None,
-            "last_run": self.last,
-            "interrupted": self.interrupted,
-            "devices": self.context.supervisor.status(),
-            "loop_lag": self.loop_lag(),
-        }
+        """What a person or a PLC may want to see at a glance."""
+        return status_of(self)
 
     def live(self, since: Mapping[str, int]) -> dict[str, Any]:
-        """What the running job leaves to be drawn: numbers of now, and the rows of each trace from row
-        ``since[name]`` on, a bounded number at a time. ``next`` is what to ask for after them."""
-        run = self.run if self._task is not None else None
-        traces = {}
-        for name, trace in run.traces.items() if run else ():
-            end, rows = trace.since(since.get(name, 0), LIVE_ROWS)
-            traces[name] = {"columns": trace.columns, "next": end, "rows": rows}
-        return {
-            "run_id": run.id if run else None,
-            "job": run.procedure.name if run else None,
-            "state": run.state.value if run and run.state else None,
-            "live": dict(run.live) if run else {},
-            "traces": traces,
-        }
+        """Numbers and rows of traces of the running job, to be drawn; see :func:`daemon.status.live_of`."""
+        return live_of(self, since)
 
     async def shutdown(self) -> None:
         """End a running job as ``halt`` does and wait for its standstill."""
@@ -437,7 +343,7 @@ class Engine:
             # What could not be written here is written by the next start, which finds no end.json.
             log.error("the end of run %d could not be written: %s", run.id, exc)
             failure = failure or exc
-        self.last = {"run_id": run.id, "job": run.procedure.name, "result": _summary(run.result), **end}
+        self.last = {"run_id": run.id, "job": run.procedure.name, "result": summary_of(run.result), **end}
         self.error, self.idle_state = failure, final
         self._task = self._job = self._ending = None
         self._closing = False
@@ -499,26 +405,3 @@ def _failure_of(job: asyncio.Task[None]) -> CellError | None:
         return exc
     log.error("a job failed in a way nobody foresaw", exc_info=exc)
     return error("INTERNAL", f"{type(exc).__name__}: {exc}")
-
-
-def _without(part: Any, path: list[str], key: str) -> Any:
-    """``part`` without what ``key`` holds at the end of ``path``; what is not there changes nothing."""
-    if not isinstance(part, Mapping):
-        return part
-    if not path:
-        return {k: v for k, v in part.items() if k != key}
-    first, *rest = path
-    return {**part, first: _without(part[first], rest, key)} if first in part else dict(part)
-
-
-def _summary(result: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """The part of a result that a status page shows; the passes of a reference are megabytes."""
-    if result is None:
-        return None
-    kept = {k: result.get(k) for k in ("kind", "verdict", "reasons", "result", "uncertainty", "residuals")}
-    if isinstance(answer := kept["result"], Mapping) and "passes" in answer:
-        kept["result"] = {k: v for k, v in answer.items() if k != "passes"}
-    kept["update"] = (result.get("inputs") or {}).get("update")
-    for part, *path, table in TABLES:
-        kept[part] = _without(kept[part], path, table)
-    return kept

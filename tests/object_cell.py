@@ -14,9 +14,10 @@ from cell.errors import CellError
 from cell.motion import MotionBroker
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder, interrupted_runs, load_run
+from daemon.cell_context import CellContext
 from daemon.composition import supervised_devices
 from daemon.config import CellConfig, load_config
-from daemon.engine import CellContext, Engine
+from daemon.engine import Engine
 from daemon.health import Beats
 from daemon.results import reject_left_open
 from daemon.supervisor import Supervisor

@@ -19,6 +19,7 @@ from cell.devices import DeviceState
 from cell.errors import error
 from cell.motion import MotionBroker
 from cell.store.ledger import Ledger
+from daemon.cell_context import CellContext
 from daemon.cli.failures import OK
 from daemon.cli.output import out, say
 from daemon.cli.progress import ProgressBar
@@ -28,7 +29,7 @@ from daemon.demo.ending import conclude
 from daemon.demo.folder import begin_in
 from daemon.demo.scenes import Scene, give_camera, scenes_of
 from daemon.demo.steps import Step
-from daemon.engine import CellContext, Engine
+from daemon.engine import Engine
 from daemon.health import Beats
 from daemon.supervisor import Supervisor
 from daemon.worker import InlineWorker

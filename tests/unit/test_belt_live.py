@@ -8,7 +8,7 @@ from test_report_page import Page
 
 from cell.traces import Trace
 from daemon.cli.live_text import live_line
-from daemon.engine import LIVE_ROWS
+from daemon.status import LIVE_ROWS
 from fakes.object import run_virtual
 from procedures.belt.live import AHEAD_S, COLUMNS
 from procedures.belt.picker import LEARN_S, STEP_S

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from cell.devices import DeviceState
-from daemon.engine import _summary
 from daemon.modbus.table import register_table
 from daemon.plc import PlcFace
+from daemon.status import summary_of
 from fakes.object import run_virtual
 from tests.object_cell import ObjectCell, open_cell, write_config
 
@@ -51,7 +51,7 @@ def registers(tmp_path: Path, result: dict[str, Any] | None, beams: Beams | None
                 cell.engine.last = {
                     "run_id": 9,
                     "job": "laser-check",
-                    "result": _summary(result),
+                    "result": summary_of(result),
                     "verdict": verdict,
                 }
             table = register_table()
@@ -147,7 +147,7 @@ def test_beams_are_ok_when_their_module_is_ready_and_no_input_is_stuck(
 
 def test_passes_of_a_reference_stay_out_of_the_status() -> None:
     reference = {"schema": "cellward.laser-reference/1", "hits": {}, "passes": [{"beam": "xs"}] * 100}
-    summary = _summary({"kind": "laser-reference", "verdict": "pass", "result": reference})
+    summary = summary_of({"kind": "laser-reference", "verdict": "pass", "result": reference})
     assert summary is not None
     assert summary["result"] == {"schema": "cellward.laser-reference/1", "hits": {}}
     assert len(reference["passes"]) == 100

@@ -15,7 +15,7 @@ from cell.store.files import read_json
 from daemon.cli.compare import compare_results, comparison_text
 from daemon.cli.replay import differences
 from daemon.cli.value_text import value_text
-from daemon.engine import _summary
+from daemon.status import summary_of
 from fakes.object import run_virtual
 from procedures.replay import solve_again
 from tests.object_cell import ObjectCell, open_cell
@@ -142,7 +142,7 @@ def test_health_numbers_are_kept(done: Done) -> None:
 
 
 def test_a_status_page_gets_the_figures_without_their_tables(done: Done) -> None:
-    shown = _summary(done.result)
+    shown = summary_of(done.result)
     assert shown is not None
     assert shown["result"]["absolute_accuracy"] == done.result["result"]["absolute_accuracy"]
     assert len(str(shown)) < 20_000

@@ -1,0 +1,78 @@
+"""What a run may touch of the cell: its devices, the arm's motion, and what is kept of results."""
+
+import asyncio
+import logging
+from collections.abc import Mapping
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
+from typing import Any
+
+from cell.clock import Clock
+from cell.devices import Device
+from cell.errors import CellError, error
+from cell.motion import MotionBroker, MotionLease
+from cell.procedure import Proposal, Run, Worker
+from cell.store.ledger import Ledger
+from daemon.config import CellConfig
+from daemon.results import enter_proposal
+from daemon.supervisor import Supervisor
+from procedures.arm_setup import lease_settings
+
+log = logging.getLogger("cellward.engine")
+
+TREND_POINTS = 200  # of a health number, in a report
+
+
+@dataclass
+class CellContext:
+    """What a run may touch; implements :class:`cell.procedure.Cell`."""
+
+    config: CellConfig
+    clock: Clock
+    worker: Worker
+    supervisor: Supervisor
+    broker: MotionBroker
+    ledger: Ledger
+
+    def device(self, role: str) -> Device:
+        name = self.config.robot.roles().get(role)
+        if name is None:
+            raise error("DEVICE_NOT_READY", f"[robot] names no device for the role '{role}'")
+        return self.supervisor.ready(name)
+
+    def motion(
+        self, run: Run, tool: Mapping[str, Any] | None = None
+    ) -> AbstractAsyncContextManager[MotionLease]:
+        values = run.values if tool is None else {**run.values, "tool": tool}
+        guard, settings, speed = lease_settings(values)
+        after = None if tool is None else lease_settings(run.values)[1]
+        return self.broker.lease(run.arm(), guard, settings, speed, run, after)
+
+    async def propose(self, run: Run, proposal: Proposal, result: Mapping[str, Any]) -> int:
+        return await asyncio.to_thread(enter_proposal, run, self.ledger, proposal, result)
+
+    async def accept(self, run: Run, result_id: int, who: str, *, commit: bool) -> None:
+        row = await asyncio.to_thread(self.ledger.accept, result_id, who, commit)
+        run.note("decision", event="accepted", name=row["name"], result_id=result_id, by=who)
+
+    async def commit(self, run: Run, result_id: int) -> None:
+        row = await asyncio.to_thread(self.ledger.commit, result_id)
+        what = {"name": row["name"], "result_id": result_id, "version": row["version"]}
+        try:
+            run.note("decision", event="committed", **what)
+        except CellError as exc:  # it is in effect all the same, and nobody may think otherwise
+            log.error("run %d: committed, but not in the journal (%s): %s", run.id, exc, what)
+
+    async def reject(self, run: Run, result_id: int, why: str) -> None:
+        row = await asyncio.to_thread(self.ledger.reject, result_id, f"run {run.id}", why)
+        run.note("decision", event="rejected", name=row["name"], result_id=result_id, why=why)
+
+    async def add_trend(self, name: str, value: float) -> list[tuple[float, float]]:
+        return await asyncio.to_thread(self._add_trend, name, value)
+
+    async def add_item(self, run: Run, item: int, t: float, outcome: str, detail: Mapping[str, Any]) -> None:
+        await asyncio.to_thread(self.ledger.add_item, run.id, item, t, outcome, detail)
+
+    def _add_trend(self, name: str, value: float) -> list[tuple[float, float]]:
+        self.ledger.add_trend(name, value)
+        return self.ledger.trend(name, TREND_POINTS)

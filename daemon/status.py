@@ -1,0 +1,79 @@
+"""What a person or a PLC sees of the engine at a glance, and what a page draws while a job runs."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from daemon.engine import Engine
+
+LIVE_ROWS = 250  # of a trace in one answer: more would hold up a loop that decides every 20 ms
+TABLES = (  # of a result, one entry a sample or a place: too much for a status
+    ("uncertainty", "cov"),
+    ("uncertainty", "predicted_95", "workspace", "places"),
+    ("residuals", "per_sample"),
+)
+
+
+def status_of(engine: "Engine") -> dict[str, Any]:
+    """Everything a person or a PLC may want to see at a glance."""
+    run, context = engine.running, engine.context
+    return {
+        "cell": context.config.cell.name,
+        "twin": context.config.cell.twin,
+        "packml": engine.packml.name,
+        "packml_number": int(engine.packml),
+        "job": run.procedure.name if run else None,
+        "job_number": run.procedure.number if run else 0,
+        "run_id": run.id if run else None,
+        "state": run.state.value if run and run.state else None,
+        "step": run.step if run else 0,
+        "steps": run.steps if run else 0,
+        "live": dict(run.live) if run else {},
+        "prompt": {"id": run.prompt[0], "text": run.prompt[1]} if run and run.prompt else None,
+        "error": engine.error.as_dict() if engine.error else None,
+        "latched": context.broker.latched is not None,
+        "last_run": engine.last,
+        "interrupted": engine.interrupted,
+        "devices": context.supervisor.status(),
+        "loop_lag": engine.loop_lag(),
+    }
+
+
+def live_of(engine: "Engine", since: Mapping[str, int]) -> dict[str, Any]:
+    """What the running job leaves to be drawn: numbers of now, and the rows of each trace from row
+    ``since[name]`` on, a bounded number at a time. ``next`` is what to ask for after them."""
+    run = engine.running
+    traces = {}
+    for name, trace in run.traces.items() if run else ():
+        end, rows = trace.since(since.get(name, 0), LIVE_ROWS)
+        traces[name] = {"columns": trace.columns, "next": end, "rows": rows}
+    return {
+        "run_id": run.id if run else None,
+        "job": run.procedure.name if run else None,
+        "state": run.state.value if run and run.state else None,
+        "live": dict(run.live) if run else {},
+        "traces": traces,
+    }
+
+
+def _without(part: Any, path: list[str], key: str) -> Any:
+    """``part`` without what ``key`` holds at the end of ``path``; what is not there changes nothing."""
+    if not isinstance(part, Mapping):
+        return part
+    if not path:
+        return {k: v for k, v in part.items() if k != key}
+    first, *rest = path
+    return {**part, first: _without(part[first], rest, key)} if first in part else dict(part)
+
+
+def summary_of(result: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """The part of a result that a status page shows; the passes of a reference are megabytes."""
+    if result is None:
+        return None
+    kept = {k: result.get(k) for k in ("kind", "verdict", "reasons", "result", "uncertainty", "residuals")}
+    if isinstance(answer := kept["result"], Mapping) and "passes" in answer:
+        kept["result"] = {k: v for k, v in answer.items() if k != "passes"}
+    kept["update"] = (result.get("inputs") or {}).get("update")
+    for part, *path, table in TABLES:
+        kept[part] = _without(kept[part], path, table)
+    return kept
