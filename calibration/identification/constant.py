@@ -36,22 +36,44 @@ class Constant:
     left: float
 
 
-def constant_of(solution: Solution) -> Constant | None:
+@dataclass(frozen=True, eq=False)
+class AlongBeams:
+    """The readings that made a solution, as a test of their ranges looks at them: ``part`` of the problem,
+    residuals ``e`` (3, n) and ``beams`` (3, n, unit vectors) in the base, derivatives ``J`` (p + 6, 3, n),
+    ``weight`` (n,) one over the standard deviation, ``cov`` as if the constant were known, and the degrees
+    of freedom that one more unknown leaves."""
+
+    part: Problem
+    e: Array
+    beams: Array
+    J: Array
+    weight: Array
+    cov: Array
+    left: float
+
+
+def along_beams(solution: Solution) -> AlongBeams | None:
     """None without a covariance, or with too few readings."""
-    problem, cov = solution.problem, without_constant(solution)
-    rows = np.flatnonzero(solution.used)
+    cov, rows = without_constant(solution), np.flatnonzero(solution.used)
     left = 3 * len(rows) - solution.unknowns - 1
     if cov is None or left < 3:
         return None
-    part = problem.take(rows)
+    part = solution.problem.take(rows)
     _, J = part.model.linearised(solution.x, part.Q, part.target)
     weight = 1.0 / (np.sqrt(solution.excess) * solution.noise.sigma(part.range_m))
     beams = solution.registration.R.T @ (part.p / part.range_m)
-    shift, information = _shift(cov, J, beams, weight)
+    return AlongBeams(part, solution.e[:, rows], beams, J, weight, cov, left)
+
+
+def constant_of(solution: Solution) -> Constant | None:
+    """None without a covariance, or with too few readings."""
+    if (seen := along_beams(solution)) is None:
+        return None
+    shift, information = _shift(seen.cov, seen.J, seen.beams, seen.weight)
     if not information > 0.0:
         return None
-    along = float(np.sum(beams * solution.e[:, rows] * weight**2))
-    return Constant(along / information, information**-0.5, shift, left)
+    along = float(np.sum(seen.beams * seen.e * seen.weight**2))
+    return Constant(along / information, information**-0.5, shift, seen.left)
 
 
 def identify_with_constant(problem: Problem, given_noise: Mapping[str, float]) -> Solution:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fdtri
 
-from calibration.identification.constant import CHANCE, without_constant
+from calibration.identification.constant import CHANCE, along_beams
 from calibration.identification.solution import Solution
 
 
@@ -27,17 +27,12 @@ class RangeOffset:
 def range_offset(solution: Solution) -> RangeOffset | None:
     """The offset that readings ask for most, of all reflectors together or of one; None without a covariance
     or with too few readings."""
-    problem, cov = solution.problem, without_constant(solution)
-    rows = np.flatnonzero(solution.used)
-    left = 3 * len(rows) - solution.unknowns - 1
-    if cov is None or left < 3:
+    if (seen := along_beams(solution)) is None:
         return None
-    part = problem.take(rows)
-    _, J = part.model.linearised(solution.x, part.Q, part.target)
-    weight = 1.0 / (np.sqrt(solution.excess) * solution.noise.sigma(part.range_m))
-    r = (solution.e[:, rows] * weight).ravel()
-    A = (J * weight).reshape(len(J), -1)
-    beams = solution.registration.R.T @ (part.p / part.range_m) * weight
+    part, cov, left = seen.part, seen.cov, seen.left
+    r = (seen.e * seen.weight).ravel()
+    A = (seen.J * seen.weight).reshape(len(seen.J), -1)
+    beams = seen.beams * seen.weight
     names = part.model.targets
     found: list[tuple[float, RangeOffset]] = []
     for own in [tuple(names), *((name,) for name in names)][: 1 if len(names) == 1 else None]:
