@@ -4,7 +4,7 @@ import asyncio
 import logging
 from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Coroutine
 from dataclasses import dataclass, field
-from types import TracebackType
+from types import AsyncGeneratorType, TracebackType
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -233,7 +233,12 @@ class MotionLease:
         """Follow polynomials; five points of every piece pass the guard before it is sent."""
         await self._movable_state()
         self._recorder.note("motion", event="stream")
-        await self._live_port().stream(self._guarded(pieces))
+        guarded = self._guarded(pieces)
+        try:
+            await self._live_port().stream(guarded)
+        finally:  # a cancel may find the port between two pieces; after a second one it still runs to its end
+            if isinstance(guarded, AsyncGeneratorType) and not guarded.ag_running:
+                await guarded.aclose()
 
     async def _guarded(self, pieces: AsyncIterator[TrajectoryPiece]) -> AsyncIterator[TrajectoryPiece]:
         try:

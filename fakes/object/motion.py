@@ -2,7 +2,7 @@
 
 import asyncio
 import weakref
-from collections.abc import AsyncGenerator, AsyncIterator, Awaitable
+from collections.abc import AsyncIterator, Awaitable
 from math import inf
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -84,13 +84,9 @@ class ObjectMotionPort:
         """
         await self._enter()
         source, ends = aiter(pieces), inf
-        try:
-            while (piece := await self._next_piece(source, ends)) is not None:
-                self._follow(piece)
-                ends = piece.t1
-        finally:
-            if isinstance(source, AsyncGenerator):
-                await source.aclose()
+        while (piece := await self._next_piece(source, ends)) is not None:
+            self._follow(piece)
+            ends = piece.t1
         await self._until_rest()
 
     async def _next_piece(

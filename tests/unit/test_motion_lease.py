@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from cell.devices import ArmState, Speed, ToolSettings
+from cell.devices import ArmState, Speed, ToolSettings, TrajectoryPiece
 from cell.errors import CellError, error
 from cell.motion import MotionBroker, MotionLease, measured_standstill
 from cell.samples import Sample, Stream
@@ -63,6 +63,11 @@ class ScriptedArm:
     async def move_joints(self, q: Any, speed: Speed) -> None:
         self.moving = True
         await asyncio.sleep(3600.0)
+
+    async def stream(self, pieces: AsyncIterator[TrajectoryPiece]) -> None:
+        async for _ in pieces:
+            self.moving = True
+            await asyncio.sleep(3600.0)
 
     async def decelerate(self) -> None:
         await self._step("decelerate")
@@ -187,6 +192,37 @@ def test_every_end_reaches_standstill_on_the_first_step_that_works(end: str, obe
             assert len(bench.notes.standstill_after()) == 1
             assert bench.arm.asked[-1] == "close"
             assert bench.broker.latched is None
+
+    run_virtual(main())
+
+
+@pytest.mark.parametrize("cancels", [1, 2])
+def test_who_makes_the_pieces_of_a_stream_has_ended_when_the_lease_has(cancels: int) -> None:
+    ended: list[str] = []
+
+    async def pieces() -> AsyncIterator[TrajectoryPiece]:
+        try:
+            while True:
+                yield TrajectoryPiece(0.0, 0.05, np.zeros((1, 6)))
+        finally:
+            await asyncio.sleep(0.0)
+            ended.append("pieces")
+
+    async def drive(bench: Bench) -> None:
+        async with bench.lease() as lease:
+            await lease.stream(pieces())
+
+    async def main() -> None:
+        async with bench_with(ScriptedArm()) as bench:
+            task = asyncio.create_task(drive(bench))
+            await asyncio.sleep(0.5)
+            assert bench.arm.moving
+            for _ in range(cancels):
+                task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+            assert ended, "they were left to the collection of garbage"
+            assert not bench.arm.moving
 
     run_virtual(main())
 
