@@ -116,6 +116,13 @@ def remove(folder: Folder) -> None:
     ask(folder, {"do": "operator", "remove": True})
 
 
+@operator_app.command()
+def empty(folder: Folder) -> None:
+    """Take out what the gripper holds."""
+    held = ask(folder, {"do": "gripper", "empty": True})
+    out.print("it held nothing" if held is None else f"item {held}")
+
+
 @app.command(context_settings={"ignore_unknown_options": True})  # a negative number is no option
 def jog(
     joints: Annotated[str, typer.Argument(help="Joints of the observed arm in rad, as in 0.1,1.5,-1.5,0")],

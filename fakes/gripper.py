@@ -63,6 +63,13 @@ class Gripper:
             at, close = self._due.pop(0)
             self._held.append((at, self._close(at) if close else None))
 
+    def empty(self, t: float) -> int | None:
+        """Somebody takes out what is held at ``t``, and the fingers stay as they are; returns what it was."""
+        held = self.holds(t)
+        if held is not None:
+            self._held.append((t, None))
+        return held
+
     def truth_at(self, t: float) -> dict[str, Any]:
         """What is held, and every closing so far, as plain values."""
         return {"holds": self.holds(t), "contacts": [asdict(contact) for contact in self.contacts]}

@@ -206,6 +206,10 @@ class Twin:
             case {"do": "operator", "remove": True}:
                 self.world.operator.remove(self.controller.now())
                 return None
+            case {"do": "gripper", "empty": True}:
+                if self.world.gripper is None:
+                    raise error("ARGUMENT_INVALID", "this twin's scenario has no gripper")
+                return self.world.gripper.empty(self.controller.now())
             case {"do": "observed", "go": [*q]} if all(map(_is_finite, q)):
                 return self._jog([float(x) for x in q])
             case {"do": "tool", "bend": [*values]} if len(values) == 6 and all(map(_is_finite, values)):

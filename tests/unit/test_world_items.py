@@ -98,6 +98,16 @@ def test_what_is_held_is_let_go_when_the_fingers_have_opened(items: Items) -> No
     assert gripper.holds(4.55) is None
 
 
+def test_what_is_held_can_be_taken_out_of_fingers_that_stay_closed(items: Items) -> None:
+    gripper = closed_on(items, Tool(items, 1, np.zeros(3)))
+    assert gripper.empty(3.98) is None
+    assert gripper.empty(4.2) == 1
+    assert gripper.holds(4.2) is None
+    gripper.command(4.5, False)
+    assert gripper.holds(4.6) is None
+    assert list(items.taken()) == [1]
+
+
 def test_a_contact_is_judged_where_the_tool_first_came_down(items: Items) -> None:
     gripper = closed_on(items, Tool(items, 1, np.array([0.0003, 0.0004, 0.0]), slide_m_s=0.001, t_down=3.5))
     gripper.settle(4.1)
