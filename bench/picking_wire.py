@@ -22,27 +22,15 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from cell.poses import Array
-from cell.store.ledger import Ledger
 from fakes.control import ask
 from fakes.scenario import Scenario
 from fakes.world import World
 from procedures.belt.record import STEP, STEPS_FILE, read_rows
-from tests.wire_cell import WireCell, pause, shipped
+from tests.wire_cell import WireCell, calibrate_camera, pause, shipped
 
 PERIOD_S = 0.1
 LIMIT_M = 1.0e-3
 MOST_RUNS = 12
-
-
-def calibrated(cell: WireCell) -> None:
-    """Commit ``T_base_camera`` as a calibration would have left it, before the daemon starts."""
-    config, truth = cell._config(), ask(cell.folder, {"do": "truth"})
-    state = Path(config["cell"]["state_dir"])
-    state.mkdir(mode=0o700, parents=True, exist_ok=True)
-    ledger = Ledger(state / "ledger.sqlite")
-    drawn = config["robot"]["T_base_camera_nominal"]
-    ledger.accept(ledger.propose("T_base_camera", truth["T_base_camera"], {}, 0, drawn), "bench")
-    ledger.close()
 
 
 class Watcher:
@@ -116,7 +104,7 @@ def pick(tally: Tally, folder: Path, bind: str, picks: int) -> None:
     cell = WireCell(folder, bind, scenario)
     try:
         cell.start_twin()
-        calibrated(cell)
+        calibrate_camera(cell)
         cell.start_daemon()
         watcher = Watcher(cell.folder)
         cell.start_job("belt-tracking")

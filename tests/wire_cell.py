@@ -6,7 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from typing import Any
 import psutil
 
 from cell.errors import CellError
+from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder, list_runs
 from daemon.control_client import ControlClient
 from fakes.control import ask
@@ -88,7 +89,7 @@ class WireCell:
     # -- what the daemon says
 
     def call(self, method: str, **params: Any) -> Any:
-        with ControlClient(Path(self._config()["cell"]["control_socket"])) as client:
+        with ControlClient(Path(self.config()["cell"]["control_socket"])) as client:
             return client.call(method, **params)
 
     def status(self) -> dict[str, Any]:
@@ -151,13 +152,13 @@ class WireCell:
         ask(self.folder, {"do": "fault", "device": device, "kind": kind, "args": args})
 
     def runs(self) -> list[RunFolder]:
-        return list_runs(Path(self._config()["cell"]["state_dir"]) / "runs")
+        return list_runs(Path(self.config()["cell"]["state_dir"]) / "runs")
 
     def finished_poses(self, run_id: int) -> list[dict[str, Any]]:
         run = next(r for r in self.runs() if r.run_id == run_id)
         return CaptureRecord.read(run.path).observations
 
-    def _config(self) -> dict[str, Any]:
+    def config(self) -> dict[str, Any]:
         import tomllib
 
         return tomllib.loads((self.folder / "cell.toml").read_text("utf-8"))
@@ -193,12 +194,28 @@ def wait_for(condition: Callable[[], bool], what: str, timeout: float) -> None:
         pause(0.02)
 
 
+def calibrate_camera(cell: WireCell) -> None:
+    """Commit ``T_base_camera`` as a calibration would have left it; only before the daemon starts."""
+    config, truth = cell.config(), ask(cell.folder, {"do": "truth"})
+    state = Path(config["cell"]["state_dir"])
+    state.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with closing(Ledger(state / "ledger.sqlite")) as ledger:
+        drawn = config["robot"]["T_base_camera_nominal"]
+        ledger.accept(ledger.propose("T_base_camera", truth["T_base_camera"], {}, 0, drawn), "test")
+
+
 @contextmanager
-def wire_cell(folder: Path, bind: str, scenario: str) -> Iterator[WireCell]:
-    """Twin and daemon, both ready; ended whatever happens, their logs shown when the test fails."""
+def wire_cell(
+    folder: Path, bind: str, scenario: str, first: Callable[[WireCell], None] = lambda cell: None
+) -> Iterator[WireCell]:
+    """Twin and daemon, both ready; ended whatever happens, their logs shown when the test fails.
+
+    ``first`` is done between the two starts.
+    """
     cell = WireCell(folder, bind, scenario)
     try:
         cell.start_twin()
+        first(cell)
         cell.start_daemon()
         yield cell
     except BaseException:

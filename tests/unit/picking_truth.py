@@ -1,10 +1,14 @@
 """What picking counts, beside what the world's gripper truly did."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from daemon.plc import PlcFace
 from procedures.belt.items import CONTACT, Outcome
 from tests.object_cell import ObjectCell
+
+MISSES = {o: f"missed_{o.value.replace(' ', '_')}" for o in Outcome if o is not Outcome.PICKED}
 
 
 @dataclass(frozen=True)
@@ -15,6 +19,37 @@ class Truth:
     taken: tuple[int, ...]
 
 
+@dataclass(frozen=True)
+class Told:
+    """What a run that ended says of its items: the ledger's rows, outcomes in the journal, registers."""
+
+    rows: Sequence[Mapping[str, Any]]
+    events: Sequence[str]
+    registers: Mapping[str, float]
+
+    @property
+    def outcomes(self) -> dict[str, int]:
+        """What the ledger says, by outcome."""
+        ended = [row["outcome"] for row in self.rows]
+        return {outcome.value: ended.count(outcome) for outcome in Outcome}
+
+    def agrees(self, before: Truth, after: Truth, where: str = "") -> None:
+        """The three say the same, and it is what truly happened between ``before`` and ``after``."""
+        assert len(set(after.taken)) == len(after.taken), f"{where}: an item was picked twice"
+        numbers = [row["item"] for row in self.rows]
+        assert len(set(numbers)) == len(numbers), f"{where}: an item ended twice"
+        touched = [row for row in self.rows if any(what == CONTACT for _, what in row["detail"]["history"])]
+        unsure = sum(row["outcome"] == Outcome.LOST for row in touched)  # in the gripper when the job ended
+        assert unsure <= 1, where
+        outcomes, taken = self.outcomes, len(after.taken) - len(before.taken)
+        assert outcomes["picked"] <= taken <= outcomes["picked"] + unsure, (where, outcomes, taken)
+        assert len(touched) - unsure <= after.closed - before.closed <= len(touched), (where, outcomes)
+        assert sorted(self.events) == sorted(row["outcome"] for row in self.rows), where
+        misses = {outcome.value: self.registers.get(name, 0) for outcome, name in MISSES.items()}
+        assert {**misses, "picked": self.registers.get("picks", 0)} == outcomes, where
+        assert self.registers.get("misses", 0) == sum(misses.values()), where
+
+
 def truth_of(cell: ObjectCell) -> Truth:
     gripper = cell.plant.world.gripper
     assert gripper is not None
@@ -23,10 +58,14 @@ def truth_of(cell: ObjectCell) -> Truth:
     return Truth(len(gripper.contacts), taken)
 
 
+def told(cell: ObjectCell, run_id: int) -> Told:
+    events = [line["outcome"] for line in cell.notes(run_id, "item")]
+    return Told(cell.ledger.items(run_id), events, PlcFace(cell.config, cell.engine).snapshot())
+
+
 def counted(cell: ObjectCell, run_id: int) -> dict[str, int]:
     """What the ledger says, by outcome."""
-    outcomes = [row["outcome"] for row in cell.ledger.items(run_id)]
-    return {outcome.value: outcomes.count(outcome) for outcome in Outcome}
+    return Told(cell.ledger.items(run_id), [], {}).outcomes
 
 
 NOTHING = Truth(0, ())
@@ -34,19 +73,4 @@ NOTHING = Truth(0, ())
 
 def agrees_with_the_world(cell: ObjectCell, run_id: int, before: Truth = NOTHING, where: str = "") -> None:
     """Journal, ledger and registers of a run that ended; ``before`` is the truth when it began."""
-    after, rows = truth_of(cell), cell.ledger.items(run_id)
-    assert len(set(after.taken)) == len(after.taken), f"{where}: an item was picked twice"
-    numbers = [row["item"] for row in rows]
-    assert len(set(numbers)) == len(numbers), f"{where}: an item ended twice"
-    touched = [row for row in rows if any(what == CONTACT for _, what in row["detail"]["history"])]
-    unsure = sum(row["outcome"] == Outcome.LOST for row in touched)  # in the gripper when the job ended
-    assert unsure <= 1, where
-    outcomes, taken = counted(cell, run_id), len(after.taken) - len(before.taken)
-    assert outcomes["picked"] <= taken <= outcomes["picked"] + unsure, (where, outcomes, taken)
-    assert len(touched) - unsure <= after.closed - before.closed <= len(touched), (where, outcomes)
-    events = [line["outcome"] for line in cell.notes(run_id, "item")]
-    assert sorted(events) == sorted(row["outcome"] for row in rows), where
-    shown = PlcFace(cell.config, cell.engine).snapshot()
-    misses = {o.value: shown.get(f"missed_{o.value.replace(' ', '_')}", 0) for o in Outcome}
-    assert {**misses, "picked": shown.get("picks", 0)} == outcomes, where
-    assert shown.get("misses", 0) == sum(misses.values()), where
+    told(cell, run_id).agrees(before, truth_of(cell), where)
