@@ -17,6 +17,7 @@ LATENCY_SIGMA = 5e-3  # s; until exposures that are known tell
 _FEWEST = 8  # numbers that say how large a noise is
 _SMALLEST = 2e-5  # m
 _FAR, _FAR_SIGMAS = 1.5e-3, 6.0  # m
+_MANY = 5  # sightings of one item that show which of them lies far
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,13 @@ class Scatter:
 
 
 def scatter(across: Array) -> Scatter | None:
-    """Of sightings ``across`` (k,) the belt, m; None for a single one."""
+    """Of sightings ``across`` (k,) the belt, m; None for a single one.
+
+    One that lies far from many is no noise: it would hide itself, where no other item tells.
+    """
+    if len(across) >= _MANY:
+        off = np.abs(across - np.median(across))
+        across = across[off <= max(_FAR, _FAR_SIGMAS * 1.4826 * float(np.median(off)))]
     return Scatter(float(np.var(across, ddof=1)), len(across) - 1) if len(across) > 1 else None
 
 
