@@ -52,7 +52,7 @@ class Meeting:
 
 @dataclass(frozen=True)
 class Track:
-    """One item as it is known now; ``height`` is its z (m) at its newest sighting.
+    """One item as it is known now; ``height`` is its z (m) where it was at ``place.at``.
 
     ``origins`` (k, 2) is where each sighting puts the item on the belt, along and across (m).
     """
@@ -80,11 +80,14 @@ class Track:
         origin = self.place.along * u + self.place.across * np.array([-u[1], u[0]])
         return np.asarray(origin + self.forecast.travels(t)[:, None] * self.flat)
 
+    def z(self, t: Array) -> Array:
+        """Height (k,) in base (m) at ``t`` (k,): a belt may climb."""
+        moved = self.forecast.travels(t) - self.forecast.travel(self.place.at)
+        return np.asarray(self.height + self.direction[2] * moved)
+
     def along(self, t: Array) -> Array:
         """``dot(p, dir)`` (k,), where zones are given, m."""
-        rise = float(self.direction[2])
-        moved = self.forecast.travels(t) - self.forecast.travel(self.place.at)
-        return np.asarray(self.xy(t) @ self.flat + rise * (self.height + rise * moved))
+        return np.asarray(self.xy(t) @ self.flat + self.direction[2] * self.z(t))
 
     def residuals(self) -> Array:
         """Each sighting about the item's place (k, 2), along and across, m."""
@@ -165,17 +168,16 @@ class BeltTracker:
         if not seen or forecast is None:
             return None
         sightings = [s for s, _ in seen]
-        along, across = self._in_belt(sightings, forecast)
+        along, across, level = self._in_belt(sightings, [z for _, z in seen], forecast)
         # Where the exposure is known, the belt's speed does not matter.
         speed = np.array([0.0 if s.sure else _speed(forecast, s.t) for s in sightings])
         found = place(along, across, sightings, speed, self.levels())
         if self._slips:
             doubt = sum(slip.sigma**2 for slip in self._slips if slip.t > found.at)
             found = replace(found, var_along=found.var_along + doubt)
-        newest = max(seen, key=lambda pair: pair[0].t)
-        return Track(
-            self.direction, forecast, found, newest[1], tuple(sightings), np.stack([along, across], 1)
-        )
+        levels = sorted(level[found.used])  # of an even number the upper one: no tool comes too low for that
+        height = float(levels[len(levels) // 2] + self.direction[2] * forecast.travel(found.at))
+        return Track(self.direction, forecast, found, height, tuple(sightings), np.stack([along, across], 1))
 
     def levels(self) -> Levels:
         """The noise of sightings, as those that have arrived show it."""
@@ -194,16 +196,18 @@ class BeltTracker:
         u = self.direction[:2] / np.linalg.norm(self.direction[:2])
         return np.array([-u[1], u[0]])
 
-    def _in_belt(self, sightings: Sequence[Sighting], forecast: Forecast) -> tuple[Array, Array]:
-        """Positions along and across (k,) with the travel of the belt taken off."""
+    def _in_belt(
+        self, sightings: Sequence[Sighting], z: Sequence[float], forecast: Forecast
+    ) -> tuple[Array, Array, Array]:
+        """Positions along, across and up (k,) with the travel of the belt taken off."""
         xy = np.array([s.xy for s in sightings])
         travel = np.array([forecast.travel(s.t) for s in sightings])
         across = self._across()
-        flat = self.direction[:2]
-        along = xy @ np.array([across[1], -across[0]]) - travel * float(np.linalg.norm(flat))
+        flat = float(np.linalg.norm(self.direction[:2]))
         for slip in self._slips:
-            along = along + slip.by * np.array([s.t < slip.t for s in sightings])
-        return along, xy @ across
+            travel = travel - slip.by / flat * np.array([s.t < slip.t for s in sightings])
+        along = xy @ np.array([across[1], -across[0]]) - travel * flat
+        return along, xy @ across, np.array(z) - travel * self.direction[2]
 
 
 def _speed(forecast: Forecast, t: float) -> float:

@@ -76,6 +76,6 @@ class Choice:
                 continue
             if speed < self._config.standing_m_s or left / speed > COMING_S:
                 return None
-            xy = track.xy(now)[0] + left * track.flat
-            return item, Place(np.array([*xy, track.height, self.yaw(item)]))
+            here = np.array([*track.xy(now)[0], track.z(now)[0]])
+            return item, Place(np.array([*here + left * track.direction, self.yaw(item)]))
         return None

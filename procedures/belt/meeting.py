@@ -8,7 +8,7 @@ import numpy as np
 from calibration.belt.arm_time import MotionLimits
 from calibration.belt.classic import ClassicTarget, ClassicTimes, classic_target, recomputed
 from calibration.belt.meeting import Zone
-from calibration.belt.tracking import Arm
+from calibration.belt.tracking import Arm, Track
 from cell.poses import Array
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.items import Item
@@ -57,11 +57,12 @@ class Foretold:
         if (track := self._watch.track(item)) is None:
             return None
         met = track.meet(t, self._arm, self._zone, self._config.dwell_s)
-        return None if met is None else Aim(met.t, met.xy, track.height)
+        return None if met is None else _aim(track, met.t)
 
     def improve(self, item: Item, aim: Aim, t: float) -> None:
         if t < aim.contact - _LAST_S and (track := self._watch.track(item)) is not None:
-            aim.xy = track.xy(np.array([aim.contact]))[0]
+            better = _aim(track, aim.contact)
+            aim.xy, aim.height = better.xy, better.height
 
     def later(self, item: Item, aim: Aim, by_s: float) -> Aim | None:
         track = self._watch.track(item)
@@ -69,11 +70,19 @@ class Foretold:
             return None
         at = aim.contact + by_s
         ends = track.along(np.array([at, at + self._config.dwell_s]))
-        return Aim(at, track.xy(np.array([at]))[0], track.height) if self._zone.holds(ends).all() else None
+        return _aim(track, at) if self._zone.holds(ends).all() else None
+
+
+def _aim(track: Track, contact: float) -> Aim:
+    at = np.array([contact])
+    return Aim(contact, track.xy(at)[0], float(track.z(at)[0]))
 
 
 class Classic:
-    """Source 004: speed from two counts, a fixed T1 whatever the way, the target anew every 100 ms."""
+    """Source 004: speed from two counts, a fixed T1 whatever the way, the target anew every 100 ms.
+
+    Heights are ours: the source's belt is level, and one false height would drive the tool into an item.
+    """
 
     def __init__(self, config: BeltTrackingConfig, watch: BeltWatch, arm: Arm, times: ClassicTimes) -> None:
         self._config, self._watch, self._arm, self._times = config, watch, arm, times
@@ -86,15 +95,19 @@ class Classic:
         if (target := self._target(item)) is None:
             return None
         met = target.meet(self._arm, self._times, self._zone, self._config.dwell_s)
-        return None if met is None else Aim(met[0], met[1], self._watch.tracker.sightings(item.key)[-1][1])
+        if met is None or (track := self._watch.track(item)) is None:
+            return None
+        return Aim(met[0], met[1], _aim(track, met[0]).height)
 
     def improve(self, item: Item, aim: Aim, t: float) -> None:
         assert self._first is not None
         turn = recomputed(self._first, t)
         if turn > self._last and t < aim.contact - self._times.t2_s:
             self._last = turn
-            if (target := self._target(item)) is not None:
+            target, track = self._target(item), self._watch.track(item)
+            if target is not None and track is not None:
                 aim.xy = target.at(np.array([aim.contact]))[0]
+                aim.height = _aim(track, aim.contact).height
 
     def later(self, item: Item, aim: Aim, by_s: float) -> Aim | None:
         del item, aim, by_s
