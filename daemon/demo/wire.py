@@ -79,8 +79,8 @@ def _play(scene: Scene, folder: Path) -> list[tuple[Path, int, dict[str, Any]]]:
 def _try_step(plc: Plc, step: Step, folder: Path, children: tuple[Child, Child]) -> tuple[int, int]:
     """The number of the run, and how many items the gripper had met before.
 
-    A run that the watchdog ended is no result: the PLC resets the fault, as an operator would after a look,
-    and starts the job again.
+    A run that the watchdog ended is no result: the operator has a look and takes out what the gripper holds,
+    the PLC resets the fault and starts the job again.
     """
     for left in reversed(range(step.attempts)):
         _wait_ready(plc, children[1], step)
@@ -94,6 +94,8 @@ def _try_step(plc: Plc, step: Step, folder: Path, children: tuple[Child, Child])
             f"run {status.run_id} was ended by the watchdog: a set-point or the daemon's beat came too late, "
             "as on a machine that is busy; the PLC resets the fault and starts the job again"
         )
+        if step.picks:
+            _tell_twin(plc, folder, "operator", "empty")
         plc.command(registers.RESET)
     return status.run_id, met
 
