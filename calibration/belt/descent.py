@@ -12,19 +12,21 @@ HOLD_M = 0.0015  # low, to be down soon; and more than an item's height is wrong
 
 
 def descend(t0: float, state: State, origin: Origin, offset: Array, limits: PursuitLimits) -> Leg:
-    """Each axis to rest at ``offset`` (4,) from ``origin`` as early as it can; but a tool that would touch
-    while it is still beside its goal, because the belt does otherwise than foretold, stays above it.
+    """Each axis to rest at ``offset`` (4,) from ``origin``, the middle of an item's upper face, as early as
+    it can; but a tool that would touch while it is still beside its goal, because the belt does otherwise
+    than foretold, stays above the face.
 
     A tool too low to stop above goes on. Errors as of :func:`calibration.belt.pursuit.plan`.
     """
     straight = plan(t0, state, origin, offset, limits, apart=True)
-    touch = straight.down_at(TOUCH_M)
+    face = max(-float(offset[2]), 0.0)  # over the end of a way that goes on down beside the item
+    touch = straight.down_at(face + TOUCH_M)
     if max(_beside(straight, t0), _beside(straight, touch)) <= BESIDE_M:
         return straight
     low = _stop(straight.gap(t0), limits)
-    if low <= TOUCH_M:
+    if low <= face + TOUCH_M:
         return straight
-    above = np.array([0.0, 0.0, min(low, HOLD_M), 0.0])
+    above = np.array([0.0, 0.0, min(low, face + HOLD_M), 0.0])
     return plan(t0, state, origin, offset + above, limits, apart=True)
 
 
@@ -34,7 +36,7 @@ def _beside(leg: Leg, t: float) -> float:
 
 
 def _stop(gap: State, limits: PursuitLimits) -> float:
-    """How high above the offset a tool ends that only brakes, m."""
+    """How high above its goal a tool ends that only brakes, m."""
     wanted = InputParameter(1)
     wanted.control_interface = ControlInterface.Velocity
     wanted.current_position, wanted.current_velocity = [gap.p[2]], [gap.v[2]]

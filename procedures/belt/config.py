@@ -12,10 +12,13 @@ class _Strict(BaseModel):
 
 
 class ItemLook(_Strict):
-    """What an item is for the camera: heights above the belt, and its longer side."""
+    """What an item is for the camera: heights above the belt, and its longer side.
+
+    What is higher or longer is no item, and nobody goes round it.
+    """
 
     min_height_m: Length = 0.005
-    max_height_m: Length = 0.2
+    max_height_m: Length = 0.05
     min_size_m: Length = 0.01
     max_size_m: Length = 0.3
 
@@ -71,11 +74,13 @@ class BeltTrackingConfig(_Strict):
     zone: Zone
     belt_z_m: float = Field(ge=-5, le=5, description="height of the belt's surface in the base")
     items: ItemLook = Field(default_factory=ItemLook)
-    above_m: Length = Field(default=0.05, description="height of level ways above an item and the place")
+    above_m: Length = Field(
+        default=0.05, description="of level ways above an item's upper face and the place"
+    )
     straight_m: Length | None = Field(
         default=None,
-        description="of above_m, next to an item and the place, that is straight, to 3 mm at its upper end; "
-        "without it 0.02 m at most, and classic begins and ends each of its moves at rest",
+        description="of above_m, next to an item's face and the place, that is straight, to 3 mm at its "
+        "upper end; without it 0.02 m at most, and classic begins and ends each of its moves at rest",
     )
     grip_m: float = Field(
         default=0.0, ge=-0.1, le=0.1, description="of the tool's point above an item's upper face at the grip"
@@ -108,4 +113,27 @@ class BeltTrackingConfig(_Strict):
     def _makes_sense(self) -> Self:
         if self.straight_m is not None and self.straight_m > self.above_m:
             raise ValueError("straight_m must not be larger than above_m")
+        if self.grip_m >= self.above_m:
+            raise ValueError("grip_m must be smaller than above_m")
+        low, high = self.items.min_height_m, self.items.max_height_m
+        if low + self.grip_m <= 0.0:
+            raise ValueError(
+                f"grip_m = {self.grip_m:g} would take the tool's point into the belt at an item of "
+                f"items.min_height_m = {low:g} m; raise one of the two"
+            )
+        if high > self.above_m:
+            raise ValueError(
+                f"above_m = {self.above_m:g} is too low to go, or to carry an item, over others of "
+                f"items.max_height_m = {high:g} m; raise above_m, or lower items.max_height_m"
+            )
         return self
+
+    @property
+    def down_m(self) -> float:
+        """From a level way above an item down to the grip, m."""
+        return self.above_m - self.grip_m
+
+    @property
+    def sunk_m(self) -> float:
+        """How far below an item's upper face the tool's point is in the grip, m."""
+        return max(-self.grip_m, 0.0)

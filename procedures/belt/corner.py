@@ -16,7 +16,8 @@ _LEVEL_M = 0.3  # a way long enough to end as all do
 @dataclass(frozen=True)
 class Corner:
     """``reach_s`` the way down takes to the upper end of its straight part; ``last_s`` is what a level way
-    has left when the tool is within 3 mm of its end. The tool may leave sideways ``clear_m`` up.
+    has left when the tool is within 3 mm of its end. The tool may leave sideways ``clear_m`` above where it
+    gripped or let go: what it has sunk into the item comes on top of the straight part.
     """
 
     reach_s: float
@@ -31,14 +32,15 @@ class Corner:
 
 def corner(config: BeltTrackingConfig, limits: PursuitLimits) -> Corner:
     """What ``config`` asks for, as the planner drives it within ``limits``."""
-    above, straight = config.above_m, config.straight_m
+    down_m, straight = config.down_m, config.straight_m
     if straight is None:
         if config.method == "classic":
-            return Corner(0.0, 0.0, above)
-        straight = min(STRAIGHT_M, above)
+            return Corner(0.0, 0.0, down_m)
+        straight = min(STRAIGHT_M, config.above_m)
+    straight += config.sunk_m
     rest = State.still(np.zeros(4))
-    down = plan(0.0, rest, Place(rest.p), np.array([0.0, 0.0, -above, 0.0]), limits)
+    down = plan(0.0, rest, Place(rest.p), np.array([0.0, 0.0, -down_m, 0.0]), limits)
     level = plan(0.0, rest, Place(rest.p), np.array([_LEVEL_M, 0.0, 0.0, 0.0]), limits)
-    high = [t for t in np.arange(0.0, down.t1, _STEP_S) if -down.at(t).p[2] <= above - straight]
+    high = [t for t in np.arange(0.0, down.t1, _STEP_S) if -down.at(t).p[2] <= down_m - straight]
     off = [t for t in np.arange(0.0, level.t1, _STEP_S) if level.at(t).p[0] <= _LEVEL_M - BESIDE_M]
     return Corner(float(high[-1]), float(level.t1 - off[-1]), straight)

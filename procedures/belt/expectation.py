@@ -77,7 +77,8 @@ class Expectation:
         self._wait, self._place = tool.state(q_wait), tool.state(q_place)
         self._limits = pursuit_limits(config.limits)
         self._gripper_s = config.grip_timeout_s / 3.0
-        self._up = np.array([0.0, 0.0, config.above_m, 0.0])
+        self._up = np.array([0.0, 0.0, config.down_m, 0.0])  # from the grip
+        self._over_place = np.array([0.0, 0.0, config.above_m, 0.0])
         self._corner = corner(config, self._limits)
 
     def grip_point(self, along_m: float) -> Array:
@@ -110,7 +111,7 @@ class Expectation:
                 guard.check_joints(q)
             except CellError as exc:
                 found.append(f"{key}: {exc.detail}; teach it elsewhere")
-        if not found and (why := self._forbidden(guard, self._place.p + self._up)):
+        if not found and (why := self._forbidden(guard, self._place.p + self._over_place)):
             found.append(f"above_m = {self._config.above_m:g} m over place_pose: {why}")
         return found
 
@@ -158,26 +159,27 @@ class Expectation:
         met = self.grip_point(along_m)
         put = Place(self._place.p)
         clear = self._corner.clear_m
-        t, state, contact = 0.0, State.still(self._place.p + clear / self._config.above_m * self._up), 1.0
+        left = np.array([0.0, 0.0, min(clear, self._config.above_m), 0.0])
+        t, state, contact = 0.0, State.still(self._place.p + left), 1.0
         took = 0.0
         for _ in range(4):  # each from the state and the time to contact of the one before
             item = _Carried(met, speed_m_s * self._way, t + contact)
             begin = t
-            leg = self._down_to(t, state, item)
+            leg = self._down_to(t, state, item, self._up)
             contact = leg.t1 - begin
             t = leg.t1 + max(self._config.dwell_s, self._gripper_s)
             leg = plan(t, leg.at(t), item, self._up, self._limits)
             t = _cleared(leg, clear)
-            leg = self._down_to(t, leg.at(t), put)
+            leg = self._down_to(t, leg.at(t), put, self._over_place)
             t = leg.t1 + self._gripper_s
-            leg = plan(t, leg.at(t), put, self._up, self._limits)
+            leg = plan(t, leg.at(t), put, self._over_place, self._limits)
             t = _cleared(leg, clear)
             state, took = leg.at(t), t - begin
         return took
 
-    def _down_to(self, t: float, state: State, origin: Origin) -> Leg:
-        """The way to above ``origin`` and, round the corner, down to it."""
-        level = self._way_to(t, state, origin, self._up)
+    def _down_to(self, t: float, state: State, origin: Origin, up: Array) -> Leg:
+        """The way to ``up`` (4,) over ``origin`` and, round the corner, down to it."""
+        level = self._way_to(t, state, origin, up)
         turn = max(level.t1 - self._corner.lead_s, t)
         return plan(turn, level.at(turn), origin, np.zeros(4), self._limits, apart=True)
 

@@ -35,6 +35,8 @@ class Item:
     sightings: int = 0
     outcome: Outcome | None = None
     history: list[tuple[float, str]] = field(default_factory=list)
+    turn: float = 0.0  # rad, of the tool that is along its longer side
+    refused_until: float = 0.0  # s: out of reach when it was last tried
 
     @property
     def key(self) -> str:

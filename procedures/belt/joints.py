@@ -84,8 +84,7 @@ class ToolJoints:
 
     def fastest(self, leg: Leg, near: Array) -> float:
         """The highest joint speed on the way of ``leg``, rad/s, from joints ``near`` (6,) on."""
-        looks = [leg.at(float(t)) for t in np.linspace(leg.t0, leg.t1, _LOOKS)]
-        return float(np.max(np.abs(self.line(looks, near)[1])))
+        return float(np.max(np.abs(self.line(looks_along(leg), near)[1])))
 
     def piece(self, t0: float, h: float, states: Sequence[tuple[Array, Array]]) -> TrajectoryPiece:
         """The polynomial through joints and joint speeds (6,) at ``t0``, ``t0 + h``, ... (Hermite)."""
@@ -93,6 +92,11 @@ class ToolJoints:
         powers = h ** -np.arange(float(len(wanted)))
         coefficients = powers[:, None] * (_hermite(len(states)) @ wanted)
         return TrajectoryPiece(t0, t0 + h * (len(states) - 1), coefficients)
+
+
+def looks_along(leg: Leg) -> list[State]:
+    """The tool from the beginning of ``leg`` to its end, in steps of equal time."""
+    return [leg.at(float(t)) for t in np.linspace(leg.t0, leg.t1, _LOOKS)]
 
 
 def on_piece(piece: TrajectoryPiece, t: float) -> tuple[Array, Array]:

@@ -40,7 +40,7 @@ def strategy(config: BeltTrackingConfig, watch: BeltWatch, wait: Array, descent_
     """What ``config.method`` names. ``wait`` (3,) is the waiting point, m; ``descent_s`` t2."""
     limits = config.limits
     axis = MotionLimits(limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3)
-    arm = Arm(axis, (float(wait[0]), float(wait[1])), config.above_m)
+    arm = Arm(axis, (float(wait[0]), float(wait[1])), config.down_m)
     if config.method == "classic":
         return Classic(config, watch, arm, ClassicTimes(config.T1_s, descent_s))
     return Foretold(config, watch, arm)

@@ -6,15 +6,15 @@ state that the one before is in, so a forecast that changes bends the way and ne
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
 from calibration.belt.arm_time import MotionLimits, rest_to_rest
-from calibration.belt.pursuit import Place, Ride, State
+from calibration.belt.pursuit import Leg, Place, Ride, State
 from cell.devices import Gripper, TrajectoryPiece
-from cell.errors import error
+from cell.errors import CellError, error
+from cell.guard import MotionGuard
 from cell.poses import Array
 from cell.procedure import Run
 from procedures.belt.choice import Choice
@@ -32,8 +32,10 @@ STEP_S = 0.02  # between decisions
 LEARN_S = 0.04  # between looks at what has come in, but for the last of the way to an item
 LEAD_S = 0.012  # from a decision to where it begins to act
 PUBLISH_S = 0.2
+GRIPPER_STUCK = "the confirm input stays on after the gripper was opened"
 CLOSE = frozenset({S.DESCEND, S.GRIP})
-MET_M, MET_M_S = 0.0003, 0.02  # from rest on an item
+MET_M, MET_M_S, MET_RAD = 0.0003, 0.02, 0.02  # from rest on an item
+REFUSED_S = 0.2  # an item out of reach is not tried again for so long: the arm goes on, and so does the belt
 
 
 class Picker:
@@ -45,6 +47,7 @@ class Picker:
         config: BeltTrackingConfig,
         watch: BeltWatch,
         tool: ToolJoints,
+        guard: MotionGuard,
         wait: State,
         place: State,
     ) -> None:
@@ -52,10 +55,9 @@ class Picker:
         self._wait, self._place = Place(wait.p), Place(place.p)
         limits = config.limits
         axis = MotionLimits(limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3)
-        self._descent_s = float(rest_to_rest(np.array(config.above_m), axis))
-        self._above = np.array([0.0, 0.0, config.above_m + config.grip_m, 0.0])
+        self._descent_s = float(rest_to_rest(np.array(config.down_m), axis))
+        self._above = np.array([0.0, 0.0, config.above_m, 0.0])  # of an item's upper face, and of the place
         self._at_grip = np.array([0.0, 0.0, config.grip_m, 0.0])
-        self._over_place = np.array([0.0, 0.0, config.above_m, 0.0])
         classic = config.method == "classic"
         self._corner = corner(config, pursuit_limits(limits))
         self._aim: Aim | None = None
@@ -72,7 +74,7 @@ class Picker:
         self._awaited: Item | None = None  # on its way to the zone
         self._t_contact = 0.0
         self._phase: Callable[[float], Coroutine[Any, Any, bool]] = self._ready
-        self._way = Way(tool, limits, wait)
+        self._way = Way(tool, limits, guard, wait)
         self._choice = Choice(config, watch, tool, float(wait.p[3]), self._descent_s)
         self._published = self._learnt = -np.inf
         self._standing_since: float | None = None
@@ -175,27 +177,52 @@ class Picker:
         if self._meets_only:
             return await self._agree(t)
         for item, ride in self._choice.reachable(t, self._way, self._above):
-            tried = self._way.tried(t, ride, self._above)
-            if self._choice.can_be_met(ride.track, tried[0].t1):
+            tried = self._tried(t, item, ride)
+            if tried is not None and self._choice.can_be_met(ride.track, tried[0].t1):
                 self._way.take(tried)
                 self._item = item
                 item.note(t, "approach")
                 await self._run.enter(S.APPROACH, f"item {item.number}")
                 self._phase = self._approach
                 return True
-        coming = self._choice.coming(t)
-        if coming is None:
-            self._way.go(t, self._wait, np.zeros(4))
-            return True
-        item, above = coming
-        if self._awaited is item:
-            self._way.go(t, above, self._above)
-        else:
-            self._awaited = item
-            self._way.begin(t, above, self._above)
-        if self._run.state is not S.WAIT:
-            await self._run.enter(S.WAIT, f"item {item.number}")
+        await self._await_next(t)
         return True
+
+    async def _await_next(self, t: float) -> None:
+        """Above where the next item will come into the zone; without one, or where it cannot be gripped, at
+        the waiting point."""
+        for item, above in self._choice.coming(t):
+            if self._awaited is item:
+                self._way.go(t, above, self._above)
+            elif (tried := self._tried(t, item, above)) is not None:
+                self._awaited = item
+                self._way.take(tried)
+            else:
+                continue
+            if self._run.state is not S.WAIT:
+                await self._run.enter(S.WAIT, f"item {item.number}")
+            return
+        self._awaited = None
+        self._way.go(t, self._wait, np.zeros(4))
+
+    def _tried(self, t: float, item: Item, origin: Ride | Place) -> tuple[Leg, float] | None:
+        """The way above ``item`` at ``origin``, if guard and joints allow it and the grip at its end.
+
+        An item that lies badly is nothing to end the job for; its life says why it was let pass.
+        """
+        if t < item.refused_until:
+            return None
+        try:
+            tried = self._way.tried(t, origin, self._above)
+            contact = tried[0].t1 + self._descent_s
+            grips = [origin.at(at) for at in (contact, contact + self._config.dwell_s)]
+            self._way.check(tried, [state + State.still(self._at_grip) for state in grips])
+        except CellError as why:
+            if not item.refused_until:
+                item.note(t, f"out of reach: {why}")
+            item.refused_until = t + REFUSED_S
+            return None
+        return tried
 
     async def _approach(self, t: float) -> bool:
         ride = self._ride()
@@ -204,7 +231,8 @@ class Picker:
         self._way.go(t, ride, self._above)
         if not self._choice.can_be_met(ride.track, self._way.t1):
             return await self._give_up(t)
-        if self._way.t1 - t <= self._corner.lead_s:
+        turns = self._way.t1 - t <= self._corner.lead_s
+        if turns and self._choice.has_come_in(ride.track, t + self._descent_s):
             self._way.at_full_speed()
             await self._run.enter(S.DESCEND)
             self._phase = self._descend
@@ -212,9 +240,11 @@ class Picker:
 
     async def _descend(self, t: float) -> bool:
         ride = self._ride()
-        if ride is None or self._choice.is_past(ride.track, self._way.t1):
+        if ride is None or self.standing:
             return await self._give_up(t)
         self._way.descend(t, ride, self._at_grip)
+        if not self._choice.inside(ride.track, self._way.t1, self._way.t1 + self._config.dwell_s):
+            return await self._give_up(t)
         if self._meets(t, ride):
             await self._close(t)
         return True
@@ -240,7 +270,8 @@ class Picker:
         for item in self._watch.queue.waiting(self._config.min_sightings):
             aim = self._strategy.meet(item, t)
             while aim is not None:
-                tried = self._way.tried(t, self._aimed(item, aim), self._above)
+                if (tried := self._tried(t, item, self._aimed(item, aim))) is None:
+                    break
                 late = tried[0].t1 + self._descent_s - aim.contact
                 if late <= STEP_S:
                     self._way.take(tried)
@@ -253,10 +284,10 @@ class Picker:
 
     async def _go_above(self, t: float) -> bool:
         """Above the agreed place, and there until it is time to go down."""
-        assert self._item is not None
         assert self._aim is not None
-        self._strategy.improve(self._item, self._aim, t)
-        self._way.go(t, self._aimed(self._item, self._aim), self._above)
+        if (place := self._aim_improved(t)) is None:
+            return await self._give_up(t)
+        self._way.go(t, place, self._above)
         if t >= self._aim.contact - self._descent_s - 0.5 * STEP_S:
             self._way.at_full_speed()
             await self._run.enter(S.DESCEND)
@@ -264,13 +295,21 @@ class Picker:
         return True
 
     async def _go_down(self, t: float) -> bool:
-        assert self._item is not None
-        assert self._aim is not None
-        self._strategy.improve(self._item, self._aim, t)
-        self._way.go(t, self._aimed(self._item, self._aim), self._at_grip)
+        if (place := self._aim_improved(t)) is None:
+            return await self._give_up(t)
+        self._way.go(t, place, self._at_grip)
         if self._way.t1 - t <= 0.5 * STEP_S:
             await self._close(t)
         return True
+
+    def _aim_improved(self, t: float) -> Place | None:
+        """Where the item in hand will be at the agreed contact; None when it cannot be met there any more."""
+        assert self._item is not None
+        assert self._aim is not None
+        self._strategy.improve(self._item, self._aim, t)
+        place = self._aimed(self._item, self._aim)
+        lost = self.standing or self._watch.track(self._item) is None
+        return None if lost or not self._choice.holds(place.p[:3]) else place
 
     def _aimed(self, item: Item, aim: Aim) -> Place:
         return Place(np.array([*aim.xy, aim.height, self._choice.yaw(item)]))
@@ -279,15 +318,19 @@ class Picker:
         """Whether the tool is on the item and moves with it: a forecast that shakes is never met exactly."""
         gap = self._way.at(t) - ride.at(t)
         off = float(np.linalg.norm(gap.p[:3] - self._at_grip[:3]))
-        return off < MET_M and float(np.linalg.norm(gap.v[:3])) < MET_M_S
+        met = off < MET_M and abs(gap.p[3]) < MET_RAD
+        return met and float(np.linalg.norm(gap.v[:3])) < MET_M_S
 
     async def _grip(self, t: float) -> bool:
-        """Move with the item until it is held, and at least for the dwell."""
+        """Move with the item until it is held, at least for the dwell and at most to the edge of the zone."""
+        held, out = self._answer(), False
         if not self._meets_only and (ride := self._ride()) is not None:
             self._way.go(t, ride, self._at_grip, apart=True)
-        if t < self._t_contact + self._config.dwell_s or (held := self._answer()) is None:
+            out = not self._choice.inside(ride.track, t, t)
+        if not out and (held is None or t < self._t_contact + self._config.dwell_s):
             return True
         assert self._item is not None
+        held = bool(held)
         self._item.note(t, "gripped" if held else "grip failed")
         self._held = held
         await self._run.enter(S.LIFT)
@@ -305,15 +348,15 @@ class Picker:
             return True
         if self._held:
             await self._run.enter(S.PLACE)
-            self._way.begin(t, self._place, self._over_place)
+            self._way.begin(t, self._place, self._above)
             self._phase = self._to_place
-        else:
+        elif self._opened():
             await self._run.enter(S.RETURN)
             self._phase = self._ready
         return True
 
     async def _to_place(self, t: float) -> bool:
-        self._way.go(t, self._place, self._over_place)
+        self._way.go(t, self._place, self._above)
         if self._way.t1 - t <= self._corner.lead_s:
             self._way.at_full_speed()
             self._phase = self._put_down
@@ -329,17 +372,15 @@ class Picker:
         return True
 
     async def _release(self, t: float) -> bool:
-        if (free := self._answer()) is None:
+        if not self._opened():
             return True
-        if not free:
-            raise error("GRIPPER_STUCK", "the confirm input stays on after the gripper was opened")
         if self._item is not None:
             await self._end_item(Outcome.PICKED)
         self._phase = self._leave_place
         return True
 
     async def _leave_place(self, t: float) -> bool:
-        self._way.go(t, self._place, self._over_place)
+        self._way.go(t, self._place, self._above)
         if self._clear(t, float(self._place.p[2])):
             await self._run.enter(S.RETURN)
             self._way.begin(t, self._wait, np.zeros(4))
@@ -357,13 +398,25 @@ class Picker:
         return None if self._item is None else self._choice.ride(self._item)
 
     async def _give_up(self, t: float) -> bool:
-        """This item cannot be met any more; it ends when it leaves the zone."""
+        """This item cannot be met any more; it ends when it leaves the zone. Who is low rises first."""
         if self._item is not None:
             self._item.note(t, "given up")
             self._item = None
         await self._run.enter(S.RETURN)
-        self._phase = self._ready
-        self._way.go(t, self._wait, np.zeros(4))
+        if self._phase in (self._descend, self._go_down):
+            self._foot_m = float(self._way.at(t).p[2])
+            self._way.rise(t, self._above)
+            self._phase = self._rise
+        else:
+            self._phase = self._ready
+            self._way.go(t, self._wait, np.zeros(4))
+        return True
+
+    async def _rise(self, t: float) -> bool:
+        """Straight up beside an item that was given up."""
+        if self._clear(t, self._foot_m):
+            self._phase = self._ready
+            self._way.begin(t, self._wait, np.zeros(4))
         return True
 
     async def _end_item(self, outcome: Outcome) -> None:
@@ -384,9 +437,14 @@ class Picker:
         assert self._task is not None
         return self._task.result() if self._task.done() else None
 
+    def _opened(self) -> bool:
+        """Whether the gripper is open, by its own answer. ``GRIPPER_STUCK`` when it does not get so."""
+        if (free := self._answer()) is False:
+            raise error("GRIPPER_STUCK", GRIPPER_STUCK)
+        return free is True
+
     async def _end_task(self) -> None:
         task, self._task = self._task, None
         if task is not None and not task.done():
             task.cancel()
-            with suppress(asyncio.CancelledError):
-                await task
+            await asyncio.wait([task])  # not awaited itself: a cancelled stream must not take it for its own

@@ -173,7 +173,7 @@ def header_of(
         "robot": {
             "limits": {"v": limits.speed_m_s, "a": limits.accel_m_s2, "j": limits.jerk_m_s3},
             "wait_point": [float(x) for x in wait.p[:3]],
-            "above": config.above_m,
+            "above": config.down_m,
         },
         "zone": {"min": config.zone.min_m, "max": config.zone.max_m},
         "dwell_s": config.dwell_s,

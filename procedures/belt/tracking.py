@@ -12,12 +12,12 @@ from cell.errors import error
 from cell.motion import MotionLease
 from cell.poses import Array, from_pose6
 from cell.procedure import FinishRequested, Procedure, Run
-from procedures.arm_setup import arm_model
+from procedures.arm_setup import arm_model, lease_settings
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.joints import ToolJoints
 from procedures.belt.live import BeltLive
 from procedures.belt.outcome import result_of
-from procedures.belt.picker import Picker
+from procedures.belt.picker import GRIPPER_STUCK, Picker
 from procedures.belt.record import PickRecord, header_of
 from procedures.belt.sight import Sight
 from procedures.belt.states import CHECKPOINTS, PICKING, PickState
@@ -96,6 +96,7 @@ class _Picking:
         self.q_wait: Array = np.array(values["poses"][config.wait_pose])
         self.q_place: Array = np.array(values["poses"][config.place_pose])
         self.tool = ToolJoints(arm_model(values), from_pose6(values["tool"]["T_flange_tool"]), self.q_wait)
+        self.guard = lease_settings(values)[0]
         for key, q in (("wait_pose", self.q_wait), ("place_pose", self.q_place)):
             lean = self.tool.lean(q)
             if lean > UPRIGHT_RAD:
@@ -125,7 +126,8 @@ class _Picking:
             raise error("GRIPPER_HOLDS", gripper.name)
         while True:
             async with run.motion() as lease:
-                await gripper.release(self.config.grip_timeout_s)
+                if not await gripper.release(self.config.grip_timeout_s):
+                    raise error("GRIPPER_STUCK", GRIPPER_STUCK)
                 await run.enter(S.TO_WAIT)
                 await lease.move_joints(self.q_wait)
                 await run.enter(S.READY)
@@ -137,7 +139,7 @@ class _Picking:
         """Stream until the belt stands (True) or enough is picked (False); pauses end in READY."""
         run = self.run
         wait, place = self.tool.state(self.q_wait), self._place()
-        picker = Picker(run, self.config, self.watch, self.tool, wait, place)
+        picker = Picker(run, self.config, self.watch, self.tool, self.guard, wait, place)
         while not picker.enough:
             await lease.stream(picker.pieces(self.arm.state.latest(0.1).value.q))
             if picker.standing:

@@ -23,6 +23,7 @@ from procedures.belt.sight import Seen, Sight
 from procedures.belt.stall import Stall
 
 KEEP_M = 0.5  # past the zone, so that nothing already dealt with is taken for new
+FASTEST_M_S, JUMP_M = 5.0, 0.01  # what goes farther is no belt, whatever the stamps are worth
 LOOK_BACK_S = 1.0  # an exposure older than this is not asked for any more
 
 
@@ -50,6 +51,8 @@ class BeltWatch:
         self._unplaced: list[Item] = []  # by an encoder that began to count anew
         self._over: list[Item] = []  # more than the queue takes
         self.slips: list[Slip] = []
+        self.jumps: list[float] = []  # m, of the encoder's position
+        self._last_count: tuple[float, int] | None = None
         self.stall = Stall(config.camera_stall_s)
         self._slip_watch, self._doubted = SlipWatch(config.spacing_m), list[_Look]()
         self.tell: Callable[..., None] = lambda event, **what: None  # hears of what an operator should know
@@ -140,12 +143,23 @@ class BeltWatch:
         return level / self._flat_length - forecast.travel(forecast.now) * self._flat_length
 
     def _count(self, sample: Sample[EncoderState]) -> None:
+        before, self._last_count = self._last_count, (sample.t, sample.value.count)
         if self._encoder.counts.epoch != self._epoch:
+            self._begin_anew(sample.t)
+        elif before is not None and abs(jump := self._jump(*before, sample)) > 0.0:
+            self.jumps.append(jump)
+            self.tell("encoder jump", by_m=round(jump, 4))
             self._begin_anew(sample.t)
         self.tracker.belt.add(sample.t, sample.value.count)
 
+    def _jump(self, t: float, count: int, sample: Sample[EncoderState]) -> float:
+        """How far (m) no belt moves from ``count`` at ``t`` to ``sample``; 0 when it may."""
+        way = (sample.value.count - count) * self._scale.m_per_count
+        return way if abs(way) > JUMP_M + FASTEST_M_S * (sample.t - t) else 0.0
+
     def _begin_anew(self, t: float) -> None:
-        """The encoder counts from nothing (its node restarted): where items lie is not known any more."""
+        """The encoder counts from elsewhere (its node restarted, or somebody set its position): where items
+        lie is not known any more."""
         self._epoch, self._since = self._encoder.counts.epoch, t
         self.tracker, self.forecast = BeltTracker(BeltEstimator(self._scale), self._direction), None
         self._unplaced += [item for item in self.queue.items if item.outcome is None]

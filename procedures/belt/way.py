@@ -1,15 +1,16 @@
 """The tool's present way, as fast as the limits of tool and joints let, and the set-points along it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from calibration.belt.descent import descend
 from calibration.belt.pursuit import Leg, Origin, Place, PursuitLimits, Ride, State, plan
 from cell.devices import TrajectoryPiece
+from cell.guard import MotionGuard
 from cell.poses import Array
 from procedures.belt.config import JobLimits
-from procedures.belt.joints import ToolJoints, fastest_joint
+from procedures.belt.joints import ToolJoints, fastest_joint, looks_along
 
 AHEAD_S, NODES = 0.05, (1, 2, 3)  # a piece goes on for longer than a loop that is late once
 JOINT_SHARE = 0.85  # of the joints' speed limit that a plan may use; a change of plan needs the rest
@@ -44,8 +45,9 @@ class Way:
     """One leg after the other, each from the state that the one before is in. Times in s of the cell's clock,
     offsets (4,) from an origin: x, y, z in the base (m) and yaw (rad)."""
 
-    def __init__(self, tool: ToolJoints, limits: JobLimits, at: State) -> None:
-        self._tool, self._job, self._limits = tool, limits, pursuit_limits(limits)
+    def __init__(self, tool: ToolJoints, limits: JobLimits, guard: MotionGuard, at: State) -> None:
+        self._tool, self._guard = tool, guard
+        self._job, self._limits = limits, pursuit_limits(limits)
         self._leg = plan(0.0, at, Place(at.p), np.zeros(4), self._limits)
         self._share = 1.0  # of the full speed, on the present way
         self._q: Array = np.zeros(6)
@@ -78,6 +80,13 @@ class Way:
             lambda leg: self._tool.fastest(leg, self._q),
             self._job.joint_speed_rad_s,
         )
+
+    def check(self, tried: tuple[Leg, float], states: Sequence[State] = ()) -> None:
+        """What was tried, and the tool at ``states`` after it, before the motion guard: the error that a
+        set-point of it would end the job with."""
+        Q, _ = self._tool.line([*looks_along(tried[0]), *states], self._q)
+        for q in Q[~self._guard.free(Q)]:
+            self._guard.check_joints(q)
 
     def take(self, tried: tuple[Leg, float]) -> None:
         """Set out on what was tried."""

@@ -32,16 +32,38 @@ def off_since(cell: ObjectCell, t: float) -> np.ndarray:
 
 
 def test_counts_that_wrap_change_nothing(tmp_path: Path) -> None:
+    world = {"count_at_start": "64000"}  # the first item is met at about 5000 counts more
+
+    async def scene() -> None:
+        async with picking_cell(picking_config(tmp_path, {"picks": 3}, world)) as cell:
+            raw: list[int] = []
+            cell.context.device("belt").counts.subscribe(lambda sample: raw.append(sample.value.raw))
+            run_id = await cell.start()
+            end = await cell.finished(run_id)
+            assert end["outcome"] == "complete"
+            assert min(np.diff(raw)) < -60000
+            assert counted(cell, run_id) == {**dict.fromkeys(Outcome, 0), "picked": 3}
+            assert np.max(off_since(cell, 0.0)) < 0.5e-3
+            assert not cell.notes(run_id, "encoder slip")
+            assert not cell.notes(run_id, "encoder jump")
+
+    run_virtual(scene())
+
+
+def test_a_position_that_somebody_sets_is_told_and_no_item_is_met_by_it(tmp_path: Path) -> None:
     async def scene() -> None:
         async with picking_cell(picking_config(tmp_path, {"picks": 3})) as cell:
             run_id = await cell.start()
             await cell.until_state("descend")
-            inject(cell, "belt", "wrap", before=20)
+            inject(cell, "belt", "wrap", before=20)  # by a jump
+            struck = cell.clock.now()
             end = await cell.finished(run_id)
             assert end["outcome"] == "complete"
-            assert counted(cell, run_id) == {**dict.fromkeys(Outcome, 0), "picked": 3}
-            assert np.max(off_since(cell, 0.0)) < 0.5e-3
-            assert not cell.notes(run_id, "encoder slip")
+            (note,) = cell.notes(run_id, "encoder jump")
+            assert note["by_m"] > 0.01
+            assert counted(cell, run_id)["lost"] >= 1
+            assert np.max(off_since(cell, struck)) < 0.5e-3
+            assert "belt.jump" in {w["code"] for w in cell.result(run_id)["warnings"]}
 
     run_virtual(scene())
 
