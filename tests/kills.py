@@ -3,6 +3,7 @@
 import os
 import signal
 from collections.abc import Callable
+from typing import Any
 
 from tests.wire_cell import WireCell, pause, shipped, wait_for
 
@@ -10,9 +11,9 @@ REST_LIMIT_S = 1.0
 AFTER_RESTART_S = 1.5
 
 
-def short_capture(poses: int) -> str:
+def short_capture(poses: int, **keys: Any) -> str:
     """A scenario with one placement of so many poses."""
-    return shipped("hand_eye", placements=1, poses_per_placement=poses, frames_per_pose=2)
+    return shipped("hand_eye", placements=1, poses_per_placement=poses, frames_per_pose=2, **keys)
 
 
 def kill_the_daemon(cell: WireCell) -> None:
@@ -45,9 +46,12 @@ KINDS: dict[str, Callable[[WireCell], None]] = {
 }
 
 
-def survive(cell: WireCell, kind: str, moment_s: float) -> float:
-    """One kill, ``moment_s`` after the arm first moves; returns the seconds until the arm was at rest."""
+def survive(cell: WireCell, kind: str, moment_s: float = 0.0, after_poses: int = 0) -> float:
+    """One kill, ``moment_s`` after the arm first moves with so many poses finished; returns the seconds until
+    the arm was at rest."""
+    wait_for(cell.ready, "all devices", 30.0)
     run_id = cell.start_job("cone-capture")
+    wait_for(lambda: len(cell.finished_poses(run_id)) >= after_poses, "poses", 30.0)
     wait_for(cell.moving, "motion", 20.0)
     pause(moment_s)
     before = len(cell.finished_poses(run_id))
