@@ -8,18 +8,15 @@ A fault strikes run after run in one cell, each time at another state, as in the
 each kind takes a share of the states in turn; all pairs are in the long runs.
 """
 
-import asyncio
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from fakes.object import run_virtual
 from procedures.belt.states import MOVING, PickState
-from tests.object_cell import WHO, ObjectCell, no_report
+from tests.chaos.matrix import Kind, Strike, assert_aborted, in_cells, inject_at, kind, put_right, share_of
+from tests.object_cell import ObjectCell, no_report
 from tests.unit.picking_cell import picking_cell, picking_config
 from tests.unit.picking_truth import agrees_with_the_world, counted, truth_of
 
@@ -34,25 +31,6 @@ IN_MOTION = {s.value for s in MOVING} | {"to-wait"}
 EVERYWHERE = AT_REST | IN_MOTION
 WITH_LEASE = EVERYWHERE - {"prepare"}
 ON_THE_WAY_S = 0.03
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A fault, the errors that may come of it, and the moments at which it can be felt at all."""
-
-    device: str
-    fault: str
-    errors: frozenset[str]
-    felt: set[str]
-    arguments: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def label(self) -> str:
-        return " ".join([self.device, self.fault, *(str(v) for v in self.arguments.values())])
-
-
-def kind(device: str, fault: str, errors: str, felt: set[str], **arguments: Any) -> Kind:
-    return Kind(device, fault, frozenset(errors.split()), felt, arguments)
 
 
 KINDS = [
@@ -83,46 +61,28 @@ BORNE = [  # the job goes on
     kind("belt", "belt-reverse", "", set(), for_s=2.0),
     kind("camera", "silence", "", set(), duration_s=0.7),
 ]
-SHARE = 2  # moments of one kind
-STRIDE = 5
 
 
-def share_of(number: int) -> list[str]:
-    """The moments of one kind: spread over the job, and others for the next kind."""
-    return [MOMENTS[(number + i * STRIDE) % len(MOMENTS)] for i in range(SHARE)]
+def shares(kinds: Sequence[Kind]) -> list[list[str]]:
+    return [share_of(i, MOMENTS, count=2, stride=5) for i in range(len(kinds))]
 
 
-Strike = tuple[Kind, str]
-
-
-def cells(kinds: Sequence[Kind]) -> list[Any]:
-    """Four kinds each strike in one cell, one after the other."""
-    groups = [kinds[i : i + 4] for i in range(0, len(kinds), 4)]
-    return [
-        pytest.param(
-            [(k, moment) for k in group for moment in share_of(kinds.index(k))],
-            id=", ".join(k.label for k in group),
-        )
-        for group in groups
-    ]
-
-
-ALL = [pytest.param([(k, moment) for moment in MOMENTS], id=k.label) for k in [*KINDS, *BORNE]]
+ALL = in_cells([*KINDS, *BORNE], [MOMENTS] * (len(KINDS) + len(BORNE)), each=1)
 
 
 def test_every_state_meets_several_kinds_of_fault() -> None:
-    met = [moment for i in range(len(KINDS)) for moment in share_of(i)]
+    met = [moment for share in shares(KINDS) for moment in share]
     assert all(met.count(moment) >= 2 for moment in MOMENTS)
 
 
-@pytest.mark.parametrize("strikes", cells(KINDS))
+@pytest.mark.parametrize("strikes", in_cells(KINDS, shares(KINDS), each=4))
 def test_a_fault_ends_picking_at_rest_with_true_counters_and_the_next_run_picks(
     strikes: list[Strike], tmp_path: Path
 ) -> None:
     strike_picking(strikes, tmp_path)
 
 
-@pytest.mark.parametrize("strikes", cells(BORNE))
+@pytest.mark.parametrize("strikes", in_cells(BORNE, shares(BORNE), each=4))
 def test_what_a_job_bears_leaves_its_counters_true(strikes: list[Strike], tmp_path: Path) -> None:
     strike_picking(strikes, tmp_path)
 
@@ -153,7 +113,10 @@ def strike_picking(strikes: list[Strike], folder: Path) -> None:
 
 
 async def strike(cell: ObjectCell, fault: Kind, moment: str) -> None:
-    before, struck = truth_of(cell), inject_at(cell, moment, fault)
+    before, struck = (
+        truth_of(cell),
+        inject_at(cell, fault, moment, ON_THE_WAY_S if moment in IN_MOTION else 0.0),
+    )
     run_id = await cell.start()
     end = await cell.finished(run_id)
     where = f"{fault.label} at {moment}"
@@ -161,42 +124,17 @@ async def strike(cell: ObjectCell, fault: Kind, moment: str) -> None:
     await cell.clock.sleep(0.5)
     assert cell.at_rest(), where
     if moment in fault.felt:
-        assert end["error"] is not None, f"{end['outcome']} in spite of {where}"
-        assert (end["outcome"], end["packml"]) == ("aborted", "ABORTED"), where
-        assert end["error"]["name"] in fault.errors, (where, end["error"])
+        assert_aborted(end, fault, where)
     else:
         assert end["outcome"] == "complete", (where, end["error"])
     agrees_with_the_world(cell, run_id, before, where)
-    await put_right(cell)
+    await start_afresh(cell)
 
 
-def inject_at(cell: ObjectCell, moment: str, fault: Kind) -> list[str]:
-    """Strike once when the job is at ``moment``; the list holds the state when it did."""
-    plant, struck = cell.plant.plants[fault.device], list[str]()
-    loop = asyncio.get_running_loop()
-
-    def look() -> None:
-        run = cell.engine.run
-        if struck or not cell.engine.active or run is None or run.state is None:
-            return
-        state = run.state.value
-        if state == moment:
-            struck.append(state)
-            strike = partial(plant.inject, fault.fault, fault.arguments)
-            loop.call_later(ON_THE_WAY_S, strike) if state in IN_MOTION else strike()
-
-    cell.engine.subscribe(look)
-    return struck
-
-
-async def put_right(cell: ObjectCell) -> None:
-    """What a person does: mend the cause, take the part out of the gripper, wait for the devices, reset."""
-    for plant in cell.plant.plants.values():
-        plant.clear()
+async def start_afresh(cell: ObjectCell) -> None:
+    """What a person does, who also takes the part out of the gripper."""
     cell.plant.plants["belt"].serial = cell.plant.encoder.encoder.truth.serial
-    await cell.until(cell.all_ready, "all devices back", 30.0)
     gripper = cell.plant.world.gripper
     assert gripper is not None
     gripper.command(cell.clock.now(), False)
-    await cell.clock.sleep(0.1)  # until the streams show it
-    await cell.engine.reset(WHO)
+    await put_right(cell)

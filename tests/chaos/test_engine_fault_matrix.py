@@ -4,15 +4,15 @@ Whatever happens and whenever: the arm ends at rest, the run has one terminal en
 error, nothing is committed, and after the cause is gone and a reset the next run succeeds.
 """
 
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import pytest
 
+from cell.procedure import Run
 from fakes.object import run_virtual
 from procedures.cone_capture.procedure import State
-from tests.object_cell import WHO, ObjectCell, no_report, open_cell, write_config
+from tests.chaos.matrix import Kind, assert_aborted, inject_at, kind, put_right
+from tests.object_cell import ObjectCell, no_report, open_cell, write_config
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report", "quick_solver")
@@ -51,25 +51,6 @@ EVERYWHERE = BEFORE | LENT | BETWEEN | {"solve"}
 ON_THE_WAY_S = 0.15  # after the move began
 
 
-@dataclass(frozen=True)
-class Kind:
-    """A fault, the error that must come of it, and the moments at which it can be felt at all."""
-
-    device: str
-    fault: str
-    errors: frozenset[str]
-    felt: set[str]
-    arguments: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def label(self) -> str:
-        return f"{self.device} {self.fault}"
-
-
-def kind(device: str, fault: str, errors: str, felt: set[str], **arguments: Any) -> Kind:
-    return Kind(device, fault, frozenset(errors.split()), felt, arguments)
-
-
 IN_MOTION_ONLY = LENT
 AT_THE_NEXT_LEASE = BEFORE | LENT | BETWEEN
 KINDS = [
@@ -106,25 +87,8 @@ def quick_solver(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("procedures.cone_capture.verdict.solve_hand_eye", lambda path: ANSWER)
 
 
-def inject_at(cell: ObjectCell, moment: str, fault: Kind) -> None:
-    plant = cell.plant.controller if fault.device == "arm" else cell.plant.camera
-
-    def strike() -> None:
-        plant.inject(fault.fault, fault.arguments)
-
-    if moment != PROMPT:
-        cell.at_state(moment, strike, ON_THE_WAY_S if moment == "move" else 0.0)
-        return
-    struck = False
-
-    def at_prompt() -> None:
-        nonlocal struck
-        run = cell.engine.run
-        if not struck and run is not None and run.prompt is not None:
-            struck = True
-            strike()
-
-    cell.engine.subscribe(at_prompt)
+def at_prompt(run: Run) -> bool:
+    return run.prompt is not None
 
 
 @pytest.mark.parametrize(("fault", "moment"), CELLS, ids=lambda x: x if isinstance(x, str) else x.label)
@@ -138,15 +102,19 @@ def test_a_fault_ends_the_run_safely_and_the_next_one_succeeds(
 
     async def main() -> None:
         async with open_cell(config) as cell:
-            inject_at(cell, moment, fault)
+            inject_at(
+                cell,
+                fault,
+                moment,
+                ON_THE_WAY_S if moment == "move" else 0.0,
+                at_prompt if moment == PROMPT else None,
+            )
             end = await cell.run_job()
             await cell.clock.sleep(1.0)
             assert cell.at_rest()
             committed = [r["run_id"] for r in cell.ledger.results()]
             if moment in fault.felt:
-                assert end["error"] is not None, f"{end['outcome']} in spite of the fault"
-                assert (end["outcome"], end["packml"]) == ("aborted", "ABORTED")
-                assert end["error"]["name"] in fault.errors, end["error"]
+                assert_aborted(end, fault, f"{fault.label} at {moment}")
                 assert committed == []
             else:
                 assert end["outcome"] == "complete", end["error"]
@@ -164,12 +132,3 @@ def check_stops(cell: ObjectCell) -> None:
     ends = len(cell.notes(1, "standstill")) + len(cell.notes(1, "nothing begun"))
     open_ends = len(cell.notes(1, "lease")) - ends
     assert open_ends == 0 or (open_ends == 1 and cell.engine.status()["latched"])
-
-
-async def put_right(cell: ObjectCell) -> None:
-    """What a person does: mend the cause, wait for the devices, reset."""
-    cell.plant.controller.clear()
-    cell.plant.camera.clear()
-    await cell.until(cell.all_ready, "all devices back", 30.0)
-    await cell.clock.sleep(0.1)  # until the stream shows it
-    await cell.engine.reset(WHO)

@@ -4,15 +4,13 @@ Whatever happens and whenever: the arm ends at rest, the run has one terminal en
 error, what was measured by then is on disk, and after the cause is gone and a reset the next run succeeds.
 """
 
-import asyncio
-from functools import partial
 from pathlib import Path
 
 import pytest
 
 from fakes.object import run_virtual
 from procedures.iso9283.states import State
-from tests.chaos.test_laser_fault_matrix import Kind, kind, put_right
+from tests.chaos.matrix import Kind, assert_aborted, inject_at, kind, put_right, share_of
 from tests.object_cell import ObjectCell, no_report, open_cell
 from tests.unit.test_iso9283_job import JOB, iso_config
 
@@ -43,22 +41,17 @@ KINDS = [
     kind("tracker", "beam-break", LOST, AT_THE_NEXT_LEASE, for_s=600.0),
     kind("tracker", "vibration", "TRACKER_UNSTABLE", AT_THE_NEXT_LEASE, m=0.002, hz=7.0),
 ]
-SHARE, STRIDE = 1, 3  # all pairs are in the long runs
-
-
-def share_of(number: int) -> list[str]:
-    """The moments of one kind; the next kind has others."""
-    return [MOMENTS[(number + i * STRIDE) % len(MOMENTS)] for i in range(SHARE)]
+SHARES = [share_of(i, MOMENTS, count=1, stride=3) for i in range(len(KINDS))]  # all pairs: in the long runs
 
 
 def test_every_state_meets_several_kinds_of_fault() -> None:
-    met = [moment for i in range(len(KINDS)) for moment in share_of(i)]
+    met = [moment for share in SHARES for moment in share]
     assert all(met.count(moment) >= 2 for moment in MOMENTS)
 
 
 @pytest.mark.parametrize("number", range(len(KINDS)), ids=[k.label for k in KINDS])
 def test_a_fault_ends_the_test_safely_and_the_next_run_succeeds(number: int, tmp_path: Path) -> None:
-    strike_runs(KINDS[number], share_of(number), tmp_path)
+    strike_runs(KINDS[number], SHARES[number], tmp_path)
 
 
 @pytest.mark.soak
@@ -82,34 +75,14 @@ def strike_runs(fault: Kind, moments: list[str], folder: Path) -> None:
 
 
 async def strike(cell: ObjectCell, fault: Kind, moment: str) -> None:
-    struck = inject_at(cell, moment, fault)
+    struck = inject_at(cell, fault, moment, ON_THE_WAY_S if moment in LENT - {"next"} else 0.0)
     run_id = await cell.start()
     end = await cell.finished(run_id)
     assert struck, f"the job never was at {moment} for {fault.label}"
     await cell.clock.sleep(0.5)
     assert cell.at_rest()
     if moment in fault.felt:
-        assert end["error"] is not None, f"{end['outcome']} in spite of {fault.label} at {moment}"
-        assert (end["outcome"], end["packml"]) == ("aborted", "ABORTED")
-        assert end["error"]["name"] in fault.errors, (fault.label, moment, end["error"])
+        assert_aborted(end, fault, f"{fault.label} at {moment}")
     else:
         assert end["outcome"] == "complete", (fault.label, moment, end["error"])
     await put_right(cell)
-
-
-def inject_at(cell: ObjectCell, moment: str, fault: Kind) -> list[str]:
-    """Strike once when the job is at ``moment``; the list holds the state when it did."""
-    plant, struck = cell.plant.plants[fault.device], list[str]()
-    loop = asyncio.get_running_loop()
-
-    def look() -> None:
-        run = cell.engine.run
-        if struck or not cell.engine.active or run is None or run.state is None:
-            return
-        if run.state.value == moment:
-            struck.append(moment)
-            hit = partial(plant.inject, fault.fault, fault.arguments)
-            loop.call_later(ON_THE_WAY_S, hit) if moment in LENT - {"next"} else hit()
-
-    cell.engine.subscribe(look)
-    return struck

@@ -9,18 +9,15 @@ states in turn, so that every state meets several kinds and every kind an early 
 are in the long runs. What is solved does not matter here, what is committed does.
 """
 
-import asyncio
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from cell.calibrations import tool_calibration
+from cell.procedure import Run
 from fakes.object import run_virtual
 from procedures.laser.update import State
+from tests.chaos.matrix import Kind, Strike, assert_aborted, in_cells, inject_at, kind, put_right, share_of
 from tests.object_cell import WHO, ObjectCell, no_report
 from tests.unit.laser_cell import TOOL, laser_cell, laser_config
 from tests.unit.laser_made import Solved, drawn_reference, solved
@@ -46,25 +43,6 @@ BEAM_ERRORS = (
 )
 
 
-@dataclass(frozen=True)
-class Kind:
-    """A fault, the errors that may come of it, and the moments at which it can be felt at all."""
-
-    device: str
-    fault: str
-    errors: frozenset[str]
-    felt: set[str]
-    arguments: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def label(self) -> str:
-        return " ".join([self.device, self.fault, *(str(v) for v in self.arguments.values())])
-
-
-def kind(device: str, fault: str, errors: str, felt: set[str], **arguments: Any) -> Kind:
-    return Kind(device, fault, frozenset(errors.split()), felt, arguments)
-
-
 KINDS = [
     kind("arm", "protective-stop", "ARM_PROTECTIVE_STOP", EVERYWHERE),
     kind("arm", "emergency-stop", "ARM_EMERGENCY_STOP", EVERYWHERE),
@@ -86,32 +64,14 @@ KINDS = [
     kind("beams", "stuck", BEAM_ERRORS, AT_THE_NEXT_SWEEP, level="on"),
     kind("beams", "stuck", BEAM_ERRORS, AT_THE_NEXT_SWEEP, level="off"),
 ]
-SHARE = 2  # moments of one kind
-STRIDE = 8
-
-
+SHARES = [share_of(i, MOMENTS, count=2, stride=8) for i in range(len(KINDS))]
+CELLS = in_cells(KINDS, SHARES, each=3)
+ALL = in_cells(KINDS, [MOMENTS] * len(KINDS), each=1)
 PLAN = {"z_resolution_m": 0.008, "retries": 0}
 
 
-def share_of(number: int, kinds: Sequence[Kind] = KINDS) -> list[str]:
-    """The moments of one kind: spread over the job, and others for the next kind."""
-    return [MOMENTS[(number + i * STRIDE) % len(MOMENTS)] for i in range(SHARE)]
-
-
-Strike = tuple[Kind, str]
-GROUPS = [KINDS[i : i + 3] for i in range(0, len(KINDS), 3)]  # in one cell, one after the other
-CELLS = [
-    pytest.param(
-        [(k, moment) for k in group for moment in share_of(KINDS.index(k))],
-        id=", ".join(k.label for k in group),
-    )
-    for group in GROUPS
-]
-ALL = [pytest.param([(k, moment) for moment in MOMENTS], id=k.label) for k in KINDS]
-
-
 def test_every_state_meets_several_kinds_of_fault() -> None:
-    met = [moment for i in range(len(KINDS)) for moment in share_of(i)]
+    met = [moment for share in SHARES for moment in share]
     assert all(met.count(moment) >= 2 for moment in MOMENTS)
 
 
@@ -148,7 +108,7 @@ def strike_updates(strikes: list[Strike], folder: Path, solved: Solved) -> None:
 async def strike(cell: ObjectCell, fault: Kind, moment: str, solved: Solved) -> None:
     before = {row["id"] for row in cell.ledger.results()}
     solved.verdict = "warn" if moment == "ask" else "pass"  # only what passes is accepted without asking
-    struck = inject_at(cell, moment, fault)
+    struck = strike_at(cell, fault, moment)
     end = await cell.run_job()
     solved.verdict = "pass"
     assert struck, f"the job never was at {moment} for {fault.label}"
@@ -160,9 +120,7 @@ async def strike(cell: ObjectCell, fault: Kind, moment: str, solved: Solved) -> 
         assert states == ["committed"]
         cell.ledger.rollback(tool_calibration(TOOL), WHO)
     elif moment in fault.felt:
-        assert end["error"] is not None, f"{end['outcome']} in spite of {fault.label} at {moment}"
-        assert (end["outcome"], end["packml"]) == ("aborted", "ABORTED")
-        assert end["error"]["name"] in fault.errors, (fault.label, moment, end["error"])
+        assert_aborted(end, fault, f"{fault.label} at {moment}")
         assert set(states) <= {"rejected"}
     else:
         assert end["outcome"] == "complete", (fault.label, moment, end["error"])
@@ -171,33 +129,14 @@ async def strike(cell: ObjectCell, fault: Kind, moment: str, solved: Solved) -> 
     await put_right(cell)
 
 
-def inject_at(cell: ObjectCell, moment: str, fault: Kind) -> list[str]:
-    """Strike once when the job is at ``moment``; the list holds the state when it did."""
-    plant, struck = cell.plant.plants[fault.device], list[str]()
-    loop = asyncio.get_running_loop()
-
-    def look() -> None:
-        run = cell.engine.run
-        if struck or not cell.engine.active or run is None or run.state is None:
-            return
-        state = run.state.value
+def strike_at(cell: ObjectCell, fault: Kind, moment: str) -> list[str]:
+    def at_second_scan(run: Run) -> bool:
         second = any(to.value == "verify" for _, to in run.visited)
-        if state == moment or (moment == SECOND and second and state == "sweep"):
-            struck.append(state)
-            strike = partial(plant.inject, fault.fault, fault.arguments)
-            loop.call_later(ON_THE_WAY_S, strike) if state in LENT else strike()
+        return second and run.state is not None and run.state.value == "sweep"
 
-    cell.engine.subscribe(look)
-    return struck
-
-
-async def put_right(cell: ObjectCell) -> None:
-    """What a person does: mend the cause, wait for the devices, reset."""
-    for plant in cell.plant.plants.values():
-        plant.clear()
-    await cell.until(cell.all_ready, "all devices back", 30.0)
-    await cell.clock.sleep(0.1)  # until the stream shows it
-    await cell.engine.reset(WHO)
+    if moment == SECOND:
+        return inject_at(cell, fault, moment, ON_THE_WAY_S, at_second_scan)
+    return inject_at(cell, fault, moment, ON_THE_WAY_S if moment in LENT else 0.0)
 
 
 # -- the other jobs share all states but those of the decision: a thin share of the faults shows that they do
@@ -223,7 +162,7 @@ def test_a_fault_ends_the_other_jobs_as_safely(
 
     async def main() -> None:
         async with laser_cell(config, job, drawn_reference(config)) as cell:
-            struck = inject_at(cell, moment, fault)
+            struck = strike_at(cell, fault, moment)
             end = await cell.run_job()
             assert struck
             await cell.clock.sleep(0.5)

@@ -7,10 +7,7 @@ the states in turn, so that every state meets several kinds. All pairs are in th
 beam has tests of its own: it does not end a job.
 """
 
-import asyncio
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +16,7 @@ import pytest
 from cell.calibrations import kinematics
 from fakes.object import run_virtual
 from procedures.tracker.record import SampleRecord
+from tests.chaos.matrix import Kind, Strike, assert_aborted, inject_at, kind, put_right
 from tests.object_cell import WHO, ObjectCell, no_report, open_cell
 from tests.unit.tracker_cell import JOB, planned_once, tracker_config
 
@@ -39,25 +37,6 @@ AT_THE_NEXT_LEASE = {"prepare", "plan", "locate", "monuments"}
 NOT_AT_THE_END = ALWAYS - {"solve"} | {"move", "request"}
 EVERYWHERE = ALWAYS | {"move", "request"}
 ON_THE_WAY_S = 0.05
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A fault, the errors that may come of it, and the moments at which it can be felt at all."""
-
-    device: str
-    fault: str
-    errors: frozenset[str]
-    felt: set[str]
-    arguments: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def label(self) -> str:
-        return f"{self.device} {self.fault}"
-
-
-def kind(device: str, fault: str, errors: str, felt: set[str], **arguments: Any) -> Kind:
-    return Kind(device, fault, frozenset(errors.split()), felt, arguments)
 
 
 MOVED = [
@@ -81,7 +60,6 @@ READ = [
     kind("tracker", "drop", "DEVICE_LOST", EVERYWHERE),
 ]
 SHARE = 2
-Strike = tuple[Kind, str]
 
 
 def shares(kinds: Sequence[Kind], moments: Sequence[str]) -> list[list[str]]:
@@ -150,7 +128,7 @@ def strike_all(scenario: str, strikes: list[Strike], folder: Path) -> None:
 
 
 async def strike(cell: ObjectCell, fault: Kind, moment: str) -> None:
-    struck = inject_at(cell, moment, fault)
+    struck = inject_at(cell, fault, moment, ON_THE_WAY_S if moment in ("move", "measure", "request") else 0.0)
     begun = len(cell.ledger.results())
     run_id = await cell.start()
     end = await cell.finished(run_id)
@@ -158,9 +136,7 @@ async def strike(cell: ObjectCell, fault: Kind, moment: str) -> None:
     await cell.clock.sleep(0.5)
     assert cell.at_rest()
     if moment in fault.felt:
-        assert end["error"] is not None, f"{end['outcome']} in spite of {fault.label} at {moment}"
-        assert (end["outcome"], end["packml"]) == ("aborted", "ABORTED")
-        assert end["error"]["name"] in fault.errors, (fault.label, moment, end["error"])
+        assert_aborted(end, fault, f"{fault.label} at {moment}")
         assert len(cell.ledger.results()) == begun, "nothing was proposed"
         assert len(SampleRecord.read(cell.folder(run_id).path).samples) == len(
             cell.notes(run_id, "pose taken")
@@ -176,32 +152,3 @@ async def strike(cell: ObjectCell, fault: Kind, moment: str) -> None:
         if row["state"] == "committed":
             cell.ledger.rollback(kinematics("arm"), WHO)
     await put_right(cell)
-
-
-def inject_at(cell: ObjectCell, moment: str, fault: Kind) -> list[str]:
-    """Strike once when the job enters ``moment``; the list holds the state when it did."""
-    plant, struck = cell.plant.plants[fault.device], list[str]()
-    loop, seen = asyncio.get_running_loop(), 0
-
-    def look() -> None:
-        nonlocal seen
-        run = cell.engine.run
-        if struck or not cell.engine.active or run is None or len(run.visited) == seen:
-            return
-        seen = len(run.visited)
-        if run.state == moment:
-            struck.append(moment)
-            act = partial(plant.inject, fault.fault, fault.arguments)
-            loop.call_later(ON_THE_WAY_S, act) if moment in ("move", "measure", "request") else act()
-
-    cell.engine.subscribe(look)
-    return struck
-
-
-async def put_right(cell: ObjectCell) -> None:
-    """What a person does: mend the cause, wait for the devices, reset."""
-    for plant in cell.plant.plants.values():
-        plant.clear()
-    await cell.until(cell.all_ready, "all devices back", 30.0)
-    await cell.clock.sleep(0.1)
-    await cell.engine.reset(WHO)

@@ -1,0 +1,94 @@
+"""What the matrices of faults share: kinds of faults, which states each is struck at, and how.
+
+A kind of fault strikes run after run in one cell, each time at another state; that the next run gets as far
+as the state it is struck in shows that the one before left nothing behind.
+"""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import pytest
+
+from cell.procedure import Run
+from tests.object_cell import WHO, ObjectCell
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A fault, the errors that may come of it, and the moments at which it can be felt at all."""
+
+    device: str
+    fault: str
+    errors: frozenset[str]
+    felt: set[str]
+    arguments: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        return " ".join([self.device, self.fault, *(str(v) for v in self.arguments.values())])
+
+
+def kind(device: str, fault: str, errors: str, felt: set[str], **arguments: Any) -> Kind:
+    return Kind(device, fault, frozenset(errors.split()), felt, arguments)
+
+
+Strike = tuple[Kind, str]
+
+
+def share_of(number: int, moments: Sequence[str], count: int, stride: int) -> list[str]:
+    """The moments of one kind: spread over the job, and others for the next kind."""
+    return [moments[(number + i * stride) % len(moments)] for i in range(count)]
+
+
+def in_cells(kinds: Sequence[Kind], shares: Sequence[Sequence[str]], each: int) -> list[Any]:
+    """Parameters: so many kinds strike in one cell, one after the other, each at the moments of its share."""
+    paired = list(zip(kinds, shares, strict=True))
+    groups = [paired[i : i + each] for i in range(0, len(paired), each)]
+    return [
+        pytest.param([(k, m) for k, share in group for m in share], id=", ".join(k.label for k, _ in group))
+        for group in groups
+    ]
+
+
+def inject_at(
+    cell: ObjectCell,
+    fault: Kind,
+    moment: str,
+    after_s: float = 0.0,
+    here: Callable[[Run], bool] | None = None,
+) -> list[str]:
+    """Strike once, ``after_s`` after the job is at ``moment`` (or ``here`` says so); the list holds the state
+    when it did."""
+    plant, struck = cell.plant.plants[fault.device], list[str]()
+    loop = asyncio.get_running_loop()
+
+    def look() -> None:
+        run = cell.engine.run
+        if struck or not cell.engine.active or run is None or run.state is None:
+            return
+        if here(run) if here is not None else run.state.value == moment:
+            struck.append(run.state.value)
+            strike = partial(plant.inject, fault.fault, fault.arguments)
+            loop.call_later(after_s, strike) if after_s else strike()
+
+    cell.engine.subscribe(look)
+    return struck
+
+
+def assert_aborted(end: dict[str, Any], fault: Kind, where: str) -> None:
+    """The run ended by the name of what struck it."""
+    assert end["error"] is not None, f"{end['outcome']} in spite of {where}"
+    assert (end["outcome"], end["packml"]) == ("aborted", "ABORTED"), where
+    assert end["error"]["name"] in fault.errors, (where, end["error"])
+
+
+async def put_right(cell: ObjectCell) -> None:
+    """What a person does: mend the cause, wait for the devices, reset."""
+    for plant in cell.plant.plants.values():
+        plant.clear()
+    await cell.until(cell.all_ready, "all devices back", 30.0)
+    await cell.clock.sleep(0.1)  # until the stream shows it
+    await cell.engine.reset(WHO)
