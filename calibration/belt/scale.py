@@ -69,10 +69,13 @@ class BeltScale:
         }
 
 
-def fit_scale(points: ArrayLike, counts: ArrayLike, items: ArrayLike | None = None) -> BeltScale | Refusal:
+def fit_scale(
+    points: ArrayLike, counts: ArrayLike, items: ArrayLike | None = None, doubt: bool = True
+) -> BeltScale | Refusal:
     """From sightings: ``points`` (k, 2 or 3) in base (m), unwrapped ``counts`` (k,), ``items`` (k,) numbers.
 
-    Tukey's weights find false sightings; the answer is a plain fit without them.
+    Tukey's weights find false sightings; the answer is a plain fit without them. Without ``doubt`` all are
+    taken as they are: a few touches do not show which of them is false.
     """
     p, n = np.asarray(points, dtype=float), np.asarray(counts, dtype=float)
     _, item = np.unique(np.zeros(len(p)) if items is None else np.asarray(items), return_inverse=True)
@@ -81,7 +84,7 @@ def fit_scale(points: ArrayLike, counts: ArrayLike, items: ArrayLike | None = No
         return Refusal(
             "too-few-sightings", f"{often.sum()} sightings of items seen twice; {_FEWEST} are needed"
         )
-    used = often & _plausible(p, n, item, often)
+    used = often & _plausible(p, n, item, often) if doubt else often
     if used.sum() - len(np.unique(item[used])) < 2:
         return Refusal("sightings-disagree", "fewer than three sightings agree on how the belt moves")
     s, Sxx = _slope(p[used], n[used], item[used])

@@ -4,7 +4,7 @@ Only what is in the data set is used, so that replay comes to the same rows.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from cell.poses import Array, from_pose6
 _RHYTHM_S = 1.0  # either side of an exposure, where the encoder's rhythm is looked for
 _SMOOTH_S = 0.06  # either side of it, where the belt's motion is a parabola
 _FEWEST_NEAR = 7
+_WAVES = np.arange(1, 13)  # of the saw tooth that rounding is
 _GAP_S = 0.1  # between two counts; over more, nobody knows the count at an exposure
 _ALONE_M = 0.1  # how far an item may have moved from frame to frame when it is always alone
 _SHARE = 0.4  # of the least distance of two items in one frame
@@ -27,12 +28,29 @@ _MISSED_FRAMES = 3  # an item unseen for longer is a new one
 
 @dataclass(frozen=True)
 class Rows:
-    """``points`` (k, 3) m in the base at the unwrapped ``counts`` (k,), of ``items`` (k,), seen at ``t``."""
+    """``points`` (k, 3) m in the base at the unwrapped ``counts`` (k,), of ``items`` (k,), seen at ``t``.
+
+    ``rounding`` (k, waves), complex: what of the counts' rounding is left in each (:class:`Counted`).
+    """
 
     t: Array
     points: Array
     counts: Array
     items: NDArray[np.int64]
+    rounding: NDArray[np.complex128] | None = None
+
+
+@dataclass(frozen=True)
+class Counted:
+    """The ``count`` at a time, and what is left in it of the ``rounding`` (waves,) of the counts about it.
+
+    Rounding is a saw tooth over the count: waves of the amplitudes 1 / (pi h), h = 1, 2, ... At an even speed
+    it goes the same way in every look, or drifts with the belt, so it does not get less with more looks. Each
+    complex number is a wave's amplitude and phase at that time, as a share of the saw tooth's own.
+    """
+
+    count: float
+    rounding: NDArray[np.complex128]
 
 
 @dataclass
@@ -129,13 +147,15 @@ def rows_of(data: Mapping[str, Any], step_counts: float = STEP_COUNTS) -> Rows:
     follower = Follower(motion_of(data.get("configured")), step_counts)
     times = [float(seen["t"]) for seen in data["sightings"]]
     found = counts_at(encoder, times, float(data["period_s"]))
-    for seen, at, count in zip(data["sightings"], times, found, strict=True):
-        if count is not None:
-            follower.add(at, count, T.apply(np.array(seen["points"])))
-    return follower.rows()
+    for seen, at, counted in zip(data["sightings"], times, found, strict=True):
+        if counted is not None:
+            follower.add(at, counted.count, T.apply(np.array(seen["points"])))
+    rows = follower.rows()
+    left = {at: counted.rounding for at, counted in zip(times, found, strict=True) if counted is not None}
+    return replace(rows, rounding=np.array([left[at] for at in rows.t]).reshape(-1, len(_WAVES)))
 
 
-def counts_at(encoder: Array, times: Sequence[float], period_s: float) -> list[float | None]:
+def counts_at(encoder: Array, times: Sequence[float], period_s: float) -> list[Counted | None]:
     """The count at each of ``times`` (s), from ``encoder`` (k, 2: s, counts).
 
     The jitter of stamps and the rounding of counts are smoothed out. None where there are no counts close by
@@ -146,17 +166,27 @@ def counts_at(encoder: Array, times: Sequence[float], period_s: float) -> list[f
     return [_smoothed(encoder, slots, t) for t in times]
 
 
-def _smoothed(encoder: Array, slots: NDArray[np.int64], t: float) -> float | None:
+def _smoothed(encoder: Array, slots: NDArray[np.int64], t: float) -> Counted | None:
     if (plain := count_at(encoder, t)) is None:
         return None
     begin, end = np.searchsorted(encoder[:, 0], [t - _RHYTHM_S, t + _RHYTHM_S])
     wide = slice(int(begin), int(end))
     n = encoder[wide, 1] - plain
     true = true_times(encoder[wide, 0], slots[wide], n).t - t
-    near = np.abs(true) <= _SMOOTH_S
+    near, order = np.abs(true) <= _SMOOTH_S, 2
     if near.sum() < _FEWEST_NEAR or not true[near].min() < 0.0 < true[near].max():
-        return plain
-    return plain + float(np.polyfit(true[near], n[near], 2)[-1])
+        i = int(np.searchsorted(encoder[wide, 0], t))
+        true, near, order = encoder[wide, 0] - t, np.isin(np.arange(len(n)), (i - 1, i)), 1
+    basis = np.vander(true[near] / _SMOOTH_S, order + 1, increasing=True)
+    fit = np.linalg.pinv(basis)
+    motion = basis @ (fit @ n[near])  # less rounded than the counts themselves
+    rounding = fit[0] @ np.exp(2j * np.pi * np.outer(plain + motion, _WAVES))
+    return Counted(plain + float(fit[0] @ n[near]), rounding)
+
+
+def rounding_variance(weight: Array, rounding: NDArray[np.complex128]) -> float:
+    """Variance (counts^2) that rounding leaves in a sum of counts with the ``weight`` (k,) of each."""
+    return float(np.sum(np.abs(weight @ rounding) ** 2 / (2.0 * np.pi**2 * _WAVES**2)))
 
 
 def motion_of(belt: Mapping[str, Any] | None) -> Array | None:

@@ -10,11 +10,14 @@ import numpy as np
 
 from calibration.belt.scale import BeltScale, Refusal, fit_scale, two_points
 from cell.formats.result import Result, Verdict, Warning_
+from cell.poses import Array
 from procedures.belt.calibration_record import read_data_set
 from procedures.belt.calibration_rows import Rows, rows_of
+from procedures.belt.calibration_slip import WheelSlip, part_at_slips
 from procedures.belt.calibration_spread import spread, with_camera
 
 KIND = "belt-calibration"
+_NORMAL95 = 1.96
 _STANDS_COUNTS = 2.0
 _MOVED_M = 0.02  # an item that has moved so far lay on a belt that moved
 _TURNED_RAD, _OTHER_SHARE = 0.1, 0.05  # from the configured belt, before a person should look
@@ -37,13 +40,21 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> dict[str, Any]
     }
     if isinstance(answer, Refusal):
         return Result(kind=KIND, verdict="fail", reasons=[str(answer)], result=None, inputs=inputs).as_json()
+    seen, slips = rows, []
+    if data["source"] == "camera":
+        parted, rows, slips = part_at_slips(answer, rows)
+        if isinstance(parted, Refusal):
+            words = f"the encoder's wheel slipped {len(slips)} times against the belt, and between"
+            reasons = [f"slips: {words} there is too little ({parted.words}); look at the wheel"]
+            return Result(kind=KIND, verdict="fail", reasons=reasons, result=None, inputs=inputs).as_json()
+        answer = parted
     sure = None if data["source"] == "touch" else spread(answer, rows)
     if sure is not None:
         sure = with_camera(sure, answer, *_camera(data, rows, config))
         answer = replace(answer, half_scale=sure.half_scale, half_angle=sure.half_angle, cov=sure.cov)
     sense = -1.0 if _net_counts(rows) < 0.0 else 1.0
     way = sense * answer.direction
-    warnings = _warnings(data, sense * answer.m_per_count, way)
+    warnings = _warnings(data, sense * answer.m_per_count, way) + [_slipped(slip, sense) for slip in slips]
     reasons = _beyond(answer, config["accept"])
     verdict: Verdict = "fail" if reasons else "warn" if warnings else "pass"
     return Result(
@@ -51,12 +62,12 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> dict[str, Any]
         verdict=verdict,
         reasons=reasons or [w.text for w in warnings],
         warnings=warnings,
-        result=_result(answer, sense, way, rows),
+        result=_result(answer, sense, way, seen),
         uncertainty={
             "half_m_per_count": answer.half_scale,
             "half_dir_rad": answer.half_angle,
             "cov": None if answer.cov is None else answer.cov.tolist(),
-            "independent": None if sure is None else sure.by,
+            "mostly_from": None if sure is None else sure.by,
         },
         residuals={
             "sigma_m": answer.sigma,
@@ -99,11 +110,28 @@ def _by_touch(rows: Rows, sigma_m: float) -> BeltScale | Refusal:
         words = f"the mark moved by {1e3 * moved:.0f} mm while the encoder did not count"
         return Refusal("encoder-stands", f"{words}; look whether its wheel turns with the belt")
     if len(rows.t) > 2:
-        return fit_scale(rows.points, rows.counts)
-    n = rows.counts
-    rounding = _moved(rows) / max(abs(n[1] - n[0]), 1.0) / np.sqrt(12.0)  # of a count, as a length
-    counts = (round(n[0]), round(n[1]))
-    return two_points(rows.points[0], rows.points[1], counts, float(np.hypot(sigma_m, rounding)))
+        answer = fit_scale(rows.points, rows.counts, doubt=False)
+    else:
+        n = rows.counts
+        answer = two_points(rows.points[0], rows.points[1], (round(n[0]), round(n[1])), sigma_m)
+    return answer if isinstance(answer, Refusal) else _with_rounding(answer, rows.counts)
+
+
+def _with_rounding(answer: BeltScale, counts: Array) -> BeltScale:
+    """``answer`` from touches at ``counts`` (k,), with the rounding of counts, which is along the belt alone.
+
+    More than two touches leave residuals, which are taken alike along three axes: they show a third of it.
+    """
+    assert answer.half_scale is not None
+    assert answer.cov is not None
+    unseen = answer.m_per_count**2 / 12.0 * (1.0 if len(counts) == 2 else 2.0 / 3.0)
+    variance = unseen / float(np.sum((counts - counts.mean()) ** 2))
+    along = answer.direction
+    return replace(
+        answer,
+        half_scale=float(np.hypot(answer.half_scale, _NORMAL95 * np.sqrt(variance))),
+        cov=answer.cov + variance * np.outer(along, along),
+    )
 
 
 def _moved(rows: Rows) -> float:
@@ -174,6 +202,14 @@ def _warnings(data: Mapping[str, Any], m_per_count: float, way: Any) -> list[War
     return found
 
 
+def _slipped(slip: WheelSlip, sense: float) -> Warning_:
+    """What was done about a slip; ``sense`` is that of the counts."""
+    where = "ahead of" if sense * slip.ahead_m > 0.0 else "behind"
+    text = f"the encoder's wheel slipped by {1e3 * abs(slip.ahead_m):.1f} mm, {where} the belt"
+    text += f", at {slip.t:.1f} s; items were taken as others from there on. Look at the wheel"
+    return Warning_(code="belt.slip", text=text)
+
+
 def _residuals(answer: BeltScale, rows: Rows) -> dict[str, Any]:
     """Each sighting beside the motion of its own item: along the belt, across it in the plane, and up (m)."""
     along = answer.direction
@@ -215,7 +251,8 @@ def _open(data: Mapping[str, Any], answer: BeltScale) -> list[str]:
         return words
     words = [
         "a camera that is turned by more than camera_turn_95_rad, or whose distance from the belt is off by "
-        "more than distance_95_m: it turns dir, and stretches m_per_count, as far"
+        "more than distance_95_m: it turns dir, and stretches m_per_count, as far",
+        "a slip of the encoder's wheel that is no larger than the camera's noise: it is in m_per_count",
     ]
     if data.get("configured") is None:
         words.append(

@@ -21,9 +21,11 @@ def picking_config(
     folder: Path,
     job: Mapping[str, Any] | None = None,
     world: Mapping[str, str] | None = None,
+    sections: Mapping[str, Mapping[str, Any]] | None = None,
     **overrides: Any,
 ) -> CellConfig:
-    """The picking cell with the first item in view; ``world`` replaces lines of the scenario by key."""
+    """The picking cell with the first item in view; ``world`` replaces lines of the scenario by key,
+    ``sections`` are those of other jobs."""
     text = files("fakes").joinpath("scenarios/picking.toml").read_text("utf-8")
     for key, value in {"first_m": "-0.1", **(world or {})}.items():
         lines = [
@@ -34,7 +36,11 @@ def picking_config(
     path = folder / "scenario.toml"
     path.write_text(text, "utf-8")
     return write_config(
-        folder, str(path), arm_keys={"state_period_s": 0.02}, jobs={JOB: job or {}}, **overrides
+        folder,
+        str(path),
+        arm_keys={"state_period_s": 0.02},
+        jobs={JOB: job or {}, **(sections or {})},
+        **overrides,
     )
 
 

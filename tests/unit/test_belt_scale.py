@@ -81,6 +81,14 @@ def test_two_taught_points_give_scale_direction_and_the_interval_of_their_touch(
     assert alone.as_dict()["m_per_count_95"] is None
 
 
+def test_a_few_touches_are_all_taken_as_they_are() -> None:
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        counts = np.array([0.0, 2000.0, 4000.0])
+        points = SCALE * counts[:, None] * DIRECTION + rng.normal(0.0, 3e-4, (3, 3))
+        assert fitted(fit_scale(points, counts, doubt=False)).used.all()
+
+
 def test_two_points_without_travel_between_them_are_refused() -> None:
     answer = two_points([0.0, 0.0, 0.0], [0.001, 0.0, 0.0], (0, 9))
     assert isinstance(answer, Refusal)
