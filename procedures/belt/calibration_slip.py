@@ -25,19 +25,29 @@ class WheelSlip:
     ahead_m: float
 
 
-def part_at_slips(answer: BeltScale, rows: Rows) -> tuple[BeltScale | Refusal, Rows, list[WheelSlip]]:
-    """``answer`` and ``rows`` with each item parted in two where the wheel slipped, and the slips."""
+@dataclass(frozen=True)
+class Parted:
+    """``answer`` and ``rows`` with each item parted in two where the wheel slipped, as the ``slips`` say; and
+    the clearest slip that is ``left``, where parting the items once more would leave no answer."""
+
+    answer: BeltScale
+    rows: Rows
+    slips: list[WheelSlip]
+    left: WheelSlip | None
+
+
+def part_at_slips(answer: BeltScale, rows: Rows) -> Parted:
+    """Find slips, the clearest first, and part the items there."""
     slips: list[WheelSlip] = []
-    parted: BeltScale | Refusal = answer
-    while isinstance(parted, BeltScale) and len(slips) < _MOST:
-        slip = find_slip(parted, rows)
-        if slip is None:
-            break
-        slips.append(slip)
+    while (slip := find_slip(answer, rows)) is not None:
         after = rows.t > slip.t
-        rows = replace(rows, items=np.where(after, rows.items + rows.items.max() + 1, rows.items))
-        parted = fit_scale(rows.points, rows.counts, rows.items)
-    return parted, rows, slips
+        again = replace(rows, items=np.where(after, rows.items + rows.items.max() + 1, rows.items))
+        fit = fit_scale(again.points, again.counts, again.items)
+        if isinstance(fit, Refusal) or len(slips) == _MOST:
+            break
+        answer, rows = fit, again
+        slips.append(slip)
+    return Parted(answer, rows, slips, slip)
 
 
 def find_slip(answer: BeltScale, rows: Rows) -> WheelSlip | None:

@@ -13,7 +13,7 @@ from cell.formats.result import Result, Verdict, Warning_
 from cell.poses import Array
 from procedures.belt.calibration_record import read_data_set
 from procedures.belt.calibration_rows import Rows, rows_of
-from procedures.belt.calibration_slip import WheelSlip, part_at_slips
+from procedures.belt.calibration_slip import Parted, WheelSlip, part_at_slips
 from procedures.belt.calibration_spread import spread, with_camera
 
 KIND = "belt-calibration"
@@ -40,29 +40,32 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> dict[str, Any]
     }
     if isinstance(answer, Refusal):
         return Result(kind=KIND, verdict="fail", reasons=[str(answer)], result=None, inputs=inputs).as_json()
-    seen, slips = rows, []
+    items = len(np.unique(rows.items[answer.used]))
+    parted = Parted(answer, rows, [], None)
     if data["source"] == "camera":
-        parted, rows, slips = part_at_slips(answer, rows)
-        if isinstance(parted, Refusal):
-            words = f"the encoder's wheel slipped {len(slips)} times against the belt, and between"
-            reasons = [f"slips: {words} there is too little ({parted.words}); look at the wheel"]
-            return Result(kind=KIND, verdict="fail", reasons=reasons, result=None, inputs=inputs).as_json()
-        answer = parted
+        parted = part_at_slips(answer, rows)
+        answer, rows = parted.answer, parted.rows
     sure = None if data["source"] == "touch" else spread(answer, rows)
     if sure is not None:
         sure = with_camera(sure, answer, *_camera(data, rows, config))
         answer = replace(answer, half_scale=sure.half_scale, half_angle=sure.half_angle, cov=sure.cov)
     sense = -1.0 if _net_counts(rows) < 0.0 else 1.0
     way = sense * answer.direction
-    warnings = _warnings(data, sense * answer.m_per_count, way) + [_slipped(slip, sense) for slip in slips]
+    warnings = _warnings(data, sense * answer.m_per_count, way) + [
+        _slipped(slip, sense) for slip in parted.slips
+    ]
     reasons = _beyond(answer, config["accept"])
+    if parted.left is not None:
+        reasons.append(
+            f"slips: {_slip_words(parted.left, sense)}, and that is in m_per_count; mend the wheel"
+        )
     verdict: Verdict = "fail" if reasons else "warn" if warnings else "pass"
     return Result(
         kind=KIND,
         verdict=verdict,
         reasons=reasons or [w.text for w in warnings],
         warnings=warnings,
-        result=_result(answer, sense, way, seen),
+        result=_result(answer, sense, way, items),
         uncertainty={
             "half_m_per_count": answer.half_scale,
             "half_dir_rad": answer.half_angle,
@@ -82,7 +85,7 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> dict[str, Any]
 
 def _answer(data: Mapping[str, Any], rows: Rows, touch_sigma_m: float) -> BeltScale | Refusal:
     if data["source"] == "touch":
-        return _by_touch(rows, touch_sigma_m)
+        return by_touch(rows, touch_sigma_m)
     encoder = np.array(data["encoder"], dtype=float).reshape(-1, 2)
     if len(encoder) == 0 or np.ptp(encoder[:, 1]) <= _STANDS_COUNTS:
         span = 0.0 if len(encoder) == 0 else float(np.ptp(encoder[:, 0]))
@@ -103,7 +106,8 @@ def _camera(data: Mapping[str, Any], rows: Rows, config: Mapping[str, Any]) -> t
     return float(config.get("camera_turn_95_rad", 0.0)), share
 
 
-def _by_touch(rows: Rows, sigma_m: float) -> BeltScale | Refusal:
+def by_touch(rows: Rows, sigma_m: float) -> BeltScale | Refusal:
+    """From touches of one mark, each met within ``sigma_m`` (m, per axis); more than two show that."""
     if len(rows.t) < 2:
         return Refusal("too-few-touches", f"{len(rows.t)} of the mark; two are needed")
     if (moved := _moved(rows)) > _MOVED_M and np.ptp(rows.counts) <= _STANDS_COUNTS:
@@ -141,11 +145,15 @@ def _moved(rows: Rows) -> float:
 
 
 def _net_counts(rows: Rows) -> float:
-    """How far the counter went; below 0 it counts down on the belt's way."""
-    return float(rows.counts[np.argmax(rows.t)] - rows.counts[np.argmin(rows.t)])
+    """How far the counter went with all items; below 0 it counts down on the belt's way.
+
+    A counter that somebody sets while no item is followed across that moves nothing.
+    """
+    own = (np.flatnonzero(rows.items == i) for i in np.unique(rows.items))  # rows are in the order of time
+    return float(sum(rows.counts[of[-1]] - rows.counts[of[0]] for of in own))
 
 
-def _result(answer: BeltScale, sense: float, way: Any, rows: Rows) -> dict[str, Any]:
+def _result(answer: BeltScale, sense: float, way: Any, items: int) -> dict[str, Any]:
     m, half = sense * answer.m_per_count, answer.half_scale
     return {
         "m_per_count": m,
@@ -154,7 +162,7 @@ def _result(answer: BeltScale, sense: float, way: Any, rows: Rows) -> dict[str, 
         "dir_95_rad": answer.half_angle,
         "travel_m": answer.travel,
         "sightings": int(answer.used.sum()),
-        "items": len(np.unique(rows.items[answer.used])),
+        "items": items,
     }
 
 
@@ -203,11 +211,14 @@ def _warnings(data: Mapping[str, Any], m_per_count: float, way: Any) -> list[War
 
 
 def _slipped(slip: WheelSlip, sense: float) -> Warning_:
-    """What was done about a slip; ``sense`` is that of the counts."""
-    where = "ahead of" if sense * slip.ahead_m > 0.0 else "behind"
-    text = f"the encoder's wheel slipped by {1e3 * abs(slip.ahead_m):.1f} mm, {where} the belt"
-    text += f", at {slip.t:.1f} s; items were taken as others from there on. Look at the wheel"
+    """A slip that is taken out; ``sense`` is that of the counts."""
+    text = f"{_slip_words(slip, sense)}; items were taken as others from there on. Look at the wheel"
     return Warning_(code="belt.slip", text=text)
+
+
+def _slip_words(slip: WheelSlip, sense: float) -> str:
+    where = "ahead of" if sense * slip.ahead_m > 0.0 else "behind"
+    return f"the encoder's wheel slipped {1e3 * abs(slip.ahead_m):.1f} mm {where} the belt at {slip.t:.1f} s"
 
 
 def _residuals(answer: BeltScale, rows: Rows) -> dict[str, Any]:
@@ -248,6 +259,8 @@ def _open(data: Mapping[str, Any], answer: BeltScale) -> list[str]:
         words = ["errors of the arm's own kinematics and of the tool's point: both are in the answer"]
         if answer.heldout is None:
             words.append("how well the mark was met: with so few touches it is touch_sigma_m, not measured")
+        if len(answer.used) == 2:
+            words.append("a slip of the encoder's wheel between the two touches; a third would show it")
         return words
     words = [
         "a camera that is turned by more than camera_turn_95_rad, or whose distance from the belt is off by "

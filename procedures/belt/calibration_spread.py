@@ -24,6 +24,7 @@ from procedures.belt.calibration_rows import Rows, rounding_variance
 
 _FEWEST = 4  # of what is to say how large an effect is
 _ORDERS = (2, 3, 4, 5)  # of the pattern over the picture, beside a line
+_OF_PATTERN = 2.0  # degrees of freedom
 FEWEST_OF_PATTERN = 12  # sightings, beside one of each item
 _PATTERN_M = 1e-3  # a sighting further off is a false one
 _NORMAL95 = 1.96
@@ -49,7 +50,7 @@ def spread(answer: BeltScale, rows: Rows) -> Spread | None:
         return None
     axes = _axes(answer.direction)
     # Left out of the fit, sightings near by are part of what the camera gets wrong all the same.
-    near = np.isfinite(answer.distance) & (answer.distance < _PATTERN_M)
+    near = answer.used | (answer.distance < _PATTERN_M)
     effects = _Effects(answer, rows, near)
     origin = rows.points[near] - rows.counts[near, None] * answer.m_per_count * answer.direction
     found = [effects.slope(origin @ axis, k == 0) for k, axis in enumerate(axes)]
@@ -132,7 +133,13 @@ class _Effects:
         self._expected[1:, 1:] = [[np.sum((a.T @ b) ** 2) for b in seen] for a in seen]
         # Degrees of freedom of each variance: Satterthwaite's, of the effect's sum of squares alone.
         squares = [gram @ gram for gram in grams]
-        self._degrees = [float(self._freedom), *(np.trace(g) ** 2 / np.sum(g * g) for g in squares), np.inf]
+        degrees = {
+            name: np.trace(square) ** 2 / np.sum(square**2)
+            for name, square in zip(self._columns, squares, strict=True)
+        }
+        if _PICTURE in degrees:  # two orders or so make most of a smooth pattern
+            degrees[_PICTURE] = _OF_PATTERN
+        self._degrees = [float(self._freedom), *degrees.values(), np.inf]
 
     def slope(self, y: Array, counted: bool) -> _Slope:
         """From ``y`` (k,), m: each sighting beside the motion that was found, along one axis; ``counted`` is

@@ -8,14 +8,19 @@ Nothing is known here to be wrong with the camera's pose, so the intervals hold 
 with its usual half a millimetre they would hide a slip.
 """
 
+import asyncio
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from cell.procedure import Run
 from fakes.object import run_virtual
 from tests.chaos.matrix import Kind, Strike, assert_aborted, in_cells, inject_at, kind, put_right, share_of
 from tests.object_cell import ObjectCell, no_report
+from tests.unit.belt_teacher import Teacher
 from tests.unit.picking_cell import picking_cell, picking_config
 
 __all__ = ["no_report"]
@@ -122,8 +127,13 @@ def strike_calibrations(strikes: list[Strike], folder: Path) -> None:
 async def strike(cell: ObjectCell, fault: Kind, moment: str) -> None:
     struck = inject_at(cell, fault, moment, ON_THE_WAY_S if moment == "watch" else 0.0)
     run_id = await cell.start()
-    end = await cell.finished(run_id)
-    where = f"{fault.label} at {moment}"
+    await cell.finished(run_id)
+    await judge(cell, run_id, fault, moment, struck)
+
+
+async def judge(cell: ObjectCell, run_id: int, fault: Kind, moment: str, struck: list[str]) -> None:
+    """How the run ended and what it proposed; then a person puts things right."""
+    end, where = cell.end(run_id), f"{fault.label} at {moment}"
     assert struck, f"the job never was at {moment} for {where}: {end}"
     await cell.clock.sleep(0.5)
     assert cell.at_rest(), where
@@ -145,8 +155,99 @@ def assert_true(cell: ObjectCell, run_id: int, where: str) -> None:
         assert result["reasons"], where
         return
     found, half = result["result"]["m_per_count"], result["uncertainty"]["half_m_per_count"]
+    assert float(np.dot(result["result"]["dir"], belt.direction)) > 0.9999, where
     assert abs(found - belt.truth.m_per_count) <= 2.0 * half, (
         where,
         found / belt.truth.m_per_count,
         half / found,
     )
+
+
+# -- by touch: an operator jogs, and lets the belt run in between
+
+TOUCH_MOMENTS = ["prepare", "touch 1", "touch 2", "touch 3", "solve"]
+TOUCHING = {"touch 1", "touch 2", "touch 3"}
+BEFORE_THE_END = {"prepare", *TOUCHING}
+TOUCH_ENDS = [
+    kind("belt", "silence", "DEVICE_LOST", BEFORE_THE_END),
+    kind("arm", "silence", "STALE_DATA DEVICE_LOST DEVICE_NOT_READY", BEFORE_THE_END),
+    kind("belt", "reboot", "DEVICE_LOST", BEFORE_THE_END),
+    kind("belt", "bus-off", "CAN_BUS_OFF", {*BEFORE_THE_END, "solve"}),
+    kind("belt", "drop", "DEVICE_LOST", {*BEFORE_THE_END, "solve"}),
+]
+TOUCH_BORNE = [
+    kind("arm", "protective-stop", "", set()),  # the arm is only read, and stands
+    kind("belt", "slip", "", set(), m=0.005),
+    kind("belt", "wrap", "", set(), before=20),
+    kind("belt", "gap", "", set(), count=20),
+    kind("camera", "drop", "", set()),
+]
+TOUCH_PLAN = {
+    "source": "touch",
+    "touches": 3,
+    "touch_sigma_m": 0.0001,
+    "max_duration_s": 90.0,
+    "accept": {"max_scale_share": 0.005, "max_dir_rad": 0.005},
+}
+
+
+def touch_shares(kinds: Sequence[Kind]) -> list[list[str]]:
+    return [share_of(i, TOUCH_MOMENTS, count=2, stride=2) for i in range(len(kinds))]
+
+
+TOUCH_KINDS = [*TOUCH_ENDS, *TOUCH_BORNE]
+ALL_TOUCHES = in_cells(TOUCH_KINDS, [TOUCH_MOMENTS] * len(TOUCH_KINDS), each=1)
+
+
+@pytest.mark.parametrize(
+    "strikes",
+    [
+        *in_cells(TOUCH_ENDS, touch_shares(TOUCH_ENDS), each=5),
+        *in_cells(TOUCH_BORNE, touch_shares(TOUCH_BORNE), each=5),
+    ],
+)
+def test_a_fault_while_a_mark_is_touched_leaves_no_false_scale(strikes: list[Strike], tmp_path: Path) -> None:
+    strike_touches(strikes, tmp_path)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("strikes", ALL_TOUCHES)
+def test_a_fault_at_any_touch_leaves_no_false_scale(strikes: list[Strike], tmp_path: Path) -> None:
+    strike_touches(strikes, tmp_path)
+
+
+def strike_touches(strikes: list[Strike], folder: Path) -> None:
+    config = picking_config(folder, world={"m_per_count": "1.013e-4"}, sections={JOB: TOUCH_PLAN})
+
+    async def main() -> None:
+        async with picking_cell(config) as cell:
+            cell.job = JOB
+            for fault, moment in strikes:
+                at = partial(at_touch, int(moment.split()[1])) if moment in TOUCHING else None
+                struck = inject_at(cell, fault, moment, here=at)
+                await judge(cell, await touched(cell), fault, moment, struck)
+            run_id = await touched(cell)
+            assert cell.result(run_id)["verdict"] == "pass"
+            assert_true(cell, run_id, "the last run")
+
+    run_virtual(main())
+
+
+def at_touch(number: int, run: Run) -> bool:
+    return run.prompt is not None and [to.value for _, to in run.visited].count("touch") == number
+
+
+async def touched(cell: ObjectCell) -> int:
+    """A run with its operator, until it has ended."""
+    teacher = Teacher(cell)
+
+    async def teach() -> None:
+        while True:
+            await teacher.touch()
+
+    run_id = await cell.start()
+    operator = asyncio.create_task(teach())
+    await cell.until(lambda: not cell.engine.active, "the end of the run", 120.0)
+    operator.cancel()
+    await asyncio.wait([operator])
+    return run_id
