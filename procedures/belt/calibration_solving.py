@@ -19,6 +19,7 @@ from procedures.belt.calibration_spread import spread, with_camera
 KIND = "belt-calibration"
 _NORMAL95 = 1.96
 _STANDS_COUNTS = 2.0
+_BACK_SHARE = 0.02  # of what was counted; more is no belt that comes to rest
 _MOVED_M = 0.02  # an item that has moved so far lay on a belt that moved
 _TURNED_RAD, _OTHER_SHARE = 0.1, 0.05  # from the configured belt, before a person should look
 
@@ -49,11 +50,17 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> dict[str, Any]
     if sure is not None:
         sure = with_camera(sure, answer, *_camera(data, rows, config))
         answer = replace(answer, half_scale=sure.half_scale, half_angle=sure.half_angle, cov=sure.cov)
-    sense = -1.0 if _net_counts(rows) < 0.0 else 1.0
+    up, down = _ways(rows)
+    sense = -1.0 if up < down else 1.0
     way = sense * answer.direction
-    warnings = _warnings(data, sense * answer.m_per_count, way) + [
-        _slipped(slip, sense) for slip in parted.slips
-    ]
+    warnings = _warnings(data, sense * answer.m_per_count, way)
+    warnings += [_slipped(slip, sense) for slip in parted.slips]
+    if min(up, down) > _BACK_SHARE * (up + down):
+        back, there = (answer.m_per_count * counts for counts in sorted((up, down)))
+        text = (
+            f"the belt ran {there:.2f} m and {back:.2f} m back; dir is the longer way: is it the usual one?"
+        )
+        warnings.append(Warning_(code="belt.both-ways", text=text))
     reasons = _beyond(answer, config["accept"])
     if parted.left is not None:
         reasons.append(
@@ -144,13 +151,14 @@ def _moved(rows: Rows) -> float:
     return max((float(np.linalg.norm(way)) for way in ways), default=0.0)
 
 
-def _net_counts(rows: Rows) -> float:
-    """How far the counter went with all items; below 0 it counts down on the belt's way.
+def _ways(rows: Rows) -> tuple[float, float]:
+    """How far the counter went up with the items, and how far down (counts, both positive).
 
     A counter that somebody sets while no item is followed across that moves nothing.
     """
-    own = (np.flatnonzero(rows.items == i) for i in np.unique(rows.items))  # rows are in the order of time
-    return float(sum(rows.counts[of[-1]] - rows.counts[of[0]] for of in own))
+    own = (rows.counts[rows.items == i] for i in np.unique(rows.items))  # rows are in the order of time
+    steps = np.concatenate([np.diff(counts) for counts in own])
+    return float(steps[steps > 0.0].sum()), float(-steps[steps < 0.0].sum())
 
 
 def _result(answer: BeltScale, sense: float, way: Any, items: int) -> dict[str, Any]:
@@ -265,6 +273,8 @@ def _open(data: Mapping[str, Any], answer: BeltScale) -> list[str]:
     words = [
         "a camera that is turned by more than camera_turn_95_rad, or whose distance from the belt is off by "
         "more than distance_95_m: it turns dir, and stretches m_per_count, as far",
+        "a belt that is not level in the base: belt_z_m is its height everywhere, and a "
+        "slope of 20 mrad has been 0.2 % of m_per_count",
         "a slip of the encoder's wheel that is no larger than the camera's noise: it is in m_per_count",
     ]
     if data.get("configured") is None:

@@ -139,6 +139,32 @@ def test_a_belt_that_stops_half_way_is_waited_for(tmp_path: Path) -> None:
     run_virtual(scene())
 
 
+def test_a_belt_that_ran_both_ways_is_warned_of(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with belt_cell(tmp_path) as cell:
+            run_id = await cell.start()
+            await cell.until(lambda: cell.engine.run and cell.engine.run.step > 30, "sightings")
+            cell.plant.plant("belt").inject("belt-reverse", {"for_s": 2.0})
+            assert (await cell.finished(run_id))["verdict"] == "warn"
+            assert "belt.both-ways" in [w["code"] for w in answer(cell, run_id)["warnings"]]
+
+    run_virtual(scene())
+
+
+def test_a_counter_that_is_set_meanwhile_does_not_turn_its_way_round(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with belt_cell(tmp_path, {"m_per_count": "1.013e-4"}) as cell:
+            run_id = await cell.start()
+            await cell.until(lambda: cell.engine.run and cell.engine.run.step > 30, "sightings")
+            encoder = cell.plant.encoder.encoder
+            now = cell.clock.now()
+            encoder.preset(now, encoder.position(now) - 30000)
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            assert_true(cell, answer(cell, run_id))
+
+    run_virtual(scene())
+
+
 def test_finished_early_it_solves_what_it_has_and_says_so(tmp_path: Path) -> None:
     async def scene() -> None:
         async with belt_cell(tmp_path) as cell:
