@@ -20,18 +20,18 @@ from cell.procedure import Run
 from procedures.belt.choice import Choice
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.corner import corner
-from procedures.belt.items import CONTACT, Item, Outcome, life
+from procedures.belt.items import CONTACT, Item, Outcome
 from procedures.belt.joints import ToolJoints, on_piece
 from procedures.belt.lag import Lag
 from procedures.belt.meeting import Aim, strategy
 from procedures.belt.states import PickState as S
+from procedures.belt.upkeep import Upkeep
 from procedures.belt.watch import BeltWatch
 from procedures.belt.way import AHEAD_S, Way, pursuit_limits
 
 STEP_S = 0.02  # between decisions
 LEARN_S = 0.04  # between looks at what has come in, but for the last of the way to an item
 LEAD_S = 0.012  # from a decision to where it begins to act
-PUBLISH_S = 0.2
 GRIPPER_STUCK = "the confirm input stays on after the gripper was opened"
 CLOSE = frozenset({S.DESCEND, S.GRIP})
 MET_M, MET_M_S, MET_RAD = 0.0003, 0.02, 0.02  # from rest on an item
@@ -46,12 +46,13 @@ class Picker:
         run: Run,
         config: BeltTrackingConfig,
         watch: BeltWatch,
+        upkeep: Upkeep,
         tool: ToolJoints,
         guard: MotionGuard,
         wait: State,
         place: State,
     ) -> None:
-        self._run, self._config, self._watch, self._tool = run, config, watch, tool
+        self._run, self._config, self._watch, self._upkeep, self._tool = run, config, watch, upkeep, tool
         self._wait, self._place = Place(wait.p), Place(place.p)
         limits = config.limits
         axis = MotionLimits(limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3)
@@ -66,7 +67,6 @@ class Picker:
         self._gripper: Gripper = run.gripper()
         self._arm = run.arm()
         self._task: asyncio.Task[bool] | None = None
-        self._writing: list[asyncio.Task[None]] = []
         self._lag = Lag()
         self._held = False
         self._foot_m = 0.0
@@ -76,7 +76,7 @@ class Picker:
         self._phase: Callable[[float], Coroutine[Any, Any, bool]] = self._ready
         self._way = Way(tool, limits, guard, wait)
         self._choice = Choice(config, watch, tool, float(wait.p[3]), self._descent_s)
-        self._published = self._learnt = -np.inf
+        self._learnt = -np.inf
         self._standing_since: float | None = None
         self.standing = False
 
@@ -87,6 +87,7 @@ class Picker:
         self._way.start(t, q, self._wait)
         self._phase, self.standing, self._standing_since = self._ready, False, None
         here = q, np.zeros(6)
+        self._upkeep.streaming = True
         try:
             while True:
                 await self._learn()
@@ -103,7 +104,7 @@ class Picker:
             await self._end_task()
             if self._item is not None and self._item.touched:  # in the gripper, or where the arm stopped
                 await self._end_item(Outcome.LOST)
-            await asyncio.gather(*self._writing)
+            self._upkeep.streaming = False
 
     def _keep(self, t: float) -> None:
         """This set-point, for whoever looks at the run later."""
@@ -115,24 +116,13 @@ class Picker:
 
     async def _learn(self) -> None:
         now = self._run.clock.now()
-        while self._writing and self._writing[0].done():
-            self._writing.pop(0).result()
         if (sample := self._arm.state.last()) is not None:
             self._lag.look(sample.t, sample.value.q)
         if self._run.state not in CLOSE and now - self._learnt < LEARN_S - 0.5 * STEP_S:
             return
         self._learnt = now
-        self._watch.learn()
-        for item in self._watch.missed(now, self._item):
-            self._ended(item)
+        self._upkeep.look(self._item)
         self._judge_belt(now)
-        if now - self._published >= PUBLISH_S:
-            self._published = now
-            forecast = self._watch.forecast
-            position = 0.0 if forecast is None else forecast.travel(forecast.now)
-            self._run.publish(
-                belt_speed_m_s=self._watch.speed(), belt_position_m=position, **self._watch.queue.live()
-            )
 
     def _judge_belt(self, now: float) -> None:
         """A belt that stands for long, or runs backward, is waited for at rest."""
@@ -153,17 +143,6 @@ class Picker:
     @property
     def _rest_wanted(self) -> bool:
         return self._run.wants_rest or self.standing or self.enough
-
-    def _ended(self, item: Item) -> None:
-        """Keep what became of ``item`` in journal and ledger."""
-        assert item.outcome is not None
-        run, detail = self._run, life(item)
-        if self._watch.record is not None:
-            self._watch.record.ended(item)
-        run.note("decision", event="item", item=item.number, outcome=item.outcome.value, **detail)
-        written = run.cell.add_item(run, item.number, run.clock.now(), item.outcome.value, detail)
-        self._writing.append(asyncio.create_task(written, name="item"))  # the disk must not hold the stream
-        run.progress(self._watch.queue.counts[Outcome.PICKED], self._config.picks)
 
     # -- phases: each decides about the leg from ``t`` on; False ends the stream
 
@@ -423,7 +402,7 @@ class Picker:
         item, self._item = self._item, None
         if item is not None and item.outcome is None:
             self._watch.queue.end(item, outcome, self._run.clock.now())
-            self._ended(item)
+            self._upkeep.ended(item)
 
     # -- the gripper works beside the stream
 

@@ -21,6 +21,7 @@ from procedures.belt.picker import GRIPPER_STUCK, Picker
 from procedures.belt.record import PickRecord, header_of
 from procedures.belt.sight import Sight
 from procedures.belt.states import CHECKPOINTS, PICKING, PickState
+from procedures.belt.upkeep import Upkeep
 from procedures.belt.watch import BeltWatch
 from procedures.kinematics_in_use import require_same_model
 
@@ -71,10 +72,12 @@ class BeltTracking(Procedure):
         with picking.watch:
             await picking.camera.set_items(picking.sight.spec())
             try:
-                with suppress(FinishRequested):
-                    await picking.go()
+                try:
+                    with suppress(FinishRequested):
+                        await picking.upkeep.beside(picking.go())
+                finally:
+                    await asyncio.shield(picking.upkeep.close())
             finally:
-                run.publish(**picking.watch.queue.live())  # the counters stay readable, however the job ends
                 await asyncio.shield(picking.camera.set_items(None))
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
@@ -93,6 +96,7 @@ class _Picking:
         self.watch = BeltWatch(run.encoder(), self.camera, self.sight, values["belt"], config)
         self.watch.learnt = BeltLive(run).look
         self.watch.tell = lambda event, **what: run.note("decision", event=event, **what)
+        self.upkeep = Upkeep(run, self.watch, config.picks)
         self.q_wait: Array = np.array(values["poses"][config.wait_pose])
         self.q_place: Array = np.array(values["poses"][config.place_pose])
         self.tool = ToolJoints(arm_model(values), from_pose6(values["tool"]["T_flange_tool"]), self.q_wait)
@@ -139,7 +143,7 @@ class _Picking:
         """Stream until the belt stands (True) or enough is picked (False); pauses end in READY."""
         run = self.run
         wait, place = self.tool.state(self.q_wait), self._place()
-        picker = Picker(run, self.config, self.watch, self.tool, self.guard, wait, place)
+        picker = Picker(run, self.config, self.watch, self.upkeep, self.tool, self.guard, wait, place)
         while not picker.enough:
             await lease.stream(picker.pieces(self.arm.state.latest(0.1).value.q))
             if picker.standing:
@@ -160,5 +164,4 @@ class _Picking:
             run.suspend("the belt stands or runs backward")
             while self.watch.speed() < config.standing_m_s and not run.wants_rest:
                 await run.clock.sleep(LOOK_S)
-                self.watch.learn()
             run.unsuspend()

@@ -96,8 +96,8 @@ class BeltWatch:
         rise = float(self.tracker.direction[2])
         return along * self._flat_length + rise * self._config.belt_z_m
 
-    def learn(self) -> list[Item]:
-        """Take in what has been seen since; returns the items that are gone, ended or not.
+    def learn(self) -> None:
+        """Take in what has been seen since, and forget the items that have ended and are far past.
 
         ``BELT_ASTRAY`` when counts and pictures have not agreed for too long.
         """
@@ -108,15 +108,14 @@ class BeltWatch:
         while self._frames and forecast is not None and self._frames[0].t <= forecast.now:
             self._take(self._frames.popleft().value, forecast)
         if forecast is None:
-            return []
-        gone = self.queue.beyond(self._from_zone(self._config.zone.max_m + KEEP_M, forecast))
-        if gone:
+            return
+        past = self.queue.beyond(self._from_zone(self._config.zone.max_m + KEEP_M, forecast))
+        if gone := [item for item in past if item.outcome is not None]:
             self.queue.keep([item for item in self.queue.items if item not in gone])
             for item in gone:
                 self.tracker.forget(item.key)
         if self.learnt is not None:
             self.learnt(self, forecast)
-        return gone
 
     def missed(self, now: float, in_hand: Item | None) -> list[Item]:
         """Items but ``in_hand`` that have left the zone unpicked, or whose place nobody knows any more;
@@ -169,6 +168,8 @@ class BeltWatch:
     def _frame(self, sample: Sample[Frame]) -> None:
         self.stall.picture(self._encoder.counts.clock.now())
         self._frames.append(sample)
+        while self._frames[0].t < sample.t - LOOK_BACK_S:
+            self._frames.popleft()
 
     def _take(self, frame: Frame, forecast: Forecast) -> None:
         """Hold the frame back while it is in doubt, and with it those that it makes credible."""

@@ -26,6 +26,7 @@ class Told:
     rows: Sequence[Mapping[str, Any]]
     events: Sequence[str]
     registers: Mapping[str, float]
+    counted: Mapping[str, int] | None = None  # the journal's last count: ``seen``, and still ``waiting``
 
     @property
     def outcomes(self) -> dict[str, int]:
@@ -48,6 +49,8 @@ class Told:
         misses = {outcome.value: self.registers.get(name, 0) for outcome, name in MISSES.items()}
         assert {**misses, "picked": self.registers.get("picks", 0)} == outcomes, where
         assert self.registers.get("misses", 0) == sum(misses.values()), where
+        if self.counted is not None:
+            assert self.counted["seen"] == len(self.rows) + self.counted["waiting"], (where, self.counted)
 
 
 def truth_of(cell: ObjectCell) -> Truth:
@@ -60,7 +63,10 @@ def truth_of(cell: ObjectCell) -> Truth:
 
 def told(cell: ObjectCell, run_id: int) -> Told:
     events = [line["outcome"] for line in cell.notes(run_id, "item")]
-    return Told(cell.ledger.items(run_id), events, PlcFace(cell.config, cell.engine).snapshot())
+    counts = [{key: line[key] for key in ("seen", "waiting")} for line in cell.notes(run_id, "counted")]
+    assert len(counts) <= 1
+    counted = counts[0] if counts else {"seen": 0, "waiting": 0}  # it ended before it looked at the belt
+    return Told(cell.ledger.items(run_id), events, PlcFace(cell.config, cell.engine).snapshot(), counted)
 
 
 def counted(cell: ObjectCell, run_id: int) -> dict[str, int]:
