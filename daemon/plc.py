@@ -22,11 +22,12 @@ READY, BUSY, DONE, FAULT, WARNING = (1 << i for i in range(5))
 RESULT_VALID, ARM_OK, CAMERA_OK = 1 << 6, 1 << 7, 1 << 8
 ENCODER_OK, BEAMS_OK, TRACKER_OK = 1 << 9, 1 << 10, 1 << 11
 STOPPED_BY_SAFETY, TWIN = 1 << 13, 1 << 14
-LIVE = {
-    "belt_speed_m_s", "belt_position_m", "picks", "misses", "queue_length",
-    "missed_not_detected", "missed_out_of_zone", "missed_lost", "missed_grip_failed",
+COUNTERS = {
+    "picks", "misses", "missed_not_detected", "missed_out_of_zone", "missed_lost", "missed_grip_failed",
     "missed_queue_full",
 }  # fmt: skip
+OF_NOW = {"belt_speed_m_s", "belt_position_m", "queue_length"}
+NOT_AT_WORK = WAITING | {PackML.STOPPING, PackML.ABORTING, PackML.COMPLETING}
 SAFETY_ERRORS = {"ARM_PROTECTIVE_STOP", "ARM_EMERGENCY_STOP", "ARM_SAFEGUARD_STOP"}
 
 
@@ -128,7 +129,7 @@ class PlcFace:
             **_tool_registers(found),
             "kinematic_rms_m": _kinematic_rms(found),
             "predicted_95_m": _predicted_95(answer),
-            **self._live_registers(status, last, found),
+            **self._live_registers(status, last),
         }
 
     def _bits(self, status: dict[str, Any], last: dict[str, Any] | None, found: Mapping[str, Any]) -> int:
@@ -156,15 +157,14 @@ class PlcFace:
         }
         return sum(bit for bit, on in bits.items() if on)
 
-    def _live_registers(
-        self, status: Mapping[str, Any], last: Mapping[str, Any] | None, found: Mapping[str, Any]
-    ) -> dict[str, float]:
-        """What a running job says of now, else the counters that the last one ended with, in whatever way."""
-        live: dict[str, float] = status["live"] or found.get("counters") or {}
+    def _live_registers(self, status: Mapping[str, Any], last: Mapping[str, Any] | None) -> dict[str, float]:
+        """What a job at work says of now; of one that ends or has ended, in whatever way, its counters."""
+        live: Mapping[str, float] = status["live"]
         run = self._engine.run
-        if not live and last is not None and run is not None and run.id == last["run_id"]:
+        if last is not None and run is not None and run.id == last["run_id"]:
             live = run.live
-        return {name: value for name, value in live.items() if name in LIVE}
+        names = COUNTERS if self._engine.packml in NOT_AT_WORK else COUNTERS | OF_NOW
+        return {name: value for name, value in live.items() if name in names}
 
     def _ok(self, role: str) -> bool:
         name = self._config.robot.roles().get(role)

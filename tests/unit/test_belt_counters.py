@@ -16,6 +16,8 @@ from tests.unit.picking_truth import agrees_with_the_world, counted
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
 
+OF_NOW = ("belt_speed_m_s", "belt_position_m", "queue_length")
+
 
 def registers(cell: ObjectCell) -> dict[str, Any]:
     return PlcFace(cell.config, cell.engine).snapshot()
@@ -73,6 +75,37 @@ def test_items_that_creep_out_of_the_zone_while_the_belt_as_good_as_stands_are_m
         agrees_with_the_world(cell, run_id)
 
     scene(tmp_path, script, standing_m_s=0.05)
+
+
+def test_registers_of_a_job_that_holds_are_of_now(tmp_path: Path) -> None:
+    async def script(cell: ObjectCell) -> None:
+        await held(cell)
+        belt = cell.plant.world.belt
+        assert belt is not None
+        before = registers(cell)["belt_position_m"]
+        await cell.clock.sleep(1.0)
+        assert registers(cell)["belt_position_m"] > before + 0.1
+        belt.run(cell.clock.now(), 0.0)
+        await cell.clock.sleep(2.0)
+        assert registers(cell)["belt_speed_m_s"] == pytest.approx(0.0, abs=1e-3)
+
+    scene(tmp_path, script)
+
+
+@pytest.mark.parametrize("way", ["finish", "abort"])
+def test_after_the_end_only_the_counters_stay_to_be_read(tmp_path: Path, way: str) -> None:
+    async def script(cell: ObjectCell) -> None:
+        run_id = await cell.start()
+        await cell.until(lambda: counted(cell, run_id)["picked"], "a pick")
+        assert all(registers(cell)[name] for name in OF_NOW)
+        await getattr(cell.engine, way)("test")
+        await cell.finished(run_id)
+        shown = registers(cell)
+        assert shown["picks"] >= 1
+        assert not any(name in shown for name in OF_NOW)
+        agrees_with_the_world(cell, run_id)
+
+    scene(tmp_path, script)
 
 
 def test_hands_at_the_belt_during_a_pause_do_not_end_the_job(tmp_path: Path) -> None:
