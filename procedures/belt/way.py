@@ -131,7 +131,7 @@ class Way:
             ahead = [self._leg.at(t + k * AHEAD_S) for k in NODES]
             Q, Qd = self._tool.line(ahead, here[0] + AHEAD_S * np.array(NODES)[:, None] * here[1])
             piece = self._tool.piece(t, AHEAD_S, [here, *zip(Q, Qd, strict=True)])
-            ways = [self._leg.at(t + k * AHEAD_S).v[:3] for k in (0.5, 1.0, 1.5, 2.0)]
+            ways = [self._leg.at(t + k * AHEAD_S).v[:3] for k in (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)]
             slow = max(float(np.linalg.norm(v)) for v in ways) <= TOOL_SHARE * limits.speed_m_s
             if slow and fastest_joint(piece) <= BRAKE_SHARE * limits.joint_speed_rad_s:
                 break
