@@ -194,6 +194,7 @@ class Run:
         self.live: dict[str, float] = {}  # numbers of now, by the names of registers
         self.traces: dict[str, Trace] = {}
         self._notebook, self._publish = notebook, publish
+        self.picks_wanted = True  # no item is begun while they are not
         self._finish = False
         self._hold_wanted = False
         self._released = asyncio.Event()
@@ -332,6 +333,12 @@ class Run:
         self._released.set()
         if self.packml is PackML.HOLDING:
             self._set_packml(PackML.EXECUTE)
+
+    def want_picks(self, wanted: bool, who: str) -> None:
+        """``False``: a job that picks begins no new item, until somebody outside wants it again."""
+        if wanted != self.picks_wanted:
+            self.picks_wanted = wanted
+            self.note("operator", event="picks wanted" if wanted else "no new picks", who=who)
 
     def _set_packml(self, state: PackML) -> None:
         self.packml = state

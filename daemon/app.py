@@ -144,6 +144,7 @@ def _modbus(config: CellConfig, engine: Engine, ledger: Ledger) -> ModbusFace:
         plc.snapshot,
         audit=lambda *line: ledger.audit("modbus", *line),
         on_plc=plc.heartbeat_changed,
+        on_picks=plc.picks_wanted_changed,
         last_sequence=ledger.get_state(SEQUENCE_KEY, 0),
         remember=lambda sequence: ledger.set_state(SEQUENCE_KEY, sequence),
     )

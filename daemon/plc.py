@@ -99,6 +99,10 @@ class PlcFace:
             self._engine.hold("the PLC's heartbeat is lost")
             log.warning("the PLC's heartbeat is lost: the job holds")
 
+    def picks_wanted_changed(self, wanted: bool, client: str) -> None:
+        """The PLC has set (``False``) or cleared its bit *no new picks*."""
+        self._engine.want_picks(wanted, f"PLC {client}")
+
     def snapshot(self) -> dict[str, Any]:
         """The status block by register name.
 

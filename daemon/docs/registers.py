@@ -34,6 +34,11 @@ The same sequence again does nothing, so a lost reply may be retried. What stand
 starts is no command. Abort and halt withdraw commands before them that are still under way. Completion is not
 success: read the status bits; the verdict belongs to `run_id`. Once `plc_heartbeat` has been seen, its
 silence holds the job, and only abort and halt are taken.
+
+*No new picks* is a level: while it is set, `belt-tracking` waits above the belt in Suspended, and what passes
+is counted as missed. It belongs to no run: one that starts while the bit is set waits, too, whoever started
+it, and its journal names the client that set it. A restart of the daemon clears it with all other control
+bits.
 """
 
 

@@ -40,7 +40,8 @@ class ModbusFace:
 
     ``on_command`` carries out one command and gives its result code; ``snapshot`` gives the status block by
     register name (what is absent is 0; sequence, result code, heartbeat and the bits automatic, PLC heartbeat
-    and toggle are this class's own). ``on_plc(alive)`` hears when the PLC's heartbeat is lost and returns.
+    and toggle are this class's own). ``on_plc(alive)`` hears when the PLC's heartbeat is lost and returns,
+    ``on_picks(wanted, client)`` when the PLC clears or sets *no new picks*.
     ``audit(who, what, accepted, detail)`` and ``remember(sequence)`` may block; they run in a thread.
     """
 
@@ -53,12 +54,14 @@ class ModbusFace:
         *,
         audit: Audit | None = None,
         on_plc: Callable[[bool], None] = lambda alive: None,
+        on_picks: Callable[[bool, str], None] = lambda wanted, client: None,
         last_sequence: int = 0,
         remember: Callable[[int], None] | None = None,
         table: RegisterTable | None = None,
     ) -> None:
         self._config, self._clock = config, clock
-        self._on_command, self._snapshot, self._on_plc = on_command, snapshot, on_plc
+        self._on_command, self._snapshot = on_command, snapshot
+        self._on_plc, self._on_picks = on_plc, on_picks
         self._table = table or register_table()
         self._low_first = config.word_order == "low-first"
         self._allowed = [ipaddress.ip_network(entry) for entry in config.allow_clients]
@@ -88,10 +91,6 @@ class ModbusFace:
     def control(self) -> int:
         """The control bits as the PLC last wrote them."""
         return self._registers[CONTROL]
-
-    @property
-    def no_new_picks(self) -> bool:
-        return bool(self.control & NO_NEW_PICKS)
 
     @property
     def plc_alive(self) -> bool:
@@ -223,6 +222,8 @@ class ModbusFace:
 
     def _control_written(self, before: int, client: str) -> None:
         """A rising fault reset bit is command 7; a bit that is up in the first word written is no edge."""
+        if (self.control ^ before) & NO_NEW_PICKS:
+            self._on_picks(not self.control & NO_NEW_PICKS, client)
         rising = self.control & ~before & FAULT_RESET
         first, self._control_seen = not self._control_seen, True
         if rising and not first:

@@ -145,11 +145,22 @@ class _Picking:
         wait, place = self.tool.state(self.q_wait), self._place()
         picker = Picker(run, self.config, self.watch, self.upkeep, self.tool, self.guard, wait, place)
         while not picker.enough:
+            await self._until_picks_are_wanted()
             await lease.stream(picker.pieces(self.arm.state.latest(0.1).value.q))
             if picker.standing:
                 return True
             await run.enter(S.READY)
         return False
+
+    async def _until_picks_are_wanted(self) -> None:
+        """Somebody outside wants no new picks for now: suspended, at rest above the belt."""
+        run = self.run
+        while not run.picks_wanted:
+            run.suspend("no new picks are wanted")
+            while not run.picks_wanted and not run.wants_rest:
+                await run.clock.sleep(LOOK_S)
+            run.unsuspend()
+            await run.enter(S.READY)
 
     def _place(self) -> State:
         return self.tool.state(self.q_place)
