@@ -6,7 +6,7 @@ answers depends on nothing else, neither on earlier questions nor on the time of
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -31,6 +31,9 @@ _CHANGED = 0.2  # s; the motion is new
 _SHORT = 0.15  # s; a window so short may be cut by stray frames
 _LEARNING = 4  # searches from the start that are no measure of later ones
 _ORIGINS = 42  # past forecasts that tell how good forecasts are
+_AFTER = 20 * NEAR  # frames after an instant long ago that its window holds
+_SHARED = 64  # frames; instants long ago within so many look at one window
+_WINDOWS, _SETTLED = 32, 4096  # such windows and instants that are kept at hand
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,9 @@ class BeltEstimator:
         self._motions: dict[int, Motion] = {}
         self._latest: tuple[int, Forecast] | None = None
         self._speeds = Speeds()
+        # Items are asked about again and again, and what was counted long before does not change.
+        self._old_view = lru_cache(_WINDOWS)(self._view_of_old)
+        self._settled = lru_cache(_SETTLED)(self._settle)
 
     def __len__(self) -> int:
         return len(self._history)
@@ -192,9 +198,27 @@ class BeltEstimator:
 
     def _around(self, size: int, motion: Motion, t: Array) -> tuple[Array, Array]:
         """Travel (counts) at past ``t`` (k,) from the first ``size`` frames, and its standard deviation."""
-        begin, times = motion.begin, motion.timed.t
-        if float(np.min(t)) < times[min(NEAR, len(times) - 1)] and begin > self._history.first:
-            k = max(self._history.find(float(np.max(t)), size), self._history.first)
-            begin, timed = self._view(min(k + 20 * NEAR, size))
-            times = timed.t
-        return smooth(times, self._history.n(begin, begin + len(times)), t)
+        history, begin, times = self._history, motion.begin, motion.timed.t
+        old = t < times[min(NEAR, len(times) - 1)]
+        if begin <= history.first or not old.any():
+            return smooth(times, history.n(begin, begin + len(times)), t)
+        value, sigma = np.empty(len(t)), np.empty(len(t))
+        if not old.all():
+            value[~old], sigma[~old] = self._around(size, motion, t[~old])
+        for k in np.flatnonzero(old):
+            at = float(t[k])
+            after = max(history.find(at, size), history.first) + _AFTER
+            end = min(after + -after % _SHARED, size)
+            value[k], sigma[k] = self._settled(at, end, history.first)
+        return value, sigma
+
+    def _settle(self, t: float, end: int, first: int) -> tuple[float, float]:
+        """Travel (counts) at ``t`` long ago and its standard deviation, from the window before ``end``."""
+        begin, timed = self._old_view(end, first)
+        value, sigma = smooth(timed.t, self._history.n(begin, end), np.array([t]))
+        return float(value[0]), float(sigma[0])
+
+    def _view_of_old(self, end: int, first: int) -> tuple[int, Timed]:
+        """The window before frame ``end``, while ``first`` is the oldest that is kept."""
+        del first
+        return self._view(end)

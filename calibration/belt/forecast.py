@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.belt.clock import Timed
 from calibration.belt.fit import Judge, Window
@@ -41,9 +42,9 @@ class Motion:
             return "ripple"
         return ("line", "bend")[self.fit.order - 1]
 
-    def covers(self, t: float) -> bool:
-        """Whether ``t`` is inside the window of the fit, or later."""
-        return self.fit.ok and t >= self.now - self.fit.length
+    def covers(self, t: Array) -> NDArray[np.bool_]:
+        """Which of ``t`` are inside the window of the fit, or later."""
+        return np.asarray(self.fit.ok & (t >= self.now - self.fit.length))
 
     def position(self, t: Array) -> Array:
         """Counts at ``t`` (k,)."""
@@ -131,9 +132,17 @@ class Forecast:
 
     def travel(self, t: float) -> float:
         """Travel since the first count, m."""
-        if t > self.now or self.motion.covers(t):
-            return float(self.motion.position(np.array([t]))[0]) * self.m_per_count
-        return float(self._around(np.array([t]))[0][0]) * self.m_per_count
+        return float(self.travelled(np.array([t]))[0])
+
+    def travelled(self, t: Array) -> Array:
+        """Travel since the first count at any times (k,), m."""
+        known = (t > self.now) | self.motion.covers(t)
+        if known.all():
+            return self.travels(t)
+        counts = np.empty(len(t))
+        counts[known] = self.motion.position(t[known])
+        counts[~known] = self._around(t[~known])[0]
+        return counts * self.m_per_count
 
     def travels(self, t: Array) -> Array:
         """Travel at later times (k,), m."""
@@ -149,7 +158,7 @@ class Forecast:
 
     def sigma(self, a: float, b: float) -> float:
         """Standard deviation of the travel from ``a`` to ``b``, m."""
-        if a > self.now or self.motion.covers(a):
+        if a > self.now or self.motion.covers(np.array(a)):
             variance = self.motion.variance(a, b)
         else:
             variance = (

@@ -201,7 +201,7 @@ class BeltTracker:
     ) -> tuple[Array, Array, Array]:
         """Positions along, across and up (k,) with the travel of the belt taken off."""
         xy = np.array([s.xy for s in sightings])
-        travel = np.array([forecast.travel(s.t) for s in sightings])
+        travel = forecast.travelled(np.array([s.t for s in sightings]))
         across = self._across()
         flat = float(np.linalg.norm(self.direction[:2]))
         for slip in self._slips:

@@ -1,6 +1,6 @@
 """From what the camera sees to places on the belt."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,7 +52,11 @@ class Sight:
             "size_m": [look.min_size_m, look.max_size_m],
         }
 
-    def seen(self, view: ItemView) -> Seen:
-        """``view`` in the base."""
-        axis = self.T_base_camera.rotation.apply(view.axis)
-        return Seen(self.T_base_camera.apply(view.point), float(np.arctan2(axis[1], axis[0])))
+    def seen(self, views: Sequence[ItemView]) -> list[Seen]:
+        """``views`` in the base, all at once: a picture of a full belt must not hold the stream."""
+        if not views:
+            return []
+        points = self.T_base_camera.apply([view.point for view in views])
+        axes = self.T_base_camera.rotation.apply([view.axis for view in views])
+        yaws = np.arctan2(axes[:, 1], axes[:, 0])
+        return [Seen(point, float(yaw)) for point, yaw in zip(points, yaws, strict=True)]

@@ -47,6 +47,7 @@ class BeltWatch:
         self.tracker = BeltTracker(BeltEstimator(self._scale), self._direction)
         #: The belt's motion as it was last learnt: counts come all the time, and each changes it a little.
         self.forecast: Forecast | None = None
+        self._tracks: dict[int, Track | None] = {}  # as it foretells them
         self._epoch, self._since = encoder.counts.epoch, -np.inf
         self._unplaced: list[Item] = []  # by an encoder that began to count anew
         self._over: list[Item] = []  # more than the queue takes
@@ -85,8 +86,10 @@ class BeltWatch:
         return 0.0 if forecast is None else forecast.speed(forecast.now)
 
     def track(self, item: Item) -> Track | None:
-        """``item`` as it is foretold now."""
-        return self.tracker.track(item.key, self.forecast)
+        """``item`` as it is foretold now, until :meth:`learn` knows more."""
+        if item.number not in self._tracks:
+            self._tracks[item.number] = self.tracker.track(item.key, self.forecast)
+        return self._tracks[item.number]
 
     def along_zone(self, item: Item) -> float:
         """Where ``item`` is now, dot(p, dir) in the base, m; from its place on the belt alone."""
@@ -103,6 +106,7 @@ class BeltWatch:
         """
         now = self._encoder.counts.clock.now()
         forecast = self.forecast = self.tracker.belt.forecast()
+        self._tracks.clear()
         if (waited := self.stall.look(now)) is not None:
             self.tell("camera stall" if self.stall.on else "camera back", waited_s=round(waited, 3))
         while self._frames and forecast is not None and self._frames[0].t <= forecast.now:
@@ -161,6 +165,7 @@ class BeltWatch:
         lie is not known any more."""
         self._epoch, self._since = self._encoder.counts.epoch, t
         self.tracker, self.forecast = BeltTracker(BeltEstimator(self._scale), self._direction), None
+        self._tracks.clear()
         self._unplaced += [item for item in self.queue.items if item.outcome is None]
         self.queue.keep([])
         self._slip_watch, self._doubted = SlipWatch(self._config.spacing_m), []
@@ -175,7 +180,7 @@ class BeltWatch:
         """Hold the frame back while it is in doubt, and with it those that it makes credible."""
         if forecast.now - frame.t_exposure > LOOK_BACK_S or frame.t_exposure < self._since:
             return
-        look = _Look(frame, [self._sight.seen(view) for view in frame.items or ()])
+        look = _Look(frame, self._sight.seen(frame.items or ()))
         travel = forecast.travel(frame.t_exposure)
         sigma = max((view.sigma_m for view in frame.items or ()), default=0.0)
         trust = self._slip_watch.look(Places(frame.t_exposure, travel, self._places(look, travel), sigma))
