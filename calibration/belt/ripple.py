@@ -73,21 +73,25 @@ class Ripple:
 
     def gradient(self, s: Array) -> Array:
         """Derivative of the position by (c, f), shape (k, parameters)."""
-        return _jacobian(s, self.f, self.order, 0.0, self.c)
+        return _with_frequencies(_basis(s, self.f, self.order, 0.0), s, self.order, self.c)
 
 
 def _basis(s: Array, f: Array, order: int, width: float) -> Array:
     x = 2.0 * np.pi * s[:, None] * f
     damp = np.sinc(f * width)  # a mean over ``width`` sees that much of a sinusoid
-    waves = np.stack([np.cos(x) * damp, np.sin(x) * damp], axis=2).reshape(len(s), -1)
-    return np.concatenate([s[:, None] ** np.arange(order + 1), waves], axis=1)
+    out = np.empty((len(s), order + 1 + 2 * len(f)))
+    out[:, 0] = 1.0
+    for p in range(1, order + 1):
+        np.multiply(out[:, p - 1], s, out=out[:, p])
+    np.multiply(np.cos(x), damp, out=out[:, order + 1 :: 2])
+    np.multiply(np.sin(x), damp, out=out[:, order + 2 :: 2])
+    return out
 
 
-def _jacobian(s: Array, f: Array, order: int, width: float, c: Array) -> Array:
-    basis = _basis(s, f, order, width)
-    waves = basis[:, order + 1 :]
+def _with_frequencies(basis: Array, s: Array, order: int, c: Array) -> Array:
+    """The Jacobian by (c, f): ``basis`` and the derivatives by the frequencies."""
     a, b = c[order + 1 :: 2], c[order + 2 :: 2]
-    by_f = 2.0 * np.pi * s[:, None] * (waves[:, ::2] * b - waves[:, 1::2] * a)
+    by_f = 2.0 * np.pi * s[:, None] * (basis[:, order + 1 :: 2] * b - basis[:, order + 2 :: 2] * a)
     return np.concatenate([basis, by_f], axis=1)
 
 
@@ -124,7 +128,7 @@ def _fit(s: Array, n: Array, coarse: Blocks, judge: Judge) -> Ripple | None:
     grid = np.arange(_SLOWEST / length, min(_FASTEST, 0.4 / coarse.width), _STEP / length)
     if len(cs) < 12 or not len(grid):
         return None
-    waves = np.exp(2j * np.pi * cs[:, None] * grid)
+    waves = _waves(cs, grid)
     best: Ripple | None = None
     f = np.zeros(0)
     score = np.inf
@@ -145,20 +149,47 @@ def _fit(s: Array, n: Array, coarse: Blocks, judge: Judge) -> Ripple | None:
     return best
 
 
+@dataclass(frozen=True)
+class _Waves:
+    """cos and sin (k, m) of every frequency of a grid at the times (k,), and sums of their products (m,)."""
+
+    cos: Array
+    sin: Array
+    cc: Array
+    ss: Array
+    cs: Array
+
+
+def _waves(s: Array, grid: Array) -> _Waves:
+    """``grid`` is even: a wave of it is one of the coarse steps times one of the fine ones between them."""
+    fine = round(np.sqrt(len(grid)))
+    coarse = -(-len(grid) // fine)
+    step = grid[1] - grid[0] if len(grid) > 1 else 0.0
+    turn = 2j * np.pi * s[:, None]
+    steps = np.exp(turn * (grid[0] + step * fine * np.arange(coarse)))
+    between = np.exp(turn * (step * np.arange(fine)))
+    waves = (steps[:, :, None] * between[:, None, :]).reshape(len(s), -1)[:, : len(grid)]
+    cos, sin = np.ascontiguousarray(waves.real), np.ascontiguousarray(waves.imag)
+    sums = (np.einsum("km,km->m", a, b) for a, b in ((cos, cos), (sin, sin), (cos, sin)))
+    return _Waves(cos, sin, *sums)
+
+
 def _order(f: Array, length: float) -> int:
     """A parabola only where it cannot be mistaken for a slow sinusoid."""
     return 2 if len(f) and float(np.min(f)) * length > 2.5 else 1
 
 
-def _strongest(s: Array, n: Array, f: Array, order: int, waves: Array, grid: Array, width: float) -> float:
+def _strongest(s: Array, n: Array, f: Array, order: int, waves: _Waves, grid: Array, width: float) -> float:
     """The grid's frequency that takes most from what polynomial and present sinusoids leave."""
     V = _basis(s / -s[0], f * -s[0], order, 0.0)
     Q, _ = np.linalg.qr(V)
     r = n - Q @ (Q.T @ n)
-    C, S = np.real(waves), np.imag(waves)
-    C, S = C - Q @ (Q.T @ C), S - Q @ (Q.T @ S)
-    cc, ss, cs = (C * C).sum(axis=0), (S * S).sum(axis=0), (C * S).sum(axis=0)
-    rc, rs = r @ C, r @ S
+    # What polynomial and present sinusoids explain of each wave is taken off its squares, not off the wave.
+    C, S = Q.T @ waves.cos, Q.T @ waves.sin
+    cc = waves.cc - (C * C).sum(axis=0)
+    ss = waves.ss - (S * S).sum(axis=0)
+    cs = waves.cs - (C * S).sum(axis=0)
+    rc, rs = r @ waves.cos, r @ waves.sin
     det = cc * ss - cs * cs
     gain = np.where(
         det > 1e-4 * cc * ss + 1e-12,
@@ -173,47 +204,58 @@ def _strongest(s: Array, n: Array, f: Array, order: int, waves: Array, grid: Arr
 def refine(data: Blocks, f: Array, judge: Judge, order: int) -> tuple[Ripple | None, float]:
     """All parameters together from the start frequencies ``f``; and the sum of squared residuals."""
     length = -float(data.s[0])
-    f = np.array(f, dtype=float)
-    c, rss = _linear(data, f, order)
+    now = _linear(data, np.array(f, dtype=float), order)
+    N, b, scale = now.normal(data.s, order)
     damping = 1e-3
     for _ in range(_ROUNDS):
-        J = _jacobian(data.s, f, order, data.width, c)
-        r = data.n - J[:, : len(c)] @ c
-        scale = np.linalg.norm(J, axis=0) + 1e-300
-        A = J / scale
-        N = A.T @ A
-        step = np.linalg.solve(N + damping * np.eye(len(N)), A.T @ r) / scale
-        df = np.clip(step[len(c) :], -0.3 / length, 0.3 / length)
-        trial = np.clip(f + df, 0.3 / length, 1.2 * _FASTEST)
-        c_new, rss_new = _linear(data, trial, order)
-        if rss_new < rss:
-            done = rss - rss_new < 1e-4 * rss
-            f, c, rss, damping = trial, c_new, rss_new, damping * 0.2
+        step = np.linalg.solve(N + damping * np.eye(len(N)), b) / scale
+        df = np.clip(step[len(now.c) :], -0.3 / length, 0.3 / length)
+        trial = _linear(data, np.clip(now.f + df, 0.3 / length, 1.2 * _FASTEST), order)
+        if trial.rss < now.rss:
+            done = now.rss - trial.rss < 1e-4 * now.rss
+            now, damping = trial, damping * 0.2
+            N, b, scale = now.normal(data.s, order)
             if done:
                 break
         else:
             damping *= 8.0
             if damping > 1e3:
                 break
-    J = _jacobian(data.s, f, order, data.width, c)
-    r = data.n - J[:, : len(c)] @ c
-    scale = np.linalg.norm(J, axis=0) + 1e-300
-    A = J / scale
     try:
-        inverse = np.linalg.inv(A.T @ A + 1e-12 * np.eye(A.shape[1]))
+        inverse = np.linalg.inv(N + 1e-12 * np.eye(len(N)))
     except np.linalg.LinAlgError:
-        return None, rss
-    variance = max(judge.sigma**2 / data.each, rss / max(len(r) - A.shape[1], 1))
+        return None, now.rss
+    variance = max(judge.sigma**2 / data.each, now.rss / max(len(now.r) - len(N), 1))
     cov = variance * inverse / scale / scale[:, None]
     # Ripple that has been followed for long is not given up for a chance that one block in thousands takes.
-    ok = replace(judge, patience=_PATIENCE).passes(r, float(c[1]), data.each)
-    return Ripple(c, f, order, cov, length, ok), rss
+    ok = replace(judge, patience=_PATIENCE).passes(now.r, float(now.c[1]), data.each)
+    return Ripple(now.c, now.f, order, cov, length, ok), now.rss
 
 
-def _linear(data: Blocks, f: Array, order: int) -> tuple[Array, float]:
+@dataclass(frozen=True)
+class _Linear:
+    """Best coefficients ``c`` at given frequencies ``f``, the residual ``r`` and its sum of squares."""
+
+    f: Array
+    basis: Array
+    c: Array
+    r: Array
+    rss: float
+
+    def normal(self, s: Array, order: int) -> tuple[Array, Array, Array]:
+        """Normal matrix and right side of the Jacobian by (c, f), its columns made 1 long; and how long they
+        were."""
+        J = _with_frequencies(self.basis, s, order, self.c)
+        N = J.T @ J
+        scale = np.sqrt(np.diag(N)) + 1e-300
+        return N / scale / scale[:, None], (J.T @ self.r) / scale, scale
+
+
+def _linear(data: Blocks, f: Array, order: int) -> _Linear:
     basis = _basis(data.s, f, order, data.width)
-    scale = np.linalg.norm(basis, axis=0) + 1e-300
-    A = basis / scale
-    c = np.linalg.solve(A.T @ A + 1e-11 * np.eye(A.shape[1]), A.T @ data.n) / scale
+    N = basis.T @ basis
+    scale = np.sqrt(np.diag(N)) + 1e-300
+    N = N / scale / scale[:, None] + 1e-11 * np.eye(len(N))
+    c = np.linalg.solve(N, (basis.T @ data.n) / scale) / scale
     r = data.n - basis @ c
-    return c, float(r @ r)
+    return _Linear(f, basis, c, r, float(r @ r))
