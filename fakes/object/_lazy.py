@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from cell.clock import Clock
-from cell.samples import Sample, Stream
+from cell.samples import Quality, Sample, Stream
 
 T = TypeVar("T")
 
@@ -31,6 +31,7 @@ class LazyStream(Stream[T]):
     ) -> None:
         super().__init__(name, clock, keep)
         self.period_s = period_s
+        self.quality = Quality.GOOD  # of the samples from now on
         self._make, self._dt, self._delay_s = make, dt, delay_s
         self._origin = 0.0
         self._tick = 0
@@ -86,7 +87,7 @@ class LazyStream(Stream[T]):
                 self._tick = max(self._tick, due - BACKFILL)
             while self._tick < due:
                 t = self._origin + self._tick * self.period_s
-                self.push(Sample(self._make(t, self._tick), t, self._dt, self._seq))
+                self.push(Sample(self._make(t, self._tick), t, self._dt, self._seq, self.quality))
                 self._tick, self._seq = self._tick + 1, self._seq + 1
         finally:
             self._filling = False

@@ -1,5 +1,7 @@
 """The belt's encoder of the object face: the driver's Protocol attached straight to the world."""
 
+from typing import Any
+
 from pydantic import BaseModel, ConfigDict, Field
 
 from cell.clock import Clock
@@ -65,6 +67,10 @@ class ObjectEncoder(ObjectDevice):
         if expected is not None and serial != expected:
             raise error("DEVICE_IDENTITY", f"{self.name} has serial {serial}, expected {expected}")
         return Identity("CiA 406 multi-turn encoder", serial)
+
+    def health(self) -> dict[str, Any]:
+        """As every device's, with the encoder's emergency in words."""
+        return super().health() | {"emergency": self.encoder_plant.emergency}
 
     def inject(self, kind: str, **arguments: object) -> None:
         """Begin a fault of the belt, the encoder or its bus, by its name in the vocabulary."""

@@ -5,6 +5,7 @@ from math import inf
 
 from cell.clock import Clock
 from cell.errors import error
+from cell.samples import Quality
 from fakes.belt_encoder import BeltEncoder
 from fakes.belt_faults import BeltFaults
 from fakes.faults import Fault
@@ -20,11 +21,14 @@ class EncoderPlant(Plant):
         self._shaft_faults = BeltFaults(encoder, clock.now)
         self.faults |= {fault.value: self._named(fault) for fault in self._shaft_faults.offers()}
         self.faults |= {"unplug": self._unplug, "bus-off": self._bus_off, "node-stop": self._node_stop}
+        self.faults["alarm"] = self._alarm
+        self.emergency = ""
 
     def clear(self) -> None:
         """Free the shaft, let the belt run as it should, and end the faults of the bus."""
         self.settle_past()
         self._shaft_faults.clear()
+        self._report("", Quality.GOOD)
         super().clear()
 
     def _named(self, fault: Fault) -> Callable[..., None]:
@@ -59,6 +63,15 @@ class EncoderPlant(Plant):
     def _bus_off(self, duration_s: float = inf) -> None:
         self._refused_until = self.clock.now() + duration_s
         self.cut(error("CAN_BUS_OFF", self.name))
+
+    def _alarm(self, code: int = 0x5000) -> None:
+        """The encoder reports an emergency, until the faults are cleared, and counts on."""
+        self._report(f"emergency {code:04X}h", Quality.DEGRADED)
+
+    def _report(self, emergency: str, quality: Quality) -> None:
+        self.emergency = emergency
+        for link in self.links:
+            link.stream.quality = quality
 
     def _node_stop(self) -> None:
         self.cut(error("ENCODER_NOT_OPERATIONAL", f"{self.name}: the node is stopped, and not by us"))

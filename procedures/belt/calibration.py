@@ -22,6 +22,7 @@ from procedures.belt.calibration_config import BeltCalibrationConfig
 from procedures.belt.calibration_record import CalibrationRecord
 from procedures.belt.calibration_rows import Follower, count_at, motion_of
 from procedures.belt.calibration_solving import solve_within_limits
+from procedures.belt.emergency import Emergencies
 from procedures.belt.sight import Sight
 
 CAMERA = "fixed_camera"
@@ -117,6 +118,9 @@ class _Session:
         self.encoder = run.encoder()
         self.record = CalibrationRecord(run.folder)
         self.early: str | None = None
+        self._emergencies = Emergencies(
+            self.encoder, lambda what: run.note("decision", event="encoder emergency", what=what)
+        )
         self._fresh: deque[Frame] = deque()
         self._follower = Follower(motion_of(self._configured))
         self.sight: Sight | None = None
@@ -146,6 +150,7 @@ class _Session:
             "T_base_camera": None if sight is None else to_pose6(sight.T_base_camera).tolist(),
             "configured": self._configured,
             "finished_early": self.early,
+            "emergencies": self._emergencies.told,
         }
 
     def progress(self) -> str:
@@ -283,6 +288,7 @@ class _Session:
     # -- what comes in
 
     def _count(self, sample: Sample[EncoderState]) -> None:
+        self._emergencies.count(sample)
         self.record.counts.append((sample.t, sample.value.count, sample.value.raw))
 
     def _frame(self, sample: Sample[Frame]) -> None:

@@ -15,6 +15,7 @@ from procedures.belt.calibration_record import read_data_set
 from procedures.belt.calibration_rows import Rows, rows_of
 from procedures.belt.calibration_slip import Parted, WheelSlip, part_at_slips
 from procedures.belt.calibration_spread import spread, with_camera
+from procedures.belt.emergency import emergency_warnings
 
 KIND = "belt-calibration"
 _NORMAL95 = 1.96
@@ -215,7 +216,7 @@ def _warnings(data: Mapping[str, Any], m_per_count: float, way: Any) -> list[War
     if data.get("finished_early"):
         text = f"finished early, {data['finished_early']}"
         found.append(Warning_(code="belt.finished-early", text=text))
-    return found
+    return found + emergency_warnings(data.get("emergencies") or [])
 
 
 def _slipped(slip: WheelSlip, sense: float) -> Warning_:

@@ -5,6 +5,7 @@ from typing import Any
 
 from cell.formats.result import Result, Warning_
 from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.emergency import emergency_warnings
 from procedures.belt.items import Outcome
 from procedures.belt.watch import BeltWatch
 
@@ -32,6 +33,7 @@ def result_of(
     if (stall := watch.stall).count:
         text = f"the camera gave no picture {stall.count} times, for {stall.longest_s:.1f} s at most"
         warnings.append(Warning_(code="belt.camera-stall", text=text))
+    warnings += emergency_warnings(watch.emergencies.told)
     if "belt" in values["configured"] and "belt" not in values["versions"]:
         warnings.append(Warning_(code="belt.nominal", text="m_per_count is the configured one"))
     return Result(

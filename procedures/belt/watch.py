@@ -17,6 +17,7 @@ from cell.errors import error
 from cell.poses import Array
 from cell.samples import Sample
 from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.emergency import Emergencies
 from procedures.belt.items import Item, Outcome, Queue, as_sighting
 from procedures.belt.record import PickRecord
 from procedures.belt.sight import Seen, Sight
@@ -57,6 +58,7 @@ class BeltWatch:
         self.stall = Stall(config.camera_stall_s)
         self._slip_watch, self._doubted = SlipWatch(config.spacing_m), list[_Look]()
         self.tell: Callable[..., None] = lambda event, **what: None  # hears of what an operator should know
+        self.emergencies = Emergencies(encoder, lambda what: self.tell("encoder emergency", what=what))
         self._encoder, self._camera, self._sight, self._config = encoder, camera, sight, config
         self._frames: deque[Sample[Frame]] = deque()
         self._undo: list[Any] = []
@@ -153,6 +155,7 @@ class BeltWatch:
             self.jumps.append(jump)
             self.tell("encoder jump", by_m=round(jump, 4))
             self._begin_anew(sample.t)
+        self.emergencies.count(sample)
         self.tracker.belt.add(sample.t, sample.value.count)
 
     def _jump(self, t: float, count: int, sample: Sample[EncoderState]) -> float:

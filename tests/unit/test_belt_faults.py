@@ -205,3 +205,19 @@ def test_more_items_than_the_queue_takes_are_let_pass_and_counted_by_name(tmp_pa
             assert "belt.queue-full" in causes
 
     run_virtual(scene())
+
+
+@pytest.mark.parametrize("job", ["belt-tracking", "belt-calibration"])
+def test_an_emergency_of_the_encoder_is_noted_once_and_the_result_warns(tmp_path: Path, job: str) -> None:
+    async def scene() -> None:
+        async with picking_cell(picking_config(tmp_path, {"picks": 1})) as cell:
+            run_id = await cell.start(job=job)
+            await cell.clock.sleep(1.0)
+            inject(cell, "belt", "alarm", code=0x5017)
+            end = await cell.finished(run_id)
+            assert (end["outcome"], end["verdict"]) == ("complete", "warn")
+            assert [note["what"] for note in cell.notes(run_id, "encoder emergency")] == ["emergency 5017h"]
+            (warning,) = [w for w in cell.result(run_id)["warnings"] if w["code"] == "belt.encoder-emergency"]
+            assert "5017h" in warning["text"]
+
+    run_virtual(scene())
