@@ -30,6 +30,7 @@ CAMERA = 3e-4  # m
 LATENCY, LATENCY_SD = 0.08, 0.004  # s
 WARM_UP = 4.0  # s
 SEEDS = 12
+CHI95 = 5.991  # of two degrees of freedom
 
 
 @dataclass(frozen=True)
@@ -223,7 +224,7 @@ def run(case: Case) -> bool:
         seconds += ours["inputs"]["solve_seconds"] / len(scene.data["queries"])
         found["ours"].append(squares(scene, ours))
         found["classic"].append(squares(scene, solve(scene.data, "classic")))
-        nees.append(_nees(scene, ours))
+        nees.append(_normalised(scene, ours))
         if scene.bound is not None:
             bounds.append(scene.bound)
     limit = np.sqrt(np.mean(bounds, axis=0)) if bounds else None
@@ -234,19 +235,23 @@ def run(case: Case) -> bool:
     if limit is not None:
         print(f"  {'bound':8s}" + "".join(f"{1e3 * v:9.3f}" for v in limit))
         print(f"  {'ours / ':8s}" + "".join(f"{v:9.3f}" for v in rms["ours"] / limit))
-    print(f"  {'NEES':8s}" + "".join(f"{v:9.2f}" for v in np.mean(nees, axis=0)) + "   (2 is right)")
+    normalised = np.concatenate(nees)
+    print(f"  {'NEES':8s}" + "".join(f"{v:9.2f}" for v in np.mean(normalised, axis=0)) + "   (2 is right)")
+    within = 100.0 * np.mean(normalised <= CHI95, axis=0)
+    print(f"  {'in 95 %':8s}" + "".join(f"{v:9.1f}" for v in within) + "   % of the truth in the stated area")
     print(f"  {1e3 * seconds / SEEDS:.1f} ms per query")
     k = HORIZONS.index(case.horizon)
     good = case.most is None or rms["ours"][k] <= case.most
     return bool(good and (limit is None or case.ratio is None or rms["ours"][k] <= case.ratio * limit[k]))
 
 
-def _nees(scene: Scene, result: dict[str, Any]) -> Array:
+def _normalised(scene: Scene, result: dict[str, Any]) -> Array:
+    """Squared errors (queries, horizons) by the stated covariance."""
     out = []
     for answer, doubt in zip(result["result"]["answers"], result["uncertainty"]["answers"], strict=True):
         e = np.array(answer["pred"]) - scene.truth.xy(answer["id"], answer["t"] + np.array(HORIZONS))
         out.append(np.einsum("hi,hij,hj->h", e, np.linalg.inv(np.array(doubt["cov"])), e))
-    return np.asarray(np.mean(out, axis=0))
+    return np.array(out)
 
 
 def print_pure_belt() -> None:

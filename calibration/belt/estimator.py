@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration.belt.clock import FrameCounter, Timed, strays, true_times
 from calibration.belt.fit import Judge, Window, longest, newest_strays
-from calibration.belt.forecast import Changes, Forecast, Motion
+from calibration.belt.forecast import NEVER, Forecast, Motion
 from calibration.belt.history import History
 from calibration.belt.kink import kinked
 from calibration.belt.ripple import Ripple, blocks, refine, search
@@ -26,7 +26,7 @@ _SEARCH_EVERY = 0.25  # s between searches for ripple
 _BEND_WORTH = 1.6  # times as long as the line's window, before a parabola is believed
 _RIPPLE_WORTH = 1.3
 _RIPPLE_SIGMA = 1.5e-3  # m at 0.6 s; ripple that is known worse than this is not extrapolated
-_SPEED_EACH = 16  # frames
+_SPEED_EACH = 0.08  # s
 _CHANGED = 0.2  # s; the motion is new
 _SHORT = 0.15  # s; a window so short may be cut by stray frames
 _LEARNING = 4  # searches from the start that are no measure of later ones
@@ -60,6 +60,7 @@ class BeltEstimator:
         self._start = 0.0
         self._zero = 0
         self._every = max(8, round(_SEARCH_EVERY / encoder.period))
+        self._speed_each = max(4, round(_SPEED_EACH / encoder.period))
         self._motions: dict[int, Motion] = {}
         self._latest: tuple[int, Forecast] | None = None
         self._speeds = Speeds()
@@ -95,9 +96,10 @@ class BeltEstimator:
         if last == (t, n - self._zero):
             return
         history.add(t, n - self._zero, self.frames.add(t, n - self._zero))
-        if (k + 1) % _SPEED_EACH == 0 and k >= _SPEED_EACH:
-            before = history.at(k - _SPEED_EACH)
-            if t - before[0] > 0.5 * _SPEED_EACH * self.encoder.period:  # a burst's stamps tell no speed
+        each = self._speed_each
+        if (k + 1) % each == 0 and k >= each:
+            before = history.at(k - each)
+            if t - before[0] > 0.5 * each * self.encoder.period:  # a burst's stamps tell no speed
                 self._speeds.add(t, (n - self._zero - before[1]) / (t - before[0]))
 
     def counts(self, since: float) -> tuple[Array, Array]:
@@ -118,7 +120,7 @@ class BeltEstimator:
         if self._latest is None or self._latest[0] != size:
             motion = self._motion(size)
             around, past = partial(self._around, size, motion), partial(self._past, size)
-            changes = Changes(0.0, 0.0)  # ripple is none
+            changes = NEVER  # ripple is none
             if motion.name != "ripple":
                 changes = self._speeds.changes(motion.now, self.encoder.m_per_count)
             self._latest = (size, Forecast(self.encoder.m_per_count, motion, around, past, changes))

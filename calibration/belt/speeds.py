@@ -4,10 +4,13 @@ from bisect import bisect_left, bisect_right
 
 import numpy as np
 
-from calibration.belt.forecast import Changes
+from calibration.belt.forecast import NEVER, Changes
+from cell.poses import Array
 
 _REMEMBERED = 30.0  # s
 _HARD = 0.15  # m/s^2
+_WORTH = 0.2  # of the span of speeds; stamps that come late look like smaller changes
+_RESTS = 0.02  # of the span
 _MOST = 8192
 
 
@@ -35,21 +38,33 @@ class Speeds:
         """
         seen = self._v[self._lately(now)]
         low, high = min([0.0, speed, *seen]), max([0.0, speed, *seen])
-        if 0.0 < 0.98 * high < speed:
+        moves = _RESTS * (high - low)  # slower is a belt that rests, in the noise of its counts
+        if speed > max(0.98 * high, moves):
             high = np.inf
-        if speed < 0.98 * low < 0.0:
+        if speed < min(0.98 * low, -moves):
             low = -np.inf
         return low, high
 
     def changes(self, now: float, m_per_count: float) -> Changes:
         """Starts and stops of the last seconds."""
         rows = self._lately(now)
-        t, v = np.array(self._t[rows]), np.array(self._v[rows])
-        if len(t) < 3:
-            return Changes(0.0, 0.0)
-        a = np.diff(v) / np.diff(t) * m_per_count
-        hard = np.abs(a) > _HARD
-        if not hard.any():
-            return Changes(0.0, 0.0)
-        begins = int(np.sum(hard[1:] != hard[:-1]))
-        return Changes(begins / float(t[-1] - t[0]), float(np.sqrt(np.mean(a[hard] ** 2))))
+        t, v = np.array(self._t[rows]), np.array(self._v[rows]) * abs(m_per_count)
+        if len(t) < 5:
+            return NEVER
+        t, v = t[1:-1], _middle(v[:-2], v[1:-1], v[2:])  # one late stamp makes one speed of three wrong
+        span = float(max(v.max(), 0.0) - min(v.min(), 0.0))
+        gained = np.diff(v)
+        a = gained / np.diff(t)
+        sign = np.sign(a) * (np.abs(a) > _HARD)
+        begins = np.flatnonzero(np.diff(sign, prepend=np.inf))
+        real = (sign[begins] != 0.0) & (np.abs(np.add.reduceat(gained, begins)) >= _WORTH * span)
+        if not real.any():
+            return NEVER
+        hard = np.repeat(real, np.diff(begins, append=len(a)))
+        rate = 2.0 * float(np.sum(real)) / float(t[-1] - t[0])  # each begins and ends
+        return Changes(rate, float(np.sqrt(np.mean(a[hard] ** 2))), span)
+
+
+def _middle(a: Array, b: Array, c: Array) -> Array:
+    """The median of three, element by element."""
+    return np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c))

@@ -6,6 +6,7 @@ import pytest
 from bench.intercept import FINE, HORIZONS, M_PER_COUNT, speed_course
 from calibration.belt.estimator import BeltEstimator, Encoder
 from calibration.belt.history import History
+from calibration.belt.speeds import Speeds
 
 PERIOD = 0.005
 
@@ -77,6 +78,45 @@ def test_stops_and_starts_are_followed_at_thirty_milliseconds() -> None:
     assert rms(errors)[0] < 2.2e-4
     # What cannot be foretold is in the uncertainty as far as the belt has done it before.
     assert 0.3 * rms(errors)[0] < rms(sigma)[0] < 3.0 * rms(errors)[0]
+
+
+def test_most_of_what_a_belt_that_stops_and_starts_does_is_within_the_stated_intervals() -> None:
+    inside = []
+    for seed in range(20, 25):
+        errors, sigma = Belt("stop-start", seed).errors(np.linspace(5.0, 11.5, 26))
+        inside.append(np.abs(errors) <= 1.96 * sigma)
+    share = np.mean(np.concatenate(inside), axis=0)
+    assert np.all(share >= 0.92), share
+
+
+def test_stamps_that_are_often_late_make_no_stops_of_a_constant_belt() -> None:
+    belt = Belt("constant", 9, v=0.3, late=2e-3)
+    _, sigma = belt.errors(np.linspace(5.0, 11.5, 10))
+    assert belt.estimator._speeds.changes(11.5, M_PER_COUNT).rate == 0.0
+    assert np.all(sigma < 1e-3), sigma.max(axis=0)
+
+
+def test_changes_count_each_stop_and_start_and_know_how_hard_they_are() -> None:
+    subject, v = Speeds(), 0.0
+    for k in range(300):
+        phase = 0.08 * k % 6.0  # one second down, one second of rest, one second up, and three seconds run
+        v = float(np.clip(np.interp(phase, [0, 1, 2, 3, 6], [2000, 0, 0, 2000, 2000]), 0, 2000))
+        subject.add(0.08 * k, v)
+    found = subject.changes(24.0, -M_PER_COUNT)
+    assert found.rate == pytest.approx(4 / 6.0, rel=0.1)
+    assert found.acceleration == pytest.approx(0.2, rel=0.05)
+    assert found.span == pytest.approx(0.2)
+    # 0.2 m/s ahead for 30 s, or a stop at once: 29.5 s of it are missing.
+    assert 1.96 * found.variance(30.0) ** 0.5 == pytest.approx(0.2 * 29.5, rel=0.01)
+
+
+def test_a_belt_that_rests_in_the_noise_of_its_counts_is_not_one_that_turns_round() -> None:
+    subject = Speeds()
+    for k in range(20):
+        subject.add(0.08 * k, 2000.0)
+    assert subject.range(1.6, -5.0) == (-5.0, 2000.0)
+    assert subject.range(1.6, -200.0) == (-np.inf, 2000.0)
+    assert subject.range(1.6, 2000.0) == (0.0, np.inf)
 
 
 def test_a_reversing_belt_is_followed_through_zero() -> None:
