@@ -15,6 +15,7 @@ from cell.poses import Array
 CAMERA_SIGMA = 3e-4  # m; until the sightings of one item tell
 LATENCY_SIGMA = 5e-3  # s; until exposures that are known tell
 _FEWEST = 8  # numbers that say how large a noise is
+_LEAST_DEGREES = 3.0
 _SMALLEST = 2e-5  # m
 _FAR, _FAR_SIGMAS = 1.5e-3, 6.0  # m
 _MANY = 5  # sightings of one item that show which of them lies far
@@ -60,7 +61,7 @@ def latency_sigma(sightings: Iterable[Sighting]) -> float:
     late = np.array([s.arrived - s.t for s in sightings if s.sure])
     if len(late) < _FEWEST:
         return LATENCY_SIGMA
-    return max(float(np.std(late, ddof=1)), 1e-5)
+    return max(float(np.std(late, ddof=1)) * _of_few(len(late) - 1), 1e-5)
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,15 @@ def camera_sigma(items: Iterable[Scatter | None]) -> float:
     weights = np.array([float(item.degrees) for item in many])
     limit = 9.0 * max(float(np.median(parts)) / 0.6, _SMALLEST**2)  # a false sighting is no noise
     keep = parts <= limit
-    return max(float(np.sqrt(np.average(parts[keep], weights=weights[keep]))), _SMALLEST)
+    noise = float(np.sqrt(np.average(parts[keep], weights=weights[keep])))
+    return max(noise * _of_few(float(weights[keep].sum())), _SMALLEST)
+
+
+def _of_few(degrees: float) -> float:
+    """By what to multiply a deviation that so many degrees of freedom tell: what is divided by it then has a
+    mean square of one. With two there is no such mean."""
+    degrees = max(degrees, _LEAST_DEGREES)
+    return float(np.sqrt(degrees / (degrees - 2.0)))
 
 
 def place(along: Array, across: Array, sightings: Sequence[Sighting], speed: Array, levels: Levels) -> Place:

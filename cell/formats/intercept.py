@@ -3,9 +3,10 @@
 Read beyond the format: ``modulus`` may be null or absent for a counter that does not wrap.
 """
 
+from collections.abc import Callable
 from typing import Annotated, Any
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from cell.formats.reading import Strict
 
@@ -16,6 +17,22 @@ NotNegative = Annotated[float, Field(ge=0.0)]
 Id = int | str
 
 
+def _at_most(most: float, unit: str) -> Callable[[float], float]:
+    """No cell has more: the number is in another unit."""
+
+    def check(v: float) -> float:
+        if abs(v) > most:
+            raise ValueError(f"is beyond {most:g} {unit}; give it in {unit}")
+        return v
+
+    return check
+
+
+Stamp = Annotated[float, AfterValidator(_at_most(1e11, "s"))]
+Duration = Annotated[NotNegative, AfterValidator(_at_most(10.0, "s"))]
+TRAVEL_M = (1e-9, 0.02)  # of one count
+
+
 class Belt(Strict):
     """The encoder's scale (given, or by wheel and resolution), the belt's direction in base, the range."""
 
@@ -24,7 +41,7 @@ class Belt(Strict):
     counts_per_revolution: Positive | None = None
     dir: Annotated[list[float], Field(min_length=2, max_length=3)]
     modulus: Annotated[int, Field(ge=2)] | None = None
-    period: Positive
+    period: Annotated[float, Field(ge=1e-6), AfterValidator(_at_most(10.0, "s"))]
     notes: Any = None
 
     @field_validator("dir")
@@ -47,6 +64,8 @@ class Belt(Strict):
             by_wheel = self.wheel_circumference_m / self.counts_per_revolution
             if abs(abs(self.m_per_count) - by_wheel) > 1e-3 * by_wheel:
                 raise ValueError(f"has m_per_count and a wheel that gives {by_wheel:.6g}; keep the right one")
+        if not TRAVEL_M[0] <= abs(self.scale) <= TRAVEL_M[1]:
+            raise ValueError(f"moves {self.scale:g} m with one count, which no belt does; give it in metres")
         return self
 
     @property
@@ -62,9 +81,9 @@ class Belt(Strict):
 class Limits(Strict):
     """Of each axis: m/s, m/s^2, m/s^3."""
 
-    v: Positive
-    a: Positive
-    j: Positive
+    v: Annotated[float, Field(ge=1e-6), AfterValidator(_at_most(100.0, "m/s"))]
+    a: Annotated[float, Field(ge=1e-6), AfterValidator(_at_most(1e5, "m/s^2"))]
+    j: Annotated[float, Field(ge=1e-6), AfterValidator(_at_most(1e8, "m/s^3"))]
 
 
 class Robot(Strict):
@@ -72,7 +91,7 @@ class Robot(Strict):
 
     limits: Limits
     wait_point: Annotated[list[float], Field(min_length=2, max_length=3)]
-    above: NotNegative
+    above: Annotated[NotNegative, AfterValidator(_at_most(10.0, "m"))]
     notes: Any = None
 
 
@@ -80,8 +99,8 @@ class Detection(Strict):
     """One sighting: exposed at ``t_exp`` (null: unknown), arrived at ``t_recv``; base, m."""
 
     id: Id
-    t_recv: float
-    t_exp: float | None = None
+    t_recv: Stamp
+    t_exp: Stamp | None = None
     xy: Annotated[list[float], Field(min_length=2, max_length=2)]
     z: float = 0.0
     notes: Any = None
@@ -91,7 +110,7 @@ class Query(Strict):
     """Where will item ``id`` be at ``t + h`` for each of ``horizons`` (s), asked at ``t``?"""
 
     id: Id
-    t: float
+    t: Stamp
     horizons: list[Annotated[float, Field(ge=0.0, le=60.0)]]
     notes: Any = None
 
@@ -116,7 +135,7 @@ class ClassicTable(Strict):
     t2_s: NotNegative | None = None
 
 
-Count = tuple[float, Annotated[int, Field(ge=-(2**63), lt=2**64)]]
+Count = tuple[Stamp, Annotated[int, Field(ge=-(2**63), lt=2**64)]]
 
 
 class Intercept(Strict):
@@ -127,10 +146,10 @@ class Intercept(Strict):
     robot: Robot
     encoder: list[Count]
     detections: list[Detection]
-    latency_mean: NotNegative | None = None
+    latency_mean: Duration | None = None
     queries: list[Query]
     zone: ZoneTable | None = None
-    dwell_s: NotNegative | None = None
+    dwell_s: Duration | None = None
     classic: ClassicTable | None = None
     notes: Any = None
 

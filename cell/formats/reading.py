@@ -29,9 +29,11 @@ def read_json(path: Path) -> dict[str, Any]:
         size = path.stat().st_size
         if size > MAX_BYTES:
             raise error("FILE_UNREADABLE", f"{path} has {size} bytes, more than the {MAX_BYTES} allowed")
-        text = path.read_text("utf-8")
+        text = path.read_text("utf-8-sig")  # some editors put a mark before the text
     except (OSError, UnicodeDecodeError) as exc:
         raise error("FILE_UNREADABLE", f"{path} cannot be read ({exc}); replace it with a good copy") from exc
+    if not text.strip():
+        raise error("FILE_UNREADABLE", f"{path} is empty; replace it with a good copy")
     try:
         raw = json.loads(text, parse_constant=_refuse_constant)
     except RecursionError as exc:

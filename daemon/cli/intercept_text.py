@@ -39,6 +39,8 @@ def intercept_lines(result: Mapping[str, Any], answer: Mapping[str, Any]) -> lis
 
 def _one(a: Mapping[str, Any], cov: Any) -> str:
     text = f"    {a['id']} asked at {a['t']:.3f} s: "
+    if a["pred"][:1] == [[None, None]]:
+        return text + "no answer"
     if a.get("t_pick") is None:
         return text + "out of reach"
     x, y = a["p_pick"]

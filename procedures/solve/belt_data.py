@@ -22,6 +22,7 @@ FILE_NAME = "intercept.json"
 UNITS_T = "units.translation"
 _FAR = 20.0  # m
 _UNIT = 1e-3
+_COARSE_M = 0.5e-3  # RMS of a count's rounding; the arm meets items that well at best
 
 
 @dataclass
@@ -90,6 +91,9 @@ def _check(loaded: InterceptSet, length: float) -> None:
     data, warn = loaded.data, loaded.warnings
     if abs(length - 1.0) > _UNIT:
         warn.append(("belt.dir", f"belt.dir has the length {length:.4g}; it is used as a unit vector"))
+    if (rounding := abs(loaded.encoder.m_per_count) / np.sqrt(12.0)) > _COARSE_M:
+        text = f"m_per_count is {loaded.encoder.m_per_count:g} m: the rounding of a count alone is"
+        warn.append(("belt.scale", f"{text} {1e3 * rounding:.1f} mm RMS; it is metres of belt for one count"))
     modulus = data.belt.modulus
     beyond = 0 if modulus is None else sum(not -modulus <= c < modulus for c in loaded.count)
     if beyond:
@@ -106,6 +110,7 @@ def _check(loaded: InterceptSet, length: float) -> None:
         text = f"{len(early)} detections (first: {early[0].id!r}) were exposed after they arrived"
         warn.append(("detections.early", f"{text}: do t_exp and t_recv come from one clock?"))
     places = [np.abs(d.xy).max() for d in data.detections] + [np.abs(data.robot.wait_point).max()]
+    places += [abs(edge) for edge in (loaded.zone.low, loaded.zone.high) if edge is not None]
     if places and max(places) > _FAR:
         text = f"a position is {max(places):.4g} m from the base: are lengths in millimetres?"
         warn.append((UNITS_T, text))

@@ -43,7 +43,7 @@ def refusal(loaded: InterceptSet, method: str) -> Result | None:
 
 
 def fill_result(loaded: InterceptSet, solved: Solved, method: str, seconds: float) -> Result:
-    """The whole result; the verdict is ``warn`` when anything is to be warned of."""
+    """The whole result: ``warn`` when anything is to be warned of, ``fail`` when no query is answered."""
     scale = belt_from_sightings(loaded, solved)
     known = [solved.tracker.track(item) for item in solved.tracker.items]
     tracks = [track for track in known if track is not None]
@@ -57,10 +57,17 @@ def fill_result(loaded: InterceptSet, solved: Solved, method: str, seconds: floa
     ]
     in_file = sorted(range(len(solved.answers)), key=lambda k: loaded.order[k])
     answers = [solved.answers[k] for k in in_file]
+    reasons = [text for _, text in warnings]
+    blind = bool(answers) and all(a.pred is None for a in answers)
+    if blind:
+        reasons.insert(
+            0,
+            "no-answers: nothing was known when the queries were asked; are all stamps seconds of one clock?",
+        )
     return Result(
         kind=KIND,
-        verdict="warn" if warnings else "pass",
-        reasons=[text for _, text in warnings],
+        verdict="fail" if blind else "warn" if warnings else "pass",
+        reasons=reasons,
         warnings=_warnings(warnings),
         result={"answers": [_as_answer(a) for a in answers], "method": method},
         uncertainty=_uncertainty(answers),
@@ -238,6 +245,8 @@ def _scale_warnings(loaded: InterceptSet, scale: BeltScale | None) -> list[tuple
     off, aside = (found - given) @ along, (found - given) @ np.array([-along[1], along[0]])
     size = float(np.linalg.norm(given))
     out = []
+    if off < -size:
+        return [("belt.direction", "the items move against belt.dir; turn it round, or m_per_count's sign")]
     if abs(off) > _SURE * sigma + 1e-4 * size:
         text = f"the sightings show {1e2 * off / size:+.2f} % more travel per count than m_per_count"
         out.append(("belt.scale", f"{text}; run belt-calibration"))

@@ -229,6 +229,15 @@ def test_data_that_cannot_tell_are_refused(solve: Any, change: dict[str, Any], n
         (("zone",), {"min": 0.3, "max": 0.1}, "swap or mend them"),
         (("robot", "limits"), {"v": 1.0, "a": 6.0}, "robot.limits.j is missing; add it"),
         (("robto",), {}, "robto is an unknown key; did you mean 'robot'?"),
+        (("belt", "m_per_count"), 0.1, "moves 0.1 m with one count, which no belt does; give it in metres"),
+        (("belt", "m_per_count"), 1e-300, "which no belt does"),
+        (("belt", "period"), 20, "belt.period is beyond 10 s"),
+        (("belt", "period"), 1e-300, "belt.period should be greater than or equal to"),
+        (("robot", "limits"), {"v": 1000, "a": 6.0, "j": 80.0}, "robot.limits.v is beyond 100 m/s"),
+        (("robot", "above"), 80, "robot.above is beyond 10 m"),
+        (("latency_mean",), 80, "latency_mean is beyond 10 s"),
+        (("dwell_s",), 50, "dwell_s is beyond 10 s"),
+        (("encoder",), [[0.0, 1], [1e308, 2]], "encoder[1][0] is beyond 1e+11 s"),
     ],
 )
 def test_bad_input_is_one_sentence_with_the_fix(
@@ -243,6 +252,41 @@ def test_bad_input_is_one_sentence_with_the_fix(
         solve(data)
     assert said in str(caught.value)
     assert "intercept.json" in str(caught.value)
+
+
+def test_stamps_since_1970_give_the_same_contact(solve: Any) -> None:
+    data, since = plain(), 1.7e9
+    data["encoder"] = [[t + since, n] for t, n in data["encoder"]]
+    data["detections"] = [{**d, "t_recv": since + 0.9, "t_exp": since + 0.8} for d in data["detections"]]
+    data["queries"] = [{**q, "t": since + 1.0} for q in data["queries"]]
+    later = only(solve(data))
+    assert later["t_pick"] - since == pytest.approx(only(solve(plain()))["t_pick"], abs=1e-5)
+
+
+def test_counts_by_another_clock_leave_no_answer_and_fail(solve: Any) -> None:
+    result = solve(plain(encoder=[[1e3 * (t + 2.0), n] for t, n in plain()["encoder"]]))
+    assert result["verdict"] == "fail"
+    assert result["reasons"][0].startswith("no-answers: ")
+    assert "one clock" in result["reasons"][0]
+
+
+def test_a_belt_given_backwards_is_told_as_such(solve: Any) -> None:
+    data = make("constant", 9, seconds=8.0, queries=20, sightings=(3, 4), unknown=0.0).data
+    data["belt"]["dir"] = [-v for v in data["belt"]["dir"]]
+    result = solve(data)
+    assert "the items move against belt.dir" in " ".join(result["reasons"])
+
+
+@pytest.mark.parametrize("text", ["", " \n"])
+def test_an_empty_file_is_called_empty(tmp_path: Path, text: str) -> None:
+    (tmp_path / "intercept.json").write_text(text)
+    with pytest.raises(InputError, match=r"intercept\.json is empty; replace it"):
+        solve_intercept(tmp_path)
+
+
+def test_a_mark_before_the_text_does_no_harm(tmp_path: Path) -> None:
+    (tmp_path / "intercept.json").write_text(json.dumps(plain()), "utf-8-sig")
+    assert solve_intercept(tmp_path)["verdict"] == "pass"
 
 
 def test_an_unknown_exposure_needs_a_latency(solve: Any) -> None:
@@ -273,5 +317,5 @@ def test_the_result_in_words_names_contacts_and_what_came_true(solve: Any) -> No
     text = result_text(solve(data))
     assert "method adaptive: 2 queries, 1 predicted, 1 within reach" in text
     assert "belt over 0.6 s: 0.0" in text
-    assert "b asked at 1.000 s: out of reach" in text
+    assert "b asked at 1.000 s: no answer" in text
     assert "warning queries.unseen" in text
