@@ -71,6 +71,13 @@ def _belt(path: Path, info: Info, recorded: Info) -> dict[str, Any]:
     return solve_within_limits(path, info["job_config"])
 
 
+def _picking(path: Path, info: Info, recorded: Info) -> dict[str, Any]:
+    """What was picked is in journal and ledger; solved is where items were foretold to be."""
+    from procedures.belt.foretold import foretold
+
+    return {**recorded, **foretold(path)}
+
+
 def _iso9283(path: Path, info: Info, recorded: Info) -> dict[str, Any]:
     from procedures.iso9283.judging import solve_iso9283
 
@@ -79,6 +86,7 @@ def _iso9283(path: Path, info: Info, recorded: Info) -> dict[str, Any]:
 
 _JOBS: dict[str, tuple[str, Again]] = {
     "belt-calibration": ("belt.json", _belt),
+    "belt-tracking": ("intercept.json", _picking),
     "cone-capture": ("capture.json", _capture),
     "laser-reference": ("laser.json", _reference),
     "laser-check": ("laser.json", _check),

@@ -8,17 +8,18 @@ from typing import Any, ClassVar
 import numpy as np
 
 from calibration.belt.pursuit import State
-from cell.errors import error
+from cell.errors import InputError, error
 from cell.motion import MotionLease
 from cell.poses import Array, from_pose6
 from cell.procedure import FinishRequested, Procedure, Run
 from procedures.arm_setup import arm_model, lease_settings
 from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.foretold import foretold
 from procedures.belt.joints import ToolJoints
 from procedures.belt.live import BeltLive
 from procedures.belt.outcome import result_of
 from procedures.belt.picker import GRIPPER_STUCK, Picker
-from procedures.belt.record import PickRecord, header_of
+from procedures.belt.record import DATA_FILE, PickRecord, header_of
 from procedures.belt.sight import Sight
 from procedures.belt.states import CHECKPOINTS, PICKING, PickState
 from procedures.belt.upkeep import Upkeep
@@ -67,6 +68,11 @@ class BeltTracking(Procedure):
             duration_s = run.clock.now() - started
         await run.enter(S.REPORT)
         run.result = result_of(picking.watch, self.config, run.values, duration_s)
+        if (path := run.folder / DATA_FILE).exists():
+            try:
+                run.result |= await run.worker.call(foretold, path)
+            except InputError as exc:  # what was picked stays what it was
+                run.note("solve", event="not solved", why=str(exc))
 
     async def _watched(self, run: Run, picking: "_Picking") -> None:
         with picking.watch:

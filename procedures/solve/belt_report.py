@@ -7,7 +7,7 @@ import numpy as np
 
 from calibration.belt.scale import BeltScale, fit_scale
 from calibration.belt.tracking import Track
-from cell.formats.intercept import Query
+from cell.formats.intercept import Detection, Query
 from cell.formats.result import Result, Warning_
 from cell.poses import Array
 from procedures.solve.belt_answers import BLIND, UNSEEN, Answer, Solved
@@ -173,10 +173,13 @@ def _held_out(loaded: InterceptSet, solved: Solved) -> dict[str, Any]:
 
 
 def _later_sightings(loaded: InterceptSet, solved: Solved) -> Iterator[Array]:
+    of_item: dict[str, list[Detection]] = {}
+    for d in loaded.detections:
+        of_item.setdefault(str(d.id), []).append(d)
     for a in solved.answers:
-        for d in loaded.detections if a.path is not None else ():
+        for d in of_item.get(str(a.query.id), ()) if a.path is not None else ():
             later = d.t_exp is not None and min(d.t_exp, d.t_recv) > a.query.t
-            if later and str(d.id) == str(a.query.id) and a.path is not None:
+            if later and a.path is not None:
                 yield a.path(np.array([d.t_exp]))[0] - np.array(d.xy)
 
 

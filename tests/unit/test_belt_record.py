@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cell.errors import CellError
+from daemon.cli.replay import differences
 from fakes.object import run_virtual
 from procedures.belt.record import (
     COUNT,
@@ -19,6 +20,7 @@ from procedures.belt.record import (
     read_rows,
     read_sightings,
 )
+from procedures.replay import solve_again
 from procedures.solve.intercept import solve_intercept
 from tests.object_cell import no_report
 from tests.unit.picking_cell import picking_cell, picking_config
@@ -35,6 +37,7 @@ def test_a_run_can_be_solved_again_from_what_it_left(tmp_path: Path) -> None:
             run_id = await cell.start()
             assert (await cell.finished(run_id))["outcome"] == "complete"
             kept["folder"] = cell.folder(run_id).path
+            kept["again"] = cell.folder(run_id), cell.result(run_id)
             kept["items"] = cell.notes(run_id, "item")
             belt = cell.plant.world.belt
             assert belt is not None
@@ -71,6 +74,13 @@ def test_a_run_can_be_solved_again_from_what_it_left(tmp_path: Path) -> None:
         told = np.array(answers[line["item"]]["pred"][at])
         step = steps[int(np.argmin(np.abs(steps["t"] - contact)))]
         assert np.linalg.norm(told - step["p"][:2]) < 5e-3, "the tool went where the item was foretold"
+
+    run, recorded = kept["again"]
+    assert recorded["heldout"]["later_sightings"]["count"] > 0
+    assert differences(recorded, solve_again(run.job, run.path, run.info, recorded)) == []
+    data["encoder"] = [[t, round(1.01 * n)] for t, n in data["encoder"]]
+    (folder / DATA_FILE).write_text(json.dumps(data), "utf-8")
+    assert differences(recorded, solve_again(run.job, run.path, run.info, recorded))
 
 
 def test_an_aborted_run_keeps_what_it_saw(tmp_path: Path) -> None:
