@@ -1,11 +1,14 @@
-"""An arm that is millimetres off, sampled on the wire: ur-rtde moves it, the tracker speaks GeoCOM."""
+"""An arm that is millimetres off, measured on the wire: ur-rtde moves it, the tracker speaks GeoCOM."""
 
+import json
 from collections.abc import Iterator
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from cell.store.files import read_json, to_json
 from fakes.scenario import Scenario
@@ -13,6 +16,7 @@ from fakes.world import World
 from procedures.solve.kincal import solve_kincal
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.plan import PlanRequest, plan_sampling
+from tests.unit.test_iso9283_job import CENTRE, EDGE, POINT, towards_the_tracker
 from tests.unit.test_tracker_sampling_plan import HOME, measured, values
 from tests.unit.tracker_cell import nominal_tracker, reflectors, rms, true_errors
 from tests.wire_cell import WireCell, wait_for, wire_cell
@@ -53,19 +57,86 @@ point = [0.35, -0.35, 0.02]
 point = [0.10, -0.60, 0.45]
 """
 STORED = 34
+CYCLES = 3
+ISO9283 = f"""
+[cell.job.iso9283]
+reflector = "smr1"
+point = {POINT.tolist()}
+cube = {{ centre = {CENTRE.tolist()}, edge_m = {EDGE}, R_base_flange = {towards_the_tracker()} }}
+cycles = {CYCLES}
+settle_s = 0.05
+window_s = 0.2
+max_scatter_m = 0.0005
+find_timeout_s = 5.0
+T_base_tracker_nominal = {nominal_tracker("tracker")}
+"""
 
 
 def scenario() -> str:
-    """The shipped one with a short plan and brisk moves; its truth stays as it is."""
+    """The shipped one with short plans and brisk moves; its truth stays as it is."""
     text = files("fakes").joinpath("scenarios/tracker.toml").read_text("utf-8")
     text = text.split("[cell.limits]")[0]
-    return text + LIMITS + SECTION.format(place=nominal_tracker("tracker"))
+    return text + LIMITS + SECTION.format(place=nominal_tracker("tracker")) + ISO9283
 
 
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireCell]:
     with wire_cell(tmp_path_factory.mktemp("tracker"), "127.0.44.2", scenario()) as made:
         yield made
+
+
+def arrivals(folder: Path) -> dict[str, Any]:
+    """(n, 3) by pose, in the tracker frame: from the lines that were written at each arrival."""
+    by_pose: dict[str, list[list[float]]] = {}
+    for line in (folder / "samples.jsonl").read_text("utf-8").splitlines():
+        sample = json.loads(line)
+        by_pose.setdefault(sample["pose"], []).append(sample["p_tracker"])
+    return {name: np.array(p) for name, p in by_pose.items()}
+
+
+def wanted(pose: dict[str, Any]) -> Any:
+    """(3,): where the reflector was sent, in the base."""
+    x, y, z, *turn = pose["T_base_flange"]
+    return np.array([x, y, z]) + Rotation.from_rotvec(turn).apply(POINT)
+
+
+@pytest.mark.restarts_children
+def test_AP_and_RP_on_the_wire_are_those_of_the_plain_formulas_and_of_the_true_arm(cell: WireCell) -> None:
+    run_id = cell.start_job("iso9283")
+    end = cell.wait_for_end(90.0)
+    assert (end["run_id"], end["outcome"]) == (run_id, "complete"), end
+    folder = next(r for r in cell.runs() if r.run_id == run_id).path
+    answer = read_json(folder / "result.json")["result"]
+    poses = {pose["name"]: pose for pose in read_json(folder / "iso9283.json")["poses"]}
+    measured = arrivals(folder)
+    assert [len(measured[name]) for name in ("P1", "P2", "P3", "P4", "P5")] == [CYCLES] * 5
+
+    # The tracker's place, from all barycentres: a turn about their middles (Kabsch), then a shift.
+    names = sorted(poses)
+    there = np.array([measured[name].mean(axis=0) for name in names])
+    sent = np.array([wanted(poses[name]) for name in names])
+    turn, _ = Rotation.align_vectors(sent - sent.mean(axis=0), there - there.mean(axis=0))
+    world = World.from_scenario(Scenario.load("tracker"))
+    true = np.array([world.true.forward(np.array(poses[name]["q"])).apply(POINT) for name in names])
+    back, _ = Rotation.align_vectors(sent - sent.mean(axis=0), true - true.mean(axis=0))
+
+    for pose in answer["poses"]:
+        at = turn.apply(measured[pose["name"]] - there.mean(axis=0)) + sent.mean(axis=0)
+        barycentre = at.sum(axis=0) / CYCLES
+        distance = np.sqrt(((at - barycentre) ** 2).sum(axis=1))
+        middle = distance.sum() / CYCLES
+        spread = np.sqrt(((distance - middle) ** 2).sum() / (CYCLES - 1))
+        AP = np.sqrt(((barycentre - wanted(poses[pose["name"]])) ** 2).sum())
+        RP = middle + 3.0 * spread
+        assert pose["AP_measured"] == pytest.approx(AP, abs=1e-9)
+        assert pose["RP_measured"] == pytest.approx(RP, abs=1e-9)
+        assert pose["AP"] == max(pose["AP_measured"], pose["AP_tracker"])
+        assert pose["RP"] == max(pose["RP_measured"], pose["RP_tracker"])
+        k = names.index(pose["name"])
+        off = back.apply(true[k] - true.mean(axis=0)) + sent.mean(axis=0) - sent[k]
+        assert pose["deviation"] == pytest.approx(off, abs=0.0001), "of what the twin's own arm does"
+    assert answer["AP_max"] > 0.0005, "the arm of this twin is two millimetres off"
+    cell.stays_at_rest(0.3)
 
 
 def stored_set() -> list[dict[str, Any]]:
