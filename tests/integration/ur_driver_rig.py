@@ -20,15 +20,20 @@ from fakes.ur.process import ControllerHandle, running_controller
 TOOL = ToolSettings(from_pose6([0.0, 0.0, 0.18, 0.0, 0.0, 0.0]), 1.2)
 
 # A controller that showed one of these is not used for another test.
-LASTING = {"protective-stop", "emergency-stop", "kill", "reboot", "clock-jump"}
+LASTING = {"kill", "reboot", "clock-jump"}
 
 
 # A machine that runs other tests as well is no controller PC; tests of the limits give their own.
 PATIENT = {"stale_after_s": 0.1, "lost_after_s": 0.3, "watchdog_min_hz": 5.0}
 
 
-# The client's ports are fixed, so controllers differ by address. 127.0.0.38 and .39 have other uses.
-ADDRESSES = [f"127.0.0.{k}" for k in range(20, 38)]
+# The client's ports are fixed, so controllers differ by address, and tests that run side by side have theirs
+# apart. 127.0.0.38 and .39 have other uses.
+_WORKER, _WORKERS = (
+    int(os.environ.get(f"PYTEST_XDIST_WORKER{name}", alone).removeprefix("gw"))
+    for name, alone in (("", "0"), ("_COUNT", "1"))
+)
+ADDRESSES = [f"127.0.0.{k}" for k in range(20, 38)][_WORKER::_WORKERS]
 
 
 def _free_address() -> str:
