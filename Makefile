@@ -17,8 +17,9 @@ ALONE := -m "alone and not soak"
 demo: $(VENV)/.ready
 	$(BIN)/cellward demo
 
-# Tests that stream or move in real time need the machine for themselves; others on the wire mostly wait. A virtual
-# machine whose host takes its cores for a tenth of a second fails any of them: what failed is tried once more.
+# Tests of whole cells and those that stream or count milliseconds need the machine for themselves; others on the
+# wire mostly wait. A virtual machine whose host takes its cores for a tenth of a second fails any of them: what
+# failed is tried once more.
 test: $(VENV)/.ready lint
 	$(BIN)/pytest -m "not wire and not soak" --numprocesses 2 --dist worksteal
 	$(BIN)/pytest $(WIRE) --numprocesses 2 --dist loadfile || $(BIN)/pytest $(WIRE) --last-failed

@@ -143,7 +143,6 @@ def test_a_still_board_is_seen_where_it_truly_is(subject: OakCamera, twin: Twin)
     opened(subject, body)
 
 
-@pytest.mark.alone
 def test_a_board_in_motion_is_seen_where_it_was_at_mid_exposure(subject: OakCamera, twin: Twin) -> None:
     async def body() -> None:
         frames: list[Frame] = []

@@ -15,7 +15,7 @@ from drivers.ur.gripper import ArmGripper
 from fakes.scenario import Scenario
 from fakes.world import World
 
-pytestmark = [pytest.mark.wire, pytest.mark.alone]
+pytestmark = pytest.mark.wire
 CLOSES, HOLDS = 0, 7  # output and confirm input of the scenario
 
 

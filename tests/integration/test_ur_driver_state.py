@@ -13,7 +13,7 @@ from cell.clock import MonotonicClock
 from cell.errors import CellError
 from drivers.ur import UrArm
 
-pytestmark = [pytest.mark.wire, pytest.mark.alone]
+pytestmark = pytest.mark.wire
 
 
 @pytest.fixture(scope="module")
