@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from cell.poses import Array
 
+NEWEST = 24  # sightings of an item, that tell where and how it lies
 CAMERA_SIGMA = 3e-4  # m; until the sightings of one item tell
 LATENCY_SIGMA = 5e-3  # s; until exposures that are known tell
 _FEWEST = 8  # numbers that say how large a noise is
@@ -101,6 +102,16 @@ def _of_few(degrees: float) -> float:
     mean square of one. With two there is no such mean."""
     degrees = max(degrees, _LEAST_DEGREES)
     return float(np.sqrt(degrees / (degrees - 2.0)))
+
+
+def facing(yaws: Sequence[float]) -> float:
+    """The axis of an item (rad, the same after half a turn) from several sightings of it.
+
+    That one to which all others are closest: a mean would lie across the corners of an item as long as wide.
+    """
+    axes = np.array(yaws)
+    off = np.abs((axes[:, None] - axes + np.pi / 2) % np.pi - np.pi / 2)
+    return float(axes[np.argmin(off.sum(axis=1))])
 
 
 def place(along: Array, across: Array, sightings: Sequence[Sighting], speed: Array, levels: Levels) -> Place:

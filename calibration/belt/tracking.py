@@ -10,6 +10,7 @@ from calibration.belt.arm_time import MotionLimits, rest_to_rest, slower_axis
 from calibration.belt.estimator import BeltEstimator
 from calibration.belt.forecast import Forecast
 from calibration.belt.items import (
+    NEWEST,
     Levels,
     Place,
     Scatter,
@@ -25,7 +26,6 @@ from cell.poses import Array
 
 _GONE = 40  # items whose scatter still tells the camera's noise
 _SIGHTINGS = 1000  # that tell the latency
-_NEWEST = 24  # of an item, that tell its place
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class BeltTracker:
 
     def see(self, item: str, sighting: Sighting, z: float) -> None:
         """One sighting of ``item`` at height ``z`` (m) has arrived."""
-        self._items.setdefault(item, deque(maxlen=_NEWEST)).append((sighting, z))
+        self._items.setdefault(item, deque(maxlen=NEWEST)).append((sighting, z))
         self._all.append(sighting)
         self._scatter.pop(item, None)
         self._levels = None

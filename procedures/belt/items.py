@@ -1,13 +1,13 @@
 """The items on their way: seen, waiting to be picked, and what became of each."""
 
-from collections import Counter
+from collections import Counter, deque
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
 import numpy as np
 
-from calibration.belt.items import Sighting
+from calibration.belt.items import NEWEST, Sighting, facing
 from cell.poses import Array
 
 CONTACT = "contact"  # in an item's life: the tool is on it
@@ -31,8 +31,9 @@ class Item:
     number: int
     along: float
     across: float
-    yaw: float  # rad, of its longer side in the base
+    yaw: float  # rad, of its longer side in the base; what its newest sightings have in common
     sightings: int = 0
+    yaws: deque[float] = field(default_factory=lambda: deque(maxlen=NEWEST))
     outcome: Outcome | None = None
     history: list[tuple[float, str]] = field(default_factory=list)
     turn: float = 0.0  # rad, of the tool that is along its longer side
@@ -75,7 +76,9 @@ class Queue:
             self.items.append(Item(self.seen, along, across, yaw))
             self._places = np.vstack([self._places, [along, across]])
         item = self.items[k]
-        item.along, item.across, item.yaw = along, across, yaw
+        item.along, item.across = along, across
+        item.yaws.append(yaw)
+        item.yaw = facing(item.yaws)
         self._places[k] = along, across
         item.sightings += 1
         return item
