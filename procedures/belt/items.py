@@ -1,11 +1,13 @@
 """The items on their way: seen, waiting to be picked, and what became of each."""
 
 from collections import Counter, deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from calibration.belt.items import NEWEST, Sighting, facing
 from cell.poses import Array
@@ -64,14 +66,25 @@ class Queue:
         self.seen = 0
         self._places: Array = np.zeros((0, 2))  # along and across of ``items``, in their order
 
-    def place(self, along: float, across: float, yaw: float) -> Item:
-        """The item that a sighting at this place (m, zero travel) belongs to: a known one, or a new one.
+    def place(self, places: Array, yaws: Sequence[float]) -> list[Item]:
+        """The items that the sightings of one frame belong to, each to its own: known ones, or new ones.
 
-        What was picked or missed stays known until it is far past, so it is not found a second time.
+        ``places`` (k, 2) along and across at zero travel (m), ``yaws`` (k,) rad. What was picked or missed
+        stays known until it is far past, so it is not found a second time.
         """
-        away = np.hypot(*(self._places - [along, across]).T)
-        k = int(np.argmin(away)) if len(away) else 0
-        if not len(away) or away[k] > self._spacing_m:
+        away = np.hypot(*np.moveaxis(self._places - places[:, None], 2, 0))
+        near = np.flatnonzero((away <= self._spacing_m).any(axis=0))
+        away = away[:, near]
+        rows, columns = linear_sum_assignment(np.minimum(away, self._spacing_m))
+        known = {k: near[j] for k, j in zip(rows, columns, strict=True) if away[k, j] <= self._spacing_m}
+        return [
+            self._saw(known.get(k), float(along), float(across), yaw)
+            for k, ((along, across), yaw) in enumerate(zip(places, yaws, strict=True))
+        ]
+
+    def _saw(self, k: int | None, along: float, across: float, yaw: float) -> Item:
+        """A sighting of item ``k`` of :attr:`items`, or of a new one."""
+        if k is None:
             k, self.seen = len(self.items), self.seen + 1
             self.items.append(Item(self.seen, along, across, yaw))
             self._places = np.vstack([self._places, [along, across]])

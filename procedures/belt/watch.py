@@ -216,22 +216,22 @@ class BeltWatch:
 
     def _enter(self, look: "_Look", places: Array) -> None:
         """Each sighting becomes one of its item."""
-        frame, rows = look.frame, list[tuple[int, Array, float]]()
-        now = self._encoder.counts.clock.now()
-        for k in np.argsort(-places[:, 0]):  # when the queue is full, who comes first is in it
-            seen, (along, across) = look.seen[k], places[k]
-            item = self.queue.place(float(along), float(across), seen.yaw)
-            if item.sightings == 1:
-                item.note(frame.t_exposure, "seen")
-                if self.queue.length > self._config.queue_limit:
-                    self.queue.end(item, Outcome.QUEUE_FULL, now)
-                    self._over.append(item)
+        frame, now = look.frame, self._encoder.counts.clock.now()
+        order = np.argsort(-places[:, 0])
+        sightings = [look.seen[k] for k in order]
+        items = self.queue.place(places[order], [seen.yaw for seen in sightings])
+        new = [item for item in items if item.sightings == 1]
+        for item in new:
+            item.note(frame.t_exposure, "seen")
+        while self.queue.length > self._config.queue_limit:  # who comes first is in it
+            self._over.append(new.pop())
+            self.queue.end(self._over[-1], Outcome.QUEUE_FULL, now)
+        for item, seen in zip(items, sightings, strict=True):
             if item.outcome is None:
-                self.tracker.see(
-                    item.key, as_sighting(seen.point, frame.t_exposure, now), float(seen.point[2])
-                )
-            rows.append((item.number, seen.point, seen.yaw))
-        if rows and self.record is not None:
+                sighting = as_sighting(seen.point, frame.t_exposure, now)
+                self.tracker.see(item.key, sighting, float(seen.point[2]))
+        if items and self.record is not None:
+            rows = [(item.number, seen.point, seen.yaw) for item, seen in zip(items, sightings, strict=True)]
             self.record.saw(frame.t_exposure, frame.seq, rows)
 
 

@@ -5,13 +5,14 @@ from math import pi
 import numpy as np
 import pytest
 
-from procedures.belt.items import Item, Queue
+from procedures.belt.items import Item, Outcome, Queue
 
 SPACING = 0.03
 
 
-def seen(queue: Queue, *places: float, yaw: float = 0.0) -> list[Item]:
-    return [queue.place(along, 0.0, yaw) for along in places]
+def seen(queue: Queue, *along: float, yaw: float = 0.0) -> list[Item]:
+    """What one frame shows in the middle of the belt."""
+    return queue.place(np.array([[x, 0.0] for x in along]).reshape(-1, 2), [yaw] * len(along))
 
 
 def turned(*yaws: float) -> float:
@@ -38,3 +39,44 @@ def test_an_item_as_long_as_wide_is_never_taken_across_its_corners() -> None:
 
 def test_an_item_that_turned_on_the_belt_is_believed_when_it_is_seen_so_again_and_again() -> None:
     assert turned(*[0.1] * 40, *[0.8] * 20) == pytest.approx(0.8)
+
+
+def test_two_sightings_of_one_frame_are_two_items_however_close() -> None:
+    queue = Queue(SPACING)
+    for shake in (0.0, 2e-4, -1e-4):
+        first, second = seen(queue, 0.125 + shake, 0.1 + shake)
+        assert (first.number, second.number) == (1, 2)
+    assert [(item.along, item.sightings) for item in queue.items] == [
+        (pytest.approx(0.1249), 3), (pytest.approx(0.0999), 3)
+    ]  # fmt: skip
+    assert queue.seen == 2
+
+
+def test_a_row_that_is_seen_a_little_off_keeps_its_order() -> None:
+    queue = Queue(SPACING)
+    seen(queue, 0.050, 0.025, 0.0)
+    assert [item.number for item in seen(queue, 0.013, 0.063, 0.038)] == [3, 1, 2]
+
+
+def test_a_sighting_within_the_spacing_of_what_was_picked_is_that_again() -> None:
+    queue = Queue(SPACING)
+    (item,) = seen(queue, 0.1)
+    queue.end(item, Outcome.PICKED, 1.0)
+    assert seen(queue, 0.11) == [item]
+    assert queue.seen == 1
+
+
+def test_the_neighbour_of_what_was_picked_stays_itself() -> None:
+    queue = Queue(SPACING)
+    first, second = seen(queue, 0.125, 0.1)
+    queue.end(first, Outcome.PICKED, 1.0)
+    assert seen(queue, 0.101) == [second]
+    assert seen(queue, 0.124, 0.1) == [first, second]
+    assert queue.waiting(1) == [second]
+
+
+def test_a_frame_without_items_places_none() -> None:
+    queue = Queue(SPACING)
+    assert seen(queue) == []
+    seen(queue, 0.1)
+    assert seen(queue) == []
