@@ -1,8 +1,8 @@
 """What a scenario says about the items on a belt, and about the gripper that takes them."""
 
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 
@@ -16,6 +16,9 @@ class ItemsTruth(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     size_m: Three = Field(default=[0.06, 0.04, 0.03], description="length, width, height")
+    height_m: tuple[float, float] | None = Field(
+        default=None, description="heights drawn between two, item by item, instead of size_m's"
+    )
     colour: Three = Field(default=[40.0, 120.0, 230.0], description="blue, green, red; of 255")
     spacing_m: float = Field(default=0.25, gt=0, le=10, description="between middles, along the belt")
     jitter_m: float = Field(default=0.0, ge=0, le=5, description="of the spacing, at most, either way")
@@ -24,6 +27,13 @@ class ItemsTruth(BaseModel):
     first_m: float = Field(default=0.3, ge=-10, le=10, description="of the first, upstream of the origin")
     count: int = Field(default=0, ge=0, description="0: without end")
     gone_m: float = Field(default=1.5, gt=0, le=50, description="downstream of the origin it falls off")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.height_m is not None and not 0.0 < self.height_m[0] <= self.height_m[1] <= 1.0:
+            low, high = self.height_m
+            raise ValueError(f"height_m = [{low:g}, {high:g}] should be two numbers in order, 1 m at most")
+        return self
 
 
 class GripperTruth(BaseModel):

@@ -22,12 +22,16 @@ class MovingBelt(Protocol):
 
 @dataclass(frozen=True)
 class Lying:
-    """Item ``number`` (from 0) where it was put: at belt coordinate ``along`` (m, of zero travel)."""
+    """Item ``number`` (from 0) where it was put: at belt coordinate ``along`` (m, of zero travel).
+
+    ``size_m`` is its length, width and height.
+    """
 
     number: int
     along: float
     across: float
     yaw: float
+    size_m: tuple[float, float, float]
 
 
 class Items:
@@ -46,8 +50,12 @@ class Items:
             rng = np.random.default_rng([self._seed, number, 0x17E5])
             jitter, lateral, turn = rng.uniform(-1.0, 1.0, 3)
             truth = self.truth
+            length, width, height = truth.size_m
+            if truth.height_m is not None:
+                height = float(rng.uniform(*truth.height_m))
             along = -truth.first_m - number * truth.spacing_m + jitter * truth.jitter_m
-            self._lying[number] = Lying(number, along, lateral * truth.lateral_m, turn * truth.yaw_rad)
+            size = length, width, height
+            self._lying[number] = Lying(number, along, lateral * truth.lateral_m, turn * truth.yaw_rad, size)
         return self._lying[number]
 
     def take(self, number: int, t: float) -> None:
@@ -94,7 +102,7 @@ class Items:
     def grasp_point(self, number: int, t: float) -> Array:
         """(3,) the middle of its upper face, in the base."""
         lying, T = self.lying(number), self._T_base_belt
-        place = [lying.along + self.belt.travel_at(t), lying.across, self.truth.size_m[2]]
+        place = [lying.along + self.belt.travel_at(t), lying.across, lying.size_m[2]]
         point: Array = T[:3, :3] @ place + T[:3, 3]
         return point
 

@@ -27,7 +27,6 @@ def boxes_seen(world: World, times: Sequence[float]) -> list[list[Box]]:
     along, _, height = (T_camera_base * items.belt.T_base_belt).inv().translation
     numbers = items.numbers(middle, float(along - _LOOK * height), float(along + _LOOK * height))
     poses = {number: T_camera_base * items.pose(number, middle) for number in numbers}
-    length, width, thick = items.truth.size_m
     blue, green, red = items.truth.colour
 
     def box(number: int, t: float) -> Box:
@@ -35,6 +34,6 @@ def boxes_seen(world: World, times: Sequence[float]) -> list[list[Box]]:
         T, shift = poses[number], T_camera_base.rotation.apply(moved)
         if t != middle:
             T = RigidTransform.from_components(T.translation + shift, T.rotation)
-        return Box(T, (length, width, thick), (blue, green, red))
+        return Box(T, items.lying(number).size_m, (blue, green, red))
 
     return [[box(number, t) for number in numbers] for t in times]

@@ -1,6 +1,6 @@
 """What the camera of the object face finds on the belt, without a picture."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,13 +24,14 @@ def items_seen(
     found = []
     for number, T_base_top in items.on_belt(t, below - _LOOK_M, below + _LOOK_M):
         top = T_camera_base * T_base_top
-        corners = top.apply(_corners(items.truth.size_m))
+        size_m = items.lying(number).size_m
+        corners = top.apply(_corners(size_m))
         if corners[:, 2].min() < 0.05 or not look.holds(corners):
             continue
         height = float(normal @ top.translation) - float(spec["offset_m"])
         if not spec["min_height_m"] <= height <= spec["max_height_m"]:
             continue
-        if not spec["size_m"][0] <= max(items.truth.size_m[:2]) <= spec["size_m"][1]:
+        if not spec["size_m"][0] <= max(size_m[:2]) <= spec["size_m"][1]:
             continue
         if not _within(top.translation, spec.get("region"), normal):
             continue
@@ -38,7 +39,7 @@ def items_seen(
         off = _SIGMA_M * rng.standard_normal(3)
         turn = _SIGMA_RAD * rng.standard_normal()
         axis = top.rotation.apply([np.cos(turn), np.sin(turn), 0.0])
-        length, width = sorted(items.truth.size_m[:2], reverse=True)
+        length, width = sorted(size_m[:2], reverse=True)
         found.append(ItemView(top.translation + off, axis, (length, width), height, _SIGMA_M))
     return tuple(found)
 
@@ -56,7 +57,7 @@ class Look:
         return bool(np.all((uv > _RIM_PX) & (uv < self._size - 1.0 - _RIM_PX)))
 
 
-def _corners(size_m: list[float]) -> Array:
+def _corners(size_m: Sequence[float]) -> Array:
     half = 0.5 * np.array(size_m[:2])
     return np.array([[x * half[0], y * half[1], 0.0] for x in (-1, 1) for y in (-1, 1)])
 

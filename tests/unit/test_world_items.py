@@ -5,9 +5,12 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from cell.poses import Array
+from fakes.frames.belt_view import boxes_seen
 from fakes.gripper import Gripper
 from fakes.item_truth import GripperTruth, ItemsTruth
 from fakes.items import Items
+from fakes.scenario import Scenario
+from fakes.world import World
 
 SPEED = 0.2
 T_BASE_BELT = RigidTransform.from_components([0.5, -0.3, 0.1], Rotation.from_euler("z", 0.4))
@@ -70,6 +73,36 @@ def test_every_item_within_a_stretch_is_listed_and_no_other(items: Items) -> Non
 def test_a_feed_of_three_ends_after_the_third() -> None:
     items = Items(TRUTH.model_copy(update={"count": 3}), Belt(), seed=7)
     assert [n for n, _ in items.on_belt(6.0, -5.0, 1.4)] == [0, 1, 2]
+
+
+def test_heights_are_drawn_between_two_and_change_nothing_else(items: Items) -> None:
+    mixed = Items(TRUTH.model_copy(update={"height_m": (0.02, 0.09)}), Belt(), seed=7)
+    sizes = np.array([mixed.lying(n).size_m for n in range(100)])
+    assert np.all(sizes[:, :2] == TRUTH.size_m[:2])
+    assert 0.02 <= sizes[:, 2].min() < 0.025 < 0.085 < sizes[:, 2].max() <= 0.09
+    for n in range(3):
+        rise = mixed.grasp_point(n, 2.0) - items.grasp_point(n, 2.0)
+        assert rise == pytest.approx([0.0, 0.0, sizes[n, 2] - TRUTH.size_m[2]], abs=1e-12)
+
+
+@pytest.mark.parametrize("height_m", [(0.0, 0.05), (0.05, 0.02), (0.1, 2.0)])
+def test_heights_out_of_order_are_refused(height_m: tuple[float, float]) -> None:
+    with pytest.raises(ValueError, match="height_m"):
+        ItemsTruth(height_m=height_m)
+
+
+def test_a_picture_shows_items_as_high_as_they_are_and_standing_on_the_belt() -> None:
+    scenario = Scenario.load("picking").world
+    assert scenario.items is not None
+    truth = scenario.items.model_copy(update={"height_m": (0.02, 0.09), "first_m": -0.1})
+    world = World(scenario.model_copy(update={"items": truth}), 0.0)
+    assert world.items is not None
+    assert world.belt is not None
+    T_belt_camera = world.belt.T_base_belt.inv() * world.scene(0.0).T_base_camera
+    (boxes,) = boxes_seen(world, [0.0])
+    assert len({box.size_m for box in boxes}) == len(boxes) >= 3
+    for box in boxes:
+        assert T_belt_camera.apply(box.T_camera_top.translation)[2] == pytest.approx(box.size_m[2])
 
 
 def test_fingers_that_close_right_take_the_item_off_the_belt_from_then_on(items: Items) -> None:
