@@ -33,7 +33,7 @@ WORLD = {
     "spacing_m": "0.04",
     "jitter_m": "0.0",
     "lateral_m": "0.04",
-    "gone_m": "20.0",
+    "first_m": "-0.1\ngone_m = 20.0",
 }
 SPEED = "[{ speed_m_s = 0.3 }]"
 BELTS = {
