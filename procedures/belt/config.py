@@ -97,7 +97,9 @@ class BeltTrackingConfig(_Strict):
     T1_s: float = Field(default=0.4, gt=0, le=5, description="classic: fixed time of the way above the item")
     picks: int = Field(default=0, ge=0, description="end after so many; 0: until finished")
     min_sightings: int = Field(default=2, ge=1, le=50, description="seen less often is no item")
-    spacing_m: Length = Field(default=0.03, description="closer on the belt is the same item")
+    spacing_m: Length = Field(
+        default=0.03, description="closer on the belt is the same item, unless one picture shows both"
+    )
     queue_limit: int = Field(
         default=500, ge=1, le=10000, description="so many items on their way; more are let pass and counted"
     )
