@@ -9,21 +9,26 @@ from cell.poses import Array
 TOUCH_M = 0.0005  # above the offset, fingers may be in contact
 BESIDE_M = 0.0002
 HOLD_M = 0.0015  # low, to be down soon; and more than an item's height is wrong
+_THERE_M = 0.0005
 
 
-def descend(t0: float, state: State, origin: Origin, offset: Array, limits: PursuitLimits) -> Leg:
+def descend(
+    t0: float, state: State, origin: Origin, offset: Array, limits: PursuitLimits, cautious: bool = False
+) -> Leg:
     """Each axis to rest at ``offset`` (4,) from ``origin``, the middle of an item's upper face, as early as
     it can; but a tool that would touch while it is still beside its goal, because the belt does otherwise
     than foretold, stays above the face.
 
-    A tool too low to stop above goes on. Errors as of :func:`calibration.belt.pursuit.plan`.
+    A tool too low to stop above goes on. One that is ``cautious`` always comes to rest just above the face
+    before the touch: it can wait there when the belt changes late. Errors as of :func:`calibration.belt.pursuit.plan`.
     """
     straight = plan(t0, state, origin, offset, limits, apart=True)
     face = max(-float(offset[2]), 0.0)  # over the end of a way that goes on down beside the item
-    touch = straight.down_at(face + TOUCH_M)
-    if max(_beside(straight, t0), _beside(straight, touch)) <= BESIDE_M:
+    touch, gap = straight.down_at(face + TOUCH_M), straight.gap(t0)
+    over = max(_beside(straight, t0), _beside(straight, touch)) <= BESIDE_M
+    if over and not (cautious and gap.p[2] > face + HOLD_M + _THERE_M):
         return straight
-    low = _stop(straight.gap(t0), limits)
+    low = _stop(gap, limits)
     if low <= face + TOUCH_M:
         return straight
     above = np.array([0.0, 0.0, min(low, face + HOLD_M), 0.0])

@@ -35,6 +35,7 @@ LEAD_S = 0.012  # from a decision to where it begins to act
 GRIPPER_STUCK = "the confirm input stays on after the gripper was opened"
 CLOSE = frozenset({S.DESCEND, S.GRIP})
 MET_M, MET_M_S, MET_RAD = 0.0003, 0.02, 0.02  # from rest on an item
+DOUBT_S, DOUBT_M = 0.15, 0.0003  # a belt that may be so far off so soon is waited for just above its item
 REFUSED_S = 0.2  # an item out of reach is not tried again for so long: the arm goes on, and so does the belt
 
 
@@ -68,7 +69,7 @@ class Picker:
         self._arm = run.arm()
         self._task: asyncio.Task[bool] | None = None
         self._lag = Lag()
-        self._held = False
+        self._held = self._is_cautious = False
         self._foot_m = 0.0
         self._item: Item | None = None
         self._awaited: Item | None = None  # on its way to the zone
@@ -214,6 +215,7 @@ class Picker:
         if turns and self._choice.has_come_in(ride.track, t + self._descent_s):
             self._way.at_full_speed()
             await self._run.enter(S.DESCEND)
+            self._is_cautious = self._watch.doubt(DOUBT_S) > DOUBT_M
             self._phase = self._descend
         return True
 
@@ -221,7 +223,7 @@ class Picker:
         ride = self._ride()
         if ride is None or self.standing:
             return await self._give_up(t)
-        self._way.descend(t, ride, self._at_grip)
+        self._way.descend(t, ride, self._at_grip, self._is_cautious)
         if not self._choice.inside(ride.track, self._way.t1, self._way.t1 + self._config.dwell_s):
             return await self._give_up(t)
         if self._meets(t, ride):

@@ -87,6 +87,11 @@ class BeltWatch:
         forecast = self.forecast
         return 0.0 if forecast is None else forecast.speed(forecast.now)
 
+    def doubt(self, ahead_s: float) -> float:
+        """Standard deviation of the belt's travel over the next ``ahead_s``, m."""
+        forecast = self.forecast
+        return np.inf if forecast is None else forecast.sigma(forecast.now, forecast.now + ahead_s)
+
     def track(self, item: Item) -> Track | None:
         """``item`` as it is foretold now, until :meth:`learn` knows more."""
         if item.number not in self._tracks:

@@ -108,9 +108,10 @@ class Way:
             return
         self._leg = plan(t, old.at(t), origin, offset, self._limits.slower(self._share), apart)
 
-    def descend(self, t: float, ride: Ride, offset: Array) -> None:
+    def descend(self, t: float, ride: Ride, offset: Array, cautious: bool) -> None:
         """On down to an item; see :func:`calibration.belt.descent.descend`."""
-        self._leg = descend(t, self._leg.at(t), ride, offset, self._limits.slower(self._share))
+        limits = self._limits.slower(self._share)
+        self._leg = descend(t, self._leg.at(t), ride, offset, limits, cautious)
 
     def rise(self, t: float, offset: Array) -> None:
         """Straight up at full speed, seen from what the tool is at."""
