@@ -9,7 +9,8 @@ that would refuse an item that slides would make the comparison meaningless, so 
 take any; the sparse runs have the twin's own, which take nothing that is 3 mm off or slides at 20 mm/s.
 
 Error is the horizontal distance of the tool's true point and the item's true grasp point at first contact,
-RMS over all contacts. An item counts as detected when it was known before it left the zone.
+RMS over all contacts. ``again`` are closings that took nothing: an item that is followed is tried twice. An
+item counts as detected when it was known before it left the zone.
 """
 
 import argparse
@@ -54,6 +55,7 @@ class Tally:
     unseen: int = 0
     passed: int = 0
     double: int = 0
+    again: int = 0
     ends: list[str] = field(default_factory=list)
     off: list[float] = field(default_factory=list)
 
@@ -126,6 +128,7 @@ async def run(tally: Tally, folder: Path, job: dict[str, Any], lines: dict[str, 
         tally.passed += len(outcomes)
         taken = [c.item for c in truth.contacts if c.taken]
         tally.double += len(taken) - len(set(taken))
+        tally.again += sum(not c.taken for c in truth.contacts)
         tally.off += [float(np.hypot(*c.off_m)) for c in truth.contacts if c.off_m is not None]
 
 
@@ -142,7 +145,7 @@ def line(title: str, tally: Tally) -> str:
     ends = f"  {', '.join(tally.ends)}" if tally.ends else ""
     return (
         f"{title:34s}{tally.per_minute:9.1f}{1e3 * tally.error_m:9.3f}{len(tally.off):7d}"
-        f"{shares}{tally.double:8d}{ends}"
+        f"{shares}{tally.again:7d}{tally.double:8d}{ends}"
     )
 
 
@@ -159,7 +162,7 @@ def main() -> int:
     print(f"{runs} runs of {options.seconds:g} s each")
     print(
         f"{'':34s}{'picks/min':>9s}{'error mm':>9s}{'n':>7s}{'seen %':>8s}{'success %':>9s}"
-        f"{'missed %':>10s}{'double':>8s}"
+        f"{'missed %':>10s}{'again':>7s}{'double':>8s}"
     )
     good = True
     for belt in options.belt or BELTS:

@@ -20,7 +20,8 @@ def descend(
     than foretold, stays above the face.
 
     A tool too low to stop above goes on. One that is ``cautious`` always comes to rest just above the face
-    before the touch: it can wait there when the belt changes late. Errors as of :func:`calibration.belt.pursuit.plan`.
+    before the touch: it can wait there when the belt changes late. Errors as of
+    :func:`calibration.belt.pursuit.plan`.
     """
     straight = plan(t0, state, origin, offset, limits, apart=True)
     face = max(-float(offset[2]), 0.0)  # over the end of a way that goes on down beside the item

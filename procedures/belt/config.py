@@ -87,6 +87,12 @@ class BeltTrackingConfig(_Strict):
     )
     dwell_s: float = Field(default=0.05, ge=0, le=5, description="least time in contact")
     grip_timeout_s: float = Field(default=0.3, gt=0, le=5)
+    grip_tries: int = Field(
+        default=2,
+        ge=1,
+        le=10,
+        description="closings on an item that is followed; it may slide under the first",
+    )
     align: bool = Field(default=True, description="turn the tool to the item")
     follow: bool = Field(default=True, description="move with the item during the grip")
     choice: Literal["leaving first", "soonest"] = Field(

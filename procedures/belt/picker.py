@@ -73,7 +73,7 @@ class Picker:
         self._foot_m = 0.0
         self._item: Item | None = None
         self._awaited: Item | None = None  # on its way to the zone
-        self._t_contact = 0.0
+        self._t_contact, self._tries = 0.0, 0
         self._phase: Callable[[float], Coroutine[Any, Any, bool]] = self._ready
         self._way = Way(tool, limits, guard, wait)
         self._choice = Choice(config, watch, tool, float(wait.p[3]), self._descent_s)
@@ -234,7 +234,7 @@ class Picker:
         """In contact."""
         assert self._item is not None
         self._item.note(t, CONTACT)
-        self._t_contact = t
+        self._t_contact, self._tries = t, 1
         await self._run.enter(S.GRIP)
         self._begin(self._gripper.grip(self._config.grip_timeout_s))
         self._phase = self._grip
@@ -304,14 +304,21 @@ class Picker:
 
     async def _grip(self, t: float) -> bool:
         """Move with the item until it is held, at least for the dwell and at most to the edge of the zone."""
-        held, out = self._answer(), False
-        if not self._meets_only and (ride := self._ride()) is not None:
-            self._way.go(t, ride, self._at_grip, apart=True)
-            out = not self._choice.inside(ride.track, t, t)
+        held, out = self._answer(), self._follow(t)
         if not out and (held is None or t < self._t_contact + self._config.dwell_s):
             return True
         assert self._item is not None
         held = bool(held)
+        if not held and not out and self._tries < self._config.grip_tries and not self._meets_only:
+            self._item.note(t, "not held")
+            self._begin(self._gripper.release(self._config.grip_timeout_s))
+            self._phase = self._grip_again
+            return True
+        return await self._end_grip(t, held)
+
+    async def _end_grip(self, t: float, held: bool) -> bool:
+        """Up, with the item or without."""
+        assert self._item is not None
         self._item.note(t, "gripped" if held else "grip failed")
         self._held = held
         await self._run.enter(S.LIFT)
@@ -322,6 +329,23 @@ class Picker:
         self._way.rise(t, self._above)
         self._phase = self._lift
         return True
+
+    async def _grip_again(self, t: float) -> bool:
+        """The item slid when the fingers closed, as the belt changed just then: open them, and once more."""
+        if self._follow(t):
+            return await self._end_grip(t, False)
+        if self._opened():
+            self._tries += 1
+            self._begin(self._gripper.grip(self._config.grip_timeout_s))
+            self._phase = self._grip
+        return True
+
+    def _follow(self, t: float) -> bool:
+        """On with the item in the grip; whether it has left the zone."""
+        if self._meets_only or (ride := self._ride()) is None:
+            return False
+        self._way.go(t, ride, self._at_grip, apart=True)
+        return not self._choice.inside(ride.track, t, t)
 
     async def _lift(self, t: float) -> bool:
         """Straight up, seen from the belt, until what lies beside is cleared."""
