@@ -36,6 +36,7 @@ GRIPPER_STUCK = "the confirm input stays on after the gripper was opened"
 CLOSE = frozenset({S.DESCEND, S.GRIP})
 MET_M, MET_M_S, MET_RAD = 0.0003, 0.02, 0.02  # from rest on an item
 DOUBT_S, DOUBT_M = 0.15, 0.0003  # a belt that may be so far off so soon is waited for just above its item
+RISE_S = 0.08  # until fingers that leave are clear of the item
 REFUSED_S = 0.2  # an item out of reach is not tried again for so long: the arm goes on, and so does the belt
 
 
@@ -341,11 +342,11 @@ class Picker:
         return True
 
     def _follow(self, t: float) -> bool:
-        """On with the item in the grip; whether it has left the zone."""
+        """On with the item in the grip; whether it is about to leave the zone."""
         if self._meets_only or (ride := self._ride()) is None:
             return False
         self._way.go(t, ride, self._at_grip, apart=True)
-        return not self._choice.inside(ride.track, t, t)
+        return not self._choice.inside(ride.track, t, t + RISE_S)
 
     async def _lift(self, t: float) -> bool:
         """Straight up, seen from the belt, until what lies beside is cleared."""

