@@ -4,13 +4,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from daemon.plc import PlcFace
 from fakes.object import run_virtual
 from procedures.belt.items import CONTACT, Outcome
 from tests.object_cell import ObjectCell, no_report
-from tests.unit.picking_cell import picking_cell, picking_config
+from tests.unit.picking_cell import contact_errors, picking_cell, picking_config
 from tests.unit.picking_truth import agrees_with_the_world, told, truth_of
 
 __all__ = ["no_report"]
@@ -79,6 +80,23 @@ def ends_once_and_truly(cell: ObjectCell, run_id: int, count: int, seen: Seen) -
     for counter in (seen.picks, seen.misses):
         assert counter == sorted(counter)
     return said.outcomes
+
+
+def test_of_three_hundred_items_on_their_way_each_ends_once_and_none_is_picked_twice(tmp_path: Path) -> None:
+    count = 330
+    profile = "[{ speed_m_s = 0.8, for_s = 11.5 }, { speed_m_s = 0.25, for_s = 10.0 }, { speed_m_s = 0.8 }]"
+
+    async def scene() -> None:
+        config = picking_config(tmp_path, {"spacing_m": 0.5 * CLOSE_M}, feed(9.5, count, profile))
+        async with picking_cell(config) as cell:
+            run_id, seen = await pick_until_all_have_passed(cell, count)
+            assert seen.longest >= 300
+            outcomes = ends_once_and_truly(cell, run_id, count, seen)
+            assert outcomes["picked"] >= 5
+            assert outcomes["queue full"] == 0
+            assert np.max(np.abs(contact_errors(cell))) < 2e-3
+
+    run_virtual(scene())
 
 
 def test_what_a_long_queue_does_not_take_is_told_and_never_touched(tmp_path: Path) -> None:
