@@ -2,7 +2,8 @@
 
 import asyncio
 import gc
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Coroutine
+from contextlib import aclosing
 from pathlib import Path
 from typing import Any
 
@@ -357,10 +358,11 @@ def test_a_stream_that_begins_elsewhere_is_refused(subject: Callable[[Scene], An
         port = await arm.open_motion(TOOL)
         q = arm.state.latest(0.1).value.q
 
-        async def jump() -> AsyncIterator[TrajectoryPiece]:
+        async def jump() -> AsyncGenerator[TrajectoryPiece, None]:
             yield TrajectoryPiece(arm.clock.now(), arm.clock.now() + 0.1, np.array([q + 0.3]))
 
-        assert await failure_of(port.stream(jump())) == "MOTION_LIMIT"
+        async with aclosing(jump()) as pieces:  # as a lease does
+            assert await failure_of(port.stream(pieces)) == "MOTION_LIMIT"
         assert not moving(arm)
         await port.close()
 
