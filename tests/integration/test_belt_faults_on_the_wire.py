@@ -3,6 +3,7 @@
 One cell for all: each fault strikes a run of its own after its first pick, while the tool goes with an item.
 """
 
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from cell.procedure import PackML
 from cell.store.journal import read_journal
 from cell.store.ledger import Ledger
 from cell.store.runs import JOURNAL_FILE
+from daemon.modbus.face import SNAPSHOT_AGE_S
 from fakes.control import ask
 from procedures.belt.items import Outcome
 from tests.unit.picking_truth import MISSES, Told, Truth
@@ -49,6 +51,8 @@ class Picking:
         return Truth(len(contacts), tuple(c["item"] for c in contacts if c["taken"]))
 
     def registers(self) -> list[int]:
+        """As they are now: a cell shows what it looked up up to ``SNAPSHOT_AGE_S`` ago."""
+        time.sleep(SNAPSHOT_AGE_S)
         read = self._plc.read_input_registers(0, 64)
         assert read is not None, "the Modbus server did not answer"
         return list(read)
