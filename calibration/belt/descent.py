@@ -6,10 +6,10 @@ from ruckig import ControlInterface, InputParameter, Ruckig, Trajectory
 from calibration.belt.pursuit import Leg, Origin, PursuitLimits, State, plan
 from cell.poses import Array
 
-TOUCH_M = 0.0005  # above the offset, fingers may be in contact
+TOUCH_M = 0.0005  # so high above the item's face fingers may be in contact
 BESIDE_M = 0.0002
 HOLD_M = 0.0015  # low, to be down soon; and more than an item's height is wrong
-_THERE_M = 0.0005
+_THERE_M = 0.0005  # of it, and the tool may go on down
 
 
 def descend(

@@ -69,10 +69,8 @@ class Choice:
 
     def inside(self, track: Track, begin: float, end: float) -> bool:
         """Whether the item is between the zone's edges from ``begin`` to ``end``."""
-        zone = self._config.zone
-        return zone.min_m <= min(_along(track, t) for t in (begin, end)) and (
-            max(_along(track, t) for t in (begin, end)) <= zone.max_m
-        )
+        zone, along = self._config.zone, track.along(np.array([begin, end]))
+        return bool(zone.min_m <= along.min() and along.max() <= zone.max_m)
 
     def holds(self, point: Array) -> bool:
         """Whether a ``point`` (3,) m is between the zone's edges."""

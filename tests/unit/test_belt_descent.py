@@ -73,6 +73,16 @@ def test_while_it_is_beside_the_tool_comes_to_rest_just_above() -> None:
     assert leg.gap(leg.t1).p == pytest.approx(0.0, abs=1e-9)
 
 
+def test_a_cautious_tool_stops_above_the_item_before_it_touches_and_then_goes_on() -> None:
+    over = State(np.array([0.0, 0.0, 0.03, 0.0]), np.array([0.0, 0.0, -0.2, 0.0]), np.zeros(4))
+    rest = Belt(lambda t: 0.0, 0.0)
+    assert descend(0.0, over, rest, FACE, LIMITS).offset == pytest.approx(FACE)
+    leg = descend(0.0, over, rest, FACE, LIMITS, cautious=True)
+    assert leg.at(leg.t1).p[2] == pytest.approx(HOLD_M)
+    on = descend(leg.t1, leg.at(leg.t1), rest, FACE, LIMITS, cautious=True)
+    assert on.offset == pytest.approx(FACE)
+
+
 def test_a_tool_too_low_to_stop_above_goes_on() -> None:
     low = State(np.array([0.005, 0.0, 0.002, 0.0]), np.array([0.0, 0.0, -0.2, 0.0]), np.zeros(4))
     leg = descend(0.0, low, Belt(lambda t: 0.0, 0.0), FACE, LIMITS)

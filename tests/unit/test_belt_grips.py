@@ -62,6 +62,22 @@ def test_fingers_that_refuse_are_counted_and_each_item_is_tried_twice(tmp_path: 
     run_virtual(scene())
 
 
+def test_an_item_that_the_first_closing_missed_is_taken_by_the_second(tmp_path: Path) -> None:
+    async def scene() -> None:
+        config = picking_config(tmp_path, {"picks": 1}, {"confirm": "7\nwithin_m = 1e-9"})
+        async with picking_cell(config) as cell:
+            run_id, gripper = await cell.start(), gripper_of(cell)
+            await cell.until(lambda: gripper.contacts, "the first closing", 60.0)
+            gripper.truth = gripper.truth.model_copy(update={"within_m": 0.003})
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            life = ["seen", "approach", "contact", "not held", "gripped", "picked"]
+            assert lives(cell, run_id, Outcome.PICKED) == [life]
+            assert [contact.taken for contact in gripper.contacts] == [False, True]
+            agrees_with_the_world(cell, run_id)
+
+    run_virtual(scene())
+
+
 @pytest.mark.parametrize(("across_m", "outcome"), [(0.02, "grip failed"), (0.0015, "picked")])
 def test_an_item_that_was_moved_out_of_sight_counts_as_picked_only_when_the_fingers_have_it(
     tmp_path: Path, across_m: float, outcome: str
