@@ -261,9 +261,13 @@ class UrArm:
             self.feed.set_tcp(offset6)
 
     def tcp_read_back(self, offset6: Array) -> None:
-        """The motion port set the TCP and read it back."""
+        """The motion port set the TCP and read it back.
+
+        Where the packages carry the TCP they alone tell it: older ones may still wait to be decoded.
+        """
         self._tcp_set_at = self._clock.now()
-        self.feed.set_tcp(offset6)
+        if not self._tcp_in_packages:
+            self.feed.set_tcp(offset6)
 
     def motion_closed(self) -> None:
         """The motion port ended, by its lease or by our close."""

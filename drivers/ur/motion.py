@@ -208,6 +208,10 @@ class UrMotion:
         if found.shape != (6,) or not same_pose(found, tcp):
             raise error("ARM_TOOL_NOT_SET", f"the TCP was set to {tcp.round(5)}, read back {found.round(5)}")
         self._arm.tcp_read_back(found)
+        feed = self._arm.feed
+        await self._until(
+            lambda: same_pose(feed.tcp_offset6, found), 0.5, f"a TCP of {tcp.round(5)}", "ARM_TOOL_NOT_SET"
+        )
         wanted = self._tool.payload_kg
         await self._until(
             lambda: self._payload_is(wanted), 0.5, f"a payload of {wanted:g} kg", "ARM_TOOL_NOT_SET"

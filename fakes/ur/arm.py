@@ -34,6 +34,7 @@ class Tool:
     payload: float = 0.0
     centre_of_gravity: tuple[float, ...] = (0.0, 0.0, 0.0)
     inertia: tuple[float, ...] = ZERO6
+    gravity: tuple[float, ...] = (0.0, 0.0, 9.82)  # the default of set_gravity()
 
     @property
     def T_flange_tcp(self) -> RigidTransform:

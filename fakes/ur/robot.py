@@ -17,6 +17,7 @@ from cell.poses import Array
 from fakes.kinematics import Chain, LinkDeltas
 from fakes.track import Track
 from fakes.ur.arm import JOINT_LIMIT, Arm, Tool
+from fakes.ur.force_sensor import ForceSensor
 from fakes.ur.inputs import InputOutput, Inputs
 from fakes.ur.runtime import Program, Runtime, ScriptError, Steps
 from fakes.ur.safety import RobotMode, Safety, SafetyMode
@@ -87,19 +88,41 @@ class Instant:
         return _floats(self.robot.arm.tcp_speed(self._q, self._qd))
 
     @cached_property
-    def tcp_force(self) -> list[float]:
+    def tcp_acceleration(self) -> list[float]:
+        """By difference over one control cycle, like :attr:`qdd`."""
+        arm, step = self.robot.arm, 1.0 / self.robot.rate
+        before = arm.tcp_speed(*arm.track.at(self.t - step))
+        return _floats((np.array(self.tcp_speed) - before) / step)
+
+    @cached_property
+    def contact_force(self) -> list[float]:
+        """What the world does to the TCP, whatever the sensor was zeroed to."""
         return _floats(self.robot.contact_force(self.t))
+
+    @cached_property
+    def tcp_force(self) -> list[float]:
+        """What the controller reports: of its own zeroed sensor, or of one that a client writes."""
+        return self.robot.force_sensor.report(self._q, self.contact_force)
+
+    @property
+    def control_step(self) -> int:
+        return max(round(self.stamp * self.robot.rate), 0)
 
     @cached_property
     def raw_wrench(self) -> list[float]:
         """The sensor's own reading: in the flange, tool weight not compensated (the tool weighs nothing)."""
         turn = self.robot.arm.believed.matrix(self._q)[:3, :3].T
-        force = np.array(self.tcp_force)
+        force = np.array(self.contact_force)
         return _floats(np.concatenate([turn @ force[:3], turn @ force[3:]]))
 
     @cached_property
     def force_scalar(self) -> float:
         return math.hypot(*self.tcp_force[:3])
+
+    @property
+    def collision_ratio(self) -> float:
+        """The contact force over the one that stops the arm."""
+        return math.hypot(*self.contact_force[:3]) / FORCE_LIMIT_N
 
 
 def _floats(values: Array) -> list[float]:
@@ -124,6 +147,8 @@ class Robot:
         self.tool = Tool()
         self.arm = Arm(track, believed, self.tool)
         self.arm.period = 1.0 / identity.rate
+        self.force_sensor = ForceSensor(self.arm)
+        self.script_line = 0  # of the running program, where the twin interprets it
         self.safety = Safety()
         self.io = InputOutput()
         self.registers: dict[str, float] = {}
@@ -168,7 +193,7 @@ class Robot:
         """What the controller's own safety stops: joints beyond their range, and too much force."""
         if self.safety.mode != SafetyMode.NORMAL or not self.safety.powered:
             return
-        if max(map(abs, now.q)) > JOINT_LIMIT or now.force_scalar > FORCE_LIMIT_N:
+        if max(map(abs, now.q)) > JOINT_LIMIT or now.collision_ratio > 1.0:
             self.say("protective stop: joint limit or force limit")
             self.protective_stop()
 
@@ -233,6 +258,7 @@ class Robot:
     def _program_event(self, event: str, name: str, failure: ScriptError | None) -> None:
         if event == "STOPPED":
             self.inputs.disarm_watchdog()
+            self.script_line = 0
         for listener in tuple(self.on_program):
             listener(event, name, failure)
 
@@ -274,6 +300,8 @@ class Robot:
         self.inputs.disarm_watchdog()
         self.tool.offset6, self.tool.payload = (0.0,) * 6, 0.0
         self._secondary.clear()
+        self.force_sensor.reset()
+        self.tool.gravity = Tool.gravity
         self.safety.release(*SafetyMode)
         self.safety.robot_mode = RobotMode.POWER_OFF
         self.boot_time, self.clock_offset = self.now(), 0.0

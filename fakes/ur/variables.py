@@ -1,7 +1,11 @@
 """The RTDE variables this controller knows: name, type, first PolyScope version, and how to read one.
 
-Names and types are those of the public RTDE guide. A name that the selected version does not have is
-answered with ``NOT_FOUND``, as the real controller does.
+Names and types are those of the public RTDE guide and of UR's C++ client library, which also knows
+variables that the guide leaves out. A name that the selected version does not have is answered with
+``NOT_FOUND``, as the real controller does. Where no source names a first version, every version has it.
+
+What the twin's world has is read from it. The rest are constants: the twin has no motor currents,
+temperatures, analogue inputs, energy meter, conveyor encoders or injection moulding interface.
 """
 
 from collections.abc import Callable, Iterator
@@ -24,12 +28,30 @@ BIT_REGISTERS = 128
 
 
 @dataclass(frozen=True)
+class Since:
+    """The first version of each family that has a variable; None for a family without it."""
+
+    e_series: Version | None = (5, 0)
+    cb3: Version | None = (3, 2)
+    x: Version | None = (10, 0)
+
+    def includes(self, version: Version) -> bool:
+        """Whether ``version`` has it."""
+        first = self.cb3 if version[0] == 3 else self.x if version[0] >= 10 else self.e_series
+        return first is not None and version >= first
+
+
+ALWAYS = Since()
+E_SERIES = Since(cb3=None)
+
+
+@dataclass(frozen=True)
 class Output:
-    """One output variable; the e-series has it from version ``since`` on."""
+    """One output variable."""
 
     type: str
     read: Reader
-    since: Version = (3, 2)
+    since: Since = ALWAYS
 
 
 def _constant(value: Value) -> Reader:
@@ -47,25 +69,41 @@ def _outputs() -> Iterator[tuple[str, Output]]:
     yield "target_qdd", Output("VECTOR6D", lambda r, s: s.qdd)
     yield "target_moment", Output("VECTOR6D", _constant(ZERO6))
     yield "actual_current_window", Output("VECTOR6D", _constant(ZERO6))
-    yield "actual_current_as_torque", Output("VECTOR6D", _constant(ZERO6), (5, 23))
+    yield "actual_current_as_torque", Output("VECTOR6D", _constant(ZERO6), Since((5, 23), None))
     yield "joint_control_output", Output("VECTOR6D", _constant(ZERO6))
     yield "actual_TCP_force", Output("VECTOR6D", lambda r, s: s.tcp_force)
     yield "tcp_force_scalar", Output("DOUBLE", lambda r, s: s.force_scalar)
-    yield "ft_raw_wrench", Output("VECTOR6D", lambda r, s: s.raw_wrench, (5, 9))
-    yield "tcp_offset", Output("VECTOR6D", lambda r, s: r.tool.offset6, (5, 15))
-    yield "payload", Output("DOUBLE", lambda r, s: r.tool.payload, (5, 5, 1))
-    yield "payload_cog", Output("VECTOR3D", lambda r, s: r.tool.centre_of_gravity, (5, 5, 1))
-    yield "payload_inertia", Output("VECTOR6D", lambda r, s: r.tool.inertia, (5, 11))
+    yield "ft_raw_wrench", Output("VECTOR6D", lambda r, s: s.raw_wrench, Since((5, 9), None))
+    # Not in the guide; its versions are those that UR gives with its C++ client library.
+    yield "tcp_offset", Output("VECTOR6D", lambda r, s: r.tool.offset6, Since((5, 5, 1), (3, 12)))
+    with_payload = Since((5, 5, 1), (3, 11))
+    yield "payload", Output("DOUBLE", lambda r, s: r.tool.payload, with_payload)
+    yield "payload_cog", Output("VECTOR3D", lambda r, s: r.tool.centre_of_gravity, with_payload)
+    yield "payload_inertia", Output("VECTOR6D", lambda r, s: r.tool.inertia, Since((5, 11), (3, 15)))
+    yield from _dynamics()
     yield from _states()
     yield from _electrical()
     yield from _registers()
+
+
+def _dynamics() -> Iterator[tuple[str, Output]]:
+    for side in ("target", "actual"):
+        yield f"{side}_TCP_acceleration", Output("VECTOR6D", lambda r, s: s.tcp_acceleration, E_SERIES)
+    yield "wrench_calc_from_currents", Output("VECTOR6D", lambda r, s: s.contact_force, E_SERIES)
+    # Actual joints are the target ones here, so they never deviate.
+    yield "joint_position_deviation_ratio", Output("DOUBLE", _constant(0.0), E_SERIES)
+    yield "collision_detection_ratio", Output("DOUBLE", lambda r, s: s.collision_ratio, E_SERIES)
+    yield "target_gravity", Output("VECTOR3D", lambda r, s: r.tool.gravity, Since((5, 26), None, (10, 12)))
+    newest = Since((5, 26), None, (10, 14))
+    yield "target_base_acceleration", Output("VECTOR6D", _constant(ZERO6), newest)
+    yield "target_base_wrench", Output("VECTOR6D", _constant(ZERO6), newest)
 
 
 def _states() -> Iterator[tuple[str, Output]]:
     yield "robot_mode", Output("INT32", lambda r, s: r.safety.robot_mode)
     yield "joint_mode", Output("VECTOR6INT32", lambda r, s: r.safety.joint_modes)
     yield "safety_mode", Output("INT32", lambda r, s: r.safety.mode)
-    yield "safety_status", Output("INT32", lambda r, s: r.safety.mode, (5, 4))
+    yield "safety_status", Output("INT32", lambda r, s: r.safety.mode, Since((5, 4)))
     yield "runtime_state", Output("UINT32", lambda r, s: r.runtime.state)
     yield "robot_status_bits", Output("UINT32", lambda r, s: r.robot_status_bits)
     yield "safety_status_bits", Output("UINT32", lambda r, s: r.safety.status_bits)
@@ -73,6 +111,10 @@ def _states() -> Iterator[tuple[str, Output]]:
     yield "target_speed_fraction", Output("DOUBLE", lambda r, s: r.io.speed_fraction)
     yield "actual_momentum", Output("DOUBLE", _constant(0.0))
     yield "actual_execution_time", Output("DOUBLE", _constant(0.4))
+    yield "target_execution_time", Output("DOUBLE", lambda r, s: 1000.0 / r.rate, E_SERIES)
+    yield "control_step", Output("UINT64", lambda r, s: s.control_step, Since((5, 26), None, (10, 13)))
+    yield "script_control_line", Output("UINT32", lambda r, s: r.script_line, E_SERIES)
+    yield "time_scale_source", Output("INT32", _constant(0), E_SERIES)
     yield "elbow_position", Output("VECTOR3D", _constant(ZERO3))
     yield "elbow_velocity", Output("VECTOR3D", _constant(ZERO3))
     yield "actual_tool_accelerometer", Output("VECTOR3D", _constant((0.0, 0.0, 9.81)))
@@ -86,6 +128,12 @@ def _electrical() -> Iterator[tuple[str, Output]]:
     yield "actual_joint_voltage", Output("VECTOR6D", _constant((48.0,) * 6))
     yield "actual_digital_input_bits", Output("UINT64", lambda r, s: r.digital_in(s.t))
     yield "actual_digital_output_bits", Output("UINT64", lambda r, s: r.io.digital_out)
+    configurable = (
+        ("input", lambda r, s: r.digital_in(s.t) >> 8 & 0xFF),
+        ("output", lambda r, s: r.io.digital_out >> 8 & 0xFF),
+    )
+    for way, read in configurable:
+        yield f"actual_configurable_digital_{way}_bits", Output("UINT64", read, E_SERIES)
     yield "analog_io_types", Output("UINT32", _constant(0))
     for k in (0, 1):
         yield f"standard_analog_input{k}", Output("DOUBLE", _constant(0.0))
@@ -97,6 +145,21 @@ def _electrical() -> Iterator[tuple[str, Output]]:
     yield "tool_output_voltage", Output("INT32", _constant(0))
     yield "tool_output_current", Output("DOUBLE", _constant(0.0))
     yield "tool_temperature", Output("DOUBLE", _constant(30.0))
+    yield from _not_fitted()
+
+
+def _not_fitted() -> Iterator[tuple[str, Output]]:
+    """What this controller is not fitted with, and what the twin does not model: always zero."""
+    for name in ("tool_output_mode", "tool_digital_output0_mode", "tool_digital_output1_mode"):
+        yield name, Output("UINT8", _constant(0), E_SERIES)
+    for name in ("euromap67_input_bits", "euromap67_output_bits"):
+        yield name, Output("UINT32", _constant(0))
+    for name in ("euromap67_24V_voltage", "euromap67_24V_current"):
+        yield name, Output("DOUBLE", _constant(0.0))
+    for name in ("actual_robot_energy_consumed", "actual_robot_braking_energy_dissipated"):
+        yield name, Output("DOUBLE", _constant(0.0), E_SERIES)
+    for name in ("encoder0_raw", "encoder1_raw"):
+        yield name, Output("INT32", _constant(0), E_SERIES)
 
 
 def _analog_output(k: int) -> Reader:
@@ -149,15 +212,7 @@ INPUTS: dict[str, str] = {
 def output(name: str, version: Version) -> Output | None:
     """The output variable ``name`` of PolyScope ``version``, or None when that version lacks it."""
     found = OUTPUTS.get(name)
-    return found if found is not None and version >= _since(found, version) else None
-
-
-def _since(variable: Output, version: Version) -> Version:
-    """First version on this branch: CB3 (3.x) got the newer variables under other numbers."""
-    return _CB3_SINCE.get(variable.since, variable.since) if version[0] == 3 else variable.since
-
-
-_CB3_SINCE: dict[Version, Version] = {(5, 5, 1): (3, 11), (5, 11): (3, 15), (5, 9): (99, 0)}
+    return found if found is not None and found.since.includes(version) else None
 
 
 class OutputRecipe:

@@ -59,7 +59,7 @@ def test_protocol_one_has_no_recipe_id_and_125_hz(subject: ControllerHandle) -> 
     np.testing.assert_allclose(np.diff(packages[:, 0]), 0.008, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["no_such_variable", "tcp_offset"])
+@pytest.mark.parametrize("name", ["no_such_variable", "actual_current_as_torque"])
 def test_an_unknown_variable_is_not_found_and_spoils_only_its_recipe(
     subject: ControllerHandle, name: str
 ) -> None:

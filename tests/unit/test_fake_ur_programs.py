@@ -1,64 +1,16 @@
 """Programs on the fake controller: reading, running, pausing, and the commands of the control script."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
+from fake_ur_stepped import CYCLE, HOME, Stepped
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fakes.kinematics import chain
-from fakes.track import Track
-from fakes.ur.control_script import ControlProgram, ControlScript, recognise
-from fakes.ur.dashboard import Dashboard, foreign_steps
-from fakes.ur.robot import Identity, Robot
+from fakes.ur.control_script import recognise
+from fakes.ur.dashboard import foreign_steps
 from fakes.ur.runtime import Program, RuntimeState
-from fakes.ur.scripting import ScriptPort, TextAssembler
+from fakes.ur.scripting import TextAssembler
 from fakes.ur.urscript import Call, Forever, Pose, read_program
-
-HOME = np.array([0.0, -1.8, 1.8, -1.57, -1.57, 0.0])
-CYCLE = 0.002
-
-
-class Stepped:
-    """A robot whose time goes on only in control cycles."""
-
-    def __init__(self) -> None:
-        self.t = 100.0
-        self.robot = Robot(Identity(), Track(self.t, HOME), chain("ur10e"), lambda: self.t)
-        self.scripts = ScriptPort(self.robot)
-        self.dashboard = Dashboard(self.robot)
-        self.events: list[tuple[str, str, str]] = []
-        self.robot.on_program.append(
-            lambda event, name, failure: self.events.append((event, name, failure.text if failure else ""))
-        )
-
-    def run(self, seconds: float) -> None:
-        for _ in range(round(seconds / CYCLE)):
-            self.t += CYCLE
-            self.robot.step(self.t)
-
-    def until(self, condition: Callable[[], bool], seconds: float = 20.0) -> None:
-        end = self.t + seconds
-        while not condition():
-            assert self.t < end, "the condition did not come true"
-            self.run(CYCLE)
-
-    @property
-    def q(self) -> np.ndarray:
-        return self.robot.arm.track.at(self.t)[0]
-
-    def register(self, **values: float) -> None:
-        """Write input registers, ``i0=...`` and ``d3=...``."""
-        kinds = {"i": "int", "d": "double"}
-        for name, value in values.items():
-            self.robot.registers[f"input_{kinds[name[0]]}_register_{name[1:]}"] = value
-
-    def out(self, index: int) -> float:
-        return self.robot.registers.get(f"output_int_register_{index}", 0)
-
-    def vector(self, values: "np.ndarray", first: int = 0) -> None:
-        self.register(**{f"d{first + k}": float(v) for k, v in enumerate(values)})
 
 
 @pytest.fixture
@@ -68,11 +20,7 @@ def subject() -> Stepped:
 
 @pytest.fixture
 def controlled(subject: Stepped) -> Stepped:
-    """With the control script running and ready."""
-    steps = ControlProgram(subject.robot, ControlScript(0, ())).steps()
-    subject.robot.start(Program("rtde_control", steps, "control"))
-    subject.until(lambda: subject.out(0) == 1)
-    return subject
+    return subject.control()
 
 
 def test_a_program_is_read_into_calls_poses_and_loops() -> None:
@@ -271,7 +219,7 @@ def test_a_foreign_program_runs_until_somebody_stops_it(subject: Stepped) -> Non
     subject.run(1.0)
     assert subject.dashboard.answer("running") == "Program running: true"
     assert subject.dashboard.answer("stop") == "Stopped"
-    assert subject.dashboard.answer("stop") == "Failed to execute: stop"
+    assert subject.dashboard.answer("running") == "Program running: false"
 
 
 def test_speed_in_the_base_is_what_the_tcp_gets(subject: Stepped) -> None:

@@ -2,15 +2,20 @@
 
 import struct
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fakes.kinematics import chain
+from fakes.track import Track
 from fakes.ur import wire
+from fakes.ur.robot import Identity, Robot
 from fakes.ur.rtde import InputOwnership
 from fakes.ur.variables import INPUTS, OUTPUTS, OutputRecipe, output
 
 PACKAGES = st.lists(st.tuples(st.integers(0, 255), st.binary(max_size=200)), max_size=10)
+HOME = np.array([0.0, -1.8, 1.8, -1.57, -1.57, 0.0])
 NONE: frozenset[str] = frozenset()
 
 
@@ -64,8 +69,11 @@ def test_a_layout_unpacks_scalars_and_vectors() -> None:
     ("name", "version", "known"),
     [
         ("actual_q", (3, 15), True),
-        ("tcp_offset", (5, 12), False),
-        ("tcp_offset", (5, 15), True),
+        ("tcp_offset", (5, 5, 0), False),
+        ("tcp_offset", (5, 5, 1), True),
+        ("tcp_offset", (5, 12), True),
+        ("tcp_offset", (3, 11, 0), False),
+        ("tcp_offset", (3, 12, 0), True),
         ("ft_raw_wrench", (5, 8), False),
         ("ft_raw_wrench", (5, 9), True),
         ("ft_raw_wrench", (3, 15), False),
@@ -76,10 +84,67 @@ def test_a_layout_unpacks_scalars_and_vectors() -> None:
         ("payload_inertia", (5, 10), False),
         ("actual_current_as_torque", (5, 23), True),
         ("actual_current_as_torque", (10, 10), True),
+        ("tool_output_mode", (5, 0), True),
+        ("tool_output_mode", (3, 15), False),
+        ("target_gravity", (5, 25, 9), False),
+        ("target_gravity", (5, 26), True),
+        ("control_step", (10, 12), False),
+        ("control_step", (10, 13), True),
+        ("target_base_wrench", (10, 13), False),
+        ("target_base_wrench", (10, 14), True),
     ],
 )
 def test_a_variable_is_known_from_its_version_on(name: str, version: tuple[int, ...], known: bool) -> None:
     assert (output(name, version) is not None) is known
+
+
+# What UR's C++ client library knows beyond the guide's older editions, with the types it gives.
+BEYOND_THE_GUIDE = {
+    "actual_TCP_acceleration": "VECTOR6D",
+    "target_TCP_acceleration": "VECTOR6D",
+    "actual_configurable_digital_input_bits": "UINT64",
+    "actual_configurable_digital_output_bits": "UINT64",
+    "target_execution_time": "DOUBLE",
+    "actual_robot_energy_consumed": "DOUBLE",
+    "actual_robot_braking_energy_dissipated": "DOUBLE",
+    "encoder0_raw": "INT32",
+    "encoder1_raw": "INT32",
+    "euromap67_input_bits": "UINT32",
+    "euromap67_output_bits": "UINT32",
+    "euromap67_24V_voltage": "DOUBLE",
+    "euromap67_24V_current": "DOUBLE",
+    "tool_output_mode": "UINT8",
+    "tool_digital_output0_mode": "UINT8",
+    "tool_digital_output1_mode": "UINT8",
+    "joint_position_deviation_ratio": "DOUBLE",
+    "collision_detection_ratio": "DOUBLE",
+    "wrench_calc_from_currents": "VECTOR6D",
+    "script_control_line": "UINT32",
+    "time_scale_source": "INT32",
+    "target_gravity": "VECTOR3D",
+    "target_base_acceleration": "VECTOR6D",
+    "control_step": "UINT64",
+    "target_base_wrench": "VECTOR6D",
+    "tcp_offset": "VECTOR6D",
+}
+
+
+@pytest.mark.parametrize(("name", "type_name"), BEYOND_THE_GUIDE.items())
+def test_a_variable_of_the_client_library_is_known_with_its_type(name: str, type_name: str) -> None:
+    for version in ((5, 26), (10, 14)):
+        known = output(name, version)
+        assert known is not None
+        assert known.type == type_name
+
+
+@pytest.mark.parametrize("version", [(3, 15, 8), (5, 4), (5, 12, 4), (5, 26), (10, 14)])
+def test_every_variable_of_a_version_can_be_packed(version: tuple[int, ...]) -> None:
+    robot = Robot(Identity(), Track(0.0, HOME), chain("ur10e"), lambda: 1.0)
+    names = [name for name in OUTPUTS if output(name, version) is not None]
+    recipe = OutputRecipe(names, version)
+    assert recipe.valid
+    unpacked = wire.Layout(tuple(recipe.types)).unpack(recipe.pack(robot, robot.step(1.0)))
+    assert len(unpacked) == len(names)
 
 
 def test_every_variable_has_a_type_of_the_guide() -> None:

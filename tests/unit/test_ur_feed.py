@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from cell.clock import MonotonicClock
 from cell.devices import ArmState
 from cell.errors import CellError
 from cell.samples import Stream
+from drivers.ur import UrArm
 from drivers.ur.feed import NAMES, StateFeed, available
 from drivers.ur.rtde import Recipe, Value
 from drivers.ur.safety import safety_finding
@@ -162,6 +164,15 @@ def test_a_changed_tcp_starts_a_new_epoch_and_the_same_one_does_not(subject: Rig
     assert subject.stream.epoch == epoch + 1
     subject.take(1.002)
     assert tuple(subject.stream.latest(0.1).value.tcp_offset6) == (0.0, 0.0, 0.18, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("in_packages", "epochs"), [(True, 0), (False, 1)])
+def test_a_tcp_read_back_does_not_overtake_the_packages_that_carry_it(in_packages: bool, epochs: int) -> None:
+    arm = UrArm("arm", UrArm.Config(host="127.0.0.39"), MonotonicClock())
+    arm._tcp_in_packages = in_packages
+    before = arm.state.epoch
+    arm.tcp_read_back(np.array([0.0, 0.0, 0.18, 0.0, 0.0, 0.0]))
+    assert arm.state.epoch - before == epochs
 
 
 def test_the_flange_is_the_tcp_pose_without_the_tcp(subject: Rig) -> None:

@@ -1,0 +1,82 @@
+"""What UR's own clients and ur-rtde ask of a controller beyond the everyday: whole recipes, lost clients.
+
+UR's clients are not installed here. Their recipes and the replies that their tests expect are taken from
+the public sources: RTDE_Python_Client_Library (examples/record_configuration.xml) and
+Universal_Robots_Client_Library (tests/test_rtde_client.cpp, tests/fake_rtde_server.cpp).
+"""
+
+from collections.abc import Iterator
+
+import pytest
+from fake_ur_client import Rtde, genuine
+
+from fakes.ur.process import ControllerHandle, running_controller
+
+pytestmark = pytest.mark.wire
+HOST = "127.0.0.13"
+
+# The output recipe of the C++ library's RTDE tests.
+DRIVER_OUTPUTS = (
+    "timestamp,actual_q,actual_qd,speed_scaling,target_speed_fraction,runtime_state,actual_TCP_force,"
+    "actual_TCP_pose,actual_digital_input_bits,actual_digital_output_bits,standard_analog_input0,"
+    "standard_analog_input1,standard_analog_output0,standard_analog_output1,analog_io_types,tool_mode,"
+    "tool_analog_input_types,tool_analog_input0,tool_analog_input1,tool_output_voltage,"
+    "tool_output_current,tool_temperature,robot_mode,safety_mode,robot_status_bits,safety_status_bits,"
+    "actual_current,tcp_offset"
+)
+DRIVER_INPUTS = (
+    "speed_slider_mask,speed_slider_fraction,standard_digital_output_mask,standard_digital_output,"
+    "configurable_digital_output_mask,configurable_digital_output,tool_digital_output_mask,"
+    "tool_digital_output,standard_analog_output_mask,standard_analog_output_type,"
+    "standard_analog_output_0,standard_analog_output_1"
+)
+# Variables that a recording of everything asks for, with the types of the C++ library.
+RECORDED = {
+    "tool_output_mode": "UINT8",
+    "tool_digital_output0_mode": "UINT8",
+    "tool_digital_output1_mode": "UINT8",
+    "script_control_line": "UINT32",
+    "euromap67_input_bits": "UINT32",
+    "euromap67_24V_voltage": "DOUBLE",
+    "joint_position_deviation_ratio": "DOUBLE",
+    "collision_detection_ratio": "DOUBLE",
+    "actual_configurable_digital_input_bits": "UINT64",
+    "actual_TCP_acceleration": "VECTOR6D",
+    "wrench_calc_from_currents": "VECTOR6D",
+    "encoder0_raw": "INT32",
+    "time_scale_source": "INT32",
+}
+
+
+@pytest.fixture(scope="module")
+def subject() -> Iterator[ControllerHandle]:
+    with running_controller(HOST) as controller:
+        yield controller
+
+
+def test_the_recipes_of_the_client_library_are_served_and_streamed(subject: ControllerHandle) -> None:
+    with Rtde(HOST) as link:
+        assert "NOT_FOUND" not in link.outputs(DRIVER_OUTPUTS, 25.0)
+        recipe, types = link.inputs(DRIVER_INPUTS)
+        assert recipe == 1
+        assert "NOT_FOUND" not in types
+        assert link.start()
+        assert len(link.next("U")) > 300
+
+
+def test_a_recording_of_every_variable_gets_its_types(subject: ControllerHandle) -> None:
+    with Rtde(HOST) as link:
+        assert link.outputs(",".join(RECORDED)) == ",".join(RECORDED.values())
+        assert link.start()
+        link.next("U")
+
+
+def test_a_new_client_takes_over_from_one_that_died_with_its_script_running(
+    subject: ControllerHandle,
+) -> None:
+    for attempt in range(8):
+        # The process leaves by os._exit: the control script of the one before is still there.
+        running_before = subject.truth()["program"]
+        assert (running_before is not None) is (attempt > 0)
+        seen = genuine(HOST, "c = RTDEControlInterface(HOST); seen['up'] = c.isProgramRunning()")
+        assert seen["up"] is True
