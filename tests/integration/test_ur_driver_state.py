@@ -308,7 +308,7 @@ def test_a_stopped_arm_at_rest_is_a_coded_fault(rig: Rig, fault: str, name: str)
 
 @pytest.mark.parametrize(
     ("version", "model", "rate_hz", "tells_tcp"),
-    [("3.15.0", "ur10", 125, False), ("5.5.0", "ur10e", 500, False), ("5.23.0", "ur10e", 500, True)],
+    [("3.15.0", "ur10", 125, True), ("5.5.0", "ur10e", 500, False), ("5.23.0", "ur10e", 500, True)],
 )
 def test_other_controller_versions_are_read_and_moved(
     version: str, model: str, rate_hz: int, tells_tcp: bool
