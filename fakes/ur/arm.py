@@ -56,6 +56,8 @@ class Arm:
         self.halts = 0  # grows whenever something other than the program stops the arm
         self.speed_fraction = 1.0
         self.period = 0.002  # of the control cycle
+        self.refusal = ""  # why motion commands are refused, when they are
+        self._waypoint: Array | None = None
 
     def moving(self, t: float) -> bool:
         """True while a joint turns or a planned move is not finished."""
@@ -89,9 +91,18 @@ class Arm:
             raise ScriptError(f"get_inverse_kin: no inverse kinematics solution: {exc}") from None
         return q
 
+    def jacobian(self, q: ArrayLike) -> Array:
+        """Of the TCP, (6, 6) in the base."""
+        return self.believed.jacobian(q, self.tool.offset6[:3])
+
+    @property
+    def waypoint(self) -> Array:
+        """TCP pose (6,) at which the active move ends; without one, where the arm is."""
+        return self.pose6(self.q) if self._waypoint is None else self._waypoint
+
     def tcp_speed(self, q: Array, qd: Array) -> Array:
         """Velocity of the TCP in the base, (6,) m/s and rad/s."""
-        return self.believed.jacobian(q, self.tool.offset6[:3]) @ qd
+        return self.jacobian(q) @ qd
 
     def within_limits(self, q: ArrayLike) -> bool:
         """Whether every joint lies inside its range."""
@@ -109,14 +120,15 @@ class Arm:
             yield from ()
             return self.track.start_joint_move(self.t, goal, _positive(v) * self.speed_fraction, _positive(a))
 
-        yield from self._until(plan)
+        yield from self._until(plan, self.pose6(goal))
 
     def move_linear(self, pose6: ArrayLike, v: float, a: float) -> Steps:
         """movel of the TCP to a pose."""
         goal = from_pose6(_finite(pose6))
 
         yield from self._until(
-            lambda: self._plan_linear(goal, _positive(v) * self.speed_fraction, _positive(a))
+            lambda: self._plan_linear(goal, _positive(v) * self.speed_fraction, _positive(a)),
+            np.asarray(pose6, dtype=float),
         )
 
     def _plan_linear(self, goal: RigidTransform, v: float, a: float) -> Plan:
@@ -148,27 +160,42 @@ class Arm:
             while self.moving(self.t):
                 yield
 
-    def _until(self, plan: Callable[[], Plan]) -> Steps:
+    def _until(self, plan: Callable[[], Plan], waypoint: Array) -> Steps:
         """Wait for a planned move; one that was halted meanwhile is planned anew from where the arm is."""
-        halts = self.halts
-        end = yield from plan()
-        while self.t < end or self.halts != halts:
-            if self.halts != halts:
-                halts = self.halts
-                end = yield from plan()
-            else:
-                yield
+        self._require_position_control()
+        self._waypoint = waypoint
+        try:
+            halts = self.halts
+            end = yield from plan()
+            while self.t < end or self.halts != halts:
+                if self.halts != halts:
+                    halts = self.halts
+                    end = yield from plan()
+                else:
+                    yield
+        finally:
+            self._waypoint = None
+
+    def _require_position_control(self) -> None:
+        if self.refusal:
+            raise ScriptError(f"the move is refused: {self.refusal}")
 
     # -- motion that is renewed every cycle
 
     def speed_joints(self, qd: ArrayLike, a: float) -> None:
         """speedj: towards joint speeds."""
+        self._require_position_control()
         self.track.speed_joints(self.t, _finite(qd), _positive(a))
 
     def speed_linear(self, xd: ArrayLike, a: float) -> None:
         """speedl: towards a TCP velocity in the base; ``a`` in m/s^2 along the strongest direction."""
+        self._require_position_control()
+        self.drive_linear(xd, a)
+
+    def drive_linear(self, xd: ArrayLike, a: float) -> None:
+        """The same, whatever controls the arm."""
         q, qd = self.track.at(self.t)
-        J = self.believed.jacobian(q, self.tool.offset6[:3])
+        J = self.jacobian(q)
         wanted = _finite(xd)
         step = wanted - J @ qd
         change = float(np.max(np.abs(step)))
@@ -184,6 +211,7 @@ class Arm:
 
     def servo(self, q: ArrayLike, dt: float) -> None:
         """servoj: be at ``q`` in ``dt`` seconds."""
+        self._require_position_control()
         self.track.servo(self.t, _finite(q), max(dt, self.period))
 
 

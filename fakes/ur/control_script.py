@@ -17,6 +17,7 @@ from cell.poses import from_pose6, to_pose6
 from fakes.ur.interpreter import CYCLE_S, Interpreter
 from fakes.ur.registers import Registers
 from fakes.ur.runtime import ScriptError, Steps
+from fakes.ur.special_commands import SpecialCommands, refusal
 from fakes.ur.urscript import Statement, read_statements
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 READY, DONE = 1, 2
 STOP_SCRIPT = 255
 CONTACT_DECEL = 3.0
+FORCE_STOP_DECEL = 10.0
 CONTACT_FORCE_N = 5.0  # stands for the controller's own sensing of a contact
 # Commands that the client repeats without waiting: executed in every cycle while they stand in the register.
 REALTIME = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58, 66, 67, 68, 69, 70, 71})
@@ -82,10 +84,12 @@ class ControlProgram:
         self._speed: Callable[[], None] | None = None
         self._speed_linear = True
         self._servo: tuple[list[float], float] | None = None
+        self._circular: tuple[list[float], float, float] | None = None
         self._jog: tuple[list[float], float] | None = None
         self._contact_seen = False
         self._contact_watch: list[float] | None = None
         self._commands = self._command_table()
+        self._special = SpecialCommands(robot, self._registers).table()
 
     def steps(self) -> Steps:
         """The script's main loop."""
@@ -109,9 +113,11 @@ class ControlProgram:
             yield
 
     def _execute(self, command: int) -> Steps:
-        action = self._commands.get(command)
-        if action is not None:
-            yield from action() or ()
+        action = self._commands.get(command) or self._special.get(command)
+        why_not = refusal(command, self._robot.identity.version, action is not None)
+        if action is None or why_not:
+            raise ScriptError(why_not)
+        yield from action() or ()
         self._registers.int_out(0, DONE)
 
     def _beside(self, steps: Steps) -> Steps:
@@ -171,6 +177,7 @@ class ControlProgram:
     # -- commands
 
     def _command_table(self) -> dict[int, Callable[[], Steps | None]]:
+        """Motion, and what is computed from the joints; the rest is in :mod:`special_commands`."""
         r, arm, robot = self._registers, self._arm, self._robot
         out = r.vector_out
         return {
@@ -182,18 +189,17 @@ class ControlProgram:
             4: lambda: self._start_or_run(
                 arm.move_linear(arm.pose6(r.vector_in(0)), r.double_in(6), r.double_in(7))
             ),
+            7: self._end_force_mode,
             9: lambda: self._begin_speed(linear=False),
             10: lambda: self._begin_speed(linear=True),
             11: lambda: self._begin_servo(r.vector_in(0)),
+            12: self._begin_circular_servo,
             15: self._speed_stop,
             16: self._servo_stop,
-            17: lambda: robot.set_payload(r.double_in(0), [r.double_in(k) for k in (1, 2, 3)]),
             24: lambda: self._begin_servo(list(arm.inverse(r.vector_in(0)))),
             25: lambda: r.int_out(1, int(self._touches(r.vector_in(0)))),
             26: lambda: out([CYCLE_S]),
             27: lambda: out(arm.track.at(arm.t - CYCLE_S * r.int_in(1))[0]),
-            28: lambda: out(arm.pose6(arm.q)),
-            29: lambda: robot.set_tcp(r.vector_in(0)),
             30: lambda: out(arm.inverse(r.vector_in(0), r.vector_in(6))),
             31: robot.protective_stop,
             33: lambda: self._stop(linear=True),
@@ -201,9 +207,7 @@ class ControlProgram:
             35: lambda: robot.set_watchdog(f"input_int_register_{self._offset}", r.double_in(0)),
             36: lambda: r.int_out(1, int(self._reachable(r.vector_in(0), arm.q))),
             37: lambda: r.int_out(1, int(arm.within_limits(r.vector_in(0)))),
-            38: lambda: out([0.0] * 6),
             39: lambda: out(to_pose6(from_pose6(r.vector_in(0)) * from_pose6(r.vector_in(6)))),
-            40: lambda: out(robot.tool.offset6),
             41: self._begin_jog,
             42: self._stop_jog,
             43: lambda: out(arm.pose6(arm.q)),
@@ -218,7 +222,6 @@ class ControlProgram:
             62: self._watch_contact,
             63: self._unwatch_contact,
             64: lambda: r.int_out(1, int(self._contact_seen)),
-            65: lambda: robot.set_payload(r.double_in(0), [r.double_in(k) for k in (1, 2, 3)]),
         }
 
     def _reachable(self, pose6: ArrayLike, q_near: ArrayLike) -> bool:
@@ -241,8 +244,26 @@ class ControlProgram:
         self._servo = (q, self._registers.double_in(8))
 
     def _servo_stop(self) -> Steps:
-        self._servo = None
+        self._servo = self._circular = None
+        self._threads.pop("servoc", None)
         yield from self._arm.stop(self._registers.double_in(0), linear=True)
+
+    def _begin_circular_servo(self) -> None:
+        """servoc: the TCP moves to the pose and rests there; the twin does not blend into the next one."""
+        r = self._registers
+        self._circular = r.vector_in(0), r.double_in(6), r.double_in(7)
+        if "servoc" not in self._threads:
+            self._threads["servoc"] = self._circular_servo()
+
+    def _circular_servo(self) -> Steps:
+        while (target := self._circular) is not None:
+            yield from self._arm.move_linear(*target)
+            while self._circular is target:
+                yield
+
+    def _end_force_mode(self) -> Steps:
+        self._robot.modes.end()
+        yield from self._arm.stop(FORCE_STOP_DECEL, linear=True)
 
     def _begin_jog(self) -> None:
         r, arm = self._registers, self._arm

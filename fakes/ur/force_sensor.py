@@ -3,6 +3,7 @@
 The tool of the twin weighs nothing, so payload and gravity change nothing here.
 """
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,17 +14,19 @@ if TYPE_CHECKING:
     from fakes.ur.arm import Arm
 
 
+ZERO6 = (0.0,) * 6
+
+
 class ForceSensor:
     """Wrenches (6,) are force (N) and moment (Nm).
 
-    ``external`` is what a client last wrote as ``external_force_torque``, in the flange and about its origin.
+    ``written`` holds what clients wrote; its ``external_force_torque`` is in the flange, about its origin.
     """
 
-    def __init__(self, arm: "Arm") -> None:
-        self._arm = arm
+    def __init__(self, arm: "Arm", written: Mapping[str, tuple[float, ...]]) -> None:
+        self._arm, self._written = arm, written
         self._zero: Array | None = None  # in the flange, where the sensor is
         self.use_external = False
-        self.external: tuple[float, ...] = (0.0,) * 6
 
     def zero(self, q: Array, contact_force: list[float]) -> None:
         """zero_ftsensor(): subtract the present reading from those to come."""
@@ -33,7 +36,7 @@ class ForceSensor:
 
     def reset(self) -> None:
         """As after power-up."""
-        self._zero, self.use_external, self.external = None, False, (0.0,) * 6
+        self._zero, self.use_external = None, False
 
     def report(self, q: Array, contact_force: list[float]) -> list[float]:
         """The wrench on the TCP in the base for joints ``q``; ``contact_force`` is the world's."""
@@ -47,7 +50,7 @@ class ForceSensor:
         return numbers
 
     def _from_client(self, turn: Array) -> Array:
-        force, moment = np.array(self.external).reshape(2, 3)
+        force, moment = np.reshape(self._written.get("external_force_torque", ZERO6), (2, 3))
         about_tcp = moment - np.cross(self._arm.tool.offset6[:3], force)
         return np.concatenate([turn @ force, turn @ about_tcp])
 

@@ -46,14 +46,15 @@ class Inputs:
 
     def __init__(self, registers: dict[str, float], io: InputOutput) -> None:
         self._registers, self._io = registers, io
+        self.vectors: dict[str, tuple[float, ...]] = {}
         self._watchdog: Watchdog | None = None
 
     def write(self, values: Written, t: float) -> None:
         """One input package that arrived at ``t``."""
         for name, value in values.items():
             if isinstance(value, tuple):
-                continue
-            if name in _BIT_WORDS:
+                self.vectors[name] = value
+            elif name in _BIT_WORDS:
                 self._write_bits(_BIT_WORDS[name], int(value))
             elif name.startswith("input_"):
                 self._registers[name] = value

@@ -95,7 +95,7 @@ def _robot_mode(robot: "Robot", now: "Instant") -> bytes:
         runtime.program is not None,
         runtime.state in (RuntimeState.PAUSED, RuntimeState.PAUSING),
         safety.robot_mode,
-        0,
+        robot.modes.mode,
         robot.io.speed_fraction,
         robot.io.speed_fraction,
         1.0,

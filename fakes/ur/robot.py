@@ -4,6 +4,7 @@ The servers look at it and command it; it knows nothing of sockets. Its time is 
 so the stamp in a package and the joints beside it belong together whatever the load of the machine.
 """
 
+import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -17,10 +18,13 @@ from cell.poses import Array
 from fakes.kinematics import Chain, LinkDeltas
 from fakes.track import Track
 from fakes.ur.arm import JOINT_LIMIT, Arm, Tool
+from fakes.ur.control_modes import ControlModes
 from fakes.ur.force_sensor import ForceSensor
 from fakes.ur.inputs import InputOutput, Inputs
-from fakes.ur.runtime import Program, Runtime, ScriptError, Steps
+from fakes.ur.runtime import Program, Runtime, RuntimeState, ScriptError, Steps
 from fakes.ur.safety import RobotMode, Safety, SafetyMode
+
+log = logging.getLogger("cellward.twin.arm")
 
 ContactForce = Callable[[float, RigidTransform], Array]
 DigitalIn = Callable[[float], int]
@@ -147,12 +151,13 @@ class Robot:
         self.tool = Tool()
         self.arm = Arm(track, believed, self.tool)
         self.arm.period = 1.0 / identity.rate
-        self.force_sensor = ForceSensor(self.arm)
+        self.modes = ControlModes(self.arm)
         self.script_line = 0  # of the running program, where the twin interprets it
         self.safety = Safety()
         self.io = InputOutput()
         self.registers: dict[str, float] = {}
         self.inputs = Inputs(self.registers, self.io)
+        self.force_sensor = ForceSensor(self.arm, self.inputs.vectors)
         self.runtime = Runtime(self.arm.moving, self.arm.halt, self._program_event)
         self.remote = True
         self.loaded_program = ""
@@ -183,11 +188,21 @@ class Robot:
         if self.safety.may_move:
             self.runtime.step(t)
             self._step_secondary()
+            self._step_modes()
         else:
             self.runtime.settle(t)
         now = self.instant(t)
         self._supervise(now)
         return now
+
+    def _step_modes(self) -> None:
+        if self.runtime.state != RuntimeState.PLAYING:
+            return
+        try:
+            self.modes.step(lambda: self.instant(self.arm.t).tcp_force)
+        except ScriptError as exc:
+            self.say(f"protective stop: {exc.text}")
+            self.protective_stop()
 
     def _supervise(self, now: Instant) -> None:
         """What the controller's own safety stops: joints beyond their range, and too much force."""
@@ -215,6 +230,11 @@ class Robot:
     def set_tcp(self, pose6: ArrayLike) -> None:
         """Make ``pose6`` the TCP in the flange."""
         self.tool.offset6 = tuple(float(x) for x in np.asarray(pose6, dtype=float))
+
+    def zero_force_sensor(self) -> None:
+        """zero_ftsensor()."""
+        now = self.instant(self.arm.t)
+        self.force_sensor.zero(self.arm.q, now.contact_force)
 
     def set_payload(self, mass: float, centre: Sequence[float]) -> None:
         """Payload in kg; a null centre of gravity keeps the one before, as the script does."""
@@ -259,6 +279,9 @@ class Robot:
         if event == "STOPPED":
             self.inputs.disarm_watchdog()
             self.script_line = 0
+            self.modes.reset()
+        if failure is not None:
+            log.warning("program %s, line %d: %s", name, failure.line, failure.text)
         for listener in tuple(self.on_program):
             listener(event, name, failure)
 

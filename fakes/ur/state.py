@@ -19,6 +19,7 @@ def controller_state(controller: Controller) -> dict[str, Any]:
         "moving": robot.arm.moving(now.t),
         "robot_mode": robot.safety.robot_mode.name,
         "safety_mode": robot.safety.mode.name,
+        "control_mode": robot.modes.mode.name,
         "runtime_state": robot.runtime.state.name,
         "program": program.name if program is not None else None,
         "remote": robot.remote,

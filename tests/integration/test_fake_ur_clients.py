@@ -80,3 +80,59 @@ def test_a_new_client_takes_over_from_one_that_died_with_its_script_running(
         assert (running_before is not None) is (attempt > 0)
         seen = genuine(HOST, "c = RTDEControlInterface(HOST); seen['up'] = c.isProgramRunning()")
         assert seen["up"] is True
+
+
+SPECIAL = """
+    r, c = RTDEReceiveInterface(HOST), RTDEControlInterface(HOST)
+    seen["zeroed"] = [c.zeroFtSensor(), caught_up(r).getActualTCPForce()]
+
+    before = r.getActualTCPPose()
+    begun = c.forceMode([0.0] * 6, [0, 0, 1, 0, 0, 0], [0, 0, -10.0, 0, 0, 0], 2, [0.05] * 6)
+    time.sleep(0.5)
+    speed = r.getActualTCPSpeed()
+    stopped = c.forceModeStop()
+    seen["force"] = [begun, speed, stopped, caught_up(r).getActualTCPSpeed(), before, r.getActualTCPPose()]
+
+    seen["freedrive"] = [c.freedriveMode(), c.getFreedriveStatus(), c.endFreedriveMode()]
+    seen["teach"] = [c.teachMode(), c.endTeachMode()]
+    seen["settings"] = [c.forceModeSetDamping(0.1), c.forceModeSetGainScaling(1.0)]
+    seen["settings"].append(c.setGravity([0, 0, 9.82]))
+    q = r.getActualQ()
+    seen["move after"] = [c.moveJ([q[0] + 0.05, *q[1:]], 1.0, 4.0), caught_up(r).getActualQ()[0] - q[0]]
+
+    p = r.getActualTCPPose()
+    goal = [p[0], p[1] + 0.02, p[2] + 0.02, *p[3:]]
+    seen["servoC"] = [c.servoC(goal, 0.25, 1.2, 0.0)]
+    time.sleep(1.0)
+    seen["servoC"] += [caught_up(r).getActualTCPPose(), goal]
+"""
+
+
+def test_force_freedrive_and_servo_commands_do_what_they_say(subject: ControllerHandle) -> None:
+    seen = genuine(HOST, SPECIAL)
+    assert seen["zeroed"] == [True, [0.0] * 6]
+    begun, speed, stopped, after, before, pose = seen["force"]
+    assert (begun, stopped) == (True, True)
+    assert speed[2] == pytest.approx(-0.0195, rel=0.02)
+    assert max(map(abs, after)) == 0.0
+    assert before[2] - pose[2] > 0.005
+    assert seen["freedrive"] == [True, 0, True]
+    assert seen["teach"] == [True, True]
+    assert seen["settings"] == [True, True, True]
+    assert seen["move after"] == [True, pytest.approx(0.05)]
+    sent, reached, goal = seen["servoC"]
+    assert sent is True
+    assert reached == pytest.approx(goal, abs=1e-5)
+
+
+def test_a_refused_command_shows_as_false_and_an_ended_script(subject: ControllerHandle) -> None:
+    seen = genuine(
+        HOST,
+        """
+        c = RTDEControlInterface(HOST)
+        seen["refused"] = c.ftRtdeInputEnable(True, 0.3)
+        seen["running"] = c.isProgramRunning()
+        seen["next"] = c.setPayload(1.0, [0, 0, 0.01])
+        """,
+    )
+    assert seen == {"refused": False, "running": False, "next": False}
