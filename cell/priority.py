@@ -13,7 +13,7 @@ def real_time(priority: int) -> Iterator[None]:
 
     Niceness does not do it: it shares a core, and a loop that gets its share late is late all the same.
     """
-    before = os.sched_getscheduler(0)
+    before, param = os.sched_getscheduler(0), os.sched_getparam(0)
     granted = True
     try:
         os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
@@ -23,5 +23,6 @@ def real_time(priority: int) -> Iterator[None]:
         yield
     finally:
         if granted:
+            # The flag stays: only CAP_SYS_NICE may clear it, and a daemon under its unit has no capability.
             with suppress(OSError):
-                os.sched_setscheduler(0, before & ~os.SCHED_RESET_ON_FORK, os.sched_param(0))
+                os.sched_setscheduler(0, before | os.SCHED_RESET_ON_FORK, param)
