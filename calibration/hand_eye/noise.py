@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.hand_eye import se3
 from calibration.hand_eye.normal import Linearised, normal
@@ -24,7 +25,8 @@ _SMALLEST = 1e-7
 # A factory-calibrated arm is good to about 1 mm at 1 m of reach. Where the data ask for more, something else
 # is wrong with them (a bending bracket, a lens), and an attitude that explains every shift makes X worse.
 _MOST = {"sigma_flange_r": 1e-3}
-_REML_POSES = 200  # noise levels from this many poses are good to a few per cent, which is enough to weight
+REML_POSES = 200  # noise levels from this many poses are good to a few per cent, which is enough to weight
+_OF_PLACEMENT = 6  # poses of a placement that are kept together, or all where it has fewer
 
 
 @dataclass(frozen=True)
@@ -105,16 +107,16 @@ def inverse_spd(V: Array) -> Array:
     return np.asarray(np.linalg.inv(V * scale + 1e-13 * np.eye(6)) * scale)
 
 
-def reml(lin: Linearised, noise: Noise, iterations: int = 40) -> Noise:
+def reml(lin: Linearised, noise: Noise, most: int | None = REML_POSES, iterations: int = 40) -> Noise:
     """The estimated levels at their restricted maximum, starting from those of ``noise``.
 
-    ``lin`` must be near the solution: the problem is taken as linear around it. The residuals of the corners
-    inside each image enter the likelihood too.
+    ``most`` poses are looked at, None: all. ``lin`` must be near the solution: the problem is taken as
+    linear around it. The residuals of the corners inside each image enter the likelihood too.
     """
     if not noise.estimated:
         return noise
-    if lin.problem.n > _REML_POSES:
-        lin = _thinned(lin, _REML_POSES)
+    if most is not None and lin.problem.n > most:
+        lin = _thinned(lin, most)
     names = tuple(noise.sigma)
     parts = shapes(lin, names)
     free = np.array([k in noise.estimated for k in names])
@@ -168,8 +170,22 @@ def _score(lin: Linearised, parts: Array, square: Array, names: tuple[str, ...])
 
 
 def _thinned(lin: Linearised, count: int) -> Linearised:
-    rows = np.unique(np.linspace(0, lin.problem.n - 1, count).round().astype(np.int64))
+    """About ``count`` observations, some of every placement or all that are wanted of some placements.
+
+    One or two of a placement say nothing: its own target pose takes them up.
+    """
+    group = lin.problem.group
+    share = max(_OF_PLACEMENT, count // lin.problem.groups)
+    of_group = np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1])
+    wanted = max(1, count // share)
+    of_group = [of_group[k] for k in _evenly(len(of_group), wanted)]
+    rows = np.sort(np.concatenate([part[_evenly(len(part), share)] for part in of_group]))
     problem = lin.problem.take(rows)
     kept = np.unique(lin.problem.group[rows])
     at = type(lin.at)(lin.at.X, lin.at.W[kept])
     return Linearised(problem, at, lin.r[rows], lin.predicted[rows], lin.J[rows])
+
+
+def _evenly(n: int, count: int) -> NDArray[np.int64]:
+    """At most ``count`` of the numbers below n, spread evenly."""
+    return np.unique(np.linspace(0, n - 1, min(n, count)).round().astype(np.int64))

@@ -14,6 +14,7 @@ from calibration.hand_eye.problem import Estimate, Groups, Problem, jacobians, r
 from cell.poses import Array
 
 _CONVERGED = 1e-12  # gain of a step over the cost
+_NOTHING = 1e-100  # information below this would overflow when it is scaled to one
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,28 @@ class Covariance:
 
 
 @dataclass(frozen=True)
+class Eliminated:
+    """What each group says of X when its W follows: ``schur`` (g, 6, 6) and ``gradient`` (g, 6) add up.
+
+    ``inverse`` (g, 6, 6) is ``WW^-1`` and ``carry`` (g, 6, 6) ``WW^-1 WX``.
+    """
+
+    schur: Array
+    gradient: Array
+    inverse: Array
+    carry: Array
+
+    def covariances(self, X: Array) -> Array:
+        """Of X and one W (g, 12, 12), with the covariance of X: (6, 6), or (g, 6, 6)."""
+        own = np.empty((len(self.inverse), 12, 12))
+        own[:, :6, :6] = X
+        own[:, 6:, :6] = -self.carry @ X
+        own[:, :6, 6:] = np.swapaxes(own[:, 6:, :6], 1, 2)
+        own[:, 6:, 6:] = self.inverse - own[:, 6:, :6] @ np.swapaxes(self.carry, 1, 2)
+        return own
+
+
+@dataclass(frozen=True)
 class Normal:
     """Normal matrices ``own`` (g, 12, 12) and gradients ``g`` (g, 12) over X and one W, one per group."""
 
@@ -51,31 +74,31 @@ class Normal:
     def __sub__(self, other: "Normal") -> "Normal":
         return Normal(self.own - other.own, self.g - other.g)
 
-    def _eliminated(self) -> tuple[Array, Array, Array, Array]:
-        """Schur complement (6, 6) and its gradient (6,), ``WW^-1`` (g, 6, 6) and ``WW^-1 WX`` (g, 6, 6)."""
+    def eliminated(self) -> "Eliminated":
+        """Each group with its own W taken out."""
         inverse = pseudo_inverse(self.own[:, 6:, 6:])
         carry = inverse @ self.own[:, 6:, :6]
-        schur = self.own[:, :6, :6].sum(axis=0) - (self.own[:, :6, 6:] @ carry).sum(axis=0)
-        gradient = self.g[:, :6].sum(axis=0) - np.einsum("gji,gj->i", carry, self.g[:, 6:])
-        return schur, gradient, inverse, carry
+        schur = self.own[:, :6, :6] - self.own[:, :6, 6:] @ carry
+        gradient = self.g[:, :6] - np.einsum("gji,gj->gi", carry, self.g[:, 6:])
+        return Eliminated(schur, gradient, inverse, carry)
 
     def solve(self) -> Array:
         """N^-1 g as (1 + g, 6): X first, then each W."""
-        schur, gradient, inverse, carry = self._eliminated()
-        x = pseudo_inverse(schur[None])[0] @ gradient
-        w = (inverse @ self.g[:, 6:, None])[..., 0] - carry @ x
+        part = self.eliminated()
+        x = pseudo_inverse(part.schur.sum(axis=0)[None])[0] @ part.gradient.sum(axis=0)
+        w = (part.inverse @ self.g[:, 6:, None])[..., 0] - part.carry @ x
         return np.concatenate([x[None], w])
 
     def covariance(self) -> Covariance:
         """N^-1, as far as one observation can see it."""
-        schur, _, inverse, carry = self._eliminated()
-        X = pseudo_inverse(schur[None])[0]
-        own = np.empty_like(self.own)
-        own[:, :6, :6] = X
-        own[:, 6:, :6] = -carry @ X
-        own[:, :6, 6:] = np.swapaxes(own[:, 6:, :6], 1, 2)
-        own[:, 6:, 6:] = inverse - own[:, 6:, :6] @ np.swapaxes(carry, 1, 2)
-        return Covariance(X, own)
+        part = self.eliminated()
+        X = pseudo_inverse(part.schur.sum(axis=0)[None])[0]
+        return Covariance(X, part.covariances(X))
+
+    def each(self) -> Array:
+        """N^-1 (g, 12, 12) of every group as if it were the only one."""
+        part = self.eliminated()
+        return part.covariances(pseudo_inverse(part.schur))
 
     def scalar(self, step: Array) -> float:
         """g^T step."""
@@ -83,8 +106,13 @@ class Normal:
 
 
 def pseudo_inverse(N: Array) -> Array:
-    """Inverses of symmetric (k, 6, 6) that mix metres and radians; directions without information give 0."""
-    s = 1.0 / np.sqrt(np.maximum(np.einsum("kii->ki", N), 1e-300))
+    """Inverses of symmetric (k, 6, 6) that mix metres and radians; directions without information give 0.
+
+    What is left of a difference of equal matrices may be a little below zero on its diagonal: that is no
+    information either.
+    """
+    diagonal = np.einsum("kii->ki", N)
+    s = np.where(diagonal > _NOTHING, 1.0 / np.sqrt(np.maximum(diagonal, _NOTHING)), 0.0)
     scale = s[:, :, None] * s[:, None, :]
     return np.asarray(np.linalg.pinv(N * scale, rcond=1e-13, hermitian=True) * scale)
 
@@ -102,9 +130,15 @@ def own_normal(lin: Linearised, weight: Array) -> tuple[Array, Array]:
 
 
 def gathered(own: Array, g: Array, group: Groups, groups: int) -> Normal:
-    """Contributions of observations added up by group."""
-    member = (group == np.arange(groups)[:, None]).astype(float)
-    return Normal((member @ own.reshape(len(own), 144)).reshape(groups, 12, 12), member @ g)
+    """Contributions of observations added up by group; a group without any gets zeros."""
+    order = np.argsort(group, kind="stable")
+    first = np.flatnonzero(np.diff(group[order], prepend=-1))
+    present = group[order][first]
+    sums = np.zeros((groups, 12, 12)), np.zeros((groups, 12))
+    if len(order):
+        sums[0][present] = np.add.reduceat(own[order], first, axis=0)
+        sums[1][present] = np.add.reduceat(g[order], first, axis=0)
+    return Normal(*sums)
 
 
 def gauss_newton(problem: Problem, start: Estimate, weight: Array, iterations: int = 20) -> Linearised:

@@ -114,16 +114,14 @@ def still_pairs(problem: Problem, limit: float = 0.0087) -> list[tuple[int, int,
 
 def _distinct(problem: Problem) -> int:
     """Number of poses that differ, counted inside each group up to three: more makes no difference."""
-    count = 0
-    for g in range(problem.groups):
-        G = problem.G[problem.group == g]
-        for _ in range(3):
-            if not len(G):
-                break
-            count += 1
-            shift = np.linalg.norm(G[:, :3, 3] - G[0, :3, 3], axis=1)
-            turn = np.linalg.norm(G[:, :3, :3] - G[0, :3, :3], axis=(1, 2)) / np.sqrt(2.0)
-            G = G[(shift > _SAME_T) | (turn > _SAME_R)]
+    left, count = np.arange(problem.n), 0
+    for _ in range(3):
+        groups, first, place = np.unique(problem.group[left], return_index=True, return_inverse=True)
+        count += len(groups)
+        G, one = problem.G[left], problem.G[left[first]][place]
+        shift = np.linalg.norm(G[:, :3, 3] - one[:, :3, 3], axis=1)
+        turn = np.linalg.norm(G[:, :3, :3] - one[:, :3, :3], axis=(1, 2)) / np.sqrt(2.0)
+        left = left[(shift > _SAME_T) | (turn > _SAME_R)]
     return count
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import fdtri
 
 from calibration.hand_eye.closed_form import closed_form, group_poses
-from calibration.hand_eye.noise import Noise, first_noise, reml, weights
+from calibration.hand_eye.noise import REML_POSES, Noise, first_noise, reml, weights
 from calibration.hand_eye.normal import Linearised, linearise, minimise, squared_distances
 from calibration.hand_eye.problem import Estimate, Problem
 from cell.poses import Array
@@ -44,6 +44,9 @@ def robust_fit(problem: Problem, given: Mapping[str, float], start: Estimate | N
         if np.array_equal(again, used):
             break
         used = again
+    if fit.problem.n > REML_POSES:  # good enough to weight by, but the covariance is to be that of all
+        noise = reml(fit, noise, most=None)
+        fit = minimise(fit, weights(fit, noise))
     return RobustFit(fit, noise, used, np.sqrt(squared / 6.0))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.hand_eye import se3
-from calibration.hand_eye.normal import gathered, gauss_newton, linearise, normal, own_normal
+from calibration.hand_eye.normal import Normal, gauss_newton, linearise, normal, own_normal
 from calibration.hand_eye.problem import Estimate, Problem
 from cell.poses import Array
 
@@ -23,14 +23,30 @@ _WIDEST = 0.05  # m; a triple whose own uncertainty is wider than this says noth
 
 @dataclass(frozen=True)
 class Placement:
-    """Estimates (k, 4, 4) of one placement; ``maps`` (k, n, 6, 6) turn residuals into their changes."""
+    """Estimates (k, 4, 4) of one placement, from the poses in ``rows`` (k, 3) of its n.
+
+    ``gains`` (k, 3, 6, 6) turn the residuals of these poses into changes of the estimate.
+    """
 
     group: int
     X: Array
-    maps: Array
+    rows: NDArray[np.int64]
+    gains: Array
     cov: Array  # (n, 6, 6) of the residuals for a perfect arm
     skipped: int
     least_squares: Array | None  # X (4, 4) from the placement alone
+
+    def mean_floor(self) -> Array:
+        """Covariance (6, 6) of the mean of the estimates for a perfect arm."""
+        of_pose = np.zeros((len(self.cov), 6, 6))
+        np.add.at(of_pose, self.rows, self.gains / len(self.gains))
+        return _carried(of_pose, self.cov)
+
+    def floor(self) -> Array:
+        """Covariance (6, 6) of one estimate about their mean for a perfect arm; needs two."""
+        k = len(self.gains)
+        each = _carried(self.gains.reshape(-1, 6, 6), self.cov[self.rows.ravel()])
+        return np.asarray((each - k * self.mean_floor()) / (k - 1))
 
 
 @dataclass(frozen=True)
@@ -75,41 +91,44 @@ def placements(problem: Problem, at: Estimate, weight: Array, perfect: Array) ->
             continue
         part = problem.take(rows)
         own = gauss_newton(part, Estimate(at.X, at.W[g : g + 1]), weight[rows], iterations=3)
-        alone = _certain(normal(own, weight[rows]).covariance().own[0])
+        alone = _certain(normal(own, weight[rows]).each())[0]
         start = own.at if alone else Estimate(at.X, at.W[g : g + 1])
-        X, maps, skipped = _triples(part, start, weight[rows])
-        out.append(Placement(g, X, maps, perfect[rows], skipped, own.at.X if alone else None))
+        X, of, gains = _triples(part, start, weight[rows])
+        skipped = _count(len(rows)) - len(X)
+        out.append(Placement(g, X, of, gains, perfect[rows], skipped, own.at.X if alone else None))
     return out
 
 
-def _triples(problem: Problem, start: Estimate, weight: Array) -> tuple[Array, Array, int]:
-    """X of all triples (k, 4, 4) by one Gauss-Newton step from the common start, and their maps."""
-    n = problem.n
+def _count(n: int) -> int:
+    """Number of triples of adjacent poses."""
+    return n if n > 3 else 1
+
+
+def _triples(problem: Problem, start: Estimate, weight: Array) -> tuple[Array, NDArray[np.int64], Array]:
+    """X of all triples (k, 4, 4) by one Gauss-Newton step from the common start, their poses and gains."""
     lin = linearise(problem, start)
     JtP = np.swapaxes(lin.J, 1, 2) @ weight
     own, g = own_normal(lin, weight)
-    X, maps = [], []
-    for i in range(n if n > 3 else 1):
-        rows = np.array([i, (i + 1) % n, (i + 2) % n])
-        cov = gathered(own[rows], g[rows], problem.group[rows], 1).covariance().own[0]
-        if not _certain(cov):
-            continue
-        gain = -cov[:6] @ JtP[rows]
-        step = np.einsum("kab,kb->a", gain, lin.r[rows])
-        X.append(start.X @ se3.exp(step))
-        K = np.zeros((n, 6, 6))
-        K[rows] = gain
-        maps.append(K)
-    count = n if n > 3 else 1
-    if not X:
-        return np.zeros((0, 4, 4)), np.zeros((0, n, 6, 6)), count
-    return np.stack(X), np.stack(maps), count - len(X)
+    rows = (np.arange(_count(problem.n))[:, None] + np.arange(3)) % problem.n
+    cov = Normal(own[rows].sum(axis=1), g[rows].sum(axis=1)).each()
+    certain = _certain(cov)
+    rows = rows[certain]
+    gains = -cov[certain, None, :6] @ JtP[rows]
+    steps = np.einsum("ktab,ktb->ka", gains, lin.r[rows])
+    return start.X @ se3.exp(steps), rows, gains
 
 
-def _certain(cov: Array) -> bool:
-    """Whether the translation of X is known well enough; a singular problem is known along no line at all."""
-    full = np.linalg.matrix_rank(cov, tol=1e-12 * np.linalg.norm(cov), hermitian=True) == len(cov)
-    return bool(full and np.trace(cov[:3, :3]) < _WIDEST**2)
+def _certain(cov: Array) -> NDArray[np.bool_]:
+    """Whether (k,) the translation of X is known well enough by (k, 12, 12); a singular problem is known
+    along no line at all."""
+    size = np.linalg.norm(cov, axis=(1, 2))
+    full = np.linalg.matrix_rank(cov, tol=1e-12 * size, hermitian=True) == cov.shape[1]
+    return np.asarray(full & (np.trace(cov[:, :3, :3], axis1=1, axis2=2) < _WIDEST**2))
+
+
+def _carried(maps: Array, cov: Array) -> Array:
+    """Sum of ``M cov M^T`` (6, 6) over (m, 6, 6)."""
+    return np.asarray(np.einsum("mab,mbc,mdc->ad", maps, cov, maps, optimize=True))
 
 
 def spread_within(found: list[Placement]) -> Spread | None:
@@ -122,8 +141,7 @@ def spread_within(found: list[Placement]) -> Spread | None:
         t, r = _deviations(p.X)
         t2.append(np.sum(t**2, axis=0) / (k - 1))
         r2.append(np.sum(r**2) / (k - 1))
-        centred = p.maps - p.maps.mean(axis=0)
-        cov = np.einsum("knab,nbc,kndc->ad", centred, p.cov, centred, optimize=True) / (k - 1)
+        cov = p.floor()
         ft2.append(np.trace(cov[:3, :3]))
         fr2.append(np.trace(cov[3:, 3:]))
     if not t2:
@@ -144,11 +162,7 @@ def spread_across(found: list[Placement]) -> Spread | None:
         return None
     means = np.stack([se3.mean_pose(p.X) for p in usable])
     t, r = _deviations(means)
-    floors = []
-    for p in usable:
-        mean_map = p.maps.mean(axis=0)
-        floors.append(np.einsum("nab,nbc,ndc->ad", mean_map, p.cov, mean_map, optimize=True))
-    floor = np.mean(floors, axis=0)
+    floor = np.mean([p.mean_floor() for p in usable], axis=0)
     return Spread(
         np.sqrt(np.sum(t**2, axis=0) / (m - 1)),
         float(np.sqrt(np.sum(r**2) / (m - 1))),

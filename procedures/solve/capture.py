@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +44,7 @@ class CaptureSet:
     warnings: list[tuple[str, str]] = field(default_factory=list)
     size: tuple[int, int] | None = None
 
-    @property
+    @cached_property
     def indices(self) -> list[int]:
         return [o.index for o in self.capture.observations]
 

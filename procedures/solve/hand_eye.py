@@ -27,6 +27,7 @@ from procedures.solve.other_orders import order_warnings
 
 ML = "ml"
 _MISMATCH = 0.05  # rad, or a quarter of what the arm turned
+_MOST_CLASSIC = 1000  # a minute
 _FAR_X = 5.0  # m; no camera is mounted that far from flange or base
 _FAR_APART_T, _FAR_APART_R = 0.04, 0.05  # of the distance to the target; rad
 
@@ -227,6 +228,12 @@ def _fits_swapped(problem: Problem, limit: float) -> bool:
 def _by_classic(solution: Solution, method: str) -> tuple[Solution, np.ndarray | None]:
     """The solution with X by one of OpenCV's solvers and mean target poses, and a jackknife covariance."""
     part = solution.problem.take(solution.used)
+    if (count := int(np.bincount(part.group).max())) > _MOST_CLASSIC:
+        raise error(
+            "ARGUMENT_INVALID",
+            f"method {method!r} takes the square of the {count} poses of one placement; use 'ml', or give at "
+            f"most {_MOST_CLASSIC}",
+        )
     X = solve_classic(part, method)
     if X is None:
         raise error("ARGUMENT_INVALID", f"method {method!r} gives no answer for these data; use 'ml'")

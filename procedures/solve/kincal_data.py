@@ -1,6 +1,7 @@
 """A kinematic data set in memory: joints, tracker points, and the arm that they belong to."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +48,7 @@ class KincalSet:
     def model(self) -> Model:
         return self.problem.model
 
-    @property
+    @cached_property
     def indices(self) -> list[int]:
         """The data set's own number of every sample."""
         return [_number(self.data, k) for k in range(len(self.data.samples))]
