@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cell.poses import from_pose6, to_pose6
-from fakes.ur.interpreter import CYCLE_S, Interpreter
+from fakes.ur.interpreter import Interpreter
 from fakes.ur.registers import Registers
 from fakes.ur.runtime import ScriptError, Steps
 from fakes.ur.special_commands import SpecialCommands, refusal
@@ -198,8 +198,8 @@ class ControlProgram:
             16: self._servo_stop,
             24: lambda: self._begin_servo(list(arm.inverse(r.vector_in(0)))),
             25: lambda: r.int_out(1, int(self._touches(r.vector_in(0)))),
-            26: lambda: out([CYCLE_S]),
-            27: lambda: out(arm.track.at(arm.t - CYCLE_S * r.int_in(1))[0]),
+            26: lambda: out([arm.period]),
+            27: lambda: out(arm.track.at(arm.t - arm.period * r.int_in(1))[0]),
             30: lambda: out(arm.inverse(r.vector_in(0), r.vector_in(6))),
             31: robot.protective_stop,
             33: lambda: self._stop(linear=True),

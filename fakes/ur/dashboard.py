@@ -174,6 +174,7 @@ class Dashboard:
         if robot.loaded_program and not robot.runtime.active:
             program = Program(robot.loaded_program, foreign_steps(), "foreign")
             if robot.start(program):
+                log.warning("%s: the twin shows the program as running, it does nothing", program.name)
                 return "Starting program"
         return "Failed to execute: play"
 

@@ -149,8 +149,7 @@ class ControllerFaults:
         if runtime.state != RuntimeState.STOPPED:
             runtime.stop(self._robot.now())
             failure = ScriptError("get_inverse_kin: unable to find an inverse kinematics solution")
-            for listener in tuple(self._robot.on_program):
-                listener("EXCEPTION", name, failure)
+            self._robot.report(name, failure)
 
     def _register_in_use(self, arguments: Arguments) -> None:
         name = arguments.get("name", "input_int_register_0")

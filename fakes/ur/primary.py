@@ -56,9 +56,10 @@ def key_message(title: str, text: str, stamp: float) -> bytes:
     return _message(_KEY, stamp, body)
 
 
-def exception_message(line: int, text: str, stamp: float) -> bytes:
-    """An error of a program at run time."""
-    return _message(_RUNTIME_EXCEPTION, stamp, struct.pack(">ii", line, 0) + text.encode())
+def exception_message(failure: ScriptError, stamp: float) -> bytes:
+    """An error of a program."""
+    place = struct.pack(">ii", failure.line, failure.column)
+    return _message(_RUNTIME_EXCEPTION, stamp, place + failure.text.encode())
 
 
 def text_message(text: str, stamp: float) -> bytes:
@@ -177,7 +178,7 @@ class PrimaryServer:
 
     def _program_event(self, event: str, name: str, failure: ScriptError | None) -> None:
         if failure is not None:
-            self.send(exception_message(failure.line, failure.text, self._stamp))
+            self.send(exception_message(failure, self._stamp))
         if event in _EVENTS:
             self.send(key_message(f"PROGRAM_XXX_{event}", name, self._stamp))
 

@@ -275,6 +275,10 @@ class Robot:
                 self._secondary.remove(steps)
                 self._program_event("EXCEPTION", "secondary", exc)
 
+    def report(self, name: str, failure: ScriptError) -> None:
+        """An error of a program that does not run."""
+        self._program_event("EXCEPTION", name, failure)
+
     def _program_event(self, event: str, name: str, failure: ScriptError | None) -> None:
         if event == "STOPPED":
             self.inputs.disarm_watchdog()

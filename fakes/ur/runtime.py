@@ -21,11 +21,14 @@ class RuntimeState(IntEnum):
 
 
 class ScriptError(Exception):
-    """A program's error at run time; it ends the program and is shown on the primary port."""
+    """A program's error; it ends the program and is shown on the primary port.
 
-    def __init__(self, text: str, line: int = 1) -> None:
+    ``placed`` says that ``line`` is known, and not the one that every error begins with.
+    """
+
+    def __init__(self, text: str, line: int = 1, column: int = 0, placed: bool = False) -> None:
         super().__init__(text)
-        self.text, self.line = text, line
+        self.text, self.line, self.column, self.placed = text, line, column, placed
 
 
 @dataclass

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from fakes.ur.control_script import ControlProgram, recognise
-from fakes.ur.dashboard import foreign_steps
 from fakes.ur.interpreter import Interpreter, secondary_steps
 from fakes.ur.runtime import Program, ScriptError
 from fakes.ur.urscript import NotInSubsetError, Source, read_program
@@ -15,6 +14,8 @@ if TYPE_CHECKING:
 
 TEXT_LIMIT = 1 << 20
 _BLOCK = re.compile(r"^(def|sec)\s")
+# The program of UR's driver opens a socket of this name back to the driver.
+_EXTERNAL_CONTROL = re.compile(r'socket_open\(.*"reverse_socket"')
 
 
 class TextAssembler:
@@ -72,29 +73,45 @@ class ScriptPort:
         try:
             control = recognise(text)
         except NotInSubsetError as exc:
-            self._report("rtde_control", exc.line, f"injected path: {exc.why}")
+            why = f"the twin does not interpret this program: injected path: {exc.why}"
+            self._refuse("rtde_control", ScriptError(why, exc.line))
             return
         if control is not None:
             steps = ControlProgram(self._robot, control).steps()
             self._robot.start(Program("rtde_control", steps, "control"))
             return
+        if _EXTERNAL_CONTROL.search(text):
+            self._refuse(
+                "external_control",
+                ScriptError("the twin does not emulate UR's External Control program; use RTDE with it"),
+            )
+            return
         self._take_source(read_program(text))
 
     def _take_source(self, source: Source) -> None:
-        unknown = source.unknown or Interpreter(self._robot).knows(source.statements)
-        if unknown is not None:
-            self._report(source.name, *unknown)
-        if source.secondary:
-            if unknown is None:
-                self._robot.start_secondary(secondary_steps(self._robot, source))
-            return
-        if unknown is not None:
-            self._robot.start(Program(source.name, foreign_steps(), "foreign"))
-            return
-        steps = Interpreter(self._robot).run(source.statements)
-        self._robot.start(Program(source.name, steps, "script"))
+        failure = self._unknown(source)
+        if failure is not None:
+            self._refuse(source.name, failure, source.secondary)
+        elif source.secondary:
+            self._robot.start_secondary(secondary_steps(self._robot, source))
+        else:
+            steps = Interpreter(self._robot).run(source.statements)
+            self._robot.start(Program(source.name, steps, "script"))
 
-    def _report(self, name: str, line: int, why: str) -> None:
-        failure = ScriptError(f"the twin does not interpret this program: {why}", line)
-        for listener in tuple(self._robot.on_program):
-            listener("EXCEPTION", name, failure)
+    def _unknown(self, source: Source) -> ScriptError | None:
+        """What keeps a program from being run, in the controller's words where it has some."""
+        if source.unknown is not None:
+            line, why = source.unknown
+            return ScriptError(f"the twin does not interpret this program: {why}", line)
+        unknown = Interpreter(self._robot).unknown(source.statements)
+        if unknown is None:
+            return None
+        line, column, name = unknown
+        self._robot.say(f"the twin does not know {name}, which a controller may")
+        return ScriptError(f"compile_error_name_not_found:{name}:", line, column)
+
+    def _refuse(self, name: str, failure: ScriptError, secondary: bool = False) -> None:
+        """The program is not started; like any other that comes, it ends the one that runs."""
+        if not secondary:
+            self._robot.runtime.stop(self._robot.now())
+        self._robot.report(name, failure)

@@ -5,10 +5,11 @@ the public sources: RTDE_Python_Client_Library (examples/record_configuration.xm
 Universal_Robots_Client_Library (tests/test_rtde_client.cpp, tests/fake_rtde_server.cpp).
 """
 
+import time
 from collections.abc import Iterator
 
 import pytest
-from fake_ur_client import Rtde, genuine
+from fake_ur_client import Lines, Rtde, Text, genuine
 
 from fakes.ur.process import ControllerHandle, running_controller
 
@@ -136,3 +137,34 @@ def test_a_refused_command_shows_as_false_and_an_ended_script(subject: Controlle
         """,
     )
     assert seen == {"refused": False, "running": False, "next": False}
+
+
+def test_a_custom_function_with_a_condition_and_variables_is_carried_out(subject: ControllerHandle) -> None:
+    seen = genuine(
+        HOST,
+        """
+        r, c = RTDEReceiveInterface(HOST), RTDEControlInterface(HOST)
+        body = "q = get_actual_joint_positions()\\n"
+        body += "if q[5] < 3:\\n  q[5] = q[5] + 0.1\\n  movej(q, a=6, v=2)\\nend\\n"
+        before = r.getActualQ()[5]
+        seen["custom"] = [c.sendCustomScriptFunction("turn", body), caught_up(r).getActualQ()[5] - before]
+        seen["running"] = c.isProgramRunning()
+        """,
+    )
+    assert seen["custom"] == [True, pytest.approx(0.1)]
+    assert seen["running"] is True
+
+
+def test_a_protective_stop_by_script_is_seen_on_dashboard_and_primary_port(
+    subject: ControllerHandle,
+) -> None:
+    with Text(HOST) as primary, Lines(HOST) as dashboard:
+        primary.send("protective_stop()\n")
+        deadline = time.monotonic() + 1.0
+        while "PROTECTIVE_STOP" not in dashboard.ask("safetystatus") and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert dashboard.ask("safetymode") == "Safetymode: PROTECTIVE_STOP"
+        for _ in range(3):  # one may have been on its way
+            mode = primary.state()[0]
+        assert mode[12] == 1  # is the arm protective stopped?
+        subject.inject("clear")

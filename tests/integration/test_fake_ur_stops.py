@@ -110,13 +110,13 @@ def test_primary_clients_hear_of_programs_and_of_what_is_not_understood(subject:
         assert _key(primary) == ("PROGRAM_XXX_STARTED", "near")
         assert _key(primary) == ("PROGRAM_XXX_STOPPED", "near")
         primary.send("def odd():\n  sync()\n  x = force_of_habit(3)\nend\n")
-        line, _ = struct.unpack(">ii", (body := primary.message(EXCEPTION))[:8])
-        assert line == 3
-        assert b"does not interpret" in body[8:]
-        assert _key(primary) == ("PROGRAM_XXX_STARTED", "odd")
-        assert subject.truth()["program"] == "odd"
-        primary.send("stop program\n")
-        assert _key(primary) == ("PROGRAM_XXX_STOPPED", "odd")
+        place = struct.unpack(">ii", (body := primary.message(EXCEPTION))[:8])
+        assert place == (3, 7)
+        assert body[8:] == b"compile_error_name_not_found:force_of_habit:"
+        time.sleep(0.1)
+        assert subject.truth()["program"] is None
+        primary.send("def threads():\n  thread t():\n    sync()\n  end\nend\n")
+        assert b"does not interpret" in primary.message(EXCEPTION)
 
 
 def test_a_secondary_program_may_set_outputs_but_not_move(subject: ControllerHandle) -> None:
