@@ -155,6 +155,15 @@ class TrajectoryPiece:
 class MotionPort(Protocol):
     """The arm's motion side; exists only while a lease does. Every call has a deadline of its own."""
 
+    @property
+    def usable(self) -> bool:
+        """Whether the next move can be asked of it.
+
+        False once the motion client or its script has ended. Where *others* ended the script, and not our own
+        watchdog for a silence of ours, this raises ``ARM_SCRIPT_DIED``.
+        """
+        ...
+
     async def move_joints(self, q: Array, speed: Speed) -> None:
         """Move in joint space; returns when the *measured* joints agree, else raises."""
         ...

@@ -126,6 +126,10 @@ class ModelledPort:
     def __init__(self, port: MotionPort, arm: Arm, models: ArmModels) -> None:
         self._port, self._arm, self._models = port, arm, models
 
+    @property
+    def usable(self) -> bool:
+        return self._port.usable
+
     async def move_linear(self, T_base_flange: RigidTransform, speed: Speed) -> None:
         await self._port.move_linear(await self._told(T_base_flange), speed)
 

@@ -13,6 +13,7 @@ from scipy.spatial.transform import RigidTransform
 from cell.clock import Clock
 from cell.devices import Arm, ArmState, MotionPort, Speed, ToolSettings, TrajectoryPiece
 from cell.errors import CellError, RefusedError, error
+from cell.interruptions import Interruptions
 from cell.poses import Array, to_pose6
 from cell.samples import Sample
 
@@ -24,6 +25,9 @@ LOOK_S = 0.5
 STANDSTILL_SAMPLES = 5
 STANDSTILL_SPAN_S = 0.04
 TOOL_BACK, TOOL_BACK_S = "tool given back", 3.0
+TAKE_UP_REST_S = 1.0
+STAYED_RAD = 0.002
+STOPPING_S = 0.6  # silence that goes unnoticed, the controller's watchdog, and braking
 
 
 class Guard(Protocol):
@@ -108,12 +112,14 @@ class MotionBroker:
         speed: Speed,
         recorder: Recorder,
         tool_after: ToolSettings | None = None,
+        steps: Interruptions | None = None,
     ) -> "MotionLease":
         """``async with broker.lease(...) as lease`` gives something that can move the arm.
 
         ``tool_after``: what the controller gets when the lease ends, for one whose ``tool`` is only tried.
+        ``steps``: a move that a short silence interrupts is a step of these; without them it just fails.
         """
-        return MotionLease(self, arm, guard, tool, speed, recorder, tool_after)
+        return MotionLease(self, arm, guard, tool, speed, recorder, tool_after, steps)
 
     def acquire(self, arm: Arm) -> None:
         if self.latched is not None:
@@ -172,25 +178,34 @@ class MotionLease:
         speed: Speed,
         recorder: Recorder,
         tool_after: ToolSettings | None = None,
+        steps: Interruptions | None = None,
     ) -> None:
         self._broker, self._arm, self._guard = broker, arm, guard
         self._tool, self._speed, self._recorder = tool, speed, recorder
         self._tool_after = tool_after
+        self._steps = steps
+        self._left: Sample[ArmState] | None = None  # the arm's last state before an interruption
         self._port: MotionPort | None = None
         self.tool_given_back = False  # ``tool_after`` was set and read back
 
     async def __aenter__(self) -> Self:
         self._broker.acquire(self._arm)
-        try:
+        begun = False
+
+        async def begin() -> None:
+            nonlocal begun
             self._arm.check_movable()
-            self._recorder.note("motion", event="lease", arm=self._arm.name)
-        except BaseException:
-            self._broker.release(self._arm)
-            raise
-        try:
+            if not begun:
+                self._recorder.note("motion", event="lease", arm=self._arm.name)
+            begun = True
             self._port = await self._arm.open_motion(self._tool)
+
+        try:
+            await self._step("lease of the arm", begin)
         except BaseException as exc:
-            if isinstance(exc, RefusedError) or not self._arm.motion_begun:
+            if not begun:
+                self._broker.release(self._arm)
+            elif isinstance(exc, RefusedError) or not self._arm.motion_begun:
                 # Nothing of ours was started, so there is nothing to stop; what others run stays untouched.
                 self._broker.release(self._arm)
                 self._note("motion", event="nothing begun", arm=self._arm.name)
@@ -198,27 +213,41 @@ class MotionLease:
                 # The motion client may be half up, so its end is the ladder's business too.
                 await run_to_its_end(self._end())
             raise
+        if self._steps is not None:
+            self._steps.arm = self
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, exc: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if self._steps is not None:
+            self._steps.arm = None
         await run_to_its_end(self._end())
 
     async def move_joints(self, q: Array, speed: Speed | None = None) -> None:
         """Move in joint space to ``q`` (6,) rad; checked first, believed only when measured there."""
         target = np.asarray(q, dtype=float)
-        start = await self._movable_state()
-        self._guard.check_path_joints(start.q, target)
-        self._recorder.note("motion", event="move_joints", q=[round(float(v), 6) for v in target])
-        await self._live_port().move_joints(target, speed or self._speed)
+        await self._step("move", lambda: self._move_joints(target, speed or self._speed))
 
     async def move_linear(self, T_base_flange: RigidTransform, speed: Speed | None = None) -> None:
         """Move the tool on a line until the flange has this pose; checked first, measured after."""
+        await self._step("linear move", lambda: self._move_linear(T_base_flange, speed or self._speed))
+
+    async def _step(self, what: str, work: Callable[[], Awaitable[None]]) -> None:
+        """A move is taken again from where an interruption ended it: the rest of the way that was checked."""
+        await (work() if self._steps is None else self._steps.step(what, work))
+
+    async def _move_joints(self, target: Array, speed: Speed) -> None:
+        start = await self._movable_state()
+        self._guard.check_path_joints(start.q, target)
+        self._recorder.note("motion", event="move_joints", q=[round(float(v), 6) for v in target])
+        await self._live_port().move_joints(target, speed)
+
+    async def _move_linear(self, T_base_flange: RigidTransform, speed: Speed) -> None:
         start = await self._movable_state()
         self._guard.check_path_linear(start.T_base_flange, T_base_flange, start.q)
         self._recorder.note("motion", event="move_linear", to=[float(v) for v in T_base_flange.translation])
-        await self._live_port().move_linear(T_base_flange, speed or self._speed)
+        await self._live_port().move_linear(T_base_flange, speed)
 
     async def guarded_move(
         self, T_base_flange: RigidTransform, max_force_n: float, max_travel_m: float
@@ -252,6 +281,52 @@ class MotionLease:
         finally:  # who makes the pieces ends now, not when somebody collects the garbage
             if isinstance(pieces, AsyncGenerator):
                 await pieces.aclose()
+
+    # -- after a short silence
+
+    async def rest(self) -> None:
+        """The first step of the stop ladder, at once; :meth:`take_up` waits for the measured standstill."""
+        self._left = self._arm.state.last()
+        if self._port is not None:
+            await self._attempt("decelerate", self._port.decelerate, 0.5)
+
+    async def take_up(self) -> None:
+        """Go on after an interruption: the arm rests where it was left, and nobody else has it.
+
+        A port of ours that ended is opened again. ``ARM_MOVED`` when the arm was moved meanwhile,
+        ``MOTION_NOT_STOPPED`` when it does not rest, else the errors of
+        :meth:`~cell.devices.Arm.open_motion`.
+        """
+        if not await measured_standstill(self._arm, TAKE_UP_REST_S):
+            raise error("MOTION_NOT_STOPPED", f"{self._arm.name} after a short silence")
+        here = self._arm.state.latest(MAX_STATE_AGE_S).value.q
+        self._require_not_carried(here)
+        if self._port is None or not self._port.usable:
+            port, self._port = self._port, None
+            if port is not None:
+                await self._attempt("close", port.close, 3.0)
+            self._port = await self._arm.open_motion(self._tool)
+            self._recorder.note("motion", event="opened again", arm=self._arm.name)
+        self._arm.check_movable()
+        moved = float(np.max(np.abs(self._arm.state.latest(MAX_STATE_AGE_S).value.q - here)))
+        if moved > STAYED_RAD:
+            raise error(
+                "ARM_MOVED", f"{self._arm.name}: a joint turned by {moved:.4f} rad while nothing was asked"
+            )
+
+    def _require_not_carried(self, here: Array) -> None:
+        """The arm cannot be farther from where it was seen last than stopping takes it."""
+        if self._left is None:
+            return
+        state = self._left.value
+        fastest = max(float(np.max(np.abs(state.qd))), self._speed.joint_rad_s)
+        away, reach = float(np.max(np.abs(here - state.q))), STAYED_RAD + fastest * STOPPING_S
+        if away > reach:
+            raise error(
+                "ARM_MOVED",
+                f"{self._arm.name}: a joint is {away:.3f} rad from where it was seen last; "
+                f"stopping takes {reach:.3f} rad at most",
+            )
 
     def _live_port(self) -> MotionPort:
         if self._port is None:

@@ -7,7 +7,7 @@ the motion lease, the journal, the run folder, and the worker that computes away
 
 import asyncio
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
@@ -28,6 +28,7 @@ from cell.devices import (
     ObservedArm,
 )
 from cell.errors import error
+from cell.interruptions import Interruptions
 from cell.modelled_arm import ArmModels, ModelledArm
 from cell.motion import MotionLease
 from cell.traces import Trace
@@ -75,6 +76,10 @@ class Cell(Protocol):
 
     def device(self, role: str) -> Device:
         """The device that plays ``role`` in ``[robot]``; ``DEVICE_NOT_READY`` when it is not READY."""
+        ...
+
+    def interruptions(self, run: "Run") -> Interruptions:
+        """What takes the steps of ``run``, and takes one again after a short silence of a device."""
         ...
 
     def motion(
@@ -200,8 +205,26 @@ class Run:
         self._released = asyncio.Event()
         self._answered = asyncio.Event()
         self._prompts = 0
+        self.steps_taken = cell.interruptions(self)
 
     # -- what a procedure calls
+
+    async def take_step(self, what: str, work: Callable[[], Awaitable[R]]) -> R:
+        """Do ``work``, which can be taken again from wherever the arm was stopped, with all it measures.
+
+        After a short silence of a device it is: the job is then in the state in which the step began. What
+        was measured across a gap in the arm's state counts as interrupted. ``what`` names the step in the
+        journal and in the result.
+        """
+        state = self.state
+
+        async def again() -> R:
+            self.state, began = state, self.clock.now()
+            result = await work()
+            self._require_unbroken(began)
+            return result
+
+        return await self.steps_taken.step(what, again)
 
     async def enter(self, state: StrEnum, why: str = "", **fields: Any) -> None:
         """Take the transition to ``state``: checked, written to the journal, published; the pause gate."""
@@ -215,6 +238,13 @@ class Run:
         self._publish()
         if state in self.procedure.CHECKPOINTS:
             await self._gate()
+
+    def _require_unbroken(self, since: float) -> None:
+        if "arm" not in self.procedure.uses():
+            return
+        gap = self.arm().state.last_gap
+        if gap is not None and gap[1] > since:
+            raise error("STALE_DATA", f"the arm gave no state for {gap[1] - gap[0]:.3f} s within the step")
 
     async def ask(self, text: str) -> None:
         """Hold with the arm at rest until an operator confirms this prompt."""

@@ -13,6 +13,8 @@ from cell.errors import error
 
 T = TypeVar("T")
 
+GAP_S = 0.1
+
 
 class Quality(StrEnum):
     """How far a reading can be trusted."""
@@ -41,6 +43,8 @@ class Readings(Protocol[T]):
     def clock(self) -> Clock: ...
     @property
     def epoch(self) -> int: ...
+    @property
+    def last_gap(self) -> tuple[float, float] | None: ...
     def subscribe(self, listener: Callable[[Sample[T]], None]) -> Callable[[], None]: ...
     def last(self) -> Sample[T] | None: ...
     def latest(self, max_age: float) -> Sample[T]: ...
@@ -51,7 +55,8 @@ class Stream(Generic[T]):
     """Recent samples of one source, oldest first.
 
     A new ``epoch`` begins at every reconnect: interpolation and waiting never bridge two epochs.
-    ``gaps`` counts the samples that the source numbered and we did not get.
+    ``gaps`` counts the samples that the source numbered and we did not get; ``last_gap`` is the latest time
+    of more than ``GAP_S`` without a sample, from stamp to stamp, an epoch's end included.
     """
 
     def __init__(self, name: str, clock: Clock, keep: int = 4096) -> None:
@@ -59,6 +64,8 @@ class Stream(Generic[T]):
         self.epoch = 0
         self.received = 0
         self.gaps = 0
+        self.last_gap: tuple[float, float] | None = None
+        self._newest_t: float | None = None  # of all epochs
         self._samples: deque[Sample[T]] = deque(maxlen=keep)
         self._listeners: list[Callable[[Sample[T]], None]] = []
 
@@ -74,6 +81,9 @@ class Stream(Generic[T]):
             if sample.seq <= last.seq or sample.t < last.t:
                 raise ValueError(f"{self.name}: sample {sample.seq} does not follow {last.seq}")
             self.gaps += sample.seq - last.seq - 1
+        if self._newest_t is not None and sample.t - self._newest_t > GAP_S:
+            self.last_gap = self._newest_t, sample.t
+        self._newest_t = sample.t
         self._samples.append(sample)
         self.received += 1
         for listener in tuple(self._listeners):
@@ -134,6 +144,10 @@ class Mapped(Generic[T]):
     @property
     def epoch(self) -> int:
         return self._source.epoch
+
+    @property
+    def last_gap(self) -> tuple[float, float] | None:
+        return self._source.last_gap
 
     def subscribe(self, listener: Callable[[Sample[T]], None]) -> Callable[[], None]:
         return self._source.subscribe(lambda sample: listener(self._seen(sample)))

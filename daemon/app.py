@@ -80,7 +80,8 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
 
         beats, lag = Beats(clock), LoopLag(clock)
         supervisor = Supervisor(supervised_devices(config, clock, beats))
-        context = CellContext(config, clock, worker, supervisor, MotionBroker(clock), ledger)
+        broker = MotionBroker(clock)
+        context = CellContext(config, clock, worker, supervisor, broker, ledger, lag.longest_since)
         engine = Engine(context, JOBS, state / "runs")
         engine.loop_lag = lag.summary
         await _report_interrupted(engine, ledger)

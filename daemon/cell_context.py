@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 from cell.clock import Clock
 from cell.devices import Device
 from cell.errors import CellError, error
+from cell.interruptions import Interruptions
 from cell.motion import MotionBroker, MotionLease
 from cell.procedure import Proposal, Run, Worker
 from cell.store.ledger import Ledger
@@ -33,6 +34,7 @@ class CellContext:
     supervisor: Supervisor
     broker: MotionBroker
     ledger: Ledger
+    paused_since: Callable[[float], float] = lambda since: 0.0  # the loop's longest lag since then, s
 
     def device(self, role: str) -> Device:
         name = self.config.robot.roles().get(role)
@@ -40,13 +42,19 @@ class CellContext:
             raise error("DEVICE_NOT_READY", f"[robot] names no device for the role '{role}'")
         return self.supervisor.ready(name)
 
+    def interruptions(self, run: Run) -> Interruptions:
+        names = [self.device(role).name for role in run.procedure.uses()]
+        return Interruptions(
+            self.clock, lambda: self.supervisor.back(names), run.note, run.publish, self.paused_since
+        )
+
     def motion(
         self, run: Run, tool: Mapping[str, Any] | None = None
     ) -> AbstractAsyncContextManager[MotionLease]:
         values = run.values if tool is None else {**run.values, "tool": tool}
         guard, settings, speed = lease_settings(values)
         after = None if tool is None else lease_settings(run.values)[1]
-        return self.broker.lease(run.arm(), guard, settings, speed, run, after)
+        return self.broker.lease(run.arm(), guard, settings, speed, run, after, run.steps_taken)
 
     async def propose(self, run: Run, proposal: Proposal, result: Mapping[str, Any]) -> int:
         return await asyncio.to_thread(enter_proposal, run, self.ledger, proposal, result)

@@ -295,7 +295,7 @@ class Engine:
         """Run the procedure to whichever end, then write that end down once."""
         failure: CellError | None = None
         job = self._job = asyncio.create_task(run.procedure.run(run), name=run.procedure.name)
-        loss = asyncio.create_task(self._first_fault(devices), name="watch devices")
+        loss = asyncio.create_task(self._first_fault(run, devices), name="watch devices")
         if self._ending is not None:  # a stop came before the job could begin
             job.cancel()
         try:
@@ -368,7 +368,26 @@ class Engine:
         loss = self.context.supervisor.loss(devices)
         return loss if isinstance(loss, CellError) else failure
 
-    async def _first_fault(self, devices: list[str]) -> CellError:
+    async def _first_fault(self, run: Run, devices: list[str]) -> CellError:
+        """Block until the job must end: a device drops and does not come back, or the arm shows a fault.
+
+        A device that was silent for a moment interrupts the step that is under way, and no more.
+        """
+        while True:
+            fault = await self._next_fault(devices)
+            steps = run.steps_taken
+            if not steps.bridges(fault):
+                return fault
+            steps.interrupt(fault)
+            try:
+                async with asyncio.timeout(steps.limits.within_s + steps.limits.reconnect_s):
+                    await self.context.supervisor.back(devices)
+            except TimeoutError:
+                return fault
+            except CellError as other:
+                return other
+
+    async def _next_fault(self, devices: list[str]) -> CellError:
         """Block until a device of the job drops or the arm shows a fault."""
         async with asyncio.TaskGroup() as tasks:
             watches = [tasks.create_task(self.context.supervisor.first_loss(devices))]

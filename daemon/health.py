@@ -40,6 +40,7 @@ class LoopLag:
     period_s: float = 0.05
     last_s: float = 0.0
     recent: deque[float] = field(default_factory=lambda: deque(maxlen=1200))
+    _ends: deque[float] = field(default_factory=lambda: deque(maxlen=1200))
 
     async def watch(self, beats: Beats, warn_s: float) -> None:
         """Measure for ever; one log line when the lag passes ``warn_s``, one when it is over."""
@@ -49,6 +50,7 @@ class LoopLag:
             await self.clock.sleep(self.period_s)
             self.last_s = max(self.clock.now() - due, 0.0)
             self.recent.append(self.last_s)
+            self._ends.append(due + self.last_s)
             beats.beat("loop")
             if (self.last_s > warn_s) != late:
                 late = not late
@@ -58,6 +60,12 @@ class LoopLag:
                     "late" if late else "in time again",
                     1e3 * self.last_s,
                 )
+
+    def longest_since(self, since: float) -> float:
+        """The longest lag that ended after ``since``, s."""
+        return max(
+            (lag for lag, end in zip(self.recent, self._ends, strict=True) if end > since), default=0.0
+        )
 
     def summary(self) -> dict[str, float]:
         """Median, 99th percentile and maximum of the last minute, s."""

@@ -21,11 +21,17 @@ async def propose_results(run: Run, folder: RunFolder, ledger: Ledger) -> None:
         return
     proposal = None if run.result["verdict"] == "fail" else run.procedure.proposal(run)
     renewed = run.proposed | ({proposal.name} if proposal else set())
-    run.result = with_model(run.result, run.values, renewed)
+    run.result = with_interruptions(with_model(run.result, run.values, renewed), run)
     await asyncio.to_thread(folder.write_result, run.result)
     await _write_report(run)
     if proposal is not None:
         await asyncio.to_thread(_propose, run, ledger, proposal)
+
+
+def with_interruptions(result: Mapping[str, Any], run: Run) -> dict[str, Any]:
+    """``result`` with the steps that short silences made the run take again, in its ``inputs``."""
+    inputs = {**(result.get("inputs") or {}), "steps_taken_again": run.steps_taken.taken_again}
+    return {**result, "inputs": inputs} if run.steps_taken.taken_again else dict(result)
 
 
 def note_arm_model(run: Run) -> None:

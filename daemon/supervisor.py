@@ -10,6 +10,7 @@ from typing import Any
 from cell.clock import Clock
 from cell.devices import Device, DeviceState, Identity
 from cell.errors import CellError, error
+from cell.interruptions import SILENCES
 from daemon.health import Beats
 
 log = logging.getLogger("cellward.devices")
@@ -20,6 +21,8 @@ FRESH_TIMEOUT_S = 2.0
 FIRST_BACK_OFF_S = 0.25
 LONGEST_BACK_OFF_S = 5.0
 BEAT_S = 0.5
+SETTLE_S = 0.02
+SOON_S = 3.0  # after a loss: who waits for a device that was silent for a moment waits for this
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,8 @@ class SupervisedDevice:
                     self._failed(loss, first=True)
                 await self._beating(self._close())
                 await self._beating(self._clock.sleep(back_off * random.uniform(0.8, 1.2)))
-                back_off = min(2.0 * back_off, LONGEST_BACK_OFF_S)
+                if lost_at is None or self._clock.now() - lost_at > SOON_S:
+                    back_off = min(2.0 * back_off, LONGEST_BACK_OFF_S)
         finally:
             await self._close()
             self._set(DeviceState.CLOSED)
@@ -87,8 +91,22 @@ class SupervisedDevice:
             await self.device.open()
             found = await self.device.identify()
             self.expect.check(self.device.name, found)
-            await self.device.wait_fresh(FRESH_TIMEOUT_S)
+            await self._fresh()
         self.identity = found
+
+    async def _fresh(self) -> None:
+        """A first sample; a link that is lost again meanwhile is not waited for."""
+        fresh = asyncio.create_task(self.device.wait_fresh(FRESH_TIMEOUT_S))
+        lost = asyncio.create_task(self.device.wait_lost())
+        try:
+            await asyncio.wait([fresh, lost], return_when=asyncio.FIRST_COMPLETED)
+            if not fresh.done():
+                raise lost.result()
+            fresh.result()
+        finally:
+            for task in (fresh, lost):
+                task.cancel()
+            await asyncio.wait([fresh, lost])
 
     async def _close(self) -> None:
         try:
@@ -168,13 +186,32 @@ class Supervisor:
         """Block until one of the devices is no longer READY; return why."""
         watched = tuple(names)
         while (loss := self.loss(watched)) is None:
-            waits = [asyncio.create_task(self.devices[name].changed.wait()) for name in watched]
-            try:
-                await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
-            finally:
-                for wait in waits:
-                    wait.cancel()
+            await self._change_of(watched)
         return loss
+
+    async def back(self, names: Iterable[str]) -> None:
+        """Return when all of the devices are READY and have given a fresh sample; raise what cannot pass."""
+        wanted = tuple(names)
+        while True:
+            if (loss := self.loss(wanted)) is not None:
+                if not (isinstance(loss, CellError) and loss.name in SILENCES):
+                    raise loss
+                await self._change_of(wanted)
+                continue
+            try:
+                for name in wanted:
+                    await self.devices[name].device.wait_fresh(FRESH_TIMEOUT_S)
+                return
+            except CellError:  # it is about to be seen as lost
+                await asyncio.sleep(SETTLE_S)
+
+    async def _change_of(self, names: Iterable[str]) -> None:
+        waits = [asyncio.create_task(self.devices[name].changed.wait()) for name in names]
+        try:
+            await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for wait in waits:
+                wait.cancel()
 
     def loss(self, names: Iterable[str]) -> Exception | None:
         """Why the first of the devices that is not READY is not; None when all are."""

@@ -28,6 +28,7 @@ STOP_DEADLINE_S = 0.3
 END_DEADLINE_S = 0.8
 START_MARGIN_S = 3.0
 MAX_START_STEP_RAD = 0.05
+WATCHDOG_SEEN_S = 0.25  # from the end of a lapse to the package that shows that our script has ended
 
 
 class MotionArm(ArmView, Protocol):
@@ -50,7 +51,28 @@ class UrMotion:
         self._clock: Clock = client.clock
         self._brake = config.stop_decel_m_s2
         self._opening = self._closed = False
+        self._program_ended = 0.0  # when our script was seen to have ended
         self._stop_following_program = arm.state.subscribe(self._note_program)
+
+    @property
+    def usable(self) -> bool:
+        """Whether our script still runs. False where a silence of ours ended it, ``ARM_SCRIPT_DIED`` or
+        ``CHILD_DIED`` where something else did."""
+        if self._closed or self._arm.lost is not None or self.client.killed:
+            return False
+        if self.client.ended.is_set():
+            raise self.client.death()
+        if self.owns_program:
+            return not self.client.withheld
+        if not self.let_lapse:
+            raise error("ARM_SCRIPT_DIED", "no program is running on the arm any more")
+        return False
+
+    @property
+    def let_lapse(self) -> bool:
+        """Whether it was our own watchdog that ended our script: the kicks stopped before it did."""
+        since, until = self.client.lapse
+        return self.client.withheld or since < self._program_ended < until + WATCHDOG_SEEN_S
 
     async def prepare(self) -> None:
         """Upload the script, set the watchdog, the TCP and the payload, and see them in force."""
@@ -124,18 +146,17 @@ class UrMotion:
         rest, ``MOTION_LIMIT`` when the first piece does not begin where the arm is.
         """
         config = self._config
-        with real_time(LOOP), Watch(self._arm, self.client, lambda sample: None) as watch:
+        how = {
+            "horizon_s": BEAT_LIMIT_S,
+            "ramp": config.follow_decel_rad_s2,
+            "lookahead": config.servo_lookahead_s,
+            "gain": config.servo_gain,
+            "decel": config.stop_decel_m_s2,
+        }
+        with real_time(LOOP), self._watch(lambda sample: None) as watch:
             undo = self.client.subscribe(lambda event: _note_end(watch, event))
             try:
-                await self._call(
-                    "follow",
-                    CALL_DEADLINE_S,
-                    horizon_s=BEAT_LIMIT_S,
-                    ramp=config.follow_decel_rad_s2,
-                    lookahead=config.servo_lookahead_s,
-                    gain=config.servo_gain,
-                    decel=config.stop_decel_m_s2,
-                )
+                await self._ask(watch, "follow", how)
                 last = await self._send_pieces(pieces, watch)
                 self.client.post("finish")
                 left = max(last.t1 - self._clock.now(), 0.0) if last is not None else 0.0
@@ -243,15 +264,31 @@ class UrMotion:
     async def _move(self, do: str, arguments: dict[str, Any], judge: Judge, limit_s: float) -> Any:
         # A stop gentler than the move's own braking would carry the arm past the end that was checked.
         self._brake = max(self._config.stop_decel_m_s2, arguments["accel"])
-        with Watch(self._arm, self.client, judge) as watch:
+        with self._watch(judge) as watch:
             try:
-                accepted = await self._call(do, CALL_DEADLINE_S, **arguments)
-                if not accepted and not watch.over:
-                    watch.end(error("ARM_SCRIPT_DIED", f"the control script did not accept {do}"))
+                await self._ask(watch, do, arguments)
                 return await watch.outcome(limit_s, do)
             except BaseException:
                 self._stop_now()
                 raise
+
+    def _watch(self, judge: Judge) -> Watch:
+        return Watch(self._arm, self.client, judge, lambda: self.let_lapse)
+
+    async def _ask(self, watch: Watch, do: str, arguments: dict[str, Any]) -> None:
+        """Give the child a command; what ends the watch meanwhile does not wait for its answer."""
+        call = asyncio.ensure_future(self._call(do, CALL_DEADLINE_S, **arguments))
+        try:
+            if await watch.first(call) and not call.result() and not watch.over:
+                watch.end_by_script(f"the control script did not accept {do}")
+        except CellError as exc:
+            if exc.name != "CALL_TIMEOUT":
+                raise
+            raise error("MOTION_WATCHDOG", f"the motion client did not answer: {exc.detail}") from exc
+        finally:
+            if not call.done():
+                call.cancel()
+                await asyncio.wait([call])
 
     def _duration(self, distance: float, speed: float, accel: float) -> float:
         """Twice the time of a trapezoidal profile under the speed slider, and a margin for the start."""
@@ -311,7 +348,7 @@ class UrMotion:
         peak = float(np.max(np.abs(speed)))
         target = target + speed * peak / (2.0 * self._config.follow_decel_rad_s2)
         judge = joints_judge(target, 5.0 * self._config.joint_tolerance_rad, self._clock.now())
-        with Watch(self._arm, self.client, judge) as watch:
+        with self._watch(judge) as watch:
             await watch.outcome(2.0, "coming to rest after following")
 
     async def _until_at_rest(self, timeout: float) -> None:
@@ -322,7 +359,7 @@ class UrMotion:
             count = count + 1 if sample.value.at_rest else 0
             return True if count >= REST_SAMPLES else None
 
-        with Watch(self._arm, self.client, judge) as watch:
+        with self._watch(judge) as watch:
             await watch.outcome(timeout, "the stop after contact")
 
     async def _until(
@@ -349,6 +386,8 @@ class UrMotion:
         if self._opening and sample.value.program_running:
             self._opening, self.owns_program = False, True
         elif self._arm.feed.runtime_state == STOPPED:
+            if self.owns_program:
+                self._program_ended = sample.t
             self.owns_program = False
 
     def _newest(self) -> Sample[ArmState]:

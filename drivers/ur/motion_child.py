@@ -31,6 +31,7 @@ BEAT_LIMIT_S = 0.1
 KICK_PERIOD_S = 0.02
 SERVO_PERIOD_S = 0.002
 SERVO_CALL_LIMIT_S = 0.3
+TICK_S, PAUSED_S = 0.01, 0.1
 
 EXIT_PIPE_CLOSED = 0
 EXIT_DEADLINE = 70
@@ -67,12 +68,17 @@ class CallLimit(threading.Thread):
         self._what = ""
 
     def run(self) -> None:
+        before = time.monotonic()
         while True:
-            until = self._until
-            if until is not None and time.monotonic() > until:
-                os.write(2, f"the call '{self._what}' overran its deadline\n".encode())
-                os._exit(EXIT_DEADLINE)
-            time.sleep(0.01)
+            time.sleep(TICK_S)
+            now = time.monotonic()
+            if self._until is not None:
+                # A process that stood still is late itself; that time is not the call's.
+                self._until += max(now - before - PAUSED_S, 0.0)
+                if now > self._until:
+                    os.write(2, f"the call '{self._what}' overran its deadline\n".encode())
+                    os._exit(EXIT_DEADLINE)
+            before = now
 
     @contextmanager
     def within(self, seconds: float, what: str) -> Iterator[None]:
@@ -102,6 +108,7 @@ class MotionChild:
         self._kicking = False
         self._withheld = False
         self._next_kick = 0.0
+        self._kicked = self._patience_s = 0.0  # when last, and how long the controller waits for the next
         self._follower: Follower | None = None
         self._urgent = ExitStack()
         self._servo = (0.0, 0.0, 0.0)  # look-ahead, gain, deceleration
@@ -171,6 +178,7 @@ class MotionChild:
 
     def _kick(self, control: Control) -> None:
         self._next_kick = time.monotonic() + KICK_PERIOD_S
+        self._tell_lapse()
         self._hear(0.0)  # beats that came during a long call count
         age = time.monotonic() - self._beat
         if age > BEAT_LIMIT_S:
@@ -182,9 +190,16 @@ class MotionChild:
             with self._limit.within(SERVO_CALL_LIMIT_S, "kick"):
                 # False means that the script is gone; kicking on would only fill the log.
                 self._kicking = control.kickWatchdog()
+            self._kicked = time.monotonic()
         if self._withheld and self._kicking:
             self._withheld = False
             self._tell({"event": "kicking"})
+
+    def _tell_lapse(self) -> None:
+        """Say when the kicks came so late that the controller's watchdog has ended our script."""
+        now = time.monotonic()
+        if self._kicking and now - self._kicked > self._patience_s:
+            self._tell({"event": "lapsed", "since": self._kicked, "until": now})
 
     def _follow(self, control: Control, follower: Follower) -> None:
         now = time.monotonic()
@@ -210,6 +225,8 @@ class MotionChild:
 
     def _send_setpoint(self, control: Control, q: list[float]) -> bool:
         lookahead, gain, _ = self._servo
+        self._tell_lapse()
+        self._kicked = time.monotonic()  # a set-point is a kick
         with self._limit.within(SERVO_CALL_LIMIT_S, "servoJ"):
             return control.servoJ(q, 0.0, 0.0, SERVO_PERIOD_S, lookahead, gain)
 
@@ -228,6 +245,12 @@ class MotionChild:
         if not self._control.setWatchdog(watchdog_hz):
             raise RuntimeError("setWatchdog was refused")
         self._kicking, self._next_kick = True, 0.0
+        self._kicked, self._patience_s = time.monotonic(), 1.0 / watchdog_hz
+        return True
+
+    def _ping(self) -> bool:
+        """For the daemon to know that we hear it, and that it was told of every lapse up to now."""
+        self._tell_lapse()
         return True
 
     def _tool(self, tcp: list[float], mass: float, cog: list[float]) -> list[float]:
@@ -289,6 +312,7 @@ class MotionChild:
 
 _COMMANDS: dict[str, Callable[..., Any]] = {
     "open": MotionChild._open,
+    "ping": MotionChild._ping,
     "tool": MotionChild._tool,
     "move_joints": MotionChild._move_joints,
     "move_linear": MotionChild._move_linear,

@@ -25,7 +25,8 @@ class MotionClient:
     def __init__(self, clock: Clock, process: subprocess.Popen[bytes], pipe: socket.socket) -> None:
         assert process.stdout is not None
         self.clock, self.pid = clock, process.pid
-        self.withheld = False
+        self.withheld = self.killed = False
+        self.lapse = (0.0, 0.0)  # from and to when the controller had no kick for too long, the latest time
         self.ended = asyncio.Event()
         self._process, self._pipe, self._stdout = process, pipe, process.stdout
         self._loop = asyncio.get_running_loop()
@@ -114,6 +115,7 @@ class MotionClient:
 
     def kill(self) -> None:
         """End the child at once; the controller's watchdog stops the arm."""
+        self.killed = self.killed or self._process.poll() is None
         self._process.kill()
 
     async def finish(self, timeout: float) -> None:
@@ -167,6 +169,8 @@ class MotionClient:
         if "event" in message:
             if message["event"] in ("withheld", "kicking"):
                 self.withheld = message["event"] == "withheld"
+            elif message["event"] == "lapsed":
+                self.lapse = message["since"], message["until"]
             for listener in tuple(self._listeners):
                 listener(message)
             return

@@ -17,6 +17,7 @@ from drivers.ur.motion_client import MotionClient
 REST_SAMPLES = 5
 # A move that has not left its start, or rests elsewhere, for this long is not going to arrive.
 STUCK_S = 1.0
+PING_S = 0.2
 
 Judge = Callable[[Sample[ArmState]], Any]
 
@@ -42,10 +43,13 @@ class Watch:
     dead child end the watch with their coded error. Use as a context manager around the motion.
     """
 
-    def __init__(self, arm: ArmView, client: MotionClient, judge: Judge) -> None:
-        self._arm, self._client, self._judge = arm, client, judge
+    def __init__(
+        self, arm: ArmView, client: MotionClient, judge: Judge, let_lapse: Callable[[], bool]
+    ) -> None:
+        """``let_lapse``: whether our own watchdog ended our script, as far as the child has told."""
+        self._arm, self._client, self._judge, self._let_lapse = arm, client, judge, let_lapse
         self._outcome: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
-        self._script_gone = False
+        self._refusal = "no program is running on the arm any more"
         self._undo: list[Callable[[], None]] = []
 
     def __enter__(self) -> Self:
@@ -84,6 +88,11 @@ class Watch:
         if not self._outcome.done():
             self._outcome.set_result(verdict)
 
+    def end_by_script(self, why: str) -> None:
+        """The script did not take a command: it ended; why is found out as for any other end."""
+        self._refusal = why
+        self.end(_GONE)
+
     def _look(self, sample: Sample[ArmState]) -> None:
         if self._outcome.done():
             return
@@ -107,11 +116,21 @@ class Watch:
         fault = self._arm.lost or self._arm.fault()
         if fault is not None:
             return fault
-        if self._client.withheld:
-            return error("MOTION_WATCHDOG", "the daemon's beat was late, so the watchdog was not kicked")
         if self._client.ended.is_set():
             return self._client.death()
-        return error("ARM_SCRIPT_DIED", "no program is running on the arm any more")
+        if self._client.withheld:
+            return error("MOTION_WATCHDOG", "the daemon's beat was late, so the watchdog was not kicked")
+        try:
+            await self._client.call("ping", PING_S)
+        except CellError as exc:
+            if exc.name != "CALL_TIMEOUT":
+                return exc
+            return error("MOTION_WATCHDOG", "the motion client stood still, so the watchdog was not kicked")
+        if self._let_lapse():
+            return error(
+                "MOTION_WATCHDOG", "the motion client was late, so the watchdog was not kicked in time"
+            )
+        return error("ARM_SCRIPT_DIED", self._refusal)
 
 
 class _Arrival:

@@ -37,6 +37,16 @@ class ObjectMotionPort:
         self._left = weakref.finalize(self, arm.controller.abandon, run)
 
     @property
+    def usable(self) -> bool:
+        """False once our script ended for a silence of ours; ``ARM_SCRIPT_DIED`` when others ended it."""
+        trouble = self._dead or self._trouble()
+        if trouble is None:
+            return True
+        if trouble.name in ("MOTION_WATCHDOG", "STALE_DATA", "DEVICE_LOST"):
+            return False
+        raise error(trouble.name, trouble.detail)
+
+    @property
     def closed(self) -> bool:
         """True once :meth:`close` was called."""
         return not self._left.alive

@@ -3,9 +3,11 @@
 import asyncio
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy.spatial.transform import RigidTransform
 
 from calibration.belt.pursuit import State
 from cell.errors import InputError, error
@@ -105,7 +107,8 @@ class _Picking:
         self.upkeep = Upkeep(run, self.watch, config.picks)
         self.q_wait: Array = np.array(values["poses"][config.wait_pose])
         self.q_place: Array = np.array(values["poses"][config.place_pose])
-        self.tool = ToolJoints(arm_model(values), from_pose6(values["tool"]["T_flange_tool"]), self.q_wait)
+        self.model = arm_model(values)
+        self.tool = ToolJoints(self.model, from_pose6(values["tool"]["T_flange_tool"]), self.q_wait)
         self.guard = lease_settings(values)[0]
         for key, q in (("wait_pose", self.q_wait), ("place_pose", self.q_place)):
             lean = self.tool.lean(q)
@@ -138,12 +141,31 @@ class _Picking:
             async with run.motion() as lease:
                 if not await gripper.release(self.config.grip_timeout_s):
                     raise error("GRIPPER_STUCK", GRIPPER_STUCK)
-                await run.enter(S.TO_WAIT)
-                await lease.move_joints(self.q_wait)
-                await run.enter(S.READY)
-                if not await self._pick(lease):
+                if not await run.take_step("picking", partial(self._pick_from_rest, lease)):
                     return
             await self._wait_for_belt()
+
+    async def _pick_from_rest(self, lease: MotionLease) -> bool:
+        """From wherever the arm stands; see :meth:`_pick`."""
+        run = self.run
+        await run.enter(S.TO_WAIT)
+        if run.steps_taken.taken_again:
+            await self._clear_hands(lease)
+        await lease.move_joints(self.q_wait)
+        await run.enter(S.READY)
+        return await self._pick(lease)
+
+    async def _clear_hands(self, lease: MotionLease) -> None:
+        """After an interruption: straight up first, and what the gripper holds is put down at the place."""
+        here = self.arm.state.latest(0.1).value.T_base_flange
+        rise = float(self.model.forward(self.q_wait).translation[2] - here.translation[2])
+        if rise > 0.0:
+            await lease.move_linear(RigidTransform.from_translation([0.0, 0.0, rise]) * here)
+        gripper = self.run.gripper()
+        if gripper.holding(0.5):
+            await lease.move_joints(self.q_place)
+            if not await gripper.release(self.config.grip_timeout_s):
+                raise error("GRIPPER_STUCK", GRIPPER_STUCK)
 
     async def _pick(self, lease: MotionLease) -> bool:
         """Stream until the belt stands (True) or enough is picked (False); pauses end in READY."""

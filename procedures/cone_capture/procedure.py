@@ -8,6 +8,7 @@ import asyncio
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from enum import StrEnum
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -24,6 +25,7 @@ from procedures.cone_capture.plan import (
     PlacementPlan,
     PlanRequest,
     View,
+    Visit,
     plan_placement,
     plan_search,
     refine_calibration,
@@ -163,7 +165,7 @@ class _Capture:
         async with run.motion() as lease:
             await self._go_to_start(lease, self.record.placements.get(group))
             await run.enter(S.SEEK, f"looking for board '{self.config.target}'")
-            frame = await self.seek()
+            frame = await run.take_step("look for the board", self.seek)
             if (
                 resumed
                 and (wander := moved_since(self.record.placements[group]["board"], frame)) > SAME_PLACE_PX
@@ -195,22 +197,31 @@ class _Capture:
         await self._refine()
 
     async def _take_poses(self, lease: MotionLease, group: int, plan: PlacementPlan) -> None:
-        run = self.run
         lost = 0
         for pose in plan.poses:
-            await run.enter(S.MOVE, f"pose {pose.index + 1} of placement {group + 1}", pose=pose.index)
-            try:
-                await lease.move_joints(np.array(pose.q))
-            except RefusedError as refusal:
-                if refusal.name not in ("MOTION_LIMIT", "MOTION_COLLISION", "MOTION_UNREACHABLE"):
-                    raise
-                run.note("decision", event="pose skipped", pose=pose.index, why=str(refusal))
+            taken = await self.run.take_step(
+                f"pose {pose.index + 1} of placement {group + 1}",
+                partial(self._visit, lease, group, pose),
+            )
+            if taken is None:
                 continue
-            taken = await self._take_pose(group, pose.index)
             lost = 0 if taken else lost + 1
             if lost >= LOST_IN_A_ROW:
                 raise error("BOARD_NOT_SEEN", f"at {lost} poses in a row, last pose {pose.index + 1}")
             self._show_progress()
+
+    async def _visit(self, lease: MotionLease, group: int, pose: Visit) -> bool | None:
+        """Go to a pose and measure there. None when the guard keeps the arm from it, False when it failed."""
+        run = self.run
+        await run.enter(S.MOVE, f"pose {pose.index + 1} of placement {group + 1}", pose=pose.index)
+        try:
+            await lease.move_joints(np.array(pose.q))
+        except RefusedError as refusal:
+            if refusal.name not in ("MOTION_LIMIT", "MOTION_COLLISION", "MOTION_UNREACHABLE"):
+                raise
+            run.note("decision", event="pose skipped", pose=pose.index, why=str(refusal))
+            return None
+        return await self._take_pose(group, pose.index)
 
     async def _take_pose(self, group: int, pose_index: int) -> bool:
         """Settle and measure one pose, again where it fails; False when it had to be given up."""

@@ -94,9 +94,13 @@ class Session:
         run = self.run
         text = f"pose {station.name}" + (f", cycle {cycle} of {self.config.cycles}" if cycle else "")
         await run.enter(S.NEXT, text)
-        await run.enter(S.MOVE, text)
-        await lease.move_joints(np.array(station.q), self.speed)
-        found = await self._measured(station)
+
+        async def visit() -> Sample[StablePoint] | CellError:
+            await run.enter(S.MOVE, text)
+            await lease.move_joints(np.array(station.q), self.speed)
+            return await self._measured(station)
+
+        found = await run.take_step(text, visit)
         if isinstance(found, CellError):
             run.note("decision", event="arrival lost", pose=station.name, cycle=cycle, why=str(found))
             self._in_a_row += 1

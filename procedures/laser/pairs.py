@@ -4,6 +4,8 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from scipy.spatial.transform import RigidTransform
+
 from cell.devices import Speed
 from cell.procedure import Run
 from procedures.laser.config import Search
@@ -43,8 +45,30 @@ class Pairs:
         ``span`` (m) is counted along the way out at ``depth``; ``after_poll_s`` is how long after a poll each
         way begins. The last fault's error after as many attempts as the search allows.
         """
-        run = self.run
         near, far = station.at(span[0], depth), station.at(span[1], depth)
+        begun = False
+
+        async def take() -> Pair:
+            nonlocal begun
+            if begun:  # an interruption left the tool somewhere on the way
+                await self.sweeper.lease.move_linear(near)
+            begun = True
+            return await self._take(station, beam, near, far, speed, judge, phase, after_poll_s)
+
+        return await self.run.take_step(f"{phase} pass of {station.name}", take)
+
+    async def _take(
+        self,
+        station: Station,
+        beam: Beam,
+        near: RigidTransform,
+        far: RigidTransform,
+        speed: Speed,
+        judge: Judge,
+        phase: str,
+        after_poll_s: tuple[float, float],
+    ) -> Pair:
+        run = self.run
         for attempt in range(1, self.search.retries + 2):
             await run.enter(S.SWEEP, f"{phase}, attempt {attempt}" if attempt > 1 else phase)
             out = await self.sweeper.cross(beam, 1, far, speed, after_poll_s[0])

@@ -247,7 +247,7 @@ class Scan:
 
     async def _dark(self) -> list[str]:
         """The beams that are broken now."""
-        await self.inputs.wait_fresh(POLL_TIMEOUT_S)
+        await self.run.take_step("look at the beams", lambda: self.inputs.wait_fresh(POLL_TIMEOUT_S))
         newest = self.inputs.inputs.last()
         assert newest is not None
         return [name for name, beam in self._beams.items() if newest.value.levels[beam.index]]

@@ -54,6 +54,9 @@ class Visitor:
 
         The reflector has to be seen within ``surprise_m`` of where it should be.
         """
+        return await self._run.take_step(text, lambda: self._visit(visit, surprise_m, text))
+
+    async def _visit(self, visit: Visit, surprise_m: float, text: str) -> Found | None:
         run = self._run
         await run.enter(S.NEXT, text)
         await run.enter(self._arm.travel, text)

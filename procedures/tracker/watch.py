@@ -1,6 +1,7 @@
 """Looks at the monuments while an arm is sampled: does the tracker still stand where it stood?"""
 
 import asyncio
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -51,7 +52,7 @@ class MonumentWatch:
             near = place.to_tracker(np.array(monument.point)[:, None])[:, 0]
             if name in first:
                 near = np.array(first[name]["p_tracker"])
-            found = await self._measure(name, near)
+            found = await run.take_step(f"monument {name}", partial(self._measure, name, near))
             if isinstance(found, CellError):
                 failure = found
                 run.note("decision", event="monument not seen", monument=name, why=str(found))
