@@ -1,28 +1,72 @@
-"""Real time for what must not wait, where the system permits it."""
+"""Who comes first on this machine's cores: real time for what must not wait, the rest behind it.
+
+Niceness does not keep anything in time: it shares a core, and the kernel shares the cores between sessions
+before it looks at it. Children inherit real time: those that compute or draw give it up when they begin.
+"""
 
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 LOOP, SETPOINTS = 1, 2  # SCHED_RR priorities; a controller's own computer is not here
+_BEHIND = 10  # niceness of what computes or draws
 
 
 @contextmanager
 def real_time(priority: int) -> Iterator[None]:
-    """Run this thread before all ordinary ones meanwhile; without the right to, it runs as it is.
-
-    Niceness does not do it: it shares a core, and a loop that gets its share late is late all the same.
-    """
-    before, param = os.sched_getscheduler(0), os.sched_getparam(0)
-    granted = True
-    try:
-        os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
-    except OSError:
-        granted = False
+    """Run this thread before all ordinary ones meanwhile; without the right to, it runs as it is."""
+    granted = _ask(0, priority)
     try:
         yield
     finally:
         if granted:
-            # The flag stays: only CAP_SYS_NICE may clear it, and a daemon under its unit has no capability.
+            _give_back(0)
+
+
+@contextmanager
+def process_in_real_time(priority: int) -> Iterator[None]:
+    """As :func:`real_time` for all threads of this process.
+
+    A thread that waits for a core while it holds the interpreter's lock would stop all others.
+    """
+    for task in _tasks():
+        if os.sched_getscheduler(task) != os.SCHED_RR:
+            _ask(task, priority)
+    try:
+        yield
+    finally:
+        for task in _tasks():
             with suppress(OSError):
-                os.sched_setscheduler(0, before | os.SCHED_RESET_ON_FORK, param)
+                if os.sched_getparam(task).sched_priority == priority:
+                    _give_back(task)
+
+
+def stay_in_real_time(priority: int) -> None:
+    """From now on, for this thread and those that it starts; where the system permits it."""
+    _ask(0, priority)
+
+
+def yield_to_others() -> None:
+    """For a process that computes or draws: behind everything else, whatever its parent runs as."""
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    with suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, 0, _BEHIND)
+
+
+def _ask(task: int, priority: int) -> bool:
+    try:
+        os.sched_setscheduler(task, os.SCHED_RR, os.sched_param(priority))
+    except OSError:
+        return False
+    return True
+
+
+def _give_back(task: int) -> None:
+    """Nobody needs a right for that."""
+    with suppress(OSError):
+        os.sched_setscheduler(task, os.SCHED_OTHER, os.sched_param(0))
+
+
+def _tasks() -> list[int]:
+    return [int(task.name) for task in Path("/proc/self/task").iterdir()]

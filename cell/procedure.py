@@ -298,7 +298,10 @@ class Run:
 
     def arm(self) -> Arm:
         """The arm of this cell; its flange poses are those of the model that the run works with."""
-        arm: Arm = self.cell.device("arm")  # type: ignore[assignment]
+        return self.as_modelled(self.cell.device("arm"))  # type: ignore[arg-type]
+
+    def as_modelled(self, arm: Arm) -> Arm:
+        """``arm`` with flange poses of the model that the run works with."""
         return arm if self.arm_models is None else ModelledArm(arm, self.arm_models)
 
     def camera(self, role: str) -> DepthCamera:

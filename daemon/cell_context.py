@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cell.clock import Clock
-from cell.devices import Device
+from cell.devices import Arm, Device
 from cell.errors import CellError, error
 from cell.interruptions import Interruptions
 from cell.motion import MotionBroker, MotionLease
@@ -37,13 +37,16 @@ class CellContext:
     paused_since: Callable[[float], float] = lambda since: 0.0  # the loop's longest lag since then, s
 
     def device(self, role: str) -> Device:
+        return self.supervisor.ready(self._named(role))
+
+    def _named(self, role: str) -> str:
         name = self.config.robot.roles().get(role)
         if name is None:
             raise error("DEVICE_NOT_READY", f"[robot] names no device for the role '{role}'")
-        return self.supervisor.ready(name)
+        return name
 
     def interruptions(self, run: Run) -> Interruptions:
-        names = [self.device(role).name for role in run.procedure.uses()]
+        names = [self._named(role) for role in run.procedure.uses()]
         return Interruptions(
             self.clock, lambda: self.supervisor.back(names), run.note, run.publish, self.paused_since
         )
@@ -54,7 +57,9 @@ class CellContext:
         values = run.values if tool is None else {**run.values, "tool": tool}
         guard, settings, speed = lease_settings(values)
         after = None if tool is None else lease_settings(run.values)[1]
-        return self.broker.lease(run.arm(), guard, settings, speed, run, after, run.steps_taken)
+        # The lease itself waits for an arm that is silent for a moment.
+        arm: Arm = self.supervisor.devices[self._named("arm")].device  # type: ignore[assignment]
+        return self.broker.lease(run.as_modelled(arm), guard, settings, speed, run, after, run.steps_taken)
 
     async def propose(self, run: Run, proposal: Proposal, result: Mapping[str, Any]) -> int:
         return await asyncio.to_thread(enter_proposal, run, self.ledger, proposal, result)

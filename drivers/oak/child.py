@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from cell.devices import BoardView, Frame, Intrinsics, ItemView
 from cell.errors import CellError, error
+from cell.priority import yield_to_others
 from drivers.oak.capture import Capture
 from drivers.oak.config import OakConfig
 from drivers.oak.protocol import Message, error_to_json, frame_to_json, pack, read_message
@@ -41,7 +42,6 @@ _SEARCH_TIMEOUT_MS = "5000"  # for a device; the library's own is longer than th
 _PR_SET_PDEATHSIG = 1
 _WAIT_S = 0.1
 _CLOSE_S = 1.0
-_BEHIND_THE_LOOP = 5  # niceness added: a picture may be late, its stamp stays true; the arm's loop may not
 
 
 class Detection(Protocol):
@@ -83,7 +83,7 @@ def main(detectors: Detectors) -> None:
     if os.getppid() != parent:
         os._exit(0)  # the daemon died before the request was in force
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the daemon ends us
-    os.nice(_BEHIND_THE_LOOP)
+    yield_to_others()
     os.environ.update(_QUIET)
     os.environ.setdefault("DEPTHAI_SEARCH_TIMEOUT", _SEARCH_TIMEOUT_MS)
     cv2.setNumThreads(1)

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
+from contextlib import ExitStack
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,7 +12,7 @@ from cell.clock import Clock
 from cell.devices import ArmState, Speed, ToolSettings, TrajectoryPiece
 from cell.errors import CellError, error
 from cell.poses import Array, from_pose6, to_pose6
-from cell.priority import LOOP, real_time
+from cell.priority import LOOP, process_in_real_time
 from cell.samples import Sample
 from drivers.ur.config import UrConfig
 from drivers.ur.feed import STOPPED, StateFeed
@@ -53,6 +54,8 @@ class UrMotion:
         self._opening = self._closed = False
         self._program_ended = 0.0  # when our script was seen to have ended
         self._stop_following_program = arm.state.subscribe(self._note_program)
+        self._urgent = ExitStack()
+        self._urgent.enter_context(process_in_real_time(LOOP))  # for as long as the arm may move
 
     @property
     def usable(self) -> bool:
@@ -153,7 +156,7 @@ class UrMotion:
             "gain": config.servo_gain,
             "decel": config.stop_decel_m_s2,
         }
-        with real_time(LOOP), self._watch(lambda sample: None) as watch:
+        with self._watch(lambda sample: None) as watch:
             undo = self.client.subscribe(lambda event: _note_end(watch, event))
             try:
                 await self._ask(watch, "follow", how)
@@ -193,6 +196,7 @@ class UrMotion:
             try:
                 await self._see_program_ended()
             finally:
+                self._urgent.close()
                 self._stop_following_program()
                 self._arm.motion_closed()
 

@@ -20,10 +20,10 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from typing import Any, Protocol
 
-from cell.priority import SETPOINTS, real_time
+from cell.priority import SETPOINTS, stay_in_real_time
 from drivers.ur.following import Follower, Piece
 from drivers.ur.framing import Message, Unframer, encode
 
@@ -110,7 +110,6 @@ class MotionChild:
         self._next_kick = 0.0
         self._kicked = self._patience_s = 0.0  # when last, and how long the controller waits for the next
         self._follower: Follower | None = None
-        self._urgent = ExitStack()
         self._servo = (0.0, 0.0, 0.0)  # look-ahead, gain, deceleration
         self._servoing = False
         self._next_setpoint = 0.0
@@ -231,7 +230,6 @@ class MotionChild:
             return control.servoJ(q, 0.0, 0.0, SERVO_PERIOD_S, lookahead, gain)
 
     def _end_following(self, end: str) -> None:
-        self._urgent.close()
         self._follower = None
         self._next_kick = 0.0
         self._tell({"event": "followed", "end": end})
@@ -280,7 +278,6 @@ class MotionChild:
         self._follower = Follower(min(horizon_s, BEAT_LIMIT_S), ramp, settle_s=lookahead + 0.04)
         self._servo = (lookahead, gain, decel)
         self._servoing = False
-        self._urgent.enter_context(real_time(SETPOINTS))
         self._next_setpoint = time.monotonic()
         return True
 
@@ -362,6 +359,7 @@ def main(arguments: list[str]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     die_with_parent(parent)
+    stay_in_real_time(SETPOINTS)  # before the native client starts its threads
     limit = CallLimit()
     limit.start()
     MotionChild(socket.socket(fileno=fd), connect_control, limit).run()

@@ -194,6 +194,8 @@ class Controller(Plant):
 
     def _expire(self, run: int) -> None:
         self.settle_past()
+        if self.runs(run):
+            self.died_of = self.died_of or error("MOTION_WATCHDOG", f"{self.name}: no kick in time")
         self.end_ours(run)
         self.announce()
 

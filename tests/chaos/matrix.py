@@ -18,13 +18,17 @@ from tests.object_cell import WHO, ObjectCell
 
 @dataclass(frozen=True)
 class Kind:
-    """A fault, the errors that may come of it, and the moments at which it can be felt at all."""
+    """A fault, the errors that may come of it, and the moments at which it can be felt at all.
+
+    ``bridged``: moments at which it costs a step at most, and the run completes.
+    """
 
     device: str
     fault: str
     errors: frozenset[str]
     felt: set[str]
     arguments: dict[str, Any] = field(default_factory=dict)
+    bridged: set[str] = field(default_factory=set)
 
     @property
     def label(self) -> str:
@@ -33,6 +37,11 @@ class Kind:
 
 def kind(device: str, fault: str, errors: str, felt: set[str], **arguments: Any) -> Kind:
     return Kind(device, fault, frozenset(errors.split()), felt, arguments)
+
+
+def short(device: str, fault: str, bridged: set[str], **arguments: Any) -> Kind:
+    """A fault that is over before a run ends for it: a step is taken again."""
+    return Kind(device, fault, frozenset(), set(), arguments, bridged)
 
 
 Strike = tuple[Kind, str]

@@ -11,7 +11,7 @@ import pytest
 from cell.procedure import Run
 from fakes.object import run_virtual
 from procedures.cone_capture.procedure import State
-from tests.chaos.matrix import Kind, assert_aborted, inject_at, kind, put_right
+from tests.chaos.matrix import Kind, assert_aborted, inject_at, kind, put_right, short
 from tests.object_cell import ObjectCell, no_report, open_cell, write_config
 
 __all__ = ["no_report"]
@@ -47,7 +47,8 @@ MOMENTS = [*(s.value for s in State if s is not State.SEARCH), PROMPT]
 BEFORE = {"prepare", "place"}
 LENT = {"start-pose", "seek", "plan", "move", "settle", "capture", "return"}
 BETWEEN = {"refine", PROMPT}
-EVERYWHERE = BEFORE | LENT | BETWEEN | {"solve"}
+BEFORE_THE_END = BEFORE | LENT | BETWEEN  # what is lost while it solves is not needed any more
+EVERYWHERE = BEFORE_THE_END | {"solve"}
 ON_THE_WAY_S = 0.15  # after the move began
 
 
@@ -59,18 +60,19 @@ KINDS = [
     kind("arm", "safeguard-stop", "ARM_SAFEGUARD_STOP", EVERYWHERE),
     # The mode of an arm that is not lent is the operator's business; the next lease asks for it.
     kind("arm", "local-mode", "ARM_LOCAL_MODE", AT_THE_NEXT_LEASE),
-    kind("arm", "drop", "DEVICE_LOST", EVERYWHERE),
-    kind("arm", "refuse", "DEVICE_LOST", EVERYWHERE, duration_s=8.0),
-    kind("arm", "silence", "DEVICE_LOST STALE_DATA", EVERYWHERE),
+    short("arm", "drop", EVERYWHERE),
+    short("arm", "silence", EVERYWHERE, duration_s=1.5),
+    kind("arm", "refuse", "DEVICE_LOST", BEFORE_THE_END, duration_s=8.0),
+    kind("arm", "silence", "DEVICE_LOST STALE_DATA", BEFORE_THE_END),
     kind("arm", "reboot", "ARM_REBOOTED DEVICE_LOST", EVERYWHERE),
     kind("arm", "script-death", "ARM_SCRIPT_DIED", IN_MOTION_ONLY),
     kind("arm", "child-crash", "CHILD_DIED", IN_MOTION_ONLY),
-    kind("arm", "watchdog", "MOTION_WATCHDOG", IN_MOTION_ONLY),
+    short("arm", "watchdog", IN_MOTION_ONLY),
     kind("arm", "foreign-program", "ARM_PROGRAM_RUNNING", AT_THE_NEXT_LEASE),
     kind("arm", "register-in-use", "ARM_REGISTER_CONFLICT", AT_THE_NEXT_LEASE),
     kind("arm", "hang", "CALL_TIMEOUT", AT_THE_NEXT_LEASE),
-    kind("camera", "drop", "DEVICE_LOST", EVERYWHERE),
-    kind("camera", "silence", "DEVICE_LOST", EVERYWHERE - {"solve"}),  # done before it counts as lost
+    short("camera", "drop", EVERYWHERE),
+    kind("camera", "silence", "DEVICE_LOST", BEFORE_THE_END),
     kind("camera", "freeze", "CAMERA_FAULT", AT_THE_NEXT_LEASE),
     # The operator who places the board anew brings it back.
     kind("camera", "lost-board", "BOARD_NOT_SEEN", BEFORE | LENT - {"return"}),
@@ -78,7 +80,7 @@ KINDS = [
 
 
 # Of the moments at which a fault is not felt, the first and the last stand for all.
-CELLS = [(k, m) for k in KINDS for m in MOMENTS if m in k.felt or m in ("prepare", "solve")]
+CELLS = [(k, m) for k in KINDS for m in MOMENTS if m in k.felt | k.bridged or m in ("prepare", "solve")]
 
 
 @pytest.fixture
