@@ -28,6 +28,9 @@ SILENCES = frozenset(
 )
 
 
+MARGIN_S = 1.0
+
+
 @dataclass(frozen=True)
 class InterruptionLimits:
     """How long a device may be silent, and how often, before the run ends.
@@ -40,6 +43,10 @@ class InterruptionLimits:
     reconnect_s: float = 1.5
     in_a_row: int = 3
     in_all: int = 10
+
+    @property
+    def until_lost_s(self) -> float:
+        return self.within_s + self.reconnect_s
 
 
 class Resting(Protocol):
@@ -150,9 +157,9 @@ class Interruptions:
         self.told()
 
     async def _devices_back(self, cause: CellError) -> None:
-        limit = self.limits.within_s + self.limits.reconnect_s
+        # Whoever watches the devices ends the run first, by the name of what was lost.
         try:
-            async with asyncio.timeout(limit):
+            async with asyncio.timeout(self.limits.until_lost_s + MARGIN_S):
                 await self.wait_devices()
         except TimeoutError:
             raise cause from None

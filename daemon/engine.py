@@ -380,7 +380,7 @@ class Engine:
                 return fault
             steps.interrupt(fault)
             try:
-                async with asyncio.timeout(steps.limits.within_s + steps.limits.reconnect_s):
+                async with asyncio.timeout(steps.limits.until_lost_s):
                     await self.context.supervisor.back(devices)
             except TimeoutError:
                 return fault
