@@ -1,6 +1,7 @@
 """Speed profiles along one path coordinate: how far along at a time, and how fast."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import sqrt
 
 _END_S = 1e-9  # this near the end counts as the end, so that rest is exactly zero speed
@@ -18,12 +19,12 @@ class Trapezoid:
         if not (self.length >= 0.0 and self.v > 0.0 and self.a > 0.0):
             raise ValueError(f"a move needs positive speed and acceleration, got v={self.v}, a={self.a}")
 
-    @property
+    @cached_property
     def peak(self) -> float:
         """The speed that is reached; a short move never gets to ``v``."""
         return min(self.v, sqrt(self.length * self.a))
 
-    @property
+    @cached_property
     def duration(self) -> float:
         """Seconds from rest to rest."""
         return self.length / self.peak + self.peak / self.a if self.length > 0.0 else 0.0
@@ -51,7 +52,7 @@ class Ramp:
     v0: float
     a: float
 
-    @property
+    @cached_property
     def duration(self) -> float:
         """Seconds until rest."""
         return abs(self.v0) / self.a

@@ -230,9 +230,13 @@ def _gap(goal: Array, reached: Array) -> Array:
 
 
 def rotation_vector(R: Array) -> Array:
-    """Of a rotation matrix (3, 3), rad, by its quaternion (Shepperd 1978): exact at half turns too, and much
+    """Of a rotation matrix (3, 3), rad."""
+    return np.array(rotation_vector_of(R.tolist()))
+
+
+def rotation_vector_of(rows: list[list[float]]) -> list[float]:
+    """Of a rotation matrix's rows, rad, by its quaternion (Shepperd 1978): exact at half turns too, and much
     faster than a general library where every control cycle asks."""
-    rows = R.tolist()
     trace = rows[0][0] + rows[1][1] + rows[2][2]
     i = max(range(3), key=lambda k: rows[k][k])
     if trace > rows[i][i]:
@@ -248,4 +252,4 @@ def rotation_vector(R: Array) -> Array:
     if w < 0.0:  # the same turn, the short way
         w, v = -w, [-x for x in v]
     scale = 2.0 * math.atan2(size, w) / size if size > 1e-12 * w else 2.0 / w
-    return np.array([scale * x for x in v])
+    return [scale * x for x in v]

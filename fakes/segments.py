@@ -1,6 +1,7 @@
 """Pieces of an arm's motion. Each is a pickleable value that is defined for every time from ``t0`` on and
 comes to rest by itself (only :class:`JointSpeed` runs until something else follows)."""
 
+from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf
@@ -84,11 +85,25 @@ class PathMove:
     def t_end(self) -> float:
         return self.t0 + self.profile.duration
 
+    def __reduce__(self) -> tuple[type["PathMove"], tuple[float, Array, Array, Trapezoid | Ramp]]:
+        """Without what can be computed again."""
+        return PathMove, (self.t0, self.knots, self.coefficients, self.profile)
+
+    @cached_property
+    def _lengths(self) -> list[float]:
+        lengths: list[float] = self.knots.tolist()
+        return lengths
+
+    @cached_property
+    def _pieces(self) -> list[Array]:
+        return list(self.coefficients.swapaxes(0, 1))
+
     def at(self, t: float) -> tuple[Array, Array]:
         s, v = self.profile.at(t - self.t0)
-        i = int(np.clip(np.searchsorted(self.knots, s, side="right") - 1, 0, len(self.knots) - 2))
-        c3, c2, c1, c0 = self.coefficients[:, i]
-        x = s - self.knots[i]
+        knots = self._lengths
+        i = min(max(bisect_right(knots, s) - 1, 0), len(knots) - 2)
+        c3, c2, c1, c0 = self._pieces[i]
+        x = s - knots[i]
         return ((c3 * x + c2) * x + c1) * x + c0, ((3.0 * c3 * x + 2.0 * c2) * x + c1) * v
 
 

@@ -4,6 +4,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 
+class RegisterBank(dict[str, float]):
+    """The general purpose registers by RTDE name; those never written are absent.
+
+    ``revision`` grows with every change, so who packs them for the wire need not look at each.
+    """
+
+    revision = 0
+
+    def __setitem__(self, name: str, value: float) -> None:
+        if self.get(name) != value:
+            self.revision += 1
+        super().__setitem__(name, value)
+
+    def clear(self) -> None:
+        """Forget all of them."""
+        self.revision += 1
+        super().clear()
+
+
 class Registers:
     """Numbers by RTDE name; absent ones are zero."""
 

@@ -21,8 +21,10 @@ from fakes.ur.arm import JOINT_LIMIT, Arm, Tool
 from fakes.ur.control_modes import ControlModes
 from fakes.ur.force_sensor import ForceSensor
 from fakes.ur.inputs import InputOutput, Inputs
+from fakes.ur.registers import RegisterBank
 from fakes.ur.runtime import Program, Runtime, RuntimeState, ScriptError, Steps
 from fakes.ur.safety import RobotMode, Safety, SafetyMode
+from fakes.ur.tcp import TcpKinematics
 
 log = logging.getLogger("cellward.twin.arm")
 
@@ -82,14 +84,16 @@ class Instant:
         return _floats((self._qd - before) * self.robot.rate)
 
     @cached_property
-    def tcp_pose6(self) -> list[float]:
-        return _floats(self.robot.arm.pose6(self._q))
+    def _tcp(self) -> tuple[list[float], list[float]]:
+        return self.robot.tcp.at(self.q, self.qd, self.robot.tool.offset6)
 
-    @cached_property
+    @property
+    def tcp_pose6(self) -> list[float]:
+        return self._tcp[0]
+
+    @property
     def tcp_speed(self) -> list[float]:
-        if not np.any(self._qd):
-            return [0.0] * 6
-        return _floats(self.robot.arm.tcp_speed(self._q, self._qd))
+        return self._tcp[1]
 
     @cached_property
     def tcp_acceleration(self) -> list[float]:
@@ -151,11 +155,12 @@ class Robot:
         self.tool = Tool()
         self.arm = Arm(track, believed, self.tool)
         self.arm.period = 1.0 / identity.rate
+        self.tcp = TcpKinematics(believed)
         self.modes = ControlModes(self.arm)
         self.script_line = 0  # of the running program, where the twin interprets it
         self.safety = Safety()
         self.io = InputOutput()
-        self.registers: dict[str, float] = {}
+        self.registers = RegisterBank()
         self.inputs = Inputs(self.registers, self.io)
         self.force_sensor = ForceSensor(self.arm, self.inputs.vectors)
         self.runtime = Runtime(self.arm.moving, self.arm.halt, self._program_event)

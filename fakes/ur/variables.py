@@ -10,6 +10,7 @@ temperatures, analogue inputs, energy meter, conveyor encoders or injection moul
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 from fakes.ur import wire
@@ -54,8 +55,27 @@ class Output:
     since: Since = ALWAYS
 
 
-def _constant(value: Value) -> Reader:
-    return lambda robot, now: value
+@dataclass(frozen=True)
+class Constant:
+    """Reads what never changes."""
+
+    value: Value
+
+    def __call__(self, robot: "Robot", now: "Instant") -> Value:
+        return self.value
+
+
+@dataclass(frozen=True)
+class FromRegisters:
+    """Reads what changes only with the general purpose registers: one of them, or a word of bits."""
+
+    names: tuple[str, ...]
+
+    def __call__(self, robot: "Robot", now: "Instant") -> Value:
+        get = robot.registers.get
+        if len(self.names) == 1:
+            return get(self.names[0], 0)
+        return sum(1 << k for k, name in enumerate(self.names) if get(name, 0))
 
 
 def _outputs() -> Iterator[tuple[str, Output]]:
@@ -63,14 +83,14 @@ def _outputs() -> Iterator[tuple[str, Output]]:
     for side in ("target", "actual"):
         yield f"{side}_q", Output("VECTOR6D", lambda r, s: s.q)
         yield f"{side}_qd", Output("VECTOR6D", lambda r, s: s.qd)
-        yield f"{side}_current", Output("VECTOR6D", _constant(ZERO6))
+        yield f"{side}_current", Output("VECTOR6D", Constant(ZERO6))
         yield f"{side}_TCP_pose", Output("VECTOR6D", lambda r, s: s.tcp_pose6)
         yield f"{side}_TCP_speed", Output("VECTOR6D", lambda r, s: s.tcp_speed)
     yield "target_qdd", Output("VECTOR6D", lambda r, s: s.qdd)
-    yield "target_moment", Output("VECTOR6D", _constant(ZERO6))
-    yield "actual_current_window", Output("VECTOR6D", _constant(ZERO6))
-    yield "actual_current_as_torque", Output("VECTOR6D", _constant(ZERO6), Since((5, 23), None))
-    yield "joint_control_output", Output("VECTOR6D", _constant(ZERO6))
+    yield "target_moment", Output("VECTOR6D", Constant(ZERO6))
+    yield "actual_current_window", Output("VECTOR6D", Constant(ZERO6))
+    yield "actual_current_as_torque", Output("VECTOR6D", Constant(ZERO6), Since((5, 23), None))
+    yield "joint_control_output", Output("VECTOR6D", Constant(ZERO6))
     yield "actual_TCP_force", Output("VECTOR6D", lambda r, s: s.tcp_force)
     yield "tcp_force_scalar", Output("DOUBLE", lambda r, s: s.force_scalar)
     yield "ft_raw_wrench", Output("VECTOR6D", lambda r, s: s.raw_wrench, Since((5, 9), None))
@@ -91,12 +111,12 @@ def _dynamics() -> Iterator[tuple[str, Output]]:
         yield f"{side}_TCP_acceleration", Output("VECTOR6D", lambda r, s: s.tcp_acceleration, E_SERIES)
     yield "wrench_calc_from_currents", Output("VECTOR6D", lambda r, s: s.contact_force, E_SERIES)
     # Actual joints are the target ones here, so they never deviate.
-    yield "joint_position_deviation_ratio", Output("DOUBLE", _constant(0.0), E_SERIES)
+    yield "joint_position_deviation_ratio", Output("DOUBLE", Constant(0.0), E_SERIES)
     yield "collision_detection_ratio", Output("DOUBLE", lambda r, s: s.collision_ratio, E_SERIES)
     yield "target_gravity", Output("VECTOR3D", lambda r, s: r.tool.gravity, Since((5, 26), None, (10, 12)))
     newest = Since((5, 26), None, (10, 14))
-    yield "target_base_acceleration", Output("VECTOR6D", _constant(ZERO6), newest)
-    yield "target_base_wrench", Output("VECTOR6D", _constant(ZERO6), newest)
+    yield "target_base_acceleration", Output("VECTOR6D", Constant(ZERO6), newest)
+    yield "target_base_wrench", Output("VECTOR6D", Constant(ZERO6), newest)
 
 
 def _states() -> Iterator[tuple[str, Output]]:
@@ -109,23 +129,23 @@ def _states() -> Iterator[tuple[str, Output]]:
     yield "safety_status_bits", Output("UINT32", lambda r, s: r.safety.status_bits)
     yield "speed_scaling", Output("DOUBLE", lambda r, s: r.io.speed_fraction)
     yield "target_speed_fraction", Output("DOUBLE", lambda r, s: r.io.speed_fraction)
-    yield "actual_momentum", Output("DOUBLE", _constant(0.0))
-    yield "actual_execution_time", Output("DOUBLE", _constant(0.4))
+    yield "actual_momentum", Output("DOUBLE", Constant(0.0))
+    yield "actual_execution_time", Output("DOUBLE", Constant(0.4))
     yield "target_execution_time", Output("DOUBLE", lambda r, s: 1000.0 / r.rate, E_SERIES)
     yield "control_step", Output("UINT64", lambda r, s: s.control_step, Since((5, 26), None, (10, 13)))
     yield "script_control_line", Output("UINT32", lambda r, s: r.script_line, E_SERIES)
-    yield "time_scale_source", Output("INT32", _constant(0), E_SERIES)
-    yield "elbow_position", Output("VECTOR3D", _constant(ZERO3))
-    yield "elbow_velocity", Output("VECTOR3D", _constant(ZERO3))
-    yield "actual_tool_accelerometer", Output("VECTOR3D", _constant((0.0, 0.0, 9.81)))
+    yield "time_scale_source", Output("INT32", Constant(0), E_SERIES)
+    yield "elbow_position", Output("VECTOR3D", Constant(ZERO3))
+    yield "elbow_velocity", Output("VECTOR3D", Constant(ZERO3))
+    yield "actual_tool_accelerometer", Output("VECTOR3D", Constant((0.0, 0.0, 9.81)))
 
 
 def _electrical() -> Iterator[tuple[str, Output]]:
-    yield "joint_temperatures", Output("VECTOR6D", _constant((30.0,) * 6))
-    yield "actual_main_voltage", Output("DOUBLE", _constant(48.0))
+    yield "joint_temperatures", Output("VECTOR6D", Constant((30.0,) * 6))
+    yield "actual_main_voltage", Output("DOUBLE", Constant(48.0))
     yield "actual_robot_voltage", Output("DOUBLE", lambda r, s: 48.0 if r.safety.powered else 0.0)
     yield "actual_robot_current", Output("DOUBLE", lambda r, s: 1.2 if r.safety.powered else 0.0)
-    yield "actual_joint_voltage", Output("VECTOR6D", _constant((48.0,) * 6))
+    yield "actual_joint_voltage", Output("VECTOR6D", Constant((48.0,) * 6))
     yield "actual_digital_input_bits", Output("UINT64", lambda r, s: r.digital_in(s.t))
     yield "actual_digital_output_bits", Output("UINT64", lambda r, s: r.io.digital_out)
     configurable = (
@@ -134,32 +154,32 @@ def _electrical() -> Iterator[tuple[str, Output]]:
     )
     for way, read in configurable:
         yield f"actual_configurable_digital_{way}_bits", Output("UINT64", read, E_SERIES)
-    yield "analog_io_types", Output("UINT32", _constant(0))
+    yield "analog_io_types", Output("UINT32", Constant(0))
     for k in (0, 1):
-        yield f"standard_analog_input{k}", Output("DOUBLE", _constant(0.0))
+        yield f"standard_analog_input{k}", Output("DOUBLE", Constant(0.0))
         yield f"standard_analog_output{k}", Output("DOUBLE", _analog_output(k))
-        yield f"tool_analog_input{k}", Output("DOUBLE", _constant(0.0))
-    yield "io_current", Output("DOUBLE", _constant(0.0))
-    yield "tool_mode", Output("UINT32", _constant(253))
-    yield "tool_analog_input_types", Output("UINT32", _constant(0))
-    yield "tool_output_voltage", Output("INT32", _constant(0))
-    yield "tool_output_current", Output("DOUBLE", _constant(0.0))
-    yield "tool_temperature", Output("DOUBLE", _constant(30.0))
+        yield f"tool_analog_input{k}", Output("DOUBLE", Constant(0.0))
+    yield "io_current", Output("DOUBLE", Constant(0.0))
+    yield "tool_mode", Output("UINT32", Constant(253))
+    yield "tool_analog_input_types", Output("UINT32", Constant(0))
+    yield "tool_output_voltage", Output("INT32", Constant(0))
+    yield "tool_output_current", Output("DOUBLE", Constant(0.0))
+    yield "tool_temperature", Output("DOUBLE", Constant(30.0))
     yield from _not_fitted()
 
 
 def _not_fitted() -> Iterator[tuple[str, Output]]:
     """What this controller is not fitted with, and what the twin does not model: always zero."""
     for name in ("tool_output_mode", "tool_digital_output0_mode", "tool_digital_output1_mode"):
-        yield name, Output("UINT8", _constant(0), E_SERIES)
+        yield name, Output("UINT8", Constant(0), E_SERIES)
     for name in ("euromap67_input_bits", "euromap67_output_bits"):
-        yield name, Output("UINT32", _constant(0))
+        yield name, Output("UINT32", Constant(0))
     for name in ("euromap67_24V_voltage", "euromap67_24V_current"):
-        yield name, Output("DOUBLE", _constant(0.0))
+        yield name, Output("DOUBLE", Constant(0.0))
     for name in ("actual_robot_energy_consumed", "actual_robot_braking_energy_dissipated"):
-        yield name, Output("DOUBLE", _constant(0.0), E_SERIES)
+        yield name, Output("DOUBLE", Constant(0.0), E_SERIES)
     for name in ("encoder0_raw", "encoder1_raw"):
-        yield name, Output("INT32", _constant(0), E_SERIES)
+        yield name, Output("INT32", Constant(0), E_SERIES)
 
 
 def _analog_output(k: int) -> Reader:
@@ -168,7 +188,7 @@ def _analog_output(k: int) -> Reader:
 
 def _registers() -> Iterator[tuple[str, Output]]:
     def value(name: str) -> Reader:
-        return lambda r, s: r.registers.get(name, 0)
+        return FromRegisters((name,))
 
     for way in ("output", "input"):
         for k in range(INT_REGISTERS):
@@ -178,11 +198,7 @@ def _registers() -> Iterator[tuple[str, Output]]:
             yield (name := f"{way}_bit_register_{k}"), Output("BOOL", value(name))
         for low, high in ((0, 31), (32, 63)):
             bits = [f"{way}_bit_register_{k}" for k in range(low, high + 1)]
-            yield f"{way}_bit_registers{low}_to_{high}", Output("UINT32", _bit_word(bits))
-
-
-def _bit_word(names: list[str]) -> Reader:
-    return lambda r, s: sum(1 << k for k, name in enumerate(names) if r.registers.get(name, 0))
+            yield f"{way}_bit_registers{low}_to_{high}", Output("UINT32", FromRegisters(tuple(bits)))
 
 
 OUTPUTS: dict[str, Output] = dict(_outputs())
@@ -216,16 +232,49 @@ def output(name: str, version: Version) -> Output | None:
 
 
 class OutputRecipe:
-    """The variables one client subscribed to, compiled to a single ``struct.pack``."""
+    """The variables one client subscribed to, compiled to runs of neighbours that change together."""
 
     def __init__(self, names: list[str], version: Version) -> None:
         self.variables = [output(name, version) for name in names]
         self.types = [v.type if v is not None else wire.NOT_FOUND for v in self.variables]
         self.valid = bool(names) and wire.NOT_FOUND not in self.types
-        if self.valid:
-            self._readers = [v.read for v in self.variables if v is not None]
-            self._struct = wire.Layout(tuple(self.types)).struct
+        known = [v for v in self.variables if v is not None]
+        self._runs = [_Run(kind, tuple(run)) for kind, run in groupby(known, lambda v: _kind(v.read))]
 
     def pack(self, robot: "Robot", now: "Instant") -> bytes:
         """The values at ``now``, without recipe id and header."""
-        return self._struct.pack(*wire.flatten([read(robot, now) for read in self._readers]))
+        return b"".join([run.pack(robot, now) for run in self._runs])
+
+
+_STATE, _REGISTERS, _CONSTANTS = range(3)
+
+
+def _kind(read: Reader) -> int:
+    if isinstance(read, Constant):
+        return _CONSTANTS
+    return _REGISTERS if isinstance(read, FromRegisters) else _STATE
+
+
+class _Run:
+    """Neighbours in a recipe: constants are packed once, registers when one was written, the rest always."""
+
+    def __init__(self, kind: int, variables: tuple[Output, ...]) -> None:
+        self._kind = kind
+        self._readers = [(v.read, wire.TYPES[v.type][1] > 1) for v in variables]
+        self._struct = wire.Layout(tuple(v.type for v in variables)).struct
+        self._packed, self._revision = b"", -1
+
+    def pack(self, robot: "Robot", now: "Instant") -> bytes:
+        if self._kind != _STATE:
+            revision = robot.registers.revision if self._kind == _REGISTERS else 0
+            if revision == self._revision:
+                return self._packed
+            self._revision = revision
+        values: list[float] = []
+        for read, is_vector in self._readers:
+            if is_vector:
+                values += read(robot, now)  # type: ignore[arg-type]
+            else:
+                values.append(read(robot, now))  # type: ignore[arg-type]
+        self._packed = self._struct.pack(*values)
+        return self._packed

@@ -4,7 +4,7 @@ A package is ``uint16 size`` (which counts the three header bytes) and ``uint8 t
 """
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -120,14 +120,3 @@ class Layout:
             values.append(flat[start] if count == 1 else flat[start : start + count])
             start += count
         return values
-
-
-def flatten(values: Sequence[float | Sequence[float]]) -> list[float]:
-    """The numbers of a recipe's values in order, ready for one ``struct.pack``."""
-    flat: list[float] = []
-    for value in values:
-        if isinstance(value, (int, float)):  # a tuple, not a union: several times faster, and this is hot
-            flat.append(value)
-        else:
-            flat.extend(value)
-    return flat

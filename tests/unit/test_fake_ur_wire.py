@@ -167,3 +167,21 @@ def test_ownership_is_all_or_nothing_and_goes_with_its_owner() -> None:
     ownership.release(first)
     assert ownership.claim(wish, second, NONE) == ["INT32", "INT32"]
     assert ownership.claim(wish, second, NONE) == ["INT32", "INT32"]
+
+
+def test_a_package_shows_every_register_that_was_written_since_the_package_before() -> None:
+    robot = Robot(Identity(), Track(100.0, HOME), chain("ur10e"), lambda: 100.0)
+    names = ["output_int_register_3", "input_bit_registers0_to_31", "actual_main_voltage", "speed_scaling"]
+    subject = OutputRecipe(names, (5, 12))
+
+    def shown() -> tuple[float, ...]:
+        return struct.unpack(">iIdd", subject.pack(robot, robot.instant(robot.now())))
+
+    assert shown() == (0, 0, 48.0, 1.0)
+    robot.registers["output_int_register_3"] = 7
+    robot.io.speed_fraction = 0.5
+    assert shown() == (7, 0, 48.0, 0.5)
+    robot.inputs.write({"input_bit_registers0_to_31": 5}, robot.now())
+    assert shown() == (7, 5, 48.0, 0.5)
+    robot.registers.clear()
+    assert shown() == (0, 0, 48.0, 0.5)
