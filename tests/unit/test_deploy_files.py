@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from cell import priority
+from daemon.cli.failures import BAD_INPUT, REFUSED
+
 DEPLOY = Path(__file__).parents[2] / "deploy"
 
 
@@ -108,3 +111,30 @@ def test_the_exposure_is_reported_item_by_item_for_the_manual(subject: Path) -> 
         "RestrictAddressFamilies=~AF_(INET|INET6)",
         "RestrictAddressFamilies=~…",
     }
+
+
+def test_a_wrong_configuration_is_not_started_again_and_again(subject: Path) -> None:
+    assert f"RestartPreventExitStatus={BAD_INPUT} {REFUSED}" in subject.read_text().splitlines()
+
+
+def test_the_unit_permits_the_priorities_and_the_devices_that_the_daemon_asks_for(subject: Path) -> None:
+    lines = subject.read_text().splitlines()
+    (limit,) = (int(line.partition("=")[2]) for line in lines if line.startswith("LimitRTPRIO="))
+    assert limit >= max(priority.LOOP, priority.SETPOINTS)
+    assert "RestrictRealtime=yes" not in lines
+    filters = [line for line in lines if line.startswith("SystemCallFilter=")]
+    assert "sched_setscheduler" in filters[-1], "allowed again after ~@resources took it away"
+    for device in ("usb_device", "ttyUSB", "ttyACM", "ttyS"):
+        assert f"DeviceAllow=char-{device} rw" in lines
+
+
+def test_the_readme_installs_every_file_that_a_host_needs() -> None:
+    text = (DEPLOY.parent / "README.md").read_text("utf-8")
+    for path in DEPLOY.rglob("*"):
+        if path.is_file() and path.name != "cell.toml":
+            assert f"install -D -m 644 {path.relative_to(DEPLOY.parent)} " in text, path
+    unit = (DEPLOY / "cellward.service").read_text("utf-8")
+    (documentation,) = re.findall(r"(?m)^Documentation=file://(\S+)$", unit)
+    folder, _, name = documentation.rpartition("/")
+    assert f"install -D -m 644 -t {folder} docs/*.md" in text
+    assert (DEPLOY.parent / "docs" / name).is_file()
