@@ -10,6 +10,7 @@ from typing import Any
 from cell.errors import CellError, RefusedError, error
 from cell.procedure import PackML
 from daemon.config import CellConfig
+from daemon.config.roles import ROLES
 from daemon.engine import WAITING, Engine
 from daemon.modbus import Command
 
@@ -19,8 +20,7 @@ ACCEPTED = 1
 REFUSED = 0x8000
 PROTOCOL_VERSION = 0x0100
 READY, BUSY, DONE, FAULT, WARNING = (1 << i for i in range(5))
-RESULT_VALID, ARM_OK, CAMERA_OK = 1 << 6, 1 << 7, 1 << 8
-ENCODER_OK, BEAMS_OK, TRACKER_OK = 1 << 9, 1 << 10, 1 << 11
+RESULT_VALID = 1 << 6
 STOPPED_BY_SAFETY, TWIN = 1 << 13, 1 << 14
 COUNTERS = {
     "picks", "misses", "missed_not_detected", "missed_out_of_zone", "missed_lost", "missed_grip_failed",
@@ -142,7 +142,6 @@ class PlcFace:
         fault = engine.error is not None or status["latched"]
         shown = engine.arm_fault()
         arm = self._ok("arm") and shown is None
-        camera = self._ok("flange_camera") or self._ok("fixed_camera")
         stopped = any(isinstance(e, CellError) and e.name in SAFETY_ERRORS for e in (engine.error, shown))
         bits = {
             READY: waiting and not status["latched"] and arm,
@@ -151,15 +150,14 @@ class PlcFace:
             FAULT: fault,
             WARNING: bool(last and last.get("verdict") == "warn"),
             RESULT_VALID: bool(found and last and last["verdict"] != "fail" and _stands(last)),
-            ARM_OK: arm,
-            CAMERA_OK: camera,
-            ENCODER_OK: self._ok("belt"),
-            BEAMS_OK: self._ok("beams") and not self._stuck("beams"),
-            TRACKER_OK: self._ok("tracker"),
             STOPPED_BY_SAFETY: stopped,
             TWIN: self._config.cell.twin,
         }
-        return sum(bit for bit, on in bits.items() if on)
+        usable = {role for role in ROLES if self._ok(role) and not self._stuck(role)}
+        if not arm:
+            usable.discard("arm")
+        devices = {1 << bit for role in usable if (bit := ROLES[role].status_bit) is not None}
+        return sum(bit for bit, on in bits.items() if on) + sum(devices)
 
     def _live_registers(self, status: Mapping[str, Any], last: Mapping[str, Any] | None) -> dict[str, float]:
         """What a job at work says of now; of one that ends or has ended, in whatever way, its counters."""

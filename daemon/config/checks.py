@@ -4,10 +4,10 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from daemon.config.drivers import DRIVERS, INPUT_DRIVERS
 from daemon.config.findings import Findings, did_you_mean
 from daemon.config.locate import Path
-from daemon.config.models import ROLES, LimitsSection, is_loopback
+from daemon.config.models import LimitsSection
+from daemon.config.roles import ROLES
 
 MAX_LENGTH_M = 20.0
 MAX_ANGLE_RAD = 4.0 * math.pi
@@ -53,11 +53,7 @@ def _check_inputs(raw: Mapping[str, Any], findings: Findings) -> None:
     section = _table(raw, "device").get(device) if isinstance(device, str) else None
     if not isinstance(section, dict):
         return
-    inputs, driver = section.get("inputs"), section.get("driver")
-    if isinstance(driver, str) and driver in DRIVERS and driver not in INPUT_DRIVERS:
-        known = " or ".join(repr(name) for name in INPUT_DRIVERS)
-        findings.add(("robot", "beams"), f"[device.{device}] has no inputs; its driver should be {known}")
-        return
+    inputs = section.get("inputs")
     for job, keys in _table(raw, "job").items():
         for key, value in keys.items() if isinstance(keys, dict) else ():
             name = value.get("input") if isinstance(value, dict) else None
@@ -71,7 +67,7 @@ def _check_inputs(raw: Mapping[str, Any], findings: Findings) -> None:
 def check_contradictions(raw: Mapping[str, Any], findings: Findings) -> None:
     """Settings that exclude each other, and settings that can hardly be meant."""
     _check_twin(raw, findings)
-    _check_faces(raw, findings)
+    _check_modbus(raw, findings)
     _check_limits(raw, findings)
     if _table(raw, "robot").get("use_kinematics") is True and not _has_arm(raw):
         findings.add(("robot", "use_kinematics"), "there is no arm whose kinematics could be used")
@@ -95,17 +91,10 @@ def _check_twin(raw: Mapping[str, Any], findings: Findings) -> None:
         findings.add(("cell", "clock"), "another clock is only possible with twin = true")
 
 
-def _check_faces(raw: Mapping[str, Any], findings: Findings) -> None:
-    modbus, http = _table(raw, "modbus"), _table(raw, "http")
+def _check_modbus(raw: Mapping[str, Any], findings: Findings) -> None:
+    modbus = _table(raw, "modbus")
     if modbus.get("allow_write") is True and not modbus.get("allow_clients"):
         findings.warn(("modbus", "allow_write"), "allow_clients is empty, so nobody can write")
-    certificate, key = http.get("tls_certificate"), http.get("tls_key")
-    if (certificate is None) != (key is None):
-        present = "tls_key" if certificate is None else "tls_certificate"
-        findings.add(("http", present), "tls_certificate and tls_key are needed together")
-    bind = http.get("bind")
-    if isinstance(bind, str) and certificate is None and not _loopback(bind):
-        findings.add(("http", "bind"), f"'{bind}' can be reached from outside, which needs tls_certificate")
 
 
 def _check_limits(raw: Mapping[str, Any], findings: Findings) -> None:
@@ -152,13 +141,6 @@ def _is_angle(path: Path, key: str, names: list[str]) -> bool:
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _loopback(bind: str) -> bool:
-    try:
-        return is_loopback(bind)
-    except ValueError:
-        return True  # the model has already said what is wrong with it
 
 
 def _table(raw: Mapping[str, Any], key: str) -> dict[str, Any]:

@@ -19,7 +19,6 @@ DRIVERS: dict[str, str] = {
     "canopen-encoder": "drivers.can_encoder:CanopenEncoder",
     "raw-can-encoder": "drivers.can_encoder:RawCanEncoder",
 }
-INPUT_DRIVERS = ("modbus-inputs", "arm-inputs")  # those that can have the role "beams"
 
 
 def bindings(driver: Any) -> Mapping[str, type]:
@@ -29,12 +28,6 @@ def bindings(driver: Any) -> Mapping[str, type]:
     """
     found: Mapping[str, type] = getattr(driver, "BINDS", {})
     return found
-
-
-def offers(driver: Any, protocol: type) -> bool:
-    """Whether the driver's devices have the methods of ``protocol``."""
-    methods = (name for name, item in vars(protocol).items() if callable(item) and not name.startswith("_"))
-    return all(callable(getattr(driver, name, None)) for name in methods)
 
 
 def driver_class(name: str, drivers: Mapping[str, str] = DRIVERS) -> Any:

@@ -13,22 +13,21 @@ from cell.errors import CellError, error
 from cell.formats.robot import parse_robot
 from cell.store.files import read_json, to_json
 from daemon.config.checks import check_contradictions, check_names, check_units
-from daemon.config.drivers import DRIVERS, bindings, driver_class, offers
+from daemon.config.drivers import DRIVERS, bindings, driver_class
 from daemon.config.findings import ConfigInvalid, Findings, did_you_mean, with_detail
 from daemon.config.locate import locate
 from daemon.config.models import (
-    ROLES,
     UR_MODELS,
-    CanSection,
     CellSection,
     DeviceSection,
     FixedSections,
-    HttpSection,
     LimitsSection,
     ModbusSection,
     RobotSection,
     SupervisorSection,
 )
+from daemon.config.not_in_version import take_out
+from daemon.config.roles import ROLES, devices_by_role, kind_of, plays
 from daemon.config.targets import TARGETS
 
 MAX_BYTES = 2**20
@@ -68,8 +67,6 @@ class CellConfig(BaseModel):
     device: dict[str, SerializeAsAny[DeviceSection]]
     target: dict[str, dict[str, Any]]
     modbus: ModbusSection
-    can: CanSection
-    http: HttpSection
     job: dict[str, dict[str, Any]]
     warnings: list[str] = Field(default_factory=list, exclude=True)
 
@@ -113,6 +110,7 @@ def check_config(
     path: Path,
 ) -> CellConfig:
     """Check parsed TOML; ``path`` resolves relative file names."""
+    raw = take_out(raw, findings)
     check_units(raw, findings)
     check_names(raw, findings)
     check_contradictions(raw, findings)
@@ -120,6 +118,7 @@ def check_config(
         name: _check_device(name, section, findings, drivers) for name, section in _tables(raw, "device")
     }
     _check_bindings(devices, findings, drivers)
+    _check_roles(raw, devices, findings, drivers)
     targets = {name: _check_target(name, section, findings) for name, section in _tables(raw, "target")}
     for name, section in _tables(raw, "job"):
         _check_job(name, section, findings, jobs)
@@ -128,12 +127,11 @@ def check_config(
     observed = _observed_spec(raw, devices, findings, path)
     findings.raise_if_any()
     assert fixed is not None
-    named = {role: getattr(fixed.robot, role) or role for role in ROLES}
     robot = Robot.model_construct(
         **dict(fixed.robot),
         spec=spec,
         observed_spec=observed,
-        devices={role: name for role, name in named.items() if name in devices},
+        devices=devices_by_role(dict(fixed.robot), devices),
     )
     sections = {key: getattr(fixed, key) for key in CellConfig.model_fields if hasattr(fixed, key)}
     return CellConfig.model_construct(
@@ -219,10 +217,31 @@ def _check_bindings(
             place, kind = ("device", name, key), protocol.__name__.lower()
             if other not in devices:
                 findings.add(place, f"there is no [device.{other}]{did_you_mean(other, devices)}")
-            elif (found := devices[other]) is not None and not offers(
+            elif (found := devices[other]) is not None and not plays(
                 driver_class(found.driver, drivers), protocol
             ):
                 findings.add(place, f"[device.{other}] is no {kind}, its driver is '{found.driver}'")
+
+
+def _check_roles(
+    raw: Mapping[str, Any],
+    devices: Mapping[str, DeviceSection | None],
+    findings: Findings,
+    drivers: Mapping[str, str],
+) -> None:
+    """A device that plays a role is of the role's kind, whether it was named for it or has its name."""
+    section = raw.get("robot")
+    named = section if isinstance(section, dict) else {}
+    for role, name in devices_by_role(named, devices).items():
+        found = devices[name]
+        if found is None or plays(driver := driver_class(found.driver, drivers), ROLES[role].protocol):
+            continue
+        what = f"the role '{role}' needs {ROLES[role].kind}, but [device.{name}] is {kind_of(driver)}"
+        if named.get(role):
+            findings.add(("robot", role), f"{what} (driver '{found.driver}')")
+        else:
+            fix = f"give it another name, or name the device of the role in [robot] {role}"
+            findings.add(("device", name), f"{what} (driver '{found.driver}'); {fix}")
 
 
 def _check_target(name: str, section: dict[str, Any], findings: Findings) -> dict[str, Any]:

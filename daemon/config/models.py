@@ -8,9 +8,6 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 UR_MODELS = (
     "ur3", "ur5", "ur10", "ur3e", "ur5e", "ur7e", "ur10e", "ur12e", "ur16e", "ur20", "ur30",
 )  # fmt: skip
-ROLES = (
-    "arm", "observed_arm", "flange_camera", "fixed_camera", "beams", "belt", "tracker", "gripper",
-)  # fmt: skip
 MAX_SOCKET_PATH = 107  # sun_path of AF_UNIX without its final zero
 
 
@@ -45,12 +42,6 @@ def split_bind(bind: str) -> tuple[str, int]:
 def _bind(value: str) -> str:
     split_bind(value)
     return value
-
-
-def is_loopback(bind: str) -> bool:
-    """Whether only this machine can reach the address."""
-    host = split_bind(bind)[0]
-    return host == "localhost" or ipaddress.ip_address(host).is_loopback
 
 
 def _absolute(value: str) -> str:
@@ -208,28 +199,6 @@ class ModbusSection(Section):
     )
 
 
-class CanSection(Section):
-    """The CAN trigger. Off by default: CAN has no sender identity."""
-
-    enabled: bool = False
-    bus: str = "socketcan:can0"
-    command_id: int = Field(default=0x120, ge=1, le=0x7FF)
-    acknowledge_id: int = Field(default=0x121, ge=1, le=0x7FF)
-    node: int = Field(default=10, ge=1, le=127, description="heartbeat at 0x700 + node")
-    allow_accept: bool = False
-
-
-class HttpSection(Section):
-    """The web page and its API. Another address than loopback needs TLS."""
-
-    enabled: bool = True
-    bind: Bind = "127.0.0.1:8420"
-    login: bool = Field(default=True, description="a token is asked for")
-    hosts: list[str] = Field(default_factory=list, description="further host names the page is known by")
-    tls_certificate: str | None = None
-    tls_key: str | None = None
-
-
 class FixedSections(Section):
     """All of ``cell.toml`` whose shape does not depend on drivers, jobs or the type of a target."""
 
@@ -240,8 +209,6 @@ class FixedSections(Section):
     limits: LimitsSection = Field(default_factory=lambda: LimitsSection())
     poses: dict[str, Joints] = Field(default_factory=dict, description="named safe poses, always joints, rad")
     modbus: ModbusSection = Field(default_factory=lambda: ModbusSection())
-    can: CanSection = Field(default_factory=lambda: CanSection())
-    http: HttpSection = Field(default_factory=lambda: HttpSection())
     device: dict[str, dict[str, Any]] = Field(default_factory=dict)
     target: dict[str, dict[str, Any]] = Field(default_factory=dict)
     job: dict[str, dict[str, Any]] = Field(default_factory=dict)

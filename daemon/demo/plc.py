@@ -12,7 +12,7 @@ from pymodbus.exceptions import ModbusException
 from cell.errors import catalogue, error
 
 COMMAND, SEQUENCE, ARGUMENTS, HEARTBEAT, CONTROL_BITS = 0, 1, 4, 10, 11
-ENABLE, AUTOMATIC = 1, 2
+ENABLE = 1
 START, FINISH, RESET, ACKNOWLEDGE, CONFIRM = 1, 2, 7, 9, 10
 READY, BUSY, ARM_OK, CAMERA_OK, BEAMS_OK = 1 << 0, 1 << 1, 1 << 7, 1 << 8, 1 << 10
 ENCODER_OK, TRACKER_OK = 1 << 9, 1 << 11
@@ -71,7 +71,7 @@ class Plc:
     def poll(self) -> Status:
         """Beat, then read the status block."""
         self._beat = (self._beat + 1) % 0x10000
-        self._write(HEARTBEAT, [self._beat, ENABLE | AUTOMATIC])
+        self._write(HEARTBEAT, [self._beat, ENABLE])
         try:
             reply = self._client.read_input_registers(0, count=STATUS_REGISTERS)
         except ModbusException as exc:

@@ -30,6 +30,10 @@ exception but a result code.
 2. Write command, job and arguments, and the next sequence last or in the same request (function 16).
 3. Wait until `acknowledged_sequence` is that sequence, then read `result_code`.
 
+A start must find 0 in `flags`, in the three arguments and in control bit 1: they are reserved, and a start
+that sets one is refused with 6103. Commands other than 1, 8 and 10 do not look at the arguments. A refusal is
+0x8000 plus the error's number, so 6001 (a job is running) is 0x9771; [errors.md](errors.md) lists them.
+
 The same sequence again does nothing, so a lost reply may be retried. What stands in the block when the daemon
 starts is no command. Abort and halt withdraw commands before them that are still under way. Completion is not
 success: read the status bits; the verdict belongs to `run_id`. Once `plc_heartbeat` has been seen, its
@@ -66,6 +70,10 @@ def _register_table(registers: tuple[Register, ...]) -> list[str]:
 def _meanings(register: Register) -> list[str]:
     if register.values:
         rows = [f"| {number} | {text} |" for number, text in register.values.items()]
+        if register.reserved:
+            rows.append(
+                f"| {', '.join(map(str, register.reserved))} | reserved: a start is refused with 6003 |"
+            )
         return [f"### `{register.name}`", "", "| value | meaning |", "|---|---|", *rows, ""]
     if register.bits:
         rows = [f"| {bit} | {text} |" for bit, text in enumerate(register.bits)]

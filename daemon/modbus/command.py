@@ -36,11 +36,6 @@ class Command:
     client: str = ""
     low_first: bool = False
 
-    def argument_float(self, index: int) -> float:
-        """Argument ``index`` (0, 1, 2) as float32."""
-        value: float = struct.unpack(">f", self._bytes(index))[0]
-        return value
-
     def argument_as_uint32(self, index: int) -> int:
         """Argument ``index`` (0, 1, 2) as uint32."""
         value: int = struct.unpack(">I", self._bytes(index))[0]

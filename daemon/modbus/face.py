@@ -30,8 +30,8 @@ PROTOCOL_VERSION = 0x0100
 HEARTBEAT_S = 0.1
 WATCH_S = 0.05
 SNAPSHOT_AGE_S = 0.01
-DONE_BIT, AUTOMATIC_BIT, PLC_OK_BIT, TOGGLE_BIT = 1 << 2, 1 << 5, 1 << 12, 1 << 15
-ENABLE, AUTOMATIC, NO_NEW_PICKS, FAULT_RESET = 1, 2, 4, 8
+DONE_BIT, PLC_OK_BIT, TOGGLE_BIT = 1 << 2, 1 << 12, 1 << 15
+ENABLE, RESERVED_CONTROL, NO_NEW_PICKS, FAULT_RESET = 1, 2, 4, 8
 COMMAND, SEQUENCE, JOB, FLAGS, ARGUMENTS, BEAT, CONTROL = 0, 1, 2, 3, 4, 10, 11
 
 
@@ -39,8 +39,8 @@ class ModbusFace:
     """Serves the register table.
 
     ``on_command`` carries out one command and gives its result code; ``snapshot`` gives the status block by
-    register name (what is absent is 0; sequence, result code, heartbeat and the bits automatic, PLC heartbeat
-    and toggle are this class's own). ``on_plc(alive)`` hears when the PLC's heartbeat is lost and returns,
+    register name (what is absent is 0; sequence, result code, heartbeat and the bits PLC heartbeat and
+    toggle are this class's own). ``on_plc(alive)`` hears when the PLC's heartbeat is lost and returns,
     ``on_picks(wanted, client)`` when the PLC clears or sets *no new picks*.
     ``audit(who, what, accepted, detail)`` and ``remember(sequence)`` may block; they run in a thread.
     """
@@ -209,7 +209,19 @@ class ModbusFace:
             return refused("PLC_SILENT")
         if command.code == START and self._config.require_enable and not self.control & ENABLE:
             return refused("NOT_ENABLED")
+        if command.code == START and (asked := self._reserved_asked(command)):
+            log.warning("%s: start refused: %s must be 0", command.client, asked)
+            return refused("NOT_IN_VERSION")
         return await self._on_command(command)
+
+    def _reserved_asked(self, command: Command) -> str:
+        """What a start sets although this version has no use for it; doing less than asked is no start."""
+        asked = {
+            "flags": command.flags,
+            **{f"argument_{i + 1}": command.argument_as_uint32(i) for i in range(3)},
+            "control bit 1": self.control & RESERVED_CONTROL,
+        }
+        return ", ".join(name for name, value in asked.items() if value)
 
     def _report(self, command: Command, result: int) -> None:
         self._auditor.note(
@@ -248,8 +260,7 @@ class ModbusFace:
             self._cached = (now, self._snapshot())
         values = dict(self._cached[1])
         beat = int((now - self._started) / HEARTBEAT_S + 1e-9) & 0xFFFF
-        status = int(values.get("status") or 0) & ~(AUTOMATIC_BIT | PLC_OK_BIT | TOGGLE_BIT)
-        status |= AUTOMATIC_BIT if self.control & AUTOMATIC else 0
+        status = int(values.get("status") or 0) & ~(PLC_OK_BIT | TOGGLE_BIT)
         status |= PLC_OK_BIT if self.plc_alive else 0
         status |= TOGGLE_BIT if beat & 1 else 0
         result = self._channel.result

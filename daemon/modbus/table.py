@@ -24,6 +24,7 @@ class Register:
     limit: int | None = None
     values: Mapping[int, str] = field(default_factory=dict)
     bits: Sequence[str] = ()
+    reserved: Sequence[int] = ()
 
     @property
     def words(self) -> int:

@@ -7,7 +7,7 @@ from typing import Any
 import can
 
 from cell.clock import Clock
-from cell.devices import Identity
+from cell.devices import Encoder, Identity
 from cell.errors import CellError, error
 from cell.samples import Quality
 from drivers.can_encoder.base import CanEncoder
@@ -33,6 +33,7 @@ class CanopenEncoder(CanEncoder):
     """
 
     Config = CanopenEncoderConfig
+    PLAYS = (Encoder,)
 
     def __init__(self, name: str, config: CanopenEncoderConfig, clock: Clock) -> None:
         super().__init__(name, config, clock, config.range_counts or 1 << 32)

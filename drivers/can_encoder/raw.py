@@ -3,7 +3,7 @@
 import can
 
 from cell.clock import Clock
-from cell.devices import Identity
+from cell.devices import Encoder, Identity
 from drivers.can_encoder.base import CanEncoder
 from drivers.can_encoder.config import RawCanEncoderConfig
 
@@ -12,6 +12,7 @@ class RawCanEncoder(CanEncoder):
     """Listens; nothing is sent, and nothing says which device it is."""
 
     Config = RawCanEncoderConfig
+    PLAYS = (Encoder,)
 
     def __init__(self, name: str, config: RawCanEncoderConfig, clock: Clock) -> None:
         super().__init__(name, config, clock, config.modulus)

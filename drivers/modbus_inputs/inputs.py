@@ -5,7 +5,7 @@ import logging
 from typing import Any
 
 from cell.clock import Clock
-from cell.devices import Identity, InputsState
+from cell.devices import DigitalInputs, Identity, InputsState
 from cell.errors import CellError, error
 from cell.samples import Quality, Sample, Stream
 from drivers.digital import StuckWatch
@@ -32,6 +32,7 @@ class ModbusInputs:
     """
 
     Config = InputsConfig
+    PLAYS = (DigitalInputs,)
 
     def __init__(self, name: str, config: InputsConfig, clock: Clock) -> None:
         self.name = name

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.clock import Clock
-from cell.devices import Frame, Identity
+from cell.devices import DepthCamera, Frame, Identity
 from cell.errors import error
 from cell.samples import Sample, Stream
 from drivers.oak.config import OakConfig
@@ -29,6 +29,7 @@ class OakCamera:
     """
 
     Config = OakConfig
+    PLAYS = (DepthCamera,)
 
     def __init__(
         self, name: str, config: OakConfig, clock: Clock, child_module: str = "daemon.vision_child"

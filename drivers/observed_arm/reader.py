@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from cell.clock import Clock
-from cell.devices import Identity, JointState
+from cell.devices import Identity, JointState, ObservedArm
 from cell.errors import CellError, error
 from cell.poses import Array
 from cell.samples import Sample, Stream
@@ -41,6 +41,7 @@ class ObservedArmReader:
     """
 
     Config = ObservedArmConfig
+    PLAYS = (ObservedArm,)
 
     def __init__(self, name: str, config: ObservedArmConfig, clock: Clock) -> None:
         self.name = name

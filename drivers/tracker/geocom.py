@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
 
 from cell.clock import Clock
-from cell.devices import Identity, StablePoint, TrackerNoise, TrackerState
+from cell.devices import Identity, LaserTracker, StablePoint, TrackerNoise, TrackerState
 from cell.errors import CellError, error
 from cell.poses import Array
 from cell.samples import Quality, Sample, Stream
@@ -39,6 +39,7 @@ class GeocomTracker:
     """
 
     Config = GeocomConfig
+    PLAYS = (LaserTracker,)
 
     def __init__(self, name: str, config: GeocomConfig, clock: Clock) -> None:
         self.name = name

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from cell.clock import Clock
-from cell.devices import Identity, StablePoint, TrackerNoise, TrackerState
+from cell.devices import Identity, LaserTracker, StablePoint, TrackerNoise, TrackerState
 from cell.errors import CellError, error
 from cell.poses import Array
 from cell.samples import Quality, Sample, Stream
@@ -32,6 +32,7 @@ class LineStreamTracker:
     """
 
     Config = LineStreamConfig
+    PLAYS = (LaserTracker,)
 
     def __init__(self, name: str, config: LineStreamConfig, clock: Clock) -> None:
         self.name = name

@@ -5,7 +5,7 @@ import socket
 from typing import Any
 
 from cell.clock import Clock
-from cell.devices import ArmState, Identity, ToolSettings
+from cell.devices import Arm, ArmState, Identity, ToolSettings
 from cell.errors import CellError, error
 from cell.motion import run_to_its_end
 from cell.poses import Array
@@ -33,6 +33,7 @@ class UrArm:
     """One arm. Reconnecting is the supervisor's business: after an error ``close`` and ``open`` again."""
 
     Config = UrConfig
+    PLAYS = (Arm,)
 
     def __init__(self, name: str, config: UrConfig, clock: Clock) -> None:
         self.name = name

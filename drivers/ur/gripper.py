@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 from pydantic import BaseModel, ConfigDict, Field
 
 from cell.clock import Clock
-from cell.devices import Arm, ArmState, Device, Identity
+from cell.devices import Arm, ArmState, Device, Gripper, Identity
 from cell.errors import CellError, error
 from cell.samples import Sample
 from drivers.life import Life
@@ -39,6 +39,7 @@ class ArmGripper:
     opening nor losing the link lets a held part fall; an output keeps its level when nobody writes it."""
 
     Config = ArmGripperConfig
+    PLAYS = (Gripper,)
     BINDS: ClassVar[dict[str, type]] = {"arm": Arm}
 
     def __init__(self, name: str, config: ArmGripperConfig, clock: Clock) -> None:

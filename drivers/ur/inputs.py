@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from cell.clock import Clock
-from cell.devices import Arm, ArmState, Device, Identity, InputsState
+from cell.devices import Arm, ArmState, Device, DigitalInputs, Identity, InputsState
 from cell.errors import error
 from cell.samples import Quality, Sample, Stream
 from drivers.digital import InputConfig, StuckWatch
@@ -45,6 +45,7 @@ class ArmInputs:
     """
 
     Config = ArmInputsConfig
+    PLAYS = (DigitalInputs,)
     BINDS: ClassVar[dict[str, type]] = {"arm": Arm}
 
     def __init__(self, name: str, config: ArmInputsConfig, clock: Clock) -> None:

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from cell.clock import Clock
-from cell.devices import ArmState, Identity, ToolSettings
+from cell.devices import Arm, ArmState, Identity, ToolSettings
 from cell.errors import error
 from cell.poses import to_pose6
 from fakes.object._lazy import LazyStream
@@ -38,6 +38,7 @@ class ObjectArm(ObjectDevice):
     """``cell.devices.Arm`` on virtual time. State samples are made when somebody looks at them."""
 
     Config = ObjectArmConfig
+    PLAYS = (Arm,)
 
     def __init__(self, name: str, config: ObjectArmConfig, clock: Clock) -> None:
         self._cell = cell_of(config.scenario, clock)

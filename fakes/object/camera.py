@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from cell.clock import Clock
-from cell.devices import Frame, Identity
+from cell.devices import DepthCamera, Frame, Identity
 from cell.errors import error
 from fakes.object._lazy import LazyStream
 from fakes.object._plant import ObjectDevice
@@ -28,6 +28,7 @@ class ObjectCamera(ObjectDevice):
     """``cell.devices.DepthCamera`` on virtual time; ``Frame.colour_file`` and ``depth_file`` are None."""
 
     Config = ObjectCameraConfig
+    PLAYS = (DepthCamera,)
 
     def __init__(self, name: str, config: ObjectCameraConfig, clock: Clock) -> None:
         self._cell = cell_of(config.scenario, clock)

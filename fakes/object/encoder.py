@@ -5,7 +5,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from cell.clock import Clock
-from cell.devices import EncoderState, Identity
+from cell.devices import Encoder, EncoderState, Identity
 from cell.errors import error
 from fakes.object._lazy import LazyStream
 from fakes.object._plant import ObjectDevice
@@ -32,6 +32,7 @@ class ObjectEncoder(ObjectDevice):
     """``cell.devices.Encoder`` on virtual time; range and period are those of the scenario's belt."""
 
     Config = ObjectEncoderConfig
+    PLAYS = (Encoder,)
 
     def __init__(self, name: str, config: ObjectEncoderConfig, clock: Clock) -> None:
         self._cell = cell_of(config.scenario, clock)

@@ -6,7 +6,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from cell.clock import Clock
-from cell.devices import Identity
+from cell.devices import Gripper, Identity
 from cell.errors import error
 from fakes.object._lazy import LazyStream
 from fakes.object._plant import ObjectDevice
@@ -28,6 +28,7 @@ class ObjectGripper(ObjectDevice):
     """``cell.devices.Gripper`` on virtual time. It is lost with the arm that it hangs on."""
 
     Config = ObjectGripperConfig
+    PLAYS = (Gripper,)
 
     def __init__(self, name: str, config: ObjectGripperConfig, clock: Clock) -> None:
         self._cell = cell_of(config.scenario, clock)

@@ -3,7 +3,7 @@
 from pydantic import BaseModel, ConfigDict, Field
 
 from cell.clock import Clock
-from cell.devices import Identity, InputsState
+from cell.devices import DigitalInputs, Identity, InputsState
 from cell.errors import error
 from fakes.object._lazy import LazyStream
 from fakes.object._plant import ObjectDevice
@@ -33,6 +33,7 @@ class ObjectInputs(ObjectDevice):
     """``cell.devices.DigitalInputs`` on virtual time; a level is true while its beam is broken."""
 
     Config = ObjectInputsConfig
+    PLAYS = (DigitalInputs,)
 
     def __init__(self, name: str, config: ObjectInputsConfig, clock: Clock) -> None:
         self._cell = cell_of(config.scenario, clock)

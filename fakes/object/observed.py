@@ -4,7 +4,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from cell.clock import Clock
-from cell.devices import Identity, JointState
+from cell.devices import Identity, JointState, ObservedArm
 from cell.errors import error
 from cell.poses import Array
 from fakes.object._lazy import LazyStream
@@ -34,6 +34,7 @@ class ObjectObservedArm(ObjectDevice):
     """``cell.devices.ObservedArm`` on virtual time."""
 
     Config = ObjectObservedArmConfig
+    PLAYS = (ObservedArm,)
 
     def __init__(self, name: str, config: ObjectObservedArmConfig, clock: Clock) -> None:
         self._cell = cell_of(config.scenario, clock)

@@ -4,7 +4,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from cell.clock import Clock
-from cell.devices import Identity, StablePoint, TrackerNoise, TrackerState
+from cell.devices import Identity, LaserTracker, StablePoint, TrackerNoise, TrackerState
 from cell.errors import CellError, error
 from cell.poses import Array
 from cell.samples import Sample
@@ -46,6 +46,7 @@ class ObjectTracker(ObjectDevice):
     """``cell.devices.LaserTracker`` on virtual time; it follows the reflector that it found."""
 
     Config = ObjectTrackerConfig
+    PLAYS = (LaserTracker,)
 
     def __init__(self, name: str, config: ObjectTrackerConfig, clock: Clock) -> None:
         self._cell = cell_of(config.scenario, clock)

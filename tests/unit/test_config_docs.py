@@ -7,7 +7,10 @@ from pathlib import Path
 import pytest
 
 from cell.errors import catalogue
-from daemon.config import DRIVERS, init_text
+from daemon.config import DRIVERS, driver_class, init_text
+from daemon.config.not_in_version import JOBS as JOBS_OF_LATER_VERSIONS
+from daemon.config.not_in_version import SECTIONS as SECTIONS_OF_LATER_VERSIONS
+from daemon.config.roles import ROLES, plays
 from daemon.docs import generated, stale
 from daemon.modbus import register_table
 from procedures.registry import JOBS
@@ -72,3 +75,30 @@ def test_the_schema_knows_every_key_of_the_example() -> None:
         assert (
             section.keys() <= resolved(schema["properties"]["job"]["properties"][name])["properties"].keys()
         )
+
+
+def test_what_this_version_does_not_have_is_in_no_manual_and_in_no_example() -> None:
+    pages = generated(JOBS)
+    for name in JOBS_OF_LATER_VERSIONS:
+        assert not [page for page, text in pages.items() if name in text]
+    schema = json.loads(pages["docs/cell.schema.json"])
+    example = tomllib.loads(init_text())
+    for section in SECTIONS_OF_LATER_VERSIONS:
+        assert section not in schema["properties"]
+        assert section not in example
+        assert f"## [{section}]" not in pages["docs/config.md"]
+
+
+@pytest.mark.parametrize("driver", sorted(DRIVERS))
+def test_every_driver_says_which_kind_of_device_it_is(driver: str) -> None:
+    assert any(plays(driver_class(driver), role.protocol) for role in ROLES.values())
+
+
+def test_the_status_bits_of_the_roles_are_those_of_the_register_table() -> None:
+    status = next(r for r in register_table().status if r.name == "status")
+    words = {
+        "arm": "arm ok", "flange_camera": "camera ok", "fixed_camera": "camera ok", "belt": "encoder ok",
+        "beams": "beams ok", "tracker": "tracker ok",
+    }  # fmt: skip
+    bits = {name: status.bits[r.status_bit] for name, r in ROLES.items() if r.status_bit is not None}
+    assert bits == words

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel, ConfigDict, Field
 
+from cell.devices import DepthCamera, DigitalInputs
 from cell.errors import InputError
 from daemon.config import CellConfig, ConfigInvalid, DeviceSection, init_text, load_config
 
@@ -28,6 +29,12 @@ class CameraConfig(BaseModel):
 
 class Camera:
     Config = CameraConfig
+    PLAYS = (DepthCamera,)
+
+
+class Inputs:
+    Config = CameraConfig
+    PLAYS = (DigitalInputs,)
 
 
 class NoDriver:
@@ -51,7 +58,12 @@ class Job:
     Config = JobConfig
 
 
-DRIVERS = {"camera": f"{__name__}:Camera", "gone": "no_such_module:Driver"}
+DRIVERS = {
+    "camera": f"{__name__}:Camera",
+    "inputs": f"{__name__}:Inputs",
+    "ur": "drivers.ur:UrArm",
+    "gone": "no_such_module:Driver",
+}
 JOBS: dict[str, Any] = {"cone-capture": Job, "laser-check": Job}
 GOOD = """schema = 1
 [cell]
@@ -67,7 +79,7 @@ driver = "camera"
 address = "usb"
 size = [1280, 800]
 [device.beams]
-driver = "camera"
+driver = "inputs"
 address = "x"
 [target.board]
 type = "chessboard"
@@ -222,8 +234,12 @@ def test_all_findings_come_at_once_in_order_with_line_key_and_hint(tmp_path: Pat
             'twin = true\n[device.x]\ndriver="camera"\naddress="x"\nexpect_serial = "123"\n[robot]',
             "7: device.x.expect_serial: '123' is not a twin's",
         ),
-        ("[poses]", '[http]\nbind = "0.0.0.0:8420"\n[poses]', "9: http.bind: '0.0.0.0:8420' can be reached"),
-        ("[poses]", '[http]\ntls_key = "k"\n[poses]', "9: http.tls_key: tls_certificate and tls_key are"),
+        ("[poses]", '[http]\nbind = "x"\n[poses]', "8: http: The web page is not in this version"),
+        ("[poses]", "[can]\nenabled = true\n[poses]", "8: can: The CAN trigger is not in this version"),
+        ("[poses]", "[job.drift-check]\n[poses]", "8: job.drift-check: the job 'drift-check' is not"),
+        ('flange_camera = "camera"', 'flange_camera = "beams"', "5: robot.flange_camera: the role 'flange_"),
+        ('flange_camera = "camera"', 'gripper = "camera"', "5: robot.gripper: the role 'gripper' needs"),
+        ("[device.beams]", "[device.belt]", "14: device.belt: the role 'belt' needs an encoder"),
         ("[poses]", '[modbus]\nbind = "plc:502"\n[poses]', "9: modbus.bind: 'plc' does not appear to be"),
         ("[poses]", '[modbus]\nbind = "[::1]:70000"\n[poses]', "9: modbus.bind: an address and a port"),
         ('name = "bay-3"', 'state_dir = "var"', "3: cell.state_dir: an absolute path was expected"),
@@ -284,8 +300,17 @@ def test_what_is_allowed_but_hardly_meant_is_a_warning(tmp_path: Path) -> None:
     assert "everybody may write" in load_config(tmp_path / "cell.toml", JOBS, DRIVERS).warnings[0]
 
 
+def test_a_section_of_a_later_version_that_is_switched_off_is_only_warned_of(tmp_path: Path) -> None:
+    text = "[can]\nenabled = false\n[http]\nenabled = false\nbind = 'x'\n[poses]"
+    subject = load(tmp_path, GOOD.replace("[poses]", text))
+    assert [w.split(":", 1)[1] for w in subject.warnings] == [
+        "8: can: The CAN trigger is not in this version; the section has no effect, remove it",
+        "10: http: The web page is not in this version; the section has no effect, remove it",
+    ]
+
+
 def test_an_arm_without_a_workspace_is_refused_before_a_lease_would_be(tmp_path: Path) -> None:
-    text = GOOD.replace("[poses]", '[device.arm]\ndriver = "camera"\naddress = "x"\n[poses]')
+    text = GOOD.replace("[poses]", '[device.arm]\ndriver = "ur"\nhost = "x"\n[poses]')
     with pytest.raises(ConfigInvalid, match="an arm needs one box at least"):
         load(tmp_path, text)
     load(

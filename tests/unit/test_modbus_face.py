@@ -9,6 +9,7 @@ from modbus_face_rig import HOST, Client, Plant, face_of, plant, subject, talk
 from daemon.modbus import Command, ModbusFace
 
 __all__ = ["plant", "subject"]
+NOT_IN_VERSION = 0x8000 + 6103
 pytestmark = pytest.mark.wire
 
 
@@ -16,19 +17,47 @@ def test_a_command_is_carried_out_once_and_acknowledged_with_its_result(
     plant: Plant, subject: ModbusFace
 ) -> None:
     async def script(plc: Client) -> None:
-        high, low = struct.unpack(">HH", struct.pack(">f", 0.75))
-        assert await plc.write(0, 1, 5, 7, 3, high, low) == "1000000006"
+        assert await plc.write(0, 1, 5, 7, 0, 0, 0) == "1000000006"
         assert await plc.acknowledged(5) == 1
-        await plc.write(0, 1, 5, 7, 3, high, low)
+        await plc.write(0, 1, 5, 7, 0, 0, 0)
         await plc.write(1, 5)
         await asyncio.sleep(0.05)
 
     talk(subject, script)
     (command,) = plant.commands
-    assert (command.code, command.sequence, command.job, command.flags) == (1, 5, 7, 3)
-    assert command.argument_float(0) == 0.75
+    assert (command.code, command.sequence, command.job) == (1, 5, 7)
     assert (command.channel, command.client) == ("modbus", HOST)
     assert plant.remembered == [5]
+
+
+@pytest.mark.parametrize("address", [3, 4, 5, 6, 7, 8, 9])
+def test_a_start_that_sets_a_reserved_register_is_refused_with_a_code(
+    plant: Plant, subject: ModbusFace, address: int
+) -> None:
+    async def script(plc: Client) -> None:
+        await plc.write(address, 1)
+        await plc.write(0, 1, 5, 7)
+        assert await plc.acknowledged(5) == NOT_IN_VERSION
+        await plc.write(address, 0)
+        await plc.write(0, 1, 6, 7)
+        assert await plc.acknowledged(6) == 1
+
+    talk(subject, script)
+    assert [c.sequence for c in plant.commands] == [6]
+
+
+def test_the_reserved_control_bit_refuses_a_start_and_never_a_stop(plant: Plant, subject: ModbusFace) -> None:
+    async def script(plc: Client) -> None:
+        await plc.write(11, 2)
+        await plc.write(0, 1, 5, 7)
+        assert await plc.acknowledged(5) == NOT_IN_VERSION
+        assert not (await plc.words(0, 1))[0] & 1 << 5
+        await plc.write(3, 1)
+        await plc.write(0, 3, 6)
+        assert await plc.acknowledged(6) == 1
+
+    talk(subject, script)
+    assert [c.code for c in plant.commands] == [3]
 
 
 def test_arguments_written_before_the_sequence_are_inert_until_it_comes(

@@ -1,7 +1,6 @@
 """The register table and the requests that address it, without sockets."""
 
 import math
-import struct
 from collections.abc import Sequence
 
 import pytest
@@ -89,12 +88,16 @@ def test_a_status_name_that_the_table_does_not_know_is_a_defect() -> None:
         TABLE.status_words({"belt_sped": 1.0}, False)
 
 
-def test_arguments_are_read_as_float_or_uint32_in_either_word_order() -> None:
-    high, low = struct.unpack(">HH", struct.pack(">f", 2.5))
-    assert Command(1, 1, args=(high, low, 0, 7, 0, 0)).argument_float(0) == 2.5
-    assert Command(1, 1, args=(low, high, 0, 0, 0, 0), low_first=True).argument_float(0) == 2.5
+def test_arguments_are_read_as_uint32_in_either_word_order() -> None:
     assert Command(8, 1, args=(1, 2, 0, 7, 0, 0)).argument_uint32 == 65538
+    assert Command(8, 1, args=(2, 1, 0, 0, 0, 0), low_first=True).argument_uint32 == 65538
     assert Command(8, 1, args=(1, 2, 0, 7, 0, 0)).argument_as_uint32(1) == 7
+
+
+def test_the_numbers_of_later_jobs_are_reserved_and_not_documented_as_jobs() -> None:
+    job = next(r for r in TABLE.command if r.name == "job")
+    assert set(job.reserved) == {8, 9, 12}
+    assert not set(job.reserved) & job.values.keys()
 
 
 class Memory:
