@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 LOOP, SETPOINTS = 1, 2  # SCHED_RR priorities; a controller's own computer is not here
-_BEHIND = 10  # niceness of what computes or draws
+COMPUTING = 5  # niceness; what looks at pictures has none, or it would get no core beside busy programs
 
 
 @contextmanager
@@ -47,11 +47,11 @@ def stay_in_real_time(priority: int) -> None:
     _ask(0, priority)
 
 
-def yield_to_others() -> None:
-    """For a process that computes or draws: behind everything else, whatever its parent runs as."""
+def yield_to_others(niceness: int = 0) -> None:
+    """For a process that computes or draws: in batches, behind real time, whatever its parent runs as."""
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, 0, _BEHIND)
+        os.setpriority(os.PRIO_PROCESS, 0, niceness)
 
 
 def _ask(task: int, priority: int) -> bool:

@@ -11,7 +11,7 @@ from multiprocessing import get_context
 from typing import Any, TypeVar
 
 from cell.errors import error
-from cell.priority import yield_to_others
+from cell.priority import COMPUTING, yield_to_others
 
 R = TypeVar("R")
 _PR_SET_PDEATHSIG = 1
@@ -21,7 +21,7 @@ def _warm_up() -> None:
     """Die with the parent, leave signals to it, and import what jobs compute with before it is needed."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    yield_to_others()  # the loop, which watches the arm, comes first
+    yield_to_others(COMPUTING)  # the loop, which watches the arm, comes first
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ[name] = "1"  # one BLAS thread: the same data give the same bits
     import procedures.registry  # noqa: F401, after the lines above, which numpy reads once

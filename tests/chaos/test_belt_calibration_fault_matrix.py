@@ -18,7 +18,17 @@ import pytest
 
 from cell.procedure import Run
 from fakes.object import run_virtual
-from tests.chaos.matrix import Kind, Strike, assert_aborted, in_cells, inject_at, kind, put_right, share_of
+from tests.chaos.matrix import (
+    Kind,
+    Strike,
+    assert_aborted,
+    in_cells,
+    inject_at,
+    kind,
+    put_right,
+    share_of,
+    short,
+)
 from tests.object_cell import ObjectCell, no_report
 from tests.unit.belt_teacher import Teacher
 from tests.unit.picking_cell import picking_cell, picking_config
@@ -34,13 +44,13 @@ ON_THE_WAY_S = 2.5  # items have been seen by then, and more will be
 
 ENDS = [
     kind("belt", "unplug", "DEVICE_LOST", NOT_AT_THE_END),
-    kind("camera", "drop", "DEVICE_LOST", EVERYWHERE),
+    short("camera", "drop", EVERYWHERE),
     kind("belt", "silence", "DEVICE_LOST", NOT_AT_THE_END),
     kind("belt", "bus-off", "CAN_BUS_OFF", EVERYWHERE),
     kind("camera", "silence", "DEVICE_LOST", NOT_AT_THE_END),
     kind("belt", "node-stop", "ENCODER_NOT_OPERATIONAL", EVERYWHERE),
     kind("belt", "reboot", "DEVICE_LOST DEVICE_IDENTITY", EVERYWHERE, serial="999966002"),
-    kind("camera", "reboot", "DEVICE_LOST", EVERYWHERE),
+    short("camera", "reboot", EVERYWHERE),
     kind("belt", "reboot", "DEVICE_LOST", NOT_AT_THE_END),
     kind("belt", "drop", "DEVICE_LOST", EVERYWHERE),
 ]

@@ -15,7 +15,17 @@ import pytest
 
 from fakes.object import run_virtual
 from procedures.belt.states import MOVING, PickState
-from tests.chaos.matrix import Kind, Strike, assert_aborted, in_cells, inject_at, kind, put_right, share_of
+from tests.chaos.matrix import (
+    Kind,
+    Strike,
+    assert_aborted,
+    in_cells,
+    inject_at,
+    kind,
+    put_right,
+    share_of,
+    short,
+)
 from tests.object_cell import ObjectCell, no_report
 from tests.unit.picking_cell import picking_cell, picking_config
 from tests.unit.picking_truth import agrees_with_the_world, counted, truth_of
@@ -36,19 +46,19 @@ ON_THE_WAY_S = 0.03
 KINDS = [
     kind("arm", "protective-stop", "ARM_PROTECTIVE_STOP", EVERYWHERE),
     kind("belt", "unplug", "DEVICE_LOST", EVERYWHERE),
-    kind("camera", "drop", "DEVICE_LOST", EVERYWHERE),
+    short("camera", "drop", EVERYWHERE),
     kind("arm", "emergency-stop", "ARM_EMERGENCY_STOP", EVERYWHERE),
     kind("belt", "bus-off", "CAN_BUS_OFF", EVERYWHERE),
     kind("camera", "silence", "DEVICE_LOST", EVERYWHERE),
     kind("arm", "safeguard-stop", "ARM_SAFEGUARD_STOP", EVERYWHERE),
     kind("belt", "node-stop", "ENCODER_NOT_OPERATIONAL", EVERYWHERE),
-    kind("arm", "drop", "DEVICE_LOST", EVERYWHERE),
+    short("arm", "drop", EVERYWHERE),
     kind("belt", "reboot", "DEVICE_LOST DEVICE_IDENTITY", EVERYWHERE, serial="999966002"),
     kind("arm", "silence", "DEVICE_LOST STALE_DATA MOTION_WATCHDOG", EVERYWHERE),
-    kind("camera", "reboot", "DEVICE_LOST", EVERYWHERE),
+    short("camera", "reboot", EVERYWHERE),
     kind("arm", "script-death", "ARM_SCRIPT_DIED", WITH_LEASE),
     kind("arm", "child-crash", "CHILD_DIED", WITH_LEASE),
-    kind("arm", "watchdog", "MOTION_WATCHDOG", IN_MOTION),
+    short("arm", "watchdog", IN_MOTION),
     kind("belt", "drop", "DEVICE_LOST", EVERYWHERE),
 ]
 BORNE = [  # the job goes on

@@ -10,7 +10,7 @@ import pytest
 
 from fakes.object import run_virtual
 from procedures.iso9283.states import State
-from tests.chaos.matrix import Kind, assert_aborted, inject_at, kind, put_right, share_of
+from tests.chaos.matrix import Kind, assert_aborted, inject_at, kind, put_right, share_of, short
 from tests.object_cell import ObjectCell, no_report, open_cell
 from tests.unit.test_iso9283_job import JOB, iso_config
 
@@ -28,15 +28,15 @@ KINDS = [
     kind("arm", "protective-stop", "ARM_PROTECTIVE_STOP", EVERYWHERE),
     kind("arm", "emergency-stop", "ARM_EMERGENCY_STOP", EVERYWHERE),
     kind("arm", "local-mode", "ARM_LOCAL_MODE", AT_THE_NEXT_LEASE),
-    kind("arm", "drop", "DEVICE_LOST", EVERYWHERE),
+    short("arm", "drop", EVERYWHERE),
     kind("arm", "silence", "DEVICE_LOST STALE_DATA", EVERYWHERE),
     kind("arm", "reboot", "ARM_REBOOTED DEVICE_LOST", EVERYWHERE),
     kind("arm", "script-death", "ARM_SCRIPT_DIED", LENT),
     kind("arm", "child-crash", "CHILD_DIED", LENT),
     kind("arm", "foreign-program", "ARM_PROGRAM_RUNNING", AT_THE_NEXT_LEASE),
-    kind("tracker", "drop", "DEVICE_LOST", EVERYWHERE),
+    short("tracker", "drop", EVERYWHERE),
     kind("tracker", "silence", "DEVICE_LOST STALE_DATA", EVERYWHERE - {"solve"}),  # told after a second
-    kind("tracker", "reboot", "DEVICE_LOST", EVERYWHERE),
+    short("tracker", "reboot", EVERYWHERE),
     kind("tracker", "out-of-view", LOST, AT_THE_NEXT_LEASE, reflector="smr1"),
     kind("tracker", "beam-break", LOST, AT_THE_NEXT_LEASE, for_s=600.0),
     kind("tracker", "vibration", "TRACKER_UNSTABLE", AT_THE_NEXT_LEASE, m=0.002, hz=7.0),

@@ -16,7 +16,7 @@ import pytest
 from cell.calibrations import kinematics
 from fakes.object import run_virtual
 from procedures.tracker.record import SampleRecord
-from tests.chaos.matrix import Kind, Strike, assert_aborted, inject_at, kind, put_right
+from tests.chaos.matrix import Kind, Strike, assert_aborted, inject_at, kind, put_right, short
 from tests.object_cell import WHO, ObjectCell, no_report, open_cell
 from tests.unit.tracker_cell import JOB, planned_once, tracker_config
 
@@ -42,22 +42,22 @@ ON_THE_WAY_S = 0.05
 MOVED = [
     kind("arm", "protective-stop", "ARM_PROTECTIVE_STOP", EVERYWHERE),
     kind("arm", "emergency-stop", "ARM_EMERGENCY_STOP", EVERYWHERE),
-    kind("arm", "drop", "DEVICE_LOST", EVERYWHERE),
+    short("arm", "drop", EVERYWHERE),
     kind("arm", "silence", "DEVICE_LOST STALE_DATA", NOT_AT_THE_END),
     kind("arm", "reboot", "ARM_REBOOTED DEVICE_LOST", EVERYWHERE),
     kind("arm", "child-crash", "CHILD_DIED", IN_MOTION),
-    kind("arm", "watchdog", "MOTION_WATCHDOG", IN_MOTION),
+    short("arm", "watchdog", IN_MOTION),
     kind("arm", "local-mode", "ARM_LOCAL_MODE", AT_THE_NEXT_LEASE | {"move"}),
     kind("arm", "foreign-program", "ARM_PROGRAM_RUNNING", AT_THE_NEXT_LEASE),
-    kind("tracker", "drop", "DEVICE_LOST", EVERYWHERE),
+    short("tracker", "drop", EVERYWHERE),
     kind("tracker", "silence", "DEVICE_LOST STALE_DATA TRACKER_UNSTABLE", NOT_AT_THE_END),
-    kind("tracker", "reboot", "DEVICE_LOST", EVERYWHERE),
+    short("tracker", "reboot", EVERYWHERE),
 ]
 READ = [
-    kind("palletizer", "drop", "DEVICE_LOST", EVERYWHERE),
+    short("palletizer", "drop", EVERYWHERE),
     kind("palletizer", "silence", "DEVICE_LOST STALE_DATA", NOT_AT_THE_END),
-    kind("palletizer", "reboot", "DEVICE_LOST", EVERYWHERE),
-    kind("tracker", "drop", "DEVICE_LOST", EVERYWHERE),
+    short("palletizer", "reboot", EVERYWHERE),
+    short("tracker", "drop", EVERYWHERE),
 ]
 SHARE = 2
 

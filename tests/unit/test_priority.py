@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cell.priority import LOOP, process_in_real_time, real_time, yield_to_others
+from cell.priority import COMPUTING, LOOP, process_in_real_time, real_time, yield_to_others
 
 NOBODY = 65534
 
@@ -81,8 +81,8 @@ def test_who_yields_is_behind_the_others_whatever_its_parent_ran_as() -> None:
     pid = os.fork()
     if pid == 0:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(LOOP))
-        yield_to_others()
-        os._exit(0 if (os.sched_getscheduler(0), os.nice(0)) == (os.SCHED_BATCH, 10) else 1)
+        yield_to_others(COMPUTING)
+        os._exit(0 if (os.sched_getscheduler(0), os.nice(0)) == (os.SCHED_BATCH, COMPUTING) else 1)
     assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0
 
 

@@ -1,0 +1,255 @@
+"""What a pause of a process costs: each is stopped for a while in every state of every job, on the wire.
+
+``python -m bench.hiccups [JOB]... [--pauses 0.05,0.15,0.5,1.5,5] [--minutes 20] [--bind 127.0.53.3]``. Twin,
+daemon, motion child and vision child are stopped with SIGSTOP and go on with SIGCONT. Several pauses strike
+one run, some seconds apart, until every state has met every process and pause, or the minutes are over. The
+row ``none`` is a run that nothing struck. ``rest``: the longest time from the stop to the arm's true
+standstill, of pauses of half a second and more that found the arm moving (not asked of a twin that is stopped
+itself).
+"""
+
+import argparse
+import os
+import signal
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from cell.errors import CellError
+from cell.store.runs import load_run
+from fakes.control import ask
+from procedures.registry import JOBS
+from tests.wire_cell import WireCell, calibrate_camera, pause, shipped, wire_cell
+
+PAUSES_S = (0.05, 0.15, 0.5, 1.5, 5.0)
+PROCESSES = ("daemon", "arm child", "vision child", "twin")
+APART_S = 4.0  # between two pauses in one run
+PER_RUN = 6
+LONG_S = 0.5
+RUN_LIMIT_S = 300.0
+MOTION, VISION = "drivers.ur.motion_child", "daemon.vision_child"
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A job, the scenario it runs in, the jobs before it, and whether it sees with a camera."""
+
+    scenario: str
+    before: tuple[str, ...] = ()
+    camera: bool = False
+    first: Callable[[WireCell], None] = lambda cell: None
+    finish_after_s: float | None = None
+    keys: dict[str, Any] = field(default_factory=dict)
+
+
+SCENES = {
+    "cone-capture": Scene("bay", camera=True, keys={"placements": 1, "poses_per_placement": 8}),
+    "laser-reference": Scene("bay"),
+    "laser-check": Scene("bay", before=("laser-reference",)),
+    "laser-update": Scene("bay", before=("laser-reference",)),
+    "latency-calibration": Scene("bay", before=("laser-reference",)),
+    "tracker-sampling": Scene("tracker"),
+    "belt-calibration": Scene("picking", camera=True, first=calibrate_camera),
+    "belt-tracking": Scene("picking", camera=True, first=calibrate_camera, finish_after_s=45.0),
+}
+
+
+@dataclass
+class Strike:
+    """One process stopped once, at a state of the job."""
+
+    process: str
+    pause_s: float
+    state: str
+    rest_s: float | None = None
+    end: str = ""
+
+
+class Bench:
+    """All pauses of one job in one cell."""
+
+    def __init__(self, cell: WireCell, job: str, pauses: tuple[float, ...], until: float) -> None:
+        self.cell, self.job, self.scene, self.until = cell, job, SCENES[job], until
+        states = [s.value for s in JOBS[job].State]
+        self.pending = [
+            Strike(process, seconds, state)
+            for seconds in pauses
+            for process in PROCESSES
+            for state in states
+            if process != "vision child" or self.scene.camera
+        ]
+        self.done: list[Strike] = []
+        self.again: dict[float, int] = defaultdict(int)
+        self.runs = 0
+
+    def run(self) -> None:
+        for job in self.scene.before:
+            self.cell.start_job(job)
+            end = self.cell.wait_for_end(RUN_LIMIT_S)
+            self._accept(end["run_id"])
+        self._one(strike=False)
+        idle = 0
+        while self.pending and time.monotonic() < self.until and idle < 3:
+            before = len(self.done)
+            self._one(strike=True)
+            idle = 0 if len(self.done) > before else idle + 1
+
+    def _accept(self, run_id: int) -> None:
+        for row in self.cell.call("results"):
+            if row["run_id"] == run_id and row["state"] == "proposed":
+                with suppress(CellError):
+                    self.cell.call("accept", result_id=row["id"])
+
+    def _one(self, strike: bool) -> None:
+        """One run, struck wherever a state comes that a pause is still wanted for."""
+        cell, mine = self.cell, list[Strike]()
+        self._make_ready()
+        run_id = cell.start_job(self.job)
+        begun = free = time.monotonic()
+        finished = False
+        while (status := self._status())["job"] is not None:
+            now = time.monotonic()
+            if status["prompt"]:
+                with suppress(CellError):
+                    ask(cell.folder, {"do": "operator", "next": True})
+                with suppress(CellError):
+                    cell.call("confirm", prompt_id=status["prompt"]["id"])
+            limit = self.scene.finish_after_s
+            if (limit is not None and now - begun > limit and not finished) or now - begun > RUN_LIMIT_S:
+                finished = True
+                with suppress(CellError):
+                    cell.call("finish")
+            if strike and now >= free and len(mine) < PER_RUN and (due := self._due(status["state"])):
+                mine.append(due)
+                self._strike(due)
+                free = time.monotonic() + APART_S
+                if due.pause_s > 2.0:
+                    free += RUN_LIMIT_S
+            pause(0.02)
+        end = self._status()["last_run"]
+        self.runs += 1
+        outcome = end["outcome"] + (f" {end['error']['name']}" if end["error"] else f" {end['verdict']}")
+        journal = load_run(Path(cell.config()["cell"]["state_dir"]) / "runs", run_id).read_journal()
+        again = [line for line in journal if line.get("event") == "step taken again"]
+        told = ", ".join(f"{s.process} {s.pause_s:g} s at {s.state}" for s in mine) or "none"
+        print(f"  run {run_id}: {outcome}; {len(again)} steps again; struck: {told}", flush=True)
+        for each in mine:
+            each.end = outcome
+            self.done.append(each)
+
+    def _due(self, state: str) -> Strike | None:
+        for each in self.pending:
+            if each.state == state and self._pids(each.process):
+                self.pending.remove(each)
+                return each
+        return None
+
+    def _strike(self, strike: Strike) -> None:
+        pids = self._pids(strike.process)
+        moving = strike.process != "twin" and strike.pause_s >= LONG_S and self.cell.moving()
+        for pid in pids:
+            os.kill(pid, signal.SIGSTOP)
+        stopped = time.monotonic()
+        try:
+            while moving and time.monotonic() - stopped < strike.pause_s:
+                if not self.cell.moving():
+                    strike.rest_s = time.monotonic() - stopped
+                    break
+                pause(0.005)
+            pause(max(stopped + strike.pause_s - time.monotonic(), 0.0))
+        finally:
+            for pid in pids:
+                with suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGCONT)
+
+    def _pids(self, process: str) -> list[int]:
+        cell = self.cell
+        assert cell.daemon is not None
+        assert cell.twin is not None
+        if process == "twin":
+            tree = psutil.Process(cell.twin.pid)
+            return [tree.pid, *(child.pid for child in tree.children(recursive=True))]
+        if process == "daemon":
+            return [cell.daemon.pid]
+        try:
+            return [cell.child_pid(MOTION if process == "arm child" else VISION)]
+        except LookupError:
+            return []
+
+    def _status(self) -> dict[str, Any]:
+        for _ in range(100):
+            with suppress(CellError):
+                return self.cell.status()
+            pause(0.1)
+        return self.cell.status()
+
+    def _make_ready(self) -> None:
+        give_up = time.monotonic() + 60.0
+        while time.monotonic() < give_up:
+            with suppress(CellError):
+                if self.cell.ready():
+                    if self.cell.status()["packml"] in ("ABORTED", "STOPPED"):
+                        if self.job == "belt-tracking":
+                            ask(self.cell.folder, {"do": "operator", "empty": True})
+                        self.cell.call("reset")
+                    return
+            pause(0.2)
+        raise TimeoutError(f"the cell did not get ready: {self.cell.status()}")
+
+
+def table(benches: list[Bench]) -> None:
+    print(f"\n{'job':20} {'process':13} {'pause':>7} {'struck':>7} {'completed':>10} {'rest':>8}")
+    for bench in benches:
+        groups: dict[tuple[str, float], list[Strike]] = defaultdict(list)
+        for strike in bench.done:
+            groups[strike.process, strike.pause_s].append(strike)
+        for (process, seconds), strikes in sorted(groups.items(), key=lambda g: (g[0][1], g[0][0])):
+            rests = [s.rest_s for s in strikes if s.rest_s is not None]
+            rest = f"{max(rests):.2f} s" if rests else "-"
+            good = sum(s.end.startswith("complete") for s in strikes)
+            print(
+                f"{bench.job:20} {process:13} {seconds:5g} s {len(strikes):7d} {good:6d}/{len(strikes):<3d} "
+                f"{rest:>8}"
+            )
+        left = len(bench.pending)
+        print(f"{bench.job:20} {bench.runs} runs; {left} of {left + len(bench.done)} pauses were not reached")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("jobs", nargs="*", metavar="JOB", help=", ".join(SCENES))
+    parser.add_argument("--pauses", default=",".join(f"{p:g}" for p in PAUSES_S))
+    parser.add_argument("--minutes", type=float, default=20.0, help="for each job")
+    parser.add_argument("--bind", default="127.0.53.3")
+    options = parser.parse_args()
+    if unknown := sorted(set(options.jobs) - set(SCENES)):
+        parser.error(f"no job '{unknown[0]}'; there is {', '.join(SCENES)}")
+    pauses = tuple(float(p) for p in options.pauses.split(","))
+    benches = []
+    for job in options.jobs or SCENES:
+        scene = SCENES[job]
+        print(f"{job}: scenario {scene.scenario}", flush=True)
+        with tempfile.TemporaryDirectory(prefix="cellward-hiccups-") as folder:
+            scenario = shipped(scene.scenario, **scene.keys)
+            with wire_cell(Path(folder), options.bind, scenario, scene.first) as cell:
+                bench = Bench(cell, job, pauses, time.monotonic() + 60.0 * options.minutes)
+                benches.append(bench)
+                try:
+                    bench.run()
+                except (TimeoutError, CellError) as exc:
+                    print(f"  {job} was left: {exc}", flush=True)
+    table(benches)
+
+
+if __name__ == "__main__":
+    main()
