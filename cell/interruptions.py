@@ -151,8 +151,8 @@ class Interruptions:
             if self.arm is not None:
                 await self.arm.take_up()
         finally:
-            self.waiting = False
             entry["lost_s"] = round(self.clock.now() - struck, 3)
+            self.waiting = False
         self.note("decision", event="step taken again", step=what, lost_s=entry["lost_s"])
         self.told()
 

@@ -278,6 +278,13 @@ class Run:
         """What was waited for is there again."""
         self._set_packml(PackML.HOLDING if self._hold_wanted else PackML.EXECUTE)
 
+    def show_interruption(self) -> None:
+        """Suspended, for something outside, from an interruption of a step until it is taken again."""
+        if self.steps_taken.waiting:
+            self._set_packml(PackML.SUSPENDED)
+        elif self.packml is PackML.SUSPENDED:
+            self.unsuspend()
+
     def publish(self, **live: float) -> None:
         """Numbers of now for people and registers."""
         self.live.update(live)

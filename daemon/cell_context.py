@@ -48,7 +48,11 @@ class CellContext:
     def interruptions(self, run: Run) -> Interruptions:
         names = [self._named(role) for role in run.procedure.uses()]
         return Interruptions(
-            self.clock, lambda: self.supervisor.back(names), run.note, run.publish, self.paused_since
+            self.clock,
+            lambda: self.supervisor.back(names),
+            run.note,
+            run.show_interruption,
+            self.paused_since,
         )
 
     def motion(

@@ -353,7 +353,13 @@ class Engine:
             # What could not be written here is written by the next start, which finds no end.json.
             log.error("the end of run %d could not be written: %s", run.id, exc)
             failure = failure or exc
-        self.last = {"run_id": run.id, "job": run.procedure.name, "result": summary_of(run.result), **end}
+        self.last = {
+            "run_id": run.id,
+            "job": run.procedure.name,
+            "result": summary_of(run.result),
+            "steps_taken_again": len(run.steps_taken.taken_again),
+            **end,
+        }
         self.error, self.idle_state = failure, final
         self._task = self._job = self._ending = None
         self._closing = False

@@ -126,6 +126,7 @@ class PlcFace:
             "run_id": status["run_id"] or (last["run_id"] if last else 0),
             "step": status["step"],
             "steps": status["steps"],
+            "steps_taken_again": status["steps_taken_again"] or (last or {}).get("steps_taken_again", 0),
             "prompt_id": prompt["id"] if prompt else 0,
             "uptime_s": int(self._clock.now() - self._started),
             "spread_within_m": (found.get("spread_within") or {}).get("t_norm") or 0.0,

@@ -35,6 +35,9 @@ def result_text(result: Mapping[str, Any]) -> str:
     else:
         lines += _BODIES.get(str(result.get("kind")), _hand_eye)(result, answer)
     lines += [f"  warning {w['code']}: {w['text']}" for w in warnings]
+    if again := (result.get("inputs") or {}).get("steps_taken_again"):
+        lines.append(f"  steps taken again after a short silence of a device: {len(again)}")
+        lines += [f"    {entry['step']}: {entry['why']}, {entry['lost_s']:.1f} s lost" for entry in again]
     return "\n".join(lines)
 
 

@@ -27,7 +27,14 @@ def status_text(status: Mapping[str, Any]) -> str:
 def job_text(status: Mapping[str, Any]) -> str:
     """The job, its state and how far it is."""
     steps = f", {status['step']} of {status['steps']}" if status.get("steps") else ""
-    return f"{status['job']}, run {status['run_id']}: {status.get('state') or 'starting'}{steps}"
+    where = f"{status.get('state') or 'starting'}{steps}{again_text(status)}"
+    return f"{status['job']}, run {status['run_id']}: {where}"
+
+
+def again_text(status: Mapping[str, Any]) -> str:
+    """How often a short silence of a device cost a step, if it did."""
+    count = status.get("steps_taken_again") or 0
+    return f"; {count} step{'s' * (count > 1)} taken again after a short silence" if count else ""
 
 
 def change_line(status: Mapping[str, Any]) -> str:
@@ -51,7 +58,7 @@ def _last_run(last: Mapping[str, Any]) -> str:
     text = f"{last['run_id']} ({last['job']}): {last['outcome']}"
     if last.get("verdict"):
         text += f", verdict {last['verdict']}"
-    return f"{text}; cellward show {last['run_id']}"
+    return f"{text}{again_text(last)}; cellward show {last['run_id']}"
 
 
 def _devices(status: Mapping[str, Any]) -> list[tuple[Any, ...]]:

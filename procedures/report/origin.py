@@ -5,7 +5,7 @@ from typing import Any
 
 from cell.store.files import to_json
 from procedures.kinematics_in_use import in_words
-from procedures.report.html import Html, absent, el, section, table
+from procedures.report.html import Html, absent, bullets, el, section, table
 from procedures.report.numbers import DASH, dig, number
 from procedures.report.source import Source
 
@@ -37,7 +37,7 @@ def inputs_section(source: Source) -> Html:
         )
     rows += _rows(("calibrations in effect", _versions(values)))
     if isinstance(inputs, Mapping):
-        shown = {"solve_seconds": _seconds, "arm_model": _model}
+        shown = {"solve_seconds": _seconds, "arm_model": _model, "steps_taken_again": _taken_again}
         rows += [
             (key.replace("_", " "), shown.get(key, _plain)(value))
             for key, value in inputs.items()
@@ -53,6 +53,11 @@ def figures_section(source: Source) -> Html:
         return section("The result", absent("There is no answer."))
     rows = [(el("b", key), el("code", to_json(value))) for key, value in source.answer.items()]
     return section("The result", table((), rows))
+
+
+def _taken_again(entries: Any) -> Html:
+    """Each step that a short silence of a device interrupted: nothing measured during one is used."""
+    return bullets(f"{e['step']}: {e['why']}; {e['lost_s']:.1f} s lost" for e in entries)
 
 
 def _rows(*pairs: tuple[str, Any]) -> list[tuple[object, object]]:
