@@ -1,9 +1,23 @@
-# Each target does its own set-up: a private venv with pinned dependencies. Needs Python 3.11 and make.
-PYTHON ?= python3.11
-ifeq ($(shell command -v $(PYTHON) 2>/dev/null),)
-PYTHON = python3
-endif
+# Each target does its own set-up: a private venv with pinned dependencies. Needs make and Python 3.11 or 3.12.
 VENV := .venv
+# The Python that is named, else that of the venv, else the first of these that is supported.
+PYTHON ?= $(or $(wildcard $(VENV)/bin/python),$(shell for p in python3.11 python3.12 python3; do \
+	$$p -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))' 2>/dev/null && echo $$p && break; done),python3)
+
+define CHECK_PYTHON
+import importlib.util, os, sys
+version = "{}.{}".format(*sys.version_info[:2])
+if sys.version_info[:2] < (3, 11):
+    sys.exit("Cellward runs on Python 3.11 and 3.12, not on " + version + ", which lacks what it uses of the standard library: install one of them, or name it: make PYTHON=/path/to/python3.12")
+if sys.version_info[:2] > (3, 12):
+    sys.exit("Cellward runs on Python 3.11 and 3.12, not on " + version + ", for which ur-rtde has no wheel: install one of them, or name it: make PYTHON=/path/to/python3.12")
+missing = [m for m in ("venv", "ensurepip") if importlib.util.find_spec(m) is None]
+if missing and not os.path.exists("$(VENV)/bin/python"):
+    sys.exit("Python " + version + " has no module " + missing[0] + ", which make needs for its venv: install it (on Debian and Ubuntu: apt-get install python" + version + "-venv)")
+endef
+export CHECK_PYTHON
+
+VERSION_OF := -c 'import sys; print("%d.%d" % sys.version_info[:2])'
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 # Phases and processes import the same modules: they are compiled once, whatever the environment says.
@@ -12,7 +26,7 @@ unexport PYTHONDONTWRITEBYTECODE
 WIRE := -m "wire and not alone and not soak"
 ALONE := -m "alone and not soak"
 
-.PHONY: demo test lint soak bench docs clean
+.PHONY: demo test lint soak bench docs clean python
 
 demo: $(VENV)/.ready
 	$(BIN)/cellward demo
@@ -40,11 +54,18 @@ bench: $(VENV)/.ready
 docs: $(VENV)/.ready
 	$(BIN)/python -m daemon.docs
 
-$(VENV)/.ready: pyproject.toml constraints.txt
-	$(PYTHON) -m venv $(VENV)
+$(VENV)/.ready: pyproject.toml constraints.txt | python
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(PIP) setuptools wheel
 	$(PIP) --no-build-isolation --editable '.[dev]'
 	touch $@
+
+python:
+	@command -v $(PYTHON) >/dev/null || { echo "Cellward needs Python 3.11 or 3.12, and there is no $(PYTHON): \
+	install one of them, or name it: make PYTHON=/path/to/python3.12" | tr -s '\t ' ' ' >&2; exit 1; }
+	@$(PYTHON) -c "$$CHECK_PYTHON"
+	@test ! -x $(BIN)/python || test "$$($(BIN)/python $(VERSION_OF))" = "$$($(PYTHON) $(VERSION_OF))" || \
+		{ echo "$(VENV) holds another Python than $(PYTHON): run make clean first" >&2; exit 1; }
 
 clean:
 	rm -rf $(VENV) demo-out build *.egg-info

@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-import ur_analytic_ik
 from scipy.spatial.transform import RigidTransform
 
 from calibration.kinematics.chain import DhChain, pose_gap
 from calibration.kinematics.inverse import converge, distinct, nearest_turns, polish
+from calibration.kinematics.ur_inverse import branches
 from calibration.kinematics.ur_models import ALPHA, JOINT_LIMITS, UR_MODELS, LinkRadii, UrModel
 from cell.arm_model import Capsule, LinkShape
 from cell.poses import Array
@@ -49,7 +49,6 @@ class UrArm:
         self._nominal = DhChain(np.zeros(6), model.d, model.a, ALPHA)
         self.calibrated = deltas is not None or measured is not None
         self._chain = measured or (self._nominal if deltas is None else _shifted(self._nominal, deltas))
-        self._closed_form = getattr(ur_analytic_ik, name)
         self._links = _link_shapes(model.radii)
         self._reach = _reach_after(model)
 
@@ -116,7 +115,7 @@ class UrArm:
 
     def inverse(self, T_base_flange: RigidTransform, q_near: Array) -> Array | None:
         near = np.asarray(q_near, dtype=float)
-        goal = np.ascontiguousarray(T_base_flange.as_matrix())
+        goal = T_base_flange.as_matrix()
         continued = self._continue(goal, near)
         if len(continued) and np.max(np.abs(continued[0] - near)) < _SAME_BRANCH_RAD:
             turned = nearest_turns(continued[0], near, JOINT_LIMITS)
@@ -146,7 +145,7 @@ class UrArm:
         return np.array(line)
 
     def inverse_all(self, T_base_flange: RigidTransform) -> list[Array]:
-        found = self._branches(np.ascontiguousarray(T_base_flange.as_matrix()))
+        found = self._branches(T_base_flange.as_matrix())
         turned = (nearest_turns(q, np.zeros(6), JOINT_LIMITS) for q in found)
         return [q for q in turned if q is not None]
 
@@ -161,8 +160,8 @@ class UrArm:
         return polish(self._chain, goal, near[None])
 
     def _branches(self, goal: Array) -> list[Array]:
-        """Closed form for the published arm (ur-analytic-ik), polished on this one."""
-        starts = np.array(self._closed_form.inverse_kinematics(goal), dtype=float).reshape(-1, 6)
+        """Closed form for the published arm, refined on this one."""
+        starts = branches(self._model, goal)
         return distinct(list(polish(self._chain, goal, starts))) if len(starts) else []
 
 

@@ -45,6 +45,7 @@ class ChildLink:
         try:
             self._process = await asyncio.create_subprocess_exec(
                 sys.executable,
+                "-P",  # a folder with another "daemon" to start in must not shadow ours
                 "-m",
                 module,
                 str(theirs.fileno()),

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import ur_analytic_ik
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -19,6 +18,7 @@ from cell.arm_model import ArmModel
 from cell.errors import CellError
 from cell.formats.robot import parse_robot
 from cell.poses import Array, log_xi
+from tests.ur_reference import independent_poses
 
 angles = st.lists(st.floats(-3.1, 3.1), min_size=6, max_size=6).map(np.array)
 
@@ -54,8 +54,7 @@ def subject(request: pytest.FixtureRequest) -> ArmModel:
 
 @pytest.mark.parametrize("name", sorted(UR_MODELS))
 def test_every_nominal_arm_agrees_with_an_independent_library(name: str) -> None:
-    Q = np.random.default_rng(1).uniform(-np.pi, np.pi, (40, 6))
-    expected = [getattr(ur_analytic_ik, name).forward_kinematics(*q) for q in Q]
+    Q, expected = independent_poses(name)
     np.testing.assert_allclose(UrArm(name).forward_many(Q).as_matrix(), expected, atol=1e-12)
 
 

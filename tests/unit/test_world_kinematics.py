@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-import ur_analytic_ik
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
 
 from cell.poses import from_pose6
 from fakes.kinematics import MODELS, Chain, LinkDeltas, UnreachableError, chain
+from tests.ur_reference import independent_poses
 
 JOINTS = st.lists(st.floats(-3.1, 3.1), min_size=6, max_size=6)
 Q = np.array([0.1, -1.2, 1.3, -1.0, -1.5, 0.3])
@@ -21,8 +21,7 @@ def subject() -> Chain:
 
 @pytest.mark.parametrize("model", MODELS)
 def test_forward_kinematics_equal_an_independent_library(model: str) -> None:
-    q = np.random.default_rng(7).uniform(-3.1, 3.1, (40, 6))
-    reference = np.array([getattr(ur_analytic_ik, model).forward_kinematics(*row) for row in q])
+    q, reference = independent_poses(model)
     assert np.max(np.abs(chain(model).matrix(q) - reference)) < 1e-12
 
 
