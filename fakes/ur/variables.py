@@ -172,6 +172,9 @@ def _not_fitted() -> Iterator[tuple[str, Output]]:
     """What this controller is not fitted with, and what the twin does not model: always zero."""
     for name in ("tool_output_mode", "tool_digital_output0_mode", "tool_digital_output1_mode"):
         yield name, Output("UINT8", Constant(0), E_SERIES)
+    second_supply = Since(None, None, (10, 15))
+    yield "tool_output_voltage_2", Output("INT32", Constant(0), second_supply)
+    yield "tool_output_current_2", Output("DOUBLE", Constant(0.0), second_supply)
     for name in ("euromap67_input_bits", "euromap67_output_bits"):
         yield name, Output("UINT32", Constant(0))
     for name in ("euromap67_24V_voltage", "euromap67_24V_current"):

@@ -1,7 +1,7 @@
 """What UR's own clients and ur-rtde ask of a controller beyond the everyday: whole recipes, lost clients.
 
 UR's clients are not installed here. Their recipes and the replies that their tests expect are taken from
-the public sources: RTDE_Python_Client_Library (examples/record_configuration.xml) and
+the public sources: RTDE_Python_Client_Library (examples/record_configuration_v2.xml) and
 Universal_Robots_Client_Library (tests/test_rtde_client.cpp, tests/fake_rtde_server.cpp).
 """
 
@@ -31,7 +31,28 @@ DRIVER_INPUTS = (
     "tool_digital_output,standard_analog_output_mask,standard_analog_output_type,"
     "standard_analog_output_0,standard_analog_output_1"
 )
-# Variables that a recording of everything asks for, with the types of the C++ library.
+# The configuration that UR's recording example is shipped with: name and type.
+SHIPPED = {
+    "timestamp": "DOUBLE",
+    **dict.fromkeys(("target_q", "target_qd", "target_qdd", "target_current"), "VECTOR6D"),
+    **dict.fromkeys(("target_moment", "actual_q", "actual_qd", "actual_current"), "VECTOR6D"),
+    **dict.fromkeys(("joint_control_output", "actual_TCP_pose", "actual_TCP_speed"), "VECTOR6D"),
+    **dict.fromkeys(("actual_TCP_force", "target_TCP_pose", "target_TCP_speed"), "VECTOR6D"),
+    "actual_digital_input_bits": "UINT64",
+    "joint_temperatures": "VECTOR6D",
+    "actual_execution_time": "DOUBLE",
+    "robot_mode": "INT32",
+    "joint_mode": "VECTOR6INT32",
+    "safety_status": "INT32",
+    "actual_tool_accelerometer": "VECTOR3D",
+    **dict.fromkeys(("speed_scaling", "target_speed_fraction", "actual_momentum"), "DOUBLE"),
+    **dict.fromkeys(("actual_main_voltage", "actual_robot_voltage", "actual_robot_current"), "DOUBLE"),
+    "actual_joint_voltage": "VECTOR6D",
+    "actual_digital_output_bits": "UINT64",
+    "runtime_state": "UINT32",
+    "joint_position_deviation_ratio": "DOUBLE",
+}
+# Variables that it names beside them, with the types of the C++ library.
 RECORDED = {
     "tool_output_mode": "UINT8",
     "tool_digital_output0_mode": "UINT8",
@@ -65,9 +86,12 @@ def test_the_recipes_of_the_client_library_are_served_and_streamed(subject: Cont
         assert len(link.next("U")) > 300
 
 
-def test_a_recording_of_every_variable_gets_its_types(subject: ControllerHandle) -> None:
+@pytest.mark.parametrize("recorded", [SHIPPED, SHIPPED | RECORDED])
+def test_a_recording_gets_the_types_of_its_configuration(
+    subject: ControllerHandle, recorded: dict[str, str]
+) -> None:
     with Rtde(HOST) as link:
-        assert link.outputs(",".join(RECORDED)) == ",".join(RECORDED.values())
+        assert link.outputs(",".join(recorded), 125.0) == ",".join(recorded.values())
         assert link.start()
         link.next("U")
 

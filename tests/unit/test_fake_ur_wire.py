@@ -90,6 +90,8 @@ def test_a_layout_unpacks_scalars_and_vectors() -> None:
         ("target_gravity", (5, 26), True),
         ("control_step", (10, 12), False),
         ("control_step", (10, 13), True),
+        ("tool_output_voltage_2", (5, 26), False),
+        ("tool_output_voltage_2", (10, 15), True),
         ("target_base_wrench", (10, 13), False),
         ("target_base_wrench", (10, 14), True),
     ],
