@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import os
 import signal
 import sys
 from pathlib import Path
@@ -204,6 +205,7 @@ def _key_value(text: str) -> tuple[str, Any]:
 
 def main() -> None:
     """Entry point; a coded error becomes one sentence on stderr and an exit code."""
+    os.environ["PYTHONSAFEPATH"] = "1"  # children: no module from the folder we start in
     try:
         app()
     except CellError as exc:

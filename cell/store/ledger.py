@@ -254,7 +254,8 @@ class Ledger:
         rows = self._rows(
             "SELECT id, name, state, version, value, run_id, config_value, proposed, decided, who, why,"
             " arm_model"
-            " FROM calibrations WHERE ?1 IS NULL OR name = ?1 ORDER BY id DESC LIMIT ?2",
+            " FROM calibrations WHERE ? IS NULL OR name = ? ORDER BY id DESC LIMIT ?",
+            name,
             name,
             limit,
         )

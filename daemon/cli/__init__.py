@@ -13,6 +13,7 @@ def main() -> int:
     # Before numpy is imported: with one BLAS thread the same data give the same bits (replay).
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ[name] = "1"
+    os.environ["PYTHONSAFEPATH"] = "1"  # children, the solver's too: no module from the folder we start in
     from daemon.cli.app import app
     from daemon.cli.failures import reported
 

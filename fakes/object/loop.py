@@ -86,9 +86,9 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         future.add_done_callback(self._came_back)
         return future
 
-    async def shutdown_default_executor(self) -> None:
+    async def shutdown_default_executor(self, *timeout: float | None) -> None:  # Python 3.12 gives a timeout
         with self.outside():
-            await super().shutdown_default_executor()
+            await super().shutdown_default_executor(*timeout)
 
     def _came_back(self, _future: asyncio.Future[Any]) -> None:
         self._jumping.outside -= 1
