@@ -95,6 +95,13 @@ class Arm:
         """Of the TCP, (6, 6) in the base."""
         return self.believed.jacobian(q, self.tool.offset6[:3])
 
+    def elbow(self, q: ArrayLike) -> Array:
+        """Elbow in the base (3,) for ``q``: the point of axis 3 that is nearest the base's origin at zero."""
+        moment, axis = self.believed.screws[2].reshape(2, 3)
+        carried = self.believed.partial(q)[2]
+        position: Array = carried[:3, :3] @ np.cross(axis, moment) + carried[:3, 3]
+        return position
+
     @property
     def waypoint(self) -> Array:
         """TCP pose (6,) at which the active move ends; without one, where the arm is."""

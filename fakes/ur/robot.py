@@ -103,6 +103,18 @@ class Instant:
         return _floats((np.array(self.tcp_speed) - before) / step)
 
     @cached_property
+    def elbow_position(self) -> list[float]:
+        """Where axis 3 crosses the plane of the upper arm that holds the base's z axis; in the base, m."""
+        return _floats(self.robot.arm.elbow(self._q))
+
+    @cached_property
+    def elbow_velocity(self) -> list[float]:
+        """By difference over one control cycle, like :attr:`qdd`."""
+        arm, step = self.robot.arm, 1.0 / self.robot.rate
+        before = arm.elbow(arm.track.at(self.t - step)[0])
+        return _floats((np.array(self.elbow_position) - before) / step)
+
+    @cached_property
     def contact_force(self) -> list[float]:
         """What the world does to the TCP, whatever the sensor was zeroed to."""
         return _floats(self.robot.contact_force(self.t))

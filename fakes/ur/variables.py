@@ -22,7 +22,6 @@ Value = float | tuple[float, ...] | list[float]
 Reader = Callable[["Robot", "Instant"], Value]
 Version = tuple[int, ...]
 
-ZERO3 = (0.0, 0.0, 0.0)
 ZERO6 = (0.0,) * 6
 DOUBLE_REGISTERS = INT_REGISTERS = 48
 BIT_REGISTERS = 128
@@ -135,8 +134,8 @@ def _states() -> Iterator[tuple[str, Output]]:
     yield "control_step", Output("UINT64", lambda r, s: s.control_step, Since((5, 26), None, (10, 13)))
     yield "script_control_line", Output("UINT32", lambda r, s: r.script_line, E_SERIES)
     yield "time_scale_source", Output("INT32", Constant(0), E_SERIES)
-    yield "elbow_position", Output("VECTOR3D", Constant(ZERO3))
-    yield "elbow_velocity", Output("VECTOR3D", Constant(ZERO3))
+    yield "elbow_position", Output("VECTOR3D", lambda r, s: s.elbow_position)
+    yield "elbow_velocity", Output("VECTOR3D", lambda r, s: s.elbow_velocity)
     yield "actual_tool_accelerometer", Output("VECTOR3D", Constant((0.0, 0.0, 9.81)))
 
 

@@ -278,6 +278,22 @@ def test_the_jacobian_is_that_of_the_reported_poses_and_its_rate_that_of_the_mot
     np.testing.assert_allclose(subject.doubles(24), 0.0, atol=1e-12)
 
 
+def test_the_elbow_is_an_upper_arm_away_from_the_shoulder_and_moves_with_it(subject: Stepped) -> None:
+    shoulder, upper_arm_m = np.array([0.0, 0.0, 0.1807]), 0.6127
+    subject.vector(np.array([0.0, -0.5, 0.3, 0.0, 0.0, 0.0]))
+    subject.register(d6=10.0, d7=0.05, i0=9)
+    for _ in range(5):
+        subject.run(0.1)
+        now = subject.robot.instant(subject.t)
+        elbow = np.array(now.elbow_position)
+        assert np.linalg.norm(elbow - shoulder) == pytest.approx(upper_arm_m)
+        # At q1 = 0 the upper arm points along -x at q2 = 0 and rises when q2 turns below zero.
+        expected = shoulder + upper_arm_m * np.array([-np.cos(now.q[1]), 0.0, -np.sin(now.q[1])])
+        np.testing.assert_allclose(elbow, expected, atol=1e-9)
+        speed = np.linalg.norm(now.elbow_velocity)
+        assert speed == pytest.approx(abs(now.qd[1]) * upper_arm_m, rel=1e-3)
+
+
 def force_mode(
     subject: Stepped, selection: list[int], wrench: list[float], limit: float, kind: int = 2
 ) -> None:
