@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 TEXT_LIMIT = 1 << 20
 _BLOCK = re.compile(r"^(def|sec)\s")
-# The program of UR's driver opens a socket of this name back to the driver.
-_EXTERNAL_CONTROL = re.compile(r'socket_open\(.*"reverse_socket"')
+# The program of UR's driver says so in its messages, and opens a socket of this name back to the driver.
+_EXTERNAL_CONTROL = re.compile(r'"ExternalControl: |"reverse_socket"')
 
 
 class TextAssembler:

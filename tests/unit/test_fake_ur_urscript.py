@@ -198,11 +198,13 @@ def test_force_mode_in_a_program_moves_and_ends_with_it(subject: Stepped) -> Non
     assert subject.robot.modes.mode.name == "POSITION"
 
 
+@pytest.mark.parametrize(
+    "line", ['textmsg("ExternalControl: steptime=", 1)', 'socket_open("127.0.0.1", 50001, "reverse_socket")']
+)
 def test_the_program_of_urs_driver_is_refused_by_name(
-    subject: Stepped, caplog: pytest.LogCaptureFixture
+    subject: Stepped, line: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    opened = '  socket_open("127.0.0.1", 50001, "reverse_socket")\n'
-    subject.scripts.take(f"def externalControl():\n{opened}  thread s():\n  end\nend\n")
+    subject.scripts.take(f"def externalControl():\n {line}\n thread s():\n end\nend\n")
     subject.run(0.1)
     assert not subject.robot.runtime.active
     assert "does not emulate UR's External Control program" in subject.events[-1][2]
