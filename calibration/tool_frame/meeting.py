@@ -52,7 +52,12 @@ def tool_point_meets(
 
 
 def length95(cov: Array) -> float:
-    """The length that 95 % of normal vectors with covariance ``cov`` (k, k) stay below.
+    """The length that 95 % of normal vectors with covariance ``cov`` (k, k) stay below."""
+    return length_beyond(cov, 1.0 - COVERAGE)
+
+
+def length_beyond(cov: Array, probability: float) -> float:
+    """The length that normal vectors with covariance ``cov`` (k, k) are beyond with ``probability``.
 
     A scaled chi-square with the mean and variance of the squared length (Satterthwaite 1946).
     """
@@ -60,4 +65,4 @@ def length95(cov: Array) -> float:
     if half <= 0.0:
         return 0.0
     scale = half / mean
-    return float(np.sqrt(scale * chdtri(mean / scale, 1.0 - COVERAGE)))
+    return float(np.sqrt(scale * chdtri(mean / scale, probability)))

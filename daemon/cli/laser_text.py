@@ -5,6 +5,7 @@ from math import degrees, hypot, sqrt
 from typing import Any
 
 from daemon.cli.output import deg, mm, ms, pose_text
+from procedures.laser.moved_words import axis_words, point_words
 
 
 def laser_lines(result: Mapping[str, Any], answer: Mapping[str, Any]) -> list[str]:
@@ -20,11 +21,22 @@ def laser_lines(result: Mapping[str, Any], answer: Mapping[str, Any]) -> list[st
         lines.append(f"  the axis is tilted by {deg(hypot(*drot))}; about x, y, z [{_degs(drot)}] deg")
     if (U := uncertainty(result)) is not None:
         lines.append(f"  U = {mm(U)}: 95 % of the errors of that point are below this")
-    if last := answer.get("against_last"):
+    if moved := answer.get("moved"):
+        lines += _moved(moved)
+    elif last := answer.get("against_last"):
         lines.append(f"  against the tool frame in effect {mm(last['shift'])}, {deg(last['tilt_rad'])}")
     if answer.get("T_flange_tool"):
         lines.append(f"  tool frame by this measurement T_flange_tool = {pose_text(answer['T_flange_tool'])}")
     return [*lines, *_delays(answer), *_update((result.get("inputs") or {}).get("update") or {})]
+
+
+def _moved(test: Mapping[str, Any]) -> list[str]:
+    """The test of a check, whatever came of it: the figure against the frame in effect, and its tolerance."""
+    verdict = "the tool has moved" if test["moved"] else "the tool has not moved"
+    lines = [f"  {verdict} against the tool frame in effect: point {point_words(test)}"]
+    if test["tilt_rad"] is not None:
+        lines.append(f"    axis {axis_words(test)}")
+    return lines
 
 
 def _update(update: Mapping[str, Any]) -> list[str]:

@@ -1,21 +1,22 @@
 """Job ``laser-check``: where the tool is now, against its reference; measured, and nothing proposed."""
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
 from cell.procedure import Procedure, Run
 from cell.store.files import read_json
-from procedures.laser.config import LaserCheckConfig, Search
+from procedures.laser.config import LaserCheckConfig, LaserUpdateConfig, Search
 from procedures.laser.health import keep_trends
-from procedures.laser.judging import finished_early, judge_check
+from procedures.laser.judging import finished_early, judge_check, judge_moved
 from procedures.laser.measurement import Measurement, check_poses, check_speeds, data_header, reference_of
 from procedures.laser.record import PassRecord
 from procedures.laser.solving import solve_current
 from procedures.laser.states import CHECKPOINTS, SCAN, ScanState
 
 S = ScanState
+Judged = Callable[[Path, Mapping[str, Any], Mapping[str, Any]], dict[str, Any]]
 
 
 class LaserCheck(Procedure):
@@ -38,7 +39,7 @@ class LaserCheck(Procedure):
         check_speeds(reference_of(values)["search"], values)
 
     async def run(self, run: Run) -> None:
-        await measure(run, measurement_of(run, self.config), self.config)
+        await measure(run, measurement_of(run, self.config), self.config, solved_check)
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """Every move with the guard's findings; nothing moves."""
@@ -47,7 +48,7 @@ class LaserCheck(Procedure):
         return await measurement.plan()
 
 
-def measurement_of(run: Run, config: LaserCheckConfig) -> Measurement:
+def measurement_of(run: Run, config: LaserCheckConfig | LaserUpdateConfig) -> Measurement:
     """The measurement that the reference of this tool defines."""
     reference = reference_of(run.values)
     p_ref = [float(v) for v in reference["tool"]["p_ref"]]
@@ -55,8 +56,10 @@ def measurement_of(run: Run, config: LaserCheckConfig) -> Measurement:
     return Measurement(run, search, 1, p_ref, float(reference["time_offset_s"]), config.retract_pose)
 
 
-async def measure(run: Run, measurement: Measurement, config: LaserCheckConfig) -> None:
-    """One scan of both beams, solved and judged; the judged document is ``run.result``."""
+async def measure(
+    run: Run, measurement: Measurement, config: LaserCheckConfig | LaserUpdateConfig, judged: Judged
+) -> None:
+    """One scan of both beams, solved and judged by ``judged``; the document is ``run.result``."""
     await run.enter(S.PREPARE)
     measurement.check_fixture()
     record = PassRecord(run.folder)
@@ -73,7 +76,9 @@ async def measure(run: Run, measurement: Measurement, config: LaserCheckConfig) 
         record.write_data_set, header, reference["passes"], record.passes, scan.complete
     )
     run.note("solve", event="started", passes=len(record.passes))
-    run.result = await run.worker.call(solved_check, path, known_of(run.values), config.model_dump())
+    run.result = await run.worker.call(judged, path, known_of(run.values), config.model_dump())
+    if moved := (run.result["result"] or {}).get("moved"):
+        run.note("decision", event="tool moved" if moved["moved"] else "tool has not moved", **moved)
     await keep_trends(run)
 
 
@@ -87,6 +92,11 @@ def known_of(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def solved_check(path: Path, known: Mapping[str, Any], config: Mapping[str, Any]) -> dict[str, Any]:
+    """As :func:`solved_measurement`, and whether the tool has moved."""
+    return judge_moved(solved_measurement(path, known, config), known, config)
+
+
+def solved_measurement(path: Path, known: Mapping[str, Any], config: Mapping[str, Any]) -> dict[str, Any]:
     """``cellward.result/1`` of a measurement against a reference, judged; for the worker process."""
     early = finished_early("laser", read_json(path))
     return early or judge_check(solve_current(path), known, config)

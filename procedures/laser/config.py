@@ -160,12 +160,16 @@ class LaserReferenceConfig(SearchSection):
 class BentLimits(_Strict):
     """Beyond these the tool counts as bent: nothing is corrected."""
 
-    max_shift_m: float = Field(default=0.003, gt=0, le=0.1)
-    max_tilt_rad: float = Field(default=0.03, gt=0, le=0.5)
+    max_shift_m: float = Field(
+        default=0.003, gt=0, le=0.1, description="of the tool's point; further off the tool counts as bent"
+    )
+    max_tilt_rad: float = Field(
+        default=0.03, gt=0, le=0.5, description="of the tool's axis; turned by more the tool counts as bent"
+    )
 
 
-class LaserCheckConfig(_Strict):
-    """``[job.laser-check]``. How the beams are crossed is what the reference keeps."""
+class _Measured(_Strict):
+    """What a check and an update share. How the beams are crossed is what the reference keeps."""
 
     against_reference: BentLimits = Field(default_factory=lambda: BentLimits())
     against_last: BentLimits = Field(default_factory=lambda: BentLimits(max_shift_m=0.002, max_tilt_rad=0.02))
@@ -177,7 +181,41 @@ class LaserCheckConfig(_Strict):
     max_duration_s: float = Field(default=3600.0, gt=0)
 
 
-class LaserUpdateConfig(LaserCheckConfig):
+class LaserCheckConfig(_Measured):
+    """``[job.laser-check]``. How the beams are crossed is what the reference keeps."""
+
+    tolerance_m: float | None = Field(
+        default=None,
+        gt=0,
+        le=0.1,
+        description="a tool whose point is further off the frame in effect has moved: verdict fail, run "
+        "laser-update; by default what a good tool exceeds in 1 of 300 checks, by the uncertainty of the "
+        "measurement, and 0.0001 at least",
+    )
+    tolerance_rad: float | None = Field(
+        default=None,
+        gt=0,
+        le=0.5,
+        description="the same for the tool's axis; by default by the uncertainty, and 0.002 at least",
+    )
+
+    @model_validator(mode="after")
+    def _moved_before_bent(self) -> Self:
+        bent = self.against_last
+        if self.tolerance_m is not None and self.tolerance_m > bent.max_shift_m:
+            raise ValueError(
+                f"tolerance_m, {self.tolerance_m:g} m, is above against_last.max_shift_m, "
+                f"{bent.max_shift_m:g} m; lower the one or raise the other"
+            )
+        if self.tolerance_rad is not None and self.tolerance_rad > bent.max_tilt_rad:
+            raise ValueError(
+                f"tolerance_rad, {self.tolerance_rad:g} rad, is above against_last.max_tilt_rad, "
+                f"{bent.max_tilt_rad:g} rad; lower the one or raise the other"
+            )
+        return self
+
+
+class LaserUpdateConfig(_Measured):
     """``[job.laser-update]``. How the beams are crossed is what the reference keeps."""
 
     accept: Policy = Field(default_factory=lambda: Policy())

@@ -11,9 +11,12 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from cell.formats.result import Result
 from cell.poses import from_pose6, to_pose6
+from procedures.laser.moved import whether_moved
+from procedures.laser.moved_words import moved_reasons
 from procedures.laser.record import FINISHED_EARLY
 
 DEG = float(np.degrees(1.0))
+BENT = "bent tool"
 
 
 def corrected_tool(T_ref: Sequence[float], T_last: Sequence[float], answer: Mapping[str, Any]) -> list[float]:
@@ -95,6 +98,24 @@ def judge_check(
     return _with(result, reasons, more, warnings)
 
 
+def judge_moved(
+    judged: Mapping[str, Any], known: Mapping[str, Any], config: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The verdict of a check: ``judged`` by :func:`judge_check`, and whether the tool has moved.
+
+    A bent tool keeps its own words. A ``config`` that has no tolerances asks for no test: so replay the runs
+    that were made without one.
+    """
+    answer = judged["result"]
+    if answer is None or "tolerance_m" not in config:
+        return dict(judged)
+    tilted = answer["drot_flange"] is not None
+    same = bool(np.allclose(known["T_flange_tool_ref"], known["T_flange_tool_last"], rtol=0.0, atol=1e-9))
+    test = whether_moved(answer["against_last"], np.array(answer["cov"]), config, same, tilted)
+    bent = any(str(reason).startswith(BENT) for reason in judged["reasons"])
+    return _with(judged, [] if bent else moved_reasons(test), {"moved": test})
+
+
 def why_not(second: Mapping[str, Any], max_U_m: float) -> str:
     """Why the candidate cannot be committed, empty when it can. A scan that says little confirms nothing."""
     if second["apart"] is None:
@@ -131,12 +152,12 @@ def _bent(key: str, found: Mapping[str, Any], limits: Mapping[str, Any]) -> list
     reasons = []
     if found["shift"] > limits["max_shift_m"]:
         reasons.append(
-            f"bent tool: {key}.max_shift_m: the point is {1e3 * found['shift']:.2f} mm off {against}, "
+            f"{BENT}: {key}.max_shift_m: the point is {1e3 * found['shift']:.2f} mm off {against}, "
             f"the limit is {1e3 * limits['max_shift_m']:g} mm"
         )
     if found["tilt_rad"] > limits["max_tilt_rad"]:
         reasons.append(
-            f"bent tool: {key}.max_tilt_rad: the axis is {DEG * found['tilt_rad']:.2f} deg off {against}, "
+            f"{BENT}: {key}.max_tilt_rad: the axis is {DEG * found['tilt_rad']:.2f} deg off {against}, "
             f"the limit is {DEG * limits['max_tilt_rad']:.2f} deg"
         )
     return reasons

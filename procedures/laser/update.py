@@ -17,7 +17,7 @@ from cell.calibrations import tool_calibration
 from cell.errors import CellError
 from cell.motion import MotionLease, run_to_its_end
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
-from procedures.laser.check import known_of, measure, measurement_of, solved_check
+from procedures.laser.check import known_of, measure, measurement_of, solved_measurement
 from procedures.laser.config import LaserUpdateConfig
 from procedures.laser.judging import DEG, not_confirmed, why_not
 from procedures.laser.measurement import (
@@ -88,7 +88,7 @@ class LaserUpdate(Procedure):
 
     async def run(self, run: Run) -> None:
         measurement = measurement_of(run, self.config)
-        await measure(run, measurement, self.config)
+        await measure(run, measurement, self.config, solved_measurement)
         assert run.result is not None
         if run.result["result"] is None or run.result["verdict"] == "fail":
             run.note("decision", event="nothing proposed", why="; ".join(run.result["reasons"]))
@@ -230,7 +230,7 @@ def solved_update(
 
     What a person decided is taken from ``recorded``, the result as the run left it.
     """
-    result = solved_check(path, known_of(values), config)
+    result = solved_measurement(path, known_of(values), config)
     second = path.parent / SECOND / path.name
     decided = recorded.get("inputs", {}).get("update", {})
     if result["result"] is None or not decided:

@@ -1,7 +1,11 @@
 """The first page of a crossed-beam report: the verdict, the answer with its uncertainty, and its limits."""
 
+from typing import Any
+
 import numpy as np
 
+from procedures.laser.moved_words import NAME as MOVED
+from procedures.laser.moved_words import axis_words, point_words
 from procedures.report.html import Html, absent, el, note, paragraph, section, table
 from procedures.report.laser_checks import ms
 from procedures.report.laser_source import LaserSource, vector
@@ -12,7 +16,12 @@ _BENT = (
     "Look at the tool: a shift or tilt this large is damage, not drift, and is not corrected. Mend or change "
     "it, then make a new reference with laser-reference."
 )
+_MOVED = (
+    "The beams show another tool than the frame in effect. Look at the tool and at its fixture, then correct "
+    "the frame: cellward start laser-update."
+)
 _REMEDY = {
+    MOVED: _MOVED,
     "bent tool": _BENT,
     "bent-tool": _BENT,
     "second scan": "Nothing was changed. See that tool, beams and fixture are tight, and measure again.",
@@ -35,6 +44,8 @@ def verdict_section(source: LaserSource) -> Html:
 
 def _became(source: LaserSource) -> Html | None:
     """What an update came to; it is not the same as its verdict."""
+    if (test := dig(source.answer, "moved")) is not None:
+        return _test_of(test)
     update = dig(source.result, "inputs", "update")
     if dig(update, "committed") is True:
         by = dig(update, "accepted_by")
@@ -42,6 +53,15 @@ def _became(source: LaserSource) -> Html | None:
     if dig(update, "committed") is False:
         return paragraph(f"The new tool frame was not put into effect: {dig(update, 'why')}.")
     return None
+
+
+def _test_of(test: Any) -> Html:
+    """The test of a check in a sentence, also when the tool has not moved."""
+    found = "has moved" if test["moved"] else "has not moved"
+    words = f"The tool {found} against the frame in effect: its point by {point_words(test)}"
+    if test["tilt_rad"] is not None:
+        words += f", its axis by {axis_words(test)}"
+    return paragraph(f"{words}.")
 
 
 def _cards(source: LaserSource) -> Html:

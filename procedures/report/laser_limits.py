@@ -31,8 +31,13 @@ def _check_rows(source: LaserSource, limits: Any) -> list[Row]:
     rows: list[Row] = []
     for key, words in (("against_reference", "the reference"), ("against_last", "the frame in effect")):
         found = dig(source.answer, key)
-        rows.append((f"point off {words}", dig(found, "shift"), dig(limits, key, "max_shift_m"), mm))
-        rows.append((f"axis off {words}", dig(found, "tilt_rad"), dig(limits, key, "max_tilt_rad"), deg))
+        bent = f"off {words}, to count as bent"
+        rows.append((f"point {bent}", dig(found, "shift"), dig(limits, key, "max_shift_m"), mm))
+        rows.append((f"axis {bent}", dig(found, "tilt_rad"), dig(limits, key, "max_tilt_rad"), deg))
+    if (test := dig(source.answer, "moved")) is not None:
+        words = "off the frame in effect, to count as moved"
+        rows.append((f"point {words}", dig(test, "shift_m"), dig(test, "tolerance_m"), mm))
+        rows.append((f"axis {words}", dig(test, "tilt_rad"), dig(test, "tolerance_rad"), deg))
     rows.append(("uncertainty U of the point", source.U, dig(limits, "max_U_m"), mm))
     return rows
 

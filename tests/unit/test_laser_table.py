@@ -83,7 +83,7 @@ async def longer_tool(folder: Path, solved: Solved) -> set[Edge]:
     def bend(cell: ObjectCell) -> None:
         cell.plant.world.tool.bend(cell.clock.now(), [0.0, 0.0, 0.009])
 
-    return await walked(laser_config(folder), "laser-check", ("complete", "pass"), bend)
+    return await walked(laser_config(folder), "laser-check", ("complete", "fail"), bend)
 
 
 def finished_at(state: str) -> Any:

@@ -422,7 +422,7 @@ def test_a_check_measures_and_proposes_nothing(tmp_path: Path, solved: Solved) -
     async def main() -> None:
         async with laser_cell(config, "laser-check", drawn_reference(config)) as cell:
             end = await cell.run_job()
-            assert (end["outcome"], end["verdict"]) == ("complete", "pass")
+            assert (end["outcome"], end["verdict"]) == ("complete", "fail")
             assert states_of_results(cell) == []
             assert replayed(cell, 1) == []
             trend = cell.result(1)["inputs"]["trend"]
@@ -446,7 +446,7 @@ def test_a_pause_holds_between_two_ways_and_a_resume_goes_on(tmp_path: Path, sol
             assert cell.engine.status()["state"] == "sweep"
             assert len(passes(cell, run_id)) == taken == 2
             await cell.engine.resume(WHO)
-            assert (await cell.finished(run_id))["verdict"] == "pass"
+            assert (await cell.finished(run_id))["outcome"] == "complete"
 
     run_virtual(main())
 

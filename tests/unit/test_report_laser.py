@@ -22,6 +22,7 @@ from test_report_page import HOSTILE, Page
 
 from calibration.tool_frame.scene import Scene
 from cell.formats.laser import parse_laser
+from procedures.laser.moved_words import moved_reasons
 from procedures.report import write_report
 from procedures.report.laser_passes import bracket, pairs, shown
 from procedures.report.laser_source import LaserSource
@@ -100,9 +101,36 @@ def test_result_is_shown_with_its_interval_in_millimetres_and_degrees(subject: P
 
 
 def test_limits_are_judged_against_reference_and_last(subject: Page) -> None:
-    assert "point off the reference 1.476 mm 3.000 mm within" in subject.text
-    assert "point off the frame in effect 1.476 mm 1.000 mm beyond" in subject.text
+    assert "point off the reference, to count as bent 1.476 mm 3.000 mm within" in subject.text
+    assert "point off the frame in effect, to count as bent 1.476 mm 1.000 mm beyond" in subject.text
     assert "uncertainty U of the point 0.023 mm 0.200 mm within" in subject.text
+
+
+def check_of(shift: tuple[float, ...]) -> dict[str, Any]:
+    """The document of a check that measured ``shift`` alone, with the test that was made."""
+    moved = float(np.linalg.norm(shift)) > 1e-4
+    test = {"moved": moved, "shift_m": float(np.linalg.norm(shift)), "U_shift_m": 2.3e-5, "tolerance_m": 1e-4}
+    test |= {"tilt_rad": None, "U_tilt_rad": None, "tolerance_rad": None}
+    found = measured(shift, None)
+    found["inputs"].pop("update")
+    found["result"]["moved"] = test
+    return found | {"verdict": "fail" if moved else "pass", "reasons": moved_reasons(test)}
+
+
+def test_a_check_says_moved_or_not_moved_first_and_what_to_do(
+    data: dict[str, Any], tmp_path: Path, no_plotly: None
+) -> None:
+    (tmp_path / "moved").mkdir()
+    moved = page_of(make_run(tmp_path / "moved", check_of(SHIFT), few(data), job="laser-check")).text
+    assert (
+        "tool moved: the tool's point has moved by 1.48 mm (uncertainty 0.023 mm, tolerance 0.10 mm)" in moved
+    )
+    assert "cellward start laser-update" in moved
+    assert "point off the frame in effect, to count as moved 1.476 mm 0.100 mm beyond" in moved
+    (tmp_path / "good").mkdir()
+    good = page_of(make_run(tmp_path / "good", check_of((2e-5, 0.0, 0.0)), few(data), job="laser-check")).text
+    assert "The tool has not moved against the frame in effect: its point by 0.02 mm" in good
+    assert "cellward start laser-update" not in good
 
 
 def test_second_scan_is_held_against_U(subject: Page) -> None:

@@ -1,0 +1,52 @@
+"""Whether the tool has moved: what was measured against the frame in effect, held against a tolerance.
+
+A measurement differs a little from the one before though nothing moved. The tolerance is what separates
+that from a tool that moved: the longest difference that a tool which has not moved shows but once in so many
+checks, and never less than a floor for what the covariance does not hold.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from calibration.tool_frame.meeting import length95, length_beyond
+from cell.poses import Array
+
+FALSE_ALARM = 1.0 / 300.0  # how often, at most, a tool that has not moved may be called moved
+FLOOR_M = 0.0001  # twice the repeatability that makers state for arms of this size, in pose after pose
+FLOOR_RAD = 0.002
+_TESTS = 2  # of the point and of the axis, which share the chance of a false alarm
+
+
+def tolerance(cov: Array, floor: float, chance: float = FALSE_ALARM) -> float:
+    """The length beyond which a difference with covariance ``cov`` (k, k) is no chance, in the unit of its
+    root; ``chance`` is that of calling a tool moved that has not, by the point or by the axis."""
+    return max(length_beyond(cov, chance / _TESTS), floor)
+
+
+def whether_moved(
+    found: Mapping[str, Any], cov: Array, config: Mapping[str, Any], same_frame: bool, tilted: bool
+) -> dict[str, Any]:
+    """The test of a check: how far the tool moved against the frame in effect, and the tolerance.
+
+    ``found`` has ``shift`` (m) and ``tilt_rad`` against the frame in effect, and ``cov`` (6, 6) is that of
+    the measurement against the reference. ``same_frame``: the frame in effect is the reference's; another one
+    was measured as well, and is taken to be as uncertain. ``tolerance_m`` and ``tolerance_rad`` of ``config``
+    replace the tolerances that are found here. Without a tilt (``tilted``) the axis is not tested.
+    """
+    both = cov if same_frame else 2.0 * cov
+    point, axis = both[:3, :3], both[3:, 3:]
+    allowed = config["tolerance_m"]
+    test: dict[str, Any] = {
+        "shift_m": found["shift"],
+        "U_shift_m": length95(point),
+        "tolerance_m": tolerance(point, FLOOR_M) if allowed is None else allowed,
+        "tilt_rad": None,
+        "U_tilt_rad": None,
+        "tolerance_rad": None,
+    }
+    if tilted:
+        turn = config["tolerance_rad"]
+        turn = tolerance(axis, FLOOR_RAD) if turn is None else turn
+        test |= {"tilt_rad": found["tilt_rad"], "U_tilt_rad": length95(axis), "tolerance_rad": turn}
+    turned = tilted and test["tilt_rad"] > test["tolerance_rad"]
+    return {"moved": bool(test["shift_m"] > test["tolerance_m"] or turned), **test}
