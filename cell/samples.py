@@ -10,6 +10,7 @@ from typing import Generic, Protocol, TypeVar
 
 from cell.clock import Clock
 from cell.errors import error
+from cell.own_delay import busy_words
 
 T = TypeVar("T")
 
@@ -105,7 +106,11 @@ class Stream(Generic[T]):
         sample = self._samples[-1]
         age = self.clock.now() - sample.t
         if age > max_age:
-            raise error("STALE_DATA", f"{self.name}: newest sample is {age:.3f} s old, limit {max_age:.3f} s")
+            raise error(
+                "STALE_DATA",
+                f"{self.name}: newest sample is {age:.3f} s old, limit {max_age:.3f} s"
+                f"{busy_words(self.clock.now())}",
+            )
         return sample
 
     def between(self, t0: float, t1: float) -> list[Sample[T]]:

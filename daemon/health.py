@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from cell import own_delay
 from cell.clock import Clock
 
 log = logging.getLogger("cellward.health")
@@ -45,21 +46,26 @@ class LoopLag:
     async def watch(self, beats: Beats, warn_s: float) -> None:
         """Measure for ever; one log line when the lag passes ``warn_s``, one when it is over."""
         late = False
-        while True:
-            due = self.clock.now() + self.period_s
-            await self.clock.sleep(self.period_s)
-            self.last_s = max(self.clock.now() - due, 0.0)
-            self.recent.append(self.last_s)
-            self._ends.append(due + self.last_s)
-            beats.beat("loop")
-            if (self.last_s > warn_s) != late:
-                late = not late
-                log.log(
-                    logging.WARNING if late else logging.INFO,
-                    "the event loop is %s: lag %.1f ms",
-                    "late" if late else "in time again",
-                    1e3 * self.last_s,
-                )
+        try:
+            while True:
+                due = self.clock.now() + self.period_s
+                own_delay.expect(due)
+                await self.clock.sleep(self.period_s)
+                self.last_s = max(self.clock.now() - due, 0.0)
+                own_delay.woken(self.clock.now())
+                self.recent.append(self.last_s)
+                self._ends.append(due + self.last_s)
+                beats.beat("loop")
+                if (self.last_s > warn_s) != late:
+                    late = not late
+                    log.log(
+                        logging.WARNING if late else logging.INFO,
+                        "the event loop is %s: lag %.1f ms",
+                        "late" if late else "in time again",
+                        1e3 * self.last_s,
+                    )
+        finally:
+            own_delay.forget()
 
     def longest_since(self, since: float) -> float:
         """The longest lag that ended after ``since``, s."""

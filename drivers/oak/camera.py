@@ -8,6 +8,7 @@ from typing import Any
 from cell.clock import Clock
 from cell.devices import DepthCamera, Frame, Identity
 from cell.errors import error
+from cell.own_delay import busy_words
 from cell.samples import Sample, Stream
 from drivers.oak.config import OakConfig
 from drivers.oak.link import ChildLink, identity_fields
@@ -220,7 +221,8 @@ class OakCamera:
         last = self.frames.last()
         if last is None:
             return ", none since the connection"
-        return f", the newest is number {last.seq}, {self._clock.now() - last.t:.1f} s old"
+        now = self._clock.now()
+        return f", the newest is number {last.seq}, {now - last.t:.1f} s old{busy_words(now)}"
 
 
 async def _first_of(*futures: asyncio.Future[Any], timeout: float | None = None) -> None:

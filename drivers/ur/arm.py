@@ -8,6 +8,7 @@ from cell.clock import Clock
 from cell.devices import Arm, ArmState, Identity, ToolSettings
 from cell.errors import CellError, error
 from cell.motion import run_to_its_end
+from cell.own_delay import busy_words
 from cell.poses import Array
 from cell.samples import Sample, Stream
 from drivers.ur.config import UrConfig
@@ -337,7 +338,7 @@ class UrArm:
         return self.lost or error("DEVICE_LOST", f"{self.name} was never opened")
 
     def _age(self) -> str:
-        return f"{self.feed.silence():.3f} s old"
+        return f"{self.feed.silence():.3f} s old{busy_words(self._clock.now())}"
 
 
 async def _read_for(sock: socket.socket, seconds: float) -> None:
