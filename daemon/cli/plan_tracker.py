@@ -60,5 +60,6 @@ def _promise(plan: Mapping[str, Any]) -> str:
         f"expected error of predictions {mm(predicted['rms_m'], 4)} (RMS), 95 % below "
         f"{mm(predicted['error_95_max_m'], 4)} at the worst place, with a tracker of "
         f"{mm(assumed['sigma0'])} + {mm(assumed['sigma_per_m'])}/m; rank {plan['rank']} of "
-        f"{plan['rank_possible']} possible; the source's rule (50 poses, 15 deg between them) {rule_text}"
+        f"{plan['rank_possible']} possible; the rule of thumb (50 poses, every joint 15 deg from "
+        f"one to the next) {rule_text}"
     )

@@ -75,7 +75,7 @@ def _words(job: TrackerSamplingConfig, plan: dict[str, Any], assumed: str) -> st
         f"{len(plan['poses'])} of {job.poses} poses are reached and seen{sight}, {job.held_out} of them are "
         f"set aside{stored}; predictions elsewhere will be {mm(predicted['rms_m'], 4)} off (RMS){against}, "
         f"95 % of them less than {mm(predicted['error_95_max_m'], 4)} at the worst place, with {assumed}; "
-        f"rank {plan['rank']} of {plan['rank_possible']} possible; the source's rule of 50 poses and "
+        f"rank {plan['rank']} of {plan['rank_possible']} possible; the rule of thumb of 50 poses and "
         f"15 degrees {kept}"
     )
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 TOLERANCE = 1e-9  # relative; bit-equal is expected, other processor types may round differently
+EXPLANATION = "meaning"  # words about a figure, and no figure
 COMPARED = ("kind", "verdict", "reasons", "result", "uncertainty", "residuals", "heldout", "observability")
 
 
@@ -21,7 +22,7 @@ def differences(recorded: Mapping[str, Any], now: Mapping[str, Any]) -> list[dic
 
 def _compare(where: str, a: Any, b: Any, scale: float, found: list[dict[str, Any]]) -> None:
     if isinstance(a, Mapping) and isinstance(b, Mapping):
-        for key in sorted({*a, *b}):
+        for key in sorted({*a, *b} - {EXPLANATION}):
             _compare(f"{where}.{key}", a.get(key), b.get(key), 0.0, found)
     elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
         scale = max(scale, _magnitude(a), _magnitude(b))

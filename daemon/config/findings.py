@@ -61,6 +61,11 @@ class Findings:
         return [self._text(entry) for entry in sorted(self._found)]
 
     @property
+    def plain(self) -> list[str]:
+        """As :attr:`sentences`, without lines: ``file: path.to.key: sentence``."""
+        return [f"{self.file}: {sentence}" for _, sentence in sorted(self._found)]
+
+    @property
     def warnings(self) -> list[str]:
         return [self._text(entry) for entry in sorted(self._warned)]
 

@@ -122,7 +122,8 @@ def _run_step(plc: Plc, step: Step, folder: Path, children: tuple[Child, ...]) -
             bar.show(f"{step.job}, run {status.run_id}", status.step, status.steps)
             if not bar.visible and status.step >= told + LINE_EVERY_STEPS:
                 told = status.step
-                say(f"step {status.step} of {status.steps}, {time.monotonic() - begun:.0f} s")
+                of = f" of {status.steps}" if status.steps else ""  # 0: without an end of its own
+                say(f"step {status.step}{of}, {time.monotonic() - begun:.0f} s")
             if step.picks and status.picks >= step.picks and not finished:
                 say(f"{status.picks} picks; the PLC finishes the job")
                 finished = True

@@ -37,7 +37,20 @@ def _speed_section(belt: Mapping[str, Array], zero_s: float) -> Html:
     t = belt["t_s"] - zero_s
     fig.add_trace(_trace(t, belt["raw_m_s"], SOFT, "from two counts", "markers", "m/s"))
     fig.add_trace(_trace(t, belt["speed_m_s"], NOW, "as it was believed", "lines", "m/s"))
+    fig.update_yaxes(range=speed_axis(belt["speed_m_s"]))
     return section("Speed of the belt", embed(fig, "speed"))
+
+
+def speed_axis(believed_m_s: Array) -> list[float]:
+    """The ends of an axis for a belt's speed: the believed speeds with room for scatter, and standstill.
+
+    A speed from two counts that came close together is many times the belt's, and would set the axis.
+    """
+    known = believed_m_s[np.isfinite(believed_m_s)]
+    low, high = (float(min(known)), float(max(known))) if len(known) else (0.0, 0.0)
+    low, high = min(low, 0.0), max(high, 0.0)
+    room = max(0.25 * (high - low), 0.01)
+    return [low - room, high + room]
 
 
 def beside_section(belt: Mapping[str, Array], zero_s: float) -> Html:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from procedures.report.belt_live import beside_section
+from procedures.report.belt_live import beside_section, speed_axis
 from procedures.report.belt_source import BeltSource
 from procedures.report.figure import NOW, PALETTE, REJECTED, SOFT, embed, figure, label, legend_below
 from procedures.report.html import Html, absent, note, section
@@ -147,11 +147,17 @@ def speed_section(source: BeltSource) -> Html | None:
         _line(filtered["t"] - source.begin, filtered["belt_m_s"], NOW, "as it was believed", "lines")
     )
     fig.update_xaxes(title_text="s since the journal was opened")
-    fig.update_yaxes(title_text="m/s")
+    low, high = speed_axis(filtered["belt_m_s"])
+    fig.update_yaxes(title_text="m/s", range=[low, high])
+    outside = int(np.sum((v < low) | (v > high)))
+    more = f" {outside} speeds from two counts lie beyond the axis." if outside else ""
     return section(
         title,
         embed(fig, "speed"),
-        note(f"The last {_LAST_S:g} s. The line is what picking went by at that moment, without hindsight."),
+        note(
+            f"The last {_LAST_S:g} s. The line is what picking went by at that moment, without hindsight."
+            f"{more}"
+        ),
     )
 
 

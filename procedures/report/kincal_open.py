@@ -70,11 +70,11 @@ def rule_section(source: KincalSource) -> Html | None:
     row = (
         "kept" if dig(rule, "kept") else "not kept",
         f"{dig(rule, 'samples')} poses, smallest step {step}",
-        f"The source asks for at least 50 poses, and for every joint more than 15° from pose to pose; "
+        f"A rule of thumb asks for at least 50 poses, and for every joint more than 15° from pose to pose; "
         f"{dig(rule, 'short_steps')} steps are shorter. Poses chosen by observability need not keep it: what "
         "counts is the predicted error.",
     )
-    return section("The source's rule for poses", facts([row]))
+    return section("A rule of thumb for poses", facts([row]))
 
 
 def parameters_section(source: KincalSource) -> Html | None:

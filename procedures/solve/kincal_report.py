@@ -246,7 +246,7 @@ def _observability(solved: Solved) -> dict[str, object]:
             "samples": rule.poses,
             "short_steps": rule.short_steps,
             "smallest_step_rad": rule.smallest_rad if np.isfinite(rule.smallest_rad) else None,
-            "meaning": "the source asks for 50 poses, every joint more than 15 deg from one to the next",
+            "meaning": "a rule of thumb asks for 50 poses, every joint more than 15 deg from one to the next",
         },
     }
 

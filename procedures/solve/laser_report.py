@@ -53,7 +53,7 @@ def fill_result(
     if classic is not None:
         answer["flange_offset_base"] = classic.offset.tolist()
         answer["source_rule_dp"] = classic.source_rule.tolist()
-        warnings = [*warnings, ("laser.classic", "the source's method gives no uncertainty")]
+        warnings = [*warnings, ("laser.classic", "the classic method gives no uncertainty")]
     warnings = [*warnings, *_selection_warnings(scene, solution)]
     return Result(
         kind="laser",

@@ -320,7 +320,7 @@ class _Planner:
         raise error(
             "TRACKER_PLAN_REFUSED",
             f"max_predicted_m: at worst 95 % of the errors stay below {1e3 * error95_m:.3f} mm, the "
-            f"limit is {1e3 * limit:g} mm; nor is the source's rule kept ({rule_text(rule)})",
+            f"limit is {1e3 * limit:g} mm; nor is the rule of thumb for poses kept ({rule_text(rule)})",
         )
 
     def _listed(self, number: int, visit: Visit) -> dict[str, Any]:
@@ -367,7 +367,7 @@ def _rule_entry(rule: SourceRule) -> dict[str, Any]:
         "samples": rule.poses,
         "short_steps": rule.short_steps,
         "smallest_step_rad": rule.smallest_rad if np.isfinite(rule.smallest_rad) else None,
-        "meaning": "the source asks for 50 poses, every joint more than 15 deg from one to the next",
+        "meaning": "a rule of thumb asks for 50 poses, every joint more than 15 deg from one to the next",
     }
 
 

@@ -213,7 +213,7 @@ def test_too_few_poses_for_the_unknowns_are_refused_by_name() -> None:
 def test_a_predicted_error_beyond_the_limit_is_refused_unless_the_sources_rule_is_kept(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    with pytest.raises(CellError, match=r"limit is 0\.01 mm; nor is the source's rule kept") as caught:
+    with pytest.raises(CellError, match=r"is 0\.01 mm; nor is the rule of thumb for poses kept") as caught:
         plan_sampling(request(max_predicted_m=0.00001))
     assert caught.value.name == "TRACKER_PLAN_REFUSED"
     monkeypatch.setattr("calibration.identification.selection.RULE_POSES", 12)
