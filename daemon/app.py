@@ -164,6 +164,7 @@ async def _report_interrupted(engine: Engine, ledger: Ledger) -> None:
         await asyncio.to_thread(ledger.end_run, run.run_id, "interrupted", None)
         engine.interrupted.append(run.run_id)
     await asyncio.to_thread(reject_left_open, ledger, engine.jobs)
+    await engine.look_what_waits()
 
 
 async def _end(tasks: list[asyncio.Task[Any]]) -> None:

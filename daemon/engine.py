@@ -6,14 +6,14 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from cell.devices import Arm
 from cell.errors import CellError, LatchError, error
 from cell.motion import run_to_its_end
 from cell.procedure import PackML, Procedure, Run
 from cell.store.runs import RunFolder, load_run
 from daemon.cell_context import CellContext
+from daemon.decisions import require_read, use_of
+from daemon.job_config import make_procedure
 from daemon.results import note_arm_model, propose_results
 from daemon.status import live_of, status_of, summary_of
 from daemon.values import resolve_values, tell_configured, with_arm_model, with_job_limits, without_passes
@@ -34,6 +34,7 @@ class Engine:
         self.last: dict[str, Any] | None = None
         self.error: CellError | None = None
         self.interrupted: list[int] = []
+        self.waiting: list[dict[str, Any]] = []  # results that somebody has to decide about
         self.loop_lag: Callable[[], dict[str, float]] = dict
         self._starting = False
         self._task: asyncio.Task[None] | None = None  # the run with its beginning and end
@@ -174,15 +175,26 @@ class Engine:
         arm = self._arm()
         return None if arm is None else arm.fault()
 
-    async def accept(self, result_id: int, who: str) -> dict[str, Any]:
+    async def accept(self, result_id: int, who: str, warned: bool = False) -> dict[str, Any]:
+        """Accept a result; ``RESULT_WARNS`` for one with warnings unless ``warned`` says they were read."""
         await self._check_decidable(result_id)
         await self._check_confirmed(result_id)
+        require_read(await asyncio.to_thread(self.ledger.result, result_id), warned)
         await asyncio.to_thread(tell_configured, self.context.config, self.ledger)
-        return await asyncio.to_thread(self.ledger.accept, result_id, who)
+        entry = await asyncio.to_thread(self.ledger.accept, result_id, who)
+        await self.look_what_waits()
+        return {**entry, "use": use_of(self.context.config, entry["name"], entry["version"])}
 
     async def reject(self, result_id: int, who: str, why: str) -> dict[str, Any]:
         await self._check_decidable(result_id)
-        return await asyncio.to_thread(self.ledger.reject, result_id, who, why)
+        entry = await asyncio.to_thread(self.ledger.reject, result_id, who, why)
+        await self.look_what_waits()
+        return entry
+
+    async def look_what_waits(self) -> None:
+        """Read the results that wait for a decision, for everybody who asks what to do."""
+        self.waiting = await asyncio.to_thread(self.ledger.waiting_results)
+        self._publish()
 
     async def _check_decidable(self, result_id: int) -> None:
         """``NOT_NOW`` for a result of the running job: it decides about it itself, or has yet to end."""
@@ -244,15 +256,7 @@ class Engine:
         cls = self.jobs.get(job)
         if cls is None:
             raise error("UNKNOWN_JOB", f"'{job}'; there is {', '.join(sorted(self.jobs))}")
-        section = self.context.config.job_section(job)
-        if unknown := sorted(set(params) - set(cls.Config.model_fields)):
-            raise error("ARGUMENT_INVALID", f"{job} has no parameter '{unknown[0]}'")
-        try:
-            return cls(cls.Config.model_validate({**section, **params}))
-        except ValidationError as exc:
-            first = exc.errors()[0]
-            where = ".".join(str(p) for p in first["loc"])
-            raise error("ARGUMENT_INVALID", f"{job}: {where}: {first['msg']}") from exc
+        return make_procedure(cls, self.context.config, params)
 
     def _devices_of(self, procedure: Procedure) -> list[str]:
         """Names of the devices the job uses; refused unless all are READY."""
@@ -349,6 +353,7 @@ class Engine:
             run.note("state", terminal=True, **end)
             await asyncio.to_thread(folder.finish, end)
             await asyncio.to_thread(self.ledger.end_run, run.id, outcome, verdict)
+            self.waiting = await asyncio.to_thread(self.ledger.waiting_results)
         except CellError as exc:
             # What could not be written here is written by the next start, which finds no end.json.
             log.error("the end of run %d could not be written: %s", run.id, exc)

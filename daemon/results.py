@@ -23,9 +23,9 @@ async def propose_results(run: Run, folder: RunFolder, ledger: Ledger) -> None:
     renewed = run.proposed | ({proposal.name} if proposal else set())
     run.result = with_interruptions(with_model(run.result, run.values, renewed), run)
     await asyncio.to_thread(folder.write_result, run.result)
-    await _write_report(run)
-    if proposal is not None:
+    if proposal is not None:  # before the report, which names the result and the command that decides
         await asyncio.to_thread(_propose, run, ledger, proposal)
+    await _write_report(run)
 
 
 def with_interruptions(result: Mapping[str, Any], run: Run) -> dict[str, Any]:

@@ -35,6 +35,7 @@ def status_of(engine: "Engine") -> dict[str, Any]:
         "latched": context.broker.latched is not None,
         "last_run": engine.last,
         "interrupted": engine.interrupted,
+        "waiting": engine.waiting,
         "devices": context.supervisor.status(),
         "loop_lag": engine.loop_lag(),
     }
@@ -74,6 +75,7 @@ def summary_of(result: Mapping[str, Any] | None) -> dict[str, Any] | None:
     kept = {k: result.get(k) for k in ("kind", "verdict", "reasons", "result", "uncertainty", "residuals")}
     if isinstance(answer := kept["result"], Mapping) and "passes" in answer:
         kept["result"] = {k: v for k, v in answer.items() if k != "passes"}
+    kept["observability"] = {"parameters": (result.get("observability") or {}).get("parameters")}
     kept["update"] = (result.get("inputs") or {}).get("update")
     for part, *path, table in TABLES:
         kept[part] = _without(kept[part], path, table)

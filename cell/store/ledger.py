@@ -229,6 +229,12 @@ class Ledger:
         )
         return [int(row["id"]) for row in rows]
 
+    def waiting_results(self) -> list[dict[str, Any]]:
+        """``id``, ``name`` and ``run_id`` of every result that waits for a decision, oldest first."""
+        return self._rows(
+            "SELECT id, name, run_id FROM calibrations WHERE state IN (?, ?) ORDER BY id", *OPEN_STATES
+        )
+
     def open_results_of_job(self, job: str) -> list[int]:
         """The results of all runs of a job that wait for a decision."""
         rows = self._rows(

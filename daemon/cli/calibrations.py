@@ -72,11 +72,20 @@ def _row(entry: dict[str, Any]) -> list[Any]:
     return [*(entry[k] for k in keys), *told, value_text(entry["name"], entry["value"])]
 
 
-def accept(result: ResultArgument, config: ConfigOption = None) -> None:
-    """Accept a result: it becomes the version in effect, from the next job on."""
+def accept(
+    result: ResultArgument,
+    warned: Annotated[
+        bool, typer.Option("--warned", help="Accept it with its warnings, which you have read.")
+    ] = False,
+    config: ConfigOption = None,
+) -> None:
+    """Accept a result: it becomes the version in effect, from the next job on.
+
+    A result with warnings is refused, and the warnings are listed, unless --warned says that they were read.
+    """
     with connect(config) as daemon:
-        entry = daemon.call("accept", result_id=result)
-    say(f"{entry['name']} version {entry['version']} is in effect from the next job on.")
+        entry = daemon.call("accept", result_id=result, warned=warned)
+    say(entry["use"])
 
 
 def reject(

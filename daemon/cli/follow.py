@@ -7,6 +7,7 @@ import typer
 
 from cell.errors import CellError, catalogue, error
 from daemon.cli.failures import FAILED, exit_code_of, tell
+from daemon.cli.next_step import next_commands
 from daemon.cli.output import out, out_json, say
 from daemon.cli.progress import ProgressBar
 from daemon.cli.status_text import job_text
@@ -33,7 +34,7 @@ def _watch(daemon: ControlClient, run_id: int, bar: ProgressBar) -> dict[str, An
             last = status.get("last_run")
             if last is None or last["run_id"] != run_id:
                 raise error("NOT_FOUND", f"run {run_id} ended unseen; 'cellward show {run_id}' tells how")
-            return dict(last)
+            return {**last, "waiting": status.get("waiting", [])}
         bar.show(job_text(status), status["step"], status["steps"])
         if status["prompt"] != prompt and status["prompt"] is not None:
             say(prompt_text(status["prompt"]))
@@ -57,6 +58,8 @@ def finished(end: Mapping[str, Any], as_json: bool) -> None:
     run = end["run_id"]
     more = f"report {run}' has the report" if end.get("result") else f"show {run}' tells how"
     say(f"Run {run} ended: {end['outcome']}. 'cellward {more}.")
+    for text in next_commands(end, end.get("waiting", [])):
+        say(text)
     if failure := end.get("error"):
         raised = as_error(failure)
         tell(raised)

@@ -32,20 +32,25 @@ def status(config: ConfigOption = None, as_json: JsonOption = False) -> None:
 
 
 def watch(config: ConfigOption = None, as_json: JsonOption = False) -> None:
-    """The status live, a line a change, until Ctrl-C; with --json one object a line."""
+    """The status live, a line a change, until Ctrl-C; with --json one object a line.
+
+    Scripts that follow the cell use 'watch --json': each call of 'status' starts an interpreter.
+    """
     import json
     import sys
 
-    from daemon.cli.status_text import change_line
+    from daemon.cli.status_text import change_line, without_state
 
-    last = None
+    last, told = None, set[str]()
     with connect(config) as daemon:
         for now in daemon.watch():
             line = json.dumps(now) if as_json else change_line(now)
-            if line != last:
+            if (step := line if as_json else without_state(now)) != last:
+                last, told = step, set()
+            if line not in told:  # a job that goes to and fro within a step is told once a step
                 out(line)
                 sys.stdout.flush()
-            last = line
+            told.add(line)
 
 
 def start(
@@ -149,7 +154,13 @@ def resume(config: ConfigOption = None) -> None:
 
 def reset(config: ConfigOption = None) -> None:
     """Leave a fault after its cause is cleared; nothing moves."""
-    _tell(config, "reset", "The fault is reset; jobs can be started.")
+    with connect(config) as daemon:
+        before = daemon.call("status")
+        daemon.call("reset")
+    if before.get("error") or before.get("latched"):
+        say("The fault is reset; jobs can be started.")
+    else:
+        say("There was no fault to reset; jobs can be started.")
 
 
 def _tell(config: Path | None, method: str, done: str, **params: Any) -> None:

@@ -44,10 +44,11 @@ def kincal_lines(result: Mapping[str, Any], answer: Mapping[str, Any]) -> list[s
     lines.append(f"  T_tracker_base = {pose_text(answer['T_tracker_base'])}")
     lines.append(f"  largest corrections: {_corrections(answer)}")
     observed = result.get("observability") or {}
-    lines.append(
-        f"  {observed.get('parameters')} parameters, rank {answer.get('rank')} with the tracker's place free "
-        f"({answer.get('rank_without_registration')} with it known); not determined alone:"
-    )
+    count = "" if observed.get("parameters") is None else f"{observed['parameters']} parameters, "
+    if (rank := answer.get("rank")) is not None:
+        known = answer.get("rank_without_registration")
+        more = "" if known is None else f" ({known} with it known)"
+        lines.append(f"  {count}rank {rank} with the tracker's place free{more}; not determined alone:")
     lines += [f"    {words}" for words in answer.get("unidentifiable") or []]
     if stopped := answer.get("classic"):
         lines.append(

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from daemon.cli.next_step import next_commands, possible, to_decide
 from daemon.cli.output import table
 
 
@@ -19,7 +20,13 @@ def status_text(status: Mapping[str, Any]) -> str:
         lines.append("motion    locked after a fault; clear the cause, then: cellward reset")
     if last := status.get("last_run"):
         lines.append(f"last run  {_last_run(last)}")
+        lines += [f"          {reason}" for reason in ((last.get("result") or {}).get("reasons") or [])[:1]]
+        lines += [f"          {text}" for text in next_commands(last, status.get("waiting", []))]
+    seen = last["run_id"] if last else None
+    others = [entry for entry in status.get("waiting", []) if entry["run_id"] != seen]
+    lines += [f"waits     {to_decide(entry)}" for entry in others]
     lines += [f"          run {r} was interrupted; cellward adopt {r}" for r in status.get("interrupted", [])]
+    lines.append(f"possible  {possible(status)}")
     lines += ["", table(("device", "state", "model", "serial", "error"), _devices(status))]
     return "\n".join(lines)
 
@@ -52,6 +59,11 @@ def change_line(status: Mapping[str, Any]) -> str:
         if device["state"] != "READY"
     ]
     return " | ".join(parts)
+
+
+def without_state(status: Mapping[str, Any]) -> str:
+    """As :func:`change_line`, without the state within the job's step."""
+    return change_line({**status, "state": "-"})
 
 
 def _last_run(last: Mapping[str, Any]) -> str:

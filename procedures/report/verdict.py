@@ -35,10 +35,35 @@ def banner(source: Source, remedies: Mapping[str, str], otherwise: str, more: Ht
         body.append(bullets(el("span", el("code", w.get("code")), " ", w.get("text")) for w in warnings))
     if not body:
         body.append(paragraph("No finding: the data determine the answer and nothing is to be warned of."))
+    more = Html((more or "") + (_decision(source) or ""))
     kind = verdict if verdict in _HEADLINE else "fail"
     if unfinished and kind == "pass":
         kind = "warn"
     return el("div", el("h2", headline), *body, more, class_=f"verdict {kind}")
+
+
+def _decision(source: Source) -> Html | None:
+    """What became of the result when this report was drawn, or the commands that decide about it."""
+    if dig(source.result, "inputs", "update") is not None:
+        return None  # an update decides itself, and its report says how
+    told = [e for e in source.journal if e.get("kind") == "decision" and e.get("result_id") is not None]
+    proposed = [e for e in told if e.get("event") == "proposed"]
+    if not proposed:
+        return None
+    number, name = proposed[-1]["result_id"], proposed[-1].get("name")
+    if any(e.get("event") == "accepted" and e["result_id"] == number for e in told):
+        return paragraph(f"Result {number} ({name}) was accepted by policy when the run ended.")
+    accept = f"cellward accept {number}{' --warned' if source.result.get('verdict') == 'warn' else ''}"
+    return paragraph(
+        el("b", "What next. "),
+        f"When this report was drawn, result {number} ({name}) waited for a decision: ",
+        el("code", accept),
+        " or ",
+        el("code", f"cellward reject {number}"),
+        "; ",
+        el("code", "cellward results"),
+        " says what became of it.",
+    )
 
 
 def _name(source: Source) -> str:

@@ -1,0 +1,50 @@
+"""What a decision on a calibration means for this cell: what will use it, and what warned of it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from cell.calibrations import kinematics, on_flange, tool_calibration
+from cell.errors import error
+from daemon.config import CellConfig
+
+
+def warnings_of(row: Mapping[str, Any]) -> list[str]:
+    """Why a result is less than a pass; empty for one that passed, or has no verdict."""
+    result = row.get("result")
+    if not isinstance(result, Mapping) or result.get("verdict") != "warn":
+        return []
+    texts = [str(w.get("text")) for w in result.get("warnings") or []] + list(result.get("reasons") or [])
+    return list(dict.fromkeys(texts)) or ["its verdict is warn"]
+
+
+def require_read(row: Mapping[str, Any], read: bool) -> None:
+    """``RESULT_WARNS`` for a result with warnings unless whoever accepts it says that they were read."""
+    if not read and (found := warnings_of(row)):
+        raise error("RESULT_WARNS", f"result {row['id']} ({row['name']}): {'; '.join(found)}")
+
+
+def use_of(config: CellConfig, name: str, version: Any) -> str:
+    """In a sentence: what uses this version of the calibration ``name`` in this cell, if anything does."""
+    it = f"{name} version {version}"
+    roles = config.robot.roles()
+    kind, _, owner = name.partition(".")
+    if kind == "kinematics":
+        if name != kinematics(roles.get("arm", "")):
+            return f"{it} is accepted and not used for moves: '{owner}' is not the arm of [robot]."
+        if not config.robot.use_kinematics:
+            return (
+                f"{it} is accepted and not used: [robot] use_kinematics is false. With true, the daemon's "
+                "own moves and poses go by it."
+            )
+        return (
+            f"{it} is in effect from the next job on: moves and poses go by it. Values that were calibrated "
+            "with another model no longer fit; 'cellward check' lists them."
+        )
+    if kind in ("T_flange_tool", "laser_reference") and owner != config.robot.tool.name:
+        return f"{it} is accepted and not used: the tool of [robot] is '{config.robot.tool.name}'."
+    if kind in ("belt", "time_offset_s") and owner not in roles.values():
+        return f"{it} is accepted and not used: no role of [robot] names '{owner}'."
+    more = ""
+    if on_flange(name) and name == tool_calibration(config.robot.tool.name):
+        more = ": the arm moves by the new tool's point"
+    return f"{it} is in effect from the next job on{more}."

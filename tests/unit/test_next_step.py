@@ -1,0 +1,98 @@
+"""What a person is told to do next: after a run, in the status, and in the report."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from daemon.cli.kincal_text import kincal_lines
+from daemon.cli.next_step import next_commands, possible
+from daemon.cli.status_text import change_line, status_text, without_state
+from daemon.status import summary_of
+from procedures.report.source import Source
+from procedures.report.verdict import banner
+
+END: dict[str, Any] = {"run_id": 5, "job": "cone-capture", "outcome": "complete", "verdict": "pass"}
+WAITS = [{"id": 2, "name": "T_flange_camera", "run_id": 5}]
+STATUS: dict[str, Any] = {"cell": "bay-3", "packml": "COMPLETE", "devices": {}, "job": None}
+
+
+def test_a_result_that_waits_is_named_with_both_commands() -> None:
+    words = "To decide about T_flange_camera: cellward accept 2, or cellward reject 2."
+    assert next_commands(END, WAITS) == [words]
+    assert words in status_text({**STATUS, "last_run": END, "waiting": WAITS})
+
+
+def test_a_result_with_warnings_is_accepted_by_another_command() -> None:
+    (words,) = next_commands({**END, "verdict": "warn"}, WAITS)
+    assert "cellward accept 2 --warned" in words
+
+
+def test_a_moved_tool_leads_to_its_correction() -> None:
+    result = {"result": {"moved": {"moved": True}}, "reasons": ["tool moved: by 1.49 mm"]}
+    end = {**END, "verdict": "fail", "result": result}
+    assert next_commands(end, []) == [
+        "The tool has moved. To correct its frame: cellward start laser-update."
+    ]
+    assert "tool moved: by 1.49 mm" in status_text({**STATUS, "last_run": end})
+    assert next_commands({**END, "result": {"result": {"moved": {"moved": False}}}}, []) == []
+
+
+def test_results_of_earlier_runs_are_told_in_the_status_alone() -> None:
+    older = [{"id": 1, "name": "belt.encoder", "run_id": 3}]
+    assert next_commands(END, older) == []
+    assert "cellward accept 1, or cellward reject 1" in status_text({**STATUS, "waiting": older})
+
+
+@pytest.mark.parametrize(
+    ("state", "words"),
+    [
+        ({}, "cellward start JOB"),
+        ({"latched": True}, "cellward reset"),
+        ({"job": "cone-capture", "packml": "EXECUTE"}, "cellward pause, cellward finish, cellward abort"),
+        ({"job": "cone-capture", "packml": "HELD"}, "cellward resume"),
+        ({"job": "cone-capture", "packml": "HELD", "prompt": {"id": 9, "text": "?"}}, "cellward confirm 9"),
+        ({"job": "cone-capture", "packml": "ABORTING"}, "wait for its end"),
+    ],
+)
+def test_the_status_names_the_commands_that_are_possible(state: dict[str, Any], words: str) -> None:
+    assert words in possible({**STATUS, **state})
+
+
+def test_unknown_figures_of_a_sampled_arm_are_left_out_and_never_none() -> None:
+    answer = {"parameters": {"a1": 1.0}, "nominal": {"a1": 1.0}, "T_tracker_base": [0.0] * 6, "rank": 24}
+    known = {"kind": "kincal", "observability": {"parameters": 32, "jacobian": [0.0] * 9}, "result": answer}
+    live = summary_of(known)
+    assert live is not None
+    assert live["observability"] == {"parameters": 32}
+    assert "  32 parameters, rank 24 with the tracker's place free; not determined alone:" in kincal_lines(
+        live, answer
+    )
+    text = "\n".join(kincal_lines({}, answer))
+    assert "  rank 24 with" in text
+    assert "None" not in text
+
+
+def test_a_watch_tells_a_job_that_goes_to_and_fro_once_a_step() -> None:
+    run = {**STATUS, "packml": "EXECUTE", "job": "laser-reference", "run_id": 1, "step": 0, "steps": 18}
+    sweep, back = ({**run, "state": name} for name in ("sweep", "return"))
+    assert change_line(sweep) != change_line(back)
+    assert without_state(sweep) == without_state(back)
+    assert without_state(sweep) != without_state({**sweep, "step": 1})
+
+
+def report_of(journal: list[dict[str, Any]], verdict: str = "pass") -> str:
+    result = {"verdict": verdict, "result": {"x": 1}, "reasons": [], "warnings": []}
+    entries = [{"kind": "decision", **entry} for entry in journal]
+    return str(banner(Source(result, journal=json.loads(json.dumps(entries))), {}, ""))
+
+
+def test_the_report_names_the_commands_that_decide(tmp_path: Path) -> None:
+    proposed = {"event": "proposed", "name": "T_flange_camera", "result_id": 2}
+    assert "cellward accept 2</code> or <code>cellward reject 2" in report_of([proposed])
+    assert "cellward accept 2 --warned" in report_of([proposed], "warn")
+    by_policy = report_of([proposed, {**proposed, "event": "accepted", "by": "policy"}])
+    assert "Result 2 (T_flange_camera) was accepted by policy" in by_policy
+    assert "cellward accept" not in by_policy
+    assert "cellward" not in report_of([])
