@@ -9,7 +9,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-LOOP, SETPOINTS = 1, 2  # SCHED_RR priorities; a controller's own computer is not here
+# SCHED_RR priorities. The first is for the clock of a simulated controller: a real one has a computer of its
+# own, so everything of the daemon that follows the arm comes before it.
+SIMULATED_CONTROLLER, LOOP, SETPOINTS = 1, 2, 3
 COMPUTING = 5  # niceness; what looks at pictures has none, or it would get no core beside busy programs
 
 

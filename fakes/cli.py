@@ -13,7 +13,7 @@ from rich.console import Console
 
 from cell.errors import CellError, Reaction
 from fakes.control import ask, default_folder
-from fakes.lifetime import die_with_parent, run_as_controller
+from fakes.lifetime import die_with_parent
 
 if TYPE_CHECKING:
     from fakes.serve import Twin
@@ -167,10 +167,11 @@ def straighten(folder: Folder) -> None:
 
 
 async def _serve(scenario: str, folder: Path, bind: str | None, automatic: bool) -> None:
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")  # before numpy reads them, here and in the camera's process
     # Only here: the other commands answer at once without the libraries that a world needs.
     from fakes.serve import TwinOptions, serve
 
-    run_as_controller()
     options = TwinOptions(scenario, folder, bind, automatic)
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()

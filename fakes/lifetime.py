@@ -1,31 +1,41 @@
-"""Processes of the twin: they never outlive their parent, and the controller comes first."""
+"""Processes of the twin: they never outlive their parent, and leave the cores to those who are measured."""
 
 import contextlib
 import ctypes
+import gc
 import os
 import signal
 
+from cell.priority import COMPUTING, SIMULATED_CONTROLLER, yield_to_others
+
 _PR_SET_PDEATHSIG = 1
-
-
-_CAMERA_NICE = 0
-_REAL_TIME_PRIORITY = 5
+_COLLECT_AFTER = 20_000, 20, 100  # new objects; passes over the young; passes over the middle-aged
 
 
 def run_as_controller() -> None:
-    """Run this thread before all others where the system permits: a real controller has its own computer.
+    """Run this thread before ordinary ones where the system permits: a real controller has its own computer.
 
-    Niceness alone does not do it: Linux shares the cores between sessions first.
+    It comes after all real time of the daemon, which would not have to share a core with it either. Children
+    are ordinary again.
     """
     with contextlib.suppress(PermissionError):
         policy = os.SCHED_RR | os.SCHED_RESET_ON_FORK
-        os.sched_setscheduler(0, policy, os.sched_param(_REAL_TIME_PRIORITY))
+        os.sched_setscheduler(0, policy, os.sched_param(SIMULATED_CONTROLLER))
 
 
 def run_as_camera() -> None:
-    """Draw at plain priority: behind the daemon's loop, whose computer a real camera does not use."""
-    with contextlib.suppress(PermissionError):
-        os.setpriority(os.PRIO_PROCESS, 0, _CAMERA_NICE)
+    """Draw behind everything else: a real camera uses no core of the daemon's computer."""
+    yield_to_others(COMPUTING)
+
+
+def settle_collector() -> None:
+    """Call it when what stays has been made: later passes of the collector do not look at it.
+
+    They come rarely, too, so who serves a stream should ask for one while nobody waits.
+    """
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(*_COLLECT_AFTER)
 
 
 def die_with_parent(how: signal.Signals = signal.SIGKILL) -> None:

@@ -14,7 +14,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from fakes.frames.server import serve_frames
-from fakes.lifetime import die_with_parent, run_as_camera
+from fakes.lifetime import die_with_parent, run_as_camera, run_as_controller
 from fakes.world import Message, World
 
 BACKLOG = 20_000  # messages; 40 s of set-points at 500 Hz
@@ -75,6 +75,7 @@ class FrameProcess:
             self._thread.join(JOIN_S)
 
     def _write(self, connection: "Connection[Any, Any]") -> None:
+        run_as_controller()  # whoever waits for a core here may hold the interpreter's lock
         with connection, contextlib.suppress(OSError):
             over = False
             while not over:

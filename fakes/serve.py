@@ -1,6 +1,7 @@
 """The twin of a cell: one world, the fakes that show it on real protocols, and a ready cell.toml."""
 
 import asyncio
+import contextlib
 import gc
 import math
 import time
@@ -14,6 +15,7 @@ from cell.poses import to_pose6
 from fakes.auto_operator import AutomaticOperator
 from fakes.control import SOCKET_NAME, make_private, serve_control
 from fakes.faults import Switchboard, parse_fault
+from fakes.lifetime import run_as_controller, settle_collector
 from fakes.observed_twin import TwinObserved
 from fakes.scenario import OBSERVED, Scenario
 from fakes.twin_camera import TwinCamera
@@ -29,6 +31,7 @@ from fakes.world import World
 
 MODBUS_PORT = 5020
 UNIX_PATH_LIMIT = 107
+COLLECT_S = 10.0  # the collector's turn, if the arm rests
 
 
 @dataclass(frozen=True)
@@ -274,8 +277,13 @@ def _is_finite(value: Any) -> bool:
 
 async def serve(options: TwinOptions, stop: asyncio.Event, ready: Callable[[Twin], None]) -> None:
     """Run a twin until ``stop`` is set; ``ready`` is called when everything listens."""
-    async with Twin(options) as twin:
-        gc.collect()
-        gc.freeze()  # a full collection of what start-up made would be heard as a silent controller
+    twin = Twin(options)
+    settle_collector()
+    run_as_controller()  # not before: making a world takes a second of a core
+    async with twin:
         ready(twin)
-        await stop.wait()
+        while not stop.is_set():
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(stop.wait(), COLLECT_S)
+            if not twin.controller.robot.arm.moving(twin.controller.now()):
+                gc.collect()
