@@ -13,6 +13,7 @@ from daemon.config import CellConfig
 from daemon.config.roles import ROLES
 from daemon.engine import WAITING, Engine
 from daemon.modbus import Command
+from daemon.warning_bits import Shown, warning_bits
 
 log = logging.getLogger("cellward.plc")
 
@@ -120,7 +121,7 @@ class PlcFace:
             "packml_state": int(engine.packml),
             "active_job": status["job_number"],
             "error_code": engine.error.code if engine.error else 0,
-            "warning_bits": 0,
+            "warning_bits": warning_bits(Shown(engine, status, last)),
             "protocol_version": PROTOCOL_VERSION,
             "config_checksum": self._config.checksum,
             "run_id": status["run_id"] or (last["run_id"] if last else 0),

@@ -9,6 +9,8 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
+from daemon.warning_bits import WARNING_BITS
+
 WORDS = {"uint16": 1, "uint32": 2, "float32": 2}
 
 
@@ -92,6 +94,8 @@ def register_table() -> RegisterTable:
     """The table of this program."""
     raw = tomllib.loads(files("daemon.modbus").joinpath("registers.toml").read_text("utf-8"))
     blocks = raw["blocks"]
+    warnings = next(entry for entry in raw["status"] if entry["name"] == "warning_bits")
+    warnings["bits"] = [bit.meaning for bit in WARNING_BITS]
 
     def registers(key: str) -> tuple[Register, ...]:
         return tuple(

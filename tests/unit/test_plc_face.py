@@ -13,6 +13,7 @@ from daemon import plc as bits
 from daemon.config import CellConfig
 from daemon.modbus import Command
 from daemon.plc import PlcFace
+from daemon.warning_bits import warnings_shown
 from fakes.object import run_virtual
 from tests.object_cell import JOB, WHO, ObjectCell, no_report, open_cell, write_config
 
@@ -257,6 +258,7 @@ def test_a_lost_device_takes_its_bit_and_ready_away(tmp_path: Path) -> None:
         cell.plant.camera.inject("refuse")
         await cell.clock.sleep(0.1)
         assert (panel.has(ARM_OK), panel.has(CAMERA_OK)) == (True, False)
+        assert warnings_shown(panel.read("warning_bits")) == ["device_not_ready"]
         cell.plant.controller.inject("refuse")
         await cell.clock.sleep(0.1)
         assert (panel.has(ARM_OK), panel.has(bits.READY)) == (False, False)
@@ -330,6 +332,7 @@ def test_a_warning_is_a_bit_beside_a_valid_result(tmp_path: Path, monkeypatch: p
     async def script(cell: ObjectCell, panel: Panel) -> None:
         await panel.run_to_the_end()
         assert panel.has(bits.WARNING)
+        assert warnings_shown(panel.read("warning_bits")) == ["verdict_warn"]
         assert panel.has(bits.RESULT_VALID)
         await cell.engine.reset(WHO)
         assert panel.has(bits.WARNING), "until it is acknowledged"

@@ -1,0 +1,69 @@
+"""The bits of the register ``warning_bits``: what each one means, and when it is shown.
+
+The place in ``WARNING_BITS`` is the bit's number, which a PLC's program relies on: a new one goes to the end.
+A warning stops nothing. What stops a job is an error, with its code in ``error_code``.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from daemon.engine import Engine
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a warning may look at; ``last`` is the last run, None while a job runs or once acknowledged."""
+
+    engine: "Engine"
+    status: Mapping[str, Any]
+    last: Mapping[str, Any] | None
+
+
+@dataclass(frozen=True)
+class WarningBit:
+    """One warning: a name for programs, a meaning for the manual, and whether it is to be shown."""
+
+    name: str
+    meaning: str
+    shown: Callable[[Shown], bool]
+
+
+def _verdict_warn(cell: Shown) -> bool:
+    return cell.last is not None and cell.last.get("verdict") == "warn"
+
+
+def _steps_taken_again(cell: Shown) -> bool:
+    return bool(cell.status["steps_taken_again"] or (cell.last or {}).get("steps_taken_again"))
+
+
+def _device_not_ready(cell: Shown) -> bool:
+    return any(device["state"] != "READY" for device in cell.status["devices"].values())
+
+
+def _interrupted(cell: Shown) -> bool:
+    return bool(cell.status["interrupted"])
+
+
+WARNING_BITS = (
+    WarningBit("verdict_warn", "the last result's verdict is warn, until acknowledged", _verdict_warn),
+    WarningBit(
+        "steps_taken_again",
+        "a short silence of a device interrupted steps that were taken again, of the running job or of the "
+        "last one until it is acknowledged",
+        _steps_taken_again,
+    ),
+    WarningBit("device_not_ready", "a configured device is not ready", _device_not_ready),
+    WarningBit("run_interrupted", "the last start of the daemon found a run that had no end", _interrupted),
+)
+
+
+def warning_bits(cell: Shown) -> int:
+    """The register's value."""
+    return sum(1 << number for number, bit in enumerate(WARNING_BITS) if bit.shown(cell))
+
+
+def warnings_shown(value: int) -> list[str]:
+    """The names of the bits that are set in ``value``."""
+    return [bit.name for number, bit in enumerate(WARNING_BITS) if value >> number & 1]

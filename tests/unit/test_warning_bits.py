@@ -1,0 +1,44 @@
+"""The register of warnings: each bit has a meaning, and shows what the engine says."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from daemon.modbus import register_table
+from daemon.warning_bits import WARNING_BITS, Shown, warning_bits, warnings_shown
+
+QUIET: dict[str, Any] = {"steps_taken_again": 0, "devices": {"arm": {"state": "READY"}}, "interrupted": []}
+
+
+def shown(last: dict[str, Any] | None = None, **status: Any) -> list[str]:
+    engine: Any = SimpleNamespace(status=lambda: QUIET)
+    return warnings_shown(warning_bits(Shown(engine, QUIET | status, last)))
+
+
+def test_nothing_to_warn_of_is_0() -> None:
+    assert shown() == []
+    assert shown({"verdict": "pass", "steps_taken_again": 0}) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "last", "status"),
+    [
+        ("verdict_warn", {"verdict": "warn"}, {}),
+        ("steps_taken_again", None, {"steps_taken_again": 2}),
+        ("steps_taken_again", {"verdict": "pass", "steps_taken_again": 1}, {}),
+        ("device_not_ready", None, {"devices": {"arm": {"state": "LOST"}}}),
+        ("run_interrupted", None, {"interrupted": [7]}),
+    ],
+)
+def test_each_warning_has_a_bit_of_its_own(
+    name: str, last: dict[str, Any] | None, status: dict[str, Any]
+) -> None:
+    assert shown(last, **status) == [name]
+
+
+def test_the_bits_fit_the_register_and_each_is_in_the_manual() -> None:
+    assert len(WARNING_BITS) <= 16
+    assert len({bit.name for bit in WARNING_BITS}) == len(WARNING_BITS)
+    register = next(r for r in register_table().status if r.name == "warning_bits")
+    assert list(register.bits) == [bit.meaning for bit in WARNING_BITS]
