@@ -8,6 +8,7 @@ from cell.store.runs import load_run
 from daemon.cli.failures import FAILED, OK
 from daemon.cli.output import out, say
 from daemon.cli.result_text import result_text
+from daemon.demo.judged import Judged, Row
 from daemon.demo.verdict import judge_camera
 from daemon.demo.verdict_arm import judge_arm
 from daemon.demo.verdict_laser import judge_beams, judge_tool
@@ -21,27 +22,33 @@ _JUDGES = {
 }
 
 
-def conclude(runs: Path, run_id: int, truth: Mapping[str, Any]) -> int:
-    """Print everything; 0 only for a complete run, a verdict other than fail, and an error within limits."""
+def conclude(runs: Path, run_id: int, truth: Mapping[str, Any]) -> Row:
+    """Print everything; good only for a complete run, a verdict other than fail, an error within limits."""
     run = load_run(runs, run_id)
     end, result = run.read_end() or {"outcome": "interrupted"}, run.read_result()
     if end["outcome"] != "complete" or result is None:
         failure = end.get("error")
         why = f": {failure['text']} ({failure['code']}). {failure['hint']}" if failure else ""
         say(f"run {run_id} ended {end['outcome']}{why}\nIts journal is in {run.path}")
-        return FAILED
+        return Row(run.job, "-", "-", f"ended {end['outcome']}{why}", FAILED)
     out(result_text(result))
-    good = False
+    judged = None
     if result["result"] is not None:
-        good, text = _judged(result, truth, run.path)
+        judged = _judged(result, truth, run.path)
         out("\nBeside the twin's truth:")
-        out(text)
+        out(judged.text)
     report = run.path / "report.html"
     out(f"report: {report if report.exists() else f'none was drawn; the journal in {run.path} says why'}")
-    return OK if result["verdict"] != "fail" and good else FAILED
+    if judged is None:
+        return Row(run.job, "no answer", "-", str(result["verdict"]), FAILED)
+    good = result["verdict"] != "fail" and judged.good
+    words = f"{result['verdict']}, {'agrees with' if judged.good else 'NOT consistent with'} the truth"
+    again = len((result.get("inputs") or {}).get("steps_taken_again") or ())
+    words += f"; {again} steps taken again" if again else ""
+    return Row(run.job, judged.stated, judged.off, words, OK if good else FAILED)
 
 
-def _judged(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path) -> tuple[bool, str]:
+def _judged(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path) -> Judged:
     if result["kind"] == "kincal":
         return judge_arm(result, truth, folder)
     return _JUDGES[result["kind"]](result, truth)

@@ -20,13 +20,13 @@ from cell.errors import error
 from cell.motion import MotionBroker
 from cell.store.ledger import Ledger
 from daemon.cell_context import CellContext
-from daemon.cli.failures import OK
 from daemon.cli.output import out, say
 from daemon.cli.progress import ProgressBar
 from daemon.composition import supervised_devices
 from daemon.config import CellConfig, load_config
 from daemon.demo.ending import conclude
 from daemon.demo.folder import begin_in
+from daemon.demo.judged import Row, closing_table
 from daemon.demo.scenes import Scene, give_camera, scenes_of
 from daemon.demo.steps import Step
 from daemon.engine import Engine
@@ -44,10 +44,10 @@ def run_fast(folder: Path, steps: Sequence[Step]) -> int:
     """Run the demo with its files in ``folder``; the exit code is that of the full one."""
     out(f"Cellward demo, fast: {', '.join(s.job for s in steps)} in one process. ETA a minute.")
     out("All devices and the clock are virtual objects: no process, no protocol and no Modbus is exercised.")
-    return max([_play(scene, folder / scene.twin) for scene in scenes_of(steps)], default=OK)
+    return closing_table([row for scene in scenes_of(steps) for row in _play(scene, folder / scene.twin)])
 
 
-def _play(scene: Scene, folder: Path) -> int:
+def _play(scene: Scene, folder: Path) -> list[Row]:
     begin_in(folder, "fast-state")
     logging.basicConfig(filename=folder / "fast.log", level=logging.INFO, force=True)
     scene.prepare(folder)
@@ -58,7 +58,7 @@ def _play(scene: Scene, folder: Path) -> int:
         f"The log is {folder / 'fast.log'}. {seconds:.0f} s of the cell took {time.monotonic() - began:.1f} s"
     )
     where = Path(config.cell.state_dir) / "runs"
-    return max([conclude(where, run_id, truth) for run_id, truth in runs], default=OK)
+    return [conclude(where, run_id, truth) for run_id, truth in runs]
 
 
 def run_objects(config: CellConfig, steps: Sequence[Step]) -> tuple[list[tuple[int, dict[str, Any]]], float]:

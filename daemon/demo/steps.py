@@ -31,7 +31,7 @@ class Step:
     bump: Bump | None = None
     twin: str = "bay"
     picks: int = 0  # after so many the PLC finishes the job
-    attempts: int = 1  # while the watchdog ends them: a busy machine may be late for an arm that follows
+    after: str | None = None  # the job whose result it needs
     given_camera: bool = False  # the twin's own T_base_camera stands for an earlier calibration
 
 
@@ -57,6 +57,7 @@ LASER_UPDATE = Step(
     100,
     "the tool is bumped, measured, corrected, and measured again",
     bump=Bump((0.0012, -0.0007, 0.0005), (0.008, -0.006)),
+    after="laser-reference",
 )
 TRACKER_SAMPLING = Step(
     "tracker-sampling",
@@ -74,7 +75,6 @@ BELT_TRACKING = Step(
     "10 items picked from a moving belt",
     twin="picking",
     picks=10,
-    attempts=4,
     given_camera=True,
 )
 # In the order in which they are shown; steps of one twin stand together.

@@ -11,6 +11,7 @@ from cell.errors import error
 from cell.poses import Array, from_pose6, log_xi
 from daemon.cli.output import table
 from daemon.cli.result_text import SETUPS, calibration_name, spread_text
+from daemon.demo.judged import Judged
 
 M2_LIMIT = 20.1  # 3 sigma: 99.73 % of a chi-square with 6 degrees of freedom lie below
 AXES = ("x", "y", "z", "about x", "about y", "about z")
@@ -44,10 +45,21 @@ def judge(result: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
     return Judgement(name, found, true, xi, np.sqrt(np.diag(cov)), m2)
 
 
-def judge_camera(result: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[bool, str]:
+def judge_camera(result: Mapping[str, Any], truth: Mapping[str, Any]) -> Judged:
     """Whether a hand-eye answer agrees with the true pose, and the table that shows it."""
     judgement = judge(result, truth)
-    return judgement.good, judgement_text(judgement, result["result"])
+    sigma, off = judgement.sigma, judgement.xi
+    return Judged(
+        judgement.good,
+        judgement_text(judgement, result["result"]),
+        f"standard uncertainty {_size_text(sigma)}",
+        _size_text(off),
+    )
+
+
+def _size_text(xi: Array) -> str:
+    t, r = float(np.linalg.norm(xi[:3])), float(np.linalg.norm(xi[3:]))
+    return f"{1e3 * t:.3f} mm, {degrees(r):.4f} deg"
 
 
 def judgement_text(judgement: Judgement, answer: Mapping[str, Any]) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from cell.poses import Array, from_pose6
 from cell.store.files import read_json
 from daemon.cli.output import table
+from daemon.demo.judged import Judged
 from daemon.demo.verdict_laser import SURE_POINT
 from procedures.tracker.judging import places
 from procedures.tracker.record import DATA_FILE, HELD_OUT_FILE
@@ -16,7 +17,7 @@ from procedures.tracker.record import DATA_FILE, HELD_OUT_FILE
 ELSEWHERE = 200
 
 
-def judge_arm(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path) -> tuple[bool, str]:
+def judge_arm(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path) -> Judged:
     """Predictions at the joints that were set aside, and at joints all over the sampled ranges.
 
     Good when 95 % of those elsewhere are within the promised 95 % limit at the worst place, widened as the
@@ -47,7 +48,8 @@ def judge_arm(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path)
         f"sigma of {_mm(sigma)} mm along each axis there",
         f"{words} the promise: 95 % below {_mm(promised)} mm at the worst place",
     ]
-    return good, "\n".join(text)
+    stated = f"95 % below {1e3 * promised:.3f} mm"
+    return Judged(good, "\n".join(text), stated, f"95 % below {1e3 * float(np.percentile(off, 95)):.3f} mm")
 
 
 def _errors(answer: Mapping[str, Any], truth: Mapping[str, Any], samples: list[Any]) -> Array:

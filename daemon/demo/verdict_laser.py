@@ -8,13 +8,14 @@ import numpy as np
 
 from cell.poses import Array, from_pose6
 from daemon.cli.output import table
+from daemon.demo.judged import Judged
 
 # 95 % limits widened to 99.73 %, by the quantiles of chi-square with 3 and with 2 degrees of freedom.
 SURE_POINT = 1.346
 SURE_TILT = 1.405
 
 
-def judge_tool(result: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[bool, str]:
+def judge_tool(result: Mapping[str, Any], truth: Mapping[str, Any]) -> Judged:
     """The committed tool frame against the true one: where its point is, and which way its axis goes."""
     answer, sure = result["result"], result["uncertainty"]
     found, true = from_pose6(answer["T_flange_tool"]), from_pose6(truth["T_flange_tool"])
@@ -39,7 +40,8 @@ def judge_tool(result: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[boo
         if accepted
         else "the new frame was NOT put into effect",
     ]
-    return good, "\n".join(text)
+    stated = f"U95 {1e3 * sure['U_point_m']:.3f} mm, {degrees(sure['U_tilt_rad']):.3f} deg"
+    return Judged(good, "\n".join(text), stated, f"{1e3 * apart:.3f} mm, {degrees(tilt):.3f} deg")
 
 
 def _beyond(apart: float, tilt: float, sure: Mapping[str, Any]) -> str:
@@ -48,26 +50,29 @@ def _beyond(apart: float, tilt: float, sure: Mapping[str, Any]) -> str:
     return ": beyond the 95 % bound, as 1 of 20 is, and within the 99.73 % bound" if beyond else ""
 
 
-def judge_beams(result: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[bool, str]:
+def judge_beams(result: Mapping[str, Any], truth: Mapping[str, Any]) -> Judged:
     """The beams of a reference against the true ones: how far apart where they are crossed, and the angle.
 
     The point of the tool breaks a beam of light when it is within the beam's radius, so the line that it
     meets lies that much above the middle of the light.
     """
     limit = SURE_POINT * result["uncertainty"]["U_point_m"]
-    good, rows = True, []
+    good, worst, rows = True, 0.0, []
     for name, beam in result["result"]["beams"].items():
         point, line = np.array(beam["point"]), np.array(beam["dir"])
         true = truth["beams"][name]
         upper = np.array([0.0, 0.0, true["radius_m"] - 0.5 * true["hysteresis_m"]])
         apart = _distance(point, np.array(true["point"]) + upper, _unit(np.array(true["dir"])))
-        good = good and apart <= limit
+        good, worst = good and apart <= limit, max(worst, apart)
         rows.append((name, f"{1e3 * apart:.4f}", f"{1e3 * _angle(line, np.array(true['dir'])):.3f}"))
     words = "consistent with" if good else "NOT consistent with"
     text = table(("beam", "off the true line, mm", "angle between, mrad"), rows)
-    return (
+    stated = f"U95 {1e3 * limit / SURE_POINT:.3f} mm"
+    return Judged(
         good,
         f"{text}\n{words} the stated uncertainty (U95 of the point {1e3 * limit / SURE_POINT:.4f} mm)",
+        stated,
+        f"{1e3 * worst:.3f} mm",
     )
 
 

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 
 from daemon.cli.output import table
+from daemon.demo.judged import Judged
 
 WANTED_M = 0.001  # RMS of the contacts, horizontal
 
 
-def judge_picks(result: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[bool, str]:
+def judge_picks(result: Mapping[str, Any], truth: Mapping[str, Any]) -> Judged:
     """How far the tool's point was beside the item at each first contact, and how fast the item slid then.
 
     Good when every pick that the job counts was one, and the contacts are within ``WANTED_M``.
@@ -43,4 +44,6 @@ def judge_picks(result: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[bo
         table(("", "RMS", "largest"), rows),
         f"{words} what is wanted: every counted pick a true one, contacts within {1e3 * WANTED_M:g} mm RMS",
     ]
-    return good, "\n".join(text)
+    return Judged(
+        good, "\n".join(text), f"{picks} picks", f"{taken} taken, {1e3 * apart:.3f} mm RMS at contact"
+    )

@@ -13,15 +13,17 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from cell.errors import CellError, RetryError, catalogue, error
+from cell.errors import CellError, RetryError, error, find_entry
+from cell.interruptions import SILENCES
 from cell.store.ledger import Ledger
-from daemon.cli.failures import OK
+from daemon.cli.failures import FAILED
 from daemon.cli.output import out, say
 from daemon.cli.progress import ProgressBar
 from daemon.demo import plc as registers
 from daemon.demo.children import Child, console_script
 from daemon.demo.ending import conclude
 from daemon.demo.folder import begin_in
+from daemon.demo.judged import Row, closing_table
 from daemon.demo.plc import POLL_S, Plc
 from daemon.demo.scenes import Scene, give_camera, scenes_of
 from daemon.demo.steps import Bump, Step, eta_text
@@ -33,24 +35,42 @@ JOB_DEADLINE_S = 15 * 60.0
 TWIN_ANSWER_S = 30.0
 LAST_WORDS_S = 3.0
 PASSING = {"STALE_DATA", "DEVICE_NOT_READY"}
+LATE = SILENCES | {"CALL_TIMEOUT"}  # what a machine without a free core ends a run with
+ATTEMPTS = 2
 START_ATTEMPTS, START_AGAIN_S = 4, 0.8
 LINE_EVERY_STEPS = 10
 
 
 def run_wire(folder: Path, steps: Sequence[Step]) -> int:
-    """Run the demo with its files in ``folder``; exit code 0 only when every answer agrees with the truth."""
+    """Run the demo with its files in ``folder``; exit code 0 only when every answer agrees with the truth.
+
+    A scene that cannot go on costs its own steps; the others are shown all the same.
+    """
     out(f"Cellward demo on a twin. ETA {eta_text(steps)}.")
+    rows: list[Row] = []
     with _interrupted_once():
         say(f"Files and logs go to {folder}")
-        runs = [run for scene in scenes_of(steps) for run in _play(scene, folder / scene.twin)]
-    # Each is shown, also after one that failed.
-    return max([conclude(*run) for run in runs], default=OK)
+        for scene in scenes_of(steps):
+            done: list[Finished] = []
+            lost = None
+            try:
+                _play(scene, folder / scene.twin, done)
+            except CellError as failure:
+                say(f"{failure}. {failure.hint}")
+                lost = failure
+            rows += [conclude(*run) if isinstance(run, tuple) else run for run in done]
+            rows += [Row(s.job, "-", "-", f"not done: {lost}", FAILED) for s in scene.steps[len(done) :]]
+    return closing_table(rows)
 
 
-def _play(scene: Scene, folder: Path) -> list[tuple[Path, int, dict[str, Any]]]:
-    """All steps in one twin with one daemon; the folder of runs, the number and the truth after each."""
+Finished = tuple[Path, int, dict[str, Any]] | Row
+"""The folder of runs, the number of the run and the truth after it; or why there is none."""
+
+
+def _play(scene: Scene, folder: Path, done: list[Finished]) -> None:
+    """All steps in one twin with one daemon; what is done of them is appended to ``done``."""
     begin_in(folder, "state")
-    config, runs = folder / "cell.toml", []
+    config, failed = folder / "cell.toml", set[str]()
     scenario = scene.prepare(folder)
     with _no_socket_left(folder), _twin(folder, config, scenario) as twin:
         settings = tomllib.loads(config.read_text("utf-8"))
@@ -64,40 +84,48 @@ def _play(scene: Scene, folder: Path) -> list[tuple[Path, int, dict[str, Any]]]:
             say(f"twin '{scene.twin}' pid {twin.pid}, daemon pid {daemon.pid}; waiting for the devices")
             daemon.wait_for(plc.connect, "Modbus server", DAEMON_START_S)
             for step in scene.steps:
+                if step.after in failed:
+                    failed.add(step.job)
+                    done.append(Row(step.job, "-", "-", f"not tried: it needs {step.after}", FAILED))
+                    continue
                 try:
-                    run_id, met = _try_step(plc, step, folder, (twin, daemon))
+                    run_id, met, status = _try_step(plc, step, folder, (twin, daemon))
                 except RetryError:  # a lost link; a daemon that is gone is the better reason
                     daemon.check_alive(LAST_WORDS_S)
                     raise
+                if status.error_code:
+                    failed.add(step.job)
                 truth = json.loads(_ask_twin(folder, "truth", "--json"))
                 if step.picks:  # of this run alone
                     del truth["gripper"]["contacts"][:met]
-                runs.append((where, run_id, truth))
-    return runs
+                done.append((where, run_id, truth))
 
 
-def _try_step(plc: Plc, step: Step, folder: Path, children: tuple[Child, Child]) -> tuple[int, int]:
-    """The number of the run, and how many items the gripper had met before.
+def _try_step(
+    plc: Plc, step: Step, folder: Path, children: tuple[Child, Child]
+) -> tuple[int, int, registers.Status]:
+    """The number of the run, how many items the gripper had met before, and how it ended.
 
-    A run that the watchdog ended is no result: the operator has a look and takes out what the gripper holds,
-    the PLC resets the fault and starts the job again.
+    A run that ended because something was late is no result: it is taken once more. The operator has a look
+    and takes out what the gripper holds, the PLC resets the fault and starts the job again.
     """
-    for left in reversed(range(step.attempts)):
+    for left in reversed(range(ATTEMPTS)):
         _wait_ready(plc, children[1], step)
         met = (
             len(json.loads(_ask_twin(folder, "truth", "--json"))["gripper"]["contacts"]) if step.picks else 0
         )
         status = _run_step(plc, step, folder, children)
-        if not left or status.error_code != catalogue()["MOTION_WATCHDOG"].code:
+        late = find_entry(status.error_code) if status.error_code else None
+        if not left or late is None or late.name not in LATE:
             break
         say(
-            f"run {status.run_id} was ended by the watchdog: a set-point or the daemon's beat came too late, "
-            "as on a machine that is busy; the PLC resets the fault and starts the job again"
+            f"run {status.run_id} was ended by {late.name}: something came too late too often, as where no "
+            "core is free; the PLC resets the fault and starts the job once more"
         )
         if step.picks:
             _tell_twin(plc, folder, "operator", "empty")
         plc.command(registers.RESET)
-    return status.run_id, met
+    return status.run_id, met, status
 
 
 def _wait_ready(plc: Plc, daemon: Child, step: Step) -> None:

@@ -269,13 +269,13 @@ def test_every_step_is_of_a_job_that_there_is_with_its_number() -> None:
 def test_picks_are_good_where_the_gripper_truly_met_every_item() -> None:
     contact = {"off_m": [0.0003, 0.0004], "slide_m_s": 0.001, "taken": True}
     truth = {"belt": {"dir": [1.0, 0.0, 0.0]}, "gripper": {"contacts": [contact] * 10}}
-    good, text = judge_picks({"result": {"picks": 10}}, truth)
-    assert good
-    assert "0.500" in text
-    assert not judge_picks({"result": {"picks": 11}}, truth)[0]
+    subject = judge_picks({"result": {"picks": 10}}, truth)
+    assert subject.good
+    assert "0.500" in subject.text
+    assert not judge_picks({"result": {"picks": 11}}, truth).good
     far = {**truth, "gripper": {"contacts": [{**contact, "off_m": [0.002, 0.0]}] * 10}}
-    assert not judge_picks({"result": {"picks": 10}}, far)[0]
-    assert not judge_picks({"result": {"picks": 0}}, {**truth, "gripper": {"contacts": []}})[0]
+    assert not judge_picks({"result": {"picks": 10}}, far).good
+    assert not judge_picks({"result": {"picks": 0}}, {**truth, "gripper": {"contacts": []}}).good
 
 
 def test_an_arm_is_good_where_it_keeps_its_promise_about_the_truth(tmp_path: Path) -> None:
@@ -305,11 +305,12 @@ def test_an_arm_is_good_where_it_keeps_its_promise_about_the_truth(tmp_path: Pat
     facts = {"measured": 15, "set_aside": 3, "stored": {"samples": 40}}
     aside = {"set_aside": {"rms": {"registration_only": 0.002}}}
     result = {"result": answer, "inputs": {"sampling": facts}, "heldout": aside}
-    good, text = judge_arm(result, truth, tmp_path)
-    assert good, text
-    assert "15 poses of this run, 3 of them set aside, solved together with a stored set of 40" in text
+    subject = judge_arm(result, truth, tmp_path)
+    assert subject.good, subject.text
+    told = "15 poses of this run, 3 of them set aside, solved together with a stored set of 40"
+    assert told in subject.text
     truth["robot"]["error"] = {**links, "delta_a": [0.0, 1e-4, 0.0, 0.0, 0.0, 0.0]}
-    good, text = judge_arm(result, truth, tmp_path)
-    assert not good
-    assert "NOT consistent with" in text
-    assert "0.1000" in text  # a link that is 0.1 mm longer
+    subject = judge_arm(result, truth, tmp_path)
+    assert not subject.good
+    assert "NOT consistent with" in subject.text
+    assert "0.1000" in subject.text  # a link that is 0.1 mm longer
