@@ -1,9 +1,12 @@
 """``cellward check``: is the configuration right, what can be expected of it, and do the devices answer?"""
 
+import re
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from cell.errors import CellError
 from daemon.cli.failures import BAD_INPUT
 from daemon.cli.options import ConfigOption, JsonOption, config_path
 from daemon.cli.output import out, out_json, say, table
@@ -14,6 +17,10 @@ def check(
         bool,
         typer.Option("--probe", help="Also open each device: no motion, no touch of the arm's program."),
     ] = False,
+    machine: Annotated[
+        bool,
+        typer.Option("--machine", help="Also measure this machine for three seconds: lag, priority, disk."),
+    ] = False,
     config: ConfigOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -21,15 +28,21 @@ def check(
 
     Exit code 2 when a job cannot succeed with it; a warning alone changes nothing.
     """
+    from daemon.cli.machine import machine as measure
     from daemon.cli.predict import predictions
     from daemon.cli.predict_arm import arm_in_use, strangers
     from daemon.cli.predict_values import found_in
     from daemon.config import load_config
 
     path = config_path(config)
-    loaded = load_config(path)
+    try:
+        loaded = load_config(path)
+    except CellError as exc:
+        if as_json:
+            out_json({"config": str(path), "valid": False, **_as_findings(path, exc)})
+        raise
     expected = predictions(loaded)
-    problems = found_in(expected, "problems")
+    problems = [*loaded.problems, *found_in(expected, "problems")]
     arm = arm_in_use(loaded)
     doubts = [f"arm: {text}" for text in arm["cautions"]] if arm else []
     warnings = [*loaded.warnings, *doubts, *found_in(expected, "cautions")]
@@ -38,13 +51,21 @@ def check(
     for warning in warnings:
         say(f"Warning: {warning}")
     found = _probe(loaded) if probe else []
+    measured = measure(Path(loaded.cell.state_dir)) if machine else []
     serials = {d["device"]: d["serial"] for d in found if d["serial"]}
     for stranger in strangers(loaded, serials) if serials else ():
         warnings.append(stranger)
         say(f"Warning: {stranger}")
     if as_json:
-        shown = {"config": str(path), "problems": problems, "warnings": warnings, "arm": arm}
-        out_json({**shown, "predictions": expected, "devices": found})
+        shown = {
+            "config": str(path),
+            "valid": True,
+            "findings": [],
+            "problems": problems,
+            "warnings": warnings,
+            "arm": arm,
+        }
+        out_json({**shown, "predictions": expected, "devices": found, "machine": measured})
     else:
         about = f"cell '{loaded.cell.name}', {len(loaded.device)} devices"
         failing = "could be read, but jobs cannot succeed with it" if problems else "is valid"
@@ -56,11 +77,24 @@ def check(
         if probe:
             columns = ("device", "answer", "model", "serial")
             out(table(columns, ([d["device"], d["answer"], d["model"], d["serial"]] for d in found)))
+        for one in measured:
+            out(f"{'machine' if one['good'] else 'machine, look at this'}: {one['text']}")
     bad = [d for d in found if d["exit_code"]]
     if bad:
         say(bad[0]["hint"])
     if problems or bad:
         raise typer.Exit(BAD_INPUT if problems else bad[0]["exit_code"])
+
+
+def _as_findings(path: Path, exc: CellError) -> dict[str, Any]:
+    """Why the file cannot be used: ``error``, and each finding with ``line``, ``key`` and ``text``."""
+    found = []
+    for sentence in getattr(exc, "findings", None) or [str(exc)]:
+        rest = sentence.removeprefix(f"{path}:")
+        parts = re.fullmatch(r"(\d+): (?:([\w.\[\]-]+): )?(.*)", rest, re.DOTALL)
+        line, key, text = parts.groups() if parts else (None, None, rest.strip())
+        found.append({"line": int(line) if line else None, "key": key, "text": text})
+    return {"error": exc.as_dict(), "findings": found, "problems": [], "warnings": []}
 
 
 def _probe(config: Any) -> list[dict[str, Any]]:

@@ -1,5 +1,6 @@
 """What ``cellward check`` expects of a job before anything moves: which poses are reached, and how well."""
 
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from calibration.kinematics import robot_from_spec
 from calibration.planning import board_centre
 from calibration.targets import make_target
-from cell.errors import AbortError
+from cell.errors import AbortError, CellError
 from cell.poses import Array, to_pose6
 from daemon.cli.plan_text import prediction_text
 from daemon.cli.predict_belt import predict_belt
@@ -38,22 +39,29 @@ def predictions(config: CellConfig) -> list[dict[str, Any]]:
     ``problems`` keep the job from succeeding, ``cautions`` do not; each is a sentence with its fix.
     """
     found: list[dict[str, Any]] = []
+
+    def add(job: str, predict: Callable[[], dict[str, Any]]) -> None:
+        try:
+            found.append({"job": job, **predict()})
+        except CellError as exc:  # one job that cannot be predicted hides nothing of the others
+            found.append({"job": job, "text": "no prediction", "problems": [f"{exc}. {exc.hint}"]})
+
     moved = "arm" in config.robot.roles()
     if moved and (section := config.job_section("cone-capture")):
         job = ConeCaptureConfig.model_validate(section)
-        found.append({"job": "cone-capture", **_cone_capture(config, job)})
+        add("cone-capture", lambda: _cone_capture(config, job))
     if moved and (section := config.job_section("laser-reference")):
         beams = LaserReferenceConfig.model_validate(section)
-        found.append({"job": "laser-reference", **predict_laser(config, beams)})
+        add("laser-reference", lambda: predict_laser(config, beams))
     if section := config.job_section("tracker-sampling"):
         sampling = TrackerSamplingConfig.model_validate(section)
-        found.append({"job": "tracker-sampling", **predict_tracker(config, sampling)})
+        add("tracker-sampling", lambda: predict_tracker(config, sampling))
     if section := config.job_section("belt-tracking"):
         picking = BeltTrackingConfig.model_validate(section)
-        found.append({"job": "belt-tracking", **predict_belt(config, picking)})
+        add("belt-tracking", lambda: predict_belt(config, picking))
     if section := config.job_section("iso9283"):
         test = Iso9283Config.model_validate(section)
-        found.append({"job": "iso9283", **predict_iso9283(config, test)})
+        add("iso9283", lambda: predict_iso9283(config, test))
     return found
 
 
@@ -70,13 +78,26 @@ def _cone_capture(config: CellConfig, job: ConeCaptureConfig) -> dict[str, Any]:
     try:
         plan = plan_placement(_request(config, job, calibration, np.array(q))).as_dict()
     except AbortError as exc:
-        return {"text": where, "reached": 0, "cautions": [f"{where}: {exc}. {exc.hint}"]}
+        return {"text": where, "reached": 0, "problems": [f"{where}: {exc}. {exc.hint}"]}
     reached, wanted = len(plan["poses"]), job.poses_per_placement
     text = f"{where}: {reached} of {wanted} poses are reached"
     predicted = plan.get("predicted")
     if predicted is not None:
         text += f"; {prediction_text(predicted)}, and a camera of 1280 x 800 pixels and 77 degrees"
-    return {"text": text, "reached": reached, "wanted": wanted, "predicted": predicted}
+    found = {"text": text, "reached": reached, "wanted": wanted, "predicted": predicted}
+    return found | {"problems": list(_beyond_acceptance(job, predicted or {}))}
+
+
+def _beyond_acceptance(job: ConeCaptureConfig, predicted: Mapping[str, Any]) -> Iterator[str]:
+    """Limits of acceptance that the best case misses already: no result can pass them."""
+    for key, unit in (("error95_t_m", "m"), ("error95_r_rad", "rad")):
+        limit_key = key.replace("error95", "max_error")
+        limit, error95 = getattr(job.accept, limit_key), predicted.get(key)
+        if error95 is not None and error95 > limit:
+            yield (
+                f"accept.{limit_key} = {limit:g} {unit} is below the predicted 95 % error of "
+                f"{error95:.2g} {unit}, so no result can pass; allow more, or plan more poses"
+            )
 
 
 def _request(

@@ -1,5 +1,6 @@
 """What is wrong with a file, as sentences with a place, and all of it at once."""
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -33,16 +34,21 @@ class Findings:
     lines: dict[Path, int] = field(default_factory=dict)
     _found: set[tuple[int, str]] = field(default_factory=set)
     _warned: set[tuple[int, str]] = field(default_factory=set)
+    _failing: set[tuple[int, str]] = field(default_factory=set)
     _places: set[Path] = field(default_factory=set)
 
     def add(self, path: Path, sentence: str) -> None:
-        """Something that must be mended before the file can be used."""
+        """Something that must be corrected before the file can be used."""
         self._places.add(path)
         self._found.add(self._entry(path, sentence))
 
     def warn(self, path: Path, sentence: str) -> None:
         """Something that is allowed but hardly meant."""
         self._warned.add(self._entry(path, sentence))
+
+    def add_problem(self, path: Path, sentence: str) -> None:
+        """Something that one job cannot succeed with; the rest of the cell can be used."""
+        self._failing.add(self._entry(path, sentence))
 
     def add_validation(self, base: Path, data: Any, model: type[BaseModel], exc: ValidationError) -> None:
         """The findings of a model that was given ``data``, which stands at ``base``.
@@ -53,6 +59,8 @@ class Findings:
         for item in exc.errors():
             place = tuple(p for p in item["loc"] if isinstance(p, str | int))
             path = _existing(data, place, keep_last=item["type"] == "missing")
+            if item["type"] == "value_error":
+                path = _key_meant(data, path, item["msg"])
             if base + path not in known:
                 self.add(base + path, _sentence(item, model, place))
 
@@ -64,6 +72,10 @@ class Findings:
     def plain(self) -> list[str]:
         """As :attr:`sentences`, without lines: ``file: path.to.key: sentence``."""
         return [f"{self.file}: {sentence}" for _, sentence in sorted(self._found)]
+
+    @property
+    def problems(self) -> list[str]:
+        return [self._text(entry) for entry in sorted(self._failing)]
 
     @property
     def warnings(self) -> list[str]:
@@ -105,6 +117,17 @@ def _existing(data: Any, place: Path, keep_last: bool) -> Path:
             path += (part,)
         elif keep_last and number == len(place) - 1:
             path += (part,)
+    return path
+
+
+def _key_meant(data: Any, path: Path, message: str) -> Path:
+    """The key below ``path`` that a message about a whole table names first, else ``path``."""
+    for part in path:
+        data = data[part]
+    if isinstance(data, dict):
+        for word in re.findall(r"\w+", message):
+            if word in data:
+                return (*path, word)
     return path
 
 

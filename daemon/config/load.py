@@ -27,6 +27,7 @@ from daemon.config.models import (
     SupervisorSection,
 )
 from daemon.config.not_in_version import take_out
+from daemon.config.plausible import check_plausible
 from daemon.config.roles import ROLES, devices_by_role, kind_of, plays
 from daemon.config.targets import TARGETS
 
@@ -69,6 +70,7 @@ class CellConfig(BaseModel):
     modbus: ModbusSection
     job: dict[str, dict[str, Any]]
     warnings: list[str] = Field(default_factory=list, exclude=True)
+    problems: list[str] = Field(default_factory=list, exclude=True)  # each keeps one job from succeeding
 
     def job_section(self, job: str) -> dict[str, Any]:
         """The keys of ``[job.NAME]`` as written; empty when the file has no such section."""
@@ -114,14 +116,17 @@ def check_config(
     check_units(raw, findings)
     check_names(raw, findings)
     check_contradictions(raw, findings)
+    check_plausible(raw, findings)
     devices = {
         name: _check_device(name, section, findings, drivers) for name, section in _tables(raw, "device")
     }
     _check_bindings(devices, findings, drivers)
     _check_roles(raw, devices, findings, drivers)
     targets = {name: _check_target(name, section, findings) for name, section in _tables(raw, "target")}
+    robot_section = raw.get("robot")
+    roles = devices_by_role(robot_section if isinstance(robot_section, dict) else {}, devices)
     for name, section in _tables(raw, "job"):
-        _check_job(name, section, findings, jobs)
+        _check_job(name, section, findings, jobs, roles)
     fixed = _validated(FixedSections, raw, (), findings)
     spec = _robot_spec(raw, findings, path)
     observed = _observed_spec(raw, devices, findings, path)
@@ -138,6 +143,7 @@ def check_config(
         **{**sections, "robot": robot, "device": devices, "target": targets},
         source=str(path),
         warnings=findings.warnings,
+        problems=findings.problems,
     )
 
 
@@ -152,7 +158,7 @@ def _read(path: Path) -> str:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise error("FILE_UNREADABLE", f"{path}: more than {MAX_BYTES} bytes")
-        return path.read_text("utf-8")
+        return path.read_text("utf-8-sig")  # editors on Windows write a byte order mark
     except FileNotFoundError:
         raise error("FILE_MISSING", f"{path}; 'cellward init' writes a commented one") from None
     except UnicodeDecodeError as exc:
@@ -186,7 +192,25 @@ def _validated(
         return model.model_validate_json(to_json(raw), strict=True)
     except ValidationError as exc:
         findings.add_validation(path, raw, model, exc)
+        _look_behind(model, raw, path, findings, exc)
         return None
+
+
+def _look_behind(
+    model: type[BaseModel], raw: Mapping[str, Any], path: tuple[str, ...], findings: Findings, first: Any
+) -> None:
+    """The findings that the wrong keys hide: how keys fit together is judged only where each one is right.
+
+    So the optional keys that are wrong are left out, and the rest is looked at once more.
+    """
+    wrong = {item["loc"][0] for item in first.errors() if item["loc"]}
+    required = {info.alias or key for key, info in model.model_fields.items() if info.is_required()}
+    if not wrong or wrong & required:
+        return
+    try:
+        model.model_validate_json(to_json({k: v for k, v in raw.items() if k not in wrong}), strict=True)
+    except ValidationError as exc:
+        findings.add_validation(path, raw, model, exc)
 
 
 def _check_device(
@@ -256,12 +280,23 @@ def _check_target(name: str, section: dict[str, Any], findings: Findings) -> dic
     return checked.model_dump(mode="json") if checked is not None else {}
 
 
-def _check_job(name: str, section: dict[str, Any], findings: Findings, jobs: Mapping[str, Any]) -> None:
+def _check_job(
+    name: str,
+    section: dict[str, Any],
+    findings: Findings,
+    jobs: Mapping[str, Any],
+    roles: Mapping[str, str],
+) -> None:
+    """The job's keys; and whether there is a device for each role that it uses with them."""
     if name not in jobs:
         hint = did_you_mean(name, jobs) or f", there is {', '.join(sorted(jobs)) or 'none'}"
         findings.add(("job", name), f"there is no job '{name}'{hint}")
-    else:
-        _validated(jobs[name].Config, section, ("job", name), findings)
+        return
+    checked = _validated(jobs[name].Config, section, ("job", name), findings)
+    for role in jobs[name](checked).uses() if checked is not None else ():
+        if role not in roles:
+            fix = f"add a device and name it in [robot] {role}, or remove the section"
+            findings.add_problem(("job", name), f"the job needs {ROLES[role].kind} as '{role}'; {fix}")
 
 
 def _robot_spec(raw: Mapping[str, Any], findings: Findings, path: Path) -> dict[str, Any]:

@@ -207,7 +207,8 @@ def test_a_board_out_of_reach_is_predicted_with_its_reason(
     path = tmp_path / "far.toml"
     path.write_text(objects.read_text().replace("max = [1.3, 1.3, 1.8]", "max = [1.3, 1.3, 0.3]"))
     done = subject("check", "-c", path)
-    assert "Warning: cone-capture: from pose 'home'" in done.err
+    assert done.code == 2
+    assert "Error: cone-capture: from pose 'home'" in done.err
     assert "Not enough poses can be reached" in done.err
 
 
@@ -290,3 +291,42 @@ def test_a_probe_without_devices_says_which_are_missing_with_exit_code_3(
     lines = {line.split()[0]: line for line in done.out.splitlines()}
     assert "127.0.0.11" in lines["arm"]
     assert "absent.sock" in lines["camera"]
+
+
+def test_a_file_with_findings_gives_them_as_json_on_stdout_with_exit_code_2(
+    subject: CommandLine, tmp_path: Path
+) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(init_text().replace("payload_kg = 1.2", "payload_kg = 45.0"))
+    done = subject("check", "-c", path, "--json")
+    shown = json.loads(done.out)
+    assert done.code == 2
+    assert (shown["valid"], shown["error"]["code"]) == (False, 4001)
+    (found,) = shown["findings"]
+    assert (found["key"], path.read_text().splitlines()[found["line"] - 1][:10]) == (
+        "robot.payload_kg",
+        "payload_kg",
+    )
+    path.write_text("schema = = 1")
+    done = subject("check", "-c", path, "--json")
+    assert (done.code, len(json.loads(done.out)["findings"])) == (2, 1)
+
+
+def test_a_limit_of_acceptance_below_the_prediction_cannot_be_passed(
+    subject: CommandLine, tmp_path: Path
+) -> None:
+    path = tmp_path / "cell.toml"
+    path.write_text(init_text().replace("max_error_t_m = 0.0005", "max_error_t_m = 0.00001"))
+    done = subject("check", "-c", path)
+    assert done.code == 2
+    assert "accept.max_error_t_m = 1e-05 m is below the predicted 95 % error of 0.00013 m" in done.err
+
+
+def test_a_job_without_its_camera_ends_with_exit_code_2(subject: CommandLine, tmp_path: Path) -> None:
+    path = tmp_path / "cell.toml"
+    path.write_text(
+        init_text().replace('flange_camera = "camera"', "").replace("[device.camera]", "[device.c]")
+    )
+    done = subject("check", "-c", path)
+    assert done.code == 2
+    assert "job.cone-capture: the job needs a camera as 'flange_camera'" in done.err

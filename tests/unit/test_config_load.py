@@ -57,6 +57,12 @@ class JobConfig(BaseModel):
 class Job:
     Config = JobConfig
 
+    def __init__(self, config: JobConfig) -> None:
+        self.config = config
+
+    def uses(self) -> tuple[str, ...]:
+        return ("flange_camera",)
+
 
 DRIVERS = {
     "camera": f"{__name__}:Camera",
@@ -202,7 +208,7 @@ def test_all_findings_come_at_once_in_order_with_line_key_and_hint(tmp_path: Pat
         "8: robot.model: there is no arm 'urr10e', did you mean 'ur10e'?",
         "10: limits.speed_m_s: should be greater than 0, not -1",
         "12: limits.workspace[0].max: should have 3 entries, has 2",
-        "13: limits.workspace[1]: each number of 'min' must be smaller than that of 'max'",
+        "13: limits.workspace[1].min: each number of 'min' must be smaller than that of 'max'",
         "16: supervisor.loop_lag_warn_s: should be a finite number, not nan",
         "18: poses.home: should have 6 entries, has 5",
         "18: poses.home[1]: -90 rad is probably degrees; angles are in radians",
