@@ -72,8 +72,10 @@ def start(
         from daemon.cli.plan_text import plan_text
 
         with connect(config) as daemon:
-            plan = daemon.call("start", DRY_RUN_TIMEOUT_S, job=job, params=parameters, dry_run=True)["plan"]
-        out_json(plan) if as_json else out(plan_text(plan))
+            made = daemon.call("start", DRY_RUN_TIMEOUT_S, job=job, params=parameters, dry_run=True)
+        out_json(made["plan"]) if as_json else out(plan_text(made["plan"]))
+        if (number := made.get("run_id")) is not None:
+            say(f"The dry run is kept as run {number}; nothing moved.")
         return
     _start(config, wait, as_json, {"job": job, "params": parameters})
 

@@ -269,6 +269,17 @@ def test_the_decisions_on_results_say_what_is_in_effect(
         assert "the configured value is in effect" in subject("rollback", "T_flange_camera").err
 
 
+@pytest.mark.parametrize("fault", [True, False])
+def test_a_reset_says_whether_there_was_a_fault(
+    cell: CellOnDisk, engine: TalkingEngine, subject: CommandLine, fault: bool
+) -> None:
+    engine.now = IDLE | {"latched": fault}
+    with served(cell.socket, engine):
+        done = subject("reset")
+    assert ("The fault is reset" in done.err) is fault
+    assert ("There was no fault to reset" in done.err) is not fault
+
+
 @pytest.mark.wire
 def test_status_starts_quickly_because_it_imports_no_numbers(cell: CellOnDisk, engine: TalkingEngine) -> None:
     script = (

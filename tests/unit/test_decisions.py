@@ -8,6 +8,7 @@ import pytest
 
 from cell.errors import CellError
 from daemon.decisions import require_read, use_of, warnings_of
+from daemon.plc import PlcFace
 from fakes.object import run_virtual
 from tests.object_cell import WHO, no_report, open_cell, refused, write_config
 
@@ -78,5 +79,19 @@ def test_the_engine_refuses_a_silent_accept_and_tells_what_waits(tmp_path: Path)
             entry = await cell.engine.accept(row, WHO, warned=True)
             assert "accepted and not used" in entry["use"]
             assert cell.engine.status()["waiting"] == []
+
+    run_virtual(main())
+
+
+@pytest.mark.usefixtures("no_report")
+def test_a_plc_that_may_accept_goes_by_its_bit_that_warns(tmp_path: Path) -> None:
+    async def main() -> None:
+        config = write_config(tmp_path)
+        modbus = config.modbus.model_copy(update={"allow_accept": True})
+        async with open_cell(config) as cell:
+            row = cell.ledger.propose("T_flange_camera", [0.0] * 6, WARNED, 7, None)
+            face = PlcFace(config.model_copy(update={"modbus": modbus}), cell.engine)
+            await face._accept(7, "PLC 10.0.0.5")
+            assert cell.ledger.result(row)["state"] == "committed"
 
     run_virtual(main())
