@@ -46,6 +46,11 @@ def _interrupted(cell: Shown) -> bool:
     return bool(cell.status["interrupted"])
 
 
+def _tool_moved(cell: Shown) -> bool:
+    answer = ((cell.last or {}).get("result") or {}).get("result") or {}
+    return bool((answer.get("moved") or {}).get("moved"))
+
+
 WARNING_BITS = (
     WarningBit("verdict_warn", "the last result's verdict is warn, until acknowledged", _verdict_warn),
     WarningBit(
@@ -56,6 +61,11 @@ WARNING_BITS = (
     ),
     WarningBit("device_not_ready", "a configured device is not ready", _device_not_ready),
     WarningBit("run_interrupted", "the last start of the daemon found a run that had no end", _interrupted),
+    WarningBit(
+        "tool_moved",
+        "the last laser-check found that the tool has moved: run laser-update; until acknowledged",
+        _tool_moved,
+    ),
 )
 
 

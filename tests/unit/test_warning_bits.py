@@ -19,6 +19,8 @@ def shown(last: dict[str, Any] | None = None, **status: Any) -> list[str]:
 def test_nothing_to_warn_of_is_0() -> None:
     assert shown() == []
     assert shown({"verdict": "pass", "steps_taken_again": 0}) == []
+    assert shown({"verdict": "pass", "result": {"result": {"moved": {"moved": False}}}}) == []
+    assert shown({"verdict": "fail", "result": {"result": None}}) == []
 
 
 @pytest.mark.parametrize(
@@ -28,6 +30,7 @@ def test_nothing_to_warn_of_is_0() -> None:
         ("steps_taken_again", None, {"steps_taken_again": 2}),
         ("steps_taken_again", {"verdict": "pass", "steps_taken_again": 1}, {}),
         ("device_not_ready", None, {"devices": {"arm": {"state": "LOST"}}}),
+        ("tool_moved", {"verdict": "fail", "result": {"result": {"moved": {"moved": True}}}}, {}),
         ("run_interrupted", None, {"interrupted": [7]}),
     ],
 )
