@@ -119,6 +119,7 @@ class Notebook(Protocol):
     """Where a run writes: a journal on disk."""
 
     def note(self, kind: str, **fields: Any) -> None: ...
+    def check_on_disk(self) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -302,6 +303,10 @@ class Run:
     def note(self, kind: str, **fields: Any) -> None:
         """One journal line."""
         self._notebook.note(kind, **fields)
+
+    def check_record(self) -> None:
+        """``RUN_FOLDER_LOST`` when the run has lost its folder: nothing may be committed then."""
+        self._notebook.check_on_disk()
 
     def arm(self) -> Arm:
         """The arm of this cell; its flange poses are those of the model that the run works with."""

@@ -1,20 +1,18 @@
 """The daemon put together: configuration in, everything built, watched, and taken down in order."""
 
 import asyncio
-import fcntl
 import gc
 import logging
 import signal
-from collections.abc import Coroutine, Iterator
-from contextlib import AsyncExitStack, contextmanager
+from collections.abc import Coroutine
+from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
 
 from cell.clock import MonotonicClock
-from cell.errors import error
+from cell.errors import CellError
 from cell.motion import MotionBroker
 from cell.store.ledger import Ledger
-from cell.store.runs import interrupted_runs
 from daemon.cell_context import CellContext
 from daemon.composition import supervised_devices
 from daemon.config import CellConfig, load_config
@@ -26,6 +24,7 @@ from daemon.modbus import ModbusFace
 from daemon.notify import Notifier
 from daemon.plc import PlcFace
 from daemon.results import reject_left_open
+from daemon.state_folder import claimed, damage_text, end_interrupted, make_state_folder
 from daemon.supervisor import Supervisor
 from daemon.worker import ProcessWorker
 from procedures.registry import JOBS
@@ -66,14 +65,12 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
     async with AsyncExitStack() as stack:
         notifier = Notifier()
         stack.callback(notifier.close)
-        await asyncio.to_thread((state / "runs").mkdir, parents=True, exist_ok=True)
+        await asyncio.to_thread(make_state_folder, state)
         stack.enter_context(claimed(state))
         ledger = await asyncio.to_thread(Ledger, state / "ledger.sqlite")
         stack.callback(ledger.close)
-        if ledger.aside is not None:
-            log.error(
-                "the ledger could not be read; it was set aside as %s and a new one begun", ledger.aside
-            )
+        if (damage := ledger.damage()) is not None:
+            log.error("%s. 'cellward acknowledge-ledger' ends this message", damage_text(damage))
         worker = ProcessWorker()
         stack.push_async_callback(worker.stop)
         await worker.start()
@@ -122,20 +119,6 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
         log.info("stopping")
 
 
-@contextmanager
-def claimed(state: Path) -> Iterator[None]:
-    """Hold the state folder; ``DAEMON_RUNNING`` when another daemon does.
-
-    A second one would take the running job of the first for an interrupted one, and write its end.
-    """
-    with (state / "lock").open("w", encoding="utf-8") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # the kernel lets go when this process ends
-        except BlockingIOError:
-            raise error("DAEMON_RUNNING", f"one keeps its state in {state}") from None
-        yield
-
-
 def _modbus(config: CellConfig, engine: Engine, ledger: Ledger) -> ModbusFace:
     plc = PlcFace(config, engine)
     return ModbusFace(
@@ -152,18 +135,12 @@ def _modbus(config: CellConfig, engine: Engine, ledger: Ledger) -> ModbusFace:
 
 
 async def _report_interrupted(engine: Engine, ledger: Ledger) -> None:
-    """Runs without an end: say so, and write the end that the killed daemon could not."""
-    for run in await asyncio.to_thread(interrupted_runs, engine.runs):
-        log.warning(
-            "run %d (%s) was interrupted; nothing moves by itself. 'cellward adopt %d' takes it up again",
-            run.run_id,
-            run.job,
-            run.run_id,
-        )
-        await asyncio.to_thread(run.mark_interrupted)
-        await asyncio.to_thread(ledger.end_run, run.run_id, "interrupted", None)
-        engine.interrupted.append(run.run_id)
-    await asyncio.to_thread(reject_left_open, ledger, engine.jobs)
+    """Runs without an end get one, and are told; a disk that refuses it keeps the daemon from nothing."""
+    engine.interrupted += await asyncio.to_thread(end_interrupted, engine.runs, ledger)
+    try:
+        await asyncio.to_thread(reject_left_open, ledger, engine.jobs)
+    except CellError as exc:
+        log.error("results that interrupted runs left open cannot be rejected: %s", exc)
     await engine.look_what_waits()
 
 

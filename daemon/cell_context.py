@@ -69,10 +69,12 @@ class CellContext:
         return await asyncio.to_thread(enter_proposal, run, self.ledger, proposal, result)
 
     async def accept(self, run: Run, result_id: int, who: str, *, commit: bool) -> None:
+        run.check_record()
         row = await asyncio.to_thread(self.ledger.accept, result_id, who, commit)
         run.note("decision", event="accepted", name=row["name"], result_id=result_id, by=who)
 
     async def commit(self, run: Run, result_id: int) -> None:
+        run.check_record()
         row = await asyncio.to_thread(self.ledger.commit, result_id)
         what = {"name": row["name"], "result_id": result_id, "version": row["version"]}
         try:

@@ -3,6 +3,7 @@
 import asyncio
 import logging
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from daemon.cell_context import CellContext
 from daemon.decisions import require_read, use_of
 from daemon.job_config import make_procedure
 from daemon.results import note_arm_model, propose_results
+from daemon.state_folder import folder_lost
 from daemon.status import live_of, status_of, summary_of
 from daemon.values import resolve_values, tell_configured, with_arm_model, with_job_limits, without_passes
 from procedures.arm_setup import arm_models
@@ -216,6 +218,9 @@ class Engine:
         await asyncio.to_thread(tell_configured, self.context.config, self.ledger)
         return await asyncio.to_thread(self.ledger.rollback, name, who)
 
+    async def acknowledge_ledger(self) -> dict[str, Any]:
+        return await asyncio.to_thread(self.ledger.acknowledge_damage)
+
     def subscribe(self, listener: Callable[[], None]) -> Callable[[], None]:
         """Call ``listener`` after every change; the returned function ends that."""
         self._listeners.append(listener)
@@ -300,13 +305,15 @@ class Engine:
         failure: CellError | None = None
         job = self._job = asyncio.create_task(run.procedure.run(run), name=run.procedure.name)
         loss = asyncio.create_task(self._first_fault(run, devices), name="watch devices")
+        gone = asyncio.create_task(folder_lost(folder, self.context.clock), name="watch the run's folder")
         if self._ending is not None:  # a stop came before the job could begin
             job.cancel()
         try:
             limit = getattr(run.procedure.config, "max_duration_s", None)
-            await asyncio.wait([job, loss], timeout=limit, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait([job, loss, gone], timeout=limit, return_when=asyncio.FIRST_COMPLETED)
             if not job.done():
-                failure = loss.result() if loss.done() else error("CALL_TIMEOUT", f"no end after {limit:g} s")
+                ended = next((watch for watch in (loss, gone) if watch.done()), None)
+                failure = ended.result() if ended else error("CALL_TIMEOUT", f"no end after {limit:g} s")
                 self._ending = PackML.ABORTING
                 job.cancel()
                 run.note("error", **failure.as_dict())
@@ -324,8 +331,9 @@ class Engine:
             failure = failure or error("INTERNAL", f"{type(exc).__name__}: {exc}")
         finally:
             loss.cancel()
+            gone.cancel()
             job.cancel()  # it is over, unless this task itself failed
-            await asyncio.wait([job, loss])
+            await asyncio.wait([job, loss, gone])
             await self._close(run, folder, job, failure)
 
     async def _close(
@@ -358,6 +366,9 @@ class Engine:
             # What could not be written here is written by the next start, which finds no end.json.
             log.error("the end of run %d could not be written: %s", run.id, exc)
             failure = failure or exc
+            if exc.name == "RUN_FOLDER_LOST":  # there is nothing left that a start could find
+                with suppress(CellError):
+                    await asyncio.to_thread(self.ledger.end_run, run.id, outcome, verdict)
         self.last = {
             "run_id": run.id,
             "job": run.procedure.name,

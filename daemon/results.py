@@ -63,6 +63,7 @@ def enter_proposal(run: Run, ledger: Ledger, proposal: Proposal, result: Mapping
 
     Where its meaning rests on the arm's kinematics, the ledger notes the model that the run worked with.
     """
+    run.check_record()
     configured = run.values["configured"].get(proposal.name)
     model = run.values["arm_model"] if rests_on_kinematics(proposal.name) else None
     run.proposed.add(proposal.name)
@@ -86,6 +87,7 @@ def reject_left_open(ledger: Ledger, jobs: Mapping[str, type[Procedure]]) -> lis
 def _propose(run: Run, ledger: Ledger, proposal: Proposal) -> None:
     assert run.result is not None
     result_id = enter_proposal(run, ledger, proposal, run.result)
+    run.check_record()
     if proposal.auto and run.result["verdict"] == "pass":
         ledger.accept(result_id, "policy")
         run.note("decision", event="accepted", name=proposal.name, result_id=result_id, by="policy")

@@ -35,6 +35,7 @@ def status_of(engine: "Engine") -> dict[str, Any]:
         "latched": context.broker.latched is not None,
         "last_run": engine.last,
         "interrupted": engine.interrupted,
+        "ledger_damage": engine.ledger.damage(),
         "waiting": engine.waiting,
         "devices": context.supervisor.status(),
         "loop_lag": engine.loop_lag(),

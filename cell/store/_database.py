@@ -3,7 +3,7 @@
 import sqlite3
 from pathlib import Path
 
-from cell.errors import error
+from cell.errors import CellError, error
 from cell.store.files import set_aside
 
 SCHEMA_VERSION = 2
@@ -49,9 +49,14 @@ def open_database(path: Path) -> tuple[sqlite3.Connection, bool, Path | None]:
             raise error("FILE_UNREADABLE", f"{path}: schema {version}, this program knows {SCHEMA_VERSION}")
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = FULL")
+        if version == 0 and connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()[0]:
+            raise error("FILE_UNREADABLE", f"{path}: a database of another program; move it away")
         if version < SCHEMA_VERSION:
             change = _FROM_1 if version else _SCHEMA
             connection.executescript(f"BEGIN; {change} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;")
+    except sqlite3.Error as exc:
+        connection.close()
+        raise disk_error(path, exc) from exc
     except BaseException:
         connection.close()
         raise
@@ -73,6 +78,12 @@ def open_for_reading(path: Path) -> sqlite3.Connection:
         connection.close()
         raise error("FILE_UNREADABLE", f"{path}: {exc}") from exc
     return connection
+
+
+def disk_error(path: Path, exc: sqlite3.Error) -> CellError:
+    """SQLite's complaint about the disk as a coded error."""
+    full = getattr(exc, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
+    return error("DISK_FULL" if full else "DISK_FAILED", f"{path}: {exc}")
 
 
 def _connect(path: Path) -> sqlite3.Connection:

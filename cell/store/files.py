@@ -160,6 +160,13 @@ class AppendFile:
         with disk_errors(self.path):
             os.fsync(self._handle)
 
+    def in_place(self) -> bool:
+        """Whether the path still names the file that is written to."""
+        try:
+            return os.path.samestat(self.path.stat(), os.fstat(self._handle))
+        except OSError:
+            return False
+
     def close(self) -> None:
         if self._handle >= 0:
             os.close(self._handle)

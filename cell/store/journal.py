@@ -14,7 +14,7 @@ from typing import Any
 
 from cell.clock import Clock
 from cell.errors import error
-from cell.store.files import AppendFile, to_json
+from cell.store.files import AppendFile, disk_errors, to_json
 
 SCHEMA = "cellward.journal/1"
 KINDS = frozenset({"state", "decision", "device", "motion", "operator", "solve", "error"})
@@ -28,7 +28,8 @@ class Journal:
         """Begin ``path``, or continue it behind its last whole line. ``wall`` gives seconds since 1970."""
         self.path, self._clock = path, clock
         self._lock = Lock()
-        lines, end = _scan(path.read_bytes()) if path.exists() else ([], 0)
+        with disk_errors(path):
+            lines, end = _scan(path.read_bytes()) if path.exists() else ([], 0)
         self._seq = 1 + max((int(line["seq"]) for line in lines), default=-1)
         self._file = AppendFile(path, keep=end)
         stamp = datetime.fromtimestamp(wall(), UTC).isoformat(timespec="milliseconds")
@@ -39,6 +40,11 @@ class Journal:
         if kind not in KINDS or RESERVED & fields.keys():
             raise error("INTERNAL", f"journal line of kind '{kind}' with fields {sorted(fields)}")
         self._write(kind, fsync, fields)
+
+    def check_on_disk(self) -> None:
+        """``RUN_FOLDER_LOST`` when the file was removed or moved: what is written to it is lost."""
+        if not self._file.in_place():
+            raise error("RUN_FOLDER_LOST", f"{self.path} was removed or moved while the run went on")
 
     def sync(self) -> None:
         """All lines are on the disk when this returns."""
@@ -52,6 +58,7 @@ class Journal:
             entry = {"seq": self._seq, "t": round(self._clock.now(), 6), "kind": kind, **fields}
             self._file.append((to_json(entry) + "\n").encode("utf-8"))
             self._seq += 1
+            self.check_on_disk()
             if fsync:
                 self._file.sync()
 

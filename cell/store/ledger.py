@@ -9,17 +9,19 @@ import json
 import sqlite3
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from threading import RLock
 from typing import Any
 
-from cell.errors import error
-from cell.store._database import open_database, open_for_reading
+from cell.errors import CellError, error
+from cell.store._database import disk_error, open_database, open_for_reading
+from cell.store.calibration_copy import COLUMNS, STATES, copy_or_reason, write_copy
 from cell.store.files import to_json
 from cell.store.runs import highest_run_id
 
+DAMAGE_KEY = "ledger_damaged"
 MAX_RUN_ID = 2**32 - 1
 OPEN_STATES = ("proposed", "accepted")
 _JSON = ("value", "result", "config_value", "arm_model")
@@ -52,16 +54,69 @@ class Ledger:
         self.path, self._wall = path, wall
         self._lock = RLock()
         self._configured: dict[str, Any] = {}
+        self._versions_changed = False
         if read_only:
             self._db, new, self.aside = open_for_reading(path), False, None
         else:
             self._db, new, self.aside = open_database(path)
         if new and (highest := highest_run_id(path.parent / "runs")):
             self.set_state("run_id", highest)
+        if self.aside is not None:
+            self._restore()
+        elif not read_only and not new:
+            self._renew_copy()
+        self._damage: dict[str, Any] | None = self.get_state(DAMAGE_KEY)
 
     def close(self) -> None:
         with self._lock:
             self._db.close()
+
+    # -- after damage
+
+    def damage(self) -> dict[str, Any] | None:
+        """What a damaged predecessor cost, until somebody acknowledges it; from memory, without the disk.
+
+        ``aside``, ``at``, ``restored`` (versions in effect) and ``why_not`` (None: the copy was intact).
+        """
+        return self._damage
+
+    def acknowledge_damage(self) -> dict[str, Any]:
+        """Somebody has seen it; ``NOT_NOW`` when there is nothing to acknowledge."""
+        found = self.damage()
+        if found is None:
+            raise error("NOT_NOW", "the ledger was not damaged, or that is acknowledged")
+        self.set_state(DAMAGE_KEY, None)
+        self._damage = None
+        return found
+
+    def _restore(self) -> None:
+        """Bring back from the copy what was committed, and remember that the predecessor was damaged."""
+        rows, why_not = copy_or_reason(self.path.parent)
+        with self._transaction() as db:
+            for row in rows:
+                names = ", ".join(COLUMNS)
+                marks = ", ".join("?" for _ in COLUMNS)
+                values = [row[key] for key in COLUMNS]
+                db.execute(
+                    f"INSERT INTO calibrations ({names}, result) VALUES ({marks}, '{{}}')",
+                    values,
+                )
+            restored = {row["name"]: row["version"] for row in rows if row["state"] == "committed"}
+            told = {"aside": str(self.aside), "restored": restored, "why_not": why_not, "at": self._wall()}
+            self.set_state(DAMAGE_KEY, told)
+
+    def _renew_copy(self) -> None:
+        """The ledger is the truth: a copy that is missing, damaged or behind is written again."""
+        if self._for_copy() != copy_or_reason(self.path.parent)[0]:
+            with suppress(CellError):  # a full disk keeps nobody from starting; the next commit needs it
+                write_copy(self.path.parent, self._for_copy())
+
+    def _for_copy(self) -> list[dict[str, Any]]:
+        columns = ", ".join(COLUMNS)
+        return self._rows(
+            f"SELECT {columns} FROM calibrations WHERE state IN (?, ?) ORDER BY id",
+            *STATES,
+        )
 
     # -- runs
 
@@ -147,6 +202,7 @@ class Ledger:
     def commit(self, result_id: int) -> dict[str, Any]:
         """Make an accepted result the version in effect; ``NOT_NOW`` when nobody accepted it."""
         with self._transaction() as db:
+            self._versions_changed = True
             row = self._result(result_id)
             if row["state"] == "accepted":
                 name = row["name"]
@@ -182,6 +238,7 @@ class Ledger:
         contradict the configuration again. Returns what is in effect now.
         """
         with self._transaction() as db:
+            self._versions_changed = True
             row = self._committed(name)
             if row is None:
                 raise error("NOT_NOW", f"{name} has no committed version")
@@ -333,11 +390,13 @@ class Ledger:
                 return
             try:
                 self._db.execute("BEGIN IMMEDIATE")
+                self._versions_changed = False
                 yield self._db
+                if self._versions_changed:
+                    write_copy(self.path.parent, self._for_copy())
                 self._db.execute("COMMIT")
             except sqlite3.OperationalError as exc:
-                name = "DISK_FULL" if exc.sqlite_errorcode == sqlite3.SQLITE_FULL else "DISK_FAILED"
-                raise error(name, f"{self.path}: {exc}") from exc
+                raise disk_error(self.path, exc) from exc
             finally:
                 if self._db.in_transaction:
                     self._db.execute("ROLLBACK")

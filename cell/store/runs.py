@@ -1,5 +1,6 @@
 """Run folders: ``<utc>_<job>_<id>`` with everything that is needed to solve the run again."""
 
+import os
 import re
 import time
 from collections.abc import Callable, Mapping
@@ -61,8 +62,14 @@ class RunFolder:
         """One journal line: a single short write, allowed on an event loop."""
         self._open_journal().append(kind, **fields)
 
+    def check_on_disk(self) -> None:
+        """``RUN_FOLDER_LOST`` when the folder was removed or moved since the run began."""
+        if self._journal is not None:
+            self._journal.check_on_disk()
+
     def write_result(self, result: Mapping[str, Any]) -> None:
         """``result.json``, whole or absent."""
+        self.check_on_disk()
         write_atomic(self.path / "result.json", to_json(result, indent=1))
 
     def finish(self, end: Mapping[str, Any]) -> None:
@@ -129,19 +136,36 @@ class RunFolder:
         return content
 
 
-def list_runs(runs: Path) -> list[RunFolder]:
-    """All runs, oldest first; a run whose ``run.json`` cannot be read has ``info["unreadable"]``."""
-    found = []
-    for path in runs.iterdir() if runs.is_dir() else ():
-        match = _NAME.fullmatch(path.name)
-        if match is not None and path.is_dir():
-            found.append(_from_disk(path, int(match["id"]), match["job"]))
-    return sorted(found, key=lambda run: (run.path.name[:16], run.run_id))
+def list_runs(runs: Path, newest: int | None = None) -> list[RunFolder]:
+    """The runs, oldest first; a run whose ``run.json`` cannot be read has ``info["unreadable"]``.
+
+    With ``newest``, only that many: the folders' names carry time and number, so they are the index, and only
+    the folders that are asked for are opened.
+    """
+    names = _run_names(runs)
+    return [_from_disk(runs / name, run_id, job) for name, run_id, job in names[-newest if newest else 0 :]]
 
 
 def interrupted_runs(runs: Path) -> list[RunFolder]:
     """The runs without an ``end.json``: their daemon was killed, or could not write."""
-    return [run for run in list_runs(runs) if not (run.path / "end.json").exists()]
+    return [
+        _from_disk(runs / name, run_id, job)
+        for name, run_id, job in _run_names(runs)
+        if not os.path.exists(runs / name / "end.json")
+    ]
+
+
+def _run_names(runs: Path) -> list[tuple[str, int, str]]:
+    """Name, number and job of every run folder, oldest first."""
+    if not runs.is_dir():
+        return []
+    found = []
+    with disk_errors(runs), os.scandir(runs) as entries:
+        for entry in entries:
+            match = _NAME.fullmatch(entry.name)
+            if match is not None and entry.is_dir():
+                found.append((entry.name, int(match["id"]), match["job"]))
+    return sorted(found, key=lambda run: (run[0][:16], run[1]))
 
 
 def load_run(runs: Path, run_id: int) -> RunFolder:

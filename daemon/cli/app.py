@@ -36,6 +36,7 @@ PANELS = {
         calibrations.accept,
         calibrations.reject,
         calibrations.rollback,
+        calibrations.acknowledge_ledger,
         export.export,
     ),
     "Without a cell": (offline.solve, setup.explain),

@@ -32,6 +32,7 @@ def results(
     """
     paths = cell_paths(config)
     found: list[dict[str, Any]] = []
+    damage: dict[str, Any] | None = None
     if paths.ledger.exists():
         from cell.store.ledger import Ledger
 
@@ -41,8 +42,13 @@ def results(
                 found = [ledger.result(int(which))]
             else:
                 found = ledger.results(which)
+            damage = ledger.damage()
         finally:
             ledger.close()
+    if damage is not None:
+        from daemon.state_folder import damage_text
+
+        say(f"Warning: {damage_text(damage)}. 'cellward acknowledge-ledger' ends this warning.")
     if as_json:
         out_json(found if which is not None else [in_a_list(entry) for entry in found])
     elif not found:
@@ -111,3 +117,10 @@ def rollback(
     now = f"version {entry['version']}" if entry["version"] is not None else "the configured value"
     value = f": {value_text(name, entry['value'])}" if "value" in entry else ""
     say(f"{name}: {now} is in effect from the next job on{value}.")
+
+
+def acknowledge_ledger(config: ConfigOption = None) -> None:
+    """Acknowledge that the ledger was damaged, after a look at the calibrations in effect."""
+    with connect(config) as daemon:
+        daemon.call("acknowledge_ledger")
+    say("Acknowledged. 'cellward results' lists the calibrations in effect; the damaged file is kept.")

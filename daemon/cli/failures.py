@@ -70,7 +70,13 @@ def tell(failure: CellError) -> None:
 
 
 def _log_details() -> str:
-    """Write the traceback where a person can find it; returns the file's name."""
+    """Write the traceback where a person can find it; returns where that is.
+
+    A service's /tmp (PrivateTmp) is removed when the service ends, so its traceback goes into the log.
+    """
+    if "INVOCATION_ID" in os.environ and not sys.stderr.isatty():
+        traceback.print_exc(file=sys.stderr)
+        return "the log, above"
     handle, name = tempfile.mkstemp(prefix="cellward-error-", suffix=".log")
     with os.fdopen(handle, "w") as file:
         traceback.print_exc(file=file)

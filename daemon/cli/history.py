@@ -39,7 +39,7 @@ def runs(
     """The runs of this cell, newest last."""
     from cell.store.runs import list_runs
 
-    found = [_row(run) for run in list_runs(cell_paths(config).runs)[-limit:]]
+    found = [_row(run) for run in list_runs(cell_paths(config).runs, limit)]
     if as_json:
         out_json(found)
     elif not found:
