@@ -338,9 +338,19 @@ class Ledger:
                 (self._wall(), channel, who, what, int(accepted), detail),
             )
 
-    def audit_lines(self, limit: int = 100) -> list[dict[str, Any]]:
-        """The newest audit lines first."""
-        rows = self._rows("SELECT * FROM audit ORDER BY id DESC LIMIT ?", limit)
+    def audit_lines(
+        self, limit: int = 100, *, channel: str | None = None, who: str | None = None, refused: bool = False
+    ) -> list[dict[str, Any]]:
+        """The newest audit lines first; ``who`` is a part of the name, in any case."""
+        rows = self._rows(
+            "SELECT * FROM audit WHERE (?1 IS NULL OR channel = ?1)"
+            " AND (?2 IS NULL OR instr(lower(who), lower(?2))) AND NOT (?3 AND accepted)"
+            " ORDER BY id DESC LIMIT ?4",
+            channel,
+            who,
+            refused,
+            limit,
+        )
         return [{**row, "accepted": bool(row["accepted"])} for row in rows]
 
     def get_state(self, key: str, default: Any = None) -> Any:

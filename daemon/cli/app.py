@@ -2,7 +2,7 @@
 
 import typer
 
-from daemon.cli import calibrations, check, demo, export, history, jobs, live, offline, setup
+from daemon.cli import audit, calibrations, check, demo, export, history, jobs, live, offline, setup
 
 app = typer.Typer(
     name="cellward",
@@ -37,6 +37,7 @@ PANELS = {
         calibrations.reject,
         calibrations.rollback,
         calibrations.acknowledge_ledger,
+        audit.audit,
         export.export,
     ),
     "Without a cell": (offline.solve, setup.explain),

@@ -1,0 +1,45 @@
+"""``cellward audit``: who wrote what from outside, and what was refused."""
+
+from typing import Annotated, Any
+
+import typer
+
+from daemon.cli.options import ConfigOption, JsonOption, cell_paths
+from daemon.cli.output import local_time, out, out_json, say, table
+
+
+def audit(
+    limit: Annotated[int, typer.Option("--limit", "-n", min=1, help="How many of the newest.")] = 20,
+    channel: Annotated[
+        str | None,
+        typer.Option("--channel", help="Only this channel, control or modbus.", show_default=False),
+    ] = None,
+    who: Annotated[
+        str | None, typer.Option("--who", help="Only names that contain this text.", show_default=False)
+    ] = None,
+    refused: Annotated[bool, typer.Option("--refused", help="Only what was refused.")] = False,
+    config: ConfigOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Writes from outside, accepted and refused, newest last. It needs no daemon."""
+    paths = cell_paths(config)
+    found: list[dict[str, Any]] = []
+    if paths.ledger.exists():
+        from cell.store.ledger import Ledger
+
+        ledger = Ledger(paths.ledger, read_only=True)
+        try:
+            found = ledger.audit_lines(limit, channel=channel, who=who, refused=refused)[::-1]
+        finally:
+            ledger.close()
+    if as_json:
+        out_json(found)
+    elif not found:
+        say("The audit holds no such line.")
+    else:
+        out(table(("time", "channel", "who", "what", "outcome", "detail"), (_row(line) for line in found)))
+
+
+def _row(line: dict[str, Any]) -> list[Any]:
+    outcome = "accepted" if line["accepted"] else "refused"
+    return [local_time(line["at"]), line["channel"], line["who"], line["what"], outcome, line["detail"]]

@@ -1,0 +1,65 @@
+"""``cellward audit`` reads the ledger, without a daemon."""
+
+import json
+from pathlib import Path
+
+import pytest
+from cli_harness import CellOnDisk, CommandLine
+
+from cell.store.ledger import Ledger
+
+
+@pytest.fixture
+def cell(tmp_path: Path) -> CellOnDisk:
+    return CellOnDisk(tmp_path)
+
+
+@pytest.fixture
+def subject(
+    cell: CellOnDisk, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> CommandLine:
+    return CommandLine(monkeypatch, capsys, cell.config)
+
+
+@pytest.fixture
+def written(cell: CellOnDisk) -> None:
+    cell.state.mkdir()
+    ledger = Ledger(cell.state / "ledger.sqlite")
+    ledger.audit("control", "anna (uid 1000)", "accept", True)
+    ledger.audit("modbus", "10.0.0.7:4711", "write 100", False, "not in allow_clients")
+    ledger.audit("control", "100%_x", "reset", True)
+    ledger.close()
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ((), ["accept", "write 100", "reset"]),
+        (("-n", 1), ["reset"]),
+        (("--channel", "modbus"), ["write 100"]),
+        (("--who", "ANNA"), ["accept"]),
+        (("--who", "%_"), ["reset"]),
+        (("--refused",), ["write 100"]),
+        (("--refused", "--channel", "control"), []),
+    ],
+)
+@pytest.mark.usefixtures("written")
+def test_the_lines_that_are_asked_for_are_listed_newest_last(
+    subject: CommandLine, words: tuple[object, ...], expected: list[str]
+) -> None:
+    done = subject("audit", "--json", *words)
+    assert done.code == 0
+    assert [line["what"] for line in json.loads(done.out)] == expected
+
+
+@pytest.mark.usefixtures("written")
+def test_a_refused_write_is_listed_with_its_reason(subject: CommandLine) -> None:
+    line = next(line for line in subject("audit").out.splitlines() if "write 100" in line)
+    assert "refused" in line
+    assert "not in allow_clients" in line
+
+
+def test_a_cell_without_a_ledger_has_an_empty_audit(subject: CommandLine) -> None:
+    done = subject("audit")
+    assert (done.code, done.out) == (0, "")
+    assert "no such line" in done.err
