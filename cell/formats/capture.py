@@ -10,31 +10,44 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from cell.formats.bounds import (
+    OBSERVATIONS,
+    Coefficient,
+    Joints,
+    Pixel,
+    PixelCount,
+    Pixels,
+    Point,
+    Pose,
+    SigmaAngle,
+    SigmaLength,
+    SigmaPx,
+    Size,
+    Stamp,
+    Whole,
+)
 from cell.formats.reading import Strict
 
 SCHEMA = "cellward.capture/1"
-
-Pose = Annotated[list[float], Field(min_length=6, max_length=6)]
-Pixel = Annotated[list[float], Field(min_length=2, max_length=2)]
-Point = Annotated[list[float], Field(min_length=3, max_length=3)]
-Positive = Annotated[float, Field(gt=0.0)]
-Sigma = Annotated[float, Field(ge=0.0)]
+_SHORTEST_FOCAL_PX = 1.0
 _DIST_LENGTHS = (0, 4, 5, 8, 12, 14)
 
 
 class Camera(Strict):
     """Intrinsics: K is fx, fy, cx, cy in pixels; dist in OpenCV's order."""
 
-    width: Annotated[int, Field(gt=0)]
-    height: Annotated[int, Field(gt=0)]
-    K: Annotated[list[float], Field(min_length=4, max_length=4)]
-    dist: list[float] = Field(default_factory=list)
+    width: PixelCount
+    height: PixelCount
+    K: Annotated[list[Pixels], Field(min_length=4, max_length=4)]
+    dist: list[Coefficient] = Field(default_factory=list)
 
     @field_validator("K")
     @classmethod
     def _focal_lengths_are_positive(cls, K: list[float]) -> list[float]:
-        if K[0] <= 0.0 or K[1] <= 0.0:
-            raise ValueError("must be [fx, fy, cx, cy] in pixels with positive focal lengths")
+        if min(K[:2]) < _SHORTEST_FOCAL_PX:
+            raise ValueError(
+                "must be [fx, fy, cx, cy] in pixels with positive focal lengths of a pixel or more"
+            )
         return K
 
     @field_validator("dist")
@@ -51,8 +64,8 @@ class Charuco(Strict):
     type: Literal["charuco"]
     squares_x: Annotated[int, Field(ge=2, le=200)]
     squares_y: Annotated[int, Field(ge=2, le=200)]
-    square_m: Positive
-    marker_m: Positive
+    square_m: Size
+    marker_m: Size
     dictionary: str
     legacy: bool = False
 
@@ -63,7 +76,7 @@ class Chessboard(Strict):
     type: Literal["chessboard"]
     columns: Annotated[int, Field(ge=3, le=200)]
     rows: Annotated[int, Field(ge=3, le=200)]
-    square_m: Positive
+    square_m: Size
 
 
 class CircleGrid(Strict):
@@ -72,7 +85,7 @@ class CircleGrid(Strict):
     type: Literal["circle-grid"]
     columns: Annotated[int, Field(ge=2, le=200)]
     rows: Annotated[int, Field(ge=2, le=200)]
-    spacing_m: Positive
+    spacing_m: Size
     large_dot_corner: bool = False
 
 
@@ -81,8 +94,8 @@ class ArucoMarker(Strict):
 
     type: Literal["aruco-marker"]
     dictionary: str
-    id: Annotated[int, Field(ge=0)]
-    size_m: Positive
+    id: Annotated[int, Field(ge=0, le=2**31 - 1)]
+    size_m: Size
 
 
 class Points(Strict):
@@ -98,9 +111,9 @@ TargetTable = Annotated[Charuco | Chessboard | CircleGrid | ArucoMarker | Points
 class GivenNoise(Strict):
     """Known noise levels: pixels of one frame, metres, radians."""
 
-    sigma_px: Sigma | None = None
-    sigma_flange_t: Sigma | None = None
-    sigma_flange_r: Sigma | None = None
+    sigma_px: SigmaPx | None = None
+    sigma_flange_t: SigmaLength | None = None
+    sigma_flange_r: SigmaAngle | None = None
 
 
 class FrameEntry(Strict):
@@ -109,22 +122,22 @@ class FrameEntry(Strict):
     image: str | None = None
     depth: str | None = None
     corners: list[Pixel | None] | None = None
-    t: float | None = None
+    t: Stamp | None = None
     notes: Any = None
 
 
 class Observation(Strict):
     """One pose of the arm and what the camera saw there."""
 
-    index: int
-    group: int = 0
+    index: Whole
+    group: Whole = 0
     image: str | None = None
     corners: list[Pixel | None] | None = None
     frames: list[FrameEntry] = Field(default_factory=list)
     T_base_flange: Pose
-    q: list[float] | None = None
+    q: Joints | None = None
     T_camera_target: Pose | None = None
-    t: float | None = None
+    t: Stamp | None = None
     notes: Any = None
 
     @model_validator(mode="after")
@@ -145,7 +158,7 @@ class Capture(Strict):
     target: TargetTable
     noise: GivenNoise | None = None
     robot: dict[str, Any] | None = None
-    observations: list[Observation]
+    observations: Annotated[list[Observation], Field(max_length=OBSERVATIONS)]
     notes: Any = None
 
     @field_validator("observations")

@@ -3,33 +3,18 @@
 Read beyond the format: ``modulus`` may be null or absent for a counter that does not wrap.
 """
 
-from collections.abc import Callable
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
+from cell.formats.bounds import COUNTS, QUERIES, SAMPLES, SMALLEST_M, Length, Ratio, Stamp, Whole, at_most
 from cell.formats.reading import Strict
 
 SCHEMA = "cellward.intercept/1"
 
-Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
-Id = int | str
-
-
-def _at_most(most: float, unit: str) -> Callable[[float], float]:
-    """No cell has more: the number is in another unit."""
-
-    def check(v: float) -> float:
-        if abs(v) > most:
-            raise ValueError(f"is beyond {most:g} {unit}; give it in {unit}")
-        return v
-
-    return check
-
-
-Stamp = Annotated[float, AfterValidator(_at_most(1e11, "s"))]
-Duration = Annotated[NotNegative, AfterValidator(_at_most(10.0, "s"))]
+Id = Whole | Annotated[str, Field(max_length=1000)]
+Duration = Annotated[NotNegative, AfterValidator(at_most(10.0, "s"))]
 TRAVEL_M = (1e-9, 0.02)  # of one count
 
 
@@ -37,11 +22,11 @@ class Belt(Strict):
     """The encoder's scale (given, or by wheel and resolution), the belt's direction in base, the range."""
 
     m_per_count: float | None = None
-    wheel_circumference_m: Positive | None = None
-    counts_per_revolution: Positive | None = None
-    dir: Annotated[list[float], Field(min_length=2, max_length=3)]
-    modulus: Annotated[int, Field(ge=2)] | None = None
-    period: Annotated[float, Field(ge=1e-6), AfterValidator(_at_most(10.0, "s"))]
+    wheel_circumference_m: Annotated[float, Field(ge=SMALLEST_M, le=100.0)] | None = None
+    counts_per_revolution: Annotated[float, Field(ge=1e-3, le=1e12)] | None = None
+    dir: Annotated[list[Ratio], Field(min_length=2, max_length=3)]
+    modulus: Annotated[int, Field(ge=2, le=2**64)] | None = None
+    period: Annotated[float, Field(ge=1e-6), AfterValidator(at_most(10.0, "s"))]
     notes: Any = None
 
     @field_validator("dir")
@@ -81,17 +66,17 @@ class Belt(Strict):
 class Limits(Strict):
     """Of each axis: m/s, m/s^2, m/s^3."""
 
-    v: Annotated[float, Field(ge=1e-6), AfterValidator(_at_most(100.0, "m/s"))]
-    a: Annotated[float, Field(ge=1e-6), AfterValidator(_at_most(1e5, "m/s^2"))]
-    j: Annotated[float, Field(ge=1e-6), AfterValidator(_at_most(1e8, "m/s^3"))]
+    v: Annotated[float, Field(ge=1e-6), AfterValidator(at_most(100.0, "m/s"))]
+    a: Annotated[float, Field(ge=1e-6), AfterValidator(at_most(1e5, "m/s^2"))]
+    j: Annotated[float, Field(ge=1e-6), AfterValidator(at_most(1e8, "m/s^3"))]
 
 
 class Robot(Strict):
     """Where the arm waits (base, m) and how fast it moves; ``above`` is its height over the item (m)."""
 
     limits: Limits
-    wait_point: Annotated[list[float], Field(min_length=2, max_length=3)]
-    above: Annotated[NotNegative, AfterValidator(_at_most(10.0, "m"))]
+    wait_point: Annotated[list[Length], Field(min_length=2, max_length=3)]
+    above: Annotated[NotNegative, AfterValidator(at_most(10.0, "m"))]
     notes: Any = None
 
 
@@ -101,8 +86,8 @@ class Detection(Strict):
     id: Id
     t_recv: Stamp
     t_exp: Stamp | None = None
-    xy: Annotated[list[float], Field(min_length=2, max_length=2)]
-    z: float = 0.0
+    xy: Annotated[list[Length], Field(min_length=2, max_length=2)]
+    z: Length = 0.0
     notes: Any = None
 
 
@@ -111,15 +96,15 @@ class Query(Strict):
 
     id: Id
     t: Stamp
-    horizons: list[Annotated[float, Field(ge=0.0, le=60.0)]]
+    horizons: Annotated[list[Annotated[float, Field(ge=0.0, le=60.0)]], Field(max_length=1000)]
     notes: Any = None
 
 
 class ZoneTable(Strict):
     """Range of ``dot(p, dir)`` in base in which the arm may touch items, m."""
 
-    min: float | None = None
-    max: float | None = None
+    min: Length | None = None
+    max: Length | None = None
 
     @model_validator(mode="after")
     def _edges_are_in_order(self) -> "ZoneTable":
@@ -131,8 +116,8 @@ class ZoneTable(Strict):
 class ClassicTable(Strict):
     """Times of the source's method, s."""
 
-    T1_s: Positive | None = None
-    t2_s: NotNegative | None = None
+    T1_s: Annotated[float, Field(ge=1e-6, le=1e4)] | None = None
+    t2_s: Annotated[float, Field(ge=0.0, le=1e4)] | None = None
 
 
 Count = tuple[Stamp, Annotated[int, Field(ge=-(2**63), lt=2**64)]]
@@ -144,10 +129,10 @@ class Intercept(Strict):
     schema_: Annotated[str, Field(alias="schema")]
     belt: Belt
     robot: Robot
-    encoder: list[Count]
-    detections: list[Detection]
+    encoder: Annotated[list[Count], Field(max_length=COUNTS)]
+    detections: Annotated[list[Detection], Field(max_length=SAMPLES)]
     latency_mean: Duration | None = None
-    queries: list[Query]
+    queries: Annotated[list[Query], Field(max_length=QUERIES)]
     zone: ZoneTable | None = None
     dwell_s: Duration | None = None
     classic: ClassicTable | None = None

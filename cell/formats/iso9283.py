@@ -8,20 +8,28 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from cell.formats.bounds import (
+    SAMPLES,
+    Joints,
+    Length,
+    Payload,
+    Point,
+    Pose,
+    Stamp,
+    Whole,
+)
 from cell.formats.kincal import TrackerNoiseTable
 from cell.formats.reading import Strict
-from cell.formats.robot import Point
 
 SCHEMA = "cellward.iso9283/1"
-Pose6 = Annotated[list[float], Field(min_length=6, max_length=6)]
 
 
 class IsoPose(Strict):
     """One pose that was commanded."""
 
     name: str
-    T_base_flange: Pose6
-    q: Annotated[list[float], Field(min_length=1, max_length=30)]
+    T_base_flange: Pose
+    q: Joints
 
 
 class IsoSample(Strict):
@@ -31,19 +39,19 @@ class IsoSample(Strict):
     """
 
     pose: str
-    cycle: Annotated[int, Field(ge=0)]
+    cycle: Annotated[int, Field(ge=0, le=SAMPLES)]
     p_tracker: Point
-    t: float | None = None
-    scatter_m: float | None = None
-    count: int | None = None
+    t: Stamp | None = None
+    scatter_m: Length | None = None
+    count: Whole | None = None
     warnings: list[str] = Field(default_factory=list)
 
 
 class IsoKinematics(Strict):
     """The calibrated arm in use, and where its tracker stood (``T_base_tracker``)."""
 
-    version: int | None = None
-    T_base_tracker: Pose6 | None = None
+    version: Whole | None = None
+    T_base_tracker: Pose | None = None
 
 
 class Iso9283(Strict):
@@ -53,14 +61,14 @@ class Iso9283(Strict):
     reflector: str
     point: Point
     noise: TrackerNoiseTable
-    payload_kg: Annotated[float, Field(ge=0.0)]
+    payload_kg: Payload
     speed_share: Annotated[float, Field(gt=0.0, le=1.0)]
     corrected: bool
     registration: Literal["fit", "kinematics"]
     kinematics: IsoKinematics | None = None
-    cycles: Annotated[int, Field(ge=2)]
-    poses: list[IsoPose]
-    samples: Annotated[list[IsoSample], Field(max_length=100_000)]
+    cycles: Annotated[int, Field(ge=2, le=SAMPLES)]
+    poses: Annotated[list[IsoPose], Field(max_length=1000)]
+    samples: Annotated[list[IsoSample], Field(max_length=SAMPLES)]
     notes: Any = None
 
     @model_validator(mode="after")

@@ -9,21 +9,30 @@ from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
+from cell.formats.bounds import (
+    QUERIES,
+    SAMPLES,
+    Joints,
+    Length,
+    LengthOrAngle,
+    Payload,
+    SigmaLength,
+    SigmaPerMetre,
+    Stamp,
+    Whole,
+)
 from cell.formats.reading import Strict
 
 SCHEMA = "cellward.kincal/1"
 QUERY_SCHEMA = "cellward.kincal-query/1"
 TARGETS_SCHEMA = "cellward.kincal-targets/1"
 
-Joints = Annotated[list[float], Field(min_length=1, max_length=30)]
-Sigma = Annotated[float, Field(ge=0.0)]
-
 
 class TrackerNoiseTable(Strict):
     """Standard deviation along one axis: ``sigma0`` (m) plus ``sigma_per_m`` times the range."""
 
-    sigma0: Sigma | None = None
-    sigma_per_m: Sigma | None = None
+    sigma0: SigmaLength | None = None
+    sigma_per_m: SigmaPerMetre | None = None
 
     @model_validator(mode="after")
     def _slope_has_a_start(self) -> "TrackerNoiseTable":
@@ -35,18 +44,18 @@ class TrackerNoiseTable(Strict):
 class KincalNoise(TrackerNoiseTable):
     """``sigma_constant`` (m): how well a reflector's constant is known; without it, it is taken as right."""
 
-    sigma_constant: Sigma | None = None
+    sigma_constant: SigmaLength | None = None
 
 
 class Sample(Strict):
     """One pose at rest. ``p_tracker`` is in the tracker frame, m; ``target`` names the reflector."""
 
     q: Joints
-    p_tracker: Annotated[list[float | None], Field(min_length=3, max_length=3)] | None
+    p_tracker: Annotated[list[Length | None], Field(min_length=3, max_length=3)] | None
     target: str | None = None
-    index: int | None = None
-    t: float | None = None
-    scatter_m: float | None = None
+    index: Whole | None = None
+    t: Stamp | None = None
+    scatter_m: Length | None = None
     notes: Any = None
 
 
@@ -56,8 +65,8 @@ class Kincal(Strict):
     schema_: Annotated[str, Field(alias="schema")]
     robot: dict[str, Any] | None = None
     noise: KincalNoise | None = None
-    payload_kg: Annotated[float, Field(ge=0.0)] | None = None
-    samples: Annotated[list[Sample], Field(max_length=200_000)]
+    payload_kg: Payload | None = None
+    samples: Annotated[list[Sample], Field(max_length=SAMPLES)]
     notes: Any = None
 
 
@@ -65,7 +74,7 @@ class KincalQuery(Strict):
     """Joints for which the tracker's reading is wanted."""
 
     schema_: Annotated[str, Field(alias="schema")]
-    q: list[Joints]
+    q: Annotated[list[Joints], Field(max_length=QUERIES)]
     target: str | None = None
     notes: Any = None
 
@@ -74,7 +83,9 @@ class KincalTargets(Strict):
     """Wanted flange poses in the base, or x, y, z, yaw of a palletizer; ``q_near`` picks the branch."""
 
     schema_: Annotated[str, Field(alias="schema")]
-    targets: list[Annotated[list[float], Field(min_length=4, max_length=6)]]
+    targets: Annotated[
+        list[Annotated[list[LengthOrAngle], Field(min_length=4, max_length=6)]], Field(max_length=QUERIES)
+    ]
     q_near: list[Joints] | None = None
     notes: Any = None
 

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from cell.errors import error
+from cell.formats.bounds import SMALLEST_M, Direction, Length, Point, Rotation, Stamp
 from cell.formats.reading import Strict, parse
 
 SCHEMA = "cellward.laser/1"
@@ -21,8 +22,7 @@ _Z_OFF_M = 1e-3
 # So rare polls along so slow a way are no measurement: the times are in another unit.
 _RARE_S, _CRAWL_M_S, _MOVES_M = 0.2, 5e-4, 1e-3
 
-Point = Annotated[list[float], Field(min_length=3, max_length=3)]
-Times = Annotated[list[float], Field(min_length=2, max_length=MAX_SAMPLES)]
+Times = Annotated[list[Stamp], Field(min_length=2, max_length=MAX_SAMPLES)]
 
 
 def _growing(times: list[float], what: str) -> list[float]:
@@ -43,7 +43,7 @@ class BeamLine(Strict):
     """A beam in the base: any point of it (m), and its direction of any length."""
 
     point: Point
-    dir: Point
+    dir: Direction
 
     @field_validator("dir")
     @classmethod
@@ -63,8 +63,8 @@ class ToolEntry(Strict):
 
     id: str | None = None
     p_ref: Point
-    axis_ref: Point
-    radius: Annotated[float, Field(gt=0.0, le=1.0)]
+    axis_ref: Direction
+    radius: Annotated[float, Field(ge=SMALLEST_M, le=1.0)]
 
     @field_validator("axis_ref")
     @classmethod
@@ -77,12 +77,12 @@ class PassEntry(Strict):
 
     beam: Literal["xs", "ys"]
     dir: Literal[1, -1]
-    z: float
+    z: Length
     pose_t: Times
     pose_xyz: Annotated[list[Point], Field(min_length=2, max_length=MAX_SAMPLES)]
     poll_t: Times
     poll_v: list[Literal[0, 1]]
-    poll_n: list[Annotated[int, Field(ge=0)]] | None = None
+    poll_n: list[Annotated[int, Field(ge=0, lt=2**63)]] | None = None
     poll_dt: list[Annotated[float, Field(ge=0.0, le=10.0)]] | None = None
     notes: Any = None
 
@@ -144,7 +144,7 @@ class LaserData(Strict):
     """The whole data set."""
 
     schema_: Annotated[str, Field(alias="schema")]
-    R_base_flange: Point
+    R_base_flange: Rotation
     beams: BeamPair
     tool: ToolEntry
     reference: PassSet

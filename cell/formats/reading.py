@@ -35,7 +35,11 @@ def read_json(path: Path) -> dict[str, Any]:
     if not text.strip():
         raise error("FILE_UNREADABLE", f"{path} is empty; replace it with a good copy")
     try:
-        raw = json.loads(text, parse_constant=_refuse_constant)
+        raw = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_once)
+        if "\\ud" in text or "\\uD" in text:  # an escape that may be half of a pair
+            json.dumps(raw, ensure_ascii=False).encode()
+    except UnicodeEncodeError as exc:
+        raise error("DATA_INVALID", f"{path} has half of a character (\\ud800 to \\udfff) in a text") from exc
     except RecursionError as exc:
         raise error("FILE_UNREADABLE", f"{path} is nested too deeply to be a data set") from exc
     except json.JSONDecodeError as exc:
@@ -48,6 +52,15 @@ def read_json(path: Path) -> dict[str, Any]:
     if not isinstance(raw, dict):
         raise error("DATA_INVALID", f"{path} holds a {type(raw).__name__}; a data set is one JSON object")
     return raw
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) != len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"has the key {_short(twice)} twice in one table; keep the right one")
+    return table
 
 
 def _refuse_constant(name: str) -> float:

@@ -7,28 +7,29 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from cell.errors import error
+from cell.formats.bounds import ANGLE_RAD, LENGTH_M, RATIO, Angle, Length, Point, Ratio
 from cell.formats.reading import Strict, parse_part
 
-Six = Annotated[list[float], Field(min_length=6, max_length=6)]
-Point = Annotated[list[float], Field(min_length=3, max_length=3)]
-Positive = Annotated[float, Field(gt=0.0)]
+_SMALLEST = 1e-12  # of a prior: what is held so firmly is as good as fixed
+SixLengths = Annotated[list[Length], Field(min_length=6, max_length=6)]
+SixAngles = Annotated[list[Angle], Field(min_length=6, max_length=6)]
 
 
 class Prior(Strict):
     """Standard deviations of the parameters about their nominal values; m, rad and, for ratios, relative."""
 
-    length_m: Positive | None = None
-    angle_rad: Positive | None = None
-    ratio: Positive | None = None
+    length_m: Annotated[float, Field(ge=_SMALLEST, le=LENGTH_M)] | None = None
+    angle_rad: Annotated[float, Field(ge=_SMALLEST, le=ANGLE_RAD)] | None = None
+    ratio: Annotated[float, Field(ge=_SMALLEST, le=RATIO)] | None = None
 
 
 class Deltas(Strict):
     """What a factory calibration of Universal Robots adds to the published DH table."""
 
-    delta_theta: Six | None = None
-    delta_d: Six | None = None
-    delta_a: Six | None = None
-    delta_alpha: Six | None = None
+    delta_theta: SixAngles | None = None
+    delta_d: SixLengths | None = None
+    delta_a: SixLengths | None = None
+    delta_alpha: SixAngles | None = None
 
 
 class _Robot(Strict):
@@ -52,24 +53,24 @@ class NamedRobot(_Robot):
 class PalletizerParameters(Strict):
     """Four motors and a parallelogram; METHODS section 4. Lengths m, offsets rad, ratios link per motor."""
 
-    a1: float
-    a2: float
-    a3: float
-    a4: float
-    a5: float
-    d1: float
-    d5: float
-    k1: float
-    k2: float
-    k3: float
-    k5: float
-    t1: float
-    t2: float
-    t3: float
-    t5: float
-    tx: float
-    ty: float
-    tz: float
+    a1: Length
+    a2: Length
+    a3: Length
+    a4: Length
+    a5: Length
+    d1: Length
+    d5: Length
+    k1: Ratio
+    k2: Ratio
+    k3: Ratio
+    k5: Ratio
+    t1: Angle
+    t2: Angle
+    t3: Angle
+    t5: Angle
+    tx: Length
+    ty: Length
+    tz: Length
 
 
 class PalletizerRobot(_Robot):
@@ -94,11 +95,11 @@ class PalletizerRobot(_Robot):
 class Link(Strict):
     """``Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)``; ``beta`` only where two axes are near parallel."""
 
-    theta: float = 0.0
-    d: float = 0.0
-    a: float = 0.0
-    alpha: float = 0.0
-    beta: float | None = None
+    theta: Angle = 0.0
+    d: Length = 0.0
+    a: Length = 0.0
+    alpha: Angle = 0.0
+    beta: Angle | None = None
     joint: Literal["revolute", "prismatic", "fixed"] = "revolute"
 
 
@@ -107,7 +108,7 @@ class SerialRobot(_Robot):
 
     family: Literal["serial"]
     links: Annotated[list[Link], Field(min_length=1, max_length=30)]
-    coupling: list[list[float]] | None = None
+    coupling: list[list[Ratio]] | None = None
 
     @property
     def joints(self) -> int:

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from cell.errors import error
+from daemon.cli.damaged import reading
 from daemon.cli.options import ConfigOption, cell_paths
 from daemon.cli.output import out, say
 
@@ -53,8 +54,13 @@ def export(
 
     path = Path(name)
     is_path = path.suffix == ".json" or len(path.parts) > 1 or path.is_dir()
-    exported = from_file(path) if is_path else from_ledger(name, cell_paths(config))
-    text = written(exported, form)
+    if is_path:
+        with reading(path):
+            exported = from_file(path)
+            text = written(exported, form)
+    else:
+        exported = from_ledger(name, cell_paths(config))
+        text = written(exported, form)
     for warning in exported.warnings:
         say(f"Warning: {warning}")
     if output is None:

@@ -53,7 +53,7 @@ def reported() -> Iterator[Failure]:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except Exception as exc:
         failure.exit_code = INTERNAL
-        say(f"Error 9001: {type(exc).__name__}: {exc} (details in {_log_details()})")
+        say(f"Error 9001: {type(exc).__name__}: {exc} (details in {log_details()})")
         say(error("INTERNAL").hint)
 
 
@@ -69,7 +69,7 @@ def tell(failure: CellError) -> None:
     say(failure.hint)
 
 
-def _log_details() -> str:
+def log_details() -> str:
     """Write the traceback where a person can find it; returns where that is.
 
     A service's /tmp (PrivateTmp) is removed when the service ends, so its traceback goes into the log.

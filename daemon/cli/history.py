@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from cell.errors import error
+from daemon.cli.damaged import reading
 from daemon.cli.failures import FAILED
 from daemon.cli.options import ConfigOption, JsonOption, cell_paths
 from daemon.cli.output import local_time, out, out_json, say, table
@@ -78,6 +79,11 @@ def _end_or_reason(run: Any) -> Mapping[str, Any]:
 def show(run: RunArgument, config: ConfigOption = None, as_json: JsonOption = False) -> None:
     """One run: its journal as a timeline, how it ended, its result."""
     folder = load(config, run)
+    with reading(folder.path):
+        _show(folder, as_json)
+
+
+def _show(folder: Any, as_json: bool) -> None:
     journal, end, result = folder.read_journal(), folder.read_end(), folder.read_result()
     if as_json:
         out_json({"run": folder.info, "journal": journal, "end": end, "result": result})
@@ -85,7 +91,7 @@ def show(run: RunArgument, config: ConfigOption = None, as_json: JsonOption = Fa
     from daemon.cli.journal_text import timeline
     from daemon.cli.result_text import result_text
 
-    out(f"run {run}: {folder.job}, started {local_time(folder.info.get('started'))}")
+    out(f"run {folder.run_id}: {folder.job}, started {local_time(folder.info.get('started'))}")
     out(f"folder  {folder.path}")
     out(timeline(journal))
     if result is not None:
@@ -109,7 +115,8 @@ def report(
     folder = load(config, run)
     path: Path = folder.path / "report.html"
     if rebuild or not path.exists():
-        write_report(result_of(folder), folder.path, path)
+        with reading(folder.path):
+            write_report(result_of(folder), folder.path, path)
     out(str(path))
     if open_it:
         typer.launch(path.as_uri())
@@ -129,7 +136,8 @@ def replay(run: RunArgument, config: ConfigOption = None, as_json: JsonOption = 
 
     folder = load(config, run)
     recorded = result_of(folder)
-    found = differences(recorded, solve_again(folder.job, folder.path, folder.info, recorded))
+    with reading(folder.path):
+        found = differences(recorded, solve_again(folder.job, folder.path, folder.info, recorded))
     if as_json:
         out_json({"run_id": run, "same": not found, "tolerance": TOLERANCE, "differences": found})
     elif found:
@@ -147,8 +155,12 @@ def compare(
     """The difference of two results of the same kind, against their uncertainties."""
     from daemon.cli.compare import compare_results, comparison_text
 
-    found = compare_results(*(result_of(load(config, number)) for number in (first, second)))
+    folders = [load(config, number) for number in (first, second)]
+    results = [result_of(folder) for folder in folders]
+    with reading(folders[1].path.parent):
+        found = compare_results(*results)
+        text = comparison_text(found, f"run {first}", f"run {second}")
     if as_json:
         out_json({"runs": [first, second], **found.as_dict()})
     else:
-        out(comparison_text(found, f"run {first}", f"run {second}"))
+        out(text)

@@ -16,6 +16,7 @@ from procedures.belt.calibration_rows import Rows, rows_of
 from procedures.belt.calibration_slip import Parted, WheelSlip, part_at_slips
 from procedures.belt.calibration_spread import spread, with_camera
 from procedures.belt.emergency import emergency_warnings
+from procedures.solve.limits import within_limits
 
 KIND = "belt-calibration"
 _NORMAL95 = 1.96
@@ -25,6 +26,7 @@ _MOVED_M = 0.02  # an item that has moved so far lay on a belt that moved
 _TURNED_RAD, _OTHER_SHARE = 0.1, 0.05  # from the configured belt, before a person should look
 
 
+@within_limits
 def solve_within_limits(path: Path, config: Mapping[str, Any]) -> dict[str, Any]:
     """``cellward.result/1`` of the data set at ``path``; ``config`` is the job's as plain values."""
     data = read_data_set(path)

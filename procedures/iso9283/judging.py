@@ -15,6 +15,7 @@ from cell.formats.result import Result, Warning_
 from cell.poses import Array, from_pose6
 from procedures.iso9283.plan import ORDER
 from procedures.iso9283.record import read_data_set
+from procedures.solve.limits import within_limits
 from procedures.tracker.locating import pose6_of, registration_of
 
 _STAND_FACTOR, _STAND_M = 3.0, 0.0005  # of what the best place leaves, before the stand is said to have moved
@@ -34,6 +35,7 @@ class _Arrivals:
     wanted: dict[str, Array]
 
 
+@within_limits
 def solve_iso9283(path: Path, limits: Mapping[str, float | None]) -> dict[str, Any]:
     """``cellward.result/1`` of kind ``iso9283`` from a data set, judged by ``max_AP_m`` and ``max_RP_m``.
 

@@ -16,7 +16,7 @@ from cell.errors import InputError, error
 from cell.formats.capture import SCHEMA, Capture, Observation
 from cell.formats.reading import parse, read_json
 from cell.poses import Array, from_pose6
-from procedures.solve.images import read_grey, resolve_inside
+from procedures.solve.images import other_size, read_grey, resolve_inside
 
 Progress = Callable[[str, int, int], None]
 FILE_NAME = "capture.json"
@@ -160,16 +160,12 @@ def _given(loaded: CaptureSet, where: str, corners: Sequence[Sequence[float] | N
 def _detect(loaded: CaptureSet, where: str, name: str) -> Array:
     """Corners (n, 2) found in an image, NaN where unseen; the size must be the camera's."""
     field = f"{loaded.path}: {where}"
-    grey = read_grey(resolve_inside(loaded.path.parent, name, field), field)
-    size = (grey.shape[1], grey.shape[0])
     camera = loaded.capture.camera
-    wanted = (camera.width, camera.height) if camera is not None else loaded.size or size
-    if size != wanted:
-        raise error(
-            "DATA_INVALID",
-            f"{field} is {name!r} with {size[0]}x{size[1]} pixels, but the camera has "
-            f"{wanted[0]}x{wanted[1]}; give images of the size that the intrinsics belong to",
-        )
+    wanted = loaded.size if camera is None else (camera.width, camera.height)
+    grey = read_grey(resolve_inside(loaded.path.parent, name, field), field, wanted)
+    size = (grey.shape[1], grey.shape[0])
+    if wanted is not None and size != wanted:
+        raise error("DATA_INVALID", other_size(field, name, size, wanted))
     loaded.size = size
     out = np.full((len(loaded.target.points), 2), np.nan)
     found = loaded.target.detect(grey)

@@ -23,6 +23,7 @@ from cell.formats.result import Result, Warning_
 from procedures.solve.camera import CameraChoice, check_views, choose_camera
 from procedures.solve.capture import FAR_T, UNITS_T, CaptureSet, Progress, load_capture
 from procedures.solve.hand_eye_report import Solved, fill_result
+from procedures.solve.limits import LONG_S, within_limits
 from procedures.solve.other_orders import order_warnings
 
 ML = "ml"
@@ -32,6 +33,7 @@ _FAR_X = 5.0  # m; no camera is mounted that far from flange or base
 _FAR_APART_T, _FAR_APART_R = 0.04, 0.05  # of the distance to the target; rad
 
 
+@within_limits
 def solve_hand_eye(
     path: Path, *, method: str | None = None, progress: Progress | None = None
 ) -> dict[str, object]:
@@ -141,6 +143,8 @@ def _twice(measured: Measurements, camera: Intrinsics | None, noise: Mapping[str
         start = time.perf_counter()
         answer = solve(measured, camera, noise)
         seconds.append(time.perf_counter() - start)
+        if seconds[0] > LONG_S:
+            break
     return _Timed(answer, min(seconds))
 
 

@@ -10,10 +10,12 @@ from procedures.solve.belt_answers import solve_adaptive, solve_classic
 from procedures.solve.belt_data import load_intercept
 from procedures.solve.belt_report import fill_result, refusal
 from procedures.solve.capture import Progress
+from procedures.solve.limits import LONG_S, within_limits
 
 ADAPTIVE, CLASSIC = "adaptive", "classic"
 
 
+@within_limits
 def solve_intercept(
     path: Path, *, method: str | None = None, progress: Progress | None = None
 ) -> dict[str, Any]:
@@ -37,6 +39,8 @@ def solve_intercept(
         start = time.perf_counter()
         solved = solve(loaded, None if progress is None else partial(_show, progress, begin, 2 * count))
         seconds.append(time.perf_counter() - start)
+        if seconds[0] > LONG_S:
+            break
     return fill_result(loaded, solved, chosen, min(seconds)).as_json()
 
 

@@ -20,10 +20,12 @@ from procedures.solve.capture import Progress
 from procedures.solve.kincal_data import KincalSet, check_match, load_kincal
 from procedures.solve.kincal_queries import Query, Wanted, load_query, load_targets
 from procedures.solve.kincal_report import Solved, fill_result
+from procedures.solve.limits import LONG_S, within_limits
 
 ML, CLASSIC = "ml", "classic"
 
 
+@within_limits
 def solve_kincal(
     path: Path,
     *,
@@ -96,6 +98,8 @@ def _twice(loaded: KincalSet, method: str) -> _Timed:
         else:
             solution = identify_with_constant(loaded.problem, loaded.noise)
         seconds.append(time.perf_counter() - start)
+        if seconds[0] > LONG_S:
+            break
     if classic is not None:
         solution = _of_classic(loaded, classic)
     return _Timed(solution, classic, min(seconds))

@@ -19,6 +19,7 @@ from cell.formats.laser import LaserData
 from cell.formats.result import Result, Warning_
 from procedures.solve.laser_data import load_laser, scene_of, unit_warnings
 from procedures.solve.laser_report import fill_reference, fill_result
+from procedures.solve.limits import within_limits
 
 CLASSIC = "classic"
 METHODS = (INTERVAL, AVERAGING, CLASSIC)
@@ -28,6 +29,7 @@ _FOLD_POINTS = 128
 T = TypeVar("T")
 
 
+@within_limits
 def solve_laser(
     path: Path,
     method: str | None = None,
@@ -73,6 +75,7 @@ def solve_laser(
     return _limited(result, limits or {}).as_json()
 
 
+@within_limits
 def solve_reference(path: Path, progress: Progress | None = None, calls: int = 2) -> dict[str, Any]:
     """``cellward.result/1`` of kind ``laser-reference`` from the reference passes of a data set.
 

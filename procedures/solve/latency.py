@@ -11,6 +11,7 @@ import numpy as np
 from calibration.latency import Crossing, solve_delay, undetermined
 from cell.errors import error
 from cell.formats.result import Result
+from procedures.solve.limits import within_limits
 
 DATA_FILE = "latency.json"
 SCHEMA = "cellward.latency/1"
@@ -18,6 +19,7 @@ BEAM_EDGES = "beam-edges"
 SPEED_WINDOW_S = 0.03
 
 
+@within_limits
 def solve_latency(path: Path) -> dict[str, Any]:
     """``cellward.result/1`` of kind ``latency`` from a run's folder or its ``latency.json``.
 

@@ -1,0 +1,147 @@
+"""Mutations of configurations, data sets, ROBOT files and run folders: how does each command end?
+
+``python -m bench.mutations [COUNT] [SEED]``: the same seed makes the same mutations. Each is run as a shell
+would run it, in this process. A line a kind: how many ended with which exit code, how many with a traceback
+or error 9001, and how many passed with an answer that is grossly another one than that of the untouched
+data. Exit code 1 when there is any of the last three.
+"""
+
+import contextlib
+import io
+import json
+import os
+import random
+import shutil
+import sys
+import tempfile
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+from bench._mutate import mutate_file, mutate_tree
+from bench._mutated import Case, cases
+from daemon.cli import main as cellward
+
+COUNT, SEED = 2000, 1
+LONG_S = 20.0
+CODES = (0, 1, 2, 3, 4)
+
+
+@dataclass
+class Tally:
+    """What became of the mutations of one kind."""
+
+    codes: Counter[int] = field(default_factory=Counter)
+    faults: list[str] = field(default_factory=list)
+    nonsense: list[str] = field(default_factory=list)
+    longest: float = 0.0
+
+
+@dataclass(frozen=True)
+class Ran:
+    """How one command ended."""
+
+    code: int
+    out: str
+    err: str
+    seconds: float
+
+
+def run(words: tuple[str, ...], config: Path) -> Ran:
+    """``cellward WORDS`` in this process."""
+    out, err, began = io.StringIO(), io.StringIO(), time.perf_counter()
+    environment = {"CELLWARD_CONFIG": str(config), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    with (
+        patch.object(sys, "argv", ["cellward", *words]),
+        patch.dict(os.environ, environment),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("always")
+        try:
+            code = cellward()
+        except BaseException as exc:  # what a shell would show as a traceback
+            if isinstance(exc, KeyboardInterrupt):
+                raise
+            code = 99
+            err.write(f"Traceback: {type(exc).__name__}: {exc}")
+    return Ran(code, out.getvalue(), err.getvalue(), time.perf_counter() - began)
+
+
+def judge(case: Case, ran: Ran, untouched: Ran, tally: Tally, what: str) -> None:
+    """Count one mutation."""
+    tally.codes[ran.code] += 1
+    tally.longest = max(tally.longest, ran.seconds)
+    bad = ran.code not in CODES or "9001" in ran.err or "Traceback" in ran.err or "Warning:" in _ours(ran.err)
+    if bad or ran.seconds > LONG_S:
+        tally.faults.append(f"{what}: exit {ran.code} in {ran.seconds:.1f} s: {ran.err.strip()[-300:]}")
+    elif ran.code in (2, 3, 4) and "Error" not in ran.err:
+        tally.faults.append(f"{what}: exit {ran.code} without a sentence: {ran.err.strip()[-300:]}")
+    elif ran.code == 0 and case.answer is not None:
+        far = case.answer(untouched.out, ran.out)
+        if far is not None:
+            tally.nonsense.append(f"{what}: {far}")
+
+
+def _ours(err: str) -> str:
+    """Without lines of the command itself that begin so."""
+    return "\n".join(line for line in err.splitlines() if not line.startswith("Warning:"))
+
+
+@contextlib.contextmanager
+def copy_of(folder: Path) -> Iterator[Path]:
+    """A copy that is thrown away."""
+    with tempfile.TemporaryDirectory() as name:
+        yield Path(shutil.copytree(folder, Path(name) / folder.name, symlinks=True))
+
+
+def mutations(case: Case, count: int, seed: int, tally: Tally) -> None:
+    """Run ``count`` mutations of one kind."""
+    untouched = run(case.words(case.folder), case.config(case.folder))
+    assert untouched.code in (0, 1), (case.name, untouched.err)
+    for k in range(count):
+        rng = random.Random(f"{seed} {case.name} {k}")
+        with copy_of(case.folder) as folder:
+            file = folder / rng.choice(case.files)
+            how: Callable[..., str] = mutate_tree if rng.random() < case.by_value else mutate_file
+            what = f"{case.name} {k}: {file.name}: {how(file, rng)}"
+            ran = run(case.words(folder), case.config(folder))
+            judge(case, ran, untouched, tally, what)
+
+
+def measure(count: int, seed: int, folder: Path, names: tuple[str, ...] = ()) -> dict[str, Tally]:
+    """``count`` mutations dealt evenly over the kinds (those in ``names``, or all)."""
+    found = cases(folder, names)
+    tallies = {}
+    for n, case in enumerate(found):
+        tally = tallies[case.name] = Tally()
+        mutations(case, count // len(found) + (n < count % len(found)), seed, tally)
+    return tallies
+
+
+def main(words: list[str]) -> int:
+    count, seed = (int(words[k]) if len(words) > k else v for k, v in enumerate((COUNT, SEED)))
+    with tempfile.TemporaryDirectory() as folder:
+        tallies = measure(count, seed, Path(folder), tuple(words[2:]))
+    print(f"{'kind':<22}" + "".join(f"exit {c:<3}" for c in CODES) + "faults  nonsense  longest s")
+    for name, tally in tallies.items():
+        codes = "".join(f"{tally.codes[c]:<8}" for c in CODES)
+        print(f"{name:<22}{codes}{len(tally.faults):<8}{len(tally.nonsense):<10}{tally.longest:.1f}")
+    lines = [line for tally in tallies.values() for line in (*tally.faults, *tally.nonsense)]
+    print("\n".join(lines))
+    return 1 if lines else 0
+
+
+def answer_of(text: str) -> Any:
+    """The ``result`` of a document on stdout."""
+    return json.loads(text).get("result")
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
