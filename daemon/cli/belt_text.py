@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from math import atan2, degrees
 from typing import Any
 
-from daemon.cli.output import mm
+from daemon.cli.output import mm, told
 
 _UM = 1e6
 
@@ -21,7 +21,7 @@ def belt_calibration_lines(result: Mapping[str, Any], answer: Mapping[str, Any])
     angle = degrees(atan2(way[1], way[0]))
     lines.append(f"  dir = [{axes}] in the base, {angle:.3f} deg from x{within}")
     lines.append(
-        f"  from {answer.get('sightings')} sightings of {answer.get('items')} items over "
+        f"  from {told(answer.get('sightings'))} sightings of {told(answer.get('items'))} items over "
         f"{mm(answer.get('travel_m'))}"
     )
     heldout = (result.get("heldout") or {}).get("rms_m")
@@ -34,12 +34,12 @@ def belt_calibration_lines(result: Mapping[str, Any], answer: Mapping[str, Any])
 def belt_tracking_lines(_result: Mapping[str, Any], answer: Mapping[str, Any]) -> list[str]:
     """Picks, their rate, and what was missed."""
     rate, success = answer.get("picks_per_minute"), answer.get("success")
-    line = f"  {answer.get('picks')} picked of {answer.get('seen')} seen"
+    line = f"  {told(answer.get('picks'))} picked of {told(answer.get('seen'))} seen"
     if rate is not None:
-        line += f", {rate:.1f} a minute over {answer.get('duration_s'):.0f} s"
+        line += f", {rate:.1f} a minute over {told(answer.get('duration_s'), '.0f')} s"
     lines = [line]
     if success is not None:
         lines.append(f"  {100 * success:.1f} % of those that were tried")
     lines += [f"  missed, {cause}: {count}" for cause, count in (answer.get("misses") or {}).items()]
     how = "moving with the item" if answer.get("follow") else "standing"
-    return [*lines, f"  gripped {how}, method {answer.get('method')}"]
+    return [*lines, f"  gripped {how}, method {told(answer.get('method'))}"]

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from math import sqrt
 from typing import Any
 
-from daemon.cli.output import mm
+from daemon.cli.output import mm, told
 
 MOST_SHOWN = 10
 
@@ -15,7 +15,8 @@ def intercept_lines(result: Mapping[str, Any], answer: Mapping[str, Any]) -> lis
     known = sum(a["pred"][:1] != [[None, None]] for a in answers)
     met = sum(a.get("t_pick") is not None for a in answers)
     lines = [
-        f"  method {answer.get('method')}: {len(answers)} queries, {known} predicted, {met} within reach"
+        f"  method {told(answer.get('method'))}: {len(answers)} queries, {known} predicted, "
+        f"{met} within reach"
     ]
     heldout = result.get("heldout") or {}
     for row in heldout.get("travel") or []:

@@ -33,6 +33,11 @@ def table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     )
 
 
+def told(value: object, spec: str = "") -> str:
+    """A figure or a name for people; what a document does not say is unknown, never ``None``."""
+    return "unknown" if value is None else format(value, spec)
+
+
 def mm(metres: float | None, digits: int = 3) -> str:
     """A length for people."""
     return "unknown" if metres is None else f"{1e3 * metres:.{digits}f} mm"

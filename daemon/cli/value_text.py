@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from daemon.cli.output import mm, ms, pose_text
+from daemon.cli.output import mm, ms, pose_text, told
 
 
 def value_text(name: str, value: Any) -> str:
@@ -42,9 +42,9 @@ def _document(value: Mapping[str, Any]) -> str:
 def _arm(value: Mapping[str, Any]) -> str:
     before, after = mm(value.get("rms_registration_only")), mm(value.get("rms_calibrated"), 4)
     return (
-        f"calibrated arm, {before} off before and {after} after (RMS of {value.get('held_out')} poses that "
-        f"were held out), 95 % of errors below {mm(value.get('predicted_95'), 4)}, payload "
-        f"{value.get('payload_kg'):g} kg"
+        f"calibrated arm, {before} off before and {after} after (RMS of {told(value.get('held_out'))} poses "
+        f"that were held out), 95 % of errors below {mm(value.get('predicted_95'), 4)}, payload "
+        f"{told(value.get('payload_kg'), 'g')} kg"
     )
 
 

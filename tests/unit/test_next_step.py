@@ -1,14 +1,18 @@
 """What a person is told to do next: after a run, in the status, and in the report."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from daemon.cli.belt_text import belt_calibration_lines, belt_tracking_lines
+from daemon.cli.intercept_text import intercept_lines
 from daemon.cli.kincal_text import kincal_lines
 from daemon.cli.next_step import next_commands, possible
 from daemon.cli.status_text import change_line, status_text, without_state
+from daemon.cli.value_text import value_text
 from daemon.status import summary_of
 from procedures.report.source import Source
 from procedures.report.verdict import banner
@@ -96,3 +100,18 @@ def test_the_report_names_the_commands_that_decide(tmp_path: Path) -> None:
     assert "Result 2 (T_flange_camera) was accepted by policy" in by_policy
     assert "cellward accept" not in by_policy
     assert "cellward" not in report_of([])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        lambda: belt_calibration_lines({}, {"m_per_count": 1e-5, "dir": [1.0, 0.0, 0.0]}),
+        lambda: belt_tracking_lines({}, {"picks_per_minute": 3.0}),
+        lambda: intercept_lines({}, {}),
+        lambda: [value_text("kinematics.arm", {"schema": "cellward.kinematics/1"})],
+    ],
+)
+def test_what_a_document_does_not_say_is_unknown_and_never_none(text: Callable[[], list[str]]) -> None:
+    lines = "\n".join(text())
+    assert "unknown" in lines
+    assert "None" not in lines
