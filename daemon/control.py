@@ -30,6 +30,9 @@ SEND_TIMEOUT_S = 5.0
 STOP_TIMEOUT_S = 2.0
 PROBE_TIMEOUT_S = 1.0
 MAX_AUDITED_CHARS = 500
+MAX_CONNECTIONS = 64
+MAX_DEPTH = 16
+MAX_NUMBER = 2**63 - 1  # as the ledger's columns hold it
 
 
 class Engine(Protocol):
@@ -97,6 +100,11 @@ class ControlServer:
             self.path.unlink()
 
     def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if len(self._connections) >= MAX_CONNECTIONS:
+            refusal = error("BUSY", f"the control socket serves {MAX_CONNECTIONS} connections at most")
+            writer.write(json.dumps({"id": None, "error": refusal.as_dict()}).encode() + b"\n")
+            writer.close()
+            return
         task = asyncio.create_task(self._serve(reader, writer), name="control connection")
         self._connections.add(task)
 
@@ -274,12 +282,39 @@ def _parse(line: bytes) -> tuple[Any, str, dict[str, Any]]:
         request = json.loads(line)
     except ValueError as exc:
         raise error("ARGUMENT_INVALID", f"the request is not JSON: {exc}") from exc
+    except RecursionError as exc:
+        raise _too_deep() from exc
+    _check_bounds(request)
     if not isinstance(request, dict) or not isinstance(request.get("method"), str):
         raise error("ARGUMENT_INVALID", "the request is not an object with 'id', 'method' and 'params'")
     params = request.get("params") or {}
     if not isinstance(params, dict):
         raise error("ARGUMENT_INVALID", f"'params' of {request['method']} is not an object")
     return request.get("id"), request["method"], params
+
+
+def _check_bounds(value: Any, depth: int = 0) -> None:
+    """Refuse what the ledger or an answer could not hold: nesting, numbers and text beyond theirs."""
+    if depth > MAX_DEPTH:
+        raise _too_deep()
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            _check_bounds(key, depth + 1)
+            _check_bounds(inner, depth + 1)
+    elif isinstance(value, list):
+        for inner in value:
+            _check_bounds(inner, depth + 1)
+    elif isinstance(value, str):
+        try:
+            value.encode()
+        except UnicodeEncodeError as exc:
+            raise error("ARGUMENT_INVALID", "the request holds text that is not valid Unicode") from exc
+    elif isinstance(value, int | float) and not -MAX_NUMBER <= value <= MAX_NUMBER:
+        raise error("ARGUMENT_INVALID", "the request holds a number beyond 2**63 - 1, or not a number")
+
+
+def _too_deep() -> CellError:
+    return error("ARGUMENT_INVALID", f"the request is nested deeper than {MAX_DEPTH}")
 
 
 def _refusal(what: str) -> dict[str, object]:
@@ -289,7 +324,7 @@ def _refusal(what: str) -> dict[str, object]:
 def _described(exc: Exception) -> dict[str, object]:
     if isinstance(exc, CellError):
         return exc.as_dict()
-    log.error("a request failed in a way nobody foresaw", exc_info=exc)
+    log.error("a request failed in an unexpected way", exc_info=exc)
     return error("INTERNAL", f"{type(exc).__name__}: {exc}").as_dict()
 
 

@@ -11,6 +11,8 @@ from cell.clock import Clock
 
 log = logging.getLogger("cellward.health")
 
+TOLD_EVERY_S = 60.0  # a busy machine is late many times a minute
+
 
 @dataclass
 class Beats:
@@ -44,8 +46,8 @@ class LoopLag:
     _ends: deque[float] = field(default_factory=lambda: deque(maxlen=1200))
 
     async def watch(self, beats: Beats, warn_s: float) -> None:
-        """Measure for ever; one log line when the lag passes ``warn_s``, one when it is over."""
-        late = False
+        """Measure for ever; the first lag past ``warn_s`` is one log line, those after it are summed up."""
+        told_at, count, longest = -TOLD_EVERY_S, 0, 0.0
         try:
             while True:
                 due = self.clock.now() + self.period_s
@@ -56,14 +58,12 @@ class LoopLag:
                 self.recent.append(self.last_s)
                 self._ends.append(due + self.last_s)
                 beats.beat("loop")
-                if (self.last_s > warn_s) != late:
-                    late = not late
-                    log.log(
-                        logging.WARNING if late else logging.INFO,
-                        "the event loop is %s: lag %.1f ms",
-                        "late" if late else "in time again",
-                        1e3 * self.last_s,
-                    )
+                if self.last_s > warn_s:
+                    count, longest = count + 1, max(longest, self.last_s)
+                if count and due - told_at >= TOLD_EVERY_S:
+                    more = f", the longest of {count} times since the last such line" if count > 1 else ""
+                    log.warning("the event loop is late: lag %.1f ms%s", 1e3 * longest, more)
+                    told_at, count, longest = due, 0, 0.0
         finally:
             own_delay.forget()
 

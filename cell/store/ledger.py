@@ -23,6 +23,8 @@ from cell.store.runs import highest_run_id
 
 DAMAGE_KEY = "ledger_damaged"
 MAX_RUN_ID = 2**32 - 1
+MAX_AUDIT_REFUSED, MAX_AUDIT_ACCEPTED = 20_000, 1_000_000
+AUDIT_ROTATE_EVERY = 1000  # lines; the search for the oldest one reads the table
 OPEN_STATES = ("proposed", "accepted")
 _JSON = ("value", "result", "config_value", "arm_model")
 
@@ -331,12 +333,22 @@ class Ledger:
     # -- audit, state, trends, items
 
     def audit(self, channel: str, who: str, what: str, accepted: bool, detail: str = "") -> None:
-        """One line for a write from outside that was carried out or refused."""
+        """One line for a write from outside that was carried out or refused.
+
+        The newest ``MAX_AUDIT_REFUSED`` and ``MAX_AUDIT_ACCEPTED`` lines are kept, each kind on its own.
+        """
         with self._transaction() as db:
-            db.execute(
+            cursor = db.execute(
                 "INSERT INTO audit (at, channel, who, what, accepted, detail) VALUES (?, ?, ?, ?, ?, ?)",
                 (self._wall(), channel, who, what, int(accepted), detail),
             )
+            if (cursor.lastrowid or 0) % AUDIT_ROTATE_EVERY == 0:
+                for kind, most in ((0, MAX_AUDIT_REFUSED), (1, MAX_AUDIT_ACCEPTED)):
+                    db.execute(
+                        "DELETE FROM audit WHERE accepted = ?1 AND id <= (SELECT id FROM audit"
+                        " WHERE accepted = ?1 ORDER BY id DESC LIMIT 1 OFFSET ?2)",
+                        (kind, most),
+                    )
 
     def audit_lines(
         self, limit: int = 100, *, channel: str | None = None, who: str | None = None, refused: bool = False

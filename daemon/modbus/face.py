@@ -77,7 +77,9 @@ class ModbusFace:
         self._plc_lost = False
         self._cached: tuple[float, Mapping[str, Any]] | None = None
         host, port = split_bind(config.bind)
-        self._server = ModbusServer(self, clock, host, port, config.max_connections, config.idle_timeout_s)
+        self._server = ModbusServer(
+            self, clock, host, port, config.max_connections, config.idle_timeout_s, self._may_write
+        )
         self._watch: asyncio.Task[None] | None = None
 
     # -- for the daemon

@@ -2,9 +2,11 @@
 
 import struct
 from collections.abc import Callable, Sequence
+from importlib.metadata import version
 from typing import Protocol
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, SERVER_FAILURE = 1, 2, 3, 4
+IDENTIFICATION = ("Cellward", "cellward", version("cellward"))
 MAX_BITS, MAX_READ, MAX_WRITE, MAX_READ_WRITE = 2000, 125, 123, 121
 
 
@@ -99,7 +101,27 @@ def _read_write(bank: Bank, data: bytes, client: str) -> bytes:
     return _words(bank.read_holding(read_at, read_count))
 
 
+def _identify(bank: Bank, data: bytes, client: str) -> bytes:
+    """Read Device Identification: the basic objects (vendor, product, revision), as a stream or one."""
+    kind, code, wanted = _unpack(">BBB", data)
+    if kind != 14:
+        raise ModbusError(ILLEGAL_FUNCTION)
+    if not 1 <= code <= 4:
+        raise ModbusError(ILLEGAL_VALUE)
+    if code == 4:
+        if wanted >= len(IDENTIFICATION):
+            raise ModbusError(ILLEGAL_ADDRESS)
+        numbers = [wanted]
+    else:  # one that is not there begins the stream anew
+        numbers = list(range(wanted if wanted < len(IDENTIFICATION) else 0, len(IDENTIFICATION)))
+    objects = b"".join(
+        bytes([n, len(IDENTIFICATION[n])]) + IDENTIFICATION[n].encode("ascii") for n in numbers
+    )
+    return bytes([14, code, 0x81, 0, 0, len(numbers)]) + objects
+
+
 _FUNCTIONS: dict[int, Callable[[Bank, bytes, str], bytes]] = {
+    43: _identify,
     1: _read_coils,
     2: _read_discrete,
     3: _read_holding,

@@ -2,11 +2,15 @@
 
 Every request of a segment is answered, in order. A stream that is not Modbus is closed at its first bad
 header: TCP gives no way to find the next frame, and a client that is closed connects again.
+
+Clients that may write are served before strangers: a stranger never takes the place of one of them, a place
+is kept for them, and the rate at which strangers are accepted is limited.
 """
 
 import asyncio
 import logging
 import struct
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -19,6 +23,11 @@ log = logging.getLogger("cellward.modbus")
 HEADER = struct.Struct(">HHHB")  # transaction, protocol (0), length of what follows, unit
 MAX_LENGTH = 254
 FRAME_TIMEOUT_S = 2.0
+KEPT_PLACES = 2  # for clients that may write, of the places there are, never the last one
+STRANGER_A_SECOND = 2.0  # connections accepted of one stranger's address; it may open some at once
+STRANGER_AT_ONCE = 20.0
+MAX_ADDRESSES = 256  # whose rate is kept; the others share one
+TOLD_EVERY_S = 60.0  # one line at most about each kind of trouble that clients make
 
 
 @dataclass
@@ -26,25 +35,40 @@ class _Connection:
     """One client, whether it ever spoke Modbus, and when it was last heard."""
 
     task: asyncio.Task[None]
+    transport: asyncio.WriteTransport
     client: str
+    listed: bool
     heard: float
     spoke: bool = False
     leaving: bool = False
 
 
 class ModbusServer:
-    """Serves ``bank`` to any unit id. When it is full, the one silent longest goes, strangers first."""
+    """Serves ``bank`` to any unit id.
+
+    ``listed(client)`` says who may write. When there is no place left, the connection silent longest is
+    closed, a stranger's before a listed client's; a stranger takes only a stranger's place.
+    """
 
     def __init__(
-        self, bank: Bank, clock: Clock, host: str, port: int, max_connections: int, idle_timeout_s: float
+        self,
+        bank: Bank,
+        clock: Clock,
+        host: str,
+        port: int,
+        max_connections: int,
+        idle_timeout_s: float,
+        listed: Callable[[str], bool] = lambda client: True,
     ) -> None:
-        self._bank, self._clock = bank, clock
+        self._bank, self._clock, self._listed = bank, clock, listed
         self._host, self._port = host, port
         self._max, self._idle_s = max_connections, idle_timeout_s
         self._server: asyncio.Server | None = None
         self._connections: dict[asyncio.Task[None], _Connection] = {}
         self._failing = False
-        self.evicted = 0
+        self._allowances: dict[str, tuple[float, float]] = {}
+        self._told: dict[str, tuple[float, int]] = {}
+        self.evicted = self.turned_away = 0
 
     @property
     def address(self) -> tuple[str, int]:
@@ -68,10 +92,12 @@ class ModbusServer:
         if server is not None:
             server.close()
         tasks = tuple(self._connections)
-        for task in tasks:
-            task.cancel()
+        for connection in self._connections.values():
+            self._close(connection)
         if tasks:
-            await asyncio.wait(tasks, timeout=2.0)
+            _, stuck = await asyncio.wait(tasks, timeout=2.0)
+            for task in stuck:
+                task.cancel()
         if server is not None:
             await server.wait_closed()
 
@@ -79,13 +105,18 @@ class ModbusServer:
         task = asyncio.current_task()
         assert task is not None
         peer = writer.get_extra_info("peername")
-        connection = _Connection(task, str(peer[0]) if peer else "unknown", self._clock.now())
-        self._make_room()
+        client = str(peer[0]) if peer else "unknown"
+        connection = _Connection(task, writer.transport, client, self._listed(client), self._clock.now())
+        if not self._admitted(connection):
+            self.turned_away += 1
+            self._tell(f"clients outside allow_clients were turned away, such as {client}", "turned away")
+            writer.transport.abort()
+            return
         self._connections[task] = connection
         try:
             await self._converse(connection, reader, writer)
         except (OSError, asyncio.IncompleteReadError, TimeoutError):
-            pass  # the client went away, was silent too long, or reads nothing
+            pass  # the client went away, was silent too long, reads nothing, or was closed for another
         finally:
             del self._connections[task]
             writer.transport.abort()
@@ -96,14 +127,14 @@ class ModbusServer:
     async def _converse(
         self, connection: _Connection, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
-        while True:
+        while not connection.leaving:
             async with asyncio.timeout(self._idle_s):
                 first = await reader.readexactly(1)
             async with asyncio.timeout(FRAME_TIMEOUT_S):
                 head = HEADER.unpack(first + await reader.readexactly(HEADER.size - 1))
                 transaction, protocol, length, unit = head
                 if protocol != 0 or not 2 <= length <= MAX_LENGTH:
-                    log.info("%s does not speak Modbus, connection closed", connection.client)
+                    self._tell(f"{connection.client} does not speak Modbus, connection closed", "garbage")
                     return
                 request = await reader.readexactly(length - 1)
             connection.heard, connection.spoke = self._clock.now(), True
@@ -126,14 +157,64 @@ class ModbusServer:
         self._failing = False
         return reply
 
-    def _make_room(self) -> None:
-        """Evict the connection silent longest; one that never spoke goes before a PLC that polls."""
+    def _admitted(self, new: _Connection) -> bool:
+        """Whether ``new`` gets a place, which another connection may have to leave for it."""
+        if not new.listed and not self._in_time(new.client):
+            return False
         staying = [c for c in self._connections.values() if not c.leaving]
-        if len(staying) < self._max:
-            return
-        silent = min(staying, key=lambda connection: (connection.spoke, connection.heard))
-        silent.leaving = True
-        silent.task.cancel()
+        strangers = [c for c in staying if not c.listed]
+        free = self._max - len(staying)
+        if new.listed:
+            if free <= 0:
+                self._evict(strangers or staying)
+            return True
+        listed = len(staying) - len(strangers)
+        open_to_strangers = self._max - max(listed, min(KEPT_PLACES, self._max - 1))
+        if len(strangers) < open_to_strangers:
+            return True
+        if not strangers:
+            return False
+        self._evict(strangers)
+        return True
+
+    def _in_time(self, client: str) -> bool:
+        """Take one of the accepts that a stranger's address has; False when it has used them up."""
+        now = self._clock.now()
+        if client not in self._allowances and len(self._allowances) >= MAX_ADDRESSES:
+            refilled_s = STRANGER_AT_ONCE / STRANGER_A_SECOND
+            self._allowances = {k: v for k, v in self._allowances.items() if now - v[1] < refilled_s}
+            if len(self._allowances) >= MAX_ADDRESSES:
+                client = "others"
+        left, at = self._allowances.get(client, (STRANGER_AT_ONCE, now))
+        left = min(left + STRANGER_A_SECOND * (now - at), STRANGER_AT_ONCE)
+        self._allowances[client] = (left - 1.0 if left >= 1.0 else left), now
+        return left >= 1.0
+
+    def _evict(self, candidates: list[_Connection]) -> None:
+        """Close the one silent longest; one that never spoke goes before one that polls."""
+        silent = min(candidates, key=lambda connection: (connection.spoke, connection.heard))
+        self._close(silent)
         self.evicted += 1
-        if self.evicted == 1:
-            log.warning("more than %d connections; closed the idle one of %s", self._max, silent.client)
+        self._tell(
+            f"more than [modbus] max_connections = {self._max}; closed the one of {silent.client} that was "
+            "silent longest",
+            "evicted",
+        )
+
+    def _close(self, connection: _Connection) -> None:
+        """End a connection by its transport: its task then ends by itself.
+
+        The callback that asyncio's streams put on the task reports a cancelled one as an unhandled error.
+        """
+        connection.leaving = True
+        connection.transport.abort()
+
+    def _tell(self, text: str, kind: str) -> None:
+        """One line for each kind in a time, with the number of those left out: clients decide how many."""
+        now = self._clock.now()
+        told_at, left_out = self._told.get(kind, (-TOLD_EVERY_S, 0))
+        if kind in self._told and now - told_at < TOLD_EVERY_S:
+            self._told[kind] = (told_at, left_out + 1)
+            return
+        self._told[kind] = (now, 0)
+        log.warning("%s%s", text, f" ({left_out} more since the last such line)" if left_out else "")

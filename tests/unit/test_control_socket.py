@@ -3,6 +3,7 @@
 import asyncio
 import json
 import os
+import re
 import socket
 import stat
 from collections.abc import Callable
@@ -346,3 +347,58 @@ def test_a_client_without_a_daemon_says_where_it_looked(path: Path) -> None:
     with pytest.raises(CellError, match=str(path)) as caught:
         ControlClient(path)
     assert caught.value.name == "DAEMON_UNREACHABLE"
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        (b"[" * 100_000 + b"]" * 100_000, "nested deeper"),
+        (b'{"method": "accept", "params": {"result_id": 9223372036854775808}}', "beyond 2\\*\\*63"),
+        (b'{"method": "accept", "params": {"result_id": 1e999}}', "beyond 2\\*\\*63"),
+        (b'{"method": "rollback", "params": {"name": "\\ud800"}}', "not valid Unicode"),
+        (b'{"method": "start", "params": ' + b'{"a": ' * 20 + b"1" + b"}" * 20 + b"}", "nested deeper"),
+    ],
+)
+def test_a_request_beyond_the_bounds_is_refused_by_a_sentence(
+    engine: RecordingEngine, path: Path, line: bytes, why: str
+) -> None:
+    def use() -> dict[str, Any]:
+        with socket.socket(socket.AF_UNIX) as subject:
+            subject.connect(str(path))
+            subject.sendall(line + b"\n")
+            answer: dict[str, Any] = json.loads(subject.makefile().readline())
+            return answer["error"]
+
+    told = serving(path, engine, use)
+    assert told["name"] == "ARGUMENT_INVALID"
+    assert re.search(why, told["text"])
+
+
+def test_connections_beyond_the_limit_are_refused_and_the_others_are_served(
+    engine: RecordingEngine, path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.control.MAX_CONNECTIONS", 2)
+
+    def use() -> str:
+        with ControlClient(path) as one, ControlClient(path) as two:
+            one.call("status")
+            two.call("status")
+            with socket.socket(socket.AF_UNIX) as subject:
+                subject.connect(str(path))
+                told = str(json.loads(subject.makefile().readline())["error"]["name"])
+            assert one.call("status") == {"packml": "IDLE"}
+            return told
+
+    assert serving(path, engine, use) == "BUSY"
+
+
+def test_the_detail_of_an_audit_line_is_bounded_as_well(engine: RecordingEngine, path: Path) -> None:
+    lines: list[tuple[str, str, bool, str]] = []
+    engine.refuse = error("UNKNOWN_JOB", "x" * 900_000)
+
+    def use() -> None:
+        with ControlClient(path) as subject, pytest.raises(CellError):
+            subject.call("halt")
+
+    serving(path, engine, use, lambda *line: lines.append(line))
+    assert len(lines[0][3]) < 600

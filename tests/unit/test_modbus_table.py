@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from importlib.metadata import version
 
 import pytest
 from hypothesis import given
@@ -155,7 +156,7 @@ def subject() -> Memory:
         ("01 0000 0001", "81 02"),
         ("05 0000 FF00", "85 02"),
         ("0F 0000 0001 01 01", "8F 02"),
-        ("2B 0E 01 00", "AB 01"),
+        ("2B 0D 00 00", "AB 01"),
         ("63", "E3 01"),
     ],
 )
@@ -184,3 +185,21 @@ def test_any_request_has_a_reply_that_fits_a_frame(request_bytes: bytes) -> None
     reply = respond(Memory(), request_bytes, "x")
     assert 2 <= len(reply) <= 253
     assert reply[0] & 0x7F == request_bytes[0] & 0x7F
+
+
+@pytest.mark.parametrize(
+    ("pdu", "objects"), [("2b0e0100", [0, 1, 2]), ("2b0e0402", [2]), ("2b0e0309", [0, 1, 2])]
+)
+def test_the_device_identifies_itself_with_its_basic_objects(pdu: str, objects: list[int]) -> None:
+    reply = respond(Memory(), bytes.fromhex(pdu), "10.0.0.1")
+    assert reply[:3] == bytes.fromhex(pdu)[:3]
+    assert reply[6] == len(objects)
+    assert reply[7] == objects[0]
+    assert reply.endswith(version("cellward").encode())
+
+
+@pytest.mark.parametrize(
+    ("pdu", "reply"), [("2b0d0100", "ab01"), ("2b0e0900", "ab03"), ("2b0e0403", "ab02"), ("2b0e01", "ab03")]
+)
+def test_an_identification_that_is_not_there_is_refused(pdu: str, reply: str) -> None:
+    assert respond(Memory(), bytes.fromhex(pdu), "10.0.0.1").hex() == reply
