@@ -51,6 +51,10 @@ def _tool_moved(cell: Shown) -> bool:
     return bool((answer.get("moved") or {}).get("moved"))
 
 
+def _ledger_damaged(cell: Shown) -> bool:
+    return bool(cell.status["ledger_damage"])
+
+
 WARNING_BITS = (
     WarningBit("verdict_warn", "the last result's verdict is warn, until acknowledged", _verdict_warn),
     WarningBit(
@@ -65,6 +69,11 @@ WARNING_BITS = (
         "tool_moved",
         "the last laser-check found that the tool has moved: run laser-update; until acknowledged",
         _tool_moved,
+    ),
+    WarningBit(
+        "ledger_damaged",
+        "the ledger was damaged and a new one begun, until 'cellward acknowledge-ledger'",
+        _ledger_damaged,
     ),
 )
 

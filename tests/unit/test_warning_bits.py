@@ -8,7 +8,12 @@ import pytest
 from daemon.modbus import register_table
 from daemon.warning_bits import WARNING_BITS, Shown, warning_bits, warnings_shown
 
-QUIET: dict[str, Any] = {"steps_taken_again": 0, "devices": {"arm": {"state": "READY"}}, "interrupted": []}
+QUIET: dict[str, Any] = {
+    "steps_taken_again": 0,
+    "devices": {"arm": {"state": "READY"}},
+    "interrupted": [],
+    "ledger_damage": None,
+}
 
 
 def shown(last: dict[str, Any] | None = None, **status: Any) -> list[str]:
@@ -32,6 +37,7 @@ def test_nothing_to_warn_of_is_0() -> None:
         ("device_not_ready", None, {"devices": {"arm": {"state": "LOST"}}}),
         ("tool_moved", {"verdict": "fail", "result": {"result": {"moved": {"moved": True}}}}, {}),
         ("run_interrupted", None, {"interrupted": [7]}),
+        ("ledger_damaged", None, {"ledger_damage": {"restored": {}}}),
     ],
 )
 def test_each_warning_has_a_bit_of_its_own(
