@@ -79,7 +79,10 @@ class CellSection(Section):
     state_dir: Annotated[str, AfterValidator(_absolute)] = Field(
         default="/var/lib/cellward", description="run folders and the ledger"
     )
-    control_socket: Annotated[str, AfterValidator(_socket)] = "/run/cellward/control.sock"
+    control_socket: Annotated[str, AfterValidator(_socket)] = Field(
+        default="/run/cellward/control.sock",
+        description="Unix socket where the command line reaches the daemon",
+    )
     clock: str | None = Field(
         default=None,
         pattern=r"^[\w.]+:\w+$",
@@ -90,29 +93,36 @@ class CellSection(Section):
 class SupervisorSection(Section):
     """When the daemon thinks of itself as late."""
 
-    loop_lag_warn_s: float = Field(default=0.02, gt=0, le=1.0)
+    loop_lag_warn_s: float = Field(
+        default=0.02, gt=0, le=1.0, description="a later wake-up of the event loop is logged"
+    )
     loop_lag_fail_s: float = Field(default=0.5, gt=0, le=5.0, description="above it the watchdog is not fed")
 
 
 class ToolSection(Section):
     """The tool on the flange: a capsule from the flange to the tool's point."""
 
-    name: str = "flange"
-    T_flange_tool: Pose6 = Field(default_factory=lambda: [0.0] * 6)
-    radius_m: float = Field(default=0.03, gt=0, le=1.0)
+    name: str = Field(default="flange", description="calibrations of the tool belong to this name")
+    T_flange_tool: Pose6 = Field(
+        default_factory=lambda: [0.0] * 6,
+        description="pose of the tool's point in the flange, from the drawing",
+    )
+    radius_m: float = Field(
+        default=0.03, gt=0, le=1.0, description="of the capsule that stands for the tool in checks of motion"
+    )
 
 
 class RobotSection(Section):
     """Which device plays which role, and what is mounted on the arm."""
 
-    arm: str | None = None
+    arm: str | None = Field(default=None, description="device: the arm that is moved")
     observed_arm: str | None = Field(default=None, description="an arm that is read, not moved")
-    flange_camera: str | None = None
-    fixed_camera: str | None = None
-    beams: str | None = None
-    belt: str | None = None
-    tracker: str | None = None
-    gripper: str | None = None
+    flange_camera: str | None = Field(default=None, description="device: the camera on the flange")
+    fixed_camera: str | None = Field(default=None, description="device: the camera that stands in the cell")
+    beams: str | None = Field(default=None, description="device: the digital inputs of the crossed beams")
+    belt: str | None = Field(default=None, description="device: the encoder of the belt")
+    tracker: str | None = Field(default=None, description="device: the laser tracker or total station")
+    gripper: str | None = Field(default=None, description="device: the gripper")
     T_flange_camera_nominal: Pose6 | None = Field(default=None, description="first guess, from the drawing")
     T_base_camera_nominal: Pose6 | None = Field(
         default=None, description="first guess of a fixed camera's pose"
@@ -131,18 +141,23 @@ class RobotSection(Section):
         description="the daemon's own moves and poses go by the calibrated kinematics of the arm in effect "
         "(accepted results of tracker-sampling), not by what its controller believes",
     )
-    payload_kg: float = Field(default=0.0, ge=0, le=100.0)
+    payload_kg: float = Field(
+        default=0.0,
+        ge=0,
+        le=100.0,
+        description="mass on the flange, tool included; at most what the arm carries",
+    )
     centre_of_mass_m: Point = Field(
         default_factory=lambda: [0.0] * 3, description="of the payload, in the flange"
     )
-    tool: ToolSection = Field(default_factory=lambda: ToolSection())
+    tool: ToolSection = Field(default_factory=lambda: ToolSection(), description="the tool on the flange")
 
 
 class Box(Section):
     """An axis-parallel box in the base frame, m."""
 
-    min: Point
-    max: Point
+    min: Point = Field(description="lowest corner x, y, z in the base, m")
+    max: Point = Field(description="highest corner x, y, z in the base, m")
 
     @model_validator(mode="after")
     def _not_empty(self) -> Self:
@@ -154,30 +169,32 @@ class Box(Section):
 class KeepOutBox(Box):
     """A box that tool and links must not enter."""
 
-    name: str = Field(min_length=1)
+    name: str = Field(min_length=1, description="shown when a move would enter it")
 
 
 class LimitsSection(Section):
     """Limits of every motion. Safety limits belong in the robot's own safety configuration."""
 
     speed_m_s: float = Field(default=0.25, gt=0, le=5.0, description="of the tool")
-    accel_m_s2: float = Field(default=0.5, gt=0, le=50.0)
-    joint_speed_rad_s: float = Field(default=0.8, gt=0, le=10.0)
-    joint_accel_rad_s2: float = Field(default=1.4, gt=0, le=80.0)
+    accel_m_s2: float = Field(default=0.5, gt=0, le=50.0, description="of the tool")
+    joint_speed_rad_s: float = Field(default=0.8, gt=0, le=10.0, description="of each joint")
+    joint_accel_rad_s2: float = Field(default=1.4, gt=0, le=80.0, description="of each joint")
     allow_job_override: bool = Field(
         default=False, description="a job may raise limits; the dry run shows it"
     )
     workspace: list[Box] = Field(
         default_factory=list, description="the tool stays within these boxes; an arm needs one at least"
     )
-    keep_out: list[KeepOutBox] = Field(default_factory=list)
+    keep_out: list[KeepOutBox] = Field(
+        default_factory=list, description="boxes that tool and links must not enter"
+    )
 
 
 class ModbusSection(Section):
     """The Modbus server for a PLC or a panel. Reading is open to whoever reaches the address."""
 
-    enabled: bool = True
-    bind: Bind = "127.0.0.1:5020"
+    enabled: bool = Field(default=True, description="false: no Modbus server")
+    bind: Bind = Field(default="127.0.0.1:5020", description="address and port to listen on")
     allow_write: bool = Field(default=False, description="accept commands")
     allow_clients: list[Annotated[str, AfterValidator(_network)]] = Field(
         default_factory=list, description="addresses or networks that may write; empty: nobody"
@@ -193,7 +210,7 @@ class ModbusSection(Section):
         description="silence of the PLC's heartbeat, once seen, that holds the job",
     )
     require_enable: bool = Field(default=False, description="start only while control bit 0 (enable) is set")
-    max_connections: int = Field(default=16, ge=1, le=256)
+    max_connections: int = Field(default=16, ge=1, le=256, description="clients at the same time")
     idle_timeout_s: float = Field(
         default=60.0, ge=1.0, le=3600.0, description="a silent connection is closed"
     )
@@ -203,12 +220,18 @@ class FixedSections(Section):
     """All of ``cell.toml`` whose shape does not depend on drivers, jobs or the type of a target."""
 
     schema_number: Literal[1] = Field(alias="schema", description="of this file")
-    cell: CellSection = Field(default_factory=lambda: CellSection())
-    supervisor: SupervisorSection = Field(default_factory=lambda: SupervisorSection())
-    robot: RobotSection = Field(default_factory=lambda: RobotSection())
-    limits: LimitsSection = Field(default_factory=lambda: LimitsSection())
+    cell: CellSection = Field(default_factory=lambda: CellSection(), description="who this cell is")
+    supervisor: SupervisorSection = Field(
+        default_factory=lambda: SupervisorSection(), description="when the daemon is late"
+    )
+    robot: RobotSection = Field(default_factory=lambda: RobotSection(), description="roles, arm and tool")
+    limits: LimitsSection = Field(default_factory=lambda: LimitsSection(), description="of every motion")
     poses: dict[str, Joints] = Field(default_factory=dict, description="named safe poses, always joints, rad")
-    modbus: ModbusSection = Field(default_factory=lambda: ModbusSection())
-    device: dict[str, dict[str, Any]] = Field(default_factory=dict)
-    target: dict[str, dict[str, Any]] = Field(default_factory=dict)
-    job: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    modbus: ModbusSection = Field(default_factory=lambda: ModbusSection(), description="the server for a PLC")
+    device: dict[str, dict[str, Any]] = Field(
+        default_factory=dict, description="one table a device, [device.NAME]"
+    )
+    target: dict[str, dict[str, Any]] = Field(
+        default_factory=dict, description="one table a calibration target, [target.NAME]"
+    )
+    job: dict[str, dict[str, Any]] = Field(default_factory=dict, description="one table a job, [job.NAME]")

@@ -5,12 +5,20 @@ from importlib.resources import files
 from typing import Any
 
 from pydantic import BaseModel
-from pydantic.json_schema import models_json_schema
+from pydantic.json_schema import GenerateJsonSchema, models_json_schema
 
 from daemon.config.drivers import DRIVERS, driver_class
 from daemon.config.load import device_model
 from daemon.config.models import FixedSections
 from daemon.config.targets import TARGETS
+
+
+class SchemaWithDefaults(GenerateJsonSchema):
+    """The schema with every default, also of keys whose default is made anew for each section."""
+
+    def get_default_value(self, schema: Any) -> Any:
+        factory = schema.get("default_factory")
+        return super().get_default_value(schema) if factory is None else factory()
 
 
 def init_text() -> str:
@@ -24,7 +32,9 @@ def json_schema(jobs: Mapping[str, Any], drivers: Mapping[str, str] = DRIVERS) -
     configs = {name: jobs[name].Config for name in sorted(jobs)}
     models: list[type[BaseModel]] = [FixedSections, *devices.values(), *configs.values(), *TARGETS.values()]
     refs, document = models_json_schema(
-        [(model, "validation") for model in models], ref_template="#/$defs/{model}"
+        [(model, "validation") for model in models],
+        ref_template="#/$defs/{model}",
+        schema_generator=SchemaWithDefaults,
     )
 
     def ref(model: type[BaseModel]) -> dict[str, Any]:

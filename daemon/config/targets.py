@@ -21,11 +21,11 @@ DICTIONARY_SIZES = {
 class Charuco(Section):
     """A ChArUco board as OpenCV has it."""
 
-    type: Literal["charuco"]
-    squares_x: int = Field(ge=3, le=100)
-    squares_y: int = Field(ge=3, le=100)
-    square_m: float = Field(gt=0, le=1.0)
-    marker_m: float = Field(gt=0, le=1.0)
+    type: Literal["charuco"] = Field(description="kind of target")
+    squares_x: int = Field(ge=3, le=100, description="squares along x")
+    squares_y: int = Field(ge=3, le=100, description="squares along y")
+    square_m: float = Field(gt=0, le=1.0, description="side of a square, as measured")
+    marker_m: float = Field(gt=0, le=1.0, description="side of a marker, smaller than the square")
     dictionary: str = Field(pattern=r"^DICT_\w+$", description="OpenCV's name, as in DICT_5X5_100")
     legacy: bool = Field(default=False, description="pattern of OpenCV before 4.6")
 
@@ -39,36 +39,38 @@ class Charuco(Section):
 class Chessboard(Section):
     """A chessboard, counted in inner corners."""
 
-    type: Literal["chessboard"]
-    columns: int = Field(ge=2, le=100)
-    rows: int = Field(ge=2, le=100)
-    square_m: float = Field(gt=0, le=1.0)
+    type: Literal["chessboard"] = Field(description="kind of target")
+    columns: int = Field(ge=2, le=100, description="inner corners along x")
+    rows: int = Field(ge=2, le=100, description="inner corners along y")
+    square_m: float = Field(gt=0, le=1.0, description="side of a square, as measured")
 
 
 class CircleGrid(Section):
     """A grid of circles."""
 
-    type: Literal["circle-grid"]
-    columns: int = Field(ge=2, le=100)
-    rows: int = Field(ge=2, le=100)
-    spacing_m: float = Field(gt=0, le=1.0)
-    large_dot_corner: bool = False
+    type: Literal["circle-grid"] = Field(description="kind of target")
+    columns: int = Field(ge=2, le=100, description="circles along x")
+    rows: int = Field(ge=2, le=100, description="circles along y")
+    spacing_m: float = Field(gt=0, le=1.0, description="distance of neighbouring centres, as measured")
+    large_dot_corner: bool = Field(default=False, description="one corner has a larger circle")
 
 
 class ArucoMarker(Section):
     """A single marker."""
 
-    type: Literal["aruco-marker"]
-    dictionary: str = Field(pattern=r"^DICT_\w+$")
-    id: int = Field(ge=0, le=1023)
-    size_m: float = Field(gt=0, le=1.0)
+    type: Literal["aruco-marker"] = Field(description="kind of target")
+    dictionary: str = Field(pattern=r"^DICT_\w+$", description="OpenCV's name, as in DICT_5X5_100")
+    id: int = Field(ge=0, le=1023, description="number of the marker in its dictionary")
+    size_m: float = Field(gt=0, le=1.0, description="side of the marker, as measured")
 
 
 class Points(Section):
     """Points in the target's own frame, m."""
 
-    type: Literal["points"]
-    points: Annotated[list[Point], Field(min_length=3, max_length=10000)]
+    type: Literal["points"] = Field(description="kind of target")
+    points: Annotated[list[Point], Field(min_length=3, max_length=10000)] = Field(
+        description="x, y, z of each point in the target's frame, m"
+    )
 
 
 TARGETS: dict[str, type[Section]] = {

@@ -8,6 +8,7 @@ from pydantic import BaseModel
 
 from daemon.config.drivers import DRIVERS, driver_class
 from daemon.config.models import FixedSections
+from daemon.config.schema import SchemaWithDefaults
 from daemon.config.targets import TARGETS
 from daemon.docs.page import cell, page
 
@@ -17,6 +18,8 @@ HEAD = """
 Source: the models in `daemon/config`, the drivers and the jobs. The file is `/etc/cellward/cell.toml`,
 `$CELLWARD_CONFIG`, or what `--config` names. `cellward init` writes a commented one, `cellward check` finds
 everything that is wrong with one. Unknown keys are errors. The program never writes this file.
+
+A key without a default is **required** where its section or table is there; "none" is optional and absent.
 
 Lengths are in metres, angles in radians. A pose is `[x, y, z, rx, ry, rz]`: translation and rotation vector.
 """
@@ -39,22 +42,31 @@ def config_page(jobs: Mapping[str, Any]) -> str:
 
 
 def _section(title: str, model: type[BaseModel]) -> list[str]:
-    schema = model.model_json_schema()
+    schema = model.model_json_schema(schema_generator=SchemaWithDefaults)
     first = (model.__doc__ or "").strip().split("\n\n")[0].replace("\n    ", " ")
     rows = ["| key | type | default | limits | meaning |", "|---|---|---|---|---|"]
     rows += _rows(schema, schema.get("$defs", {}), "")
     return [f"## {title}", "", first, "", *rows, ""]
 
 
-def _rows(schema: Mapping[str, Any], definitions: Mapping[str, Any], prefix: str) -> list[str]:
+def _rows(
+    schema: Mapping[str, Any],
+    definitions: Mapping[str, Any],
+    prefix: str,
+    made: Mapping[str, Any] | None = None,
+) -> list[str]:
+    """One row a key; ``made`` has the defaults of this table where it is used, which go before its own."""
     rows: list[str] = []
     for key, entry in schema.get("properties", {}).items():
         meaning = cell(entry.get("description", ""))
         inner = _definition(entry, definitions)
-        default = "" if key in schema.get("required", ()) else cell(_toml(entry.get("default")))
+        required = key in schema.get("required", ()) and key not in (made or {})
+        standing = (made or {}).get(key, entry.get("default"))
+        default = "**required**" if required else cell(_toml(standing))
         if inner is not None and "properties" in inner:
-            rows.append(f"| `{prefix}{key}` | table | | | {meaning} |")
-            rows += _rows(inner, definitions, f"{prefix}{key}.")
+            word = default if required else "none" if standing is None else "as below"
+            rows.append(f"| `{prefix}{key}` | table | {word} | | {meaning} |")
+            rows += _rows(inner, definitions, f"{prefix}{key}.", standing)
             continue
         options = [o for o in entry.get("anyOf", [entry]) if o.get("type") != "null"]
         kinds = " or ".join(_kind(option, definitions) for option in options)
@@ -95,7 +107,7 @@ def _limits(entry: Mapping[str, Any]) -> str:
 
 def _toml(value: Any) -> str:
     if value is None:
-        return ""
+        return "none"
     return (
         "`" + (str(value).lower() if isinstance(value, bool) else json.dumps(value, ensure_ascii=False)) + "`"
     )

@@ -21,7 +21,9 @@ class BusConfig(BaseModel):
     lost_after_s: float = Field(
         default=0.25, ge=0.02, le=10.0, description="So long without a position ends the link"
     )
-    connect_timeout_s: float = Field(default=3.0, gt=0.0, le=15.0)
+    connect_timeout_s: float = Field(
+        default=3.0, gt=0.0, le=15.0, description="longest wait for a connection, s"
+    )
     time_offset_s: float = Field(
         default=0.0,
         ge=-0.1,
@@ -92,9 +94,11 @@ class RawCanEncoderConfig(BusConfig):
     id: int = Field(ge=0, le=0x1FFFFFFF, description="CAN identifier of its frames")
     extended: bool = Field(default=False, description="The identifier has 29 bits")
     offset_bytes: int = Field(default=0, ge=0, le=7, description="Where the position begins in the data")
-    width_bits: Literal[8, 16, 24, 32, 40, 48, 56, 64] = 32
-    byte_order: Literal["little", "big"] = "little"
-    signed: bool = False
+    width_bits: Literal[8, 16, 24, 32, 40, 48, 56, 64] = Field(
+        default=32, description="of the position in the frame"
+    )
+    byte_order: Literal["little", "big"] = Field(default="little", description="of the position in the frame")
+    signed: bool = Field(default=False, description="the position is a signed number")
     range_counts: int | None = Field(
         default=None, ge=2, le=1 << 64, description="The count goes back to 0 there; absent: 2 to the width"
     )

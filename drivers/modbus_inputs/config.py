@@ -25,26 +25,26 @@ class _Section(BaseModel):
 class LevelsConfig(_Section):
     """Where a generic module keeps its levels: bits, or registers of 16 of them, lowest bit first."""
 
-    table: TableName = "discrete"
+    table: TableName = Field(default="discrete", description="Modbus table of the levels")
     address: int = Field(default=0, ge=0, le=65535, description="Bit or register that holds input 0")
 
 
 class CountersConfig(_Section):
     """Where a generic module keeps its counters of rising edges, one for each input in a row."""
 
-    table: RegisterTable = "input"
+    table: RegisterTable = Field(default="input", description="Modbus table of the counters")
     address: int = Field(ge=0, le=65535, description="First register of the counter of input 0")
-    width: Literal[16, 32] = 32
-    word_order: WordOrder = "high-first"
+    width: Literal[16, 32] = Field(default=32, description="bits of a counter")
+    word_order: WordOrder = Field(default="high-first", description="of counters with 32 bits")
 
 
 class NumberConfig(_Section):
     """Registers that hold one number."""
 
-    table: RegisterTable = "holding"
-    address: int = Field(ge=0, le=65535)
+    table: RegisterTable = Field(default="holding", description="Modbus table of the number")
+    address: int = Field(ge=0, le=65535, description="its first register")
     count: int = Field(default=1, ge=1, le=32, description="How many registers")
-    word_order: WordOrder = "high-first"
+    word_order: WordOrder = Field(default="high-first", description="of numbers with more than one register")
 
     @property
     def span(self) -> Span:
@@ -66,14 +66,19 @@ class InputsConfig(_Section):
         description="tcp://host:port, tls://host:port, or"
         " rtu:///dev/ttyUSB0?baudrate=115200&parity=N&stopbits=1"
     )
-    module: Literal["generic", "ioLogik-E1210", "ADAM-6050", "WAGO-750"] = "generic"
+    module: Literal["generic", "ioLogik-E1210", "ADAM-6050", "WAGO-750"] = Field(
+        default="generic",
+        description="model whose register map is used; generic: levels and counters say where they are",
+    )
     unit: int = Field(default=1, ge=0, le=255, description="Unit identifier; 1 to 247 on a serial line")
     inputs: dict[str, InputConfig] = Field(
         min_length=1,
         description="By name, as in { xs = { address = 0, invert = false, stuck_on_s = 60.0 } }",
     )
     expect_serial: str | None = Field(default=None, description="Serial number that the module must have")
-    poll_period_s: float = Field(default=0.005, ge=0.001, le=1.0)
+    poll_period_s: float = Field(
+        default=0.005, ge=0.001, le=1.0, description="time between two polls of the inputs"
+    )
     time_offset_s: float = Field(
         default=0.0,
         ge=-0.1,
@@ -81,7 +86,9 @@ class InputsConfig(_Section):
         description="Subtracted from the stamps: how much later the module shows what its inputs see",
     )
     timeout_s: float = Field(default=0.05, ge=0.005, le=2.0, description="Longest wait for one reply")
-    connect_timeout_s: float = Field(default=3.0, gt=0.0, le=15.0)
+    connect_timeout_s: float = Field(
+        default=3.0, gt=0.0, le=15.0, description="longest wait for a connection, s"
+    )
     lost_after_failures: int = Field(
         default=3, ge=1, le=20, description="Polls in a row without an answer that end the link"
     )

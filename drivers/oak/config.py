@@ -8,7 +8,7 @@ FRAMES_SCHEME = "frames+unix://"
 
 
 class OakConfig(BaseModel):
-    """An OAK device, or a frame socket in its place (FORMATS.md section 7)."""
+    """An OAK device, or a frame socket in its place."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -17,8 +17,8 @@ class OakConfig(BaseModel):
     width: int = Field(
         1280, ge=320, le=4096, multiple_of=16, description="colour and aligned depth, oak only"
     )
-    height: int = Field(800, ge=240, le=4096, multiple_of=8)
-    fps: float = Field(10.0, ge=1.0, le=60.0)
+    height: int = Field(800, ge=240, le=4096, multiple_of=8, description="of the colour picture, pixels")
+    fps: float = Field(10.0, ge=1.0, le=60.0, description="pictures a second")
     exposure_s: float | None = Field(None, gt=0, le=0.033, description="absent: automatic exposure")
     iso: int = Field(200, ge=100, le=1600, description="sensor gain with a fixed exposure")
     time_offset_s: float = Field(0.0, ge=-0.5, le=0.5, description="added to every exposure stamp")

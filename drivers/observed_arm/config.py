@@ -22,9 +22,9 @@ class JointConfig(_Section):
     """One joint: where it is found, and what the number there means."""
 
     address: Address | None = Field(default=None, description="First register; for a url with registers")
-    table: RegisterTable = "holding"
-    type: NumberType = "float32"
-    word_order: WordOrder = "high-first"
+    table: RegisterTable = Field(default="holding", description="Modbus table of the joint")
+    type: NumberType = Field(default="float32", description="how the registers hold the number")
+    word_order: WordOrder = Field(default="high-first", description="of the joint's two registers")
     column: str | None = Field(default=None, min_length=1, description="For a file; absent: q1, q2, ...")
     unit: Unit = Field(default="rad", description="counts: of the joint's own encoder, see counts_per_turn")
     scale: float = Field(default=1.0, gt=0.0, le=1e6, description="Units for one step of the number")
@@ -52,8 +52,8 @@ class JointConfig(_Section):
 class BitConfig(_Section):
     """One bit of a register."""
 
-    table: RegisterTable = "holding"
-    address: Address
+    table: RegisterTable = Field(default="holding", description="Modbus table of the bit")
+    address: Address = Field(description="where the bit is")
     bit: int = Field(default=0, ge=0, le=15, description="0 is the lowest")
     invert: bool = Field(default=False, description="The bit is set while the arm stands")
 
@@ -100,9 +100,13 @@ class ObservedArmConfig(_Section):
     rest_spread_rad: float = Field(
         default=1e-4, gt=0.0, le=0.1, description="And still means within this (m for a sliding joint)"
     )
-    poll_period_s: float = Field(default=0.05, ge=0.005, le=1.0)
+    poll_period_s: float = Field(
+        default=0.05, ge=0.005, le=1.0, description="time between two readings of the joints"
+    )
     timeout_s: float = Field(default=0.2, ge=0.005, le=5.0, description="Longest wait for one reply")
-    connect_timeout_s: float = Field(default=3.0, gt=0.0, le=15.0)
+    connect_timeout_s: float = Field(
+        default=3.0, gt=0.0, le=15.0, description="longest wait for a connection, s"
+    )
     lost_after_failures: int = Field(
         default=3, ge=1, le=20, description="Polls in a row without an answer that end the link"
     )

@@ -21,4 +21,6 @@ class TrackerConfig(TrackerSection):
         le=5.0,
         description="Subtracted from the stamps of all readings: how old they are when they come",
     )
-    connect_timeout_s: float = Field(default=3.0, gt=0.0, le=15.0)
+    connect_timeout_s: float = Field(
+        default=3.0, gt=0.0, le=15.0, description="longest wait for a connection, s"
+    )

@@ -77,11 +77,16 @@ class GeocomConfig(TrackerConfig):
     temperature_c: float | None = Field(
         default=None, ge=-40.0, le=70.0, description="Of the air; written with pressure_pa and read back"
     )
-    pressure_pa: float | None = Field(default=None, ge=50_000.0, le=120_000.0)
+    pressure_pa: float | None = Field(
+        default=None,
+        ge=50_000.0,
+        le=120_000.0,
+        description="of the air, for the correction of distances; with temperature_c",
+    )
     search_window_rad: float = Field(
         default=0.035, gt=0.0, le=math.pi / 2, description="Width and height of the search for a reflector"
     )
-    poll_period_s: float = Field(default=0.2, ge=0.02, le=5.0)
+    poll_period_s: float = Field(default=0.2, ge=0.02, le=5.0, description="time between two readings")
     timeout_s: float = Field(default=2.0, ge=0.05, le=30.0, description="Longest wait for one reply")
     distance_timeout_s: float = Field(default=6.0, ge=0.1, le=60.0, description="Longest single distance")
     motion_timeout_s: float = Field(

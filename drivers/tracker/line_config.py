@@ -34,7 +34,7 @@ class LineStreamConfig(TrackerConfig):
         max_length=64,
         description="Of the instrument; a stream does not tell, so it is said here",
     )
-    model: str = "line stream"
+    model: str = Field(default="line stream", description="shown as the model of the instrument")
     sigma0_m: float = Field(
         gt=0.0, le=0.1, description="Standard deviation of a reading along one axis, at no range"
     )
@@ -49,7 +49,7 @@ class LineStreamConfig(TrackerConfig):
         default=None, description="The same names with the number of their column, counted from 1"
     )
     delimiter: str = Field(default=",", min_length=1, max_length=4, description="Between columns")
-    decimal: Literal[".", ","] = "."
+    decimal: Literal[".", ","] = Field(default=".", description="sign before the decimals of a number")
     ignore: str | None = Field(
         default=None, description="Regular expression of whole lines that are passed over, as a heading"
     )
@@ -73,7 +73,9 @@ class LineStreamConfig(TrackerConfig):
         default=False, description="The sender's frame is left-handed, as northing, easting, height is"
     )
     min_range_m: float = Field(default=0.05, ge=0.0, le=10.0, description="Nearer points are no points")
-    max_range_m: float = Field(default=200.0, gt=0.0, le=10_000.0)
+    max_range_m: float = Field(
+        default=200.0, gt=0.0, le=10_000.0, description="readings further away are refused"
+    )
     request: str | None = Field(
         default=None, min_length=1, max_length=200, description="Sent for each line, exactly as written"
     )

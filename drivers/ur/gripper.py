@@ -30,8 +30,10 @@ class ArmGripperConfig(BaseModel):
     )
     invert_output: bool = Field(default=False, description="Off closes")
     confirm: int = Field(ge=0, lt=DIGITAL_INPUTS, description="Input that is on while something is held")
-    invert_confirm: bool = False
-    connect_timeout_s: float = Field(default=3.0, gt=0.0, le=15.0)
+    invert_confirm: bool = Field(default=False, description="true: the input is off while something is held")
+    connect_timeout_s: float = Field(
+        default=3.0, gt=0.0, le=15.0, description="longest wait for a connection, s"
+    )
 
 
 class ArmGripper:

@@ -46,7 +46,7 @@ class BeltCalibrationConfig(BaseModel):
         description="camera: its distance from the belt, by T_base_camera and belt_z_m, may be off by so "
         "much (95 %); m_per_count is then in proportion",
     )
-    items: ItemLook = Field(default_factory=ItemLook)
+    items: ItemLook = Field(default_factory=ItemLook, description="how items look from the camera")
     sightings: int = Field(default=80, ge=10, le=2000, description="camera: take so many at least")
     travel_m: float = Field(
         default=0.5, gt=0, le=20, description="camera: and watch for so long a way of the items"
@@ -61,8 +61,10 @@ class BeltCalibrationConfig(BaseModel):
     touch_sigma_m: float = Field(
         default=0.0003, gt=0, le=0.01, description="touch: how well a mark is met, per axis"
     )
-    max_duration_s: float = Field(default=1800.0, gt=0)
-    accept: Acceptance = Field(default_factory=lambda: Acceptance())
+    max_duration_s: float = Field(
+        default=1800.0, gt=0, description="the run is ended when it takes longer, s"
+    )
+    accept: Acceptance = Field(default_factory=lambda: Acceptance(), description="who accepts the result")
 
     @model_validator(mode="after")
     def _camera_knows_the_belt(self) -> Self:

@@ -17,10 +17,10 @@ class ItemLook(_Strict):
     What is higher or longer is no item, and nobody goes round it.
     """
 
-    min_height_m: Length = 0.005
-    max_height_m: Length = 0.05
-    min_size_m: Length = 0.01
-    max_size_m: Length = 0.3
+    min_height_m: Length = Field(default=0.005, description="lower things above the belt are no items")
+    max_height_m: Length = Field(default=0.05, description="higher things above the belt are no items")
+    min_size_m: Length = Field(default=0.01, description="smaller things are no items")
+    max_size_m: Length = Field(default=0.3, description="larger things are no items")
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -32,8 +32,8 @@ class ItemLook(_Strict):
 class Zone(_Strict):
     """Where the arm may touch items: between two places along the belt, dot(p, dir) in the base."""
 
-    min_m: float = Field(ge=-20, le=20)
-    max_m: float = Field(ge=-20, le=20)
+    min_m: float = Field(ge=-20, le=20, description="where it begins, along the belt's direction in the base")
+    max_m: float = Field(ge=-20, le=20, description="where it ends")
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -45,17 +45,19 @@ class Zone(_Strict):
 class JobLimits(_Strict):
     """Of the motion in this job. Above [limits] only where allow_job_override permits it."""
 
-    speed_m_s: float = Field(default=1.0, gt=0, le=5)
-    accel_m_s2: float = Field(default=6.0, gt=0, le=50)
-    jerk_m_s3: float = Field(default=80.0, gt=0, le=2000)
-    joint_speed_rad_s: float = Field(default=2.0, gt=0, le=10)
+    speed_m_s: float = Field(default=1.0, gt=0, le=5, description="of the tool")
+    accel_m_s2: float = Field(default=6.0, gt=0, le=50, description="of the tool")
+    jerk_m_s3: float = Field(default=80.0, gt=0, le=2000, description="of the tool")
+    joint_speed_rad_s: float = Field(default=2.0, gt=0, le=10, description="of each joint")
 
 
 class NominalBelt(_Strict):
     """The belt from the drawing, until belt-calibration has measured it."""
 
-    m_per_count: float = Field(ge=-0.1, le=0.1)
-    dir: Annotated[list[float], Field(min_length=3, max_length=3)]
+    m_per_count: float = Field(ge=-0.1, le=0.1, description="way of the belt for one count of its encoder, m")
+    dir: Annotated[list[float], Field(min_length=3, max_length=3)] = Field(
+        description="direction in which the belt runs, in the base"
+    )
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Self:
@@ -67,13 +69,15 @@ class NominalBelt(_Strict):
 class BeltTrackingConfig(_Strict):
     """``[job.belt-tracking]``."""
 
-    belt: NominalBelt | None = None
+    belt: NominalBelt | None = Field(
+        default=None, description="scale and direction until belt-calibration has measured them"
+    )
 
     wait_pose: str = Field(description="of [poses]: the tool points down, above the belt")
     place_pose: str = Field(description="of [poses]: the tool's point is where an item is put down")
-    zone: Zone
+    zone: Zone = Field(description="where along the belt items may be touched")
     belt_z_m: float = Field(ge=-5, le=5, description="height of the belt's surface in the base")
-    items: ItemLook = Field(default_factory=ItemLook)
+    items: ItemLook = Field(default_factory=ItemLook, description="how items look from the camera")
     above_m: Length = Field(
         default=0.05, description="of level ways above an item's upper face and the place"
     )
@@ -86,7 +90,9 @@ class BeltTrackingConfig(_Strict):
         default=0.0, ge=-0.1, le=0.1, description="of the tool's point above an item's upper face at the grip"
     )
     dwell_s: float = Field(default=0.05, ge=0, le=5, description="least time in contact")
-    grip_timeout_s: float = Field(default=0.3, gt=0, le=5)
+    grip_timeout_s: float = Field(
+        default=0.3, gt=0, le=5, description="longest wait for the gripper to close or to open"
+    )
     grip_tries: int = Field(
         default=2,
         ge=1,
@@ -99,7 +105,10 @@ class BeltTrackingConfig(_Strict):
         default="leaving first",
         description="of several items in reach: who leaves the zone first, or is met first",
     )
-    method: Literal["ml", "classic"] = "ml"
+    method: Literal["ml", "classic"] = Field(
+        default="ml",
+        description="how a contact is chosen: ml, the earliest in the zone, aimed anew; classic, once",
+    )
     T1_s: float = Field(default=0.4, gt=0, le=5, description="classic: fixed time of the way above the item")
     picks: int = Field(default=0, ge=0, description="end after so many; 0: until finished")
     min_sightings: int = Field(default=2, ge=1, le=50, description="seen less often is no item")
@@ -114,8 +123,10 @@ class BeltTrackingConfig(_Strict):
     )
     standing_m_s: float = Field(default=0.005, gt=0, le=0.5, description="a slower belt stands")
     standing_s: float = Field(default=1.0, gt=0, le=60, description="for so long, then the job is suspended")
-    limits: JobLimits = Field(default_factory=JobLimits)
-    max_duration_s: float = Field(default=86400.0, gt=0)
+    limits: JobLimits = Field(default_factory=JobLimits, description="of this job's motion")
+    max_duration_s: float = Field(
+        default=86400.0, gt=0, description="the run is ended when it takes longer, s"
+    )
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Self:

@@ -19,26 +19,37 @@ class ConeCaptureConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
     target: str = Field(description="name of a [target.NAME] section")
-    setup: Literal["eye-in-hand", "eye-to-hand"] = "eye-in-hand"
+    setup: Literal["eye-in-hand", "eye-to-hand"] = Field(
+        default="eye-in-hand",
+        description="where the camera is: on the flange, or fixed and the target on the flange",
+    )
     placements: int = Field(10, ge=1, le=60, description="how often the board is placed anew")
     poses_per_placement: int = Field(20, ge=3, le=60, description="an even number balances the cone")
     min_poses_per_placement: int = Field(
         3, ge=3, le=60, description="a placement with fewer usable poses ends the job"
     )
-    cone_half_angle_rad: float = Field(0.44, gt=0.1, lt=1.0)
+    cone_half_angle_rad: float = Field(
+        0.44, gt=0.1, lt=1.0, description="between the cone's axis and the poses on it"
+    )
     distance_m: float = Field(0.5, gt=0.1, lt=3.0, description="camera to board centre")
     start_pose: str | None = Field(
         None, description="name of a [poses] entry where each placement starts; else where the arm stands"
     )
-    settle_s: float = Field(0.3, ge=0.0, le=10.0)
-    frames_per_pose: int = Field(5, ge=1, le=50)
-    retries_per_pose: int = Field(2, ge=0, le=10)
+    settle_s: float = Field(0.3, ge=0.0, le=10.0, description="wait at rest before the frames are taken")
+    frames_per_pose: int = Field(5, ge=1, le=50, description="frames taken at each pose")
+    retries_per_pose: int = Field(
+        2, ge=0, le=10, description="further tries at a pose whose frames cannot be used"
+    )
     min_corners: int = Field(8, ge=4, le=1000, description="board corners a frame must show")
     max_flange_motion_m: float = Field(0.0001, gt=0, le=0.01, description="while the frames are taken")
     max_corner_motion_px: float = Field(0.5, gt=0, le=10.0, description="between frames of one pose")
-    seek_timeout_s: float = Field(20.0, gt=0, le=600.0)
-    max_duration_s: float = Field(4 * 3600.0, gt=0)
-    accept: Acceptance = Field(default_factory=lambda: Acceptance())
+    seek_timeout_s: float = Field(
+        20.0, gt=0, le=600.0, description="longest wait until the camera sees the target"
+    )
+    max_duration_s: float = Field(4 * 3600.0, gt=0, description="the run is ended when it takes longer, s")
+    accept: Acceptance = Field(
+        default_factory=lambda: Acceptance(), description="95 % limits of the result and who accepts it"
+    )
 
     @model_validator(mode="after")
     def _enough_poses(self) -> Self:

@@ -17,7 +17,7 @@ class Cube(_Strict):
     """The test cube of the standard, its edges along the base's axes, and the flange's attitude in it."""
 
     centre: Three = Field(description="of the cube, m in the base: where the reflector is at pose P1")
-    edge_m: float = Field(gt=0, le=3.0)
+    edge_m: float = Field(gt=0, le=3.0, description="length of its edges")
     R_base_flange: Three = Field(description="rotation vector of the flange, the same at all poses")
     plane: Literal["+x", "-x", "+y", "-y"] = Field(
         default="+x", description="the poses lie on the diagonal plane that rises in this direction"
@@ -29,7 +29,7 @@ class Iso9283Config(_Strict):
 
     reflector: str = Field(min_length=1, description="as the tracker's 'reflectors' name it")
     point: Three = Field(description="the reflector in the flange, m")
-    cube: Cube | None = None
+    cube: Cube | None = Field(default=None, description="in which the poses of the test lie")
     poses: list[Six] | None = Field(
         default=None, min_length=5, max_length=5, description="P1 ... P5 as T_base_flange, instead of a cube"
     )
@@ -48,21 +48,31 @@ class Iso9283Config(_Strict):
     T_base_tracker_nominal: Six | None = Field(
         default=None, description="the tracker in the base, to 0.1 m and 2 deg; else a person points it"
     )
-    settle_s: float = Field(default=0.5, ge=0, le=60)
+    settle_s: float = Field(default=0.5, ge=0, le=60, description="wait at rest before a measurement")
     window_s: float = Field(default=0.5, gt=0, le=60, description="of one stable point")
     max_scatter_m: float = Field(default=0.0002, gt=0, le=0.01, description="of the readings in the window")
-    measure_timeout_s: float = Field(default=10.0, gt=0, le=300)
-    find_timeout_s: float = Field(default=15.0, gt=0, le=300)
-    reacquire_wait_s: float = Field(default=1.0, ge=0, le=60)
-    retries_per_pose: int = Field(default=2, ge=0, le=10)
+    measure_timeout_s: float = Field(
+        default=10.0, gt=0, le=300, description="longest wait for one stable point"
+    )
+    find_timeout_s: float = Field(default=15.0, gt=0, le=300, description="longest search for the reflector")
+    reacquire_wait_s: float = Field(
+        default=1.0, ge=0, le=60, description="wait before a lost reflector is looked for again"
+    )
+    retries_per_pose: int = Field(
+        default=2, ge=0, le=10, description="further tries at a pose that was not measured"
+    )
     max_surprise_m: float = Field(
         default=0.05, gt=0, le=1.0, description="between where the reflector is seen and where it should be"
     )
     max_AP_m: float | None = Field(
         default=None, gt=0, le=0.1, description="of any pose; else it is only told"
     )
-    max_RP_m: float | None = Field(default=None, gt=0, le=0.1)
-    max_duration_s: float = Field(default=4 * 3600.0, gt=0)
+    max_RP_m: float | None = Field(
+        default=None, gt=0, le=0.1, description="limit of the pose repeatability RP"
+    )
+    max_duration_s: float = Field(
+        default=4 * 3600.0, gt=0, description="the run is ended when it takes longer, s"
+    )
 
     @model_validator(mode="after")
     def _one_way_to_say_the_poses(self) -> Self:

@@ -67,14 +67,18 @@ class SearchSection(_Strict):
     """The search and the measurement; a reference keeps them, so that every check repeats them exactly."""
 
     descend_step_m: float = Field(default=0.005, gt=0, le=0.05, description="down when nothing triggered")
-    max_descents: int = Field(default=10, ge=1, le=200)
+    max_descents: int = Field(default=10, ge=1, le=200, description="steps down before the search gives up")
     floor_m: float = Field(
         ge=-5.0,
         le=5.0,
         description="lowest height in base that the tool's point may reach, with the configured tool",
     )
-    search_speed_m_s: float = Field(default=0.05, gt=0, le=0.5)
-    measure_speed_m_s: float = Field(default=0.02, gt=0, le=0.5)
+    search_speed_m_s: float = Field(
+        default=0.05, gt=0, le=0.5, description="of the tool's point while it searches"
+    )
+    measure_speed_m_s: float = Field(
+        default=0.02, gt=0, le=0.5, description="of the tool's point while it crosses a beam"
+    )
     passes: int = Field(default=8, ge=1, le=64, description="there and back, for each beam, place and height")
     measure_depth_m: float = Field(
         default=0.006,
@@ -103,7 +107,7 @@ class SearchSection(_Strict):
         default=0.03, gt=0, le=1.0, description="longest time without a poll on the way"
     )
     retries: int = Field(default=3, ge=0, le=20, description="of a pass that cannot be used")
-    settle_s: float = Field(default=0.05, ge=0, le=5.0)
+    settle_s: float = Field(default=0.05, ge=0, le=5.0, description="wait at rest between two moves")
 
     @property
     def heights(self) -> tuple[float, ...]:
@@ -130,8 +134,8 @@ class LaserReferenceConfig(SearchSection):
     A run that was interrupted cannot be adopted: its passes and those of another day do not belong together.
     """
 
-    xs: BeamSection
-    ys: BeamSection
+    xs: BeamSection = Field(description="the first beam")
+    ys: BeamSection = Field(description="the second beam")
     pin_radius_m: float | None = Field(
         default=None, gt=0, le=0.5, description="of the tool where it crosses; else [robot] tool.radius_m"
     )
@@ -141,8 +145,10 @@ class LaserReferenceConfig(SearchSection):
     max_slope_rad: float = Field(default=0.02, gt=0, le=0.2, description="of a beam against base x-y")
     max_U_m: float = Field(default=0.0002, gt=0, le=0.01, description="95 % uncertainty of the point")
     retract_pose: str | None = Field(default=None, description="name of a [poses] entry to end at")
-    max_duration_s: float = Field(default=3600.0, gt=0)
-    accept: Policy = Field(default_factory=lambda: Policy())
+    max_duration_s: float = Field(
+        default=3600.0, gt=0, description="the run is ended when it takes longer, s"
+    )
+    accept: Policy = Field(default_factory=lambda: Policy(), description="who accepts the result")
 
     @model_validator(mode="after")
     def _two_beams(self) -> Self:
@@ -171,14 +177,21 @@ class BentLimits(_Strict):
 class _Measured(_Strict):
     """What a check and an update share. How the beams are crossed is what the reference keeps."""
 
-    against_reference: BentLimits = Field(default_factory=lambda: BentLimits())
-    against_last: BentLimits = Field(default_factory=lambda: BentLimits(max_shift_m=0.002, max_tilt_rad=0.02))
+    against_reference: BentLimits = Field(
+        default_factory=lambda: BentLimits(), description="limits of shift and tilt since the reference"
+    )
+    against_last: BentLimits = Field(
+        default_factory=lambda: BentLimits(max_shift_m=0.002, max_tilt_rad=0.02),
+        description="limits of shift and tilt since the last measurement",
+    )
     max_U_m: float = Field(default=0.0002, gt=0, le=0.01, description="95 % uncertainty of the tool's point")
     max_latency_s: float = Field(
         default=0.02, gt=0, le=1.0, description="a latency further from the configured one is warned of"
     )
     retract_pose: str | None = Field(default=None, description="name of a [poses] entry to end at")
-    max_duration_s: float = Field(default=3600.0, gt=0)
+    max_duration_s: float = Field(
+        default=3600.0, gt=0, description="the run is ended when it takes longer, s"
+    )
 
 
 class LaserCheckConfig(_Measured):
@@ -218,7 +231,7 @@ class LaserCheckConfig(_Measured):
 class LaserUpdateConfig(_Measured):
     """``[job.laser-update]``. How the beams are crossed is what the reference keeps."""
 
-    accept: Policy = Field(default_factory=lambda: Policy())
+    accept: Policy = Field(default_factory=lambda: Policy(), description="who accepts the result")
 
 
 class StoredBeam(BeamSection):

@@ -29,5 +29,7 @@ class LatencyCalibrationConfig(BaseModel):
         description="two that differ tell the delay from the hysteresis",
     )
     passes: int = Field(default=4, ge=2, le=64, description="there and back, at each speed")
-    max_duration_s: float = Field(default=1800.0, gt=0)
-    accept: Acceptance = Field(default_factory=lambda: Acceptance())
+    max_duration_s: float = Field(
+        default=1800.0, gt=0, description="the run is ended when it takes longer, s"
+    )
+    accept: Acceptance = Field(default_factory=lambda: Acceptance(), description="who accepts the result")

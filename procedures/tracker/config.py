@@ -109,8 +109,10 @@ class TrackerSamplingConfig(_Strict):
         default=None,
         description="[low, high] of each joint; else half a turn each way",
     )
-    sight: Sight = Field(default_factory=lambda: Sight())
-    settle_s: float = Field(default=0.5, ge=0, le=60)
+    sight: Sight = Field(
+        default_factory=lambda: Sight(), description="where the tracker must be able to see the reflectors"
+    )
+    settle_s: float = Field(default=0.5, ge=0, le=60, description="wait at rest before a measurement")
     window_s: float = Field(default=1.0, gt=0, le=60, description="of one stable point")
     constant_sigma_m: float = Field(
         default=0.00001,
@@ -120,9 +122,13 @@ class TrackerSamplingConfig(_Strict):
         "1 mm for a prism",
     )
     max_scatter_m: float = Field(default=0.0002, gt=0, le=0.01, description="of the readings in the window")
-    measure_timeout_s: float = Field(default=10.0, gt=0, le=300)
-    find_timeout_s: float = Field(default=15.0, gt=0, le=300)
-    retries_per_pose: int = Field(default=2, ge=0, le=10)
+    measure_timeout_s: float = Field(
+        default=10.0, gt=0, le=300, description="longest wait for one stable point"
+    )
+    find_timeout_s: float = Field(default=15.0, gt=0, le=300, description="longest search for a reflector")
+    retries_per_pose: int = Field(
+        default=2, ge=0, le=10, description="further tries at a pose that was not measured"
+    )
     reacquire_wait_s: float = Field(
         default=1.0, ge=0, le=60, description="before a lost reflector is searched for"
     )
@@ -161,8 +167,12 @@ class TrackerSamplingConfig(_Strict):
         description="kincal.json of an earlier run (its full path): its poses are solved together with these."
         " Same arm, reflectors and load, and monuments must show that the tracker was not moved since",
     )
-    max_duration_s: float = Field(default=4 * 3600.0, gt=0)
-    accept: Acceptance = Field(default_factory=lambda: Acceptance())
+    max_duration_s: float = Field(
+        default=4 * 3600.0, gt=0, description="the run is ended when it takes longer, s"
+    )
+    accept: Acceptance = Field(
+        default_factory=lambda: Acceptance(), description="who accepts the result, and its limits"
+    )
 
     @property
     def held_out(self) -> int:

@@ -1,6 +1,7 @@
 """The manual's generated pages are what the code says today."""
 
 import json
+import re
 import tomllib
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from daemon.config.roles import ROLES, plays
 from daemon.docs import generated, stale
 from daemon.modbus import register_table
 from procedures.registry import JOBS
+from procedures.solve.laser import solve_laser
 
 
 def test_no_generated_page_is_stale() -> None:
@@ -102,3 +104,49 @@ def test_the_status_bits_of_the_roles_are_those_of_the_register_table() -> None:
     }  # fmt: skip
     bits = {name: status.bits[r.status_bit] for name, r in ROLES.items() if r.status_bit is not None}
     assert bits == words
+
+
+def rows_of(page: str, section: str) -> dict[str, list[str]]:
+    part = page.split(f"## {section}\n")[1].split("\n## ")[0]
+    rows = [re.split(r"(?<!\\)\|", line) for line in part.splitlines() if line.startswith("| `")]
+    return {row[1].strip().strip("`"): [cell.strip() for cell in row[2:]] for row in rows}
+
+
+def test_the_manual_has_the_defaults_of_a_table_where_it_is_used() -> None:
+    page = generated(JOBS)["docs/config.md"]
+    rows = rows_of(page, "[job.laser-check]")
+    made = JOBS["laser-check"].Config().against_last
+    assert rows["against_last.max_shift_m"][1] == f"`{made.max_shift_m:g}`"
+    assert rows["against_last.max_tilt_rad"][1] == f"`{made.max_tilt_rad:g}`"
+    schema = json.loads(generated(JOBS)["docs/cell.schema.json"])
+    check = schema["$defs"]["LaserCheckConfig"]["properties"]
+    assert check["against_last"]["default"]["max_shift_m"] == made.max_shift_m
+
+
+def test_required_and_optional_keys_can_be_told_apart() -> None:
+    rows = rows_of(generated(JOBS)["docs/config.md"], '[device.NAME] with driver = "ur"')
+    assert (rows["host"][1], rows["expect_serial"][1]) == ("**required**", "none")
+    assert all(row[1] for row in rows.values())
+
+
+def test_every_key_of_the_configuration_has_a_meaning() -> None:
+    page = generated(JOBS)["docs/config.md"]
+    rows = [re.split(r"(?<!\\)\|", line) for line in page.splitlines() if line.startswith("| `")]
+    assert len(rows) > 300
+    assert [row[1].strip() for row in rows if not row[5].strip()] == []
+
+
+def test_the_manual_of_the_configuration_points_to_no_file_that_is_not_there() -> None:
+    for name in ("docs/config.md", "docs/cell.schema.json"):
+        assert "FORMATS" not in generated(JOBS)[name]
+
+
+def test_the_figures_of_the_laser_example_are_those_of_the_program(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "data-sets.md").read_text("utf-8")
+    at = page.index('"schema": "cellward.laser/1"')
+    start = page.rindex("```json", 0, at) + len("```json")
+    (tmp_path / "laser.json").write_text(page[start : page.index("```", start)])
+    answer = solve_laser(tmp_path / "laser.json")
+    shift = ", ".join(f"{x:.5f}" for x in answer["result"]["dp_flange"])
+    said = f"dp_flange = [{shift}], 95 % of errors below {answer['uncertainty']['U_point_m']:.5f} m"
+    assert said in page
