@@ -5,7 +5,6 @@ from typing import Any
 
 from daemon.cli.next_step import next_commands, possible, to_decide
 from daemon.cli.output import table
-from daemon.state_folder import damage_text
 
 
 def status_text(status: Mapping[str, Any]) -> str:
@@ -29,6 +28,8 @@ def status_text(status: Mapping[str, Any]) -> str:
     lines += [f"          run {r} was interrupted; cellward adopt {r}" for r in status.get("interrupted", [])]
     lines.append(f"possible  {possible(status)}")
     if damage := status.get("ledger_damage"):
+        from daemon.state_folder import damage_text  # it imports asyncio
+
         lines += [f"ledger    {damage_text(damage)}", "          then: cellward acknowledge-ledger"]
     lines += ["", table(("device", "state", "model", "serial", "error"), _devices(status))]
     return "\n".join(lines)
