@@ -142,7 +142,7 @@ def list_runs(runs: Path, newest: int | None = None) -> list[RunFolder]:
     With ``newest``, only that many: the folders' names carry time and number, so they are the index, and only
     the folders that are asked for are opened.
     """
-    names = _run_names(runs)
+    names = _run_names(runs, newest)
     return [_from_disk(runs / name, run_id, job) for name, run_id, job in names[-newest if newest else 0 :]]
 
 
@@ -155,16 +155,20 @@ def interrupted_runs(runs: Path) -> list[RunFolder]:
     ]
 
 
-def _run_names(runs: Path) -> list[tuple[str, int, str]]:
-    """Name, number and job of every run folder, oldest first."""
+def _run_names(runs: Path, newest: int | None = None) -> list[tuple[str, int, str]]:
+    """Name, number and job of the run folders, oldest first; with ``newest``, of at least that many."""
     if not runs.is_dir():
         return []
-    found = []
-    with disk_errors(runs), os.scandir(runs) as entries:
-        for entry in entries:
-            match = _NAME.fullmatch(entry.name)
-            if match is not None and entry.is_dir():
-                found.append((entry.name, int(match["id"]), match["job"]))
+    found: list[tuple[str, int, str]] = []
+    with disk_errors(runs):
+        names = sorted(os.listdir(runs), reverse=True)
+    for name in names:
+        match = _NAME.fullmatch(name)
+        if match is None or not (runs / name).is_dir():
+            continue
+        if newest and len(found) >= newest and name[:16] != found[-1][0][:16]:
+            break  # of one second, all: their order is that of their numbers
+        found.append((name, int(match["id"]), match["job"]))
     return sorted(found, key=lambda run: (run[0][:16], run[1]))
 
 
