@@ -1,6 +1,7 @@
 """Opening each configured device once, to see whether it answers and is the one that is meant."""
 
 import asyncio
+import logging
 from typing import Any
 
 from cell.clock import MonotonicClock
@@ -18,6 +19,8 @@ CLOSE_TIMEOUT_S = 5.0
 
 async def probe_devices(config: CellConfig) -> list[dict[str, Any]]:
     """Open, identify and close every device, all at once. Nothing moves: motion needs a lease."""
+    # pymodbus dumps frames when something that is not Modbus answers; what is wrong is told by the report.
+    logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
     clock = MonotonicClock()
     entries = supervised_devices(config, clock, Beats(clock))
     return list(await asyncio.gather(*(_probe(entry.device, entry.expect) for entry in entries)))
