@@ -155,7 +155,7 @@ class Twin:
         """Pictures are drawn on the cores that also look at them: ten may be missed."""
         if self._camera is None:
             return None
-        timeout = max(1.0, 10.0 * self.world.camera.period_s)
+        timeout = max(2.5, 10.0 * self.world.camera.period_s)
         return {"driver": "oak", "source": self._frames_url, "frame_timeout_s": timeout}
 
     @property

@@ -22,7 +22,12 @@ class OakConfig(BaseModel):
     exposure_s: float | None = Field(None, gt=0, le=0.033, description="absent: automatic exposure")
     iso: int = Field(200, ge=100, le=1600, description="sensor gain with a fixed exposure")
     time_offset_s: float = Field(0.0, ge=-0.5, le=0.5, description="added to every exposure stamp")
-    frame_timeout_s: float = Field(1.0, ge=0.2, le=10.0, description="age of the newest frame that is a loss")
+    frame_timeout_s: float = Field(
+        2.5,
+        ge=0.2,
+        le=10.0,
+        description="age of the newest frame that is a loss; a late one is not stale, it has its stamp",
+    )
     open_timeout_s: float = Field(15.0, ge=1.0, le=18.0, description="start of the child to the first frame")
 
     @model_validator(mode="after")
