@@ -3,9 +3,10 @@
 import asyncio
 import json
 from collections.abc import AsyncIterator, Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pytest
 
@@ -26,6 +27,8 @@ from fakes.object import ObjectCell as Plant
 from fakes.object import VirtualClock, cell_of
 from fakes.scenario import Scenario
 from procedures.registry import JOBS
+
+R = TypeVar("R")
 
 JOB = "cone-capture"
 WHO = "test"
@@ -248,6 +251,12 @@ async def open_cell(
         yield cell
     finally:
         await cell.close()
+
+
+def on_disk(call: Callable[..., R], *args: Any, **how: Any) -> R:
+    """A write to the ledger by a test itself; it waits for the disk, so it is not done on the loop."""
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(call, *args, **how).result()
 
 
 async def refused(work: Any) -> CellError:

@@ -28,7 +28,7 @@ from tests.chaos.matrix import (
     share_of,
     short,
 )
-from tests.object_cell import WHO, ObjectCell, no_report
+from tests.object_cell import WHO, ObjectCell, no_report, on_disk
 from tests.unit.laser_cell import TOOL, laser_cell, laser_config
 from tests.unit.laser_made import Solved, drawn_reference, solved
 
@@ -128,14 +128,14 @@ async def strike(cell: ObjectCell, fault: Kind, moment: str, solved: Solved) -> 
     if moment == "commit":  # what is being written is written; the run may still end for the fault
         assert end["error"] is None or end["error"]["name"] in fault.errors
         assert states == ["committed"]
-        cell.ledger.rollback(tool_calibration(TOOL), WHO)
+        on_disk(cell.ledger.rollback, tool_calibration(TOOL), WHO)
     elif moment in fault.felt:
         assert_aborted(end, fault, f"{fault.label} at {moment}")
         assert set(states) <= {"rejected"}
     else:
         assert end["outcome"] == "complete", (fault.label, moment, end["error"])
         assert states == ["committed"]
-        cell.ledger.rollback(tool_calibration(TOOL), WHO)
+        on_disk(cell.ledger.rollback, tool_calibration(TOOL), WHO)
     await put_right(cell)
 
 

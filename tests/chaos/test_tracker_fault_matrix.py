@@ -17,7 +17,7 @@ from cell.calibrations import kinematics
 from fakes.object import run_virtual
 from procedures.tracker.record import SampleRecord
 from tests.chaos.matrix import Kind, Strike, assert_aborted, inject_at, kind, put_right, short
-from tests.object_cell import WHO, ObjectCell, no_report, open_cell
+from tests.object_cell import WHO, ObjectCell, no_report, on_disk, open_cell
 from tests.unit.tracker_cell import JOB, planned_once, tracker_config
 
 __all__ = ["no_report", "planned_once"]
@@ -150,5 +150,5 @@ async def strike(cell: ObjectCell, fault: Kind, moment: str) -> None:
         )
     for row in cell.ledger.results(kinematics("arm")):
         if row["state"] == "committed":
-            cell.ledger.rollback(kinematics("arm"), WHO)
+            on_disk(cell.ledger.rollback, kinematics("arm"), WHO)
     await put_right(cell)

@@ -15,7 +15,7 @@ from cell.poses import Array, from_pose6, to_pose6
 from daemon.config import CellConfig
 from fakes.object import VirtualClock
 from procedures.laser.solving import compare_second
-from tests.object_cell import ObjectCell, open_cell, write_config
+from tests.object_cell import ObjectCell, on_disk, open_cell, write_config
 
 SCENARIO = "laser"
 TOOL = "pin"
@@ -77,7 +77,7 @@ async def laser_cell(
     async with open_cell(config, clock, job) as cell:
         if reference is not None:
             name = laser_reference(TOOL)
-            cell.ledger.accept(cell.ledger.propose(name, reference, {}, 0, None), "test")
+            on_disk(cell.ledger.accept, cell.ledger.propose(name, reference, {}, 0, None), "test")
         yield cell
 
 

@@ -12,7 +12,7 @@ from cell.poses import to_pose6
 from daemon.config import CellConfig
 from fakes.object import VirtualClock
 from fakes.scenario import Scenario
-from tests.object_cell import ObjectCell, open_cell, write_config
+from tests.object_cell import ObjectCell, on_disk, open_cell, write_config
 
 JOB = "belt-tracking"
 
@@ -50,7 +50,7 @@ async def picking_cell(config: CellConfig, clock: VirtualClock | None = None) ->
     async with open_cell(config, clock, JOB) as cell:
         truth, drawn = cell.plant.world.T_mount_camera, config.robot.T_base_camera_nominal
         row = cell.ledger.propose("T_base_camera", to_pose6(truth).tolist(), {}, 0, drawn)
-        cell.ledger.accept(row, "test")
+        on_disk(cell.ledger.accept, row, "test")
         yield cell
 
 

@@ -26,7 +26,7 @@ from procedures.iso9283.config import Iso9283Config
 from procedures.iso9283.judging import solve_iso9283
 from procedures.iso9283.plan import ORDER
 from procedures.replay import solve_again
-from tests.object_cell import ObjectCell, no_report, open_cell, refused, write_config
+from tests.object_cell import ObjectCell, no_report, on_disk, open_cell, refused, write_config
 from tests.unit.tracker_cell import BRISK, nominal_tracker
 
 __all__ = ["no_report"]
@@ -83,7 +83,7 @@ def true_kinematics(shift_m: float = 0.0) -> dict[str, Any]:
 
 
 def commit(cell: ObjectCell, value: Mapping[str, Any]) -> None:
-    cell.ledger.accept(cell.ledger.propose(kinematics("arm"), dict(value), {}, 0, None), "test")
+    on_disk(cell.ledger.accept, cell.ledger.propose(kinematics("arm"), dict(value), {}, 0, None), "test")
 
 
 def true_reflector(cell: ObjectCell, q: Any) -> Any:

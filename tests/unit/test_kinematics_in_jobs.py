@@ -15,7 +15,7 @@ from cell.store.files import read_json
 from daemon.config import CellConfig, load_config
 from fakes.object import run_virtual
 from fakes.scenario import Scenario
-from tests.object_cell import JOB, ObjectCell, no_report, open_cell, refused, write_config
+from tests.object_cell import JOB, ObjectCell, no_report, on_disk, open_cell, refused, write_config
 from tests.unit.picking_cell import JOB as PICKING
 from tests.unit.picking_cell import contact_errors
 
@@ -42,7 +42,7 @@ def config_of(folder: Path, scenario: str, use: bool, jobs: Mapping[str, Any], *
 
 
 def commit(cell: ObjectCell, name: str, value: Any, model: Any, configured: Any = None) -> None:
-    cell.ledger.accept(cell.ledger.propose(name, value, {}, 0, configured, model), "test")
+    on_disk(cell.ledger.accept, cell.ledger.propose(name, value, {}, 0, configured, model), "test")
 
 
 def calibrate(cell: ObjectCell) -> None:

@@ -22,7 +22,7 @@ from fakes.scenario import Scenario
 from procedures.arm_setup import arm_model
 from procedures.registry import JOBS
 from procedures.solve.kincal import solve_kincal
-from tests.object_cell import ObjectCell, no_report, open_cell, refused, write_config
+from tests.object_cell import ObjectCell, no_report, on_disk, open_cell, refused, write_config
 from tests.unit.laser_cell import TOOL, laser_config
 from tests.unit.laser_made import drawn_reference
 from tests.unit.tracker_cell import BRISK
@@ -150,7 +150,7 @@ def measured(cell: ObjectCell, folder: Path) -> dict[str, Any]:
 
 def commit(cell: ObjectCell, name: str, value: Any, model: Mapping[str, Any] | None = None) -> int:
     row = cell.ledger.propose(name, value, {}, 0, cell.config.robot.T_base_camera_nominal, model)
-    cell.ledger.accept(row, "test")
+    on_disk(cell.ledger.accept, row, "test")
     return row
 
 
@@ -218,9 +218,9 @@ def test_a_version_that_is_only_proposed_is_never_used(tmp_path: Path) -> None:
             proposed = cell.ledger.propose(ARM, perfect(), {}, 0, None)
             with_job(cell)
             assert (await refused(cell.start())).name == "KINEMATICS_MISSING"
-            cell.ledger.accept(proposed, "test", commit=False)
+            on_disk(cell.ledger.accept, proposed, "test", commit=False)
             assert (await refused(cell.start())).name == "KINEMATICS_MISSING"
-            cell.ledger.commit(proposed)
+            on_disk(cell.ledger.commit, proposed)
             worse = perfect()
             worse["robot"] = {"model": "ur10e"}
             cell.ledger.propose(ARM, worse, {}, 0, None)
@@ -228,7 +228,7 @@ def test_a_version_that_is_only_proposed_is_never_used(tmp_path: Path) -> None:
             model = robot_from_spec(perfect()["robot"])
             for wanted, _, q in GoThere.went:
                 np.testing.assert_allclose(model.forward(q).translation, wanted.translation, atol=2e-5)
-            cell.ledger.rollback(ARM, "test")
+            on_disk(cell.ledger.rollback, ARM, "test")
             assert (await refused(cell.start())).name == "KINEMATICS_MISSING"
 
     run_virtual(main())
@@ -316,7 +316,7 @@ def test_another_load_and_a_tool_of_another_model_are_told_in_the_result(tmp_pat
             commit(cell, ARM, perfect(payload_kg=3.0))
             tool = list(cell.config.robot.tool.T_flange_tool)
             name = f"T_flange_tool.{cell.config.robot.tool.name}"
-            cell.ledger.accept(cell.ledger.propose(name, tool, {}, 0, tool), "test")
+            on_disk(cell.ledger.accept, cell.ledger.propose(name, tool, {}, 0, tool), "test")
             await with_job(cell).run_job()
             result = cell.result(1)
             told = {w["code"]: w["text"] for w in result["warnings"]}
@@ -343,7 +343,7 @@ def test_a_reference_keeps_the_model_it_was_made_with_and_fits_a_check_that_foll
             assert (end["outcome"], end["error"]) == ("complete", None)
             (row,) = cell.ledger.results(laser_reference(TOOL))
             assert row["arm_model"] == {"name": ARM, "version": 1}
-            cell.ledger.accept(row["id"], "test")
+            on_disk(cell.ledger.accept, row["id"], "test")
             run_id = await cell.start(job="laser-check")
             await cell.engine.abort("test")
             await cell.finished(run_id)

@@ -16,7 +16,7 @@ from fakes.object import VirtualClock, run_virtual
 from procedures.laser.config import Search
 from procedures.laser.judging import judge_check
 from procedures.replay import solve_again
-from tests.object_cell import WHO, ObjectCell, no_report, refused
+from tests.object_cell import WHO, ObjectCell, no_report, on_disk, refused
 from tests.unit.laser_cell import (
     TOOL,
     committed_tool,
@@ -252,7 +252,7 @@ def test_a_killed_run_leaves_a_candidate_that_the_next_start_rejects(tmp_path: P
         cell = ObjectCell(config, clock, JOB)
         await cell.open()
         reference = cell.ledger.propose(laser_reference(TOOL), drawn_reference(config), {}, 0, None)
-        cell.ledger.accept(reference, WHO)
+        on_disk(cell.ledger.accept, reference, WHO)
         await cell.start()
         await cell.until_state("verify")
         (row,) = cell.ledger.results(tool_calibration(TOOL))
@@ -375,7 +375,7 @@ def test_passes_are_late_by_what_the_reference_was_whatever_delay_was_found_sinc
         async with laser_cell(config, "laser-check", drawn_reference(config)) as cell:
             await cell.run_job()
             offset = cell.ledger.propose(time_offset("beams"), 0.004, {"verdict": "pass"}, 0, 0.0)
-            cell.ledger.accept(offset, WHO)
+            on_disk(cell.ledger.accept, offset, WHO)
             await cell.run_job()
             polls = [np.array(passes(cell, run_id)[0]["poll_t"]) for run_id in (1, 2)]
             first, second = (np.angle(np.exp(2j * np.pi * t / POLL_S)) for t in polls)  # within a period

@@ -24,7 +24,7 @@ from procedures.latency.config import LatencyCalibrationConfig
 from procedures.latency.procedure import LatencyCalibration, State
 from procedures.replay import solve_again
 from procedures.solve.latency import SIGNALS, solve_latency
-from tests.object_cell import WHO, ObjectCell, no_report, open_cell, refused, write_config
+from tests.object_cell import WHO, ObjectCell, no_report, on_disk, open_cell, refused, write_config
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -60,7 +60,9 @@ def made_by_hand() -> dict[str, Any]:
 def with_reference(cell: ObjectCell) -> None:
     """Committed as if a job had found it."""
     result = {"verdict": "pass", "result": {}}
-    cell.ledger.accept(cell.ledger.propose(laser_reference(TOOL), made_by_hand(), result, 0, None), WHO)
+    on_disk(
+        cell.ledger.accept, cell.ledger.propose(laser_reference(TOOL), made_by_hand(), result, 0, None), WHO
+    )
 
 
 def cell_config(folder: Path, **job: Any) -> Any:
