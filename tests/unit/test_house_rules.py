@@ -65,6 +65,15 @@ def test_every_transition_table_is_sound(job: str) -> None:
     assert reached == states, f"unreachable: {states - reached}"
 
 
+def test_every_decision_has_a_number_of_its_own_a_date_and_a_status() -> None:
+    records = sorted((ROOT / "docs" / "decisions").glob("*.md"))
+    assert [r.name[:4] for r in records] == [f"{n + 1:04d}" for n in range(len(records))]
+    for record in records:
+        lines = record.read_text("utf-8").splitlines()
+        assert lines[0].startswith(f"# {record.name[:4]}: "), record.name
+        assert re.fullmatch(r"Date: \d{4}-\d{2}\. Status: \w+\.", lines[2]), f"{record.name}: {lines[2]!r}"
+
+
 def test_nothing_tracked_names_a_registry_host_or_a_home_folder() -> None:
     # The words are put together here so that this file does not name them itself.
     forbidden = ["python" + "hosted", "pypi." + "org", "registry.npm" + "js", "/ro" + "ot/", "/wo" + "rk/"]
