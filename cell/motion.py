@@ -31,7 +31,10 @@ STOPPING_S = 0.6  # silence that goes unnoticed, the controller's watchdog, and 
 
 
 class Guard(Protocol):
-    """What a motion guard checks before anything moves; each check raises a coded error."""
+    """What a motion guard checks before anything moves; each check raises a coded error.
+
+    Ways are checked beside the event loop, which they would hold up for 10 to 30 ms.
+    """
 
     def check_path_joints(self, q0: Array, q1: Array) -> None: ...
     def check_path_linear(self, T0: RigidTransform, T1: RigidTransform, q0: Array) -> None: ...
@@ -239,13 +242,13 @@ class MotionLease:
 
     async def _move_joints(self, target: Array, speed: Speed) -> None:
         start = await self._movable_state()
-        self._guard.check_path_joints(start.q, target)
+        await asyncio.to_thread(self._guard.check_path_joints, start.q, target)
         self._recorder.note("motion", event="move_joints", q=[round(float(v), 6) for v in target])
         await self._live_port().move_joints(target, speed)
 
     async def _move_linear(self, T_base_flange: RigidTransform, speed: Speed) -> None:
         start = await self._movable_state()
-        self._guard.check_path_linear(start.T_base_flange, T_base_flange, start.q)
+        await asyncio.to_thread(self._guard.check_path_linear, start.T_base_flange, T_base_flange, start.q)
         self._recorder.note("motion", event="move_linear", to=[float(v) for v in T_base_flange.translation])
         await self._live_port().move_linear(T_base_flange, speed)
 
@@ -254,7 +257,7 @@ class MotionLease:
     ) -> bool:
         """Linear move that a force ends; True when it did."""
         start = await self._movable_state()
-        self._guard.check_path_linear(start.T_base_flange, T_base_flange, start.q)
+        await asyncio.to_thread(self._guard.check_path_linear, start.T_base_flange, T_base_flange, start.q)
         self._recorder.note("motion", event="guarded_move", max_force_n=max_force_n)
         return await self._live_port().guarded_move(T_base_flange, self._speed, max_force_n, max_travel_m)
 

@@ -1,7 +1,6 @@
 """The daemon put together: configuration in, everything built, watched, and taken down in order."""
 
 import asyncio
-import gc
 import logging
 import signal
 from collections.abc import Coroutine
@@ -14,6 +13,7 @@ from cell.errors import CellError
 from cell.motion import MotionBroker
 from cell.store.ledger import Ledger
 from daemon.cell_context import CellContext
+from daemon.collector import collect_at_rest, freeze_start_up
 from daemon.composition import supervised_devices
 from daemon.config import CellConfig, load_config
 from daemon.control import ControlServer
@@ -102,9 +102,8 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
         )
         await control.start()
         stack.push_async_callback(control.stop)
-        # Without this, each full collection walks all that start-up made, for tens of milliseconds.
-        gc.collect()
-        gc.freeze()
+        freeze_start_up()
+        spawn("collector", collect_at_rest(lambda: engine.active))
         notifier.ready(f"cell '{config.cell.name}'")
         period = notifier.watchdog_s / 2 if notifier.watchdog_s else WATCHDOG_PERIOD_S
         spawn("watchdog", watchdog(beats, lag, config.supervisor.loop_lag_fail_s, period, notifier.watchdog))

@@ -244,7 +244,9 @@ class _Capture:
             why = fault_of(frames, states, config)
             if why is None:
                 usable = [f for f in frames if shows_board(f, config.min_corners)]
-                entry = observation_entry(index, group, run.folder, usable, states, self.points)
+                entry = await asyncio.to_thread(
+                    observation_entry, index, group, run.folder, usable, states, self.points
+                )
                 entry["planned"] = pose_index
                 await asyncio.to_thread(self.record.add_pose, entry)
                 run.note("decision", event="pose taken", pose=pose_index, index=index, frames=len(usable))

@@ -229,7 +229,8 @@ class Sweeper:
             await self.lease.move_linear(to, speed)
             # The beam's last change on this way may still be on its way to us.
             await seen.poll_after(self.clock.now() + self.offset_s, POLL_TIMEOUT_S)
-        return way_of(beam, direction, seen.states, seen.polls, seen.restarted)
+        # Poses of thousands of states at once would hold up the loop.
+        return await asyncio.to_thread(way_of, beam, direction, seen.states, seen.polls, seen.restarted)
 
 
 def way_of(
