@@ -57,7 +57,8 @@ class Watch:
         return self
 
     def __exit__(self, *exc: object) -> None:
-        for undo in self._undo:
+        undone, self._undo = self._undo, []  # no circle of references for the collector
+        for undo in undone:
             undo()
         self._outcome.cancel()
 

@@ -73,6 +73,12 @@ class Inputs:
         """Watchdogs belong to the program that set them."""
         self._watchdog = None
 
+    def excuse(self, seconds: float) -> None:
+        """The twin stood still for so long: what clients wrote meanwhile has not been read yet. A controller,
+        which has a computer of its own, would have read it."""
+        if self._watchdog is not None:
+            self._watchdog.last += seconds
+
     def watchdog_expired(self, t: float) -> bool:
         """True when the watched input is late."""
         return self._watchdog is not None and t - self._watchdog.last > self._watchdog.period

@@ -11,6 +11,8 @@ _TFD_CLOEXEC = os.O_CLOEXEC
 _TFD_TIMER_ABSTIME = 1
 MOST_CATCH_UP = 100  # cycles made up for after a stall; older ones are lost, as on an overloaded controller
 
+LATE_S = 0.01
+
 
 class _Timespec(ctypes.Structure):
     _fields_ = (("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long))
@@ -28,8 +30,15 @@ def _timespec(seconds: float) -> _Timespec:
 class Ticker:
     """Calls ``cycle(t)`` for every ``t = start + k / rate``, in order, each at or soon after its time."""
 
-    def __init__(self, rate: float, cycle: Callable[[float], None], now: Callable[[], float]) -> None:
-        self._period, self._cycle, self._now = 1.0 / rate, cycle, now
+    def __init__(
+        self,
+        rate: float,
+        cycle: Callable[[float], None],
+        now: Callable[[], float],
+        stood_still: Callable[[float], None] = lambda seconds: None,
+    ) -> None:
+        """``stood_still``: told before the next cycle for how long this process did not get a core."""
+        self._period, self._cycle, self._now, self._stood_still = 1.0 / rate, cycle, now, stood_still
         self._origin, self._count = 0.0, 0
         self._fd = -1
         self.cycles = self.lost = 0
@@ -60,6 +69,8 @@ class Ticker:
     def _wake(self) -> None:
         os.read(self._fd, 8)
         now = self._now()
+        if now - self._due > LATE_S:
+            self._stood_still(now - self._due)
         behind = int((now - self._due) / self._period)
         if behind > MOST_CATCH_UP:
             self.lost += behind

@@ -176,7 +176,8 @@ class Recording:
     def __exit__(
         self, kind: type[BaseException] | None, exc: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for unsubscribe in self._end:
+        ends, self._end = self._end, []  # else a circle of references keeps thousands of samples
+        for unsubscribe in ends:
             unsubscribe()
 
     @property
