@@ -85,7 +85,7 @@ class InputsConfig(_Section):
         le=0.1,
         description="Subtracted from the stamps: how much later the module shows what its inputs see",
     )
-    timeout_s: float = Field(default=0.05, ge=0.005, le=2.0, description="Longest wait for one reply")
+    timeout_s: float = Field(default=0.2, ge=0.005, le=2.0, description="Longest wait for one reply")
     connect_timeout_s: float = Field(
         default=3.0, gt=0.0, le=15.0, description="longest wait for a connection, s"
     )

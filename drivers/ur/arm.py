@@ -292,7 +292,10 @@ class UrArm:
         while self._failure is None:
             assert self._link is not None
             self._link.drain()
-            if self.feed.silence() > self._config.lost_after_s:
+            silence = self.feed.silence()
+            if silence > self._config.silent_after_s and self._port is not None:
+                self._port.interrupt(error("STALE_DATA", f"{self.name}: the newest state is {self._age()}"))
+            if silence > self._config.lost_after_s:
                 self._lose(error("DEVICE_LOST", f"{self.name} is silent: the newest state is {self._age()}"))
             await self._clock.sleep(SILENCE_CHECK_S)
 

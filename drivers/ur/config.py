@@ -24,7 +24,10 @@ class UrConfig(BaseModel):
         default=3.0, gt=0.0, le=30.0, description="longest wait for a connection, s"
     )
     stale_after_s: float = Field(default=0.02, gt=0.0, le=1.0, description="Older state forbids motion")
-    lost_after_s: float = Field(default=0.1, gt=0.0, le=5.0, description="Silence that ends the link")
+    silent_after_s: float = Field(
+        default=0.1, gt=0.0, le=1.0, description="Silence at which an arm that moves is stopped"
+    )
+    lost_after_s: float = Field(default=0.5, gt=0.0, le=5.0, description="Silence that ends the link")
     joint_tolerance_rad: float = Field(
         default=0.001, gt=0.0, le=0.05, description="a move has arrived when each joint is this close"
     )

@@ -52,6 +52,7 @@ class UrMotion:
         self._clock: Clock = client.clock
         self._brake = config.stop_decel_m_s2
         self._opening = self._closed = False
+        self._watching: Watch | None = None  # the latest motion
         self._program_ended = 0.0  # when our script was seen to have ended
         self._stop_following_program = arm.state.subscribe(self._note_program)
         self._urgent = ExitStack()
@@ -276,8 +277,14 @@ class UrMotion:
                 self._stop_now()
                 raise
 
+    def interrupt(self, why: CellError) -> None:
+        """End the motion that is under way: nobody sees what the arm does. Nothing happens at rest."""
+        if self._watching is not None:
+            self._watching.end(why)
+
     def _watch(self, judge: Judge) -> Watch:
-        return Watch(self._arm, self.client, judge, lambda: self.let_lapse)
+        self._watching = Watch(self._arm, self.client, judge, lambda: self.let_lapse)
+        return self._watching
 
     async def _ask(self, watch: Watch, do: str, arguments: dict[str, Any]) -> None:
         """Give the child a command; what ends the watch meanwhile does not wait for its answer."""
@@ -395,7 +402,7 @@ class UrMotion:
             self.owns_program = False
 
     def _newest(self) -> Sample[ArmState]:
-        return self._arm.state.latest(self._config.lost_after_s)
+        return self._arm.state.latest(self._config.silent_after_s)
 
 
 def _note_end(watch: Watch, event: Message) -> None:

@@ -168,7 +168,9 @@ ARM_HOST = "127.0.73.11"
 async def _wire_arm(controller: ControllerHandle) -> AsyncIterator[ArmRig]:
     clock = MonotonicClock()
     # Longer than in production, because the machine under the tests may be busy.
-    arm = UrArm("arm", UrArm.Config(host=ARM_HOST, stale_after_s=0.1, lost_after_s=0.5), clock)
+    arm = UrArm(
+        "arm", UrArm.Config(host=ARM_HOST, stale_after_s=0.1, silent_after_s=0.5, lost_after_s=0.5), clock
+    )
 
     async def inject(kind: str, **arguments: Any) -> None:
         await asyncio.to_thread(lambda: controller.inject(kind, **arguments))

@@ -24,7 +24,7 @@ LASTING = {"kill", "reboot", "clock-jump"}
 
 
 # A machine that runs other tests as well is no controller PC; tests of the limits give their own.
-PATIENT = {"stale_after_s": 0.1, "lost_after_s": 0.3, "watchdog_min_hz": 5.0}
+PATIENT = {"stale_after_s": 0.1, "silent_after_s": 0.3, "lost_after_s": 0.3, "watchdog_min_hz": 5.0}
 
 
 # The client's ports are fixed, so controllers differ by address, and tests that run side by side have theirs
