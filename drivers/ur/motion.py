@@ -62,7 +62,7 @@ class UrMotion:
     def usable(self) -> bool:
         """Whether our script still runs. False where a silence of ours ended it, ``ARM_SCRIPT_DIED`` or
         ``CHILD_DIED`` where something else did."""
-        if self._closed or self._arm.lost is not None or self.client.killed:
+        if self._closed or self._arm.lost is not None or self.client.killed or self.client.gave_up:
             return False
         if self.client.ended.is_set():
             raise self.client.death()

@@ -13,6 +13,7 @@ from typing import Any
 from cell.clock import Clock
 from cell.errors import CellError, error
 from drivers.ur.framing import Message, Unframer, encode
+from drivers.ur.motion_child import EXIT_DEADLINE, EXIT_LINK_LOST
 
 BEAT_PERIOD_S = 0.02
 # The child has a deadline of its own for every call; this much later it is given up and killed.
@@ -105,11 +106,16 @@ class MotionClient:
         self._listeners.append(listener)
         return lambda: self._listeners.remove(listener)
 
+    @property
+    def gave_up(self) -> bool:
+        """Whether the child ended itself, as it does when the controller does not answer it."""
+        return self._process.returncode in (EXIT_DEADLINE, EXIT_LINK_LOST)
+
     def death(self) -> CellError:
-        """Why the child is of no use any more."""
+        """Why the child is of no use any more; the watchdog stops the arm in any case."""
         said = b"".join(self._output).decode("utf-8", "replace").strip()[-500:].replace("\n", " / ")
         return error(
-            "CHILD_DIED",
+            "MOTION_WATCHDOG" if self.gave_up else "CHILD_DIED",
             f"motion child {self.pid}, exit {self._process.returncode}" + (f": {said}" if said else ""),
         )
 
