@@ -68,7 +68,9 @@ def enter_proposal(run: Run, ledger: Ledger, proposal: Proposal, result: Mapping
     model = run.values["arm_model"] if rests_on_kinematics(proposal.name) else None
     run.proposed.add(proposal.name)
     told = with_model(result, run.values, run.proposed)
-    result_id = ledger.propose(proposal.name, proposal.value, told, run.id, configured, model)
+    result_id = ledger.propose(
+        proposal.name, proposal.value, told, run.id, configured, model, run.folder.name
+    )
     run.note("decision", event="proposed", name=proposal.name, result_id=result_id)
     return result_id
 

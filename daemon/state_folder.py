@@ -68,9 +68,12 @@ def end_interrupted(runs: Path, ledger: Ledger) -> list[int]:
 def damage_text(damage: Mapping[str, Any]) -> str:
     """What became of a ledger that was damaged, in one sentence."""
     begun = f"the ledger was damaged; it is kept as {damage.get('aside')} and a new one was begun"
-    if why_not := damage.get("why_not"):
-        return f"{begun}; no calibration came back, for {why_not}: the configured values are in effect"
     restored = ", ".join(f"{name} version {v}" for name, v in (damage.get("restored") or {}).items())
+    why_not = damage.get("why_not")
+    if why_not and not restored:
+        return f"{begun}; no calibration came back, for {why_not}: the configured values are in effect"
+    if why_not:
+        return f"{begun}; from the copy came back {restored}, but {why_not}"
     return f"{begun}; from the copy came back {restored or 'nothing, for nothing was committed'}"
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from cell.errors import CellError, error
 from cell.store.files import set_aside
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 _SCHEMA = """
 CREATE TABLE state (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE runs (
@@ -15,7 +15,8 @@ CREATE TABLE runs (
 CREATE TABLE calibrations (
     id INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL, state TEXT NOT NULL, version INTEGER,
     value TEXT NOT NULL, result TEXT NOT NULL, run_id INTEGER NOT NULL, config_value TEXT NOT NULL,
-    proposed REAL NOT NULL, decided REAL, who TEXT, why TEXT, arm_model TEXT, UNIQUE (name, version));
+    proposed REAL NOT NULL, decided REAL, who TEXT, why TEXT, arm_model TEXT, folder TEXT,
+    UNIQUE (name, version));
 CREATE INDEX calibrations_by_name ON calibrations (name, state);
 CREATE TABLE audit (
     id INTEGER PRIMARY KEY AUTOINCREMENT, at REAL NOT NULL, channel TEXT NOT NULL, who TEXT NOT NULL,
@@ -27,8 +28,12 @@ CREATE TABLE items (
     outcome TEXT NOT NULL, detail TEXT NOT NULL);
 CREATE INDEX items_by_run ON items (run_id);
 """
-_FROM_1 = "ALTER TABLE calibrations ADD COLUMN arm_model TEXT;"
-_SEEN_AS_2 = "CREATE TEMP VIEW calibrations AS SELECT *, NULL AS arm_model FROM main.calibrations"
+_FROM_2 = """
+ALTER TABLE calibrations ADD COLUMN folder TEXT;
+UPDATE calibrations SET folder = (SELECT folder FROM runs WHERE runs.run_id = calibrations.run_id);
+"""
+_CHANGES = {0: _SCHEMA, 1: "ALTER TABLE calibrations ADD COLUMN arm_model TEXT;" + _FROM_2, 2: _FROM_2}
+_MISSING = {1: "NULL AS arm_model, NULL AS folder", 2: "NULL AS folder"}  # columns of older ledgers
 
 
 def open_database(path: Path) -> tuple[sqlite3.Connection, bool, Path | None]:
@@ -52,8 +57,9 @@ def open_database(path: Path) -> tuple[sqlite3.Connection, bool, Path | None]:
         if version == 0 and connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()[0]:
             raise error("FILE_UNREADABLE", f"{path}: a database of another program; move it away")
         if version < SCHEMA_VERSION:
-            change = _FROM_1 if version else _SCHEMA
-            connection.executescript(f"BEGIN; {change} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;")
+            connection.executescript(
+                f"BEGIN; {_CHANGES[version]} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;"
+            )
     except sqlite3.Error as exc:
         connection.close()
         raise disk_error(path, exc) from exc
@@ -72,8 +78,9 @@ def open_for_reading(path: Path) -> sqlite3.Connection:
     connection.row_factory = sqlite3.Row
     try:
         connection.execute("SELECT count(*) FROM calibrations").fetchone()
-        if connection.execute("PRAGMA user_version").fetchone()[0] == 1:
-            connection.execute(_SEEN_AS_2)
+        version = connection.execute("PRAGMA user_version").fetchone()[0]
+        if columns := _MISSING.get(version):
+            connection.execute(f"CREATE TEMP VIEW calibrations AS SELECT *, {columns} FROM main.calibrations")
     except sqlite3.Error as exc:
         connection.close()
         raise error("FILE_UNREADABLE", f"{path}: {exc}") from exc

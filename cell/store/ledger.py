@@ -17,9 +17,10 @@ from typing import Any
 
 from cell.errors import CellError, error
 from cell.store._database import disk_error, open_database, open_for_reading
-from cell.store.calibration_copy import COLUMNS, STATES, copy_or_reason, write_copy
+from cell.store.calibration_copy import COLUMNS, STATES, copy_or_reason, is_current, write_copy
 from cell.store.files import to_json
 from cell.store.runs import highest_run_id
+from cell.store.summary import summary
 
 DAMAGE_KEY = "ledger_damaged"
 MAX_RUN_ID = 2**32 - 1
@@ -78,7 +79,7 @@ class Ledger:
     def damage(self) -> dict[str, Any] | None:
         """What a damaged predecessor cost, until somebody acknowledges it; from memory, without the disk.
 
-        ``aside``, ``at``, ``restored`` (versions in effect) and ``why_not`` (None: the copy was intact).
+        ``aside``, ``at``, ``restored`` (versions in effect) and ``why_not`` (None: all came back).
         """
         return self._damage
 
@@ -109,9 +110,10 @@ class Ledger:
 
     def _renew_copy(self) -> None:
         """The ledger is the truth: a copy that is missing, damaged or behind is written again."""
-        if self._for_copy() != copy_or_reason(self.path.parent)[0]:
+        rows = self._for_copy()
+        if not is_current(self.path.parent, rows):
             with suppress(CellError):  # a full disk keeps nobody from starting; the next commit needs it
-                write_copy(self.path.parent, self._for_copy())
+                write_copy(self.path.parent, rows)
 
     def _for_copy(self) -> list[dict[str, Any]]:
         columns = ", ".join(COLUMNS)
@@ -160,25 +162,28 @@ class Ledger:
         run_id: int,
         config_value: Any,
         arm_model: Mapping[str, Any] | None = None,
+        folder: str | None = None,
     ) -> int:
         """Offer ``value`` for ``name``; returns the result's number. Nothing changes until it is accepted.
 
-        ``arm_model`` names the model of the arm that the value was made with.
+        ``arm_model`` names the model of the arm that the value was made with. ``folder`` is the name of the
+        run folder whose ``result.json`` keeps ``result`` whole; the ledger then keeps a summary of it.
         """
         self._configured[name] = json.loads(to_json(config_value))
         with self._transaction() as db:
             cursor = db.execute(
                 "INSERT INTO calibrations"
-                " (name, state, value, result, run_id, config_value, proposed, arm_model)"
-                " VALUES (?, 'proposed', ?, ?, ?, ?, ?, ?)",
+                " (name, state, value, result, run_id, config_value, proposed, arm_model, folder)"
+                " VALUES (?, 'proposed', ?, ?, ?, ?, ?, ?, ?)",
                 (
                     name,
                     to_json(value),
-                    to_json(result),
+                    to_json(result if folder is None else summary(result)),
                     run_id,
                     to_json(config_value),
                     self._wall(),
                     to_json(arm_model),
+                    folder,
                 ),
             )
         assert cursor.lastrowid is not None
@@ -268,7 +273,7 @@ class Ledger:
             return Effective(row["value"], row["version"], conflict, row["id"], row["arm_model"])
 
     def in_effect(self, name: str) -> dict[str, Any] | None:
-        """The committed version with its full result document, None when there is none.
+        """The committed version with the summary of its result, None when there is none.
 
         ``edited`` says whether today's configured value, if this process told it, is not the one replaced.
         """
@@ -315,10 +320,10 @@ class Ledger:
         return str(rows[0]["job"]) if rows else None
 
     def results(self, name: str | None = None, limit: int = 100) -> list[dict[str, Any]]:
-        """Calibrations of every state, newest first, without the full result documents."""
+        """Calibrations of every state, newest first, without their results."""
         rows = self._rows(
             "SELECT id, name, state, version, value, run_id, config_value, proposed, decided, who, why,"
-            " arm_model"
+            " arm_model, folder"
             " FROM calibrations WHERE ? IS NULL OR name = ? ORDER BY id DESC LIMIT ?",
             name,
             name,
@@ -327,7 +332,7 @@ class Ledger:
         return [_decoded(row) for row in rows]
 
     def result(self, result_id: int) -> dict[str, Any]:
-        """One calibration with its full result document; ``NOT_FOUND``."""
+        """One calibration with the summary of its result; ``NOT_FOUND``. ``whole_result`` reads all of it."""
         return self._result(result_id)
 
     # -- audit, state, trends, items

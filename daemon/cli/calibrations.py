@@ -35,11 +35,13 @@ def results(
     damage: dict[str, Any] | None = None
     if paths.ledger.exists():
         from cell.store.ledger import Ledger
+        from cell.store.summary import whole_result
 
         ledger = Ledger(paths.ledger, read_only=True)
         try:
             if which is not None and which.isdecimal():
-                found = [ledger.result(int(which))]
+                row = ledger.result(int(which))
+                found = [{**row, "result": whole_result(row, paths.runs) or row["result"]}]
             else:
                 found = ledger.results(which)
             damage = ledger.damage()

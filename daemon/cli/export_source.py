@@ -114,6 +114,7 @@ def from_ledger(name: str, paths: CellPaths) -> Exported:
     if not paths.ledger.exists():
         raise error("NOT_FOUND", f"{name}: nothing is committed in this cell yet; {paths.ledger} is missing")
     from cell.store.ledger import Ledger
+    from cell.store.summary import whole_result
 
     ledger = Ledger(paths.ledger, read_only=True)
     try:
@@ -133,7 +134,12 @@ def from_ledger(name: str, paths: CellPaths) -> Exported:
     _require_own_arm(name, found["value"], config)
     decided = datetime.fromtimestamp(found["decided"] or found["proposed"], UTC)
     source = f"result {found['id']} of run {found['run_id']}, accepted by {found['who']}"
-    return _of(name, found["value"], found["result"] or {}, found["version"], decided, source)
+    result = whole_result(found, paths.runs) or found["result"]
+    if not result:
+        source += (
+            f"; the folder of run {found['run_id']} is gone, so its uncertainty and warnings are unknown"
+        )
+    return _of(name, found["value"], result or {}, found["version"], decided, source)
 
 
 def _require_own_arm(name: str, value: Any, config: Any) -> None:

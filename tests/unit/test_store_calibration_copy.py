@@ -1,6 +1,7 @@
 """Committed calibrations are kept twice, and come back when the ledger was damaged."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -10,8 +11,15 @@ import cell.store.ledger
 from cell.errors import CellError, error
 from cell.store.calibration_copy import FILE, read_copy
 from cell.store.ledger import Ledger
+from cell.store.summary import whole_result
 
 NAME = "T_flange_camera"
+REFERENCE_RESULT = {
+    "schema": "cellward.result/1",
+    "kind": "laser-reference",
+    "verdict": "pass",
+    "result": {"tau": 0.0081, "passes": [{"t": i * 1e-4, "q": [i * 1e-5] * 6} for i in range(5000)]},
+}
 
 
 def commit(ledger: Ledger, value: float) -> int:
@@ -84,7 +92,7 @@ def test_a_rollback_is_in_the_copy(folder: Path) -> None:
     subject = Ledger(folder / "ledger.sqlite")
     subject.rollback(NAME, "anna")
     subject.close()
-    assert [(row["version"], row["state"]) for row in read_copy(folder)] == [(1, "committed")]
+    assert [(row["version"], row["state"]) for row in read_copy(folder)[0]] == [(1, "committed")]
 
 
 def test_a_commit_that_cannot_be_copied_is_not_made(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -105,6 +113,61 @@ def test_a_copy_that_is_behind_an_intact_ledger_is_written_again(folder: Path) -
     (folder / FILE).write_text("{")
     Ledger(folder / "ledger.sqlite").close()
     assert json.loads((folder / FILE).read_text()) == before
+
+
+@pytest.fixture
+def with_reference(tmp_path: Path) -> Path:
+    """A cell with a committed calibration of half a megabyte, which is its run's answer."""
+    run = CellOnDisk(tmp_path).add_run(1, REFERENCE_RESULT, outcome="complete", verdict="pass")
+    folder = run.path.parent.parent
+    ledger = Ledger(folder / "ledger.sqlite")
+    value = REFERENCE_RESULT["result"]
+    ledger.accept(
+        ledger.propose("laser_reference.pin", value, REFERENCE_RESULT, 1, None, folder=run.path.name), "anna"
+    )
+    ledger.close()
+    return folder
+
+
+def test_a_value_of_megabytes_is_in_the_copy_by_its_run_folder_and_comes_back_exactly(
+    with_reference: Path,
+) -> None:
+    assert (with_reference / FILE).stat().st_size < 2000
+    damage(with_reference)
+    subject = Ledger(with_reference / "ledger.sqlite")
+    assert subject.damage() == {**(subject.damage() or {}), "why_not": None}
+    assert subject.effective("laser_reference.pin", None).value == REFERENCE_RESULT["result"]
+    row = subject.in_effect("laser_reference.pin")
+    assert row is not None
+    assert whole_result(row, with_reference / "runs") == REFERENCE_RESULT
+    subject.close()
+
+
+def test_a_value_whose_run_folder_is_gone_is_whole_in_the_copy_from_the_next_start_on(
+    with_reference: Path,
+) -> None:
+    shutil.rmtree(with_reference / "runs")
+    Ledger(with_reference / "ledger.sqlite").close()
+    damage(with_reference)
+    subject = Ledger(with_reference / "ledger.sqlite")
+    assert subject.effective("laser_reference.pin", None).value == REFERENCE_RESULT["result"]
+    subject.close()
+
+
+def test_a_value_that_was_edited_in_its_run_folder_does_not_come_back_and_is_named(
+    with_reference: Path,
+) -> None:
+    damage(with_reference)
+    ledger = with_reference / "ledger.sqlite"
+    path = next((with_reference / "runs").glob("*/result.json"))
+    path.write_text(path.read_text().replace("0.0005", "0.0006"))
+    subject = Ledger(ledger)
+    told = subject.damage()
+    assert told is not None
+    assert told["restored"] == {}
+    assert "laser_reference.pin version 1" in told["why_not"]
+    assert str(path) in told["why_not"]
+    subject.close()
 
 
 def test_results_tells_of_the_damage_and_what_came_back(

@@ -64,24 +64,36 @@ def test_a_version_notes_with_which_model_of_the_arm_it_was_made(subject: Ledger
     assert subject.effective(NAME, CONFIG).arm_model is None
 
 
-def test_a_ledger_from_before_models_were_noted_is_read_as_it_is_and_taken_over(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("version", "missing"), [(1, ("arm_model", "folder")), (2, ("folder",))], ids=["schema 1", "schema 2"]
+)
+def test_a_ledger_of_an_earlier_schema_is_read_as_it_is_and_taken_over(
+    tmp_path: Path, version: int, missing: tuple[str, ...]
+) -> None:
     path = tmp_path / "ledger.sqlite"
     old = Ledger(path)
+    old.start_run(1, "cone-capture", "20260101T000000Z_cone-capture_1", "anna", "control")
     old.accept(propose(old, 1.0), "test")
     old.close()
     database = sqlite3.connect(path)
-    database.executescript("ALTER TABLE calibrations DROP COLUMN arm_model; PRAGMA user_version = 1;")
+    for column in missing:
+        database.execute(f"ALTER TABLE calibrations DROP COLUMN {column}")
+    database.executescript(f"PRAGMA user_version = {version};")
     database.close()
     looking = Ledger(path, read_only=True)
-    assert [(row["name"], row["arm_model"]) for row in looking.results()] == [(NAME, None)]
+    assert [(row["name"], row["arm_model"], row["folder"]) for row in looking.results()] == [
+        (NAME, None, None)
+    ]
     assert looking.effective(NAME, CONFIG).version == 1
     looking.close()
     database = sqlite3.connect(path)
-    assert database.execute("PRAGMA user_version").fetchone()[0] == 1
+    assert database.execute("PRAGMA user_version").fetchone()[0] == version
     database.close()
     subject = Ledger(path)
     assert subject.aside is None
     assert subject.effective(NAME, CONFIG) == Effective([1.0, 0, 0, 0, 0, 0], 1, False, 1, None)
+    assert subject.result(1)["result"] == {"verdict": "pass"}
+    assert subject.result(1)["folder"] == "20260101T000000Z_cone-capture_1"
     subject.accept(subject.propose(NAME, CONFIG, {}, 1, CONFIG, {"name": "controller"}), "test")
     assert subject.effective(NAME, CONFIG).arm_model == {"name": "controller"}
     subject.close()
