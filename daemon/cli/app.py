@@ -2,7 +2,7 @@
 
 import typer
 
-from daemon.cli import audit, calibrations, check, demo, export, history, jobs, live, offline, setup
+from daemon.cli import audit, calibrations, check, demo, export, history, jobs, live, offline, prune, setup
 
 app = typer.Typer(
     name="cellward",
@@ -30,7 +30,15 @@ PANELS = {
         jobs.resume,
         jobs.reset,
     ),
-    "Runs": (history.runs, history.show, history.report, history.compare, history.replay, jobs.adopt),
+    "Runs": (
+        history.runs,
+        history.show,
+        history.report,
+        history.compare,
+        history.replay,
+        jobs.adopt,
+        prune.prune,
+    ),
     "Calibrations": (
         calibrations.results,
         calibrations.accept,

@@ -67,6 +67,16 @@ Joints = Annotated[list[float], Field(min_length=6, max_length=6)]
 Point = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
+class KeepSection(Section):
+    """What ``cellward prune`` keeps; nothing is removed unless somebody, or a timer, gives that command."""
+
+    runs: int | None = Field(default=None, ge=1, le=10_000_000, description="the newest runs that are kept")
+    age_days: float | None = Field(default=None, ge=0, le=36500, description="runs not older are kept")
+    size_gb: float | None = Field(
+        default=None, gt=0, le=1e6, description="of all run folders together, in 10^9 bytes"
+    )
+
+
 class CellSection(Section):
     """Who this cell is and where it keeps its state."""
 
@@ -87,6 +97,9 @@ class CellSection(Section):
         default=None,
         pattern=r"^[\w.]+:\w+$",
         description="another clock as package.module:Class; only for a twin",
+    )
+    keep: KeepSection | None = Field(
+        default=None, description="bounds that 'cellward prune' keeps to; without them it needs its options"
     )
 
 
