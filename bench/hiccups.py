@@ -158,7 +158,8 @@ class Bench:
         pids = self._pids(strike.process)
         moving = strike.process != "twin" and strike.pause_s >= LONG_S and self.cell.moving()
         for pid in pids:
-            os.kill(pid, signal.SIGSTOP)
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGSTOP)
         stopped = time.monotonic()
         try:
             while moving and time.monotonic() - stopped < strike.pause_s:

@@ -65,7 +65,12 @@ class ModbusInputs:
         self._link = ModbusLink(self.name, self._config.link, self._clock, self._disconnected)
         try:
             await self._link.connect()
-            self._identity = await identify(self._link, self._config.module, self._config.serial)
+            found = await identify(self._link, self._config.module, self._config.serial)
+            if self._identity is not None and self._identity.serial and not found.serial:
+                raise NoAnswer(
+                    "it told its serial number before, and now does not"
+                )  # a question went unheard
+            self._identity = found
             await self._first_poll()
         except NoAnswer as exc:
             unreachable = self._unreachable(exc)

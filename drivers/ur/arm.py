@@ -169,7 +169,8 @@ class UrArm:
     def check_movable(self) -> None:
         """Raise the coded error that forbids motion now (stale, safety, local mode, foreign program)."""
         self._require_link()
-        assert self._link is not None
+        if self._link is None:
+            raise error("DEVICE_LOST", f"{self.name} is still connecting")
         # What the kernel holds already is not silence, however late the loop comes to it.
         self._link.drain()
         self._require_link()

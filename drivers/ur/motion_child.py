@@ -177,7 +177,8 @@ class MotionChild:
 
     def _kick(self, control: Control) -> None:
         self._next_kick = time.monotonic() + KICK_PERIOD_S
-        self._tell_lapse()
+        if self._kicking:
+            self._tell_lapse()
         self._hear(0.0)  # beats that came during a long call count
         age = time.monotonic() - self._beat
         if age > BEAT_LIMIT_S:
@@ -189,6 +190,7 @@ class MotionChild:
             with self._limit.within(SERVO_CALL_LIMIT_S, "kick"):
                 # False means that the script is gone; kicking on would only fill the log.
                 self._kicking = control.kickWatchdog()
+            self._tell_lapse()  # the native call itself may have waited
             self._kicked = time.monotonic()
         if self._withheld and self._kicking:
             self._withheld = False
@@ -197,7 +199,7 @@ class MotionChild:
     def _tell_lapse(self) -> None:
         """Say when the kicks came so late that the controller's watchdog has ended our script."""
         now = time.monotonic()
-        if self._kicking and now - self._kicked > self._patience_s:
+        if now - self._kicked > self._patience_s:
             self._tell({"event": "lapsed", "since": self._kicked, "until": now})
 
     def _follow(self, control: Control, follower: Follower) -> None:
@@ -224,10 +226,11 @@ class MotionChild:
 
     def _send_setpoint(self, control: Control, q: list[float]) -> bool:
         lookahead, gain, _ = self._servo
+        with self._limit.within(SERVO_CALL_LIMIT_S, "servoJ"):
+            taken = control.servoJ(q, 0.0, 0.0, SERVO_PERIOD_S, lookahead, gain)
         self._tell_lapse()
         self._kicked = time.monotonic()  # a set-point is a kick
-        with self._limit.within(SERVO_CALL_LIMIT_S, "servoJ"):
-            return control.servoJ(q, 0.0, 0.0, SERVO_PERIOD_S, lookahead, gain)
+        return taken
 
     def _end_following(self, end: str) -> None:
         self._follower = None
@@ -248,7 +251,8 @@ class MotionChild:
 
     def _ping(self) -> bool:
         """For the daemon to know that we hear it, and that it was told of every lapse up to now."""
-        self._tell_lapse()
+        if self._kicking:
+            self._tell_lapse()
         return True
 
     def _tool(self, tcp: list[float], mass: float, cog: list[float]) -> list[float]:
