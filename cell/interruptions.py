@@ -61,13 +61,17 @@ class Resting(Protocol):
         ...
 
 
+async def _nobody_holds() -> None: ...
+
+
 @dataclass
 class Interruptions:
     """Takes the steps of one run.
 
     ``wait_devices`` returns when every device of the run is ready and fresh; ``paused`` tells for how long
     this process itself stood still at most since a time; ``note`` writes a journal line; ``told`` is called
-    when something changed. ``waiting`` is true from an interruption until the step begins again.
+    when something changed; ``released`` returns when nobody wants the run to hold. ``waiting`` is true from
+    an interruption until all is as it was left; ``taken_again`` holds the steps that were begun again then.
     """
 
     clock: Clock
@@ -75,6 +79,7 @@ class Interruptions:
     note: Callable[..., None]
     told: Callable[[], None] = lambda: None
     paused: Callable[[float], float] = lambda since: 0.0
+    released: Callable[[], Awaitable[None]] = _nobody_holds
     limits: InterruptionLimits = InterruptionLimits()
     arm: Resting | None = None  # while a lease holds it
     taken_again: list[dict[str, Any]] = field(default_factory=list)
@@ -82,6 +87,7 @@ class Interruptions:
     _step: asyncio.Task[Any] | None = None
     _cause: CellError | None = None
     _in_a_row: int = 0
+    _in_all: int = 0
 
     async def step(self, what: str, work: Callable[[], Awaitable[R]]) -> R:
         """Do ``work``, and again after a short silence; ``what`` names it in the journal.
@@ -95,13 +101,19 @@ class Interruptions:
             began = self.clock.now()
             try:
                 result = await self._take(work)
-            except CellError as cause:
-                if cause.name not in SILENCES:
-                    raise
-                await self._recover(what, cause, began)
+            except CellError as failure:
+                cause: CellError | None = failure
             else:
                 self._in_a_row = 0
                 return result
+            while cause is not None:
+                if cause.name not in SILENCES:
+                    raise cause
+                cause = await self._recover(what, cause, began)
+
+    def part_done(self) -> None:
+        """A part of a long step is done for good: an interruption of the next part begins a new row."""
+        self._in_a_row = 0
 
     def bridges(self, fault: Exception) -> bool:
         """Whether a run may go on when a device that was lost with ``fault`` comes back in time."""
@@ -130,15 +142,18 @@ class Interruptions:
             raise self._cause
         return step.result()
 
-    async def _recover(self, what: str, cause: CellError, began: float) -> None:
-        """Stop, wait for the devices, see that all is as it was left; else ``cause`` ends the run."""
+    async def _recover(self, what: str, cause: CellError, began: float) -> CellError | None:
+        """Stop, wait for the devices, see that all is as it was left; else ``cause`` ends the run.
+
+        Returns what interrupted this as well, if anything did: the next one in a row.
+        """
         struck = self.clock.now()
         if self._spent(1):
             self.note("error", event="interrupted too often", step=what, **cause.as_dict())
             raise cause
         self._in_a_row += 1
+        self._in_all += 1
         entry = {"step": what, "cause": cause.name, "why": str(cause), "after_s": round(struck - began, 3)}
-        self.taken_again.append(entry)
         self.waiting = True
         self.note("device", event="interrupted", **entry)
         self.told()
@@ -150,11 +165,18 @@ class Interruptions:
                 raise cause
             if self.arm is not None:
                 await self.arm.take_up()
+        except CellError as anew:
+            if anew is cause:
+                raise
+            return anew
         finally:
-            entry["lost_s"] = round(self.clock.now() - struck, 3)
             self.waiting = False
+        entry["lost_s"] = round(self.clock.now() - struck, 3)
+        self.taken_again.append(entry)
         self.note("decision", event="step taken again", step=what, lost_s=entry["lost_s"])
         self.told()
+        await self.released()
+        return None
 
     async def _devices_back(self, cause: CellError) -> None:
         # Whoever watches the devices ends the run first, by the name of what was lost.
@@ -166,7 +188,7 @@ class Interruptions:
 
     def _spent(self, more: int) -> bool:
         limits = self.limits
-        return self._in_a_row + more >= limits.in_a_row or len(self.taken_again) + more >= limits.in_all
+        return self._in_a_row + more >= limits.in_a_row or self._in_all + more >= limits.in_all
 
 
 async def _ended(step: asyncio.Task[Any]) -> None:

@@ -37,7 +37,9 @@ class Guard(Protocol):
     """
 
     def check_path_joints(self, q0: Array, q1: Array) -> None: ...
-    def check_path_linear(self, T0: RigidTransform, T1: RigidTransform, q0: Array) -> None: ...
+    def check_path_linear(
+        self, T0: RigidTransform, T1: RigidTransform, q0: Array, speed_m_s: float | None = None
+    ) -> None: ...
     def check_setpoints(self, Q: Array, Qd: Array) -> None: ...
 
 
@@ -248,7 +250,8 @@ class MotionLease:
 
     async def _move_linear(self, T_base_flange: RigidTransform, speed: Speed) -> None:
         start = await self._movable_state()
-        await asyncio.to_thread(self._guard.check_path_linear, start.T_base_flange, T_base_flange, start.q)
+        line = start.T_base_flange, T_base_flange, start.q, speed.tcp_m_s
+        await asyncio.to_thread(self._guard.check_path_linear, *line)
         self._recorder.note("motion", event="move_linear", to=[float(v) for v in T_base_flange.translation])
         await self._live_port().move_linear(T_base_flange, speed)
 
@@ -288,10 +291,17 @@ class MotionLease:
     # -- after a short silence
 
     async def rest(self) -> None:
-        """The first step of the stop ladder, at once; :meth:`take_up` waits for the measured standstill."""
+        """The first step of the stop ladder, at once; :meth:`take_up` waits for the measured standstill.
+
+        Where that fails the motion client ends, so that the controller's watchdog stops the arm: it must not
+        go on to its target unseen.
+        """
         self._left = self._arm.state.last()
-        if self._port is not None:
-            await self._attempt("decelerate", self._port.decelerate, 0.5)
+        if (port := self._port) is None:
+            return
+        if not await self._attempt("decelerate", port.decelerate, 0.5):
+            self._port = None
+            await self._attempt("close", port.close, 3.0)
 
     async def take_up(self) -> None:
         """Go on after an interruption: the arm rests where it was left, and nobody else has it.
@@ -301,6 +311,7 @@ class MotionLease:
         :meth:`~cell.devices.Arm.open_motion`.
         """
         if not await measured_standstill(self._arm, TAKE_UP_REST_S):
+            self._arm.state.latest(MAX_STATE_AGE_S)  # an arm that is silent again is another interruption
             raise error("MOTION_NOT_STOPPED", f"{self._arm.name} after a short silence")
         here = self._arm.state.latest(MAX_STATE_AGE_S).value.q
         self._require_not_carried(here)
@@ -404,13 +415,15 @@ class MotionLease:
         newest = self._arm.state.last()
         return newest is not None and not newest.value.program_running
 
-    async def _attempt(self, name: str, action: Callable[[], Awaitable[None]], budget: float) -> None:
-        """One step with a deadline; its failure is noted and the next step follows."""
+    async def _attempt(self, name: str, action: Callable[[], Awaitable[None]], budget: float) -> bool:
+        """One step with a deadline; its failure is noted and the next step follows. Whether it succeeded."""
         try:
             async with asyncio.timeout(budget):
                 await action()
         except Exception as exc:
             self._note("motion", event="step failed", step=name, why=f"{type(exc).__name__}: {exc}")
+            return False
+        return True
 
     def _note(self, kind: str, **fields: Any) -> None:
         """A line about stopping; a disk that takes none must not keep the next step from being taken."""

@@ -19,6 +19,7 @@ from pydantic import BaseModel
 from cell.clock import Clock
 from cell.devices import (
     Arm,
+    ArmState,
     DepthCamera,
     Device,
     DigitalInputs,
@@ -34,6 +35,8 @@ from cell.motion import MotionLease
 from cell.traces import Trace
 
 R = TypeVar("R")
+
+FRESH_S = 0.1  # an arm's state that tells where it stands now
 
 
 class PackML(IntEnum):
@@ -200,6 +203,7 @@ class Run:
         self.live: dict[str, float] = {}  # numbers of now, by the names of registers
         self.traces: dict[str, Trace] = {}
         self._notebook, self._publish = notebook, publish
+        self._devices: dict[str, Device] = {}
         self.picks_wanted = True  # no item is begun while they are not
         self._finish = False
         self._hold_wanted = False
@@ -210,22 +214,36 @@ class Run:
 
     # -- what a procedure calls
 
-    async def take_step(self, what: str, work: Callable[[], Awaitable[R]]) -> R:
+    async def take_step(self, what: str, work: Callable[[], Awaitable[R]], *, measures: bool = True) -> R:
         """Do ``work``, which can be taken again from wherever the arm was stopped, with all it measures.
 
-        After a short silence of a device it is: the job is then in the state in which the step began. What
-        was measured across a gap in the arm's state counts as interrupted. ``what`` names the step in the
-        journal and in the result.
+        After a short silence of a device it is: the job is then in the state in which the step began. One
+        that ``measures`` counts as interrupted by a gap in the arm's state, too; and when it began at a
+        checkpoint and somebody asked to finish meanwhile, it is not taken again. ``what`` names the step in
+        the journal and in the result.
         """
-        state = self.state
+        state, taken = self.state, False
 
         async def again() -> R:
+            nonlocal taken
             self.state, began = state, self.clock.now()
+            if taken and measures and self._finish and state in self.procedure.CHECKPOINTS:
+                raise FinishRequested
+            taken = True
             result = await work()
-            self._require_unbroken(began)
+            if measures:
+                self._require_unbroken(began)
             return result
 
         return await self.steps_taken.step(what, again)
+
+    async def arm_state(self) -> ArmState:
+        """The arm's state of now; a short silence of it is waited out."""
+
+        async def look() -> ArmState:
+            return self.arm().state.latest(FRESH_S).value
+
+        return await self.take_step("look at the arm", look)
 
     async def enter(self, state: StrEnum, why: str = "", **fields: Any) -> None:
         """Take the transition to ``state``: checked, written to the journal, published; the pause gate."""
@@ -310,7 +328,7 @@ class Run:
 
     def arm(self) -> Arm:
         """The arm of this cell; its flange poses are those of the model that the run works with."""
-        return self.as_modelled(self.cell.device("arm"))  # type: ignore[arg-type]
+        return self.as_modelled(self._device("arm"))  # type: ignore[arg-type]
 
     def as_modelled(self, arm: Arm) -> Arm:
         """``arm`` with flange poses of the model that the run works with."""
@@ -318,27 +336,33 @@ class Run:
 
     def camera(self, role: str) -> DepthCamera:
         """The camera that plays ``role``."""
-        return self.cell.device(role)  # type: ignore[return-value]
+        return self._device(role)  # type: ignore[return-value]
 
     def inputs(self, role: str) -> DigitalInputs:
         """The group of digital inputs that plays ``role``."""
-        return self.cell.device(role)  # type: ignore[return-value]
+        return self._device(role)  # type: ignore[return-value]
 
     def tracker(self) -> LaserTracker:
         """The laser tracker of this cell."""
-        return self.cell.device("tracker")  # type: ignore[return-value]
+        return self._device("tracker")  # type: ignore[return-value]
 
     def observed_arm(self) -> ObservedArm:
         """The arm that this cell reads but does not move."""
-        return self.cell.device("observed_arm")  # type: ignore[return-value]
+        return self._device("observed_arm")  # type: ignore[return-value]
 
     def encoder(self) -> Encoder:
         """The belt's encoder."""
-        return self.cell.device("belt")  # type: ignore[return-value]
+        return self._device("belt")  # type: ignore[return-value]
 
     def gripper(self) -> Gripper:
         """The gripper on the arm."""
-        return self.cell.device("gripper")  # type: ignore[return-value]
+        return self._device("gripper")  # type: ignore[return-value]
+
+    def _device(self, role: str) -> Device:
+        """Ready when it is asked for first; silent later, it says so itself where it is used."""
+        if role not in self._devices:
+            self._devices[role] = self.cell.device(role)
+        return self._devices[role]
 
     def motion(self, tool: Mapping[str, Any] | None = None) -> AbstractAsyncContextManager[MotionLease]:
         """``async with run.motion() as lease``: the only way to move.
@@ -390,14 +414,18 @@ class Run:
         self.note("state", packml=state.name)
         self._publish()
 
-    async def _gate(self) -> None:
-        if self._finish:
-            raise FinishRequested
+    async def released(self) -> None:
+        """Held, with the arm at rest, for as long as somebody wants that."""
         if not self._hold_wanted:
             return
         self._set_packml(PackML.HELD)
         await self._released.wait()
         self._set_packml(PackML.UNHOLDING)
+        self._set_packml(PackML.EXECUTE)
+
+    async def _gate(self) -> None:
         if self._finish:
             raise FinishRequested
-        self._set_packml(PackML.EXECUTE)
+        await self.released()
+        if self._finish:
+            raise FinishRequested

@@ -53,6 +53,7 @@ class CellContext:
             run.note,
             run.show_interruption,
             self.paused_since,
+            run.released,
         )
 
     def motion(

@@ -8,13 +8,14 @@ import asyncio
 from collections import deque
 from collections.abc import Mapping
 from enum import StrEnum
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
 from cell.calibrations import belt_scale
 from cell.devices import EncoderState, Frame
-from cell.errors import error
+from cell.errors import CellError, error
 from cell.poses import from_pose6, to_pose6
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
 from cell.samples import Sample
@@ -170,7 +171,7 @@ class _Session:
         """Until enough was seen over a way that is long enough, or patience ends."""
         run, config, camera = self.run, self.config, self.run.camera(CAMERA)
         assert self.sight is not None
-        await camera.set_items(self.sight.spec())
+        await run.take_step("prepare the camera", partial(camera.set_items, self.sight.spec()))
         try:
             await run.enter(S.WATCH)
             waited_since = run.clock.now()
@@ -261,8 +262,12 @@ class _Session:
             await self._keep()
 
     async def _take_touch(self) -> str:
-        """Note the touch once arm and belt stand; what did not, when they do not."""
+        """Note the touch once arm and belt stand; what did not, when they do not.
+
+        A short silence of one of them is waited out.
+        """
         run, arm = self.run, self.run.arm()
+        silent_until = run.clock.now() + run.steps_taken.limits.until_lost_s
         until = run.clock.now() + STILL_TIMEOUT_S
         moving = "arm"
         while run.clock.now() < until:
@@ -270,8 +275,14 @@ class _Session:
             now = run.clock.now()
             states = [s.value for s in arm.state.between(now - STILL_S, now)]
             counts = [s.value.count for s in self.encoder.counts.between(now - STILL_S, now)]
-            arm.state.latest(STILL_S)
-            self.encoder.counts.latest(STILL_S)
+            try:
+                arm.state.latest(STILL_S)
+                self.encoder.counts.latest(STILL_S)
+            except CellError:
+                if now > silent_until:
+                    raise
+                until = now + STILL_TIMEOUT_S
+                continue
             if not all(state.at_rest for state in states):
                 moving = "arm"
             elif max(counts) - min(counts) > STILL_COUNTS:

@@ -382,6 +382,7 @@ class Picker:
             return True
         if self._item is not None:
             await self._end_item(Outcome.PICKED)
+            self._run.steps_taken.part_done()
         self._phase = self._leave_place
         return True
 

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar
 
@@ -31,7 +32,9 @@ from procedures.kinematics_in_use import require_same_model
 S = PickState
 CAMERA = "fixed_camera"
 LOOK_S = 0.05  # between looks at a belt that stands
+HELD_S = 0.5  # age of what the gripper says
 UPRIGHT_RAD = 0.02  # that the tool may lean at the poses
+RISE_M_S = 0.25  # from anywhere in the zone, after an interruption: at full speed a joint may turn too fast
 
 
 class BeltTracking(Procedure):
@@ -78,7 +81,7 @@ class BeltTracking(Procedure):
 
     async def _watched(self, run: Run, picking: "_Picking") -> None:
         with picking.watch:
-            await picking.camera.set_items(picking.sight.spec())
+            await run.take_step("prepare the camera", picking.look_for_items)
             try:
                 try:
                     with suppress(FinishRequested):
@@ -134,16 +137,27 @@ class _Picking:
 
     async def go(self) -> None:
         """Lease after lease: a belt that stands is waited for without one."""
-        run, gripper = self.run, self.run.gripper()
-        if gripper.holding(0.5):
-            raise error("GRIPPER_HOLDS", gripper.name)
+        run = self.run
+        await run.take_step("look at the gripper", self._require_empty)
         while True:
             async with run.motion() as lease:
-                if not await gripper.release(self.config.grip_timeout_s):
-                    raise error("GRIPPER_STUCK", GRIPPER_STUCK)
-                if not await run.take_step("picking", partial(self._pick_from_rest, lease)):
+                await run.take_step("open the gripper", self._open_gripper)
+                if not await run.take_step("picking", partial(self._pick_from_rest, lease), measures=False):
                     return
             await self._wait_for_belt()
+
+    async def look_for_items(self) -> None:
+        """From now on the camera does."""
+        await self.camera.set_items(self.sight.spec())
+
+    async def _require_empty(self) -> None:
+        gripper = self.run.gripper()
+        if gripper.holding(HELD_S):
+            raise error("GRIPPER_HOLDS", gripper.name)
+
+    async def _open_gripper(self) -> None:
+        if not await self.run.gripper().release(self.config.grip_timeout_s):
+            raise error("GRIPPER_STUCK", GRIPPER_STUCK)
 
     async def _pick_from_rest(self, lease: MotionLease) -> bool:
         """From wherever the arm stands; see :meth:`_pick`."""
@@ -156,16 +170,18 @@ class _Picking:
         return await self._pick(lease)
 
     async def _clear_hands(self, lease: MotionLease) -> None:
-        """After an interruption: straight up first, and what the gripper holds is put down at the place."""
+        """After an interruption: straight up first, and what the gripper holds is put down at the place.
+
+        Fingers that closed on nothing are opened as well, or they would be closed when they meet an item.
+        """
         here = self.arm.state.latest(0.1).value.T_base_flange
         rise = float(self.model.forward(self.q_wait).translation[2] - here.translation[2])
         if rise > 0.0:
-            await lease.move_linear(RigidTransform.from_translation([0.0, 0.0, rise]) * here)
-        gripper = self.run.gripper()
-        if gripper.holding(0.5):
+            slow = replace(speed := lease_settings(self.run.values)[2], tcp_m_s=min(speed.tcp_m_s, RISE_M_S))
+            await lease.move_linear(RigidTransform.from_translation([0.0, 0.0, rise]) * here, slow)
+        if self.run.gripper().holding(HELD_S):
             await lease.move_joints(self.q_place)
-            if not await gripper.release(self.config.grip_timeout_s):
-                raise error("GRIPPER_STUCK", GRIPPER_STUCK)
+        await self._open_gripper()
 
     async def _pick(self, lease: MotionLease) -> bool:
         """Stream until the belt stands (True) or enough is picked (False); pauses end in READY."""

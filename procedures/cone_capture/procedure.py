@@ -139,7 +139,7 @@ class _Capture:
     async def take_all(self) -> None:
         run, config = self.run, self.config
         await run.enter(S.PREPARE)
-        await self.camera.set_target(self.target)
+        await run.take_step("prepare the camera", partial(self.camera.set_target, self.target))
         await self._begin_record()
         self._show_progress()
         interrupted = self.record.unfinished_placement()
@@ -176,10 +176,10 @@ class _Capture:
                 return
             if self.calibration is None:
                 await self._search(lease, frame)
-                frame = await self.seek()
+                frame = await run.take_step("look for the board", self.seek)
             if not resumed:
                 assert self.start_q is not None
-                board = self._view(frame).board()
+                board = (await self._view(frame)).board()
                 await asyncio.to_thread(self.record.begin_placement, group, self.start_q.tolist(), board)
             self._seen_before = frame.board
             await run.enter(S.PLAN)
@@ -203,15 +203,19 @@ class _Capture:
                 f"pose {pose.index + 1} of placement {group + 1}",
                 partial(self._visit, lease, group, pose),
             )
-            if taken is None:
+            if isinstance(taken, RefusedError):
                 continue
             lost = 0 if taken else lost + 1
             if lost >= LOST_IN_A_ROW:
                 raise error("BOARD_NOT_SEEN", f"at {lost} poses in a row, last pose {pose.index + 1}")
-            self._show_progress()
+            if taken:
+                await self._keep(taken)
 
-    async def _visit(self, lease: MotionLease, group: int, pose: Visit) -> bool | None:
-        """Go to a pose and measure there. None when the guard keeps the arm from it, False when it failed."""
+    async def _visit(
+        self, lease: MotionLease, group: int, pose: Visit
+    ) -> dict[str, Any] | RefusedError | None:
+        """Go to a pose and measure there: its observation, why the guard keeps the arm from it, or None when
+        it failed."""
         run = self.run
         await run.enter(S.MOVE, f"pose {pose.index + 1} of placement {group + 1}", pose=pose.index)
         try:
@@ -220,11 +224,11 @@ class _Capture:
             if refusal.name not in ("MOTION_LIMIT", "MOTION_COLLISION", "MOTION_UNREACHABLE"):
                 raise
             run.note("decision", event="pose skipped", pose=pose.index, why=str(refusal))
-            return None
+            return refusal
         return await self._take_pose(group, pose.index)
 
-    async def _take_pose(self, group: int, pose_index: int) -> bool:
-        """Settle and measure one pose, again where it fails; False when it had to be given up."""
+    async def _take_pose(self, group: int, pose_index: int) -> dict[str, Any] | None:
+        """Settle and measure one pose, again where it fails; None when it had to be given up."""
         run, config = self.run, self.config
         why: str | None = None
         for attempt in range(config.retries_per_pose + 1):
@@ -248,13 +252,18 @@ class _Capture:
                     observation_entry, index, group, run.folder, usable, states, self.points
                 )
                 entry["planned"] = pose_index
-                await asyncio.to_thread(self.record.add_pose, entry)
-                run.note("decision", event="pose taken", pose=pose_index, index=index, frames=len(usable))
                 self._seen_before = usable[-1].board
-                return True
+                return entry
             run.note("decision", event="pose failed", pose=pose_index, attempt=attempt + 1, why=why)
         run.note("decision", event="pose skipped", pose=pose_index, why=why)
-        return False
+        return None
+
+    async def _keep(self, entry: dict[str, Any]) -> None:
+        """On disk only once the step is over: one that was touched by a silence is taken again."""
+        await asyncio.to_thread(self.record.add_pose, entry)
+        about = {"pose": entry["planned"], "index": entry["index"], "frames": len(entry["frames"])}
+        self.run.note("decision", event="pose taken", **about)
+        self._show_progress()
 
     async def seek(self) -> Frame:
         """A fresh frame that shows the board, with the arm at rest; ``BOARD_NOT_SEEN`` after a time."""
@@ -283,7 +292,7 @@ class _Capture:
             values=dict(self.run.values),
             target=self.target,
             calibration=self.calibration,
-            view=self._view(frame),
+            view=await self._view(frame),
             poses=self.config.poses_per_placement,
             min_poses=self.config.min_poses_per_placement,
             cone_half_angle_rad=self.config.cone_half_angle_rad,
@@ -297,9 +306,9 @@ class _Capture:
         """Six small checked moves find a first X when no nominal one is configured."""
         run = self.run
         await run.enter(S.SEARCH, "no nominal pose is configured: six small moves find it")
-        start = self.arm.state.latest(0.1).value
-        moves = await run.worker.call(plan_search, dict(run.values), self._view(frame))
-        views = [self._view(frame)]
+        start, view = await run.arm_state(), await self._view(frame)
+        moves = await run.worker.call(plan_search, dict(run.values), view)
+        views = [view]
         for i, q in enumerate(moves):
             await run.enter(S.MOVE, f"search move {i + 1} of {len(moves)}")
             await lease.move_joints(np.array(q))
@@ -307,7 +316,7 @@ class _Capture:
             await run.clock.sleep(self.config.settle_s)
             await run.enter(S.CAPTURE)
             with suppress(AbortError):  # a search move may lose the board
-                views.append(self._view(await self.seek()))
+                views.append(await self._view(await self.seek()))
         await run.enter(S.SEARCH, f"{len(views)} views")
         await lease.move_joints(start.q)
         self.calibration = await run.worker.call(refine_calibration, self.config.setup, self.target, views)
@@ -337,7 +346,7 @@ class _Capture:
         elif self.config.start_pose is not None:
             self.start_q = np.array(self.run.values["poses"][self.config.start_pose])
         elif self.start_q is None:
-            self.start_q = self.arm.state.latest(0.1).value.q
+            self.start_q = (await self.run.arm_state()).q
         await self.run.enter(S.START_POSE)
         await lease.move_joints(self.start_q)
 
@@ -364,8 +373,8 @@ class _Capture:
             await self.run.clock.sleep(0.02)
         return sample.value
 
-    def _view(self, frame: Frame) -> View:
-        state = self.arm.state.latest(0.1).value
+    async def _view(self, frame: Frame) -> View:
+        state = await self.run.arm_state()
         assert frame.board is not None
         return View(
             q=[float(v) for v in state.q],

@@ -57,17 +57,14 @@ class Session:
         """The plan as it would be now; nothing moves."""
         run = self.run
         values = {k: v for k, v in run.values.items() if k != "laser_reference"}
-        q_start = [float(v) for v in self.arm.state.latest(0.1).value.q]
+        q_start = [float(v) for v in (await run.arm_state()).q]
         return await run.worker.call(plan_iso, values, self.config.model_dump(), q_start)
 
     async def take_all(self) -> None:
         """All arrivals; after a finish those that there were by then."""
         run, config = self.run, self.config
         await run.enter(S.PREPARE)
-        serials = {
-            "arm": (await self.arm.identify()).serial,
-            "tracker": (await self.eye.tracker.identify()).serial,
-        }
+        serials = await run.take_step("ask who the devices are", self._serials)
         require_same_devices(kinematics_of(run.values, config), config, serials)
         await run.enter(S.PLAN)
         plan = await self.plan()
@@ -88,6 +85,12 @@ class Session:
                     run.progress(number, len(route))
                     await self._arrive(lease, self.stations[name], cycle)
                 run.progress(len(route), len(route))
+
+    async def _serials(self) -> dict[str, str]:
+        return {
+            "arm": (await self.arm.identify()).serial,
+            "tracker": (await self.eye.tracker.identify()).serial,
+        }
 
     async def _arrive(self, lease: MotionLease, station: Station, cycle: int) -> None:
         """Go there, measure, and keep it; an arrival that cannot be measured is told and left out."""

@@ -16,7 +16,7 @@ from procedures.laser.config import BEAMS, Search
 from procedures.laser.path import course
 from procedures.laser.plan import PlanRequest, note_plan, plan_scan
 from procedures.laser.record import PassRecord
-from procedures.laser.scan import FRESH_S, Scan
+from procedures.laser.scan import Scan
 
 SPEEDS = ("search_speed_m_s", "measure_speed_m_s")
 
@@ -55,13 +55,13 @@ class Measurement:
 
     async def plan(self, tool: Mapping[str, Any] | None = None) -> dict[str, Any]:
         """Every move with the guard's findings, with ``tool`` instead of the run's; nothing moves."""
-        return await self.run.worker.call(plan_scan, self.request(tool))
+        return await self.run.worker.call(plan_scan, await self.request(tool))
 
-    def request(self, tool: Mapping[str, Any] | None = None) -> PlanRequest:
+    async def request(self, tool: Mapping[str, Any] | None = None) -> PlanRequest:
         """What a plan is made from: this geometry, and where the arm stands now."""
         values = {k: v for k, v in self.run.values.items() if k != "laser_reference"}  # it has all its passes
         values["tool"] = dict(tool or values["tool"])
-        q = self.run.arm().state.latest(FRESH_S).value.q
+        q = (await self.run.arm_state()).q
         return PlanRequest(
             values, self.search.model_dump(), self.p_ref, self.places, q.tolist(), self.retract_pose
         )

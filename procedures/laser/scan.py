@@ -23,7 +23,6 @@ from procedures.laser.states import ScanState as S
 from procedures.laser.sweep import POLL_TIMEOUT_S, Sweeper, Way
 
 SAME_M = 1e-6
-FRESH_S = 0.1
 GOLDEN = 0.6180339887498949  # multiples of it, modulo 1, are spread evenly however many they are
 
 
@@ -270,7 +269,6 @@ class Scan:
 
 async def leave_fixture(run: Run, lease: MotionLease, course: Course) -> None:
     """Straight up first when the tool stands between the sensors."""
-    state = run.arm().state.latest(FRESH_S).value
-    if (above := way_out(course, state.T_base_flange)) is not None:
+    if (above := way_out(course, (await run.arm_state()).T_base_flange)) is not None:
         run.note("decision", event="lifted first", why="the tool stood between the sensors")
         await lease.move_linear(above)

@@ -65,7 +65,7 @@ class Beams:
     async def plan(self) -> dict[str, Any]:
         """Every move, held against the guard with a longer tool; nothing moves."""
         times = len(self.config.speeds_m_s) * self.config.passes
-        request = self.measurement.request()
+        request = await self.measurement.request()
         return await self.run.worker.call(plan_crossings, request, self.config.beam, self.depth, times)
 
     async def check(self) -> None:

@@ -111,7 +111,7 @@ class WatchedArm:
             with suppress(CellError):  # what failed first is the reason
                 await self._take_back()
             raise
-        await self._take_back()
+        await self._run.take_step("take the request back", self._take_back)
 
     async def _take_back(self) -> None:
         if self._number:

@@ -78,12 +78,7 @@ class Sampling:
     async def _take_all(self) -> None:
         run, config = self.run, self.config
         await run.enter(S.PREPARE)
-        self.serials = {
-            role: (await run.cell.device(device).identify()).serial
-            for role, device in (("arm", config.arm), ("tracker", "tracker"))
-        }
-        for name in (*config.reflectors, *config.monuments):
-            await self.eye.tracker.select(name)  # one that it does not know shall not show after an hour
+        self.serials = await run.take_step("ask who the devices are", self._ask_devices)
         if await self._begin_record():
             await self.look_at_monuments()
             plan = await self._plan()
@@ -105,6 +100,24 @@ class Sampling:
                 await self._mount(batch[0].reflector)
                 await self._take_batch(batch, give_up=False)
 
+    async def _ask_devices(self) -> dict[str, str]:
+        """Their serials; a reflector that the tracker does not know shall not show after an hour."""
+        config = self.config
+        for name in (*config.reflectors, *config.monuments):
+            await self.eye.tracker.select(name)
+        return {
+            role: (await self.run.cell.device(device).identify()).serial
+            for role, device in (("arm", config.arm), ("tracker", "tracker"))
+        }
+
+    async def _joints(self) -> Array:
+        """(j,): the arm's joints as they are; a short silence is waited out."""
+
+        async def look() -> Array:
+            return self.arm.now()
+
+        return await self.run.take_step("look at the arm", look)
+
     async def plan(self) -> SamplingPlan:
         """The plan as it would be now; nothing moves."""
         stored = await self._stored_set()
@@ -114,7 +127,7 @@ class Sampling:
             config=self.config.model_dump(),
             noise=self.noise,
             T_base_tracker=self.place.T_base_tracker,
-            q_start=[float(v) for v in self.arm.now()],
+            q_start=[float(v) for v in await self._joints()],
             measured=measured_entries(self.record.samples),
             stored=[] if stored is None else stored.entries(),
         )
@@ -232,7 +245,7 @@ class Sampling:
         """``TRACKER_MOVED`` when one is not where the first look saw it."""
         if self.config.swap_by_operator:
             self._mounted = None
-        await self.watch.look(self._registration, self.place.monuments_hidden(self.arm.now()))
+        await self.watch.look(self._registration, self.place.monuments_hidden(await self._joints()))
         if self._stored is not None:
             self._stored.require_same_stand(first_seen(self.record.looks), self.config.max_drift_m)
 

@@ -59,7 +59,7 @@ KINDS = [
     kind("arm", "script-death", "ARM_SCRIPT_DIED", WITH_LEASE),
     kind("arm", "child-crash", "CHILD_DIED", WITH_LEASE),
     short("arm", "watchdog", IN_MOTION),
-    kind("belt", "drop", "DEVICE_LOST", EVERYWHERE),
+    short("belt", "drop", EVERYWHERE),  # where items lie is not known any more, and they count as lost
 ]
 BORNE = [  # the job goes on
     kind("belt", "wrap", "", set(), before=20),

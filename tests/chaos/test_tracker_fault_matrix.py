@@ -65,8 +65,9 @@ SHARE = 2
 def shares(kinds: Sequence[Kind], moments: Sequence[str]) -> list[list[str]]:
     """Moments for each kind, among those at which it can be felt: those that fewest kinds have met so far."""
     met, out = dict.fromkeys(moments, 0), []
-    for fault in sorted(kinds, key=lambda k: len(k.felt)):
-        share = sorted((m for m in moments if m in fault.felt), key=lambda m: met[m])[:SHARE]
+    for fault in sorted(kinds, key=lambda k: len(k.felt | k.bridged)):
+        possible = (m for m in moments if m in fault.felt | fault.bridged)
+        share = sorted(possible, key=lambda m: met[m])[:SHARE]
         for moment in share:
             met[moment] += 1
         out.append((kinds.index(fault), share))
