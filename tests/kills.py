@@ -34,7 +34,7 @@ def kill_the_vision_child(cell: WireCell) -> None:
 
 
 def controller_goes_away(cell: WireCell) -> None:
-    cell.inject("arm", "drop")
+    cell.inject("arm", "refuse")  # for longer than a run waits
 
 
 KINDS: dict[str, Callable[[WireCell], None]] = {
@@ -70,6 +70,8 @@ def survive(cell: WireCell, kind: str, moment_s: float = 0.0, after_poses: int =
         end = cell.wait_for_end(20.0)
         assert end["outcome"] == "aborted", end
         assert end["error"]["name"] in EXPECTED[kind], end
+        if kind == "controller-away":
+            cell.inject("arm", "clear")
     cell.stays_at_rest(AFTER_RESTART_S)
     assert [p["index"] for p in cell.finished_poses(run_id)][: len(finished)] == [
         p["index"] for p in finished

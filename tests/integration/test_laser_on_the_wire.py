@@ -84,10 +84,10 @@ def test_a_bent_tool_is_measured_proposed_accepted_and_meets_the_reference_in_th
 
 
 @pytest.mark.restarts_children
-def test_a_module_that_reboots_in_mid_pass_ends_the_run_with_the_arm_at_rest(cell: WireCell) -> None:
+def test_a_module_that_is_away_for_long_in_mid_pass_ends_the_run_with_the_arm_at_rest(cell: WireCell) -> None:
     run_id = cell.start_job("laser-check")
     wait_for(lambda: cell.status()["state"] == "return", "the way back of a pass", 60.0)
-    cell.inject("beams", "reboot")
+    cell.inject("beams", "reboot", boot_s=8.0)
     end = cell.wait_for_end(60.0)
     assert end["run_id"] == run_id
     assert end["outcome"] == "aborted"
