@@ -23,7 +23,7 @@ class NotingControl:
         self.calls: list[tuple[str, tuple[Any, ...]]] = []
         self.connected = True
         self.refuse: set[str] = set()
-        self.slow_s = 0.0
+        self.slow_s = self.slow_kick_s = 0.0
 
     def isConnected(self) -> bool:
         return self.connected
@@ -36,6 +36,8 @@ class NotingControl:
             self.calls.append((name, (*args, *kwargs.values())))
             if name == "setWatchdog":
                 time.sleep(self.slow_s)
+            if name == "kickWatchdog":
+                time.sleep(self.slow_kick_s)
             return name not in self.refuse
 
         return noted
@@ -81,11 +83,16 @@ class Daemon:
                     return message
             self.unread += self._unframer.feed(self.pipe.recv(65536))
 
-    def beating(self, seconds: float) -> None:
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
+    def beating(self, seconds: float) -> float:
+        """Beat for so long; returns the longest time between two beats, as a PC that pauses makes it."""
+        last = time.monotonic()
+        end, longest = last + seconds, 0.0
+        while last < end:
             self.beat()
             time.sleep(0.01)
+            now = time.monotonic()
+            last, longest = now, max(longest, now - last)
+        return longest
 
     def open(self) -> None:
         assert self.ask("open", **_OPEN)["ok"]
@@ -150,6 +157,32 @@ def test_an_old_beat_that_was_stuck_in_the_pipe_is_no_beat(subject: Daemon) -> N
     subject.beat(age=0.5)
     subject.next(lambda m: m.get("event") == "withheld")
     assert subject.control.count("kickWatchdog") == 0
+
+
+def test_a_time_without_a_kick_that_ends_the_script_is_told_as_a_lapse(subject: Daemon) -> None:
+    subject.beat()
+    subject.open()
+    before = time.monotonic()
+    lapse = subject.next(lambda m: m.get("event") == "lapsed")  # no beats, so no kicks
+    assert before - 0.05 < lapse["since"] < before + 0.2
+    assert lapse["until"] - lapse["since"] > 1.0 / _OPEN["watchdog_hz"]
+
+
+def test_a_native_kick_that_waits_too_long_is_told_as_a_lapse(subject: Daemon) -> None:
+    subject.beat()
+    subject.open()
+    subject.control.slow_kick_s = 0.15
+    subject.beating(0.4)
+    assert subject.next(lambda m: m.get("event") == "lapsed")["until"] > 0.0
+
+
+def test_kicks_in_time_are_no_lapse(subject: Daemon) -> None:
+    subject.beat()
+    subject.open()
+    longest = subject.beating(0.3)
+    assert subject.ask("ping")["ok"]
+    if longest < 0.05:
+        assert not [m for m in subject.unread if m.get("event") == "lapsed"]
 
 
 def test_kicking_ends_when_the_script_is_gone(subject: Daemon) -> None:
