@@ -1,10 +1,12 @@
 """Listing the newest runs of a cell that has many: by the folders' names, beside opening every folder.
 
-``python -m bench.runs_index [RUNS]`` makes the folders in a temporary one and prints a table.
-Each way runs in a process of its own, so that its peak memory is its own.
+``python -m bench.runs_index [RUNS]`` makes the folders in a temporary one and prints a table: ``cellward runs
+-n 20`` as a shell runs it, with the start of the interpreter, that start alone, and the two ways of listing.
+Each runs in a process of its own, so that its peak memory is its own.
 """
 
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -35,26 +37,61 @@ def make(runs: Path, number: int) -> None:
 
 def measure(runs: Path, way: str) -> None:
     """One way of listing, in this process: prints what it took as JSON."""
-    begin = time.perf_counter()
+    begin, cpu = time.perf_counter(), time.process_time()
     found = list_runs(runs, NEWEST) if way == "names" else list_runs(runs)[-NEWEST:]
     for run in found:
         run.read_end()
-    taken = time.perf_counter() - begin
+    taken, cpu = time.perf_counter() - begin, time.process_time() - cpu
     peak_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    print(json.dumps({"s": taken, "MB": peak_kb / 1024, "newest": found[-1].run_id}))
+    print(json.dumps({"s": taken, "cpu": cpu, "MB": peak_kb / 1024, "newest": found[-1].run_id}))
+
+
+def command(words: list[str], config: Path) -> tuple[str, float, float, float]:
+    """What a command line of cellward prints, its time and CPU time in s, and its peak memory in MB."""
+    begin = time.perf_counter()
+    process = subprocess.Popen(
+        [sys.executable, "-c", "import sys; from daemon.cli import main; sys.exit(main())", *words],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "CELLWARD_CONFIG": str(config)},
+    )
+    assert process.stdout is not None
+    with process.stdout:
+        out = process.stdout.read()
+    _, status, used = os.wait4(process.pid, 0)
+    taken = time.perf_counter() - begin
+    process.returncode = os.waitstatus_to_exitcode(status)
+    assert process.returncode == 0
+    return out, taken, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
 
 
 def main(number: int) -> None:
     with tempfile.TemporaryDirectory(prefix="cellward-runs-") as folder:
-        make(Path(folder), number)
+        runs, config = Path(folder) / "runs", Path(folder) / "cell.toml"
+        runs.mkdir()
+        config.write_text(
+            f'schema = 1\n[cell]\nstate_dir = "{folder}"\ncontrol_socket = "{folder}/control.sock"\n'
+        )
+        make(runs, number)
         print(f"newest {NEWEST} of {number} runs")
-        print(f"{'way':<28}{'time':>10}{'peak memory':>14}")
-        for way, told in (("names", "names of the folders"), ("folders", "every folder opened")):
-            command = [sys.executable, "-m", "bench.runs_index", folder, way]
-            done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=Path.cwd())
+        print(f"{'way':<34}{'time':>10}{'CPU':>10}{'peak memory':>14}")
+        listing = ["runs", "-n", str(NEWEST), "--json"]
+        for told, words in ((f"cellward runs -n {NEWEST}", listing), ("cellward --help", ["--help"])):
+            out, taken, cpu, peak = command(words, config)
+            if words is listing:
+                assert [run["run_id"] for run in json.loads(out)][-1] == number
+            print(f"{told:<34}{taken:>8.2f} s{cpu:>8.2f} s{peak:>11.0f} MB")
+        for way, told in (("names", "listing: names of the folders"), ("folders", "listing: all opened")):
+            done = subprocess.run(
+                [sys.executable, "-m", "bench.runs_index", str(runs), way],
+                capture_output=True,
+                text=True,
+                check=True,
+                cwd=Path.cwd(),
+            )
             figures = json.loads(done.stdout)
             assert figures["newest"] == number
-            print(f"{told:<28}{figures['s']:>8.2f} s{figures['MB']:>11.0f} MB")
+            print(f"{told:<34}{figures['s']:>8.2f} s{figures['cpu']:>8.2f} s{figures['MB']:>11.0f} MB")
 
 
 if __name__ == "__main__":

@@ -10,8 +10,6 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from cell.errors import error
 
 MAX_JSON_BYTES = 256 * 2**20
@@ -107,8 +105,8 @@ def plain(value: Any) -> Any:
         return value
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
+    if callable(as_list := getattr(value, "tolist", None)):  # of numpy, which a listing need not import
+        return plain(as_list())
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):

@@ -10,11 +10,13 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from cell.clock import Clock
 from cell.errors import error
 from cell.store.files import AppendFile, disk_errors, to_json
+
+if TYPE_CHECKING:
+    from cell.clock import Clock
 
 SCHEMA = "cellward.journal/1"
 KINDS = frozenset({"state", "decision", "device", "motion", "operator", "solve", "error"})
@@ -24,7 +26,7 @@ RESERVED = frozenset({"seq", "t", "kind"})
 class Journal:
     """Append-only; a line is in the page cache when ``append`` returns, so a killed process loses none."""
 
-    def __init__(self, path: Path, clock: Clock, wall: Callable[[], float]) -> None:
+    def __init__(self, path: Path, clock: "Clock", wall: Callable[[], float]) -> None:
         """Begin ``path``, or continue it behind its last whole line. ``wall`` gives seconds since 1970."""
         self.path, self._clock = path, clock
         self._lock = Lock()

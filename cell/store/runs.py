@@ -7,12 +7,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from cell.clock import Clock, MonotonicClock
 from cell.errors import CellError, error
 from cell.store.files import disk_errors, read_json, sync_folder, to_json, write_atomic
 from cell.store.journal import Journal, read_journal
+
+if TYPE_CHECKING:
+    from cell.clock import Clock
 
 RUN_SCHEMA = "cellward.run/1"
 END_SCHEMA = "cellward.end/1"
@@ -28,7 +30,7 @@ class RunFolder:
     run_id: int
     job: str
     info: dict[str, Any]
-    _clock: Clock = field(default_factory=MonotonicClock, repr=False)
+    _clock: "Clock | None" = field(default=None, repr=False)
     _wall: Callable[[], float] = field(default=time.time, repr=False)
     _journal: Journal | None = field(default=None, repr=False)
 
@@ -39,7 +41,7 @@ class RunFolder:
         job: str,
         run_id: int,
         info: Mapping[str, Any],
-        clock: Clock,
+        clock: "Clock",
         wall: Callable[[], float] = time.time,
     ) -> "RunFolder":
         """A new folder below ``runs`` with ``run.json`` and an open journal, both durable."""
@@ -123,7 +125,10 @@ class RunFolder:
 
     def _open_journal(self) -> Journal:
         if self._journal is None:
-            self._journal = Journal(self.path / JOURNAL_FILE, self._clock, self._wall)
+            from cell.clock import MonotonicClock  # with the event loop behind it; a listing needs neither
+
+            clock = self._clock or MonotonicClock()
+            self._journal = Journal(self.path / JOURNAL_FILE, clock, self._wall)
         return self._journal
 
     def _read_optional(self, name: str) -> dict[str, Any] | None:

@@ -111,15 +111,28 @@ def report(
     rebuild: Annotated[bool, typer.Option("--rebuild", help="Draw it again from result.json.")] = False,
     config: ConfigOption = None,
 ) -> None:
-    """Print where the report of a run is; it is drawn when it is missing."""
+    """Print where the report of a run is; it is drawn when it is missing.
+
+    A run without a result has one that tells why it ended.
+    """
     folder = load(config, run)
     path: Path = folder.path / "report.html"
-    if rebuild or not path.exists():
-        with reading(folder.path):
-            write_report(result_of(folder), folder.path, path)
+    with reading(folder.path):
+        if (folder.path / "result.json").exists():
+            if rebuild or not path.exists() or older(path, folder.path / "result.json"):
+                write_report(result_of(folder), folder.path, path)
+        else:  # always anew: the run may have gone on
+            from procedures.report.failed import write_failed_report
+
+            write_failed_report(folder.path, path)
     out(str(path))
     if open_it:
         typer.launch(path.as_uri())
+
+
+def older(path: Path, than: Path) -> bool:
+    """Whether ``path`` was written before ``than``, as the report of a run that had no result yet was."""
+    return path.stat().st_mtime < than.stat().st_mtime
 
 
 def write_report(result: Mapping[str, Any], folder: Path, path: Path) -> None:

@@ -63,7 +63,7 @@ def render(source: Source) -> str:
     columns = [el("div", *(_guarded(part, source) for part in parts)) for parts in (page.left, page.right)]
     body = join(
         [
-            el("header", el("h1", title), el("p", _subtitle(source))),
+            el("header", el("h1", title), el("p", subtitle(source))),
             *(_guarded(part, source) for part in page.top),
             el("div", *columns, class_="pair"),
             *(_guarded(part, source) for part in page.rest),
@@ -86,7 +86,8 @@ def _guarded(part: Section[Any], source: Source) -> Html | None:
         return absent(f"The section '{name}' cannot be drawn from this result: {type(exc).__name__}: {exc}")
 
 
-def _subtitle(source: Source) -> str:
+def subtitle(source: Source) -> str:
+    """Cell, run, job and start in one line."""
     run = source.run
     if not run:
         return "from a data set"

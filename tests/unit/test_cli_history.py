@@ -1,12 +1,16 @@
 """Commands that read run folders and the ledger, and need no daemon."""
 
 import json
+import subprocess
+import sys
+from html import escape
 from pathlib import Path
 from typing import Any
 
 import pytest
 from cli_harness import CellOnDisk, CommandLine, hand_eye_result
 
+from cell.errors import error
 from cell.store.ledger import Ledger
 from daemon.cli.replay import differences
 
@@ -175,3 +179,49 @@ def test_report_prints_the_path_of_the_report_that_is_there(cell: CellOnDisk, su
     (run.path / "report.html").write_text("<html>")
     done = subject("report", 1)
     assert (done.code, done.out.strip()) == (0, str(run.path / "report.html"))
+
+
+def test_listing_the_runs_starts_without_numbers_and_event_loop(cell: CellOnDisk) -> None:
+    cell.add_run(1, outcome="complete")
+    script = (
+        "import sys; sys.argv = ['cellward', 'runs', '--config', sys.argv[1]]\n"
+        "from daemon.cli import main\n"
+        "code = main()\n"
+        "heavy = {'numpy', 'asyncio'} & set(sys.modules)\n"
+        "sys.exit(f'imported {heavy}' if heavy else code)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(cell.config)], capture_output=True, text=True, timeout=60
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "cone-capture" in done.stdout
+
+
+def test_a_run_without_a_result_has_a_report_that_tells_why_it_ended(
+    cell: CellOnDisk, subject: CommandLine
+) -> None:
+    run = cell.add_run(8)
+    run.note("device", event="interrupted", step="pose 4", cause="STALE_DATA", why="arm: 0.136 s old")
+    run.note("decision", event="step taken again", step="pose 4", lost_s=0.2)
+    failure = error("STALE_DATA", "arm: newest sample is 0.136 s old, limit 0.100 s <script>")
+    run.finish({"outcome": "aborted", "packml": "ABORTED", "verdict": None, "error": failure.as_dict()})
+    done = subject("report", 8)
+    assert (done.code, done.out.strip()) == (0, str(run.path / "report.html"))
+    text = (run.path / "report.html").read_text()
+    assert "Run 8 (cone-capture) ended aborted, without a result" in text
+    assert "newest sample is 0.136 s old, limit 0.100 s &lt;script&gt;" in text
+    for told in (f"code {failure.code}", "pose 4: arm: 0.136 s old", "outside the joint limits", "ABORTED"):
+        assert told in text, told
+    assert escape(failure.hint) in text
+
+
+def test_a_report_of_a_run_that_goes_on_is_drawn_again_when_it_has_a_result(
+    cell: CellOnDisk, subject: CommandLine
+) -> None:
+    run = cell.add_run(9)
+    assert subject("report", 9).code == 0
+    path = run.path / "report.html"
+    assert "has no end" in path.read_text()
+    run.write_result(hand_eye_result())
+    assert subject("report", 9).code == 0
+    assert "without a result" not in path.read_text()

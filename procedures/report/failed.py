@@ -1,0 +1,71 @@
+"""The report of a run without a result: why it ended, what was taken again, and its last journal entries."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from cell.store.files import write_atomic
+from procedures.report.figure import plotly_script
+from procedures.report.html import Html, bullets, document, el, join, note, paragraph, section
+from procedures.report.source import Source, of_folder
+from procedures.report.timeline import timeline
+from procedures.report.write import FILE_NAME, subtitle
+
+MOST_ENTRIES = 30
+
+
+def write_failed_report(folder: Path, path: Path | None = None) -> Path:
+    """Draw the report of a run folder that has no ``result.json``; returns where it is.
+
+    A journal, ``run.json`` or ``end.json`` that is missing or damaged is said to be. ``DISK_FULL``,
+    ``DISK_FAILED``.
+    """
+    path = path or folder / FILE_NAME
+    source = of_folder(Source, {}, folder, "")
+    run = source.run
+    outcome = source.end.get("outcome") or "has no end: it goes on, or was interrupted"
+    how = f"ended {outcome}" if source.end else outcome
+    title = f"Run {run.get('run_id', folder.name)} ({run.get('job', 'unknown job')}) {how}, without a result"
+    last = replace(source, journal=source.journal[-MOST_ENTRIES:])
+    shown = f"The last {len(last.journal)} of {len(source.journal)} entries of the journal"
+    body = join(
+        [
+            el("header", el("h1", title), el("p", subtitle(source))),
+            _cause(source),
+            _taken_again(source),
+            timeline(last, shown),
+            *(paragraph(line) for line in source.missing),
+        ]
+    )
+    write_atomic(path, document(title, body, plotly_script()))
+    return path
+
+
+def _cause(source: Source) -> Html:
+    """State, cause, code and hint. Ages of samples and lags of the loop are in the error's own sentence."""
+    failure = source.end.get("error")
+    state = source.end.get("packml")
+    last = next((e["state"] for e in reversed(source.journal) if isinstance(e.get("state"), str)), None)
+    where = [f"The job was in the state {last}."] if last else []
+    where += [f"The cell ended in {state}."] if state else []
+    if not isinstance(failure, Mapping):
+        return section("Why", paragraph(*where, " No error was recorded."))
+    return section(
+        "Why",
+        paragraph(f"{failure.get('text')} (code {failure.get('code')}, {failure.get('name')})"),
+        paragraph(str(failure.get("hint") or "")),
+        note(" ".join(where)),
+    )
+
+
+def _taken_again(source: Source) -> Html | None:
+    """The short silences of devices before the end."""
+    silences = [e for e in source.journal if e.get("event") in ("interrupted", "interrupted too often")]
+    return section("Short silences of devices", bullets(_told(e) for e in silences)) if silences else None
+
+
+def _told(entry: Mapping[str, Any]) -> str:
+    why = entry.get("why") or entry.get("text")
+    ended = "; too many, the run ended" if entry["event"] == "interrupted too often" else ""
+    return f"{entry.get('step')}: {why}{ended}"
