@@ -28,6 +28,7 @@ def check(
 
     Exit code 2 when a job cannot succeed with it; a warning alone changes nothing.
     """
+    from daemon.cli.machine import low_space
     from daemon.cli.machine import machine as measure
     from daemon.cli.predict import predictions
     from daemon.cli.predict_arm import arm_in_use, strangers
@@ -45,7 +46,8 @@ def check(
     problems = [*loaded.problems, *found_in(expected, "problems")]
     arm = arm_in_use(loaded)
     doubts = [f"arm: {text}" for text in arm["cautions"]] if arm else []
-    warnings = [*loaded.warnings, *doubts, *found_in(expected, "cautions")]
+    full = low_space(Path(loaded.cell.state_dir))
+    warnings = [*loaded.warnings, *doubts, *found_in(expected, "cautions"), *([full] if full else [])]
     for problem in problems:
         say(f"Error: {problem}")
     for warning in warnings:

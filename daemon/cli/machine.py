@@ -18,6 +18,7 @@ TICK_S = 0.001
 LAG_S, LAG_SOFT_S = 0.1, 0.02  # the age at which the arm's state is stale, and that of one late step
 FSYNC_S = 0.05
 MIN_CORES, MIN_FREE_BYTES = 4, 20 * 10**9
+LOW_FREE_BYTES = 2 * 10**9
 CAPTURE_BYTES = 365e6  # of one hand-eye capture of 200 frames with depth
 
 
@@ -96,6 +97,18 @@ def _lag(name: str, what: str, late: list[float]) -> Measured:
         means = "the arm's state would be stale and jobs would be interrupted; free this machine"
     text = f"{what} woke at most {1e3 * longest:.1f} ms late in {PROBE_S:g} s: {means}"
     return Measured(f"{name} lag", longest, "s", longest <= LAG_SOFT_S, text)
+
+
+def low_space(state_dir: Path) -> str | None:
+    """A warning when the disk of the runs is nearly full; None while there is room."""
+    folder = next(p for p in (state_dir, *state_dir.parents) if p.is_dir())
+    free = shutil.disk_usage(folder).free
+    if free >= LOW_FREE_BYTES:
+        return None
+    return (
+        f"{folder}: {free / 1e9:.1f} GB are free, a hand-eye capture with depth takes up to "
+        f"{CAPTURE_BYTES / 1e6:.0f} MB and a full disk ends a run; 'cellward prune' removes old runs"
+    )
 
 
 def _disk(state_dir: Path) -> list[Measured]:

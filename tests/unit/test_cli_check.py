@@ -8,6 +8,7 @@ import pytest
 from cli_harness import CellOnDisk, CommandLine
 
 from cell.store.ledger import Ledger
+from daemon.cli import machine
 from daemon.config import init_text, load_config
 from daemon.demo.fast import write_config as write_demo_config
 from daemon.demo.scenes import Scene
@@ -330,3 +331,14 @@ def test_a_job_without_its_camera_ends_with_exit_code_2(subject: CommandLine, tm
     done = subject("check", "-c", path)
     assert done.code == 2
     assert "job.cone-capture: the job needs a camera as 'flange_camera'" in done.err
+
+
+def test_a_disk_that_is_nearly_full_is_warned_of_with_the_command_that_helps(
+    subject: CommandLine, objects: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    room = subject("check", "-c", objects)
+    monkeypatch.setattr(machine, "LOW_FREE_BYTES", 10**18)
+    full = subject("check", "-c", objects)
+    assert (room.code, full.code) == (0, 0)
+    assert "cellward prune" not in room.err
+    assert "cellward prune" in full.err
