@@ -408,6 +408,7 @@ class Engine:
                 return fault
             except CellError as other:
                 return other
+            run.note("device", event="lost and back", **fault.as_dict())  # also where no step was under way
 
     async def _next_fault(self, devices: list[str]) -> CellError:
         """Block until a device of the job drops or the arm shows a fault."""

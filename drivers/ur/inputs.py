@@ -32,7 +32,8 @@ class ArmInputsConfig(BaseModel):
         for name, config in self.inputs.items():
             if config.address >= DIGITAL_INPUTS:
                 raise ValueError(
-                    f"input {name} has address {config.address}, but an arm has 0 to {DIGITAL_INPUTS - 1}"
+                    f"input {name} has address {config.address},"
+                    f" but a UR controller has inputs 0 to {DIGITAL_INPUTS - 1}"
                 )
         return self
 

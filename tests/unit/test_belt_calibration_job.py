@@ -201,7 +201,6 @@ def test_an_encoder_that_drops_ends_the_job_and_the_data_stay(tmp_path: Path) ->
         ("belt", "silence", "DEVICE_LOST"),
         ("belt", "reboot", "DEVICE_LOST"),
         ("belt", "bus-off", "CAN_BUS_OFF"),
-        ("camera", "drop", "DEVICE_LOST"),
         ("camera", "silence", "DEVICE_LOST"),
     ],
 )
@@ -222,6 +221,22 @@ def test_a_fault_while_items_go_by_ends_the_job_by_name_and_the_next_one_succeed
             await cell.engine.reset("test")
             run_id = await cell.start()
             assert (await cell.finished(run_id))["verdict"] == "pass"
+
+    run_virtual(scene())
+
+
+def test_a_camera_that_drops_and_comes_back_costs_neither_the_run_nor_its_truth(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with belt_cell(tmp_path) as cell:
+            run_id = await cell.start()
+            await cell.until(lambda: cell.engine.run and cell.engine.run.step > 10, "sightings")
+            cell.plant.plant("camera").inject("drop")
+            end = await cell.finished(run_id)
+            assert end["outcome"] == "complete", end["error"]
+            result = answer(cell, run_id)
+            (told,) = [e for e in cell.journal(run_id) if e.get("event") == "lost and back"]
+            assert (told["kind"], told["name"]) == ("device", "DEVICE_LOST")
+            assert_true(cell, result)
 
     run_virtual(scene())
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cell.interruptions import InterruptionLimits
 from fakes.object import run_virtual
 from tests.object_cell import ObjectCell, no_report
 from tests.unit.laser_cell import laser_cell, laser_config, passes
@@ -110,9 +111,20 @@ def test_a_beam_that_never_switches_is_told_from_a_missing_tool_by_the_other(
     assert f"while beam {other} was" in error["text"]
 
 
-def test_a_module_that_reboots_in_mid_pass_ends_the_job(tmp_path: Path) -> None:
-    error, ways = run_with(tmp_path, at("bisect", beams_fault("reboot"), 0.1))
-    assert error["name"] == "DEVICE_LOST"
+def test_a_module_that_reboots_in_mid_pass_costs_that_pass_and_not_the_run(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with laser_cell(laser_config(tmp_path), JOB) as cell:
+            at("bisect", beams_fault("reboot"), 0.1)(cell)
+            end = await cell.run_job()
+            assert end["outcome"] == "complete", end["error"]
+            assert [again["cause"] for again in cell.result(1)["inputs"]["steps_taken_again"]] == ["DEVICE_LOST"]
+
+    run_virtual(main())
+
+
+def test_a_module_that_stays_silent_ends_the_job(tmp_path: Path) -> None:
+    error, ways = run_with(tmp_path, at("bisect", beams_fault("silence"), 0.1))
+    assert error["name"] in ("DEVICE_LOST", "STALE_DATA")
     assert ways, "what was on disk stays there"
 
 
@@ -140,7 +152,7 @@ def test_gaps_between_polls_end_the_job_when_they_go_on(tmp_path: Path) -> None:
     error, ways = run_with(tmp_path, at("sweep", gap, 0.05, times=100), reference={"retries": 2})
     assert error["name"] == "LASER_POLL_GAP"
     assert "in 3 attempts" in error["text"]
-    assert [w["used"] for w in ways] == [False] * 6
+    assert [w["used"] for w in ways] == [False] * 6 * InterruptionLimits().in_a_row
 
 
 def test_one_gap_is_only_a_pass_again(tmp_path: Path, solved: Solved) -> None:

@@ -277,8 +277,12 @@ def test_an_input_that_the_device_does_not_have_is_found_when_the_config_is_read
 
 def test_the_role_of_the_beams_goes_to_a_device_with_inputs(tmp_path: Path) -> None:
     file = tmp_path / "cell.toml"
-    file.write_text('schema = 1\n[robot]\nbeams = "arm"\n[device.arm]\ndriver = "ur"\nhost = "127.0.0.2"\n')
-    with pytest.raises(InputError, match=r"robot\.beams: \[device\.arm\] has no inputs; .*'modbus-inputs'"):
+    file.write_text(
+        'schema = 1\n[robot]\nbeams = "arm"\n[device.arm]\ndriver = "ur"\nhost = "127.0.0.2"\n'
+        "[limits]\nworkspace = [{ min = [-1, -1, 0], max = [1, 1, 1] }]\n"
+    )
+    needs = r"robot\.beams: the role 'beams' needs a group of digital inputs, but \[device\.arm\] is an arm"
+    with pytest.raises(InputError, match=needs):
         load_config(file)
 
 

@@ -155,7 +155,7 @@ def load(folder: Path, text: str) -> CellConfig:
         (
             "ys = { address = 1 }",
             "ys = { address = 18 }",
-            "device.beams: input ys has address 18, but an arm has 0 to 17",
+            "device.beams.inputs: input ys has address 18, but a UR controller has inputs 0 to 17",
         ),
     ],
 )
