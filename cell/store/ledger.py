@@ -350,9 +350,9 @@ class Ledger:
             if (cursor.lastrowid or 0) % AUDIT_ROTATE_EVERY == 0:
                 for kind, most in ((0, MAX_AUDIT_REFUSED), (1, MAX_AUDIT_ACCEPTED)):
                     db.execute(
-                        "DELETE FROM audit WHERE accepted = ?1 AND id <= (SELECT id FROM audit"
-                        " WHERE accepted = ?1 ORDER BY id DESC LIMIT 1 OFFSET ?2)",
-                        (kind, most),
+                        "DELETE FROM audit WHERE accepted = ? AND id <= (SELECT id FROM audit"
+                        " WHERE accepted = ? ORDER BY id DESC LIMIT 1 OFFSET ?)",
+                        (kind, kind, most),
                     )
 
     def audit_lines(
@@ -360,10 +360,12 @@ class Ledger:
     ) -> list[dict[str, Any]]:
         """The newest audit lines first; ``who`` is a part of the name, in any case."""
         rows = self._rows(
-            "SELECT * FROM audit WHERE (?1 IS NULL OR channel = ?1)"
-            " AND (?2 IS NULL OR instr(lower(who), lower(?2))) AND NOT (?3 AND accepted)"
-            " ORDER BY id DESC LIMIT ?4",
+            "SELECT * FROM audit WHERE (? IS NULL OR channel = ?)"
+            " AND (? IS NULL OR instr(lower(who), lower(?))) AND NOT (? AND accepted)"
+            " ORDER BY id DESC LIMIT ?",
             channel,
+            channel,
+            who,
             who,
             refused,
             limit,

@@ -117,7 +117,8 @@ def test_a_module_that_reboots_in_mid_pass_costs_that_pass_and_not_the_run(tmp_p
             at("bisect", beams_fault("reboot"), 0.1)(cell)
             end = await cell.run_job()
             assert end["outcome"] == "complete", end["error"]
-            assert [again["cause"] for again in cell.result(1)["inputs"]["steps_taken_again"]] == ["DEVICE_LOST"]
+            (again,) = cell.result(1)["inputs"]["steps_taken_again"]
+            assert again["cause"] == "DEVICE_LOST"
 
     run_virtual(main())
 
