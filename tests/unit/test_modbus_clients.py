@@ -102,8 +102,8 @@ def test_pymodbus_reads_32_bit_values_and_sends_arguments(word_order: str) -> No
             for address, kind, value in ((10, kinds.UINT32, 70000), (16, kinds.FLOAT32, 0.25)):
                 words = (await client.read_input_registers(address, count=2, device_id=3)).registers
                 assert client.convert_from_registers(words, kind, word_order=order) == value
-            argument = client.convert_to_registers(0.125, kinds.FLOAT32, word_order=order)
-            assert not (await client.write_registers(0, [1, 3, 1, 0, *argument], device_id=0)).isError()
+            prompt = client.convert_to_registers(70001, kinds.UINT32, word_order=order)
+            assert not (await client.write_registers(0, [10, 3, 0, 0, *prompt], device_id=0)).isError()
             refused = await client.write_register(63, 1, device_id=1)
             assert refused.exception_code == 2
             many = [client.read_input_registers(0, count=64, device_id=1) for _ in range(50)]
@@ -114,7 +114,7 @@ def test_pymodbus_reads_32_bit_values_and_sends_arguments(word_order: str) -> No
 
     asyncio.run(scene())
     (command,) = plant.commands
-    assert command.argument_float(0) == 0.125
+    assert (command.code, command.argument_uint32) == (10, 70001)
 
 
 @pytest.mark.skipif(shutil.which("mbpoll") is None, reason="mbpoll is not installed (apt-get install mbpoll)")
