@@ -41,6 +41,22 @@ async def ask():
     await link.close()
 """
 
+TWIN = """
+import multiprocessing
+import sys
+from fakes import cli
+
+def scene():
+    child = multiprocessing.get_context("spawn").Process(target=print)  # as the twin starts its own
+    child.start()
+    child.join(30.0)
+    sys.exit(child.exitcode)
+
+if __name__ == "__main__":
+    cli.app = scene
+    cli.main()
+"""
+
 
 @pytest.fixture
 def shadowed(tmp_path: Path) -> Path:
@@ -56,7 +72,9 @@ def shadowed(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("script", [SOLVER, VISION + "\nasyncio.run(ask())\n"], ids=["solver", "vision"])
+@pytest.mark.parametrize(
+    "script", [SOLVER, VISION + "\nasyncio.run(ask())\n", TWIN], ids=["solver", "vision", "twin"]
+)
 def test_a_child_takes_no_module_from_the_folder_it_is_started_in(shadowed: Path, script: str) -> None:
     program = shadowed / "bin" / "program.py"
     program.parent.mkdir()
