@@ -129,7 +129,11 @@ def test_attempts_come_at_growing_intervals_up_to_a_cap_and_never_in_step() -> N
             times = bench.gadget.opened_at
             waits = [b - a for a, b in pairwise(times)]
             assert 0.2 <= waits[0] <= 0.31
-            assert all(4.0 <= w <= 6.1 for w in waits[6:])
+            late = [
+                b - a for a, b in pairwise(times) if a - times[0] > 15.0
+            ]  # quick ones for SOON_S come first
+            assert len(late) >= 5
+            assert all(4.0 <= w <= 6.1 for w in late)
             assert len(set(waits)) == len(waits)
 
     run_virtual(main())
