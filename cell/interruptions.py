@@ -120,8 +120,10 @@ class Interruptions:
         return isinstance(fault, CellError) and fault.name in SILENCES and not self._spent(1)
 
     def interrupt(self, cause: CellError) -> None:
-        """A device was lost: the step that is under way ends now."""
-        if self._step is not None and self._cause is None:
+        """A device was lost: the step that is under way ends now; beside the steps it counts all the same."""
+        if self._step is None:
+            self._in_all += 0 if self.waiting else 1
+        elif self._cause is None:
             self._cause = cause
             self._step.cancel()
 

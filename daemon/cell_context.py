@@ -10,7 +10,7 @@ from typing import Any
 from cell.clock import Clock
 from cell.devices import Arm, Device
 from cell.errors import CellError, error
-from cell.interruptions import Interruptions
+from cell.interruptions import InterruptionLimits, Interruptions
 from cell.motion import MotionBroker, MotionLease
 from cell.procedure import Proposal, Run, Worker
 from cell.store.ledger import Ledger
@@ -47,6 +47,7 @@ class CellContext:
 
     def interruptions(self, run: Run) -> Interruptions:
         names = [self._named(role) for role in run.procedure.uses()]
+        bounds = self.config.supervisor
         return Interruptions(
             self.clock,
             lambda: self.supervisor.back(names),
@@ -54,6 +55,11 @@ class CellContext:
             run.show_interruption,
             self.paused_since,
             run.released,
+            InterruptionLimits(
+                within_s=bounds.silence_s,
+                in_a_row=bounds.silences_in_a_row,
+                in_all=bounds.silences_in_all,
+            ),
         )
 
     def motion(

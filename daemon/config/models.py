@@ -104,12 +104,23 @@ class CellSection(Section):
 
 
 class SupervisorSection(Section):
-    """When the daemon thinks of itself as late."""
+    """When the daemon thinks of itself as late, and how much silence of a device a run bears."""
 
     loop_lag_warn_s: float = Field(
         default=0.02, gt=0, le=1.0, description="a later wake-up of the event loop is logged"
     )
     loop_lag_fail_s: float = Field(default=0.5, gt=0, le=5.0, description="above it the watchdog is not fed")
+    silence_s: float = Field(
+        default=2.0,
+        ge=0,
+        le=10.0,
+        description="a device that is back within it costs a step, not the run; 1.5 s more for one that has "
+        "to be connected anew",
+    )
+    silences_in_a_row: int = Field(
+        default=3, ge=1, le=100, description="so many without a finished step between them end the run"
+    )
+    silences_in_all: int = Field(default=10, ge=1, le=1000, description="so many end the run")
 
 
 class ToolSection(Section):
