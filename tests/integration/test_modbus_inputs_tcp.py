@@ -302,7 +302,7 @@ def test_a_module_that_takes_connections_and_answers_nothing_is_unreachable() ->
 
         server = await asyncio.start_server(listen, HOST, 0)
         url = "tcp://{}:{}".format(*server.sockets[0].getsockname())
-        subject, begun = make(url, unit=9), time.monotonic()
+        subject, begun = make(url, unit=9, timeout_s=0.05), time.monotonic()
         with pytest.raises(CellError, match=r"connects, but unit 9 gives no answer in 0\.05 s") as caught:
             await subject.open()
         assert caught.value.name == "DEVICE_UNREACHABLE"
@@ -319,7 +319,7 @@ def test_three_polls_without_an_answer_lose_the_device_and_say_what_was_heard_la
         connections: list[bool] = []
         async with (
             pymodbus_server(board, connections=connections) as url,
-            opened(url, module=board.make) as subject,
+            opened(url, module=board.make, timeout_s=0.05) as subject,
         ):
             await newest(subject)
             board.mute, begun = True, time.monotonic()
