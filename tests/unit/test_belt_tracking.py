@@ -105,7 +105,7 @@ def test_a_belt_that_stands_or_runs_backward_suspends_the_job_at_rest(
     ("device", "kind", "name"),
     [
         ("arm", "protective-stop", "ARM_PROTECTIVE_STOP"),
-        ("belt", "drop", "DEVICE_LOST"),
+        ("belt", "unplug", "DEVICE_LOST"),
         ("camera", "silence", "DEVICE_LOST"),
     ],
 )
