@@ -103,7 +103,7 @@ class ObjectCell:
         state = Path(config.cell.state_dir)
         self.runs = state / "runs"
         self.runs.mkdir(parents=True, exist_ok=True)
-        self.ledger = Ledger(state / "ledger.sqlite")
+        self.ledger = on_disk(Ledger, state / "ledger.sqlite")
         self.context = CellContext(
             config, clock, Eager(clock), self.supervisor, MotionBroker(clock), self.ledger
         )
