@@ -52,7 +52,7 @@ ENDS = [
     kind("belt", "reboot", "DEVICE_LOST DEVICE_IDENTITY", EVERYWHERE, serial="999966002"),
     short("camera", "reboot", EVERYWHERE),
     kind("belt", "reboot", "DEVICE_LOST", NOT_AT_THE_END),
-    kind("belt", "drop", "DEVICE_LOST", EVERYWHERE),
+    kind("belt", "drop", "DEVICE_LOST", NOT_AT_THE_END),
 ]
 BORNE = [
     kind("belt", "wrap", "", set(), before=20),
@@ -182,7 +182,7 @@ TOUCH_ENDS = [
     kind("arm", "silence", "STALE_DATA DEVICE_LOST DEVICE_NOT_READY", BEFORE_THE_END),
     kind("belt", "reboot", "DEVICE_LOST", BEFORE_THE_END),
     kind("belt", "bus-off", "CAN_BUS_OFF", {*BEFORE_THE_END, "solve"}),
-    kind("belt", "drop", "DEVICE_LOST", {*BEFORE_THE_END, "solve"}),
+    kind("belt", "drop", "DEVICE_LOST", BEFORE_THE_END),
 ]
 TOUCH_BORNE = [
     kind("arm", "protective-stop", "", set()),  # the arm is only read, and stands
