@@ -123,7 +123,7 @@ def test_a_late_reply_on_a_serial_line_does_not_answer_the_next_request() -> Non
     async def scene() -> None:
         slave = LateSlave()
         url = f"rtu://{os.ttyname(slave.theirs)}?{BAUD}"
-        async with opened(url, module="WAGO-750", poll_period_s=0.002) as subject:
+        async with opened(url, module="WAGO-750", poll_period_s=0.002, timeout_s=0.05) as subject:
             seen: list[tuple[bool, ...]] = []
             subject.inputs.subscribe(lambda poll: seen.append(poll.value.levels))
             await asyncio.sleep(0.4)
@@ -141,7 +141,7 @@ def test_a_serial_line_that_is_cut_loses_the_device_and_one_that_is_not_there_is
     async def scene() -> None:
         async with (
             serial_server(Board("WAGO-750")) as (cable, url),
-            opened(url, module="WAGO-750", poll_period_s=0.02) as subject,
+            opened(url, module="WAGO-750", poll_period_s=0.02, timeout_s=0.05) as subject,
         ):
             cable.cut = True
             async with asyncio.timeout(3.0):
