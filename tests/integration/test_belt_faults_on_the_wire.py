@@ -228,7 +228,8 @@ def test_a_camera_without_pictures_is_borne_for_a_moment_and_lost_after_a_while(
     subject.until(run_id, lambda s: s["live"]["picks"] > len(picks) - len(subject.before.taken), "a pick")
     subject.cell.inject("camera", "silence")
     subject.ends_by(run_id, "DEVICE_LOST")
-    assert len(subject.notes(run_id, "camera stall")) == 2
+    # each new connection that the run still waits for begins with a picture, and falls silent again
+    assert len(subject.notes(run_id, "camera stall")) >= 2
     subject.mended("camera")
 
 
