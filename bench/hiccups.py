@@ -3,9 +3,10 @@
 ``python -m bench.hiccups [JOB]... [--pauses 0.05,0.15,0.5,1.5,5] [--minutes 20] [--bind 127.0.53.3]``. Twin,
 daemon, motion child and vision child are stopped with SIGSTOP and go on with SIGCONT. Several pauses strike
 one run, some seconds apart, until every state has met every process and pause, or the minutes are over. The
-row ``none`` is a run that nothing struck. ``rest``: the longest time from the stop to the arm's true
-standstill, of pauses of half a second and more that found the arm moving (not asked of a twin that is stopped
-itself).
+row ``none`` is a run that nothing struck. ``right``: of the complete runs those whose answer agrees with the
+twin's truth within its stated uncertainty, where the job has a truth to compare with. ``rest``: the longest
+time from the stop to the arm's true standstill, of pauses of half a second and more that found the arm moving
+(not asked of a twin that is stopped itself).
 """
 
 import argparse
@@ -26,7 +27,9 @@ import psutil
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from cell.errors import CellError
-from cell.store.runs import load_run
+from cell.store.runs import RunFolder, load_run
+from daemon.demo.ending import beside_truth
+from daemon.demo.judged import Judged
 from fakes.control import ask
 from procedures.registry import JOBS
 from tests.wire_cell import WireCell, calibrate_camera, pause, shipped, wire_cell
@@ -73,6 +76,7 @@ class Strike:
     state: str
     rest_s: float | None = None
     end: str = ""
+    right: bool | None = None  # does the answer agree with the truth? None: no answer, or no truth for it
 
 
 class Bench:
@@ -114,6 +118,7 @@ class Bench:
         """One run, struck wherever a state comes that a pause is still wanted for."""
         cell, mine = self.cell, list[Strike]()
         self._make_ready()
+        met = len(self._truth().get("gripper", {}).get("contacts", ()))
         run_id = cell.start_job(self.job)
         begun = free = time.monotonic()
         finished = False
@@ -139,13 +144,33 @@ class Bench:
         end = self._status()["last_run"]
         self.runs += 1
         outcome = end["outcome"] + (f" {end['error']['name']}" if end["error"] else f" {end['verdict']}")
-        journal = load_run(Path(cell.config()["cell"]["state_dir"]) / "runs", run_id).read_journal()
-        again = [line for line in journal if line.get("event") == "step taken again"]
+        run = load_run(Path(cell.config()["cell"]["state_dir"]) / "runs", run_id)
+        again = [line for line in run.read_journal() if line.get("event") == "step taken again"]
+        judged = self._judged(run, met) if end["outcome"] == "complete" else None
         told = ", ".join(f"{s.process} {s.pause_s:g} s at {s.state}" for s in mine) or "none"
-        print(f"  run {run_id}: {outcome}; {len(again)} steps again; struck: {told}", flush=True)
+        answer = f" ({judged.off}; stated {judged.stated})" if judged else ""
+        wrong = " NOT AS STATED" if judged and not judged.good else ""
+        print(
+            f"  run {run_id}: {outcome}{wrong}{answer}; {len(again)} steps again; struck: {told}", flush=True
+        )
         for each in mine:
             each.end = outcome
+            each.right = judged.good if judged else None
             self.done.append(each)
+
+    def _judged(self, run: RunFolder, met: int) -> Judged | None:
+        """The answer beside the truth; of the twin's contacts those after the first ``met``."""
+        truth, result = self._truth(), run.read_result()
+        if met:
+            del truth["gripper"]["contacts"][:met]
+        try:
+            return beside_truth(result, truth, run.path) if result and result["result"] else None
+        except LookupError:
+            return None
+
+    def _truth(self) -> dict[str, Any]:
+        truth: dict[str, Any] = ask(self.cell.folder, {"do": "truth"})
+        return truth
 
     def _due(self, state: str) -> Strike | None:
         for each in self.pending:
@@ -209,7 +234,9 @@ class Bench:
 
 
 def table(benches: list[Bench]) -> None:
-    print(f"\n{'job':20} {'process':13} {'pause':>7} {'struck':>7} {'completed':>10} {'rest':>8}")
+    print(
+        f"\n{'job':20} {'process':13} {'pause':>7} {'struck':>7} {'completed':>10} {'right':>9} {'rest':>8}"
+    )
     for bench in benches:
         groups: dict[tuple[str, float], list[Strike]] = defaultdict(list)
         for strike in bench.done:
@@ -218,9 +245,11 @@ def table(benches: list[Bench]) -> None:
             rests = [s.rest_s for s in strikes if s.rest_s is not None]
             rest = f"{max(rests):.2f} s" if rests else "-"
             good = sum(s.end.startswith("complete") for s in strikes)
+            compared = [s.right for s in strikes if s.right is not None]
+            right = f"{sum(compared)}/{len(compared)}" if compared else "-"
             print(
                 f"{bench.job:20} {process:13} {seconds:5g} s {len(strikes):7d} {good:6d}/{len(strikes):<3d} "
-                f"{rest:>8}"
+                f"{right:>9} {rest:>8}"
             )
         left = len(bench.pending)
         print(f"{bench.job:20} {bench.runs} runs; {left} of {left + len(bench.done)} pauses were not reached")

@@ -34,7 +34,7 @@ def conclude(runs: Path, run_id: int, truth: Mapping[str, Any]) -> Row:
     out(result_text(result))
     judged = None
     if result["result"] is not None:
-        judged = _judged(result, truth, run.path)
+        judged = beside_truth(result, truth, run.path)
         out("\nBeside the twin's truth:")
         out(judged.text)
     report = run.path / "report.html"
@@ -48,7 +48,8 @@ def conclude(runs: Path, run_id: int, truth: Mapping[str, Any]) -> Row:
     return Row(run.job, judged.stated, judged.off, words, OK if good else FAILED)
 
 
-def _judged(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path) -> Judged:
+def beside_truth(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path) -> Judged:
+    """The answer of the run in ``folder`` beside the twin's truth; LookupError for a kind that has none."""
     if result["kind"] == "kincal":
         return judge_arm(result, truth, folder)
     return _JUDGES[result["kind"]](result, truth)
