@@ -6,9 +6,11 @@ checks, and never less than a floor for what the covariance does not hold.
 """
 
 from collections.abc import Mapping
+from math import isfinite
 from typing import Any
 
 from calibration.tool_frame.meeting import length95, length_beyond
+from cell.errors import error
 from cell.poses import Array
 
 FALSE_ALARM = 1.0 / 300.0  # how often, at most, a tool that has not moved may be called moved
@@ -32,6 +34,7 @@ def whether_moved(
     the measurement against the reference. ``same_frame``: the frame in effect is the reference's; another one
     was measured as well, and is taken to be as uncertain. ``tolerance_m`` and ``tolerance_rad`` of ``config``
     replace the tolerances that are found here. Without a tilt (``tilted``) the axis is not tested.
+    ``SOLVE_REFUSED`` when a figure is no finite number: it would compare as not moved.
     """
     both = cov if same_frame else 2.0 * cov
     point, axis = both[:3, :3], both[3:, 3:]
@@ -48,5 +51,7 @@ def whether_moved(
         turn = config["tolerance_rad"]
         turn = tolerance(axis, FLOOR_RAD) if turn is None else turn
         test |= {"tilt_rad": found["tilt_rad"], "U_tilt_rad": length95(axis), "tolerance_rad": turn}
+    if missing := [name for name, figure in test.items() if figure is not None and not isfinite(figure)]:
+        raise error("SOLVE_REFUSED", f"{', '.join(missing)} of the check is not a finite number")
     turned = tilted and test["tilt_rad"] > test["tolerance_rad"]
     return {"moved": bool(test["shift_m"] > test["tolerance_m"] or turned), **test}

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cell.calibrations import laser_reference
+from cell.errors import CellError
 from daemon.cli.result_text import result_text
 from fakes.object import run_virtual
 from procedures.laser.check import known_of
@@ -94,6 +95,13 @@ def test_a_good_tool_is_called_moved_in_at_most_one_of_three_hundred_checks(same
     test = whether_moved({"shift": 0.0, "tilt_rad": 0.0}, cov, CONFIG, same, tilted=True)
     share = np.mean((shifts > test["tolerance_m"]) | (turns > test["tolerance_rad"]))
     assert 0.5 * FALSE_ALARM < share < 1.15 * FALSE_ALARM  # 200 expected, standard deviation 14
+
+
+@pytest.mark.parametrize("found", [{"shift": np.nan, "tilt_rad": 0.0}, {"shift": 0.0, "tilt_rad": np.inf}])
+def test_a_difference_that_is_no_number_is_refused_and_not_called_unmoved(found: dict[str, float]) -> None:
+    with pytest.raises(CellError, match="not a finite number") as caught:
+        whether_moved(found, COV, CONFIG, True, tilted=True)
+    assert caught.value.name == "SOLVE_REFUSED"
 
 
 def test_a_better_measurement_than_the_floor_does_not_call_repeatability_a_move() -> None:
