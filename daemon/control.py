@@ -14,6 +14,7 @@ import pwd
 import socket
 import stat
 import struct
+import time
 from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol
@@ -75,7 +76,7 @@ class ControlServer:
         self._engine, self._auditor = engine, Auditor(audit)
         self._server: asyncio.Server | None = None
         self._inode: int | None = None
-        self._connections: set[asyncio.Task[None]] = set()
+        self._connections: dict[asyncio.Task[None], _Connection] = {}
 
     async def start(self) -> None:
         """Listen. The file of a killed daemon is replaced; ``DAEMON_RUNNING`` when one still answers."""
@@ -100,22 +101,39 @@ class ControlServer:
             self.path.unlink()
 
     def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        if len(self._connections) >= MAX_CONNECTIONS:
-            refusal = error("BUSY", f"the control socket serves {MAX_CONNECTIONS} connections at most")
-            writer.write(json.dumps({"id": None, "error": refusal.as_dict()}).encode() + b"\n")
+        if not self._make_room():
+            text = f"the control socket serves {MAX_CONNECTIONS} connections at most, and all await an answer"
+            writer.write(_refusal_line(text))
             writer.close()
             return
-        task = asyncio.create_task(self._serve(reader, writer), name="control connection")
-        self._connections.add(task)
+        connection = _Connection(self._engine, self._auditor, reader, writer)
+        task = asyncio.create_task(self._serve(connection), name="control connection")
+        self._connections[task] = connection
 
         def ended(task: asyncio.Task[None]) -> None:
-            self._connections.discard(task)
+            self._connections.pop(task, None)
             writer.close()  # not in the task: one that is cancelled before its first step closes nothing
 
         task.add_done_callback(ended)
 
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        connection = _Connection(self._engine, self._auditor, reader, writer)
+    def _make_room(self) -> bool:
+        """Whether there is a place for a newcomer, who may want to halt.
+
+        The connection that has asked nothing for longest gives up its own, one that watches after all
+        others. One that awaits the answer to a request never does.
+        """
+        staying = {task: each for task, each in self._connections.items() if not each.leaving}
+        if len(staying) < MAX_CONNECTIONS:
+            return True
+        idle = [(each.watching, each.heard, task) for task, each in staying.items() if not each.answering]
+        if not idle:
+            return False
+        task = min(idle, key=lambda entry: entry[:2])[2]
+        staying[task].leave()
+        task.cancel()
+        return True
+
+    async def _serve(self, connection: "_Connection") -> None:
         try:
             await connection.run()
         except (ConnectionError, TimeoutError) as exc:
@@ -134,6 +152,15 @@ class _Connection:
     ) -> None:
         self._engine, self._auditor, self._reader, self._writer = engine, auditor, reader, writer
         self.who = peer_name(writer.get_extra_info("socket"))
+        self.heard = time.monotonic()  # the newest whole request, or the connection's beginning
+        self.answering = self.watching = self.leaving = False
+
+    def leave(self) -> None:
+        """Tell the client that its place goes to another; the connection is closed next."""
+        self.leaving = True
+        text = f"another client needed the place of this connection; there are {MAX_CONNECTIONS}"
+        if not self._writer.is_closing():
+            self._writer.write(_refusal_line(text))
 
     async def run(self) -> None:
         while True:
@@ -144,7 +171,11 @@ class _Connection:
                 return
             if not line.endswith(b"\n"):
                 return
-            await self._answer(line)
+            self.heard, self.answering = time.monotonic(), True
+            try:
+                await self._answer(line)
+            finally:
+                self.answering = False
 
     async def _answer(self, line: bytes) -> None:
         request_id = None
@@ -180,6 +211,7 @@ class _Connection:
 
     async def _watch(self, request_id: Any) -> None:
         """Push the status after changes until the client goes away."""
+        self.answering, self.watching = False, True
         changed = asyncio.Event()
         unsubscribe = self._engine.subscribe(changed.set)
         closed = asyncio.create_task(self._reader.read(1))
@@ -190,6 +222,7 @@ class _Connection:
                 await asyncio.wait([closed], timeout=WATCH_PERIOD_S)
                 await _first(changed, closed, WATCH_IDLE_S - WATCH_PERIOD_S)
         finally:
+            self.watching = False
             unsubscribe()
             closed.cancel()
 
@@ -319,6 +352,11 @@ def _too_deep() -> CellError:
 
 def _refusal(what: str) -> dict[str, object]:
     return error("ARGUMENT_INVALID", f"the request {what}").as_dict()
+
+
+def _refusal_line(text: str) -> bytes:
+    """A line that answers no request: why the server closes a connection."""
+    return json.dumps({"id": None, "error": error("NOT_NOW", text).as_dict()}).encode() + b"\n"
 
 
 def _described(exc: Exception) -> dict[str, object]:
