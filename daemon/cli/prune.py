@@ -1,6 +1,7 @@
 """``cellward prune``: remove run folders and pictures that nothing rests on."""
 
 import getpass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -45,7 +46,7 @@ def prune(
     Never removed: a run without an end, the newest run, and a run that a calibration rests on which is
     proposed, accepted, in effect, or can be returned to.
     """
-    from cell.store.pruning import Keep, carry_out, plan, plan_pictures
+    from cell.store.pruning import Keep, Removal, carry_out, plan, plan_pictures
 
     paths = cell_paths(config)
     keep = Keep(runs, days, gigabytes)
@@ -54,20 +55,38 @@ def prune(
     if keep == Keep() and not pictures:
         raise error("ARGUMENT_INVALID", "nothing bounds the runs; give --runs, --days, --gb or --pictures, "
                     "or set [cell.keep]")  # fmt: skip
-    needed = needed_runs(paths)
-    removals = plan(paths.runs, keep, needed) if keep != Keep() else []
-    if pictures:
-        removals += plan_pictures(paths.runs, without=[r.run_id for r in removals])
+
+    def planned() -> list[Removal]:
+        removals = plan(paths.runs, keep, needed_runs(paths)) if keep != Keep() else []
+        if pictures:
+            removals += plan_pictures(paths.runs, without=[r.run_id for r in removals])
+        return removals
+
+    removals = planned()
     if not as_json:
         _show([r.as_dict() for r in removals])
     carried_out = bool(removals) and not dry_run and (yes or (not as_json and typer.confirm("Remove them?")))
     if carried_out:
+        if not yes:  # the answer may have taken long, and the daemon goes on meanwhile
+            _require_the_same(removals, planned())
         carry_out(paths.runs, removals, getpass.getuser())
     if as_json:
         total = sum(r.bytes for r in removals)
         out_json({"removed": carried_out, "bytes": total, "runs": [r.as_dict() for r in removals]})
     elif removals:
         say("Removed." if carried_out else "Nothing was removed.")
+
+
+def _require_the_same(shown: Sequence[Any], planned: Sequence[Any]) -> None:
+    """``NOT_NOW`` unless what was shown is what would be removed at this moment."""
+    before, at_present = ({(r.run_id, r.files) for r in each} for each in (shown, planned))
+    if changed := sorted({run_id for run_id, _ in before ^ at_present}):
+        numbers = ", ".join(map(str, changed))
+        raise error(
+            "NOT_NOW",
+            f"what may be removed of run {numbers} changed since the list was shown, and nothing was "
+            "removed; give the command again",
+        )
 
 
 def needed_runs(paths: CellPaths) -> dict[int, str]:

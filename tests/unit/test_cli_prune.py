@@ -121,6 +121,28 @@ def test_no_answer_on_the_terminal_removes_nothing(runs: Runs, subject: CommandL
     assert runs.left == [1, 2, 3, 4, 5, 6]
 
 
+def test_a_run_that_became_needed_while_the_question_stood_is_kept(
+    runs: Runs, subject: CommandLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def propose_and_agree(*_: object, **__: object) -> bool:
+        ledger, _id = runs.propose(2)
+        ledger.close()
+        return True
+
+    monkeypatch.setattr("typer.confirm", propose_and_agree)
+    done = subject("prune", "--runs", 2)
+    assert (done.code, runs.left) == (4, [1, 2, 3, 4, 5, 6])
+    assert "run 2 changed since the list was shown, and nothing was removed" in done.err
+
+
+def test_an_answer_of_yes_removes_what_was_shown(
+    runs: Runs, subject: CommandLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("typer.confirm", lambda *_, **__: True)
+    assert subject("prune", "--runs", 2).code == 0
+    assert runs.left == [5, 6]
+
+
 @pytest.fixture
 def capture(runs: Runs) -> RunFolder:
     """A complete capture of run 7 with colour and depth of each pose, and pictures of failed tries."""
