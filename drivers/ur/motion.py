@@ -15,11 +15,12 @@ from cell.poses import Array, from_pose6, to_pose6
 from cell.priority import LOOP, process_in_real_time
 from cell.samples import Sample
 from drivers.ur.config import UrConfig
-from drivers.ur.feed import STOPPED, StateFeed
+from drivers.ur.feed import StateFeed
 from drivers.ur.framing import Message
 from drivers.ur.motion_checks import finite, open_failure, same_pose, shortened
 from drivers.ur.motion_child import BEAT_LIMIT_S
 from drivers.ur.motion_client import MotionClient
+from drivers.ur.script_end import ScriptEnd, ScriptRecord
 from drivers.ur.watch import REST_SAMPLES, ArmView, Judge, Watch, joints_judge, pose_judge
 
 OPEN_DEADLINE_S = 8.0  # the client itself waits 5 s for its script to start
@@ -29,7 +30,6 @@ STOP_DEADLINE_S = 0.3
 END_DEADLINE_S = 0.8
 START_MARGIN_S = 3.0
 MAX_START_STEP_RAD = 0.05
-WATCHDOG_SEEN_S = 0.25  # from the end of a lapse to the package that shows that our script has ended
 
 
 class MotionArm(ArmView, Protocol):
@@ -47,40 +47,37 @@ class UrMotion:
 
     def __init__(self, arm: MotionArm, client: MotionClient, tool: ToolSettings, config: UrConfig) -> None:
         self.client = client
-        self.owns_program = False
+        self.script = ScriptRecord(client.kicks, 1.0 / config.watchdog_min_hz)
         self._arm, self._tool, self._config = arm, tool, config
         self._clock: Clock = client.clock
         self._brake = config.stop_decel_m_s2
-        self._opening = self._closed = False
+        self._closed = False
         self._watching: Watch | None = None  # the latest motion
-        self._program_ended = 0.0  # when our script was seen to have ended
         self._stop_following_program = arm.state.subscribe(self._note_program)
         self._urgent = ExitStack()
         self._urgent.enter_context(process_in_real_time(LOOP))  # for as long as the arm may move
 
     @property
     def usable(self) -> bool:
-        """Whether our script still runs. False where a silence of ours ended it, ``ARM_SCRIPT_DIED`` or
-        ``CHILD_DIED`` where something else did."""
+        """Whether our script still runs. False where a silence of ours ended it, or a silence of the arm
+        hides who did; ``ARM_SCRIPT_DIED`` or ``CHILD_DIED`` where something else did."""
+        end = self.script.end
+        if end is ScriptEnd.OTHERS:
+            raise error("ARM_SCRIPT_DIED", "no program is running on the arm any more")
         if self._closed or self._arm.lost is not None or self.client.killed or self.client.gave_up:
             return False
         if self.client.ended.is_set():
             raise self.client.death()
-        if self.owns_program:
-            return not self.client.withheld
-        if not self.let_lapse:
-            raise error("ARM_SCRIPT_DIED", "no program is running on the arm any more")
-        return False
+        return end is ScriptEnd.NONE and not self.client.withheld
 
     @property
-    def let_lapse(self) -> bool:
-        """Whether it was our own watchdog that ended our script: the kicks stopped before it did."""
-        since, until = self.client.lapse
-        return self.client.withheld or since < self._program_ended < until + WATCHDOG_SEEN_S
+    def owns_program(self) -> bool:
+        """Whether the program that runs on the arm is ours."""
+        return self.script.runs
 
     async def prepare(self) -> None:
         """Upload the script, set the watchdog, the TCP and the payload, and see them in force."""
-        self._opening = True
+        self.script.expect()
         try:
             await self._call(
                 "open", OPEN_DEADLINE_S, host=self._config.host, watchdog_hz=self._config.watchdog_min_hz
@@ -185,16 +182,18 @@ class UrMotion:
         if self._closed:
             return
         self._closed = True
+        self.script.lost = self._arm.lost is not None
         try:
-            if self.owns_program and not self.client.ended.is_set():
+            if self.owns_program and not self.client.killed and not self.client.ended.is_set():
+                self.script.ask_end()
                 await self._call("end", END_DEADLINE_S)
             else:
                 self.client.kill()
         except CellError:
             self.client.kill()
         finally:
-            await self.client.finish(0.3)
             try:
+                await self.client.finish(0.3)
                 await self._see_program_ended()
             finally:
                 self._urgent.close()
@@ -283,7 +282,7 @@ class UrMotion:
             self._watching.end(why)
 
     def _watch(self, judge: Judge) -> Watch:
-        self._watching = Watch(self._arm, self.client, judge, lambda: self.let_lapse)
+        self._watching = Watch(self._arm, self.client, judge, self.script)
         return self._watching
 
     async def _ask(self, watch: Watch, do: str, arguments: dict[str, Any]) -> None:
@@ -393,13 +392,8 @@ class UrMotion:
             undo()
 
     def _note_program(self, sample: Sample[ArmState]) -> None:
-        """The program that starts while we upload is ours until it is seen stopped; later ones are not."""
-        if self._opening and sample.value.program_running:
-            self._opening, self.owns_program = False, True
-        elif self._arm.feed.runtime_state == STOPPED:
-            if self.owns_program:
-                self._program_ended = sample.t
-            self.owns_program = False
+        # A configured offset shifts the arm's samples, and not the kicks that they are compared with.
+        self.script.note(self._arm.feed.runtime_state, sample.t - self._config.time_offset_s)
 
     def _newest(self) -> Sample[ArmState]:
         return self._arm.state.latest(self._config.silent_after_s)

@@ -108,7 +108,7 @@ class MotionChild:
         self._kicking = False
         self._withheld = False
         self._next_kick = 0.0
-        self._kicked = self._patience_s = 0.0  # when last, and how long the controller waits for the next
+        self._told = -1e9  # the latest kick that the daemon was told of
         self._follower: Follower | None = None
         self._servo = (0.0, 0.0, 0.0)  # look-ahead, gain, deceleration
         self._servoing = False
@@ -177,30 +177,27 @@ class MotionChild:
 
     def _kick(self, control: Control) -> None:
         self._next_kick = time.monotonic() + KICK_PERIOD_S
-        if self._kicking:
-            self._tell_lapse()
         self._hear(0.0)  # beats that came during a long call count
+        if not self._kicking:
+            return
         age = time.monotonic() - self._beat
         if age > BEAT_LIMIT_S:
             if not self._withheld:
                 self._withheld = True
                 self._tell({"event": "withheld", "age_s": age})
             return
-        if self._kicking:
-            with self._limit.within(SERVO_CALL_LIMIT_S, "kick"):
-                # False means that the script is gone; kicking on would only fill the log.
-                self._kicking = control.kickWatchdog()
-            self._tell_lapse()  # the native call itself may have waited
-            self._kicked = time.monotonic()
+        self._tell_kick()
+        with self._limit.within(SERVO_CALL_LIMIT_S, "kick"):
+            # False means that the script is gone; kicking on would only fill the log.
+            self._kicking = control.kickWatchdog()
         if self._withheld and self._kicking:
             self._withheld = False
             self._tell({"event": "kicking"})
 
-    def _tell_lapse(self) -> None:
-        """Say when the kicks came so late that the controller's watchdog has ended our script."""
-        now = time.monotonic()
-        if now - self._kicked > self._patience_s:
-            self._tell({"event": "lapsed", "since": self._kicked, "until": now})
+    def _tell_kick(self) -> None:
+        """Before the native call, which may wait and never return: from here on the controller has a kick."""
+        self._told = time.monotonic()
+        self._tell({"event": "kicked", "at": self._told})
 
     def _follow(self, control: Control, follower: Follower) -> None:
         now = time.monotonic()
@@ -226,11 +223,10 @@ class MotionChild:
 
     def _send_setpoint(self, control: Control, q: list[float]) -> bool:
         lookahead, gain, _ = self._servo
+        if time.monotonic() - self._told >= KICK_PERIOD_S:
+            self._tell_kick()  # a set-point is a kick; one in ten is told
         with self._limit.within(SERVO_CALL_LIMIT_S, "servoJ"):
-            taken = control.servoJ(q, 0.0, 0.0, SERVO_PERIOD_S, lookahead, gain)
-        self._tell_lapse()
-        self._kicked = time.monotonic()  # a set-point is a kick
-        return taken
+            return control.servoJ(q, 0.0, 0.0, SERVO_PERIOD_S, lookahead, gain)
 
     def _end_following(self, end: str) -> None:
         self._follower = None
@@ -246,13 +242,7 @@ class MotionChild:
         if not self._control.setWatchdog(watchdog_hz):
             raise RuntimeError("setWatchdog was refused")
         self._kicking, self._next_kick = True, 0.0
-        self._kicked, self._patience_s = time.monotonic(), 1.0 / watchdog_hz
-        return True
-
-    def _ping(self) -> bool:
-        """For the daemon to know that we hear it, and that it was told of every lapse up to now."""
-        if self._kicking:
-            self._tell_lapse()
+        self._tell_kick()
         return True
 
     def _tool(self, tcp: list[float], mass: float, cog: list[float]) -> list[float]:
@@ -313,7 +303,6 @@ class MotionChild:
 
 _COMMANDS: dict[str, Callable[..., Any]] = {
     "open": MotionChild._open,
-    "ping": MotionChild._ping,
     "tool": MotionChild._tool,
     "move_joints": MotionChild._move_joints,
     "move_linear": MotionChild._move_linear,

@@ -14,6 +14,7 @@ from cell.clock import Clock
 from cell.errors import CellError, error
 from drivers.ur.framing import Message, Unframer, encode
 from drivers.ur.motion_child import EXIT_DEADLINE, EXIT_LINK_LOST
+from drivers.ur.script_end import Kicks
 
 BEAT_PERIOD_S = 0.02
 # The child has a deadline of its own for every call; this much later it is given up and killed.
@@ -27,7 +28,7 @@ class MotionClient:
         assert process.stdout is not None
         self.clock, self.pid = clock, process.pid
         self.withheld = self.killed = False
-        self.lapse = (0.0, 0.0)  # from and to when the controller had no kick for too long, the latest time
+        self.kicks = Kicks()
         self.ended = asyncio.Event()
         self._process, self._pipe, self._stdout = process, pipe, process.stdout
         self._loop = asyncio.get_running_loop()
@@ -175,8 +176,8 @@ class MotionClient:
         if "event" in message:
             if message["event"] in ("withheld", "kicking"):
                 self.withheld = message["event"] == "withheld"
-            elif message["event"] == "lapsed":
-                self.lapse = message["since"], message["until"]
+            elif message["event"] == "kicked":
+                self.kicks.note(message["at"])
             for listener in tuple(self._listeners):
                 listener(message)
             return

@@ -13,11 +13,11 @@ from cell.poses import Array
 from cell.samples import Sample, Stream
 from drivers.ur.framing import Message
 from drivers.ur.motion_client import MotionClient
+from drivers.ur.script_end import ScriptEnd, ScriptRecord
 
 REST_SAMPLES = 5
 # A move that has not left its start, or rests elsewhere, for this long is not going to arrive.
 STUCK_S = 1.0
-PING_S = 0.2
 
 Judge = Callable[[Sample[ArmState]], Any]
 
@@ -43,11 +43,8 @@ class Watch:
     dead child end the watch with their coded error. Use as a context manager around the motion.
     """
 
-    def __init__(
-        self, arm: ArmView, client: MotionClient, judge: Judge, let_lapse: Callable[[], bool]
-    ) -> None:
-        """``let_lapse``: whether our own watchdog ended our script, as far as the child has told."""
-        self._arm, self._client, self._judge, self._let_lapse = arm, client, judge, let_lapse
+    def __init__(self, arm: ArmView, client: MotionClient, judge: Judge, script: ScriptRecord) -> None:
+        self._arm, self._client, self._judge, self._script = arm, client, judge, script
         self._outcome: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
         self._refusal = "no program is running on the arm any more"
         self._undo: list[Callable[[], None]] = []
@@ -112,25 +109,25 @@ class Watch:
             self.end(_GONE)
 
     async def _why_gone(self) -> CellError:
-        """The script ended, or the child did. Events that explain it may be a few milliseconds behind."""
+        """The script ended, or the child did. What explains it may be some milliseconds behind."""
         await asyncio.sleep(0.02)
+        for _ in range(18):  # a command that was not accepted tells earlier than the next package
+            if self._script.end is not ScriptEnd.NONE or self._client.ended.is_set():
+                break
+            await asyncio.sleep(0.01)
         fault = self._arm.lost or self._arm.fault()
         if fault is not None:
             return fault
+        end = self._script.end
+        if end is ScriptEnd.OTHERS:
+            return error("ARM_SCRIPT_DIED", self._refusal)
         if self._client.ended.is_set():
             return self._client.death()
-        if self._client.withheld:
-            return error("MOTION_WATCHDOG", "the daemon's beat was late, so the watchdog was not kicked")
-        try:
-            await self._client.call("ping", PING_S)
-        except CellError as exc:
-            if exc.name != "CALL_TIMEOUT":
-                return exc
-            return error("MOTION_WATCHDOG", "the motion client stood still, so the watchdog was not kicked")
-        if self._let_lapse():
-            return error(
-                "MOTION_WATCHDOG", "the motion client was late, so the watchdog was not kicked in time"
-            )
+        if end is ScriptEnd.UNSEEN:
+            return error("STALE_DATA", "our script ended while the arm gave no state")
+        if end is ScriptEnd.OURS:
+            who = "the daemon's beat" if self._client.withheld else "the motion client"
+            return error("MOTION_WATCHDOG", f"{who} was late, so the watchdog was not kicked in time")
         return error("ARM_SCRIPT_DIED", self._refusal)
 
 

@@ -146,7 +146,7 @@ def test_beats_that_came_during_a_long_call_count(subject: Daemon) -> None:
     subject.control.slow_s = 0.2
     subject.pipe.sendall(encode({"id": 7, "do": "open", "deadline_s": 1.0, "with": _OPEN}))
     subject.beating(0.3)
-    assert subject.next(lambda m: True)["id"] == 7
+    assert subject.next(lambda m: m.get("event") != "kicked")["id"] == 7
     assert subject.control.count("kickWatchdog") > 0
     subject.ask("stop", decel=1.0)
     assert not [m for m in subject.unread if m.get("event") == "withheld"]
@@ -159,30 +159,41 @@ def test_an_old_beat_that_was_stuck_in_the_pipe_is_no_beat(subject: Daemon) -> N
     assert subject.control.count("kickWatchdog") == 0
 
 
-def test_a_time_without_a_kick_that_ends_the_script_is_told_as_a_lapse(subject: Daemon) -> None:
+def test_every_kick_is_told_and_none_while_they_are_withheld(subject: Daemon) -> None:
     subject.beat()
     subject.open()
-    before = time.monotonic()
-    lapse = subject.next(lambda m: m.get("event") == "lapsed")  # no beats, so no kicks
-    assert before - 0.05 < lapse["since"] < before + 0.2
-    assert lapse["until"] - lapse["since"] > 1.0 / _OPEN["watchdog_hz"]
+    subject.beating(0.2)
+    subject.next(lambda m: m.get("event") == "withheld")
+    since = time.monotonic()
+    time.sleep(0.1)
+    subject.ask("stop", decel=1.0)
+    told = [m["at"] for m in subject.unread if m.get("event") == "kicked"]
+    assert len(told) - 1 == subject.control.count("kickWatchdog"), "one is for the upload"
+    assert told == sorted(told)
+    assert told[-1] < since
 
 
-def test_a_native_kick_that_waits_too_long_is_told_as_a_lapse(subject: Daemon) -> None:
+def test_a_kick_is_told_before_the_native_call_that_may_never_return(subject: Daemon) -> None:
     subject.beat()
     subject.open()
+    upload = subject.next(lambda m: m.get("event") == "kicked")["at"]
     subject.control.slow_kick_s = 0.15
-    subject.beating(0.4)
-    assert subject.next(lambda m: m.get("event") == "lapsed")["until"] > 0.0
+    subject.pipe.sendall(encode({"beat": time.monotonic()}))
+    told = subject.next(lambda m: m.get("event") == "kicked" and m["at"] > upload)
+    assert time.monotonic() - told["at"] < 0.15
 
 
-def test_kicks_in_time_are_no_lapse(subject: Daemon) -> None:
-    subject.beat()
+def test_set_points_are_told_as_kicks(subject: Daemon) -> None:
     subject.open()
-    longest = subject.beating(0.3)
-    assert subject.ask("ping")["ok"]
-    if longest < 0.05:
-        assert not [m for m in subject.unread if m.get("event") == "lapsed"]
+    subject.beat()
+    subject.ask("follow", horizon_s=0.1, ramp=8.0, lookahead=0.03, gain=500.0, decel=5.0)
+    t0 = time.monotonic()
+    subject.ask("piece", t0=t0, t1=t0 + 0.2, coefficients=[[0.5] * 6])
+    subject.beating(0.2)
+    subject.ask("stop", decel=1.0)
+    told = [m["at"] for m in subject.unread if m.get("event") == "kicked" and m["at"] > t0]
+    assert len(told) >= 3
+    assert len(told) < subject.control.count("servoJ"), "not each of the 500 a second"
 
 
 def test_kicking_ends_when_the_script_is_gone(subject: Daemon) -> None:
@@ -190,6 +201,19 @@ def test_kicking_ends_when_the_script_is_gone(subject: Daemon) -> None:
     subject.control.refuse.add("kickWatchdog")
     subject.beating(0.2)
     assert subject.control.count("kickWatchdog") == 1
+
+
+def test_late_beats_after_the_script_is_gone_are_not_told_as_withheld_kicks(subject: Daemon) -> None:
+    subject.open()
+    subject.control.refuse.add("kickWatchdog")
+    subject.beating(0.1)
+    assert subject.control.count("kickWatchdog") == 1
+    time.sleep(motion_child.BEAT_LIMIT_S + 0.1)
+    subject.beat()
+    subject.ask("stop", decel=1.0)
+    # Before the upload's first kick the beats may have been late; after the refused one they no longer count.
+    kicked = [k for k, m in enumerate(subject.unread) if m.get("event") == "kicked"]
+    assert not [m for m in subject.unread[kicked[-1] :] if m.get("event") == "withheld"]
 
 
 def test_a_closed_pipe_ends_the_process(subject: Daemon) -> None:
