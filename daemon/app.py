@@ -18,6 +18,7 @@ from daemon.composition import supervised_devices
 from daemon.config import CellConfig, load_config
 from daemon.control import ControlServer
 from daemon.engine import Engine
+from daemon.failed_reports import FailedReports
 from daemon.health import Beats, LoopLag, watchdog
 from daemon.logs import set_up_logging
 from daemon.modbus import ModbusFace
@@ -81,6 +82,8 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
         context = CellContext(config, clock, worker, supervisor, broker, ledger, lag.longest_since)
         engine = Engine(context, JOBS, state / "runs")
         engine.loop_lag = lag.summary
+        failed_reports = FailedReports()
+        engine.ended_without_result = failed_reports.want
         await _report_interrupted(engine, ledger)
 
         essential: list[asyncio.Task[Any]] = []
@@ -89,6 +92,7 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
         def spawn(name: str, work: Coroutine[Any, Any, Any]) -> None:
             essential.append(asyncio.create_task(work, name=name))
 
+        spawn("reports of failed runs", failed_reports.run())
         spawn("loop lag", lag.watch(beats, config.supervisor.loop_lag_warn_s))
         for name, entry in supervisor.devices.items():
             spawn(f"device {name}", entry.run())

@@ -38,6 +38,7 @@ class Engine:
         self.interrupted: list[int] = []
         self.waiting: list[dict[str, Any]] = []  # results that somebody has to decide about
         self.loop_lag: Callable[[], dict[str, float]] = dict
+        self.ended_without_result: Callable[[Path], None] = lambda folder: None
         self._starting = False
         self._task: asyncio.Task[None] | None = None  # the run with its beginning and end
         self._job: asyncio.Task[None] | None = None  # the procedure alone
@@ -382,6 +383,8 @@ class Engine:
         level = logging.INFO if failure is None else logging.ERROR
         log.log(level, "run %d %s: %s", run.id, outcome, failure or verdict or "")
         self._publish()
+        if run.result is None:
+            self.ended_without_result(folder.path)
 
     def _told_by_loss(self, failure: CellError | None, devices: list[str]) -> CellError | None:
         """A job may find a device gone a moment before the watch does; the loss is the cause to name."""
@@ -455,5 +458,5 @@ def _failure_of(job: asyncio.Task[None]) -> CellError | None:
         return None
     if isinstance(exc, CellError):
         return exc
-    log.error("a job failed in a way nobody foresaw", exc_info=exc)
+    log.error("a job failed in an unexpected way", exc_info=exc)
     return error("INTERNAL", f"{type(exc).__name__}: {exc}")
