@@ -5,6 +5,7 @@ proposed, accepted, in effect or can be returned to came from it. Of a complete 
 corners are in ``capture.json`` are kept; those of failed attempts and depth pictures are in no solution.
 """
 
+import json
 import os
 import shutil
 import time
@@ -14,13 +15,16 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from cell.errors import CellError
+from cell.errors import CellError, error
 from cell.store.files import append_lines, disk_errors, read_json, sync_folder
 from cell.store.runs import RunFolder, list_runs
 
 RECORD_FILE = "pruned.jsonl"
 _LEAVING = ".pruned-"  # no name of a run folder: a removal that was interrupted leaves no half run
 CAPTURE_FILE, IMAGES = "capture.json", "images"
+_RECORDED = {
+    "at": int | float, "who": str, "run_id": int, "job": str, "bytes": int, "why": str, "pictures": int
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -122,6 +126,28 @@ def carry_out(
             removal.folder.rename(leaving)
             sync_folder(runs)
             shutil.rmtree(leaving)
+
+
+def removals_recorded(runs: Path) -> list[dict[str, Any]]:
+    """What ``pruned.jsonl`` records, oldest first: ``at`` (seconds since 1970), ``who``, ``run_id``, ``job``,
+    ``bytes``, ``why``, ``pictures`` (0: the folder). Lines that are not whole are left out.
+    """
+    path = runs / RECORD_FILE
+    try:
+        lines = path.read_text("utf-8", "replace").splitlines()
+    except FileNotFoundError:
+        return []
+    except OSError as exc:
+        raise error("FILE_UNREADABLE", f"{path}: {exc.strerror or exc}") from exc
+    found = []
+    for line in lines:
+        try:
+            entry = json.loads(line)
+        except (ValueError, RecursionError):
+            continue
+        if isinstance(entry, dict) and all(isinstance(entry.get(k), kind) for k, kind in _RECORDED.items()):
+            found.append(entry)
+    return found
 
 
 def files_of(folder: Path) -> list[Path]:

@@ -1,4 +1,4 @@
-"""``cellward audit``: who wrote what from outside, and what was refused."""
+"""``cellward audit``: who wrote what from outside, what was refused, and which runs were removed."""
 
 from typing import Annotated, Any
 
@@ -12,7 +12,7 @@ def audit(
     limit: Annotated[int, typer.Option("--limit", "-n", min=1, help="How many of the newest.")] = 20,
     channel: Annotated[
         str | None,
-        typer.Option("--channel", help="Only this channel, control or modbus.", show_default=False),
+        typer.Option("--channel", help="Only this channel: control, modbus or prune.", show_default=False),
     ] = None,
     who: Annotated[
         str | None, typer.Option("--who", help="Only names that contain this text.", show_default=False)
@@ -21,7 +21,9 @@ def audit(
     config: ConfigOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Writes from outside, accepted and refused, newest last. It needs no daemon."""
+    """Writes from outside, accepted and refused, and removals of runs, newest last. It needs no daemon."""
+    from daemon.cli.pruned_text import audit_lines as removals
+
     paths = cell_paths(config)
     found: list[dict[str, Any]] = []
     if paths.ledger.exists():
@@ -32,6 +34,9 @@ def audit(
             found = ledger.audit_lines(limit, channel=channel, who=who, refused=refused)[::-1]
         finally:
             ledger.close()
+    if channel in (None, "prune") and not refused:
+        removed = [line for line in removals(paths.runs) if who is None or who.lower() in line["who"].lower()]
+        found = sorted([*found, *removed], key=lambda line: line["at"])[-limit:]
     if as_json:
         out_json(found)
     elif not found:

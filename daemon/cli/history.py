@@ -16,10 +16,19 @@ RunArgument = Annotated[int, typer.Argument(help="The number of a run.", show_de
 
 
 def load(config: Path | None, run_id: int) -> Any:
-    """The folder of a run; ``NOT_FOUND``."""
+    """The folder of a run; ``NOT_FOUND``, which says when and why it was removed if it was."""
+    from cell.errors import CellError
     from cell.store.runs import load_run
 
-    return load_run(cell_paths(config).runs, run_id)
+    runs = cell_paths(config).runs
+    try:
+        return load_run(runs, run_id)
+    except CellError as exc:
+        from daemon.cli.pruned_text import removed_folder
+
+        if exc.name == "NOT_FOUND" and (removed := removed_folder(runs, run_id)):
+            raise error("NOT_FOUND", removed) from exc
+        raise
 
 
 def result_of(run: Any) -> dict[str, Any]:
@@ -89,10 +98,13 @@ def _show(folder: Any, as_json: bool) -> None:
         out_json({"run": folder.info, "journal": journal, "end": end, "result": result})
         return
     from daemon.cli.journal_text import timeline
+    from daemon.cli.pruned_text import removed_pictures
     from daemon.cli.result_text import result_text
 
     out(f"run {folder.run_id}: {folder.job}, started {local_time(folder.info.get('started'))}")
     out(f"folder  {folder.path}")
+    for line in removed_pictures(folder.path.parent, folder.run_id):
+        out(line)
     out(timeline(journal))
     if result is not None:
         out(result_text(result))

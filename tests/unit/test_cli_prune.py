@@ -1,7 +1,9 @@
 """``cellward prune`` removes what nothing rests on, and nothing else."""
 
+import getpass
 import json
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -177,6 +179,51 @@ def test_pictures_that_no_corner_came_from_go_and_the_capture_replays_to_the_sam
     for key in ("result", "uncertainty", "residuals", "heldout", "verdict"):
         assert json.loads(after)[key] == json.loads(before)[key]
     assert json.loads(subject("prune", "--pictures", "--yes", "--json").out)["runs"] == []
+
+
+def test_a_run_that_is_gone_is_told_by_whom_when_and_why_and_what_is_kept(
+    runs: Runs, subject: CommandLine
+) -> None:
+    subject("prune", "--runs", 5, "--yes")
+    for words in (("show", 1), ("report", 1), ("replay", 1), ("compare", 1, 2)):
+        done = subject(*words)
+        assert done.code == 2
+        assert re.search(
+            r"the folder of run 1 \(cone-capture, 0\.0 MB\) was removed by 'cellward prune' on "
+            rf"\d{{4}}-\d\d-\d\d \d\d:\d\d:\d\d by {getpass.getuser()}, "
+            r"for it was older than the newest 5 runs; kept are its line in runs/pruned.jsonl "
+            r"and what the ledger holds",
+            done.err,
+        ), done.err
+    assert "removed" not in subject("show", 9).err
+
+
+def test_a_removal_is_in_the_audit_and_a_torn_line_of_the_record_hides_no_other(
+    runs: Runs, subject: CommandLine
+) -> None:
+    ledger = Ledger(runs.cell.state / "ledger.sqlite", wall=lambda: 1e9)
+    ledger.audit("control", "anna", "accept", True)
+    ledger.close()
+    subject("prune", "--runs", 4, "--yes")
+    with (runs.cell.state / "runs" / "pruned.jsonl").open("a") as file:
+        file.write('[]\n{"at": 1}\n{"at": ')
+    lines = json.loads(subject("audit", "--json").out)
+    assert [line["what"] for line in lines] == [
+        "accept",
+        "remove the folder of run 1 (cone-capture)",
+        "remove the folder of run 2 (cone-capture)",
+    ]
+    assert [line["channel"] for line in lines] == ["control", "prune", "prune"]
+    assert json.loads(subject("audit", "--json", "--channel", "prune", "-n", 1).out)[0]["what"].endswith(
+        "2 (cone-capture)"
+    )
+    assert json.loads(subject("audit", "--json", "--refused").out) == []
+    assert json.loads(subject("audit", "--json", "--who", "ANNA").out)[0]["who"] == "anna"
+
+
+def test_a_capture_that_lost_pictures_says_so(capture: RunFolder, subject: CommandLine) -> None:
+    subject("prune", "--pictures", "--yes")
+    assert "40 pictures (0.0 MB) were removed by 'cellward prune'" in subject("show", capture.run_id).out
 
 
 def test_a_picture_that_another_run_shares_frees_nothing(capture: RunFolder, subject: CommandLine) -> None:
