@@ -11,6 +11,7 @@ from typing import Generic, Protocol, TypeVar
 from cell.clock import Clock
 from cell.errors import error
 from cell.own_delay import busy_words
+from cell.spread import Spread
 
 T = TypeVar("T")
 
@@ -57,7 +58,8 @@ class Stream(Generic[T]):
 
     A new ``epoch`` begins at every reconnect: interpolation and waiting never bridge two epochs.
     ``gaps`` counts the samples that the source numbered and we did not get; ``last_gap`` is the latest time
-    of more than ``GAP_S`` without a sample, from stamp to stamp, an epoch's end included.
+    of more than ``GAP_S`` without a sample, from stamp to stamp, an epoch's end included. ``ages``, when
+    set, counts how old each sample was when its listeners saw it, and the newest one when it was asked for.
     """
 
     def __init__(self, name: str, clock: Clock, keep: int = 4096) -> None:
@@ -66,6 +68,7 @@ class Stream(Generic[T]):
         self.received = 0
         self.gaps = 0
         self.last_gap: tuple[float, float] | None = None
+        self.ages: Spread | None = None
         self._newest_t: float | None = None  # of all epochs
         self._samples: deque[Sample[T]] = deque(maxlen=keep)
         self._listeners: list[Callable[[Sample[T]], None]] = []
@@ -87,6 +90,8 @@ class Stream(Generic[T]):
         self._newest_t = sample.t
         self._samples.append(sample)
         self.received += 1
+        if self.ages is not None:
+            self.ages.add(self.clock.now() - sample.t)
         for listener in tuple(self._listeners):
             listener(sample)
 
@@ -105,6 +110,8 @@ class Stream(Generic[T]):
             raise error("STALE_DATA", f"{self.name} has given no sample yet")
         sample = self._samples[-1]
         age = self.clock.now() - sample.t
+        if self.ages is not None:
+            self.ages.add(age)
         if age > max_age:
             raise error(
                 "STALE_DATA",

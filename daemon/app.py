@@ -79,7 +79,9 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
         beats, lag = Beats(clock), LoopLag(clock)
         supervisor = Supervisor(supervised_devices(config, clock, beats))
         broker = MotionBroker(clock)
-        context = CellContext(config, clock, worker, supervisor, broker, ledger, lag.longest_since)
+        context = CellContext(
+            config, clock, worker, supervisor, broker, ledger, lag.longest_since, lag.count_into
+        )
         engine = Engine(context, JOBS, state / "runs")
         engine.loop_lag = lag.summary
         failed_reports = FailedReports()

@@ -13,6 +13,7 @@ from cell.errors import CellError, error
 from cell.interruptions import InterruptionLimits, Interruptions
 from cell.motion import MotionBroker, MotionLease
 from cell.procedure import Proposal, Run, Worker
+from cell.spread import Spread
 from cell.store.ledger import Ledger
 from daemon.config import CellConfig
 from daemon.results import enter_proposal
@@ -35,6 +36,7 @@ class CellContext:
     broker: MotionBroker
     ledger: Ledger
     paused_since: Callable[[float], float] = lambda since: 0.0  # the loop's longest lag since then, s
+    lag_into: Callable[[Spread | None], None] = lambda spread: None  # counts every lag of the loop there
 
     def device(self, role: str) -> Device:
         return self.supervisor.ready(self._named(role))

@@ -16,6 +16,7 @@ from daemon.cell_context import CellContext
 from daemon.decisions import require_read, use_of
 from daemon.job_config import make_procedure
 from daemon.results import note_arm_model, propose_results
+from daemon.run_timing import RunTiming
 from daemon.state_folder import folder_lost
 from daemon.status import live_of, status_of, summary_of
 from daemon.values import resolve_values, tell_configured, with_arm_model, with_job_limits, without_passes
@@ -304,6 +305,7 @@ class Engine:
     async def _execute(self, run: Run, folder: RunFolder, devices: list[str]) -> None:
         """Run the procedure to whichever end, then write that end down once."""
         failure: CellError | None = None
+        timing = RunTiming(self.context.lag_into, self._arm())
         job = self._job = asyncio.create_task(run.procedure.run(run), name=run.procedure.name)
         loss = asyncio.create_task(self._first_fault(run, devices), name="watch devices")
         gone = asyncio.create_task(folder_lost(folder, self.context.clock), name="watch the run's folder")
@@ -335,6 +337,8 @@ class Engine:
             gone.cancel()
             job.cancel()  # it is over, unless this task itself failed
             await asyncio.wait([job, loss, gone])
+            with suppress(CellError):  # a folder that cannot be written: the end says so
+                run.note("device", device="cell PC", event="timing", **timing.end())
             await self._close(run, folder, job, failure)
 
     async def _close(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from cell import own_delay
 from cell.clock import Clock
+from cell.spread import Spread
 
 log = logging.getLogger("cellward.health")
 
@@ -44,6 +45,7 @@ class LoopLag:
     last_s: float = 0.0
     recent: deque[float] = field(default_factory=lambda: deque(maxlen=1200))
     _ends: deque[float] = field(default_factory=lambda: deque(maxlen=1200))
+    _into: Spread | None = None
 
     async def watch(self, beats: Beats, warn_s: float) -> None:
         """Measure for ever; the first lag past ``warn_s`` is one log line, those after it are summed up."""
@@ -57,6 +59,8 @@ class LoopLag:
                 own_delay.woken(self.clock.now())
                 self.recent.append(self.last_s)
                 self._ends.append(due + self.last_s)
+                if self._into is not None:
+                    self._into.add(self.last_s)
                 beats.beat("loop")
                 if self.last_s > warn_s:
                     count, longest = count + 1, max(longest, self.last_s)
@@ -66,6 +70,10 @@ class LoopLag:
                     told_at, count, longest = due, 0, 0.0
         finally:
             own_delay.forget()
+
+    def count_into(self, spread: Spread | None) -> None:
+        """Count every lag from now on in ``spread`` as well; None ends that."""
+        self._into = spread
 
     def longest_since(self, since: float) -> float:
         """The longest lag that ended after ``since``, s."""
