@@ -66,8 +66,11 @@ def end_interrupted(runs: Path, ledger: Ledger) -> list[int]:
 
 
 def damage_text(damage: Mapping[str, Any]) -> str:
-    """What became of a ledger that was damaged, in one sentence."""
-    begun = f"the ledger was damaged; it is kept as {damage.get('aside')} and a new one was begun"
+    """What became of a ledger that was damaged or missing, in one sentence."""
+    if damage.get("aside") is None:
+        begun = "the ledger was missing, and a new one was begun"
+    else:
+        begun = f"the ledger was damaged; it is kept as {damage['aside']} and a new one was begun"
     restored = ", ".join(f"{name} version {v}" for name, v in (damage.get("restored") or {}).items())
     why_not = damage.get("why_not")
     if why_not and not restored:

@@ -72,7 +72,7 @@ WARNING_BITS = (
     ),
     WarningBit(
         "ledger_damaged",
-        "the ledger was damaged and a new one begun, until 'cellward acknowledge-ledger'",
+        "the ledger was damaged or missing and a new one begun, until 'cellward acknowledge-ledger'",
         _ledger_damaged,
     ),
 )

@@ -42,6 +42,14 @@ def is_current(folder: Path, rows: Sequence[Mapping[str, Any]]) -> bool:
         return False
 
 
+def holds_rows(folder: Path) -> bool:
+    """Whether there is an intact copy with a calibration in it."""
+    try:
+        return bool(_read(folder))
+    except CellError:
+        return False
+
+
 def read_copy(folder: Path) -> tuple[list[dict[str, Any]], list[str]]:
     """The rows of the copy, and a sentence for each whose value is in a run folder that lost it.
 

@@ -114,11 +114,17 @@ def plain(value: Any) -> Any:
     return str(value)
 
 
-def set_aside(path: Path) -> Path:
-    """Move a file that cannot be read out of the way, keeping it; returns its new name."""
+def free_name_aside(path: Path) -> Path:
+    """Where ``path`` can be kept: ``NAME.corrupt-N`` beside it."""
     number = 1
     while (target := path.with_name(f"{path.name}.corrupt-{number}")).exists():
         number += 1
+    return target
+
+
+def set_aside(path: Path) -> Path:
+    """Move a file that cannot be read out of the way, keeping it; returns its new name."""
+    target = free_name_aside(path)
     with disk_errors(path):
         path.rename(target)
         sync_folder(path.parent)

@@ -17,8 +17,9 @@ from typing import Any
 
 from cell.errors import CellError, error
 from cell.store._database import disk_error, open_database, open_for_reading
-from cell.store.calibration_copy import COLUMNS, STATES, copy_or_reason, is_current, write_copy
+from cell.store.calibration_copy import COLUMNS, FILE, STATES, holds_rows, is_current, write_copy
 from cell.store.files import to_json
+from cell.store.recovery import bring_back
 from cell.store.runs import highest_run_id
 from cell.store.summary import summary
 
@@ -51,8 +52,9 @@ class Ledger:
     def __init__(self, path: Path, wall: Callable[[], float] = time.time, *, read_only: bool = False) -> None:
         """Open or make ``path``. A corrupt file is set aside: ``aside`` names it, and it is to be reported.
 
-        A new ledger goes on numbering behind the folders in ``runs`` beside it. With ``read_only`` nothing is
-        made or set aside: ``FILE_UNREADABLE`` instead.
+        What the copy beside it holds comes back then, and also where the file is missing. A new ledger goes
+        on numbering behind the folders in ``runs`` beside it. With ``read_only`` nothing is made or set
+        aside: ``FILE_UNREADABLE`` instead.
         """
         self.path, self._wall = path, wall
         self._lock = RLock()
@@ -64,10 +66,11 @@ class Ledger:
             self._db, new, self.aside = open_database(path)
         if new and (highest := highest_run_id(path.parent / "runs")):
             self.set_state("run_id", highest)
-        if self.aside is not None:
-            self._restore()
-        elif not read_only and not new:
-            self._renew_copy()
+        if not read_only:
+            if self.aside is not None or self._lacks_what_is_copied(new):
+                self._restore()
+            elif not new:
+                self._renew_copy()
         self._damage: dict[str, Any] | None = self.get_state(DAMAGE_KEY)
 
     def close(self) -> None:
@@ -77,9 +80,9 @@ class Ledger:
     # -- after damage
 
     def damage(self) -> dict[str, Any] | None:
-        """What a damaged predecessor cost, until somebody acknowledges it; from memory, without the disk.
+        """What a damaged or missing predecessor cost, until somebody acknowledges it; from memory.
 
-        ``aside``, ``at``, ``restored`` (versions in effect) and ``why_not`` (None: all came back).
+        ``aside`` (None: the file was missing), ``at``, and what :func:`bring_back` tells.
         """
         return self._damage
 
@@ -92,20 +95,18 @@ class Ledger:
         self._damage = None
         return found
 
+    def _lacks_what_is_copied(self, new: bool) -> bool:
+        """Rows never leave a ledger. One without any beside a copy that has some was lost, or begun by a
+        start that could not bring them back, on a full disk for instance."""
+        if new:
+            return (self.path.parent / FILE).exists()
+        return not self._rows("SELECT 1 FROM calibrations LIMIT 1") and holds_rows(self.path.parent)
+
     def _restore(self) -> None:
-        """Bring back from the copy what was committed, and remember that the predecessor was damaged."""
-        rows, why_not = copy_or_reason(self.path.parent)
+        """Bring back from the copy what was committed, and remember that the predecessor was lost."""
         with self._transaction() as db:
-            for row in rows:
-                names = ", ".join(COLUMNS)
-                marks = ", ".join("?" for _ in COLUMNS)
-                values = [row[key] for key in COLUMNS]
-                db.execute(
-                    f"INSERT INTO calibrations ({names}, result) VALUES ({marks}, '{{}}')",
-                    values,
-                )
-            restored = {row["name"]: row["version"] for row in rows if row["state"] == "committed"}
-            told = {"aside": str(self.aside), "restored": restored, "why_not": why_not, "at": self._wall()}
+            aside = None if self.aside is None else str(self.aside)
+            told = {"aside": aside, "at": self._wall(), **bring_back(db, self.path.parent)}
             self.set_state(DAMAGE_KEY, told)
 
     def _renew_copy(self) -> None:

@@ -2,7 +2,20 @@
 
 import typer
 
-from daemon.cli import audit, calibrations, check, demo, export, history, jobs, live, offline, prune, setup
+from daemon.cli import (
+    audit,
+    calibrations,
+    check,
+    demo,
+    export,
+    history,
+    jobs,
+    live,
+    offline,
+    prune,
+    recover,
+    setup,
+)
 
 app = typer.Typer(
     name="cellward",
@@ -44,6 +57,7 @@ PANELS = {
         calibrations.accept,
         calibrations.reject,
         calibrations.rollback,
+        recover.recover,
         calibrations.acknowledge_ledger,
         audit.audit,
         export.export,
