@@ -16,6 +16,7 @@ from cell.errors import CellError, RefusedError, error
 from cell.interruptions import Interruptions
 from cell.poses import Array, to_pose6
 from cell.samples import Sample
+from cell.where_left import STAYED_RAD, WhereLeft
 
 log = logging.getLogger("cellward.motion")
 
@@ -26,8 +27,6 @@ STANDSTILL_SAMPLES = 5
 STANDSTILL_SPAN_S = 0.04
 TOOL_BACK, TOOL_BACK_S = "tool given back", 3.0
 TAKE_UP_REST_S = 1.0
-STAYED_RAD = 0.002
-STOPPING_S = 0.6  # silence that goes unnoticed, the controller's watchdog, and braking
 
 
 class Guard(Protocol):
@@ -189,28 +188,34 @@ class MotionLease:
         self._tool, self._speed, self._recorder = tool, speed, recorder
         self._tool_after = tool_after
         self._steps = steps
-        self._left: Sample[ArmState] | None = None  # the arm's last state before an interruption
+        self._where_left = WhereLeft(speed.joint_rad_s)
         self._port: MotionPort | None = None
         self.tool_given_back = False  # ``tool_after`` was set and read back
 
     async def __aenter__(self) -> Self:
         self._broker.acquire(self._arm)
-        begun = False
+        begun = ours = False  # ours: a client of ours was started, in this attempt or in an earlier one
 
         async def begin() -> None:
-            nonlocal begun
+            nonlocal begun, ours
             self._arm.check_movable()
             if not begun:
                 self._recorder.note("motion", event="lease", arm=self._arm.name)
             begun = True
-            self._port = await self._arm.open_motion(self._tool)
+            try:
+                self._port = await self._arm.open_motion(self._tool)
+            except RefusedError:
+                raise  # nothing of ours runs on the arm, of this attempt
+            except BaseException:
+                ours = ours or self._arm.motion_begun
+                raise
 
         try:
             await self._step("lease of the arm", begin)
-        except BaseException as exc:
+        except BaseException:
             if not begun:
                 self._broker.release(self._arm)
-            elif isinstance(exc, RefusedError) or not self._arm.motion_begun:
+            elif not ours:
                 # Nothing of ours was started, so there is nothing to stop; what others run stays untouched.
                 self._broker.release(self._arm)
                 self._note("motion", event="nothing begun", arm=self._arm.name)
@@ -245,15 +250,19 @@ class MotionLease:
     async def _move_joints(self, target: Array, speed: Speed) -> None:
         start = await self._movable_state()
         await asyncio.to_thread(self._guard.check_path_joints, start.q, target)
+        await self._movable_state()  # checking took a while
         self._recorder.note("motion", event="move_joints", q=[round(float(v), 6) for v in target])
-        await self._live_port().move_joints(target, speed)
+        with self._where_left.moving():
+            await self._live_port().move_joints(target, speed)
 
     async def _move_linear(self, T_base_flange: RigidTransform, speed: Speed) -> None:
         start = await self._movable_state()
         line = start.T_base_flange, T_base_flange, start.q, speed.tcp_m_s
         await asyncio.to_thread(self._guard.check_path_linear, *line)
+        await self._movable_state()  # checking took a while
         self._recorder.note("motion", event="move_linear", to=[float(v) for v in T_base_flange.translation])
-        await self._live_port().move_linear(T_base_flange, speed)
+        with self._where_left.moving():
+            await self._live_port().move_linear(T_base_flange, speed)
 
     async def guarded_move(
         self, T_base_flange: RigidTransform, max_force_n: float, max_travel_m: float
@@ -261,8 +270,10 @@ class MotionLease:
         """Linear move that a force ends; True when it did."""
         start = await self._movable_state()
         await asyncio.to_thread(self._guard.check_path_linear, start.T_base_flange, T_base_flange, start.q)
+        await self._movable_state()  # checking took a while
         self._recorder.note("motion", event="guarded_move", max_force_n=max_force_n)
-        return await self._live_port().guarded_move(T_base_flange, self._speed, max_force_n, max_travel_m)
+        with self._where_left.moving():
+            return await self._live_port().guarded_move(T_base_flange, self._speed, max_force_n, max_travel_m)
 
     async def stream(self, pieces: AsyncIterator[TrajectoryPiece]) -> None:
         """Follow polynomials; five points of every piece pass the guard before it is sent."""
@@ -270,7 +281,8 @@ class MotionLease:
         self._recorder.note("motion", event="stream")
         guarded = self._guarded(pieces)
         try:
-            await self._live_port().stream(guarded)
+            with self._where_left.moving():
+                await self._live_port().stream(guarded)
         finally:  # a cancel may find the port between two pieces; after a second one it still runs to its end
             if isinstance(guarded, AsyncGeneratorType) and not guarded.ag_running:
                 await guarded.aclose()
@@ -296,12 +308,12 @@ class MotionLease:
         Where that fails the motion client ends, so that the controller's watchdog stops the arm: it must not
         go on to its target unseen.
         """
-        self._left = self._arm.state.last()
+        self._where_left.leave(self._arm.state.last())
         if (port := self._port) is None:
             return
         if not await self._attempt("decelerate", port.decelerate, 0.5):
-            self._port = None
-            await self._attempt("close", port.close, 3.0)
+            # Not forgotten: it is asked whose end it was before another one is opened.
+            await self._close(port)
 
     async def take_up(self) -> None:
         """Go on after an interruption: the arm rests where it was left, and nobody else has it.
@@ -313,12 +325,13 @@ class MotionLease:
         if not await measured_standstill(self._arm, TAKE_UP_REST_S):
             self._arm.state.latest(MAX_STATE_AGE_S)  # an arm that is silent again is another interruption
             raise error("MOTION_NOT_STOPPED", f"{self._arm.name} after a short silence")
-        here = self._arm.state.latest(MAX_STATE_AGE_S).value.q
-        self._require_not_carried(here)
+        resting = self._arm.state.latest(MAX_STATE_AGE_S)
+        here = resting.value.q
+        self._where_left.found(self._arm.name, resting)
         if self._port is None or not self._port.usable:
             port, self._port = self._port, None
             if port is not None:
-                await self._attempt("close", port.close, 3.0)
+                await self._close(port)
             self._port = await self._arm.open_motion(self._tool)
             self._recorder.note("motion", event="opened again", arm=self._arm.name)
         self._arm.check_movable()
@@ -326,20 +339,6 @@ class MotionLease:
         if moved > STAYED_RAD:
             raise error(
                 "ARM_MOVED", f"{self._arm.name}: a joint turned by {moved:.4f} rad while nothing was asked"
-            )
-
-    def _require_not_carried(self, here: Array) -> None:
-        """The arm cannot be farther from where it was seen last than stopping takes it."""
-        if self._left is None:
-            return
-        state = self._left.value
-        fastest = max(float(np.max(np.abs(state.qd))), self._speed.joint_rad_s)
-        away, reach = float(np.max(np.abs(here - state.q))), STAYED_RAD + fastest * STOPPING_S
-        if away > reach:
-            raise error(
-                "ARM_MOVED",
-                f"{self._arm.name}: a joint is {away:.3f} rad from where it was seen last; "
-                f"stopping takes {reach:.3f} rad at most",
             )
 
     def _live_port(self) -> MotionPort:
@@ -366,7 +365,7 @@ class MotionLease:
                 await self._give_tool_back(port, self._tool_after)
         finally:
             if port is not None:
-                await self._attempt("close", port.close, 3.0)
+                await self._close(port)
             self._broker.release(self._arm)
 
     async def _give_tool_back(self, port: MotionPort | None, tool: ToolSettings) -> None:
@@ -414,6 +413,14 @@ class MotionLease:
             return False
         newest = self._arm.state.last()
         return newest is not None and not newest.value.program_running
+
+    async def _close(self, port: MotionPort) -> None:
+        """End a motion client, however often we are cancelled meanwhile: half closed it is lost for good."""
+
+        async def close() -> None:
+            await self._attempt("close", port.close, 3.0)
+
+        await run_to_its_end(close())
 
     async def _attempt(self, name: str, action: Callable[[], Awaitable[None]], budget: float) -> bool:
         """One step with a deadline; its failure is noted and the next step follows. Whether it succeeded."""

@@ -33,8 +33,9 @@ def process_in_real_time(priority: int) -> Iterator[None]:
     A thread that waits for a core while it holds the interpreter's lock would stop all others.
     """
     for task in _tasks():
-        if os.sched_getscheduler(task) != os.SCHED_RR:
-            _ask(task, priority)
+        with suppress(OSError):  # a thread may end between the listing and the question
+            if os.sched_getscheduler(task) != os.SCHED_RR:
+                _ask(task, priority)
     try:
         yield
     finally:

@@ -32,6 +32,7 @@ class ObjectMotionPort:
         self._arm, self._run = arm, run
         self._controller, self._world, self._clock = arm.controller, arm.world, arm.clock
         self._dead: CellError | None = None
+        self._ended_by: CellError | None = None  # before it was closed
         self._brake = STOP_DECEL_M_S2  # no gentler than the move is, or a stop would carry past its end
         # Whoever drops the port without closing it stops kicking the watchdog.
         self._left = weakref.finalize(self, arm.controller.abandon, run)
@@ -39,9 +40,9 @@ class ObjectMotionPort:
     @property
     def usable(self) -> bool:
         """False once our script ended for a silence of ours; ``ARM_SCRIPT_DIED`` when others ended it."""
-        trouble = self._dead or self._trouble()
+        trouble = self._ended_by if self.closed else self._dead or self._trouble()
         if trouble is None:
-            return True
+            return not self.closed
         if trouble.name in ("MOTION_WATCHDOG", "STALE_DATA", "DEVICE_LOST"):
             return False
         raise error(trouble.name, trouble.detail)
@@ -137,6 +138,8 @@ class ObjectMotionPort:
     async def close(self) -> None:
         """End our script."""
         await self._perhaps_hang()
+        if not self.closed:
+            self._ended_by = self._dead or self._trouble()
         self._left.detach()
         self._dead = self._dead or error("INTERNAL", "a motion port was used after it was closed")
         if self._arm.lost is not None:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import RigidTransform
 
 from cell.devices import ArmState, Speed, ToolSettings, TrajectoryPiece
 from cell.errors import CellError, error
+from cell.interruptions import Interruptions
 from cell.motion import MotionBroker, MotionLease, measured_standstill
 from cell.samples import Sample, Stream
 from fakes.object.clock import VirtualClock
@@ -89,6 +90,9 @@ class ScriptedArm:
             self.moving = False
 
 
+async def no_wait() -> None: ...
+
+
 class OpenGuard:
     def check_path_joints(self, q0: Any, q1: Any) -> None: ...
     def check_path_linear(self, T0: Any, T1: Any, q0: Any, speed_m_s: Any = None) -> None: ...
@@ -115,8 +119,9 @@ class Bench:
     broker: MotionBroker
     notes: Notes
 
-    def lease(self) -> MotionLease:
-        return self.broker.lease(self.arm, OpenGuard(), TOOL, SPEED, self.notes)  # type: ignore[arg-type]
+    def lease(self, steps: Interruptions | None = None, guard: Any = None) -> MotionLease:
+        guard = guard or OpenGuard()
+        return self.broker.lease(self.arm, guard, TOOL, SPEED, self.notes, None, steps)  # type: ignore[arg-type]
 
     async def drive(self) -> None:
         async with self.lease() as lease:
@@ -371,5 +376,88 @@ def test_the_arm_is_lent_to_one_at_a_time() -> None:
         async with bench_with(ScriptedArm()) as bench, bench.lease():
             with pytest.raises(CellError, match="already lent"):
                 await bench.drive()
+
+    run_virtual(main())
+
+
+def test_a_client_of_ours_from_an_earlier_attempt_is_stopped_when_the_next_one_finds_its_script() -> None:
+    """The first attempt started our script; the second is refused because that script still runs."""
+
+    async def main() -> None:
+        arm = ScriptedArm({"stop_script"})
+        attempts = 0
+
+        async def open_motion(tool: ToolSettings) -> ScriptedArm:
+            nonlocal attempts
+            attempts += 1
+            arm.motion_begun = False
+            if attempts > 1:
+                raise error("ARM_PROGRAM_RUNNING", "our own script")
+            arm.motion_begun = arm.moving = True
+            raise error("STALE_DATA", "arm")
+
+        arm.open_motion = open_motion  # type: ignore[method-assign]
+        async with bench_with(arm) as bench:
+            steps = Interruptions(arm.clock, no_wait, bench.notes.note)
+            with pytest.raises(CellError) as refusal:
+                async with bench.lease(steps):
+                    pass
+            assert refusal.value.name == "ARM_PROGRAM_RUNNING"
+            assert attempts == 2
+            assert bench.notes.standstill_after() == ["stop script"]
+            assert not arm.moving
+
+    run_virtual(main())
+
+
+@pytest.mark.parametrize("moment", ["rest", "take_up"])
+def test_a_cancel_while_a_motion_client_is_closed_does_not_leave_it_half_closed(moment: str) -> None:
+    closed: list[str] = []
+
+    class SlowToClose(ScriptedArm):
+        usable = False
+
+        async def close(self) -> None:
+            await asyncio.sleep(0.3)
+            closed.append(self.name)
+
+    async def main() -> None:
+        arm = SlowToClose(hang={"decelerate"} if moment == "rest" else set())
+        async with bench_with(arm) as bench, bench.lease() as lease:
+            task = asyncio.create_task(getattr(lease, moment)())
+            await asyncio.sleep(0.6 if moment == "rest" else 0.15)
+            assert closed == []
+            task.cancel()
+            await asyncio.sleep(0.01)
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+            assert closed == ["arm"]
+
+    run_virtual(main())
+
+
+@pytest.mark.parametrize("move", ["joints", "linear", "guarded"])
+def test_an_arm_that_may_no_longer_move_when_its_way_was_checked_does_not(move: str) -> None:
+    class SlowGuard(OpenGuard):
+        def check_path_joints(self, q0: Any, q1: Any) -> None:
+            arm.refusal = error("ARM_LOCAL_MODE", "while the way was checked")
+
+        def check_path_linear(self, T0: Any, T1: Any, q0: Any, speed_m_s: Any = None) -> None:
+            arm.refusal = error("ARM_LOCAL_MODE", "while the way was checked")
+
+    arm = ScriptedArm()
+
+    async def main() -> None:
+        async with bench_with(arm) as bench, bench.lease(guard=SlowGuard()) as lease:
+            there = RigidTransform.identity()
+            moves = {
+                "joints": lambda: lease.move_joints(TARGET),
+                "linear": lambda: lease.move_linear(there),
+                "guarded": lambda: lease.guarded_move(there, 10.0, 0.1),
+            }
+            with pytest.raises(CellError, match="while the way was checked"):
+                await moves[move]()
+            assert not arm.moving
 
     run_virtual(main())

@@ -4,10 +4,13 @@ import os
 import subprocess
 import sys
 import threading
+import time
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from cell import priority
 from cell.priority import COMPUTING, LOOP, process_in_real_time, real_time, yield_to_others
 
 NOBODY = 65534
@@ -51,6 +54,19 @@ def test_all_threads_of_a_process_run_in_real_time_and_those_that_began_meanwhil
     thread.join()
     assert seen == [os.SCHED_OTHER]
     assert os.sched_getscheduler(0) == os.SCHED_OTHER
+
+
+def test_a_thread_that_ended_since_it_was_listed_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    thread = threading.Thread(target=lambda: None)
+    thread.start()
+    thread.join()
+    assert thread.native_id is not None
+    gone = thread.native_id
+    monkeypatch.setattr(priority, "_tasks", lambda: [gone])
+    while Path(f"/proc/self/task/{gone}").exists():  # the kernel takes a moment longer than the interpreter
+        time.sleep(0.001)
+    with process_in_real_time(LOOP):
+        pass
 
 
 @pytest.mark.skipif(os.getuid() != 0 or not permitted(), reason="only root can drop its rights")

@@ -6,7 +6,7 @@ from drivers.ur.feed import PLAYING, STOPPED
 from drivers.ur.script_end import Kicks, ScriptEnd, ScriptRecord
 
 PATIENCE_S, PERIOD_S, PACKAGE_S = 0.1, 0.02, 0.002
-PAUSING = 3
+STOPPING, PAUSING, PAUSED = 0, 3, 4
 
 
 class Script:
@@ -133,6 +133,31 @@ def test_the_end_is_where_the_script_ceased_to_play_not_where_the_arm_stood(subj
     subject.play(1.0)
     subject.record.note(PAUSING, 1.01)
     assert subject.stop(1.15) is ScriptEnd.OTHERS
+
+
+@pytest.mark.parametrize("paused", [0.12, 0.15, 0.5], ids=lambda s: f"{s:g} s")
+def test_a_short_pause_of_the_client_counts_as_ours_however_long_the_arm_decelerates(
+    paused: float, subject: Script
+) -> None:
+    subject.kick(0.0, 1.0)
+    subject.play(1.1)
+    subject.record.note(STOPPING, 1.104)
+    subject.kicks.note(1.0 + paused)  # the last one: the script does not take it
+    for k in range(200):
+        subject.record.note(STOPPING, 1.106 + k * PACKAGE_S)
+    assert subject.stop(1.6) is ScriptEnd.OURS
+
+
+def test_a_script_that_was_paused_and_played_on_did_not_end_there(subject: Script) -> None:
+    subject.kick(0.0, 1.0)
+    subject.play(1.0)
+    subject.record.note(PAUSED, 1.002)
+    subject.kick(1.02, 3.0)
+    subject.record.note(PLAYING, 1.05)
+    assert subject.record.runs
+    subject.record.note(PLAYING, 3.1)
+    assert subject.record.end is ScriptEnd.NONE
+    assert subject.stop(3.104) is ScriptEnd.OURS
 
 
 def test_a_later_program_is_not_ours(subject: Script) -> None:
