@@ -2,11 +2,13 @@
 
 import json
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
 from cli_harness import CellOnDisk, CommandLine
 
+from calibration.tool_frame.prediction import predict
 from cell.store.ledger import Ledger
 from daemon.cli import machine
 from daemon.config import init_text, load_config
@@ -20,6 +22,14 @@ def subject(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> CommandLine:
     return CommandLine(monkeypatch, capsys, CellOnDisk(tmp_path).config)
+
+
+_predict = cache(predict)  # a few dozen commands ask for the same handful of predictions
+
+
+@pytest.fixture(autouse=True)
+def _predicted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("daemon.cli.predict_laser.predict", _predict)
 
 
 @pytest.fixture
