@@ -1,11 +1,14 @@
 """What the matrices of faults share: kinds of faults, which states each is struck at, and how.
 
+The whole product of kinds and states is for the long runs. The suite takes the subset of :func:`covering`:
+each kind of fault at least once, each state at least once, by a fixed rule.
+
 A kind of fault strikes run after run in one cell, each time at another state; that the next run gets as far
 as the state it is struck in shows that the one before left nothing behind.
 """
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -47,9 +50,33 @@ def short(device: str, fault: str, bridged: set[str], **arguments: Any) -> Kind:
 Strike = tuple[Kind, str]
 
 
-def share_of(number: int, moments: Sequence[str], count: int, stride: int) -> list[str]:
-    """The moments of one kind: spread over the job, and others for the next kind."""
-    return [moments[(number + i * stride) % len(moments)] for i in range(count)]
+def covering(
+    kinds: Sequence[Kind], moments: Sequence[str], needed: Collection[str] | None = None
+) -> list[list[str]]:
+    """The moments at which each kind strikes: every kind at one, and all those ``needed`` are met.
+
+    By default all are needed.
+
+    The rule: the kinds that can be felt at fewest moments choose first, and each takes the moment that fewest
+    have taken so far, among those at which it can be felt (among all, if it is felt nowhere). A needed moment
+    that nobody took goes to the kind with fewest moments, if possible to one that can be felt there.
+    """
+    shares: list[list[str]] = [[] for _ in kinds]
+    met = dict.fromkeys(moments, 0)
+
+    def take(number: int, moment: str) -> None:
+        shares[number].append(moment)
+        met[moment] += 1
+
+    def felt(number: int) -> list[str]:
+        return [m for m in moments if m in kinds[number].felt | kinds[number].bridged]
+
+    for number in sorted(range(len(kinds)), key=lambda n: len(felt(n) or moments)):
+        take(number, min(felt(number) or moments, key=lambda m: met[m]))
+    for moment in moments if needed is None else needed:
+        if not met[moment]:
+            take(min(range(len(kinds)), key=lambda n: (moment not in felt(n), len(shares[n]))), moment)
+    return shares
 
 
 def in_cells(kinds: Sequence[Kind], shares: Sequence[Sequence[str]], each: int) -> list[Any]:

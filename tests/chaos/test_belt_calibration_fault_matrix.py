@@ -9,7 +9,6 @@ with its usual half a millimetre they would hide a slip.
 """
 
 import asyncio
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -22,11 +21,11 @@ from tests.chaos.matrix import (
     Kind,
     Strike,
     assert_aborted,
+    covering,
     in_cells,
     inject_at,
     kind,
     put_right,
-    share_of,
     short,
 )
 from tests.object_cell import ObjectCell, no_report
@@ -72,27 +71,24 @@ BORNE = [
 ]
 
 
-def shares(kinds: Sequence[Kind]) -> list[list[str]]:
-    return [share_of(i, MOMENTS, count=2, stride=2) for i in range(len(kinds))]
-
-
+ENDED, OUTLIVED = covering(ENDS, MOMENTS), covering(BORNE, MOMENTS)
 ALL = in_cells([*ENDS, *BORNE], [MOMENTS] * (len(ENDS) + len(BORNE)), each=1)
 
 
-def test_every_state_meets_several_kinds_of_fault() -> None:
-    for kinds in (ENDS, BORNE):
-        met = [moment for share in shares(kinds) for moment in share]
-        assert all(met.count(moment) >= 2 for moment in MOMENTS)
+def test_every_kind_strikes_and_every_state_is_struck() -> None:
+    for shares in (ENDED, OUTLIVED):
+        assert all(shares)
+        assert {moment for share in shares for moment in share} == set(MOMENTS)
 
 
-@pytest.mark.parametrize("strikes", in_cells(ENDS, shares(ENDS), each=5))
+@pytest.mark.parametrize("strikes", in_cells(ENDS, ENDED, each=5))
 def test_a_fault_ends_a_calibration_by_name_and_the_next_one_finds_the_truth(
     strikes: list[Strike], tmp_path: Path
 ) -> None:
     strike_calibrations(strikes, tmp_path)
 
 
-@pytest.mark.parametrize("strikes", in_cells(BORNE, shares(BORNE), each=5))
+@pytest.mark.parametrize("strikes", in_cells(BORNE, OUTLIVED, each=5))
 def test_what_a_calibration_bears_never_makes_a_false_scale_look_good(
     strikes: list[Strike], tmp_path: Path
 ) -> None:
@@ -200,10 +196,6 @@ TOUCH_PLAN = {
 }
 
 
-def touch_shares(kinds: Sequence[Kind]) -> list[list[str]]:
-    return [share_of(i, TOUCH_MOMENTS, count=2, stride=2) for i in range(len(kinds))]
-
-
 TOUCH_KINDS = [*TOUCH_ENDS, *TOUCH_BORNE]
 ALL_TOUCHES = in_cells(TOUCH_KINDS, [TOUCH_MOMENTS] * len(TOUCH_KINDS), each=1)
 
@@ -211,8 +203,8 @@ ALL_TOUCHES = in_cells(TOUCH_KINDS, [TOUCH_MOMENTS] * len(TOUCH_KINDS), each=1)
 @pytest.mark.parametrize(
     "strikes",
     [
-        *in_cells(TOUCH_ENDS, touch_shares(TOUCH_ENDS), each=5),
-        *in_cells(TOUCH_BORNE, touch_shares(TOUCH_BORNE), each=5),
+        *in_cells(TOUCH_ENDS, covering(TOUCH_ENDS, TOUCH_MOMENTS), each=5),
+        *in_cells(TOUCH_BORNE, covering(TOUCH_BORNE, TOUCH_MOMENTS), each=5),
     ],
 )
 def test_a_fault_while_a_mark_is_touched_leaves_no_false_scale(strikes: list[Strike], tmp_path: Path) -> None:

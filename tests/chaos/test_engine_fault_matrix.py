@@ -1,4 +1,4 @@
-"""Every device-level fault at every state of a capture, on virtual time.
+"""Device-level faults at every state of a capture, on virtual time; all pairs are in the long runs.
 
 Whatever happens and whenever: the arm ends at rest, the run has one terminal entry that names the right
 error, nothing is committed, and after the cause is gone and a reset the next run succeeds.
@@ -11,7 +11,7 @@ import pytest
 from cell.procedure import Run
 from fakes.object import run_virtual
 from procedures.cone_capture.procedure import State
-from tests.chaos.matrix import Kind, assert_aborted, inject_at, kind, put_right, short
+from tests.chaos.matrix import Kind, assert_aborted, covering, inject_at, kind, put_right, short
 from tests.object_cell import ObjectCell, no_report, open_cell, write_config
 
 __all__ = ["no_report"]
@@ -80,7 +80,14 @@ KINDS = [
 
 
 # Of the moments at which a fault is not felt, the first and the last stand for all.
-CELLS = [(k, m) for k in KINDS for m in MOMENTS if m in k.felt | k.bridged or m in ("prepare", "solve")]
+ALL = [(k, m) for k in KINDS for m in MOMENTS if m in k.felt | k.bridged or m in ("prepare", "solve")]
+SHARES = covering(KINDS, MOMENTS)
+# Each kind once where it is felt, and once where it is not, if there is such a moment.
+CELLS = [(k, m) for k, share in zip(KINDS, SHARES, strict=True) for m in share] + [
+    next((k, m) for m in ("prepare", "solve") if m not in k.felt | k.bridged)
+    for k in KINDS
+    if not {"prepare", "solve"} <= k.felt | k.bridged
+]
 
 
 @pytest.fixture
@@ -93,13 +100,32 @@ def at_prompt(run: Run) -> bool:
     return run.prompt is not None
 
 
-@pytest.mark.parametrize(("fault", "moment"), CELLS, ids=lambda x: x if isinstance(x, str) else x.label)
+def named(x: Kind | str) -> str:
+    return x if isinstance(x, str) else x.label
+
+
+def test_every_kind_strikes_and_every_state_is_struck() -> None:
+    assert all(SHARES)
+    assert {moment for share in SHARES for moment in share} == set(MOMENTS)
+
+
+@pytest.mark.parametrize(("fault", "moment"), CELLS, ids=named)
 def test_a_fault_ends_the_run_safely_and_the_next_one_succeeds(
     fault: Kind, moment: str, tmp_path: Path
 ) -> None:
+    strike(fault, moment, tmp_path)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(("fault", "moment"), ALL, ids=named)
+def test_a_fault_at_any_state_ends_the_run_safely(fault: Kind, moment: str, tmp_path: Path) -> None:
+    strike(fault, moment, tmp_path)
+
+
+def strike(fault: Kind, moment: str, folder: Path) -> None:
     placements = 2 if moment in BETWEEN | {"return"} else 1
     config = write_config(
-        tmp_path, job={**PLAN, "placements": placements}, limits=BRISK, arm_keys={"state_period_s": 0.02}
+        folder, job={**PLAN, "placements": placements}, limits=BRISK, arm_keys={"state_period_s": 0.02}
     )
 
     async def main() -> None:

@@ -82,6 +82,7 @@ def ends_once_and_truly(cell: ObjectCell, run_id: int, count: int, seen: Seen) -
     return said.outcomes
 
 
+@pytest.mark.soak
 def test_of_three_hundred_items_on_their_way_each_ends_once_and_none_is_picked_twice(tmp_path: Path) -> None:
     count = 330
     profile = "[{ speed_m_s = 0.8, for_s = 11.5 }, { speed_m_s = 0.25, for_s = 10.0 }, { speed_m_s = 0.8 }]"
