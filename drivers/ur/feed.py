@@ -51,7 +51,7 @@ _OPTIONAL = ("payload", "payload_cog", "tcp_offset")
 
 NAMES = (*_DOUBLES, *_OPTIONAL, *_WORDS)
 
-STOPPED, PLAYING = 1, 2
+STOPPING, STOPPED, PLAYING = 0, 1, 2
 REBOOT_STEP_S = 1.0
 
 

@@ -10,7 +10,7 @@ from collections import deque
 from enum import Enum
 
 from cell.samples import GAP_S
-from drivers.ur.feed import PLAYING, STOPPED
+from drivers.ur.feed import PLAYING, STOPPED, STOPPING
 
 # The latest kick that was told of may not have left the child, and stamps are good for a few milliseconds.
 TOLD_EARLY_S = 0.03
@@ -68,7 +68,7 @@ class ScriptRecord:
 
     def ask_end(self) -> None:
         """We are about to end our script by a command."""
-        self._asked = self._asked or self.runs
+        self._asked = self._asked or (self.runs and self._end is None)
 
     def note(self, runtime_state: int, t: float) -> None:
         """One package: true of the controller at ``t``, s, monotonic."""
@@ -80,8 +80,10 @@ class ScriptRecord:
             self._before = t
         elif self._before > self._left:
             self._left = t
+        if runtime_state in (STOPPING, STOPPED):  # known before the arm is at rest; a pause is no end
+            self._end = self._before, self._left
         if runtime_state == STOPPED:
-            self.runs, self._end = False, (self._before, self._left)
+            self.runs = False
 
     @property
     def end(self) -> ScriptEnd:

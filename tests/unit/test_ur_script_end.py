@@ -166,3 +166,15 @@ def test_a_later_program_is_not_ours(subject: Script) -> None:
     subject.stop(1.002)
     subject.record.note(PLAYING, 1.2)
     assert not subject.record.runs
+
+
+@pytest.mark.parametrize(("last_kick", "end"), [(1.0, ScriptEnd.OURS), (1.09, ScriptEnd.OTHERS)])
+def test_whose_end_it_was_is_known_while_the_arm_still_decelerates(
+    last_kick: float, end: ScriptEnd, subject: Script
+) -> None:
+    subject.kick(0.0, last_kick)
+    subject.play(1.1)
+    subject.record.note(STOPPING, 1.104)
+    assert subject.record.runs
+    subject.record.ask_end()  # closing the port meanwhile changes nothing
+    assert subject.record.end is end
