@@ -17,6 +17,7 @@ from daemon.collector import collect_at_rest, freeze_start_up
 from daemon.composition import supervised_devices
 from daemon.config import CellConfig, load_config
 from daemon.control import ControlServer
+from daemon.disk_space import DiskSpace
 from daemon.engine import Engine
 from daemon.failed_reports import FailedReports
 from daemon.health import Beats, LoopLag, watchdog
@@ -84,6 +85,8 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
         )
         engine = Engine(context, JOBS, state / "runs")
         engine.loop_lag = lag.summary
+        disk = DiskSpace(state, clock)
+        engine.disk = disk.status
         failed_reports = FailedReports()
         engine.ended_without_result = failed_reports.want
         await _report_interrupted(engine, ledger)
@@ -94,6 +97,7 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
         def spawn(name: str, work: Coroutine[Any, Any, Any]) -> None:
             essential.append(asyncio.create_task(work, name=name))
 
+        spawn("disk space", disk.watch())
         spawn("reports of failed runs", failed_reports.run())
         spawn("loop lag", lag.watch(beats, config.supervisor.loop_lag_warn_s))
         for name, entry in supervisor.devices.items():

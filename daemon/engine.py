@@ -39,6 +39,7 @@ class Engine:
         self.interrupted: list[int] = []
         self.waiting: list[dict[str, Any]] = []  # results that somebody has to decide about
         self.loop_lag: Callable[[], dict[str, float]] = dict
+        self.disk: Callable[[], dict[str, Any]] = dict
         self.ended_without_result: Callable[[Path], None] = lambda folder: None
         self._starting = False
         self._task: asyncio.Task[None] | None = None  # the run with its beginning and end

@@ -36,6 +36,7 @@ def status_of(engine: "Engine") -> dict[str, Any]:
         "last_run": engine.last,
         "interrupted": engine.interrupted,
         "ledger_damage": engine.ledger.damage(),
+        "disk": engine.disk(),
         "waiting": engine.waiting,
         "devices": context.supervisor.status(),
         "loop_lag": engine.loop_lag(),

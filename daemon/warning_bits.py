@@ -55,6 +55,10 @@ def _ledger_damaged(cell: Shown) -> bool:
     return bool(cell.status["ledger_damage"])
 
 
+def _disk_low(cell: Shown) -> bool:
+    return bool(cell.status["disk"].get("warning"))
+
+
 WARNING_BITS = (
     WarningBit("verdict_warn", "the last result's verdict is warn, until acknowledged", _verdict_warn),
     WarningBit(
@@ -75,6 +79,7 @@ WARNING_BITS = (
         "the ledger was damaged or missing and a new one begun, until 'cellward acknowledge-ledger'",
         _ledger_damaged,
     ),
+    WarningBit("disk_low", "less than 2 GB are free where the runs are written: run prune", _disk_low),
 )
 
 

@@ -2,7 +2,6 @@
 
 import asyncio
 import os
-import shutil
 import tempfile
 import threading
 from collections.abc import Callable
@@ -12,14 +11,13 @@ from time import monotonic, sleep
 from typing import Any
 
 from cell import priority
+from daemon.disk_space import CAPTURE_BYTES, LOW_FREE_BYTES, free_bytes, low_text
 
 PROBE_S = 2.0
 TICK_S = 0.001
 LAG_S, LAG_SOFT_S = 0.1, 0.02  # the age at which the arm's state is stale, and that of one late step
 FSYNC_S = 0.05
 MIN_CORES, MIN_FREE_BYTES = 4, 20 * 10**9
-LOW_FREE_BYTES = 2 * 10**9
-CAPTURE_BYTES = 365e6  # of one hand-eye capture of 200 frames with depth
 
 
 @dataclass(frozen=True)
@@ -101,20 +99,14 @@ def _lag(name: str, what: str, late: list[float]) -> Measured:
 
 def low_space(state_dir: Path) -> str | None:
     """A warning when the disk of the runs is nearly full; None while there is room."""
-    folder = next(p for p in (state_dir, *state_dir.parents) if p.is_dir())
-    free = shutil.disk_usage(folder).free
-    if free >= LOW_FREE_BYTES:
-        return None
-    return (
-        f"{folder}: {free / 1e9:.1f} GB are free, a hand-eye capture with depth takes up to "
-        f"{CAPTURE_BYTES / 1e6:.0f} MB and a full disk ends a run; 'cellward prune' removes old runs"
-    )
+    free = free_bytes(state_dir)
+    return low_text(state_dir, free) if free < LOW_FREE_BYTES else None
 
 
 def _disk(state_dir: Path) -> list[Measured]:
     """Free space, and how long a small file takes to be safe, in ``state_dir`` or what exists of its path."""
     folder = next(p for p in (state_dir, *state_dir.parents) if p.is_dir())
-    free = shutil.disk_usage(folder).free
+    free = free_bytes(folder)
     space = Measured(
         "free space",
         float(free),

@@ -31,6 +31,8 @@ def status_text(status: Mapping[str, Any]) -> str:
         from daemon.state_folder import damage_text  # it imports asyncio
 
         lines += [f"ledger    {damage_text(damage)}", "          then: cellward acknowledge-ledger"]
+    if warning := (status.get("disk") or {}).get("warning"):
+        lines.append(f"disk      {warning}")
     lines += ["", table(("device", "state", "model", "serial", "error"), _devices(status))]
     return "\n".join(lines)
 

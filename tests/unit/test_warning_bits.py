@@ -13,6 +13,7 @@ QUIET: dict[str, Any] = {
     "devices": {"arm": {"state": "READY"}},
     "interrupted": [],
     "ledger_damage": None,
+    "disk": {"warning": None},
 }
 
 
@@ -37,6 +38,7 @@ def test_nothing_to_warn_of_is_0() -> None:
         ("device_not_ready", None, {"devices": {"arm": {"state": "LOST"}}}),
         ("tool_moved", {"verdict": "fail", "result": {"result": {"moved": {"moved": True}}}}, {}),
         ("run_interrupted", None, {"interrupted": [7]}),
+        ("disk_low", None, {"disk": {"warning": "1.2 GB are free"}}),
         ("ledger_damaged", None, {"ledger_damage": {"restored": {}}}),
     ],
 )
