@@ -118,7 +118,7 @@ def solve_lateral(
 ) -> tuple[Lateral, At, list[tuple[str, str]]]:
     """What ``crossings``, read ``tau`` s before the polls, tell; where they were linearised; and warnings."""
     height = vertical.height
-    model, warnings = choose_model(crossings, height)
+    model, warnings = choose_model(crossings, height, vertical.scene.tool.axis_known)
     groups = groups_of(crossings)
     at = At()
     for _ in range(_ROUNDS):

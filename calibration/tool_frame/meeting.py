@@ -4,20 +4,26 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import chdtri
+from scipy.special import chdtri, ndtri
 
 from cell.poses import Array
 
 COVERAGE = 0.95
 
 
+FALSE_ALARM = 1.0 / 300.0  # how often, at most, a tool that is good may be judged not to be
+FOUND = 0.99  # how often a tool that moved by the size that is promised is found
+
+
 @dataclass(frozen=True, eq=False)
 class Meeting:
     """``apart`` (3,) m in the base is the tool's point at the hit of the second scan minus the reference's;
-    ``U`` (m) is the length that 95 % of such distances stay below when the new frame is right."""
+    ``U`` (m) is the length that such distances are beyond with the stated chance when the new frame is right,
+    ``detectable`` (m) that of an error of the frame that is found with 99 % at least."""
 
     apart: Array
     U: float
+    detectable: float
 
     @property
     def distance(self) -> float:
@@ -31,24 +37,34 @@ class Meeting:
 def tool_point_meets(
     t_new: ArrayLike,
     t_ref: ArrayLike,
-    dp_second: ArrayLike,
-    cov_second: ArrayLike,
-    cov_new: ArrayLike | None,
+    dp_first: ArrayLike,
+    between: ArrayLike,
+    cov_between: ArrayLike,
     R: ArrayLike,
+    chance: float = FALSE_ALARM,
 ) -> Meeting:
     """The point ``p + R t_new`` at the hit of the second scan against the reference's hit, ``p + R t_ref``.
 
     ``t_new`` and ``t_ref`` (3,) m are the tool's point of the candidate and of the reference in the flange;
-    ``dp_second`` (3,) m is the displacement that the second scan finds against the reference, so that its
-    flange was at ``p_ref - R dp_second``. ``cov_second`` belongs to it and ``cov_new`` to ``t_new``, both
-    (3, 3) or larger with the point first; None takes the new frame to be as uncertain as the second scan.
-    ``R`` (3, 3) is R_base_flange. The raw offset of the flange does not become zero: the flange is where the
+    ``dp_first`` (3,) m is the displacement that the first scan found against the reference, ``between`` that
+    of the second scan against the first one, so that the second finds ``dp_first + between`` against the
+    reference. ``cov_between`` (3, 3) or larger with the point first belongs to ``between`` alone: the noise
+    of the reference is in both scans alike and cancels. ``R`` (3, 3) is R_base_flange, ``chance`` that of a
+    right frame to be judged wrong. The raw offset of the flange does not become zero: the flange is where the
     point is at the beam.
     """
-    second = np.asarray(cov_second, dtype=float)[:3, :3]
-    new = second if cov_new is None else np.asarray(cov_new, dtype=float)[:3, :3]
-    off = np.asarray(t_new, dtype=float) - np.asarray(t_ref, dtype=float) - np.asarray(dp_second, dtype=float)
-    return Meeting(np.asarray(R, dtype=float) @ off, length95(second + new))
+    cov = np.asarray(cov_between, dtype=float)[:3, :3]
+    off = np.asarray(t_new, dtype=float) - np.asarray(t_ref, dtype=float)
+    off = off - np.asarray(dp_first, dtype=float) - np.asarray(between, dtype=float)
+    U = length_beyond(cov, chance)
+    return Meeting(np.asarray(R, dtype=float) @ off, U, detectable(cov, U))
+
+
+def detectable(cov: Array, limit: float) -> float:
+    """The size of a true difference that is found beyond ``limit`` with 99 % at least, whichever way it
+    points; ``cov`` (k, k) is that of the measured difference."""
+    worst = float(np.max(np.linalg.eigvalsh(cov)))
+    return limit + float(ndtri(FOUND)) * float(np.sqrt(max(worst, 0.0)))
 
 
 def length95(cov: Array) -> float:

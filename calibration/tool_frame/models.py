@@ -26,8 +26,11 @@ def groups_of(crossings: Crossings) -> dict[int, str]:
     return {k: c.source.beam if c.source.current else "reference" for k, c in crossings.items()}
 
 
-def choose_model(crossings: Crossings, height: Heights) -> tuple[Model, list[tuple[str, str]]]:
-    """The model, and warnings; ``height`` (m) is added to the heights above each beam."""
+def choose_model(
+    crossings: Crossings, height: Heights, axis_known: bool = True
+) -> tuple[Model, list[tuple[str, str]]]:
+    """The model, and warnings; ``height`` (m) is added to the heights above each beam. Without ``axis_known``
+    the tilt of the reference is as open as that of the current tool."""
     span = {(b, current): _span(crossings, b, current) for b in BEAMS for current in (False, True)}
     tilts = tuple(b for b in BEAMS if span[b, True] > SOME_HEIGHT_M)
     model = Model(
@@ -38,6 +41,9 @@ def choose_model(crossings: Crossings, height: Heights) -> tuple[Model, list[tup
         hints=tuple(b for b in tilts if min(span[b, False], span[b, True]) <= TWO_HEIGHTS_M),
     )
     model, warnings = _delays(model, crossings, height)
+    if not axis_known:
+        own = tuple(f"own tilt {b}" for b in model.own_tilts)
+        return replace(model, free=own), warnings
     return _freed(model, crossings, height), warnings
 
 

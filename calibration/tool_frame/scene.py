@@ -27,12 +27,13 @@ class ReferenceTool:
     """The tool that everything is held against, in the flange.
 
     ``axis`` is a unit vector from the flange towards the point ``p``; ``radius`` that of the tool where it
-    crosses the beams.
+    crosses the beams. ``axis_known`` is False where the axis is itself a measurement, and no better than one.
     """
 
     p: Array
     axis: Array
     radius: float
+    axis_known: bool = True
 
     @classmethod
     def of(cls, p: Sequence[float], axis: Sequence[float], radius: float) -> "ReferenceTool":

@@ -36,6 +36,8 @@ def _moved(test: Mapping[str, Any]) -> list[str]:
     lines = [f"  {verdict} against the tool frame in effect: point {point_words(test)}"]
     if test["tilt_rad"] is not None:
         lines.append(f"    axis {axis_words(test)}")
+    if (size := test.get("detectable_m")) is not None:
+        lines.append(f"    a shift of {mm(size)} is found in 99 of 100 checks")
     return lines
 
 
@@ -45,9 +47,13 @@ def _update(update: Mapping[str, Any]) -> list[str]:
     if second := update.get("second_scan"):
         apart, within = second.get("apart"), "within" if second.get("meets") else "beyond"
         if apart is not None:
+            scans = "second and third scan" if second.get("scans") == 2 else "second scan"
             lines.append(
-                f"  second scan: the point is {mm(apart)} off the reference, {within} U = {mm(second['U_m'])}"
+                f"  {scans}: the point is {mm(apart)} off the reference, {within} the limit of "
+                f"{mm(second['U_m'])}"
             )
+            if (size := second.get("detectable_m")) is not None:
+                lines.append(f"    an error of the frame of {mm(size)} is found in 99 of 100")
     if update.get("committed"):
         lines.append(
             f"  the new frame is in effect from the next job on, accepted by {update.get('accepted_by')}"

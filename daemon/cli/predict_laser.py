@@ -4,12 +4,15 @@ from collections.abc import Iterator
 from math import degrees, sqrt
 from typing import Any
 
+from calibration.tool_frame.meeting import detectable
 from calibration.tool_frame.prediction import Prediction, predict
 from cell.errors import CellError
 from daemon.cli.predict_values import configured_values
 from daemon.config import CellConfig
 from procedures.laser.config import LaserCheckConfig, LaserReferenceConfig, LaserUpdateConfig, Search
+from procedures.laser.judging import odds
 from procedures.laser.measurement import SPEEDS
+from procedures.laser.moved import FLOOR_M, tolerance
 from procedures.laser.plan import PlanRequest, plan_scan
 from procedures.laser.reference import PLACES
 
@@ -37,8 +40,10 @@ def predict_laser(config: CellConfig, job: LaserReferenceConfig) -> dict[str, An
     expected = predict(
         job.measure_speed_m_s, period, job.passes, job.z_resolution_m, job.heights, noise_m=NOISE_M
     )
+    gate = _gate(config, expected)
     return {
-        "text": f"{_words(expected, job, period)}; {REACHED}",
+        "text": f"{_words(expected, job, period)}; {_gate_words(gate)}; {REACHED}",
+        **gate,
         "slide_m": expected.slide_m,
         "z_resolution_m": expected.z_resolution_m,
         "U_xy_m": expected.U_xy_m,
@@ -49,6 +54,27 @@ def predict_laser(config: CellConfig, job: LaserReferenceConfig) -> dict[str, An
         "problems": [],
         "cautions": list(_uncertainty(config, job, expected.U_point_m)),
     }
+
+
+def _gate(config: CellConfig, expected: Prediction) -> dict[str, float]:
+    """What ``laser-check`` will tell apart: its tolerance (m), its chance of a false alarm, and which shift
+    of the tool's point (m) it finds with 99 %."""
+    check = LaserCheckConfig.model_validate(config.job_section("laser-check"))
+    point = expected.cov[:3, :3]
+    limit = check.tolerance_m or tolerance(point, FLOOR_M, check.false_alarm)
+    return {
+        "tolerance_m": limit,
+        "false_alarm": check.false_alarm,
+        "detectable_m": detectable(point, limit),
+    }
+
+
+def _gate_words(gate: dict[str, float]) -> str:
+    return (
+        f"laser-check calls a tool moved beyond {1e3 * gate['tolerance_m']:.3f} mm: a good one in "
+        f"{odds(gate['false_alarm'])} checks at most, one that moved by {1e3 * gate['detectable_m']:.3f} mm "
+        "in 99 of 100 at least"
+    )
 
 
 def _words(expected: Prediction, job: LaserReferenceConfig, period: float) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from calibration.tool_frame.geometry import MIN_CROSSING_RAD
+from calibration.tool_frame.meeting import FALSE_ALARM
 from cell.errors import error
 from cell.poses import Array
 
@@ -185,6 +186,13 @@ class _Measured(_Strict):
         description="limits of shift and tilt since the last measurement",
     )
     max_U_m: float = Field(default=0.0002, gt=0, le=0.01, description="95 % uncertainty of the tool's point")
+    false_alarm: float = Field(
+        default=FALSE_ALARM,
+        gt=0,
+        le=0.1,
+        description="how often, at most, a good tool is judged not to be: moved, in a check; not confirmed "
+        "by the second scan, in an update; less often means that only larger errors are found",
+    )
     max_latency_s: float = Field(
         default=0.02, gt=0, le=1.0, description="a latency further from the configured one is warned of"
     )
@@ -202,8 +210,8 @@ class LaserCheckConfig(_Measured):
         gt=0,
         le=0.1,
         description="a tool whose point is further off the frame in effect has moved: verdict fail, run "
-        "laser-update; by default what a good tool exceeds in 1 of 300 checks, by the uncertainty of the "
-        "measurement, and 0.0001 at least",
+        "laser-update; by default what a good tool exceeds in false_alarm of all checks, by the uncertainty "
+        "of the measurement, and 0.0001 at least",
     )
     tolerance_rad: float | None = Field(
         default=None,

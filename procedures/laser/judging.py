@@ -17,6 +17,7 @@ from procedures.laser.record import FINISHED_EARLY
 
 DEG = float(np.degrees(1.0))
 BENT = "bent tool"
+AGAIN = 2.0  # times the limit: up to there a second scan that missed is taken once more
 
 
 def corrected_tool(T_ref: Sequence[float], T_last: Sequence[float], answer: Mapping[str, Any]) -> list[float]:
@@ -127,10 +128,23 @@ def why_not(second: Mapping[str, Any], max_U_m: float) -> str:
         )
     if second["meets"]:
         return ""
+    scans = "second scan" if second["scans"] == 1 else "second and third scan"
     return (
-        f"second scan: the tool's point is {1e3 * second['apart']:.3f} mm off the reference, more than its "
-        f"uncertainty of {1e3 * second['U_m']:.3f} mm"
+        f"{scans}: the tool's point is {1e3 * second['apart']:.3f} mm off the reference, more than the "
+        f"{1e3 * second['U_m']:.3f} mm that a right frame exceeds in {odds(second['false_alarm'])}"
     )
+
+
+def odds(chance: float) -> str:
+    """A chance as people say it: ``1 of 300``."""
+    return f"1 of {1.0 / chance:.0f}"
+
+
+def worth_another(second: Mapping[str, Any], max_U_m: float) -> bool:
+    """Whether a second scan missed by so little that one more scan may tell better."""
+    if second["apart"] is None or second["meets"] or second["U_point_m"] > max_U_m:
+        return False
+    return bool(second["scans"] == 1 and second["apart"] <= AGAIN * second["U_m"])
 
 
 def not_confirmed(result: dict[str, Any], why: str) -> None:

@@ -9,11 +9,10 @@ from collections.abc import Mapping
 from math import isfinite
 from typing import Any
 
-from calibration.tool_frame.meeting import length95, length_beyond
+from calibration.tool_frame.meeting import FALSE_ALARM, detectable, length95, length_beyond
 from cell.errors import error
 from cell.poses import Array
 
-FALSE_ALARM = 1.0 / 300.0  # how often, at most, a tool that has not moved may be called moved
 FLOOR_M = 0.0001  # twice the repeatability that makers state for arms of this size, in pose after pose
 FLOOR_RAD = 0.002
 _TESTS = 2  # of the point and of the axis, which share the chance of a false alarm
@@ -33,23 +32,27 @@ def whether_moved(
     ``found`` has ``shift`` (m) and ``tilt_rad`` against the frame in effect, and ``cov`` (6, 6) is that of
     the measurement against the reference. ``same_frame``: the frame in effect is the reference's; another one
     was measured as well, and is taken to be as uncertain. ``tolerance_m`` and ``tolerance_rad`` of ``config``
-    replace the tolerances that are found here. Without a tilt (``tilted``) the axis is not tested.
+    replace the tolerances that are found here; ``false_alarm`` is the chance that they keep. A shift of
+    ``detectable_m`` is found with 99 % at least. Without a tilt (``tilted``) the axis is not tested.
     ``SOLVE_REFUSED`` when a figure is no finite number: it would compare as not moved.
     """
     both = cov if same_frame else 2.0 * cov
     point, axis = both[:3, :3], both[3:, 3:]
-    allowed = config["tolerance_m"]
+    allowed, chance = config["tolerance_m"], config.get("false_alarm", FALSE_ALARM)
+    limit = tolerance(point, FLOOR_M, chance) if allowed is None else allowed
     test: dict[str, Any] = {
         "shift_m": found["shift"],
         "U_shift_m": length95(point),
-        "tolerance_m": tolerance(point, FLOOR_M) if allowed is None else allowed,
+        "tolerance_m": limit,
+        "detectable_m": detectable(point, limit),
+        "false_alarm": chance,
         "tilt_rad": None,
         "U_tilt_rad": None,
         "tolerance_rad": None,
     }
     if tilted:
         turn = config["tolerance_rad"]
-        turn = tolerance(axis, FLOOR_RAD) if turn is None else turn
+        turn = tolerance(axis, FLOOR_RAD, chance) if turn is None else turn
         test |= {"tilt_rad": found["tilt_rad"], "U_tilt_rad": length95(axis), "tolerance_rad": turn}
     if missing := [name for name, figure in test.items() if figure is not None and not isfinite(figure)]:
         raise error("SOLVE_REFUSED", f"{', '.join(missing)} of the check is not a finite number")

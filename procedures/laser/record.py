@@ -15,7 +15,7 @@ from procedures.laser.sweep import Way
 PASSES_FILE = "passes.jsonl"
 DATA_FILE = "laser.json"
 FINISHED_EARLY = "finished_early_after_ways"  # in the notes of a data set
-SECOND = "second"  # folder of the scan with the candidate tool
+SECOND, THIRD = "second", "third"  # folders of the scans with the candidate tool
 
 
 @dataclass

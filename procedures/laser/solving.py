@@ -1,16 +1,22 @@
 """From the data sets of a run to answers: the solver's, with what the jobs add to its documents."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibration.tool_frame.meeting import tool_point_meets
+from calibration.tool_frame.meeting import FALSE_ALARM, length95, tool_point_meets
+from calibration.tool_frame.scene import Refusal, Scene
+from calibration.tool_frame.solution import solve
+from cell.formats.laser import parse_laser
 from cell.poses import from_pose6
 from cell.store.files import read_json
+from procedures.laser.record import DATA_FILE, SECOND, THIRD
 from procedures.solve.laser import solve_laser, solve_reference
+from procedures.solve.laser_data import scene_of
 
 REFERENCE_SCHEMA = "cellward.laser-reference/1"
 
@@ -42,30 +48,66 @@ def solve_current(path: Path) -> dict[str, Any]:
     return solve_laser(path, calls=1)
 
 
-def compare_second(path: Path, first: Mapping[str, Any], reference: Mapping[str, Any]) -> dict[str, Any]:
+def compare_second(
+    path: Path, first: Mapping[str, Any], reference: Mapping[str, Any], chance: float = FALSE_ALARM
+) -> dict[str, Any]:
     """Whether the point of the candidate that ``first`` (a result) led to meets the reference.
 
-    ``apart`` is its distance from the reference's hit and ``apart_m`` (3,) that in the base, ``U_m`` what
-    95 % of such distances stay below; None where the second scan cannot be solved: ``reasons`` say why.
+    ``path`` is the data set of the first scan; those of the second and, if there is one, the third are in
+    folders beside it and are used together. ``apart`` is the point's distance from the reference's hit and
+    ``apart_m`` (3,) that in the base, ``U_m`` the distance that a right frame is beyond in ``chance`` of all
+    scans, ``detectable_m`` the error of a frame that is found with 99 %; None where the scans cannot be
+    solved: ``reasons`` say why. ``U_point_m`` is what 95 % of the errors of these scans stay below.
     """
-    second = solve_laser(path, calls=1)
-    answer = second["result"]
-    if answer is None:
-        unknown = {"apart": None, "apart_m": None, "U_m": None, "U_point_m": None}
-        return {"meets": False, **unknown, "reasons": second["reasons"]}
+    folders = [path.parent / name for name in (SECOND, THIRD)]
+    passes = [p for f in folders if (f / DATA_FILE).exists() for p in _current(f / DATA_FILE)]
+    about = {"scans": sum((f / DATA_FILE).exists() for f in folders), "false_alarm": chance}
+    data = read_json(path)
+    try:
+        again = solve(_scene({**data, "current": {"passes": passes}}, path))
+        between = solve(_against_first(data, passes, first, path))
+    except Refusal as refusal:
+        unknown = {"apart": None, "apart_m": None, "U_m": None, "detectable_m": None, "U_point_m": None}
+        return {"meets": False, **about, **unknown, "reasons": [str(refusal)]}
     meeting = tool_point_meets(
         t_new=from_pose6(first["T_flange_tool"]).translation,
         t_ref=from_pose6(reference["T_flange_tool"]).translation,
-        dp_second=np.array(answer["dp_flange"]),
-        cov_second=np.array(answer["cov"]),
-        cov_new=np.array(first["cov"]),
+        dp_first=np.array(first["dp_flange"]),
+        between=between.dp,
+        cov_between=between.cov,
         R=Rotation.from_rotvec(reference["R_base_flange"]).as_matrix(),
+        chance=chance,
     )
     return {
         "meets": bool(meeting.meets),
+        **about,
         "apart": meeting.distance,
         "apart_m": meeting.apart.tolist(),
         "U_m": meeting.U,
-        "U_point_m": second["uncertainty"]["U_point_m"],
+        "detectable_m": meeting.detectable,
+        "U_point_m": length95(again.cov[:3, :3]),
         "reasons": [],
     }
+
+
+def _current(path: Path) -> list[Any]:
+    found: list[Any] = read_json(path)["current"]["passes"]
+    return found
+
+
+def _against_first(data: Mapping[str, Any], passes: list[Any], first: Mapping[str, Any], path: Path) -> Scene:
+    """``passes`` held against the current ones of ``data``, whose tool is as ``first`` has it.
+
+    So the noise of the reference, which both scans have alike, is not in the answer. The axis of the first
+    scan is a measurement, and as open as that of ``passes``.
+    """
+    tool = dict(data["tool"])
+    tool["p_ref"] = (np.array(tool["p_ref"]) + np.array(first["dp_flange"])).tolist()
+    if first["drot_flange"] is not None:
+        tool["axis_ref"] = Rotation.from_rotvec(first["drot_flange"]).apply(tool["axis_ref"]).tolist()
+    scene = _scene({**data, "tool": tool, "reference": data["current"], "current": {"passes": passes}}, path)
+    return replace(scene, tool=replace(scene.tool, axis_known=False))
+
+
+def _scene(data: dict[str, Any], path: Path) -> Scene:
+    return scene_of(parse_laser(data, str(path)))

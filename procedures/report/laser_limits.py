@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+from procedures.laser.judging import odds
 from procedures.report.html import Html, absent, note, section, table
 from procedures.report.laser_source import LaserSource
 from procedures.report.numbers import DASH, deg, dig, mm, number
@@ -23,7 +24,7 @@ def limits_section(source: LaserSource) -> Html | None:
     return section(
         "Limits",
         table(("", "this result", "limit", ""), judged, "lrrl"),
-        note(_policy(source, limits)),
+        note(_policy(source, limits) + _odds(source)),
     )
 
 
@@ -39,7 +40,22 @@ def _check_rows(source: LaserSource, limits: Any) -> list[Row]:
         rows.append((f"point {words}", dig(test, "shift_m"), dig(test, "tolerance_m"), mm))
         rows.append((f"axis {words}", dig(test, "tilt_rad"), dig(test, "tolerance_rad"), deg))
     rows.append(("uncertainty U of the point", source.U, dig(limits, "max_U_m"), mm))
+    second = dig(source.result, "inputs", "update", "second_scan")
+    if second is not None and limits is not None:
+        rows.append(("point off the reference, tried", dig(second, "apart"), dig(second, "U_m"), mm))
     return rows
+
+
+def _odds(source: LaserSource) -> str:
+    """What a test of two results misses, and how often it calls a good tool wrong."""
+    test = dig(source.answer, "moved") or dig(source.result, "inputs", "update", "second_scan")
+    chance, size = number(dig(test, "false_alarm")), number(dig(test, "detectable_m"))
+    if chance is None or size is None:
+        return ""
+    return (
+        f" A good tool is judged not to be in {odds(chance)} of such tests at most; an error of {mm(size)} "
+        "of its point is found in 99 of 100 at least."
+    )
 
 
 def _reference_rows(source: LaserSource, limits: Any) -> list[Row]:
@@ -67,6 +83,6 @@ def _policy(source: LaserSource, limits: Any) -> str:
     auto = "by policy when it passes" if dig(limits, "accept", "auto") else "by an operator"
     return (
         f"A new tool frame is accepted {auto}, tried in a second scan, and put into effect only when its "
-        "point meets the reference within U. Beyond a shift or tilt limit the tool counts as bent: nothing "
-        "is corrected."
+        "point meets the reference within the limit. Beyond a shift or tilt limit the tool counts as bent: "
+        "nothing is corrected."
     )

@@ -28,12 +28,13 @@ def second_section(source: LaserSource) -> Html | None:
     if apart is None or U is None:
         return section(title, why, absent("The second scan could not be solved."))
     verdict = "meets the reference" if dig(second, "meets") else "does not meet the reference"
+    times = " twice, as the first time it missed narrowly" if dig(second, "scans") == 2 else ""
     at = vector(dig(second, "apart_m"))
     return section(
         title,
         paragraph(
-            f"Scanned again with the new frame, the tool's point {verdict}: it is {mm(apart)} off, "
-            f"U is {mm(U)}."
+            f"Scanned again with the new frame{times}, the tool's point {verdict}: it is {mm(apart)} off, "
+            f"the limit is {mm(U)}."
         ),
         why,
         None if at is None else embed(_target(at, U), "second"),
@@ -41,8 +42,8 @@ def second_section(source: LaserSource) -> Html | None:
         if at is None
         else note(
             "Seen from above, in the plane of the beams: the reference hit in the middle, the tool's point "
-            f"of the second scan, and the circle of U. In height it is {mms(at[2:])[0]} mm off. The flange "
-            "itself is elsewhere than at the reference: that it moves is the correction."
+            f"of the second scan, and the circle of the limit. In height it is {mms(at[2:])[0]} mm off. The "
+            "flange itself is elsewhere than at the reference: that it moves is the correction."
         ),
     )
 
@@ -57,7 +58,7 @@ def _target(at: Array, U: float) -> Any:
             y=ring[:, 1],
             mode="lines",
             line={"color": SOFT, "dash": "dash"},
-            name="U",
+            name="limit",
             hoverinfo="name",
         )
     )

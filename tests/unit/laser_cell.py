@@ -124,6 +124,6 @@ def the_plain_rule_misses(
     ref = from_pose6(reference["T_flange_tool"])
     t = ref.translation + np.array(first["flange_offset_base"])
     plain = to_pose6(RigidTransform.from_components(t, ref.rotation)).tolist()
-    found = compare_second(folder / "second" / "laser.json", {**first, "T_flange_tool": plain}, reference)
+    found = compare_second(folder / "laser.json", {**first, "T_flange_tool": plain}, reference)
     assert not found["meets"]
     assert found["apart"] == pytest.approx(by_m, abs=found["U_m"]), "x is doubled"

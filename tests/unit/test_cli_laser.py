@@ -116,7 +116,7 @@ def test_uncertainty_comes_from_the_covariance_where_no_job_stated_it(
     [
         (
             {"second_scan": {"apart": 0.00001, "U_m": 0.00003, "meets": True}, "committed": True},
-            "second scan: the point is 0.010 mm off the reference, within U = 0.030 mm",
+            "second scan: the point is 0.010 mm off the reference, within the limit of 0.030 mm",
         ),
         (
             {

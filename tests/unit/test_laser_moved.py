@@ -97,6 +97,19 @@ def test_a_good_tool_is_called_moved_in_at_most_one_of_three_hundred_checks(same
     assert 0.5 * FALSE_ALARM < share < 1.15 * FALSE_ALARM  # 200 expected, standard deviation 14
 
 
+def test_the_chance_of_a_false_alarm_is_a_key_and_sets_what_is_found() -> None:
+    cov, none = 100.0 * COV, {"shift": 0.0, "tilt_rad": 0.0}
+    often = whether_moved(none, cov, {**CONFIG, "false_alarm": 0.05}, True, tilted=True)
+    seldom = whether_moved(none, cov, CONFIG, True, tilted=True)
+    assert often["tolerance_m"] < seldom["tolerance_m"]
+    draws = np.random.default_rng(5).multivariate_normal(np.zeros(3), cov[:3, :3], 30_000)
+    for test in (often, seldom):
+        moved = (
+            np.linalg.norm(draws + np.array([0.0, test["detectable_m"], 0.0]), axis=1) > test["tolerance_m"]
+        )
+        assert np.mean(moved) >= 0.99
+
+
 @pytest.mark.parametrize("found", [{"shift": np.nan, "tilt_rad": 0.0}, {"shift": 0.0, "tilt_rad": np.inf}])
 def test_a_difference_that_is_no_number_is_refused_and_not_called_unmoved(found: dict[str, float]) -> None:
     with pytest.raises(CellError, match="not a finite number") as caught:

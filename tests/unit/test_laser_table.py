@@ -108,8 +108,16 @@ async def confirmed_and_not_met(folder: Path, solved: Solved) -> set[Edge]:
     return await walked(laser_config(folder), "laser-update", ("complete", "fail"))
 
 
+async def missed_narrowly(folder: Path, solved: Solved) -> set[Edge]:
+    """The second scan is taken once more, and both together meet."""
+    solved.misses = [1.5, 0.5]
+    config = laser_config(folder, update={"accept": {"auto": True}})
+    return await walked(config, "laser-update", ("complete", "pass"))
+
+
 WALKS = (
     committed,
+    missed_narrowly,
     longer_tool,
     finished_at("plan"),
     finished_at("approach"),

@@ -366,6 +366,37 @@ def test_a_second_scan_that_says_little_confirms_nothing(tmp_path: Path, solved:
     run_virtual(main())
 
 
+@pytest.mark.parametrize(
+    ("misses", "scans", "outcome"),
+    [
+        ([1.5, 0.8], 2, "committed"),
+        ([1.5, 1.2], 2, "rejected"),
+        ([2.1], 1, "rejected"),
+        ([0.9], 1, "committed"),
+    ],
+)
+def test_a_second_scan_that_missed_narrowly_is_taken_once_more_and_both_decide(
+    tmp_path: Path, solved: Solved, misses: list[float], scans: int, outcome: str
+) -> None:
+    config = laser_config(tmp_path, update=AUTO)
+    solved.misses = misses
+
+    async def main() -> None:
+        async with laser_cell(config, JOB, drawn_reference(config)) as cell:
+            await cell.run_job()
+            assert states_of_results(cell) == [outcome]
+            assert cell.result(1)["inputs"]["update"]["second_scan"]["scans"] == scans
+            assert (cell.folder(1).path / "third").exists() == (scans == 2)
+            if outcome == "rejected":
+                words = "second and third scan" if scans == 2 else "second scan"
+                assert f"not confirmed: {words}: the tool's point is" in cell.result(1)["reasons"][0]
+                assert "in 1 of 300" in cell.result(1)["reasons"][0]
+            assert cell.at_rest()
+            assert replayed(cell, 1) == []
+
+    run_virtual(main())
+
+
 def test_passes_are_late_by_what_the_reference_was_whatever_delay_was_found_since(
     tmp_path: Path, solved: Solved
 ) -> None:

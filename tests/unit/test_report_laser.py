@@ -134,7 +134,7 @@ def test_a_check_says_moved_or_not_moved_first_and_what_to_do(
 
 
 def test_second_scan_is_held_against_U(subject: Page) -> None:
-    assert "meets the reference: it is 0.010 mm off, U is 0.033 mm" in subject.text
+    assert "meets the reference: it is 0.010 mm off, the limit is 0.033 mm" in subject.text
 
 
 def test_timeline_tells_unused_passes_and_the_new_version(subject: Page) -> None:
@@ -261,7 +261,7 @@ def test_second_scan_that_missed_is_no_pass_and_says_what_to_do(
     assert any(a.get("class") == "verdict fail" for _, a in page.elements)
     assert "was not put into effect: second scan" in page.text
     assert "What to do. Nothing was changed." in page.text
-    assert "does not meet the reference: it is 0.400 mm off, U is 0.033 mm" in page.text
+    assert "does not meet the reference: it is 0.400 mm off, the limit is 0.033 mm" in page.text
 
 
 def test_refused_result_says_why_and_draws_what_there_is(

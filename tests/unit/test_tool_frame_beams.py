@@ -114,15 +114,29 @@ def test_a_right_candidate_meets_the_reference_and_the_plain_rule_does_not() -> 
     t_ref = np.array([0.0, 0.0, 0.18])
     measured = true + np.array([4e-6, -3e-6, 5e-6])
     second = true + np.array([-5e-6, 2e-6, -4e-6])
-    right = tool_point_meets(t_ref + measured, t_ref, second, cov, cov, R)
+    between = second - measured
+    right = tool_point_meets(t_ref + measured, t_ref, measured, between, cov, R)
     assert right.meets
     assert right.distance == pytest.approx(np.linalg.norm(measured - second))
     assert right.apart == pytest.approx(R @ (measured - second))
     offset = -R @ measured  # of the flange; the plain rule adds it to the frame as it stands
-    plain = tool_point_meets(t_ref + offset, t_ref, second, cov, cov, R)
+    plain = tool_point_meets(t_ref + offset, t_ref, measured, between, cov, R)
     assert not plain.meets
     assert plain.apart[0] == pytest.approx(-2.0 * true[0], abs=2e-5)
-    assert tool_point_meets(t_ref, t_ref, true, cov, None, R).distance == pytest.approx(np.linalg.norm(true))
+    old = tool_point_meets(t_ref, t_ref, true, np.zeros(3), cov, R)
+    assert old.distance == pytest.approx(np.linalg.norm(true))
+
+
+@pytest.mark.parametrize("chance", [1.0 / 300.0, 0.05])
+def test_a_right_frame_misses_as_seldom_as_is_said_and_a_wrong_one_is_found(chance: float) -> None:
+    cov = np.diag([8e-6, 5e-6, 1e-5]) ** 2
+    draws = np.random.default_rng(7).multivariate_normal(np.zeros(3), cov, 60_000)
+    gate = tool_point_meets(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), cov, R, chance)
+    assert np.mean(np.linalg.norm(draws, axis=1) > gate.U) == pytest.approx(chance, rel=0.25)
+    for way in np.eye(3):
+        found = np.linalg.norm(draws + gate.detectable * way, axis=1) > gate.U
+        assert np.mean(found) >= 0.99
+    assert np.mean(np.linalg.norm(draws + gate.detectable * np.eye(3)[2], axis=1) > gate.U) < 0.998
 
 
 def test_the_length_that_95_percent_stay_below_is_that_of_draws() -> None:
