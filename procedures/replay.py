@@ -72,10 +72,10 @@ def _belt(path: Path, info: Info, recorded: Info) -> dict[str, Any]:
 
 
 def _picking(path: Path, info: Info, recorded: Info) -> dict[str, Any]:
-    """What was picked is in journal and ledger; solved is where items were foretold to be."""
-    from procedures.belt.foretold import foretold
+    """What was picked is in journal and ledger; solved is where items were predicted to be."""
+    from procedures.belt.predicted import predicted
 
-    return {**recorded, **foretold(path)}
+    return {**recorded, **predicted(path)}
 
 
 def _iso9283(path: Path, info: Info, recorded: Info) -> dict[str, Any]:

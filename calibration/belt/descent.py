@@ -17,7 +17,7 @@ def descend(
 ) -> Leg:
     """Each axis to rest at ``offset`` (4,) from ``origin``, the middle of an item's upper face, as early as
     it can; but a tool that would touch while it is still beside its goal, because the belt does otherwise
-    than foretold, stays above the face.
+    than predicted, stays above the face.
 
     A tool too low to stop above goes on. One that is ``cautious`` always comes to rest just above the face
     before the touch: it can wait there when the belt changes late. Errors as of

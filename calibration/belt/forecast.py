@@ -122,7 +122,7 @@ NEVER = Changes(0.0, 0.0, 0.0)
 class Forecast:
     """The travel of the belt before and after ``now``; metres along the belt, seconds.
 
-    ``past()`` are earlier motions, oldest first: how well they foretold what the counts then showed is the
+    ``past()`` are earlier motions, oldest first: how well they predicted what the counts then showed is the
     error that no covariance knows of (a belt that stops).
     """
 
@@ -188,7 +188,7 @@ class Forecast:
     def past_error(self, ahead: float) -> float:
         """RMS error of the last comparable forecasts over ``ahead`` seconds, m; a guess without any.
 
-        Those of a motion of the same name, where there are enough: a belt that bends is foretold worse.
+        Those of a motion of the same name, where there are enough: a belt that bends is predicted worse.
         """
         key = round(ahead, 3)
         if key not in self._errors:
@@ -207,6 +207,6 @@ class Forecast:
             return None
         at = np.array([m.now + ahead for m in past])
         then, doubt = self._around(at)
-        foretold = np.array([float(m.position(at[k : k + 1])[0]) for k, m in enumerate(past)])
-        off = np.maximum((foretold - then) ** 2 - doubt**2, 0.0)
+        predicted = np.array([float(m.position(at[k : k + 1])[0]) for k, m in enumerate(past)])
+        off = np.maximum((predicted - then) ** 2 - doubt**2, 0.0)
         return float(np.sqrt(np.mean(off))) * abs(self.m_per_count)

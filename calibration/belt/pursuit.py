@@ -64,7 +64,7 @@ class Place:
 
 
 class Ride:
-    """An item as it is foretold now: its grasp point, and the ``yaw`` (rad) of the tool that fits it."""
+    """An item as it is predicted now: its grasp point, and the ``yaw`` (rad) of the tool that fits it."""
 
     def __init__(self, track: Track, yaw: float) -> None:
         self.track = track

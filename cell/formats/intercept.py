@@ -109,7 +109,7 @@ class ZoneTable(Strict):
     @model_validator(mode="after")
     def _edges_are_in_order(self) -> "ZoneTable":
         if self.min is not None and self.max is not None and self.min >= self.max:
-            raise ValueError(f"has min {self.min} not below max {self.max}; swap or mend them")
+            raise ValueError(f"has min {self.min} not below max {self.max}; swap or correct them")
         return self
 
 

@@ -45,7 +45,7 @@ def read_json(path: Path) -> dict[str, Any]:
     except json.JSONDecodeError as exc:
         raise error(
             "FILE_UNREADABLE",
-            f"{path} is not JSON: {exc.msg} in line {exc.lineno}, column {exc.colno}; mend or replace it",
+            f"{path} is not JSON: {exc.msg} in line {exc.lineno}, column {exc.colno}; correct or replace it",
         ) from exc
     except ValueError as exc:
         raise error("DATA_INVALID", f"{path} {exc}") from exc

@@ -34,7 +34,7 @@ def predict_belt(config: CellConfig, job: BeltTrackingConfig) -> dict[str, Any]:
     except CellError as exc:
         problems.append(exc.detail)
     if problems:
-        return {"text": "no prediction before its errors are mended", "problems": problems, "cautions": []}
+        return {"text": "no prediction before its errors are corrected", "problems": problems, "cautions": []}
     model = robot_from_spec(values["robot"])
     q_wait, q_place = (np.array(values["poses"][name]) for name in (job.wait_pose, job.place_pose))
     tool = ToolJoints(model, from_pose6(values["tool"]["T_flange_tool"]), q_wait)

@@ -88,7 +88,7 @@ def _unknown(config: CellConfig, job: TrackerSamplingConfig, device: str) -> str
         return None
     return (
         f"[device.{device}] reflectors has {', '.join(known)}, but not '{missing[0]}', which "
-        "[job.tracker-sampling] names; add it with its constant, or mend the name"
+        "[job.tracker-sampling] names; add it with its constant, or correct the name"
     )
 
 

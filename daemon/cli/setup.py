@@ -64,7 +64,7 @@ _REACTIONS = {
     "retry": "The daemon tries again by itself; a job that used the device ends.",
     "abort": "The job ends with the arm at rest.",
     "latch": "The job ends and nothing moves before 'cellward reset'.",
-    "input": "Nothing happened; the input has to be mended.",
+    "input": "Nothing happened; the input has to be corrected.",
     "refuse": "Nothing happened; the request can be repeated when the condition is gone.",
     "internal": "This should not happen; please report it.",
 }

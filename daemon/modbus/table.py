@@ -78,7 +78,7 @@ class RegisterTable:
     def value_allowed(self, address: int, value: int) -> bool:
         """Whether the PLC may write ``value`` to ``address`` of the command block.
 
-        A job number that nobody knows is refused with a result code, not here: a PLC would take an exception
+        An unknown job number is refused with a result code, not here: a PLC would take an exception
         for a broken link.
         """
         register = next((r for r in self.command if r.address == address), None)

@@ -1,4 +1,4 @@
-"""python-can's bus on a serial adapter, mended for a long life.
+"""python-can's bus on a serial adapter, corrected for a long life.
 
 The original reads byte by byte, ends its reader for good at one malformed line, hands out frames whose data
 were cut off, and keeps the file open when the adapter was pulled out. Its codec is used as it is.

@@ -40,7 +40,7 @@ class Session:
         self._lines, self._numbers = Lines(), itertools.cycle(range(1, _MOST_TRANSACTIONS + 1))
         self._turn = asyncio.Lock()
         self._waiting: tuple[int, asyncio.Future[Reply]] | None = None
-        self._unclean = True  # nobody knows what stands in the instrument's receiver
+        self._unclean = True  # what the instrument's receiver holds is unknown
         self._ended = ""
         self.counts = {"requests": 0, "timeouts": 0, "late": 0, "unreadable": 0}
 

@@ -67,7 +67,7 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> dict[str, Any]
     reasons = _beyond(answer, config["accept"])
     if parted.left is not None:
         reasons.append(
-            f"slips: {_slip_words(parted.left, sense)}, and that is in m_per_count; mend the wheel"
+            f"slips: {_slip_words(parted.left, sense)}, and that is in m_per_count; repair the wheel"
         )
     verdict: Verdict = "fail" if reasons else "warn" if warnings else "pass"
     return Result(

@@ -28,7 +28,7 @@ class Choice:
         self._descent_s = descent_s
 
     def ride(self, item: Item) -> Ride | None:
-        """``item`` as it is foretold now."""
+        """``item`` as it is predicted now."""
         track = self._watch.track(item)
         return None if track is None else Ride(track, self.yaw(item))
 

@@ -401,7 +401,7 @@ class Picker:
         return t >= self._way.t1 or float(self._way.at(t).p[2]) - foot_m >= self._corner.clear_m
 
     def _ride(self) -> Ride | None:
-        """The item in hand, as it is foretold now."""
+        """The item in hand, as it is predicted now."""
         return None if self._item is None else self._choice.ride(self._item)
 
     async def _give_up(self, t: float) -> bool:

@@ -17,11 +17,11 @@ from cell.poses import Array, from_pose6
 from cell.procedure import FinishRequested, Procedure, Run
 from procedures.arm_setup import arm_model, lease_settings
 from procedures.belt.config import BeltTrackingConfig
-from procedures.belt.foretold import foretold
 from procedures.belt.joints import ToolJoints
 from procedures.belt.live import BeltLive
 from procedures.belt.outcome import result_of
 from procedures.belt.picker import GRIPPER_STUCK, Picker
+from procedures.belt.predicted import predicted
 from procedures.belt.record import DATA_FILE, PickRecord, header_of
 from procedures.belt.sight import Sight
 from procedures.belt.states import CHECKPOINTS, PICKING, PickState
@@ -75,7 +75,7 @@ class BeltTracking(Procedure):
         run.result = result_of(picking.watch, self.config, run.values, duration_s)
         if (path := run.folder / DATA_FILE).exists():
             try:
-                run.result |= await run.worker.call(foretold, path)
+                run.result |= await run.worker.call(predicted, path)
             except InputError as exc:  # what was picked stays what it was
                 run.note("solve", event="not solved", why=str(exc))
 

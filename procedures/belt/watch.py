@@ -93,7 +93,7 @@ class BeltWatch:
         return np.inf if forecast is None else forecast.sigma(forecast.now, forecast.now + ahead_s)
 
     def track(self, item: Item) -> Track | None:
-        """``item`` as it is foretold now, until :meth:`learn` knows more."""
+        """``item`` as it is predicted now, until :meth:`learn` knows more."""
         if item.number not in self._tracks:
             self._tracks[item.number] = self.tracker.track(item.key, self.forecast)
         return self._tracks[item.number]

@@ -99,7 +99,8 @@ def _check(loaded: InterceptSet, length: float) -> None:
     if beyond:
         raise error(
             "DATA_INVALID",
-            f"{loaded.path}: {beyond} counts of encoder lie outside of modulus {modulus}; mend belt.modulus",
+            f"{loaded.path}: {beyond} counts of encoder lie outside of modulus {modulus}; "
+            "correct belt.modulus",
         )
     stamps = [t for t, _ in data.encoder]
     if any(b < a for a, b in pairwise(stamps)):

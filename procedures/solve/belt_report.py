@@ -162,8 +162,8 @@ def _held_out(loaded: InterceptSet, solved: Solved) -> dict[str, Any]:
         for h in a.query.horizons if a.track is not None else ():
             seen = belt.travel_at(a.query.t + h)
             if seen is not None and a.track is not None:
-                foretold = float(a.track.forecast.travels(np.array([a.query.t + h]))[0])
-                travel.setdefault(float(h), []).append(foretold - seen)
+                predicted = float(a.track.forecast.travels(np.array([a.query.t + h]))[0])
+                travel.setdefault(float(h), []).append(predicted - seen)
     sightings = [float(np.linalg.norm(d)) for d in _later_sightings(loaded, solved)]
     return {
         "travel": [{"horizon": h, "rms_m": _rms(v), "count": len(v)} for h, v in sorted(travel.items())],
@@ -205,7 +205,7 @@ def belt_from_sightings(loaded: InterceptSet, solved: Solved) -> BeltScale | Non
 def _observability(loaded: InterceptSet, scale: BeltScale | None) -> dict[str, Any]:
     words = [
         "a constant error of all exposure times shifts every item along the belt and cannot be seen here",
-        "a stop or start that has not begun cannot be foretold",
+        "a stop or start that has not begun cannot be predicted",
     ]
     if scale is None:
         words.append("m_per_count and dir are taken as given: no item was seen often enough to check them")

@@ -194,7 +194,7 @@ def _check_match(loaded: CaptureSet, solution: Solution) -> None:
     swapped = "eye-to-hand" if problem.setup == "eye-in-hand" else "eye-in-hand"
     cause = "check the order of the poses and that translations are in metres"
     if _fits_swapped(problem, 0.2 * apart):
-        cause = f"the data fit setup {swapped!r}; mend setup"
+        cause = f"the data fit setup {swapped!r}; correct setup"
     raise error(
         "DATA_INVALID",
         f"{loaded.path}: T_base_flange does not belong to the images: with setup {problem.setup!r} the "

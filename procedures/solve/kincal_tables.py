@@ -77,7 +77,8 @@ def _csv(path: Path) -> dict[str, list[Any]]:
     for number, row in enumerate(rows[1:], start=1):
         if len(row) != len(header):
             raise error(
-                "DATA_INVALID", f"{path} row {number} has {len(row)} cells, the header {len(header)}; mend it"
+                "DATA_INVALID",
+                f"{path} row {number} has {len(row)} cells, the header {len(header)}; correct it",
             )
         for name, cell in zip(header, row, strict=True):
             columns[name].append(_cell(path, number, name, cell.strip(), mark))

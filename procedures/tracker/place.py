@@ -30,7 +30,7 @@ class Place:
 
     @property
     def T_base_tracker(self) -> list[float] | None:
-        """As pose6; None while nobody knows."""
+        """As pose6; None while it is unknown."""
         return None if self.registration is None else pose6_of(self.registration)
 
     def found_at(self, T_base_tracker: list[float]) -> None:
@@ -63,7 +63,7 @@ class Place:
         return self.space.points(Q, target)
 
     def expected(self, q: Array, reflector: str) -> Array | None:
-        """(3,): where the tracker should see it; None while nobody knows."""
+        """(3,): where the tracker should see it; None while it is unknown."""
         if self.registration is None:
             return None
         out: Array = self.registration.to_tracker(self.drawn(q, reflector)[:, None])[:, 0]

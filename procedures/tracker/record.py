@@ -44,7 +44,7 @@ class SampleRecord:
     def vouched_for(self, limit_m: float) -> "SampleRecord":
         """Without looks that found a monument further off than ``limit_m``, and the poses before these.
 
-        Of those poses nobody knows when the stand moved, even if it stands where it stood by now. Poses after
+        When the stand moved is unknown for those poses, even if it stands where it stood by now. Poses after
         the last look stay: the next look judges them.
         """
         kept = SampleRecord(self.folder, self.header, T_base_tracker=self.T_base_tracker)

@@ -122,7 +122,7 @@ def assert_aborted(end: dict[str, Any], fault: Kind, where: str) -> None:
 
 
 async def put_right(cell: ObjectCell) -> None:
-    """What a person does: mend the cause, wait for the devices, reset."""
+    """What a person does: correct the cause, wait for the devices, reset."""
     for plant in cell.plant.plants.values():
         plant.clear()
     await cell.until(cell.all_ready, "all devices back", 30.0)

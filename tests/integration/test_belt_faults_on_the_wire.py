@@ -129,7 +129,7 @@ class Picking:
         assert (end["outcome"], end["packml"], end["error"]["name"]) == ("aborted", "ABORTED", name), end
         assert self.registers()[ERROR] == catalogue()[name].code
 
-    def mended(self, *devices: str) -> None:
+    def repaired(self, *devices: str) -> None:
         """The cause is gone and all devices are back: still nothing moves, and nobody has reset anything."""
         at = self.cell.arm()["q"]
         for device in devices:
@@ -200,7 +200,7 @@ def test_an_adapter_that_is_pulled_out_in_mid_follow_ends_the_run_at_rest(subjec
     subject.cell.inject("belt", "refuse")
     subject.ends_by(run_id, "DEVICE_LOST")
     assert subject.refuses_to_start() == "DEVICE_NOT_READY"
-    subject.mended("belt")
+    subject.repaired("belt")
 
 
 def test_a_node_that_restarts_is_configured_again_and_picking_goes_on_with_new_items(
@@ -215,7 +215,7 @@ def test_a_node_that_restarts_is_configured_again_and_picking_goes_on_with_new_i
     assert (belt["resets"], belt["state"]) == (resets + 1, "READY")
     outcomes = subject.told(run_id).outcomes
     assert outcomes[Outcome.PICKED] == 3
-    assert outcomes[Outcome.LOST] >= 1, "nobody knows where the items are that were on their way"
+    assert outcomes[Outcome.LOST] >= 1, "the places of the items on their way are unknown"
 
 
 def test_a_camera_without_pictures_is_borne_for_a_moment_and_lost_after_a_while(subject: Picking) -> None:
@@ -230,7 +230,7 @@ def test_a_camera_without_pictures_is_borne_for_a_moment_and_lost_after_a_while(
     subject.ends_by(run_id, "DEVICE_LOST")
     # each new connection that the run still waits for begins with a picture, and falls silent again
     assert len(subject.notes(run_id, "camera stall")) >= 2
-    subject.mended("camera")
+    subject.repaired("camera")
 
 
 def test_a_belt_that_stands_for_ten_seconds_suspends_the_run_at_rest_and_is_picked_from_again(
@@ -260,7 +260,7 @@ def test_nothing_moves_after_a_protective_stop_in_mid_follow_until_reset_and_sta
     subject.ends_by(run_id, "ARM_PROTECTIVE_STOP")
     assert subject.registers()[STATUS] & STOPPED_BY_SAFETY
     assert not subject.reset(), "reset while the arm still shows the stop"
-    subject.mended("arm")
+    subject.repaired("arm")
     assert subject.refuses_to_start() == "MOTION_LATCHED"
     subject.put_right()
     assert subject.end(subject.start(picks=1))["outcome"] == "complete"

@@ -53,7 +53,7 @@ def straight(t0: float, state: State, origin: Belt, offset: np.ndarray, limits: 
     return plan(t0, state, origin, offset, limits, apart=True)
 
 
-def test_on_a_belt_that_does_as_foretold_less_than_half_a_decision_is_lost() -> None:
+def test_on_a_belt_that_does_as_predicted_less_than_half_a_decision_is_lost() -> None:
     assert onto(steady, descend)[0] == pytest.approx(onto(steady, straight)[0], abs=0.5 * STEP_S)
 
 

@@ -51,12 +51,12 @@ def rms(values: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean(values**2, axis=0))
 
 
-def test_a_constant_belt_is_foretold_to_a_few_micrometres() -> None:
+def test_a_constant_belt_is_predicted_to_a_few_micrometres() -> None:
     errors, _ = Belt("constant", 1, v=0.1837).errors(np.linspace(3.0, 11.0, 25))
     assert rms(errors)[-1] < 8e-6
 
 
-def test_a_belt_that_crawls_below_a_count_per_frame_is_foretold_within_a_count() -> None:
+def test_a_belt_that_crawls_below_a_count_per_frame_is_predicted_within_a_count() -> None:
     errors, _ = Belt("constant", 2, v=0.0031).errors(np.linspace(3.0, 11.0, 25))
     assert np.abs(errors).max() < M_PER_COUNT
 
@@ -67,7 +67,7 @@ def test_a_slow_change_of_speed_is_followed() -> None:
 
 
 @pytest.mark.parametrize("seed", [4])
-def test_ripple_is_foretold_after_four_seconds(seed: int) -> None:
+def test_ripple_is_predicted_after_four_seconds(seed: int) -> None:
     errors, sigma = Belt("ripple", seed).errors(np.linspace(4.0, 11.0, 20))
     assert rms(errors)[-1] < 8e-5
     assert np.all(np.isfinite(sigma))
@@ -76,7 +76,7 @@ def test_ripple_is_foretold_after_four_seconds(seed: int) -> None:
 def test_stops_and_starts_are_followed_at_thirty_milliseconds() -> None:
     errors, sigma = Belt("stop-start", 6).errors(np.linspace(3.0, 11.5, 90))
     assert rms(errors)[0] < 2.2e-4
-    # What cannot be foretold is in the uncertainty as far as the belt has done it before.
+    # What cannot be predicted is in the uncertainty as far as the belt has done it before.
     assert 0.3 * rms(errors)[0] < rms(sigma)[0] < 3.0 * rms(errors)[0]
 
 

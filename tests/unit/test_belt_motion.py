@@ -87,9 +87,7 @@ def test_an_item_given_up_from_below_its_face_is_left_straight_up(tmp_path: Path
 
             while beside()[2] > -0.005:
                 await cell.clock.sleep(0.004)
-            cell.plant.plant("belt").inject(
-                "wrap", {"before": 20}
-            )  # by a jump: nobody knows the item's place
+            cell.plant.plant("belt").inject("wrap", {"before": 20})  # by a jump: the item's place is unknown
             low = []
             while cell.engine.active and cell.engine.status()["state"] != "return":
                 await cell.clock.sleep(0.004)

@@ -73,7 +73,7 @@ def test_a_run_can_be_solved_again_from_what_it_left(tmp_path: Path) -> None:
         at = int(np.argmin([abs(query["t"] + h - contact) for h in query["horizons"]]))
         told = np.array(answers[line["item"]]["pred"][at])
         step = steps[int(np.argmin(np.abs(steps["t"] - contact)))]
-        assert np.linalg.norm(told - step["p"][:2]) < 5e-3, "the tool went where the item was foretold"
+        assert np.linalg.norm(told - step["p"][:2]) < 5e-3, "the tool went where the item was predicted"
 
     run, recorded = kept["again"]
     assert recorded["heldout"]["later_sightings"]["count"] > 0

@@ -270,7 +270,7 @@ def test_a_probe_tells_an_arm_that_accepted_kinematics_were_not_measured_with(
     done = subject("check", "--probe", "-c", objects, "--json")
     assert told in json.loads(done.out)["warnings"]
     assert done.err.count(f"Warning: {told}") == 1
-    assert told not in subject("check", "-c", objects).err, "without a probe nobody knows who is there"
+    assert told not in subject("check", "-c", objects).err, "without a probe it is unknown who is there"
 
 
 def test_a_probe_that_finds_another_device_is_refused(

@@ -225,8 +225,8 @@ def test_data_that_cannot_tell_are_refused(solve: Any, change: dict[str, Any], n
     [
         (("belt", "dir"), [0.0, 0.0, 1.0], "belt.dir must be a direction in base with a horizontal part"),
         (("belt", "m_per_count"), 0.0, "m_per_count 0"),
-        (("belt", "modulus"), 100, "lie outside of modulus 100; mend belt.modulus"),
-        (("zone",), {"min": 0.3, "max": 0.1}, "swap or mend them"),
+        (("belt", "modulus"), 100, "lie outside of modulus 100; correct belt.modulus"),
+        (("zone",), {"min": 0.3, "max": 0.1}, "swap or correct them"),
         (("robot", "limits"), {"v": 1.0, "a": 6.0}, "robot.limits.j is missing; add it"),
         (("robto",), {}, "robto is an unknown key; did you mean 'robot'?"),
         (("belt", "m_per_count"), 0.1, "moves 0.1 m with one count, which no belt does; give it in metres"),

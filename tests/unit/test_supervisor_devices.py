@@ -19,7 +19,7 @@ from fakes.object import VirtualClock, run_virtual
 
 @dataclass
 class Gadget:
-    """A device that a test breaks and mends."""
+    """A device that a test breaks and repairs."""
 
     clock: VirtualClock
     name: str = "gadget"

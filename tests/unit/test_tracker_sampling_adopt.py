@@ -61,7 +61,7 @@ def test_poses_are_not_taken_over_when_the_stand_was_moved_meanwhile(tmp_path: P
 
 
 def test_poses_before_a_look_that_found_the_stand_moved_are_not_taken_over(tmp_path: Path) -> None:
-    """It was put back, so the next look is a good one; when it moved nobody knows."""
+    """It was put back, so the next look is a good one; when it moved is unknown."""
     config = tracker_config(tmp_path, {"poses": 14, "monument_every": 4}, scenario="palletizer")
 
     async def main() -> None:

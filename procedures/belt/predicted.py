@@ -8,7 +8,7 @@ from procedures.solve.intercept import solve_intercept
 FORETOLD = ("residuals", "heldout")
 
 
-def foretold(path: Path) -> dict[str, Any]:
+def predicted(path: Path) -> dict[str, Any]:
     """Residuals and held-out errors as ``cellward solve intercept`` has them for the ``intercept.json`` at
     ``path``: the part of a run's result that its data give again. Raises ``InputError`` as that does."""
     solved = solve_intercept(path)
