@@ -5,12 +5,14 @@ import logging
 import shutil
 import subprocess
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import pytest
 from pymodbus.client import AsyncModbusTcpClient
 from pyModbusTCP.client import ModbusClient
+from pyModbusTCP.utils import decode_ieee, encode_ieee, long_list_to_word
 
 from cell.clock import MonotonicClock
 from cell.store.ledger import Ledger
@@ -115,6 +117,46 @@ def test_pymodbus_reads_32_bit_values_and_sends_arguments(word_order: str) -> No
     asyncio.run(scene())
     (command,) = plant.commands
     assert (command.code, command.argument_uint32) == (10, 70001)
+
+
+@pytest.mark.parametrize("read_code", [1, 2, 3])
+def test_pymodbustcp_reads_who_made_the_device(read_code: int) -> None:
+    def visit(host: str, port: int) -> None:
+        client = ModbusClient(host, port, unit_id=1, timeout=5.0)
+        try:
+            stream = client.read_device_identification(read_code=read_code, object_id=0)
+            assert stream is not None
+            assert stream.objects_by_id[1] == b"cellward"
+            assert stream.objects_by_id[2] == version("cellward").encode()
+            assert (stream.conformity_level, stream.more_follows) == (0x81, 0)
+            for number, told in stream.objects_by_id.items():
+                one = client.read_device_identification(read_code=4, object_id=number)
+                assert one is not None
+                assert one.objects_by_id == {number: told}
+            assert client.read_device_identification(read_code=4, object_id=0x80) is None
+            assert client.last_except == 2
+        finally:
+            client.close()
+
+    serve(visit)
+
+
+@pytest.mark.parametrize("word_order", ["high-first", "low-first"])
+def test_pymodbustcp_writes_float32_arguments_that_arrive_and_read_back_as_written(word_order: str) -> None:
+    def visit(host: str, port: int) -> None:
+        client = ModbusClient(host, port, unit_id=1, timeout=5.0)
+        big_endian = word_order == "high-first"
+        numbers = [encode_ieee(0.25), encode_ieee(-1e-3)]
+        words = long_list_to_word(numbers, big_endian=big_endian)
+        try:
+            assert client.write_multiple_registers(0, [2, 4, 0, 0, 0, 0, *words])
+            assert client.read_holding_registers(6, 4) == words
+        finally:
+            client.close()
+
+    (command,) = serve(visit, word_order=word_order)
+    told = [decode_ieee(command.argument_as_uint32(index)) for index in (1, 2)]
+    assert told == pytest.approx([0.25, -1e-3])
 
 
 @pytest.mark.skipif(shutil.which("mbpoll") is None, reason="mbpoll is not installed (apt-get install mbpoll)")
