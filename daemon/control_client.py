@@ -57,6 +57,8 @@ class ControlClient:
         request = {"id": self._requests, "method": method, "params": params}
         try:
             self._socket.sendall(json.dumps(request).encode() + b"\n")
+        except BrokenPipeError:
+            return  # closed by the daemon, which may have said why: that line is what the reply reads
         except OSError as exc:
             raise error("DAEMON_UNREACHABLE", f"{self.path}: {exc.strerror or exc}") from exc
 

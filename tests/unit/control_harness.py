@@ -24,6 +24,9 @@ class RecordingEngine:
     def status(self) -> dict[str, Any]:
         return {"packml": self.state}
 
+    def live(self, since: Mapping[str, int]) -> dict[str, Any]:
+        return {"since": dict(since)}
+
     async def start(
         self,
         job: str,

@@ -3,6 +3,7 @@
 import asyncio
 import json
 import os
+import random
 import re
 import socket
 import stat
@@ -13,6 +14,7 @@ from typing import Any
 import pytest
 from control_harness import RecordingEngine
 
+from bench._mutate import NUMBERS, OTHERS
 from cell.errors import CellError, error
 from daemon.control import MAX_CONNECTIONS, ControlServer
 from daemon.control_client import ControlClient
@@ -372,6 +374,67 @@ def test_a_request_beyond_the_bounds_is_refused_by_a_sentence(
     told = serving(path, engine, use)
     assert told["name"] == "ARGUMENT_INVALID"
     assert re.search(why, told["text"])
+
+
+def _mutated(rng: random.Random) -> bytes:
+    """A request with one or more of its parts replaced, lost or doubled, or with its bytes damaged."""
+    method, params = rng.choice(
+        [
+            ("start", {"job": "cone-capture", "params": {"settle_s": "0.5"}, "adopt": 3, "dry_run": True}),
+            ("confirm", {"prompt_id": 65537}),
+            ("accept", {"result_id": 4, "warned": True}),
+            ("reject", {"result_id": 5, "why": "board was loose"}),
+            ("rollback", {"name": "T_flange_camera"}),
+            ("live", {"since": {"speed": 3}}),
+            ("halt", {}),
+        ]
+    )
+    request: dict[str, Any] = {"id": 1, "method": method, "params": params}
+    for _ in range(rng.randrange(1, 4)):
+        part: Any = rng.choice([request, request.get("params"), request.get("params")])
+        if not isinstance(part, dict):
+            continue
+        key = rng.choice([*part, "unknown"])
+        if rng.random() < 0.2:
+            part.pop(key, None)
+        else:
+            part[key] = rng.choice([*NUMBERS, *OTHERS])
+    line = json.dumps(request).encode()
+    if rng.random() < 0.3:
+        at = rng.randrange(len(line))
+        line = line[:at] + bytes([rng.randrange(256)]) + line[at + rng.randrange(3) :]
+    return line.replace(b"\n", b" ") + b"\n"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_mutated_requests_are_each_answered_and_never_by_an_internal_error(
+    engine: RecordingEngine, path: Path, seed: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    lines: list[tuple[str, str, bool, str]] = []
+
+    def use() -> list[tuple[bytes, dict[str, Any]]]:
+        rng = random.Random(seed)
+        answered = []
+        with socket.socket(socket.AF_UNIX) as subject:
+            subject.settimeout(5.0)
+            subject.connect(str(path))
+            answers = subject.makefile()
+            for _ in range(500):
+                line = _mutated(rng)
+                if b'"watch"' in line:
+                    continue
+                subject.sendall(line)
+                answered.append((line, json.loads(answers.readline())))
+        return answered
+
+    answered = serving(path, engine, use, lambda *line: lines.append(line))
+    assert len(answered) == 500
+    for line, answer in answered:
+        assert ("result" in answer) != ("error" in answer), line
+        assert (answer.get("error") or {}).get("name") != "INTERNAL", (line, answer)
+    assert {"result", "error"} <= {key for _, answer in answered for key in answer}
+    assert all(len(text) < 600 for line in lines for text in (line[1], line[3]))
+    assert not [record for record in caplog.records if record.exc_info]
 
 
 def test_a_halt_gets_through_when_idle_connections_hold_every_place(
