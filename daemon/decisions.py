@@ -1,10 +1,12 @@
-"""What a decision on a calibration means for this cell: what will use it, and what warned of it."""
+"""What a decision on a calibration means for this cell: may it be made, what uses it, what warned of it."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from cell.calibrations import kinematics, on_flange, tool_calibration
 from cell.errors import error
+from cell.procedure import Procedure, Run
+from cell.store.ledger import Ledger
 from daemon.config import CellConfig
 
 
@@ -15,6 +17,23 @@ def warnings_of(row: Mapping[str, Any]) -> list[str]:
         return []
     texts = [str(w.get("text")) for w in result.get("warnings") or []] + list(result.get("reasons") or [])
     return list(dict.fromkeys(texts)) or ["its verdict is warn"]
+
+
+def check_decidable(ledger: Ledger, running: Run | None, result_id: int) -> None:
+    """``NOT_NOW`` for a result of the running job: it decides about it itself, or has yet to end."""
+    if running is not None and ledger.result(result_id)["run_id"] == running.id:
+        raise error(
+            "NOT_NOW", f"run {running.id} ({running.procedure.name}) still works on result {result_id}"
+        )
+
+
+def check_confirmed(ledger: Ledger, jobs: Mapping[str, type[Procedure]], result_id: int) -> None:
+    """``NOT_NOW`` for a candidate that its own run should have confirmed and could not even reject."""
+    job = ledger.job_of_open_result(result_id)
+    if job is not None and job in jobs and jobs[job].decides:
+        raise error(
+            "NOT_NOW", f"result {result_id} was never confirmed by its {job}; reject it and start another"
+        )
 
 
 def require_read(row: Mapping[str, Any], read: bool) -> None:

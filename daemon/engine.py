@@ -13,7 +13,7 @@ from cell.motion import run_to_its_end
 from cell.procedure import PackML, Procedure, Run
 from cell.store.runs import RunFolder, load_run
 from daemon.cell_context import CellContext
-from daemon.decisions import require_read, use_of
+from daemon.decisions import check_confirmed, check_decidable, require_read, use_of
 from daemon.job_config import make_procedure
 from daemon.results import note_arm_model, propose_results
 from daemon.run_timing import RunTiming
@@ -182,8 +182,8 @@ class Engine:
 
     async def accept(self, result_id: int, who: str, warned: bool = False) -> dict[str, Any]:
         """Accept a result; ``RESULT_WARNS`` for one with warnings unless ``warned`` says they were read."""
-        await self._check_decidable(result_id)
-        await self._check_confirmed(result_id)
+        await asyncio.to_thread(check_decidable, self.ledger, self.running, result_id)
+        await asyncio.to_thread(check_confirmed, self.ledger, self.jobs, result_id)
         require_read(await asyncio.to_thread(self.ledger.result, result_id), warned)
         await asyncio.to_thread(tell_configured, self.context.config, self.ledger)
         entry = await asyncio.to_thread(self.ledger.accept, result_id, who)
@@ -191,7 +191,7 @@ class Engine:
         return {**entry, "use": use_of(self.context.config, entry["name"], entry["version"])}
 
     async def reject(self, result_id: int, who: str, why: str) -> dict[str, Any]:
-        await self._check_decidable(result_id)
+        await asyncio.to_thread(check_decidable, self.ledger, self.running, result_id)
         entry = await asyncio.to_thread(self.ledger.reject, result_id, who, why)
         await self.look_what_waits()
         return entry
@@ -200,22 +200,6 @@ class Engine:
         """Read the results that wait for a decision, for everybody who asks what to do."""
         self.waiting = await asyncio.to_thread(self.ledger.waiting_results)
         self._publish()
-
-    async def _check_decidable(self, result_id: int) -> None:
-        """``NOT_NOW`` for a result of the running job: it decides about it itself, or has yet to end."""
-        if (run := self.running) is None:
-            return
-        row = await asyncio.to_thread(self.ledger.result, result_id)
-        if row["run_id"] == run.id:
-            raise error("NOT_NOW", f"run {run.id} ({run.procedure.name}) still works on result {result_id}")
-
-    async def _check_confirmed(self, result_id: int) -> None:
-        """``NOT_NOW`` for a candidate that its own run should have confirmed and could not even reject."""
-        job = await asyncio.to_thread(self.ledger.job_of_open_result, result_id)
-        if job is not None and job in self.jobs and self.jobs[job].decides:
-            raise error(
-                "NOT_NOW", f"result {result_id} was never confirmed by its {job}; reject it and start another"
-            )
 
     async def rollback(self, name: str, who: str) -> dict[str, Any]:
         await asyncio.to_thread(tell_configured, self.context.config, self.ledger)
