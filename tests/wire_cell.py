@@ -40,13 +40,13 @@ class WireCell:
     def start_twin(self) -> None:
         command = [BIN / "cellward-twin", "--scenario", self.scenario, "--bind", self.bind]
         self.twin = self._spawn([*command, "--out", self.folder, "--with-parent"], "twin.log")
-        wait_for((self.folder / "cell.toml").exists, "the twin's cell.toml", 60.0)
+        wait_for((self.folder / "cell.toml").exists, "the twin's cell.toml", 120.0)
 
     def start_daemon(self) -> None:
         self.daemon = self._spawn(
             [BIN / "cellward", "run", "--config", self.folder / "cell.toml"], "daemon.log"
         )
-        wait_for(self.ready, "ready devices", 60.0)
+        wait_for(self.ready, "ready devices", 120.0)
 
     def _spawn(self, command: list[Any], log: str) -> subprocess.Popen[bytes]:
         with (self.folder / log).open("ab") as out:

@@ -22,7 +22,7 @@ from fakes.ur.controller import Controller
 from fakes.ur.injection import ControllerFaults
 from fakes.ur.state import controller_state
 
-START_TIMEOUT_S = 30.0
+START_TIMEOUT_S = 120.0  # a spawned interpreter imports SciPy, on a machine that may be busy
 REPLY_TIMEOUT_S = 5.0
 
 

@@ -40,8 +40,8 @@ class EncoderRig(Rig[Encoder]):
 
     async def fresh(self) -> Sample[EncoderState]:
         """A sample that was taken after the call."""
-        await self.device.wait_fresh(2.0)
-        return self.device.counts.latest(1.0)
+        await self.device.wait_fresh(10.0)
+        return self.device.counts.latest(10.0)
 
 
 @asynccontextmanager
@@ -88,6 +88,7 @@ def _wire(interface: str) -> Callable[[None], AbstractAsyncContextManager[Encode
                 node=truth.node,
                 period_s=truth.period_s,
                 connect_timeout_s=0.5,
+                lost_after_s=0.8,  # a busy machine may keep the frames of a quarter of a second back
             )
             device = CanopenEncoder("belt", config, clock)
 

@@ -3,8 +3,7 @@
 The suite (``test_arm_contract.py``, ``test_camera_contract.py``) knows nothing but an :class:`ArmRig` or a
 :class:`CameraRig`. Another face is added with :func:`add_arm_face` or :func:`add_camera_face` at the end of
 this file; see :class:`Face` for what it consists of. A face on real sockets or children gets ``wire=True``,
-which marks its tests, and ``alone=True`` if the machine must do nothing else. ``lacks`` names the faults
-that it cannot show.
+which marks its tests. ``lacks`` names the faults that it cannot show.
 """
 
 import asyncio
@@ -83,7 +82,6 @@ class Face(Generic[R]):
     rig: Callable[[Any], AbstractAsyncContextManager[R]]
     serve: Callable[[], AbstractContextManager[Any]] = nullcontext
     wire: bool = False
-    alone: bool = False
     lacks: frozenset[str] = frozenset()
 
 
@@ -112,7 +110,7 @@ def camera_faces() -> list[Any]:
 
 
 def _parameter(face: Face[Any]) -> Any:
-    marks = [pytest.mark.wire] * face.wire + [pytest.mark.alone] * face.alone
+    marks = [pytest.mark.wire] * face.wire
     return pytest.param(face, id=face.name, marks=marks)
 
 
@@ -199,12 +197,12 @@ async def _until_idle(controller: ControllerHandle) -> None:
 
 
 _controller = partial(running_controller, ARM_HOST, SCENARIO)
-add_arm_face(Face("wire", asyncio.run, _wire_arm, _controller, wire=True, alone=True))
+add_arm_face(Face("wire", asyncio.run, _wire_arm, _controller, wire=True))
 
 
 # -- the camera on the wire: the driver for OAK with its vision child, and a frame server's process
 
-FRAMES_START_S = 30.0
+FRAMES_START_S = 120.0
 
 
 @dataclass(frozen=True)

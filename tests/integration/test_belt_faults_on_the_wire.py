@@ -263,4 +263,5 @@ def test_nothing_moves_after_a_protective_stop_in_mid_follow_until_reset_and_sta
     subject.repaired("arm")
     assert subject.refuses_to_start() == "MOTION_LATCHED"
     subject.put_right()
-    assert subject.end(subject.start(picks=1))["outcome"] == "complete"
+    end = subject.end(subject.start(picks=1))
+    assert end["outcome"] == "complete", end

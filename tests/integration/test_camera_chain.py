@@ -54,7 +54,7 @@ class Twin:
         self._pipe.send([message])  # several may go together
 
     def wait(self) -> None:
-        deadline = time.monotonic() + 30.0
+        deadline = time.monotonic() + 120.0
         while not self.path.exists():
             assert self.process.is_alive()
             assert time.monotonic() < deadline

@@ -149,7 +149,7 @@ def test_a_killed_camera_comes_back_and_nothing_outlives_a_killed_twin(tmp_path:
     frames = tmp_path / "frames.sock"
     before = frames.stat().st_ino, frames.stat().st_ctime_ns
     assert Running(process, tmp_path).call("fault", "kill", "--device", "camera").returncode == 0
-    deadline = time.monotonic() + 15.0
+    deadline = time.monotonic() + 60.0
     while not frames.exists() or (frames.stat().st_ino, frames.stat().st_ctime_ns) == before:
         assert time.monotonic() < deadline, "the camera did not come back"
         time.sleep(0.05)

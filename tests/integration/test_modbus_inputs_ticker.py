@@ -9,7 +9,7 @@ import pytest
 
 from drivers.modbus_inputs.ticker import Ticker
 
-pytestmark = [pytest.mark.wire, pytest.mark.alone]
+pytestmark = pytest.mark.wire
 PERIOD = 0.002
 
 

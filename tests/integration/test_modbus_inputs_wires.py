@@ -19,7 +19,7 @@ from pymodbus.server import ModbusSerialServer, ModbusTlsServer
 from cell.errors import CellError
 from tests.integration.modbus_inputs_rig import HOST, Board, make, newest, opened, with_identity
 
-pytestmark = [pytest.mark.wire, pytest.mark.alone]
+pytestmark = pytest.mark.wire
 needs_pyserial = pytest.mark.skipif(
     importlib.util.find_spec("serial") is None, reason="pyserial is not installed (pip install pyserial)"
 )
