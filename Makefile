@@ -31,13 +31,11 @@ ALONE := -m "alone and not soak"
 demo: $(VENV)/.ready
 	$(BIN)/cellward demo
 
-# Tests of whole cells and those that stream or count milliseconds need the machine for themselves; others on the
-# wire mostly wait. A virtual machine whose host takes its cores for a tenth of a second fails any of them: what
-# failed is tried once more.
+# A whole cell in motion, which is a twin and a daemon, uses most of a core: one at a time. Other tests share both cores.
 test: $(VENV)/.ready lint
 	$(BIN)/pytest -m "not wire and not soak" --numprocesses 2 --dist worksteal
-	$(BIN)/pytest $(WIRE) --numprocesses 2 --dist loadfile || $(BIN)/pytest $(WIRE) --last-failed
-	$(BIN)/pytest $(ALONE) || $(BIN)/pytest $(ALONE) --last-failed
+	$(BIN)/pytest $(WIRE) --numprocesses 2 --dist loadfile
+	$(BIN)/pytest $(ALONE)
 
 lint: $(VENV)/.ready
 	$(BIN)/ruff check .
@@ -46,7 +44,7 @@ lint: $(VENV)/.ready
 	$(BIN)/lint-imports
 
 soak: $(VENV)/.ready
-	$(BIN)/pytest tests/soak -m soak
+	$(BIN)/pytest -m soak
 
 bench: $(VENV)/.ready
 	$(BIN)/python -m bench
