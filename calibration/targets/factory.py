@@ -14,6 +14,8 @@ from calibration.targets.marker import MarkerTarget
 from cell.errors import error
 from cell.poses import Array
 
+MIN_MARKER_M = 1e-4  # OpenCV keeps lengths in single precision and fails at 0
+
 
 class PointsTarget:
     """Points given by the data set, with their image coordinates beside each pose."""
@@ -35,11 +37,11 @@ def make_target(spec: Mapping[str, Any]) -> Target:
     """
     kind = spec.get("type")
     if kind == "charuco":
-        if not 0.0 < spec["marker_m"] < spec["square_m"]:
+        if not MIN_MARKER_M <= spec["marker_m"] < spec["square_m"]:
             raise error(
                 "DATA_INVALID",
-                f"target.marker_m is {spec['marker_m']} m; it must be positive and smaller than square_m "
-                f"({spec['square_m']} m)",
+                f"target.marker_m is {spec['marker_m']} m; it must be at least {MIN_MARKER_M:g} m, smaller "
+                f"than square_m ({spec['square_m']} m)",
             )
         return CharucoTarget(
             int(spec["squares_x"]),

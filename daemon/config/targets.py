@@ -25,7 +25,7 @@ class Charuco(Section):
     squares_x: int = Field(ge=3, le=100, description="squares along x")
     squares_y: int = Field(ge=3, le=100, description="squares along y")
     square_m: float = Field(gt=0, le=1.0, description="side of a square, as measured")
-    marker_m: float = Field(gt=0, le=1.0, description="side of a marker, smaller than the square")
+    marker_m: float = Field(ge=1e-4, le=1.0, description="side of a marker, smaller than the square")
     dictionary: str = Field(pattern=r"^DICT_\w+$", description="OpenCV's name, as in DICT_5X5_100")
     legacy: bool = Field(default=False, description="pattern of OpenCV before 4.6")
 

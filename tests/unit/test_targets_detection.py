@@ -198,3 +198,8 @@ def test_a_wide_window_would_be_drawn_to_a_foreign_edge() -> None:
     far = refine_corners(image, corner, np.array([9.0]))
     assert np.linalg.norm(near - 29.5) < 0.1
     assert np.linalg.norm(far - 29.5) > 2 * np.linalg.norm(near - 29.5)
+
+
+def test_a_marker_too_small_for_single_precision_is_refused_by_a_sentence() -> None:
+    with pytest.raises(InputError, match=r"must be at least 0\.0001 m"):
+        make_target({**CHARUCO, "marker_m": 5e-324})
