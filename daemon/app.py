@@ -17,7 +17,7 @@ from daemon.collector import collect_at_rest, freeze_start_up
 from daemon.composition import supervised_devices
 from daemon.config import CellConfig, load_config
 from daemon.control import ControlServer
-from daemon.disk_space import DiskSpace
+from daemon.disk_space import DiskSpace, low_limit
 from daemon.engine import Engine
 from daemon.failed_reports import FailedReports
 from daemon.health import Beats, LoopLag, watchdog
@@ -85,7 +85,7 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
         )
         engine = Engine(context, JOBS, state / "runs")
         engine.loop_lag = lag.summary
-        disk = DiskSpace(state, clock)
+        disk = DiskSpace(state, clock, low_limit(config))
         engine.disk = disk.status
         failed_reports = FailedReports()
         engine.ended_without_result = failed_reports.want

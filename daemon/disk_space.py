@@ -1,4 +1,4 @@
-"""Free space where the runs are written, against what the largest run writes."""
+"""Free space where the runs are written, against what the largest configured run writes."""
 
 import asyncio
 import logging
@@ -8,11 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from cell.clock import Clock
+from daemon.config import CellConfig
+from procedures.cone_capture.config import ConeCaptureConfig
 
 log = logging.getLogger("cellward.health")
 
-CAPTURE_BYTES = 365e6  # of one hand-eye capture of 200 frames with depth, the largest run there is
-LOW_FREE_BYTES = 2 * 10**9  # five of them
+# Of a colour picture and its depth as PNG: 180 frames of the twin's camera at 1280 x 800 are 350.3 MB.
+PIXEL_BYTES = 1.9
+LEAST_BYTES = 2 * 10**9  # the limit where no job writes pictures, or few
 LOOK_S = 10.0
 
 
@@ -21,21 +24,40 @@ def free_bytes(folder: Path) -> int:
     return shutil.disk_usage(next(p for p in (folder, *folder.parents) if p.is_dir())).free
 
 
-def low_text(folder: Path, free: int) -> str:
+def capture_bytes(config: CellConfig) -> int:
+    """What a cone-capture writes that takes every pose at the first attempt; 0 without that job.
+
+    No other job writes pictures: their runs are some megabytes.
+    """
+    if not (section := config.job_section("cone-capture")):
+        return 0
+    job = ConeCaptureConfig.model_validate(section)
+    device = config.robot.roles().get("flange_camera" if job.setup == "eye-in-hand" else "fixed_camera")
+    camera = config.device.get(device or "")
+    pixels = getattr(camera, "width", 1280) * getattr(camera, "height", 800)
+    return round(job.placements * job.poses_per_placement * job.frames_per_pose * pixels * PIXEL_BYTES)
+
+
+def low_limit(config: CellConfig) -> int:
+    """Free bytes below which the disk is low: two captures, as attempts that fail write as well, or 2 GB."""
+    return max(LEAST_BYTES, 2 * capture_bytes(config))
+
+
+def low_text(folder: Path, free: int, limit: int) -> str:
     """What to do about a disk that is nearly full."""
     return (
-        f"{folder}: {free / 1e9:.1f} GB are free, less than {LOW_FREE_BYTES / 1e9:g} GB; a hand-eye "
-        f"capture with depth takes up to {CAPTURE_BYTES / 1e6:.0f} MB and a full disk ends a run; "
+        f"{folder}: {free / 1e9:.1f} GB are free, less than {limit / 1e9:.1f} GB; a full disk ends a run; "
         "'cellward prune' removes old runs"
     )
 
 
 @dataclass
 class DiskSpace:
-    """Watches the disk of ``folder``."""
+    """Watches the disk of ``folder``, which is low with less than ``limit`` bytes free."""
 
     folder: Path
     clock: Clock
+    limit: int = LEAST_BYTES
     free: int | None = None  # None: not looked at yet, or the disk does not answer
 
     async def watch(self) -> None:
@@ -49,7 +71,7 @@ class DiskSpace:
                 log.error("%s: %s", self.folder, exc.strerror or exc)
             else:
                 if self.low and not was_low:
-                    log.warning("%s", low_text(self.folder, self.free))
+                    log.warning("%s", low_text(self.folder, self.free, self.limit))
                 elif was_low and not self.low:
                     log.info("%s: space is free again", self.folder)
                 was_low = self.low
@@ -57,9 +79,9 @@ class DiskSpace:
 
     @property
     def low(self) -> bool:
-        return self.free is not None and self.free < LOW_FREE_BYTES
+        return self.free is not None and self.free < self.limit
 
     def status(self) -> dict[str, Any]:
         """``free_bytes`` (None: unknown), ``limit_bytes``, and ``warning`` (None: there is room)."""
-        warning = low_text(self.folder, self.free) if self.low and self.free is not None else None
-        return {"free_bytes": self.free, "limit_bytes": LOW_FREE_BYTES, "warning": warning}
+        warning = low_text(self.folder, self.free, self.limit) if self.low and self.free is not None else None
+        return {"free_bytes": self.free, "limit_bytes": self.limit, "warning": warning}

@@ -79,7 +79,7 @@ WARNING_BITS = (
         "the ledger was damaged or missing and a new one begun, until 'cellward acknowledge-ledger'",
         _ledger_damaged,
     ),
-    WarningBit("disk_low", "less than 2 GB are free where the runs are written: run prune", _disk_low),
+    WarningBit("disk_low", "the disk of the runs is nearly full: run prune", _disk_low),
 )
 
 

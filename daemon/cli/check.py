@@ -34,6 +34,7 @@ def check(
     from daemon.cli.predict_arm import arm_in_use, strangers
     from daemon.cli.predict_values import found_in
     from daemon.config import load_config
+    from daemon.disk_space import capture_bytes
 
     path = config_path(config)
     try:
@@ -46,14 +47,14 @@ def check(
     problems = [*loaded.problems, *found_in(expected, "problems")]
     arm = arm_in_use(loaded)
     doubts = [f"arm: {text}" for text in arm["cautions"]] if arm else []
-    full = low_space(Path(loaded.cell.state_dir))
+    full = low_space(loaded)
     warnings = [*loaded.warnings, *doubts, *found_in(expected, "cautions"), *([full] if full else [])]
     for problem in problems:
         say(f"Error: {problem}")
     for warning in warnings:
         say(f"Warning: {warning}")
     found = _probe(loaded) if probe else []
-    measured = measure(Path(loaded.cell.state_dir)) if machine else []
+    measured = measure(Path(loaded.cell.state_dir), capture_bytes(loaded)) if machine else []
     serials = {d["device"]: d["serial"] for d in found if d["serial"]}
     for stranger in strangers(loaded, serials) if serials else ():
         warnings.append(stranger)

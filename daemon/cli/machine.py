@@ -11,7 +11,8 @@ from time import monotonic, sleep
 from typing import Any
 
 from cell import priority
-from daemon.disk_space import CAPTURE_BYTES, LOW_FREE_BYTES, free_bytes, low_text
+from daemon.config import CellConfig
+from daemon.disk_space import free_bytes, low_limit, low_text
 
 PROBE_S = 2.0
 TICK_S = 0.001
@@ -31,9 +32,10 @@ class Measured:
     text: str
 
 
-def machine(state_dir: Path) -> list[dict[str, Any]]:
-    """Every figure, about three seconds; ``state_dir`` is where the runs will be written."""
-    found = [_cores(), _priorities(), *_lags(), *_disk(state_dir), *_settings()]
+def machine(state_dir: Path, capture: int = 0) -> list[dict[str, Any]]:
+    """Every figure, about three seconds; ``state_dir`` is where the runs will be written, ``capture`` what
+    one hand-eye capture writes, bytes (0: the cell has none)."""
+    found = [_cores(), _priorities(), *_lags(), *_disk(state_dir, capture), *_settings()]
     return [asdict(one) for one in found]
 
 
@@ -97,13 +99,14 @@ def _lag(name: str, what: str, late: list[float]) -> Measured:
     return Measured(f"{name} lag", longest, "s", longest <= LAG_SOFT_S, text)
 
 
-def low_space(state_dir: Path) -> str | None:
+def low_space(config: CellConfig) -> str | None:
     """A warning when the disk of the runs is nearly full; None while there is room."""
-    free = free_bytes(state_dir)
-    return low_text(state_dir, free) if free < LOW_FREE_BYTES else None
+    folder, limit = Path(config.cell.state_dir), low_limit(config)
+    free = free_bytes(folder)
+    return low_text(folder, free, limit) if free < limit else None
 
 
-def _disk(state_dir: Path) -> list[Measured]:
+def _disk(state_dir: Path, capture: int = 0) -> list[Measured]:
     """Free space, and how long a small file takes to be safe, in ``state_dir`` or what exists of its path."""
     folder = next(p for p in (state_dir, *state_dir.parents) if p.is_dir())
     free = free_bytes(folder)
@@ -112,8 +115,8 @@ def _disk(state_dir: Path) -> list[Measured]:
         float(free),
         "bytes",
         free >= MIN_FREE_BYTES,
-        f"{folder}: {free / 1e9:.0f} GB are free, about {int(free / CAPTURE_BYTES)} hand-eye captures "
-        f"of {CAPTURE_BYTES / 1e6:.0f} MB",
+        f"{folder}: {free / 1e9:.0f} GB are free"
+        + (f", {free // capture} hand-eye captures of {capture / 1e6:.0f} MB" if capture else ""),
     )
     try:
         slowest = max(_fsync(folder) for _ in range(20))

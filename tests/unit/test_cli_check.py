@@ -347,7 +347,7 @@ def test_a_disk_that_is_nearly_full_is_warned_of_with_the_command_that_helps(
     subject: CommandLine, objects: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     room = subject("check", "-c", objects)
-    monkeypatch.setattr(machine, "LOW_FREE_BYTES", 10**18)
+    monkeypatch.setattr(machine, "low_limit", lambda _: 10**18)
     full = subject("check", "-c", objects)
     assert (room.code, full.code) == (0, 0)
     assert "cellward prune" not in room.err
