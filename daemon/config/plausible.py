@@ -10,7 +10,8 @@ from urllib.parse import urlsplit
 from daemon.config.findings import Findings
 from daemon.config.targets import DICTIONARY_SIZES
 
-# Rated payloads, kg, of the data sheets of Universal Robots; of ur20 and ur30 those of the newest software.
+# Rated payloads, kg, as the maker lists its models (universal-robots.com); where one has two, the greater:
+# ur10e 10 or 12.5, by the label on the arm (its user manual, "Maximum Payload"); ur20 20 or 25.
 PAYLOAD_KG = {
     "ur3": 3.0, "ur5": 5.0, "ur10": 10.0, "ur3e": 3.0, "ur5e": 5.0, "ur7e": 7.5, "ur10e": 12.5, "ur12e": 12.5,
     "ur16e": 16.0, "ur20": 25.0, "ur30": 35.0,
