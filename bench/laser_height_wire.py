@@ -1,0 +1,108 @@
+"""References and updates of bumped tools on the wire in real time, beside the twin's truth.
+
+``python -m bench.laser_height_wire [COUNT] [--sigma-um 30] [--end round] [--busy] [--bind 127.0.54.2]``.
+Each time twin and daemon begin anew with beams elsewhere; the tool is bumped after the reference. ``--busy``
+has a program beside them that uses a whole core. Printed are the errors, the coverage of the stated 95 % and
+99 % for point, height and tilt, and how many are outside 99 %: at most one of each of 20 may be.
+"""
+
+import argparse
+import multiprocessing
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from bench._laser_fixture import scenario
+from bench._laser_tally import Tally
+from fakes.control import ask
+from tests.wire_cell import WireCell
+
+LIMIT_S = 900.0
+AUTO = """
+accept = { auto = true }
+[cell.job.laser-update]
+accept = { auto = true }
+"""
+
+
+def one(folder: Path, options: argparse.Namespace, seed: int, tally: Tally) -> None:
+    """One reference and one update in a cell of its own."""
+    rng = np.random.default_rng([seed, 78])
+    text = scenario(options.end, 1e-6 * options.sigma_um, seed) + AUTO
+    cell = WireCell(folder, options.bind, text)
+    try:
+        cell.start_twin()
+        cell.start_daemon()
+        if _done(cell, "laser-reference", tally) is None:
+            return
+        shift, turn = rng.uniform(-1e-3, 1e-3, 3), rng.uniform(-8e-3, 8e-3, 2)
+        ask(folder, {"do": "tool", "bend": [*shift.tolist(), *turn.tolist(), 0.0]})
+        began = time.monotonic()
+        answer = _done(cell, "laser-update", tally)
+        if answer is None:
+            return
+        tally.seconds.append(time.monotonic() - began)
+        passes = cell.runs()[-1].path / "passes.jsonl"
+        tally.ways.append(passes.read_text("utf-8").count("\n"))
+        tally.take(answer["result"], ask(folder, {"do": "truth"})["T_flange_tool"])
+        if not answer["inputs"].get("update", {}).get("committed"):
+            tally.refused.append("; ".join(answer["reasons"]))
+    finally:
+        cell.stop()
+
+
+def _done(cell: WireCell, job: str, tally: Tally) -> dict[str, Any] | None:
+    """The result of a job that came to an answer."""
+    run_id = cell.start_job(job)
+    end = cell.wait_for_end(LIMIT_S)
+    folder = next(r for r in cell.runs() if r.run_id == run_id)
+    result = folder.read_result() or {}
+    if end["outcome"] == "complete" and result.get("result") is not None:
+        return result
+    tally.failed.append(f"{job}: {(end.get('error') or {}).get('text') or end['outcome']}")
+    return None
+
+
+def _busy() -> None:
+    while True:
+        pass
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("count", nargs="?", type=int, default=20)
+    parser.add_argument("--sigma-um", type=float, default=30.0)
+    parser.add_argument("--end", choices=("round", "flat"), default="round")
+    parser.add_argument("--busy", action="store_true")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first one")
+    parser.add_argument("--bind", default="127.0.54.2")
+    options = parser.parse_args()
+    beside = multiprocessing.Process(target=_busy, daemon=True) if options.busy else None
+    if beside is not None:
+        beside.start()
+    tally = Tally()
+    try:
+        for k in range(options.count):
+            with tempfile.TemporaryDirectory() as folder:
+                one(Path(folder), options, options.first + k, tally)
+            last = f"z off {1e6 * float(tally.point[-1][2]):.0f} um" if tally.point else "no answer yet"
+            print(f"{k + 1} of {options.count}: {last}, {len(tally.failed)} not done", flush=True)
+    finally:
+        if beside is not None:
+            beside.terminate()
+    print("\n".join(tally.lines()))
+    outside = {name: tally.outside(name, 0.99) for name in ("point", "height", "tilt")}
+    print("outside the stated 99 %: " + ", ".join(f"{name} {n}" for name, n in outside.items()))
+    good = bool(tally.point) and not tally.failed and max(outside.values()) <= 1
+    print(f"at most one of each outside, and all done: {'yes' if good else 'NO'}")
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
