@@ -33,7 +33,7 @@ def predict_laser(config: CellConfig, job: LaserReferenceConfig) -> dict[str, An
     problems = [*_speeds(config, job), *_pin(config, job), *_polls(device, period, job)]
     problems += _reach(config, job, device)
     if problems:
-        return {"text": "no prediction before its errors are mended", "problems": problems}
+        return {"text": "no prediction before its errors are corrected", "problems": problems}
     if period is None:
         text = f"no prediction of the uncertainty: {device} has no poll_period_s"
         return {"text": f"{text}; {REACHED}", "problems": []}

@@ -104,7 +104,7 @@ class CellSection(Section):
 
 
 class SupervisorSection(Section):
-    """When the daemon thinks of itself as late, and how much silence of a device a run bears."""
+    """When the event loop counts as late, and how much silence of a device a run bears."""
 
     loop_lag_warn_s: float = Field(
         default=0.02, gt=0, le=1.0, description="a later wake-up of the event loop is logged"

@@ -10,7 +10,7 @@ from cell.samples import Quality, Sample
 class Emergencies:
     """Told of every count; each kind of emergency is told on once, in the words of the driver.
 
-    None of them ends a job: which of a maker's codes leave the position good nobody can know. What is wrong
+    None of them ends a job: which of a maker's codes leave the position good is unknown. What is wrong
     with the counts themselves is found by their own checks.
     """
 

@@ -43,10 +43,10 @@ def strategy(config: BeltTrackingConfig, watch: BeltWatch, wait: Array, descent_
     arm = Arm(axis, (float(wait[0]), float(wait[1])), config.down_m)
     if config.method == "classic":
         return Classic(config, watch, arm, ClassicTimes(config.T1_s, descent_s))
-    return Foretold(config, watch, arm)
+    return Predicted(config, watch, arm)
 
 
-class Foretold:
+class Predicted:
     """The earliest contact in the zone, aimed anew at every decision."""
 
     def __init__(self, config: BeltTrackingConfig, watch: BeltWatch, arm: Arm) -> None:

@@ -48,7 +48,7 @@ class BeltWatch:
         self.tracker = BeltTracker(BeltEstimator(self._scale), self._direction)
         #: The belt's motion as it was last learnt: counts come all the time, and each changes it a little.
         self.forecast: Forecast | None = None
-        self._tracks: dict[int, Track | None] = {}  # as it foretells them
+        self._tracks: dict[int, Track | None] = {}  # as it predicts them
         self._epoch, self._since = encoder.counts.epoch, -np.inf
         self._unplaced: list[Item] = []  # by an encoder that began to count anew
         self._over: list[Item] = []  # more than the queue takes
@@ -129,7 +129,7 @@ class BeltWatch:
             self.learnt(self, forecast)
 
     def missed(self, now: float, in_hand: Item | None) -> list[Item]:
-        """Items but ``in_hand`` that have left the zone unpicked, or whose place nobody knows any more;
+        """Items but ``in_hand`` that have left the zone unpicked, or whose place is not known any more;
         they end here."""
         out, self._over = self._over, []
         for item in self._unplaced:

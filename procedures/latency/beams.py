@@ -51,7 +51,7 @@ class Beams:
 
     @staticmethod
     def refuse(config: LatencyCalibrationConfig, values: Mapping[str, Any]) -> None:
-        """Without a reference nobody knows where the beam is."""
+        """Without a reference the place of the beam is unknown."""
         reference_of(values)
 
     @property

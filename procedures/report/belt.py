@@ -31,7 +31,7 @@ _MOST_LINES = 4000  # of the journal; a day of picking has a hundred times as ma
 
 def verdict_section(source: BeltSource) -> Html:
     """The verdict, why, and four figures to take away."""
-    top = banner(source, {}, "Mend what the reason names, and start again.")
+    top = banner(source, {}, "Correct what the reason names, and start again.")
     answer = source.answer
     if answer is None:
         return top

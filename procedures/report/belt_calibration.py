@@ -22,7 +22,7 @@ from procedures.report.verdict import banner, cards
 
 _REMEDY = {
     "belt-stands": "Start the belt, and look whether the encoder's wheel turns with it.",
-    "encoder-stands": "Mend the coupling of the encoder to the belt.",
+    "encoder-stands": "Repair the coupling of the encoder to the belt.",
     "no-travel": "Let the items be carried further while they are seen.",
     "too-few-sightings": "Put items on the belt that the camera sees wholly, and look at [job.*] items.",
     "max_heldout_m": "Look for slip of the encoder's wheel, and for items that roll or slide.",
@@ -59,7 +59,7 @@ class Sightings:
 
 def verdict_section(source: CalibrationSource) -> Html:
     """The verdict, why, and four figures to take away."""
-    top = banner(source, _REMEDY, "Mend what the reason names, and calibrate again.")
+    top = banner(source, _REMEDY, "Correct what the reason names, and calibrate again.")
     answer = source.answer
     if answer is None:
         return top

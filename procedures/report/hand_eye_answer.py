@@ -24,7 +24,7 @@ _REMEDY = {
 
 def verdict_section(source: HandEyeSource) -> Html:
     """The verdict, why, and four figures to take away."""
-    top = banner(source, _REMEDY, "Mend what the reason names, take the poses again, and solve again.")
+    top = banner(source, _REMEDY, "Correct what the reason names, take the poses again, and solve again.")
     return top if source.answer is None else Html(top + _cards(source))
 
 

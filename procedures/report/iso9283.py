@@ -19,7 +19,7 @@ _REMEDY = {
 
 def verdict_section(source: IsoSource) -> Html:
     """The verdict, why, and four figures to take away."""
-    top = banner(source, _REMEDY, "Mend what the reason names, and test again.")
+    top = banner(source, _REMEDY, "Correct what the reason names, and test again.")
     if source.answer is None:
         return top
     tracker = dig(source.answer, "tracker")

@@ -24,7 +24,7 @@ _REMEDY = {
     "joint-still": "Move every joint: one that stands still cannot be told from the rest of the arm.",
     "unobservable": "Move every joint independently of the others; let the job choose the poses.",
 }
-_OTHERWISE = "Mend what the reason names, measure again, and let the job choose the poses."
+_OTHERWISE = "Correct what the reason names, measure again, and let the job choose the poses."
 
 
 def verdict_section(source: KincalSource) -> Html:

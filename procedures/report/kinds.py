@@ -18,7 +18,7 @@ from procedures.report.verdict import banner
 
 
 def _verdict_section(source: Source) -> Html:
-    return banner(source, {}, "Mend what the reason names, and solve again.")
+    return banner(source, {}, "Correct what the reason names, and solve again.")
 
 
 def _plain_page(source: Source) -> Page[Source]:

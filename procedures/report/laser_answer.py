@@ -13,8 +13,8 @@ from procedures.report.numbers import DASH, K95, deg, degs, dig, mm, mms
 from procedures.report.verdict import banner, cards
 
 _BENT = (
-    "Look at the tool: a shift or tilt this large is damage, not drift, and is not corrected. Mend or change "
-    "it, then make a new reference with laser-reference."
+    "Look at the tool: a shift or tilt this large is damage, not drift, and is not corrected. Repair or "
+    "change it, then make a new reference with laser-reference."
 )
 _MOVED = (
     "The beams show another tool than the frame in effect. Look at the tool and at its fixture, then correct "
@@ -31,7 +31,7 @@ _REMEDY = {
     "beam-along-tool": "Check R_base_flange and the beams' directions: a beam must cross the tool.",
     "beams-parallel": "Check the beams' directions: they must cross each other.",
 }
-_OTHERWISE = "Mend what the reason names, and measure again."
+_OTHERWISE = "Correct what the reason names, and measure again."
 
 
 def verdict_section(source: LaserSource) -> Html:

@@ -33,7 +33,7 @@ from procedures.tracker.tour import blocked, tour
 _CANDIDATES = 8  # for each pose of the plan
 _LEAST_CANDIDATES = 120
 _VALIDATION = 120
-_NEAR_RAD = 0.35  # joints around the start pose, while nobody knows where the tracker stands
+_NEAR_RAD = 0.35  # joints around the start pose, while the tracker's place is unknown
 _NEAR_DRAWS = 200
 _SAME_FACING_RAD = 0.3
 _AHEAD = 1.0 + 1e-9
@@ -43,7 +43,7 @@ _AHEAD = 1.0 + 1e-9
 class PlanRequest:
     """What a plan is made from. ``measured`` are poses that a run before this one finished: joints, reflector
     and whether it was set aside. ``stored`` are joints and reflectors of a set that is solved with them.
-    ``T_base_tracker`` None: nobody knows yet where the tracker stands.
+    ``T_base_tracker`` None: the tracker's place is not known yet.
     """
 
     values: dict[str, Any]

@@ -20,7 +20,7 @@ from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.shape import Shape, shape_of
 from procedures.tracker.sight import REASONS, View
 
-ASSUMED_RANGE_M = 3.5  # while nobody knows where the tracker stands
+ASSUMED_RANGE_M = 3.5  # while the tracker's place is unknown
 _BATCH = 4000
 _TRIES = 80_000
 _LOOKED_AT = 4  # times the candidates that are wanted, in one batch
@@ -193,7 +193,7 @@ def make_space(
     noise: Mapping[str, float],
     T_base_tracker: Sequence[float] | None,
 ) -> Space:
-    """The space of a run; ``T_base_tracker`` (pose6) None while nobody knows where the tracker stands."""
+    """The space of a run; ``T_base_tracker`` (pose6) None while the tracker's place is unknown."""
     spec = arm_spec(parse_robot(robot_of(values, config), "robot"))
     guard = lease_settings(values)[0] if config.arm == "arm" else None
     joints = spec.arm.joints

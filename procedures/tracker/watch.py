@@ -67,7 +67,7 @@ class MonumentWatch:
             # Each was either seen or failed; an adopted run may know only monuments of another config.
             raise failure or error(
                 "TRACKER_MOVED",
-                f"nobody knows: of {', '.join(first)}, which the first look saw, none is seen",
+                f"whether it moved is unknown: of {', '.join(first)}, which the first look saw, none is seen",
             )
         look = {"after": len(record.samples), "t": run.clock.now(), "points": points}
         await asyncio.to_thread(record.add_look, look)
