@@ -70,10 +70,14 @@ Point = Annotated[list[float], Field(min_length=3, max_length=3)]
 class KeepSection(Section):
     """What ``cellward prune`` keeps; nothing is removed unless somebody, or a timer, gives that command."""
 
-    runs: int | None = Field(default=None, ge=1, le=10_000_000, description="the newest runs that are kept")
-    age_days: float | None = Field(default=None, ge=0, le=36500, description="runs not older are kept")
+    runs: int | None = Field(
+        default=None, ge=1, le=10_000_000, description="so many runs are kept, the newest ones"
+    )
+    age_days: float | None = Field(
+        default=None, ge=0, le=36500, description="runs that are not older than this are kept"
+    )
     size_gb: float | None = Field(
-        default=None, gt=0, le=1e6, description="of all run folders together, in 10^9 bytes"
+        default=None, gt=0, le=1e6, description="largest size of all run folders together, in 10^9 bytes"
     )
 
 
@@ -81,10 +85,15 @@ class CellSection(Section):
     """Who this cell is and where it keeps its state."""
 
     name: str = Field(
-        default="cell", min_length=1, max_length=64, pattern=r"^[\w. -]+$", description="shown everywhere"
+        default="cell",
+        min_length=1,
+        max_length=64,
+        pattern=r"^[\w. -]+$",
+        description="name of the cell, as status and reports show it",
     )
     twin: bool = Field(
-        default=False, description="must match the identities found; twin serials begin with 9999"
+        default=False,
+        description="true takes only simulated devices (serial numbers 9999...), false only real ones",
     )
     state_dir: Annotated[str, AfterValidator(_absolute)] = Field(
         default="/var/lib/cellward", description="run folders and the ledger"
@@ -109,7 +118,12 @@ class SupervisorSection(Section):
     loop_lag_warn_s: float = Field(
         default=0.02, gt=0, le=1.0, description="a later wake-up of the event loop is logged"
     )
-    loop_lag_fail_s: float = Field(default=0.5, gt=0, le=5.0, description="above it the watchdog is not fed")
+    loop_lag_fail_s: float = Field(
+        default=0.5,
+        gt=0,
+        le=5.0,
+        description="above it the watchdog of systemd is not fed",
+    )
     silence_s: float = Field(
         default=2.0,
         ge=0,
@@ -140,7 +154,7 @@ class RobotSection(Section):
     """Which device plays which role, and what is mounted on the arm."""
 
     arm: str | None = Field(default=None, description="device: the arm that is moved")
-    observed_arm: str | None = Field(default=None, description="an arm that is read, not moved")
+    observed_arm: str | None = Field(default=None, description="device: an arm that is read, not moved")
     flange_camera: str | None = Field(default=None, description="device: the camera on the flange")
     fixed_camera: str | None = Field(default=None, description="device: the camera that stands in the cell")
     beams: str | None = Field(default=None, description="device: the digital inputs of the crossed beams")
@@ -172,7 +186,7 @@ class RobotSection(Section):
         description="mass on the flange, tool included; at most what the arm carries",
     )
     centre_of_mass_m: Point = Field(
-        default_factory=lambda: [0.0] * 3, description="of the payload, in the flange"
+        default_factory=lambda: [0.0] * 3, description="centre of mass of the payload, in the flange, m"
     )
     tool: ToolSection = Field(default_factory=lambda: ToolSection(), description="the tool on the flange")
 
@@ -199,10 +213,12 @@ class KeepOutBox(Box):
 class LimitsSection(Section):
     """Limits of every motion. Safety limits belong in the robot's own safety configuration."""
 
-    speed_m_s: float = Field(default=0.25, gt=0, le=5.0, description="of the tool")
-    accel_m_s2: float = Field(default=0.5, gt=0, le=50.0, description="of the tool")
-    joint_speed_rad_s: float = Field(default=0.8, gt=0, le=10.0, description="of each joint")
-    joint_accel_rad_s2: float = Field(default=1.4, gt=0, le=80.0, description="of each joint")
+    speed_m_s: float = Field(default=0.25, gt=0, le=5.0, description="highest speed of the tool")
+    accel_m_s2: float = Field(default=0.5, gt=0, le=50.0, description="highest acceleration of the tool")
+    joint_speed_rad_s: float = Field(default=0.8, gt=0, le=10.0, description="highest speed of each joint")
+    joint_accel_rad_s2: float = Field(
+        default=1.4, gt=0, le=80.0, description="highest acceleration of each joint"
+    )
     allow_job_override: bool = Field(
         default=False, description="a job may raise limits; the dry run shows it"
     )
@@ -219,13 +235,15 @@ class ModbusSection(Section):
 
     enabled: bool = Field(default=True, description="false: no Modbus server")
     bind: Bind = Field(default="127.0.0.1:5020", description="address and port to listen on")
-    allow_write: bool = Field(default=False, description="accept commands")
+    allow_write: bool = Field(
+        default=False, description="true: clients in allow_clients may write the command registers"
+    )
     allow_clients: list[Annotated[str, AfterValidator(_network)]] = Field(
         default_factory=list, description="addresses or networks that may write; empty: nobody"
     )
     allow_accept: bool = Field(default=False, description="command 8 may accept results")
     word_order: Literal["high-first", "low-first"] = Field(
-        default="high-first", description="of 32-bit values"
+        default="high-first", description="order of the two registers of a 32-bit value"
     )
     heartbeat_timeout_s: float = Field(
         default=1.0,
@@ -234,9 +252,11 @@ class ModbusSection(Section):
         description="silence of the PLC's heartbeat, once seen, that holds the job",
     )
     require_enable: bool = Field(default=False, description="start only while control bit 0 (enable) is set")
-    max_connections: int = Field(default=16, ge=1, le=256, description="clients at the same time")
+    max_connections: int = Field(
+        default=16, ge=1, le=256, description="most clients that are connected at the same time"
+    )
     idle_timeout_s: float = Field(
-        default=60.0, ge=1.0, le=3600.0, description="a silent connection is closed"
+        default=60.0, ge=1.0, le=3600.0, description="a connection without a request for so long is closed"
     )
 
 

@@ -28,7 +28,7 @@ class BusConfig(BaseModel):
         default=0.0,
         ge=-0.1,
         le=0.1,
-        description="Subtracted from the stamps: how much later a position is stamped than it was so",
+        description="Subtracted from the stamps: how much later than it was taken a position is stamped",
     )
 
     @field_validator("bus")

@@ -98,7 +98,10 @@ class ObservedArmConfig(_Section):
         default=0.5, gt=0.0, le=30.0, description="The arm rests when its joints have kept still for so long"
     )
     rest_spread_rad: float = Field(
-        default=1e-4, gt=0.0, le=0.1, description="And still means within this (m for a sliding joint)"
+        default=1e-4,
+        gt=0.0,
+        le=0.1,
+        description="Joints that stay within this keep still (m for a sliding joint)",
     )
     poll_period_s: float = Field(
         default=0.05, ge=0.005, le=1.0, description="time between two readings of the joints"

@@ -45,10 +45,10 @@ class Zone(_Strict):
 class JobLimits(_Strict):
     """Of the motion in this job. Above [limits] only where allow_job_override permits it."""
 
-    speed_m_s: float = Field(default=1.0, gt=0, le=5, description="of the tool")
-    accel_m_s2: float = Field(default=6.0, gt=0, le=50, description="of the tool")
-    jerk_m_s3: float = Field(default=80.0, gt=0, le=2000, description="of the tool")
-    joint_speed_rad_s: float = Field(default=2.0, gt=0, le=10, description="of each joint")
+    speed_m_s: float = Field(default=1.0, gt=0, le=5, description="highest speed of the tool")
+    accel_m_s2: float = Field(default=6.0, gt=0, le=50, description="highest acceleration of the tool")
+    jerk_m_s3: float = Field(default=80.0, gt=0, le=2000, description="highest jerk of the tool")
+    joint_speed_rad_s: float = Field(default=2.0, gt=0, le=10, description="highest speed of each joint")
 
 
 class NominalBelt(_Strict):
@@ -79,7 +79,7 @@ class BeltTrackingConfig(_Strict):
     belt_z_m: float = Field(ge=-5, le=5, description="height of the belt's surface in the base")
     items: ItemLook = Field(default_factory=ItemLook, description="how items look from the camera")
     above_m: Length = Field(
-        default=0.05, description="of level ways above an item's upper face and the place"
+        default=0.05, description="height of the level ways above an item's upper face and above the place"
     )
     straight_m: Length | None = Field(
         default=None,
@@ -87,7 +87,10 @@ class BeltTrackingConfig(_Strict):
         "upper end; without it 0.02 m at most, and classic begins and ends each of its moves at rest",
     )
     grip_m: float = Field(
-        default=0.0, ge=-0.1, le=0.1, description="of the tool's point above an item's upper face at the grip"
+        default=0.0,
+        ge=-0.1,
+        le=0.1,
+        description="height of the tool's point above an item's upper face at the grip",
     )
     dwell_s: float = Field(default=0.05, ge=0, le=5, description="least time in contact")
     grip_timeout_s: float = Field(
@@ -111,7 +114,9 @@ class BeltTrackingConfig(_Strict):
     )
     T1_s: float = Field(default=0.4, gt=0, le=5, description="classic: fixed time of the way above the item")
     picks: int = Field(default=0, ge=0, description="end after so many; 0: until finished")
-    min_sightings: int = Field(default=2, ge=1, le=50, description="seen less often is no item")
+    min_sightings: int = Field(
+        default=2, ge=1, le=50, description="what is seen less often is not taken for an item"
+    )
     spacing_m: Length = Field(
         default=0.03, description="closer on the belt is the same item, unless one picture shows both"
     )
@@ -122,7 +127,9 @@ class BeltTrackingConfig(_Strict):
         default=0.5, gt=0, le=10, description="without a picture for so long, and the result warns"
     )
     standing_m_s: float = Field(default=0.005, gt=0, le=0.5, description="a slower belt stands")
-    standing_s: float = Field(default=1.0, gt=0, le=60, description="for so long, then the job is suspended")
+    standing_s: float = Field(
+        default=1.0, gt=0, le=60, description="a belt that stands for so long suspends the job"
+    )
     limits: JobLimits = Field(default_factory=JobLimits, description="of this job's motion")
     max_duration_s: float = Field(
         default=86400.0, gt=0, description="the run is ended when it takes longer, s"

@@ -41,8 +41,12 @@ class ConeCaptureConfig(BaseModel):
         2, ge=0, le=10, description="further tries at a pose whose frames cannot be used"
     )
     min_corners: int = Field(8, ge=4, le=1000, description="board corners a frame must show")
-    max_flange_motion_m: float = Field(0.0001, gt=0, le=0.01, description="while the frames are taken")
-    max_corner_motion_px: float = Field(0.5, gt=0, le=10.0, description="between frames of one pose")
+    max_flange_motion_m: float = Field(
+        0.0001, gt=0, le=0.01, description="largest motion of the flange while the frames are taken"
+    )
+    max_corner_motion_px: float = Field(
+        0.5, gt=0, le=10.0, description="largest shift of a corner between frames of one pose"
+    )
     seek_timeout_s: float = Field(
         20.0, gt=0, le=600.0, description="longest wait until the camera sees the target"
     )

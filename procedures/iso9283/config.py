@@ -49,8 +49,12 @@ class Iso9283Config(_Strict):
         default=None, description="the tracker in the base, to 0.1 m and 2 deg; else a person points it"
     )
     settle_s: float = Field(default=0.5, ge=0, le=60, description="wait at rest before a measurement")
-    window_s: float = Field(default=0.5, gt=0, le=60, description="of one stable point")
-    max_scatter_m: float = Field(default=0.0002, gt=0, le=0.01, description="of the readings in the window")
+    window_s: float = Field(
+        default=0.5, gt=0, le=60, description="length of the window whose readings make one stable point"
+    )
+    max_scatter_m: float = Field(
+        default=0.0002, gt=0, le=0.01, description="largest scatter of the readings in the window"
+    )
     measure_timeout_s: float = Field(
         default=10.0, gt=0, le=300, description="longest wait for one stable point"
     )
@@ -62,13 +66,22 @@ class Iso9283Config(_Strict):
         default=2, ge=0, le=10, description="further tries at a pose that was not measured"
     )
     max_surprise_m: float = Field(
-        default=0.05, gt=0, le=1.0, description="between where the reflector is seen and where it should be"
+        default=0.05,
+        gt=0,
+        le=1.0,
+        description="largest distance between where the reflector is seen and where it should be",
     )
     max_AP_m: float | None = Field(
-        default=None, gt=0, le=0.1, description="of any pose; else it is only told"
+        default=None,
+        gt=0,
+        le=0.1,
+        description="limit of the pose accuracy AP of each pose; without it AP is only reported",
     )
     max_RP_m: float | None = Field(
-        default=None, gt=0, le=0.1, description="limit of the pose repeatability RP"
+        default=None,
+        gt=0,
+        le=0.1,
+        description="limit of the pose repeatability RP of each pose; without it RP is only reported",
     )
     max_duration_s: float = Field(
         default=4 * 3600.0, gt=0, description="the run is ended when it takes longer, s"

@@ -10,7 +10,9 @@ class Acceptance(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     max_interval_s: float = Field(default=0.002, gt=0, le=1.0, description="width of the 95 % interval")
-    max_offset_s: float = Field(default=0.1, gt=0, le=10.0, description="a greater delay is a fault, not one")
+    max_offset_s: float = Field(
+        default=0.1, gt=0, le=10.0, description="a greater delay is taken for a fault"
+    )
     auto: bool = Field(default=False, description="accept a passing result without asking")
 
 
@@ -26,7 +28,7 @@ class LatencyCalibrationConfig(BaseModel):
         default=[0.01, 0.02, 0.05],
         min_length=2,
         max_length=10,
-        description="two that differ tell the delay from the hysteresis",
+        description="speeds of crossing; two that differ separate the delay from the hysteresis",
     )
     passes: int = Field(default=4, ge=2, le=64, description="there and back, at each speed")
     max_duration_s: float = Field(

@@ -113,7 +113,9 @@ class TrackerSamplingConfig(_Strict):
         default_factory=lambda: Sight(), description="where the tracker must be able to see the reflectors"
     )
     settle_s: float = Field(default=0.5, ge=0, le=60, description="wait at rest before a measurement")
-    window_s: float = Field(default=1.0, gt=0, le=60, description="of one stable point")
+    window_s: float = Field(
+        default=1.0, gt=0, le=60, description="length of the window whose readings make one stable point"
+    )
     constant_sigma_m: float = Field(
         default=0.00001,
         ge=0,
@@ -121,7 +123,9 @@ class TrackerSamplingConfig(_Strict):
         description="how well the reflectors' constant is known: makers state 3 to 10 um for a ball, up to "
         "1 mm for a prism",
     )
-    max_scatter_m: float = Field(default=0.0002, gt=0, le=0.01, description="of the readings in the window")
+    max_scatter_m: float = Field(
+        default=0.0002, gt=0, le=0.01, description="largest scatter of the readings in the window"
+    )
     measure_timeout_s: float = Field(
         default=10.0, gt=0, le=300, description="longest wait for one stable point"
     )
@@ -133,10 +137,16 @@ class TrackerSamplingConfig(_Strict):
         default=1.0, ge=0, le=60, description="before a lost reflector is searched for"
     )
     max_surprise_m: float = Field(
-        default=0.05, gt=0, le=1.0, description="between where a reflector is seen and where it should be"
+        default=0.05,
+        gt=0,
+        le=1.0,
+        description="largest distance between where a reflector is seen and where it should be",
     )
     max_motion_m: float = Field(
-        default=0.00005, gt=0, le=0.01, description="of the flange while it is measured, by the joints"
+        default=0.00005,
+        gt=0,
+        le=0.01,
+        description="largest motion of the flange while a point is measured, by the joints",
     )
     swap_by_operator: bool = Field(
         default=False, description="there is one reflector, and a person puts it where the job asks"
