@@ -5,11 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.tool_frame.geometry import BEAMS, BeamFrame
-from calibration.tool_frame.height import bracket
-from calibration.tool_frame.places import Places
-from calibration.tool_frame.scene import Line, Refusal, Scene
-from calibration.tool_frame.selection import Selection
+from calibration.tool_frame.geometry import BeamFrame
+from calibration.tool_frame.scene import Line, Scene
 from cell.poses import Array
 
 
@@ -40,7 +37,7 @@ def beam_through(
     """The beam through two places, the first of which it is stated at.
 
     ``ends`` has for each place: metres along the line that was given for the beam, height over that line (m)
-    and its standard deviation, from :func:`height_at`. ``across`` (2, 3) has for each place the beam's
+    and its standard deviation. ``across`` (2, 3) has for each place the beam's
     offset along ``n`` (m) and then its row of the covariance (2, 2) of both.
     """
     line = frame.line
@@ -65,32 +62,14 @@ def beam_through(
     )
 
 
-def height_at(
-    scene: Scene, frame: BeamFrame, selection: Selection, places: Places, beam: str, j: int
-) -> tuple[float, float]:
-    """Height of the beam over the line that was given for it, at place ``j``, and its sigma, m."""
-
-    def above(k: int) -> float:
-        tip = scene.passes[k].pose_xyz.mean(axis=0) + scene.R @ scene.tool.p
-        return float(frame.above(tip[None])[0])
-
-    def own(ks: Sequence[int]) -> dict[int, float]:
-        return {k: above(k) for k in ks if scene.passes[k].beam == beam and places.of[k] == j}
-
-    found = bracket(own(selection.hits), own(selection.missed))
-    if found is None:
-        raise Refusal(
-            "no-height",
-            f"no pass goes by above the tool's point at place {j + 1} of beam {beam}; it has no height",
-        )
-    return found.middle, found.sigma
-
-
-def point_cov(frames: Mapping[str, BeamFrame], axis: Array, beams: Mapping[str, FoundBeam]) -> Array:
-    """(3, 3) m^2 of the point that both beams together fix, in the base, as ``axis`` (3,) of the tool."""
+def point_cov(
+    frames: Mapping[str, BeamFrame], axis: Array, beams: Mapping[str, FoundBeam], heights: Array
+) -> Array:
+    """(3, 3) m^2 of the point that both beams together fix, in the base, as ``axis`` (3,) of the tool;
+    ``heights`` (2, 2) m^2 is the covariance of the two heights, what the tool's end adds to both included."""
     J = np.linalg.inv(np.stack([frames["xs"].n, frames["ys"].n, -axis]))
     # The two heights are averaged by their weights.
-    z = 1.0 / sum(1.0 / beams[b].var_height for b in BEAMS)
+    z = 1.0 / float(np.sum(np.linalg.inv(heights)))
     found: Array = J @ np.diag([beams["xs"].var_across, beams["ys"].var_across, z]) @ J.T
     return found
 

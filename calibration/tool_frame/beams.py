@@ -1,19 +1,22 @@
 """Where the beams are, from a good tool that crossed each of them at two places: what a reference keeps."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibration.tool_frame import geometry as geo
 from calibration.tool_frame.averaging import average, excess, robust
-from calibration.tool_frame.beam_lines import FoundBeam, beam_through, height_at, plane_gap, point_cov
+from calibration.tool_frame.beam_lines import FoundBeam, beam_through, plane_gap, point_cov
 from calibration.tool_frame.centres import out_back
 from calibration.tool_frame.crossings import Crossing, Seen, see
 from calibration.tool_frame.geometry import BEAMS, BeamFrame
+from calibration.tool_frame.lateral import ROUGH_SPREAD
 from calibration.tool_frame.models import TWO_HEIGHTS_M
 from calibration.tool_frame.places import Places
 from calibration.tool_frame.posterior import posterior
+from calibration.tool_frame.reference_heights import rough_heights, spot_heights
+from calibration.tool_frame.repeatability import scatter_of
 from calibration.tool_frame.scene import Refusal, Scene
 from calibration.tool_frame.selection import Selection, select
 from calibration.tool_frame.system import At, Model, Rows, rows_of, several_speeds
@@ -76,7 +79,7 @@ class _Finding:
     def run(self) -> FoundBeams:
         tau = 0.0
         for last in range(_ROUNDS):
-            scene = Scene(self.scene.R, self.lines, self.scene.tool, self.scene.passes)
+            scene = replace(self.scene, beams=self.lines)
             found = self._once(scene, tau, final=last == _ROUNDS - 1)
             self.lines = {b: f.line for b, f in found.beams.items()}
             tau = found.tau
@@ -105,21 +108,29 @@ class _Finding:
         )
         rows, rejected = _without_blunders(crossings, groups, model)
         places.check(crossings)
-        mean, cov, noise = self._solved(rows, model, final)
+        mean, cov, noise, spread = self._solved(rows, model, final)
         value = dict(zip(model.names, mean, strict=False))
+        own = {
+            b: [len(model.names) + k for k, (name, _) in enumerate(rows.labels) if name == b] for b in BEAMS
+        }
+        visited = {b: _from_the_first(places, places.used(crossings, b), b, first[b]) for b in BEAMS}
+        spots = [(b, j) for b in BEAMS for j in visited[b]]
+        if final:
+            tilt = {b: value.get(f"own tilt {b}", 0.0) for b in BEAMS}
+            scatter = scatter_of(scene.repeatability_m, noise, spread)
+            edges = {b: mean[own[b]] for b in BEAMS}
+            heights = spot_heights(scene, frames, seen, places, spots, tilt, edges, scatter, tau)
+        else:
+            heights = rough_heights(scene, frames, seen, places, spots)
         beams, chords = {}, {}
         for b in BEAMS:
-            own = [len(model.names) + k for k, (name, _) in enumerate(rows.labels) if name == b]
-            chords[b] = float(mean[own[-1]] - mean[own[0]])
-            start = places.along[b][first[b]]
-            used = sorted(places.used(crossings, b), key=lambda j: abs(places.along[b][j] - start))
+            chords[b] = float(mean[own[b][-1]] - mean[own[b][0]])
             ends, picks = [], np.zeros((2, len(mean)))
-            for pick, j in zip(picks, (used[0], used[-1]), strict=True):
-                pick[[own[0], own[-1]]] = 0.5
+            for pick, j in zip(picks, visited[b], strict=True):
+                pick[[own[b][0], own[b][-1]]] = 0.5
                 if j != first[b]:
                     pick[model.names.index(f"shift {b}@{j}")] -= 1.0
-                height, sigma = height_at(scene, frames[b], selection, places, b, j)
-                ends.append((float(places.along[b][j]), height, sigma))
+                ends.append((float(places.along[b][j]), *heights.at((b, j))))
             across = np.column_stack([picks @ mean, picks @ cov @ picks.T])
             beams[b] = beam_through(scene, frames[b], ends, across)
         gap, U_gap = plane_gap(beams)
@@ -131,7 +142,7 @@ class _Finding:
             beams=beams,
             plane_gap=gap,
             U_plane_gap=U_gap,
-            cov=point_cov(frames, axis, beams),
+            cov=point_cov(frames, axis, beams, heights.cov_of([(b, first[b]) for b in BEAMS])),
             tau=float(mean[0]) + tau,
             sigma_tau=float(np.sqrt(cov[0, 0])),
             hysteresis=value.get("hysteresis"),
@@ -148,15 +159,22 @@ class _Finding:
             warnings=self.warnings,
         )
 
-    def _solved(self, rows: Rows, model: Model, final: bool) -> tuple[Array, Array, float]:
-        """Mean and covariance of the unknowns and the edges' places, and the noise (m)."""
+    def _solved(self, rows: Rows, model: Model, final: bool) -> tuple[Array, Array, float, float]:
+        """Mean and covariance of the unknowns and the edges' places, the noise (m), and how well its
+        logarithm is known."""
         fit = average(rows, model)
         noise = excess(rows, fit.rest, np.ones(len(rows.low)))
         fit = average(rows, model, None, noise)
         if not final:
-            return np.concatenate([fit.psi, fit.e]), fit.cov, noise
+            return np.concatenate([fit.psi, fit.e]), fit.cov, noise, ROUGH_SPREAD
         found = posterior(rows, model, fit, noise, self.points)
-        return found.mean, found.cov, found.sigma
+        return found.mean, found.cov, found.sigma, found.spread
+
+
+def _from_the_first(places: Places, used: set[int], beam: str, first: int) -> tuple[int, int]:
+    """The first place of a beam and the one farthest from it."""
+    along = places.along[beam]
+    return first, max(used, key=lambda j: abs(float(along[j] - along[first])))
 
 
 def _check_seen(seen: Seen) -> None:

@@ -1,125 +1,123 @@
-"""The tool's point along its axis: between the highest hit and the lowest miss of each beam.
+"""The height at which the tool's end first meets a beam: its posterior from all passes near it.
 
-The point of the reference meets a beam at the flange height ``c``, that of the current tool at
-``c' = c - w.dp - bulge``; each ``c`` lies in the bracket of its passes. ``bulge`` is how much lower a tilted
-flat end reaches than its middle. The heights of both beams are put together by the product of their
-likelihoods, which is narrower than the mean of the two middles.
+For every height on a grid each pass, out and back, has a likelihood: the arm was off by its repeatability,
+the depth below the first contact makes the length of the break, and the polls saw such a break or did not.
+What is not known beside the height is walked through: the shape of the end, and how well the arm repeats.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
+from calibration.tool_frame.glimpse import LOST, Glimpse
+from calibration.tool_frame.repeatability import Scatter
+from calibration.tool_frame.tip import End, View
 from cell.poses import Array
 
-NOISE_M = 1e-6
-_GRID = 121
-_CONFLICT_M = 2e-5
+SHARED = 0.5  # of the variance of a way out and the way back: both have a standstill in common
+_GRID = 321
+_ZOOMS = 3
+_ABOVE_M = 5e-4  # a pass that polls did not see may be so far below the first contact
+NEAR_M = 8e-4  # deeper down, the length of a break tells little of the height, and shapes differ more
+_FAR_LOG = 14.0  # of the logarithm of the density: what is less likely is left out
 
 
 @dataclass(frozen=True, eq=False)
-class Bracket:
-    """The tool's point meets the beam between ``hit`` and ``miss`` (m, flange along the lift).
+class Density:
+    """The height (m) of one first contact for each of E ends and S scatters.
 
-    ``assumed`` says that no pass went by clear of the tool's point, and the upper end is a guess from the
-    hits' steps. ``conflict`` (m) is by how much hits are above misses; ``blunders`` are the places of passes
-    that were left out.
+    ``evidence`` (E, S) is the logarithm of how likely the passes are, ``mean`` and ``var`` (E, S) are of the
+    height; ``grid`` (n,) m and ``log`` (E, S, n) the density itself.
     """
 
-    hit: float
-    miss: float
-    assumed: bool = False
-    conflict: float = 0.0
-    blunders: Sequence[int] = field(default_factory=tuple)
-
-    @property
-    def middle(self) -> float:
-        return 0.5 * (self.hit + self.miss)
-
-    @property
-    def width(self) -> float:
-        return abs(self.miss - self.hit)
-
-    @property
-    def sigma(self) -> float:
-        """Standard deviation of where the point meets the beam."""
-        return float(np.hypot(self.width / np.sqrt(12.0), max(NOISE_M, 0.5 * self.conflict)))
+    grid: Array
+    log: Array
+    evidence: Array
+    mean: Array
+    var: Array
 
 
-def bracket(hits: Mapping[int, float], misses: Mapping[int, float]) -> Bracket | None:
-    """The bracket from the flange heights (m) of the passes that hit and that missed, by their places.
-
-    Passes that contradict most of the others, a trigger that was lost or came from something else, are left
-    out. None without hits; and without misses where the hits have one height alone.
-    """
-    if not hits:
-        return None
-    if not misses:
-        levels = np.unique(np.round(np.array(list(hits.values())), 6))
-        if len(levels) < 2:
-            return None
-        gap = float(levels[-1] - levels[-2])
-        return Bracket(float(levels[-1]), float(levels[-1]) + gap, assumed=True, conflict=4.0 * gap)
-    edges = np.unique(np.array([*hits.values(), *misses.values()]))
-    between = np.concatenate([[edges[0] - 1.0], 0.5 * (edges[1:] + edges[:-1]), [edges[-1] + 1.0]])
-    hit, miss = np.array(list(hits.values())), np.array(list(misses.values()))
-    wrong = np.sum(hit[:, None] > between, axis=0) + np.sum(miss[:, None] < between, axis=0)
-    best = between[wrong == wrong.min()]
-    c = float(best[len(best) // 2])
-    blunders = [k for k, h in hits.items() if h > c + _CONFLICT_M]
-    blunders += [k for k, h in misses.items() if h < c - _CONFLICT_M]
-    good_hits = [h for k, h in hits.items() if k not in blunders]
-    good_misses = [h for k, h in misses.items() if k not in blunders]
-    if not good_hits or not good_misses:
-        return None
-    top, bottom = max(good_hits), min(good_misses)
-    return Bracket(min(top, bottom), max(top, bottom), False, max(top - bottom, 0.0), tuple(blunders))
+def first_contact(
+    glimpses: Sequence[Glimpse],
+    view: View,
+    ends: Sequence[End],
+    scatter: Scatter,
+    below: float,
+    above: float,
+) -> Density:
+    """The density from ``glimpses`` of one beam and set; the height is expected in ``below .. above`` (m)."""
+    low, high = below - _ABOVE_M, above + _ABOVE_M
+    for _ in range(_ZOOMS):
+        grid = np.linspace(low, high, _GRID)
+        log = _log_density(glimpses, view, ends, scatter, grid)
+        total = np.max(log - np.max(log), axis=(0, 1))
+        likely = np.flatnonzero(total > -_FAR_LOG)
+        a, b = max(int(likely[0]) - 3, 0), min(int(likely[-1]) + 3, _GRID - 1)
+        if b - a > 0.5 * _GRID:
+            break
+        low, high = float(grid[a]), float(grid[b])
+    step = float(grid[1] - grid[0])
+    top = np.max(log, axis=2, keepdims=True)
+    p = np.exp(log - top)
+    total = np.sum(p, axis=2)
+    mean = p @ grid / total
+    var = np.einsum("esn,esn->es", p, (grid - mean[..., None]) ** 2) / total + step**2 / 12.0
+    return Density(grid, log, top[..., 0] + np.log(total * step), mean, var)
 
 
-@dataclass(frozen=True, eq=False)
-class Rise:
-    """One beam's say about the displacement ``z`` of the point along the axis, towards the flange:
-    ``slope z + offset`` is how much lower the flange meets the beam now (m), ``offset`` being known to
-    ``sigma``."""
-
-    reference: Bracket
-    current: Bracket
-    slope: float
-    offset: float
-    sigma: float = 0.0
-
-
-def along_axis(rises: Sequence[Rise]) -> tuple[float, float]:
-    """Mean and standard deviation of the displacement along the axis (m), from the product of all."""
-    first = [((r.reference.middle - r.current.middle - r.offset) / r.slope, _wide(r)) for r in rises]
-    low = min(m - s for m, s in first)
-    high = max(m + s for m, s in first)
-    z = np.linspace(low, high, 4 * _GRID)
-    log = np.zeros_like(z)
-    for rise in rises:
-        density = _difference(rise, z)
-        log += np.log(np.maximum(density / np.max(density), 1e-12))
-    p = np.exp(log - np.max(log))
-    p /= np.sum(p)
-    mean = float(p @ z)
-    return mean, float(np.sqrt(p @ (z - mean) ** 2))
+def _log_density(
+    glimpses: Sequence[Glimpse], view: View, ends: Sequence[End], scatter: Scatter, grid: Array
+) -> Array:
+    """(E, S, n) logarithm of the likelihood of all passes for the heights ``grid`` (n,)."""
+    found = np.zeros((len(ends), len(scatter.sigmas), len(grid)))
+    points = scatter.sigmas / float(grid[1] - grid[0])
+    groups: dict[int, list[Glimpse]] = {}
+    for g in glimpses:
+        if not g.hit or float(grid[0]) - g.height < 0.5 * view.chord:
+            groups.setdefault(g.pair, []).append(g)
+    for group in groups.values():
+        seen = []
+        for g in group:
+            depth = grid - g.height
+            chance = g.at(np.stack([view.length(end, depth) for end in ends]))
+            if g.hit:  # deep down the end's shape is not as simple
+                chance = np.where(depth > NEAR_M, np.maximum(chance, g.of_any(view.chord)), chance)
+            seen.append(chance)
+        own = np.sqrt(1.0 - SHARED) if len(seen) > 1 else 1.0
+        together = np.prod([_blurred(chance, own * points) for chance in seen], axis=0)
+        if len(seen) > 1:
+            together = _blurred(together, np.sqrt(SHARED) * points)
+        found += np.log(together).swapaxes(0, 1)
+    return found
 
 
-def _wide(rise: Rise) -> float:
-    noise = rise.reference.sigma + rise.current.sigma + rise.sigma
-    return (0.5 * (rise.reference.width + rise.current.width) + 4.0 * noise) / abs(rise.slope)
+def _blurred(values: Array, points: Array) -> Array:
+    """(S, E, n) ``values`` (S, E, n) or (E, n) folded with normals of ``points`` (S,) of the grid."""
+    n, pad = values.shape[-1], int(np.ceil(4.0 * float(np.max(points)))) + 1
+    longer = np.pad(values, [(0, 0)] * (values.ndim - 1) + [(pad, pad)], mode="edge")
+    size = next_fast_len(n + 2 * pad, real=True)
+    omega = 2.0 * np.pi * rfftfreq(size)
+    transfer = np.exp(-0.5 * (points[:, None, None] * omega) ** 2)
+    found: Array = irfft(rfft(longer, size) * transfer, size)[..., pad : pad + n]
+    return np.clip(found, LOST**2, 1.0)
 
 
-def _difference(rise: Rise, z: Array) -> Array:
-    """(n,) likelihood of ``z``: the two brackets, each uniform with a little noise, laid over each other."""
-    a, b = rise.reference, rise.current
-    shift = rise.slope * z + rise.offset
-    inside = np.linspace(0.0, 1.0, _GRID)
-    c = a.hit + inside * (a.miss - a.hit)
-    sigma = float(
-        np.linalg.norm([max(NOISE_M, 0.5 * a.conflict), max(NOISE_M, 0.5 * b.conflict), rise.sigma])
-    )
-    u = c[None, :] - shift[:, None]
-    density: Array = np.mean(np.tanh(0.8 * (u - b.hit) / sigma) - np.tanh(0.8 * (u - b.miss) / sigma), axis=1)
-    return np.maximum(density, 1e-12)
+def mixed(densities: Sequence[Density], ends: Sequence[End], scatter: Scatter) -> tuple[Array, Array, Array]:
+    """Heights with one end and one arm behind them all: their mean (k,), covariance (k, k), and the weights
+    (E, S) of ends and scatters. What the end leaves open is common to the heights, and in the covariance."""
+    weight = weights(sum((d.evidence for d in densities), np.zeros(())), ends, scatter)
+    means = np.stack([d.mean for d in densities])
+    mean = np.einsum("es,kes->k", weight, means)
+    off = means - mean[:, None, None]
+    cov = np.einsum("es,ies,jes->ij", weight, off, off)
+    cov += np.diag([float(np.sum(weight * d.var)) for d in densities])
+    return mean, cov, weight
+
+
+def weights(evidence: Array, ends: Sequence[End], scatter: Scatter) -> Array:
+    """(E, S) how likely each end and scatter are after passes of ``evidence`` (E, S)."""
+    log = evidence + np.log([[end.prior] for end in ends]) + scatter.log_prior
+    found: Array = np.exp(log - np.max(log))
+    return found / np.sum(found)

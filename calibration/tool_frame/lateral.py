@@ -16,12 +16,14 @@ from calibration.tool_frame.vertical import Vertical
 from cell.poses import Array
 
 INTERVAL, AVERAGING = "interval", "averaging"
+ROUGH_SPREAD = 0.5  # of noise that averaging finds
 _ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Lateral:
-    """What the crossings tell. ``mean`` and ``cov`` are of ``model.names`` and then the edges' places.
+    """What the crossings tell. ``mean`` and ``cov`` are of ``model.names`` and then the edges' places;
+    ``sigma`` (m) is the noise of edges, whose logarithm is known to ``spread``.
 
     ``rows`` were made with positions read ``tau_read`` s before the polls, linearised ``at``, and with
     ``height`` added to those above the beams.
@@ -32,6 +34,7 @@ class Lateral:
     mean: Array
     cov: Array
     sigma: float
+    spread: float
     effective: float | None
     fit: Fit
     at: At
@@ -127,18 +130,19 @@ def solve_lateral(
         noise = excess(rows, fit.rest, np.ones(len(rows.low)))
         fit = average(rows, model, None, noise)
         at = _at(model, fit.psi, {})
-        z, _ = vertical.along(at, {})
-        moved = vertical.displacement(at, z)
+        moved = vertical.displacement(at, vertical.rough(at))
         along_w = {b: float(vertical.frames[b].w @ moved) for b in BEAMS}
         at = _at(model, fit.psi, along_w)
     rows = rows_of(crossings, groups, model, at, height)
     found = None if method == AVERAGING else posterior(rows, model, fit, noise, points)
     if found is None:
         mean, cov, sigma, effective = np.concatenate([fit.psi, fit.e]), fit.cov, noise, None
+        spread = ROUGH_SPREAD
     else:
         mean, cov, sigma, effective = found.mean.copy(), found.cov, found.sigma, found.effective
+        spread = found.spread
         at = _at(model, mean[: len(model.names)], along_w)
     delays = [k for k, name in enumerate(model.names) if name.startswith("tau")]
     mean = np.array(mean)
     mean[delays] += tau
-    return Lateral(model, rows, mean, cov, sigma, effective, fit, at, height, tau), at, warnings
+    return Lateral(model, rows, mean, cov, sigma, spread, effective, fit, at, height, tau), at, warnings

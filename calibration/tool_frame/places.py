@@ -13,6 +13,26 @@ MIN_APART_M = 0.04
 _SAME_PLACE_M = 0.005
 
 
+def at_current_places(scene: Scene) -> Scene:
+    """``scene`` with those reference passes alone that crossed where the current ones cross.
+
+    The beams' directions come from the reference itself, so that its passes at another place along a beam are
+    on that line by construction: they would make the comparison look better known than it is.
+    """
+    tips = [0.5 * (p.pose_xyz[0] + p.pose_xyz[-1]) for p in scene.passes]
+    along = [float(scene.beams[p.beam].direction @ tip) for p, tip in zip(scene.passes, tips, strict=True)]
+    now = {
+        b: [a for a, p in zip(along, scene.passes, strict=True) if p.current and p.beam == b] for b in BEAMS
+    }
+    keep = [
+        k
+        for k, p in enumerate(scene.passes)
+        if p.current or not now[p.beam] or min(abs(along[k] - a) for a in now[p.beam]) < 0.5 * MIN_APART_M
+    ]
+    there = {scene.passes[k].beam for k in keep if not scene.passes[k].current}
+    return scene.take(keep) if len(there) == len(BEAMS) else scene
+
+
 class Places:
     """``along`` (k,) m is, by beam, where along it it was crossed, in the order of the first visits; ``of``
     the number of that place for each pass of ``scene``."""

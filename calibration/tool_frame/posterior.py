@@ -43,13 +43,15 @@ _FAR = 36.0
 class Posterior:
     """``mean`` (d + m,) and ``cov`` of the unknowns and then the edges' places.
 
-    ``sigma`` (m) is the noise that the data speak for, ``effective`` the number of independent points that
-    the averages are worth: the mean is off by about ``1/sqrt(effective)`` of a standard deviation.
+    ``sigma`` (m) is the noise that the data speak for and ``spread`` the standard deviation of its logarithm,
+    ``effective`` the number of independent points that the averages are worth: the mean is off by about
+    ``1/sqrt(effective)`` of a standard deviation.
     """
 
     mean: Array
     cov: Array
     sigma: float
+    spread: float
     effective: float
 
     def psi(self, d: int) -> Array:
@@ -89,10 +91,11 @@ def posterior(
     between = np.var(np.mean(off, axis=0), axis=1)
     effective = walks.count * float(np.min(np.diag(spread) / np.maximum(between, 1e-300)))
     sigma = float(np.mean(sigmas))
+    log_sd = float(np.std(np.log(sigmas)))
     # What the arm repeats badly shifts all edges of a pass together, which are then worth one and not two;
     # and noise that few edges tell is itself uncertain.
     together = 1.0 + sigma / float(np.hypot(sigma, walks.width / np.sqrt(12.0)))
-    return Posterior(walks.origin + centre, together * spread, sigma, effective)
+    return Posterior(walks.origin + centre, together * spread, sigma, log_sd, effective)
 
 
 class _Walks:

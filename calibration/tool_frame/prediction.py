@@ -13,6 +13,7 @@ import numpy as np
 
 from calibration.tool_frame.averaging import average
 from calibration.tool_frame.geometry import BEAMS
+from calibration.tool_frame.height import SHARED
 from calibration.tool_frame.meeting import length95
 from calibration.tool_frame.posterior import posterior
 from calibration.tool_frame.system import Model, Rows
@@ -22,6 +23,7 @@ K95 = 1.96
 TYPICAL_RADIUS_M = 0.003
 _DRAWS, _POINTS = 10, 512
 _EDGES = (-1.0, 1.0)
+_CHANCE = 4.0  # standard deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +32,7 @@ class Prediction:
 
     ``cov`` (5, 5) is of the tool's point in x, y, z (m; along the two beams' normals and the axis) and of the
     tilt about the two beams (rad; zero with one height). ``slide_m`` is how far the tool moves from poll to
-    poll; ``z_resolution_m`` the step that the bisection ends at.
+    poll; ``z_resolution_m`` what the search in height ends at.
     """
 
     cov: Array
@@ -70,12 +72,14 @@ def predict(
     noise_m: float = 0.0,
     staggered: bool = True,
     reference_pairs: int | None = None,
+    height_pairs: float = 5.0,
 ) -> Prediction:
     """Uncertainty of the tool's displacement from ``pairs`` ways there and back at each of ``depths_m``
     below the point, across each beam.
 
-    ``noise_m`` is the noise of edges beside the polls (the arm's repeatability). ``reference_pairs`` when the
-    reference had another number. ``staggered``: the polls of the passes are shifted against each other by
+    ``noise_m`` is what single ways scatter by, across and along the tool (the arm's repeatability).
+    ``reference_pairs`` when the reference had another number, ``height_pairs`` how many ways there and back
+    are near the tool's end. ``staggered``: the polls of the passes are shifted against each other by
     equal parts of the period.
     """
     rng = np.random.default_rng(4711)
@@ -99,25 +103,24 @@ def predict(
     cov = np.zeros((5, 5))
     place = [0, 1, 3, 4] if tilted else [0, 1]
     cov[np.ix_(place, place)] = mean
-    cov[2, 2] = _height_variance(z_resolution_m)
+    cov[2, 2] = height_variance(z_resolution_m, noise_m, height_pairs)
     return Prediction(cov, slide, z_resolution_m, tilted)
 
 
-def _height_variance(resolution: float) -> float:
-    """Of the product of two differences of uniform brackets: that of one is the square of a triangle."""
-    z = np.linspace(-1.0, 1.0, 2001)
-    # The likelihood is the product of two triangles, whose tops are ``delta`` apart.
-    tri = np.maximum(1.0 - np.abs(np.linspace(-1.0, 1.0, 41)), 0.0)
-    total = weight = 0.0
-    for delta, w in zip(np.linspace(-1.0, 1.0, 41), tri, strict=True):
-        p = np.maximum(1.0 - np.abs(z), 0.0) * np.maximum(1.0 - np.abs(z - delta), 0.0)
-        if p.sum() <= 0.0:
-            continue
-        p = p / p.sum()
-        mean = float(p @ z)
-        total += w * float(p @ (z - mean) ** 2)
-        weight += w
-    return resolution**2 * total / weight
+def near_pairs(pairs: int, step: float, sigma: float) -> float:
+    """How many of ``pairs`` ways there and back of a search in height are near the end of a flat tool, where
+    a hit or a miss is chance: the others halve ``step`` (m) down to some ``sigma`` (m)."""
+    return max(pairs - float(np.log2(max(step / (_CHANCE * sigma), 1.0))), 1.0)
+
+
+def height_variance(resolution: float, sigma: float, pairs: float) -> float:
+    """Of a comparison of heights (m^2): two beams, then and now, each from ``pairs`` ways there and back near
+    the tool's end, and to ``resolution`` (m). ``sigma`` (m) is what a single way scatters by along the tool.
+
+    A hit or a miss tells 2/pi of what a measured height would (Fisher's information of a probit at its
+    middle); a way out and the way back have half of their variance in common.
+    """
+    return resolution**2 / 12.0 + 0.5 * np.pi * 0.5 * (1.0 + SHARED) * sigma**2 / max(pairs, 1.0)
 
 
 def _rows(
@@ -143,8 +146,9 @@ def _rows(
                     for direction in (1.0, -1.0):
                         phase = offset + k / count if staggered else rng.random()
                         phase += 0.0 if direction > 0.0 else rng.random()
+                        off = noise * rng.normal()  # of the whole way
                         for j, side in enumerate(_EDGES):
-                            true = side * radius[beam] + noise * rng.normal()
+                            true = side * radius[beam] + off
                             start = (np.floor(true / slide - phase) + phase) * slide
                             row = np.zeros(len(names))
                             row[0] = direction * speed

@@ -68,16 +68,18 @@ class Pass:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """All passes in one attitude ``R`` = R_base_flange (3, 3)."""
+    """All passes in one attitude ``R`` = R_base_flange (3, 3). ``repeatability_m`` is the standard
+    deviation of one axis by the arm's data sheet, None when the arm is not known."""
 
     R: Array
     beams: Mapping[str, Line]
     tool: ReferenceTool
     passes: Sequence[Pass]
+    repeatability_m: float | None = None
 
     def take(self, keep: Sequence[int]) -> "Scene":
         """Only the passes at the places ``keep`` of the list."""
-        return Scene(self.R, self.beams, self.tool, [self.passes[k] for k in keep])
+        return Scene(self.R, self.beams, self.tool, [self.passes[k] for k in keep], self.repeatability_m)
 
 
 class Refusal(Exception):

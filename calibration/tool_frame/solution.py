@@ -9,8 +9,8 @@ from calibration.tool_frame import geometry as geo
 from calibration.tool_frame.crossings import Crossing, Seen, see
 from calibration.tool_frame.enough import check_enough, selected
 from calibration.tool_frame.geometry import BEAMS, BeamFrame
-from calibration.tool_frame.height import Bracket
 from calibration.tool_frame.lateral import INTERVAL, Lateral, rough_delay, solve_lateral, without_blunders
+from calibration.tool_frame.rise import Heights, Rise
 from calibration.tool_frame.scene import Scene
 from calibration.tool_frame.selection import Selection
 from calibration.tool_frame.system import At, Model
@@ -30,8 +30,11 @@ class Solution:
     the axis then to the axis now, None when no tilt was seen. ``cov`` (6, 6) belongs to both, in the flange's
     axes; what is not determined is zero in it (the spin about the axis; all rotation when ``drot`` is None)
     and named in ``undetermined``. ``z_sigma`` is None when nothing tells the height: then the part of ``dp``
-    along the axis is zero, and its variance that of ``UNKNOWN_HEIGHT_M``. ``lever`` (m) is, by beam, how far
-    up the tool the current passes cross it in the mean: an unseen tilt moves the point by that times itself.
+    along the axis is zero, and its variance that of ``UNKNOWN_HEIGHT_M``. ``heights`` (m) are those of the
+    flange at each first contact by beam and set, with their standard deviations, ``scatter_m`` what single
+    passes scatter by along the tool, ``ends`` how likely each shape of the tool's end is. ``lever`` (m) is,
+    by beam, how far up the tool the current passes cross it in the mean: an unseen tilt moves the point by
+    that times itself.
     """
 
     dp: Array
@@ -43,7 +46,9 @@ class Solution:
     seen: Seen
     selection: Selection
     rejected: Mapping[int, str]
-    brackets: Mapping[tuple[str, bool], Bracket]
+    heights: Heights
+    scatter_m: float | None
+    ends: Mapping[str, float]
     warnings: Sequence[tuple[str, str]] = field(default_factory=tuple)
     undetermined: Sequence[str] = field(default_factory=tuple)
     lever: Mapping[str, float] = field(default_factory=dict)
@@ -90,17 +95,18 @@ class _Solving:
     def _put_together(
         self, lateral: Lateral, at: At, vertical: Vertical, rejected: Mapping[int, str]
     ) -> Solution:
-        unsure = float(np.linalg.norm([lateral.deviation(f"tilt {b}") or 0.0 for b in BEAMS]))
-        edges = {b: lateral.edges(b) for b in BEAMS}
-        self.warnings += unlike_stated(edges, self.scene.tool.radius)
-        bulges = vertical.bulges(edges, at, unsure)
-        z, z_sigma = vertical.along(at, bulges)
+        rise = Rise(vertical, lateral, at, self.scene.repeatability_m)
+        self.warnings += unlike_stated(rise.edges, self.scene.tool.radius)
+        up = rise.along()
         model, d = lateral.model, len(lateral.model.names)
         tilted = all(b in model.tilts and b not in model.hints for b in BEAMS)
-        x = np.concatenate([lateral.mean[:d], [z]])
+        x = np.concatenate([lateral.mean[:d], [0.0 if up is None else up.z]])
         cov = np.zeros((d + 1, d + 1))
         cov[:d, :d] = lateral.cov[:d, :d]
-        cov[d, d] = (UNKNOWN_HEIGHT_M if z_sigma is None else z_sigma) ** 2
+        cov[d, d] = UNKNOWN_HEIGHT_M**2
+        if up is not None:
+            cov[d, :d] = cov[:d, d] = cov[:d, :d] @ up.slope
+            cov[d, d] = up.own + up.bend + up.slope @ cov[:d, :d] @ up.slope
         step = np.sqrt(np.diag(cov)) * 1e-3
         J = np.stack(
             [
@@ -119,7 +125,7 @@ class _Solving:
             )
         if not self.ways.delay_seen:
             undetermined.append(UNSEEN_DELAY)
-        if z_sigma is None:
+        if up is None:
             undetermined.append("displacement along the tool's axis (no pass goes by above the tool's point)")
             self.warnings.append(
                 (
@@ -131,13 +137,15 @@ class _Solving:
             dp=pose[:3],
             drot=pose[3:] if tilted else None,
             cov=0.5 * (full + full.T),
-            z_sigma=z_sigma,
+            z_sigma=None if up is None else float(np.sqrt(cov[d, d])),
             lateral=lateral,
             frames=self.frames,
             seen=vertical.seen,
             selection=vertical.selection,
             rejected=rejected,
-            brackets=vertical.brackets,
+            heights=rise.heights,
+            scatter_m=rise.scatter_m,
+            ends=rise.shapes,
             warnings=list(dict.fromkeys(self.warnings)),
             undetermined=undetermined,
             lever=self._levers(vertical.seen, lateral),

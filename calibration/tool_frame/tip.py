@@ -1,22 +1,39 @@
-"""How much lower the end of a tilted tool reaches than its point: it depends on the shape of the end.
+"""Shapes that the end of a tool may have: how long it breaks a beam, and how much lower it reaches tilted.
 
-A flat end reaches lower by its radius times the tilt (60 um at 3 mm and 20 mrad), a ball does not. Passes
-that just met the tool tell which it is: at a depth ``d`` below the first contact a ball is ``2 sqrt(2 r d)``
-wide, a tilted flat end begins with a corner, and an end that counts as a point is as wide as the tool at
-once. Each shape is weighed by how well it explains the widths that were seen; what they leave open widens
-the answer.
+At a depth ``d`` below the first contact a ball is ``2 sqrt(2 r d)`` wide, a flat end that is tilted begins
+with a corner, and a level one is as wide as the tool at once. A beam that clears at a greater distance than
+it breaks makes the second half of a ball's chord longer. Which shape it is, the passes near the end tell.
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from cell.poses import Array
 
-SHAPES = {"point": 0.3, "ball": 0.3, "edge": 0.1, "flat": 0.3}
-_CAP = 25.0
-_RIM = np.linspace(0.0, 2.0 * np.pi, 361)
+_RIM = np.linspace(0.0, 2.0 * np.pi, 181)
+_RATIOS = {0.15: 0.1, 0.4: 0.1, 0.7: 0.1, 1.0: 0.6, 1.5: 0.1}
+_BANDS_M = (0.0, 1.5e-5, 3e-5, 5e-5, 8e-5, 1.2e-4)
+
+
+@dataclass(frozen=True)
+class End:
+    """One shape. ``prior`` is how likely it is before any pass. ``ratio`` is a ball's radius as a share of
+    the tool's, ``band`` (m) by how much more distance the beam clears than it breaks."""
+
+    kind: str
+    prior: float
+    ratio: float = 1.0
+    band: float = 0.0
+
+
+ENDS = (
+    End("point", 0.15),
+    End("edge", 0.1),
+    End("flat", 0.35),
+    *(End("ball", 0.4 * w / len(_BANDS_M), ratio, band) for ratio, w in _RATIOS.items() for band in _BANDS_M),
+)
+POINT = (End("point", 1.0),)  # where widths tell nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +41,8 @@ class View:
     """The tool as one beam sees it in one set.
 
     ``axis`` (3,) is in the base from the flange to the point, ``n`` (3,) normal to beam and axis, ``lift``
-    and ``side`` (3,) are up and along the pass, both normal to the beam.
+    and ``side`` (3,) are up and along the pass, both normal to the beam. ``radius`` (m) is the tool's,
+    ``chord`` (m) how far the flange moves while the tool breaks the beam well above its end.
     """
 
     axis: Array
@@ -32,66 +50,45 @@ class View:
     lift: Array
     side: Array
     radius: float
+    chord: float
 
-    def bulge(self, shape: str) -> float:
+    @classmethod
+    def of(cls, axis: Array, n: Array, beam: Array, lift: Array, radius: float, chord: float) -> "View":
+        """``beam`` (3,) is the beam's direction."""
+        side = np.cross(beam, lift)
+        return cls(axis, n, lift, side / np.linalg.norm(side), radius, chord)
+
+    def bulge(self, end: End) -> float:
         """How much lower (m, along ``lift``) the end reaches than its middle, against the tool upright."""
-        if shape == "edge":
+        if end.kind == "edge":
             return self.radius * abs(float(self.lift @ self.n))
-        if shape == "flat":
+        if end.kind == "flat":
             return self.radius * float(np.sqrt(max(1.0 - float(self.lift @ self.axis) ** 2, 0.0)))
         return 0.0
 
-    def width(self, shape: str, depth: float) -> float:
-        """How wide (m) the tool is at ``depth`` below the first contact."""
-        r, full = self.radius, 2.0 * self.radius
-        d = max(depth, 0.0)
-        if shape == "ball":
-            return full if d >= r else 2.0 * float(np.sqrt(d * (2.0 * r - d)))
-        if shape == "edge":
-            lean = abs(float(self.lift @ self.n))
-            return full if d >= full * lean else d / lean
-        if shape == "flat":
-            e1 = np.cross(self.axis, self.lift)
-            if float(np.linalg.norm(e1)) < 1e-6:
-                return full
-            e1 = e1 / np.linalg.norm(e1)
-            e2 = np.cross(self.axis, e1)
-            rim = r * (np.cos(_RIM)[:, None] * e1 + np.sin(_RIM)[:, None] * e2)
-            up, along = rim @ self.lift, rim @ self.side
-            inside = along[up - np.min(up) <= d]
-            return float(np.ptp(inside)) if len(inside) else 0.0
-        return full
+    def length(self, end: End, depth: Array) -> Array:
+        """How long (m) the beam is broken at ``depth`` (n,) m below the first contact; 0 above it."""
+        d = np.maximum(depth, 0.0)
+        found = np.full(d.shape, self.chord)
+        if end.kind == "ball":
+            wide = end.ratio * self.chord
+            d = np.minimum(d, 0.5 * wide)
+            found = np.sqrt(d * (wide - d)) + np.sqrt((d + end.band) * (wide - d))
+        elif end.kind == "edge" and (lean := abs(float(self.lift @ self.n))) > 1e-6:
+            found = d / lean
+        elif end.kind == "flat" and (rim := self._rim()) is not None:
+            found = np.interp(d, *rim)
+        return np.where(depth > 0.0, np.minimum(found, self.chord), 0.0)
 
-
-@dataclass(frozen=True, eq=False)
-class Touch:
-    """A pass that met the tool ``depth`` (m) below the first contact, known to ``sigma_depth``, and saw it
-    ``width`` (m) wide, known to ``sigma``."""
-
-    view: View
-    depth: float
-    sigma_depth: float
-    width: float
-    sigma: float
-
-
-def weigh(touches: Sequence[Touch]) -> dict[str, float]:
-    """How likely each shape is after all passes near the tool's end."""
-    log = {shape: float(np.log(prior)) for shape, prior in SHAPES.items()}
-    for touch in touches:
-        for shape in SHAPES:
-            near = [touch.view.width(shape, touch.depth + s * touch.sigma_depth) for s in (-1.0, 0.0, 1.0)]
-            sigma = float(np.hypot(touch.sigma, 0.5 * (max(near) - min(near))))
-            log[shape] -= 0.5 * min(((touch.width - near[1]) / sigma) ** 2, _CAP)
-    top = max(log.values())
-    weight = {shape: float(np.exp(v - top)) for shape, v in log.items()}
-    total = sum(weight.values())
-    return {shape: w / total for shape, w in weight.items()}
-
-
-def bulge_change(before: View, now: View, weights: Mapping[str, float]) -> tuple[float, float]:
-    """How much lower the end reaches now than in the reference (m), with its standard deviation."""
-    change = np.array([now.bulge(s) - before.bulge(s) for s in weights])
-    w = np.array(list(weights.values()))
-    mean = float(w @ change)
-    return mean, float(np.sqrt(max(float(w @ (change - mean) ** 2), 0.0)))
+    def _rim(self) -> tuple[Array, Array] | None:
+        """Depths (n,) m and the widths (n,) m there of a tilted flat end; None when it is level."""
+        e1 = np.cross(self.axis, self.lift)
+        if float(np.linalg.norm(e1)) < 1e-6:
+            return None
+        e1 = e1 / np.linalg.norm(e1)
+        e2 = np.cross(self.axis, e1)
+        rim = 0.5 * self.chord * (np.cos(_RIM)[:, None] * e1 + np.sin(_RIM)[:, None] * e2)
+        up, along = rim @ self.lift, rim @ self.side
+        order = np.argsort(up)
+        low, along = up[order] - np.min(up), along[order]
+        return low, np.maximum.accumulate(along) - np.minimum.accumulate(along)

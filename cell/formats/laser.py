@@ -1,7 +1,8 @@
 """``cellward.laser/1``: passes of a tool across two light beams, with a reference set and a current one.
 
 Two extensions of the format that runs use: ``poll_n`` is the counter of the input's changes as each poll read
-it, so that a pulse between two polls is seen; ``poll_dt`` is half of the time that each poll took.
+it, so that a pulse between two polls is seen; ``poll_dt`` is half of the time that each poll took. The data
+set itself may have ``repeatability_m``, the standard deviation of one axis by the arm's data sheet.
 """
 
 from typing import Annotated, Any, Literal
@@ -149,6 +150,7 @@ class LaserData(Strict):
     tool: ToolEntry
     reference: PassSet
     current: PassSet
+    repeatability_m: Annotated[float, Field(gt=0.0, le=0.01)] | None = None
     notes: Any = None
 
 

@@ -91,7 +91,11 @@ class SearchSection(_Strict):
         default=0.025, ge=0, le=0.1, description="second height, that much lower; 0: no tilt"
     )
     z_resolution_m: float = Field(
-        default=0.00002, gt=0, le=0.05, description="the bisection in height ends there"
+        default=0.00002,
+        gt=0,
+        le=0.05,
+        description="the search in height ends when the height is known as well as from an interval so long, "
+        "or after as many ways there and back as halving descend_step_m down to it takes",
     )
     edges: int = Field(default=2, ge=2, le=16, description="changes of a beam on one way; 4 with two fingers")
     lead_m: float = Field(
@@ -105,7 +109,7 @@ class SearchSection(_Strict):
         default=0.001, gt=0, le=0.02, description="between the way out and the way back, half chords"
     )
     max_poll_gap_s: float = Field(
-        default=0.03, gt=0, le=1.0, description="longest time without a poll on the way"
+        default=0.06, gt=0, le=1.0, description="longest time without a poll on the way"
     )
     retries: int = Field(default=3, ge=0, le=20, description="of a pass that cannot be used")
     settle_s: float = Field(default=0.05, ge=0, le=5.0, description="wait at rest between two moves")
@@ -115,6 +119,11 @@ class SearchSection(_Strict):
         """How far below the height at which the point meets a beam it is measured, m; one or two."""
         deeper = (self.measure_depth_m + self.tilt_height_m,) if self.tilt_height_m > 0.0 else ()
         return (self.measure_depth_m, *deeper)
+
+    @property
+    def most_height_pairs(self) -> int:
+        """How many ways there and back the height of one place may take."""
+        return int(np.ceil(np.log2(max(self.descend_step_m / self.z_resolution_m, 1.0))))
 
     @model_validator(mode="after")
     def _edges_come_in_pairs(self) -> Self:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.tool_frame.repeatability import stated_sigma
 from cell.calibrations import laser_reference
 from cell.errors import error
 from cell.poses import from_pose6
@@ -73,7 +74,8 @@ class Measurement:
         way = course(self.search, arm_model(values), pose, self.p_ref, self.places)
         _, _, speed = lease_settings(values)
         late = self.offset_s - float(values["time_offset_s"]["beams"]["applied"])
-        return Scan(self.run, self.search, way, record, speed, late, self.retract_pose)
+        sigma_m = stated_sigma(values["robot"].get("model"))
+        return Scan(self.run, self.search, way, record, speed, late, self.retract_pose, sigma_m)
 
     async def plan_and_note(self, tool: Mapping[str, Any] | None = None) -> None:
         """The plan in the journal before anything moves; ``LASER_PLAN_REFUSED`` when the guard forbids it."""
@@ -126,6 +128,7 @@ def data_header(measurement: Measurement, reference: Mapping[str, Any]) -> dict[
         "R_base_flange": list(reference["R_base_flange"]),
         "beams": reference["beams"],
         "tool": reference["tool"],
+        "repeatability_m": stated_sigma(measurement.run.values["robot"].get("model")),
     }
 
 
@@ -149,4 +152,5 @@ def nominal_header(
             "axis_ref": T.rotation.apply([0.0, 0.0, 1.0]).tolist(),
             "radius": radius_m if radius_m is not None else tool["radius_m"],
         },
+        "repeatability_m": stated_sigma(measurement.run.values["robot"].get("model")),
     }

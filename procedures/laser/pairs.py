@@ -18,6 +18,7 @@ from procedures.laser.sweep import Beam, Sweeper, Way
 Pair = tuple[Way, Way]
 Judge = Callable[[Way, Way], Fault | None]
 LOCATE = "locate"
+HEIGHT = "bisect"
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,8 @@ class Pairs:
             back = await self.sweeper.cross(beam, -1, near, speed, after_poll_s[1])
             fault = judge(out, back)
             why_not = fault or one_sided(out, back)
+            if fault is None and phase == HEIGHT:  # what shows on one way alone tells the height all the same
+                why_not = None
             text = why_not.text if why_not else "only finds where to measure" if phase == LOCATE else None
             await asyncio.to_thread(self.record.add, (out, back), phase, station.place, text)
             if why_not is not None:

@@ -115,9 +115,12 @@ def _station(moves: "Moves", search: Search, station: Station) -> None:
     for k in range(1, int(np.floor(limit / step + 1e-9)) + 1):
         lowest = k * step
         moves.sweeps(station, lowest, 1)
-    if bisections := int(np.ceil(np.log2(max(step / search.z_resolution_m, 1.0)))):
-        moves.sweeps(station, lowest, bisections, " or higher, bisection")
-    for below in heights_at(search, station):
+    first, *deeper = heights_at(search, station)
+    moves.sweeps(station, lowest + first, 1, " or higher, located")
+    if search.most_height_pairs:
+        moves.sweeps(station, lowest, search.most_height_pairs, " or higher, search in height")
+    moves.sweeps(station, lowest + first, search.passes, " or higher, measured")
+    for below in deeper:
         moves.sweeps(station, lowest + below, 1 + search.passes, " or higher, measured")
     moves.lift(station)
 

@@ -1,9 +1,10 @@
-"""One scan of both beams: search down, bisect in height, measure slowly, at one or two places and heights.
+"""One scan of both beams: search down, find the height, measure slowly, at one or two places and heights.
 
 The search is that of the source: out and back across the beam, a step down when nothing triggered, a trigger
 on the way out alone thrown away. The arm rests between the ways; what they showed is on disk before the next.
 """
 
+import asyncio
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,9 +17,10 @@ from cell.motion import MotionLease
 from cell.procedure import FinishRequested, Run
 from procedures.laser.config import BEAMS, Search
 from procedures.laser.faults import crossing_fault, fault_of, gap_of, one_sided, stuck_dark
-from procedures.laser.pairs import LOCATE, Judge, Pair, Pairs, beam_of, even_shares
+from procedures.laser.pairs import HEIGHT, LOCATE, Judge, Pair, Pairs, beam_of, even_shares
 from procedures.laser.path import Course, Station, deepest, heights_at, highest, way_out
 from procedures.laser.record import PassRecord
+from procedures.laser.sought_height import SoughtHeight, Tried, period_of
 from procedures.laser.states import ScanState as S
 from procedures.laser.sweep import POLL_TIMEOUT_S, Sweeper, Way
 
@@ -28,11 +30,18 @@ GOLDEN = 0.6180339887498949  # multiples of it, modulo 1, are spread evenly howe
 
 @dataclass(frozen=True)
 class Hit:
-    """The tool's point meets the beam between the depths ``clear`` and ``hit``; it crosses in ``s`` (2,)."""
+    """The tool's point meets the beam between the depths ``clear`` and ``hit``."""
 
     clear: float
     hit: float
-    s: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Contact:
+    """The tool's end first meets the beam at ``depth`` (m), which is known to ``sigma``."""
+
+    depth: float
+    sigma: float
 
 
 class Scan:
@@ -47,16 +56,19 @@ class Scan:
         speed: Speed,
         offset_s: float,
         retract_pose: str | None,
+        sigma_m: float,
     ) -> None:
         self.run, self.search, self.course, self.record = run, search, course, record
         self.inputs: DigitalInputs = run.inputs("beams")
         self.complete = False
         self._speed, self._offset_s, self._retract_pose = speed, offset_s, retract_pose
+        self._sigma_m = sigma_m  # of one axis of the arm, by its data sheet
         self._beams = {name: beam_of(search, name, self.inputs.names) for name in BEAMS}
         self._lease: MotionLease
         self._pairs: Pairs
         self._station: Station
         self._s, self._depth = 0.0, 0.0
+        self._tried: list[Tried] = []  # at this station, near the tool's end
         self._missing: dict[str, str] = {}
         self._taken, self._groups = 0, 0
 
@@ -93,13 +105,14 @@ class Scan:
         if hit is None:
             self._missing[station.beam] = self._searched()
         elif not self._missing:
-            hit = await self._bisect(hit)
-            middle = 0.5 * (hit.clear + hit.hit)
-            self.run.note(
-                "decision", event="hit", beam=station.beam, place=station.place, depth_m=round(middle, 6)
-            )
-            for below in heights_at(self.search, station):
-                await self._measure(middle + below)
+            first, *deeper = heights_at(self.search, station)
+            located = await self._locate(hit.hit + first)
+            met = await self._find_height(hit, located)
+            facts = {"depth_m": round(met.depth, 6), "sigma_m": round(met.sigma, 7)}
+            self.run.note("decision", event="hit", beam=station.beam, place=station.place, **facts)
+            await self._measure(met.depth + first, located)
+            for below in deeper:
+                await self._measure(met.depth + below, await self._locate(met.depth + below))
         await self._lift(f"{station.name} is done")
 
     # -- the steps
@@ -112,6 +125,7 @@ class Scan:
         if station.place == 0:
             await self._lease.move_joints(station.q)
         self._station, self._s, self._depth = station, 0.0, 0.0
+        self._tried = []
         if not station.taught:
             await self._lease.move_linear(station.start)
         await self.run.clock.sleep(self.search.settle_s)
@@ -127,9 +141,13 @@ class Scan:
         found: Hit | None = None
         lost = 0
         while True:
-            out, back = await self._search_pair("search", 0.0, self._station.distance_m)
+            out, back = await self._search_pair(
+                "search", 0.0, self._station.distance_m, self.search.search_speed_m_s
+            )
+            if one_sided(out, back) is None:
+                self._tried.append((self._depth, out, back))
             if out.triggered and back.triggered:
-                found = Hit(self._depth - step, self._depth, self._span(out, back))
+                found = Hit(self._depth - step, self._depth)
                 if clear is not None:
                     return replace(found, clear=clear)
                 await self._up_a_step(step)
@@ -158,37 +176,43 @@ class Scan:
         await self.run.enter(S.LIFT, "met at once, so the tool is longer than believed")
         await self._move(0.0, -up)
 
-    async def _bisect(self, hit: Hit) -> Hit:
-        """Halve the interval of heights until it is ``z_resolution_m``."""
-        begin, end = self._window(hit.s, self.search.search_speed_m_s)
-        while hit.hit - hit.clear > self.search.z_resolution_m:
-            middle = 0.5 * (hit.clear + hit.hit)
-            await self.run.enter(S.BISECT, f"{1e3 * (hit.hit - hit.clear):.3f} mm left")
-            await self._move(begin, middle)
-            for _ in range(self.search.retries + 1):
-                out, back = await self._search_pair("bisect", begin, end)
-                if one_sided(out, back) is None:
-                    break  # else the beam is just grazed, or an edge was lost
-            both = out.triggered and back.triggered
-            hit = replace(hit, hit=middle) if both else replace(hit, clear=middle)
-        return hit
-
-    async def _measure(self, depth: float) -> None:
-        """Cross once to see where the beam is at this depth, then slowly as often as asked."""
+    async def _find_height(self, hit: Hit, located: Pair) -> Contact:
+        """Cross near the tool's end where most is to be learned of its height, until it is known."""
         search, run = self.search, self.run
-        await run.enter(S.MEASURE, f"{self._station.name}, {1e3 * depth:.2f} mm down")
+        seek = SoughtHeight(search, self._sigma_m, -hit.hit, -hit.clear, located, self._station)
+        seek.take(self._tried)
+        for _ in range(search.most_height_pairs):
+            if seek.known:
+                break
+            height, speed, (first, last) = await asyncio.to_thread(seek.next)
+            begin, end = self._window((first, last), speed)
+            await run.enter(S.BISECT, f"known to {1e3 * seek.sigma:.3f} mm")
+            await self._move(begin, -height)
+            out, back = await self._search_pair(HEIGHT, begin, end, speed)
+            self._tried.append((self._depth, out, back))
+            await asyncio.to_thread(seek.take, self._tried)
+        return Contact(-seek.height, seek.sigma)
+
+    async def _locate(self, depth: float) -> Pair:
+        """Cross once to see where the beam is at this depth."""
+        await self.run.enter(S.MEASURE, f"{self._station.name}, {1e3 * depth:.2f} mm down")
         await self._move(0.0, self._depth)
         await self._move(0.0, depth)
-        fast, slow = search.search_speed_m_s, search.measure_speed_m_s
-        crossed = partial(crossing_fault, search=search)
-        seen = await self._pair(LOCATE, 0.0, self._station.distance_m, fast, crossed)
-        begin, end = self._window(self._span(*seen), slow)
+        crossed = partial(crossing_fault, search=self.search)
+        return await self._pair(LOCATE, 0.0, self._station.distance_m, self.search.search_speed_m_s, crossed)
+
+    async def _measure(self, depth: float, seen: Pair) -> None:
+        """Cross slowly as often as asked, where ``seen`` has shown the beam to be."""
+        search, run = self.search, self.run
+        await run.enter(S.MEASURE, f"{self._station.name}, {1e3 * depth:.2f} mm down")
+        begin, end = self._window(self._span(*seen), search.measure_speed_m_s)
         await self._move(begin, depth)
-        period = float(np.median(np.diff([p.t for p in seen[0].polls])))
+        period = period_of(seen[0])
         judge = partial(fault_of, search=search)
         self._groups += 1
         for out, back in even_shares(search.passes, GOLDEN * self._groups):  # anew for each height
-            await self._pair("measure", begin, end, slow, judge, (out * period, back * period))
+            after = (out * period, back * period)
+            await self._pair("measure", begin, end, search.measure_speed_m_s, judge, after)
             self._taken += 1
             run.progress(self._taken, run.steps)
 
@@ -200,14 +224,14 @@ class Scan:
 
     # -- there and back
 
-    async def _search_pair(self, phase: str, begin: float, end: float) -> Pair:
-        """Fast; what shows on one way alone is kept on disk and not used."""
+    async def _search_pair(self, phase: str, begin: float, end: float, speed: float) -> Pair:
+        """What polls with gaps could not have seen, or a beam that stays broken, is taken again."""
         search = self.search
         return await self._pair(
             phase,
             begin,
             end,
-            search.search_speed_m_s,
+            speed,
             lambda out, back: gap_of((out, back), search) or stuck_dark(out, back),
         )
 

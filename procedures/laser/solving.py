@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibration.tool_frame.meeting import FALSE_ALARM, length95, tool_point_meets
+from calibration.tool_frame.places import at_current_places
 from calibration.tool_frame.scene import Refusal, Scene
 from calibration.tool_frame.solution import solve
 from cell.formats.laser import parse_laser
@@ -110,4 +111,4 @@ def _against_first(data: Mapping[str, Any], passes: list[Any], first: Mapping[st
 
 
 def _scene(data: dict[str, Any], path: Path) -> Scene:
-    return scene_of(parse_laser(data, str(path)))
+    return at_current_places(scene_of(parse_laser(data, str(path))))

@@ -12,6 +12,7 @@ from calibration.tool_frame.beams import find_beams
 from calibration.tool_frame.checks import held_out, own_residuals
 from calibration.tool_frame.classic import Classic, solve_classic
 from calibration.tool_frame.lateral import AVERAGING, INTERVAL
+from calibration.tool_frame.places import at_current_places
 from calibration.tool_frame.scene import Refusal
 from calibration.tool_frame.solution import solve
 from cell.errors import error
@@ -51,7 +52,7 @@ def solve_laser(
     if unknown := sorted(set(limits or {}) - set(LIMITS)):
         raise error("ARGUMENT_INVALID", f"limit {unknown[0]!r} is not known; there is {', '.join(LIMITS)}")
     file, data = load_laser(Path(path))
-    scene = scene_of(data)
+    scene = at_current_places(scene_of(data))
     warnings = unit_warnings(data)
     inputs = _inputs(file, data, chosen)
     how = AVERAGING if chosen == AVERAGING else INTERVAL

@@ -30,7 +30,7 @@ def scene_of(data: LaserData) -> Scene:
     }
     tool = ReferenceTool.of(data.tool.p_ref, data.tool.axis_ref, data.tool.radius)
     passes = [*_passes(data.reference.passes, False), *_passes(data.current.passes, True)]
-    return Scene(np.asarray(R), beams, tool, passes)
+    return Scene(np.asarray(R), beams, tool, passes, data.repeatability_m)
 
 
 def _passes(entries: Sequence[PassEntry], current: bool) -> list[Pass]:

@@ -208,9 +208,9 @@ def _observability(solution: Solution) -> dict[str, Any]:
         "unknowns": model.names,
         "own_tilt_rad": {b: solution.lateral.value(f"own tilt {b}") for b in model.own_tilts},
         "edges_m": {b: solution.lateral.edges(b).tolist() for b in BEAMS},
-        "brackets_m": {
-            f"{'current' if current else 'reference'} {beam}": [b.hit, b.miss]
-            for (beam, current), b in solution.brackets.items()
+        "heights_m": {
+            f"{'current' if current else 'reference'} {beam}": [height, sigma]
+            for (beam, current), (height, sigma) in solution.heights.items()
         },
         "lever_m": dict(solution.lever),
     }

@@ -121,8 +121,9 @@ def test_every_sweep_down_to_the_limit_is_listed_with_what_the_guard_says() -> N
         (-0.01, 1),
         (0.005, 1),
         (0.01, 1),
-        (0.01, 8),  # 5 mm halved until 0.02 mm
-        (0.016, 1 + 8),
+        (0.016, 1),
+        (0.01, 8),  # as many as halve 5 mm until 0.02 mm
+        (0.016, 8),
         (0.041, 1 + 8),
     ]
     model = MODEL
@@ -144,7 +145,8 @@ def test_the_moves_are_listed_in_the_order_in_which_they_are_made() -> None:
         "xs 1 at -5.0 mm, if met at once",
         "xs 1 at -10.0 mm, if met at once",
         "xs 1 at 5.0 mm",
-        "xs 1 at 5.0 mm or higher, bisection",
+        "xs 1 at 11.0 mm or higher, located",
+        "xs 1 at 5.0 mm or higher, search in height",
         "xs 1 at 11.0 mm or higher, measured",
         "xs 1 at 36.0 mm or higher, measured",
         "xs 1 lift",

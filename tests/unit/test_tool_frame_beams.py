@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from height_scene import FLAT_END, searched
 from laser_scene import DOWN, POINT, Beam, Bench, beams, without_passes
 
 from calibration.tool_frame.beams import FoundBeams, find_beams
-from calibration.tool_frame.height import Bracket, Rise, along_axis
 from calibration.tool_frame.meeting import length95, tool_point_meets
-from calibration.tool_frame.prediction import predict
+from calibration.tool_frame.prediction import height_variance, near_pairs, predict
 from calibration.tool_frame.scene import Refusal
 from calibration.tool_frame.solution import solve
 from cell.formats.laser import parse_laser
@@ -178,13 +178,14 @@ def test_what_is_predicted_is_what_comes_out(pairs: int, depths: tuple[float, ..
         assert expected.U_tilt_rad is None
 
 
-def test_the_height_that_is_predicted_is_what_comes_out() -> None:
-    step = 4e-5
-    expected = predict(0.02, 0.005, 1, step)
+def test_the_height_that_is_predicted_is_about_what_a_search_comes_to() -> None:
+    sigma = 1e-5
     rng = np.random.default_rng(5)
-    errors = []
-    for _ in range(150):
-        a, b, c, d = (Bracket(-r, step - r) for r in rng.uniform(0.0, step, 4).tolist())
-        errors.append(along_axis([Rise(a, b, 1.0, 0.0), Rise(c, d, 1.0, 0.0)])[0])
-    assert np.std(errors) == pytest.approx(np.sqrt(expected.cov[2, 2]), rel=0.25)
-    assert expected.U_z_m == pytest.approx(1.96 * np.sqrt(expected.cov[2, 2]))
+    errors, stated = [], []
+    for _ in range(24):
+        found, truth = searched(rng, FLAT_END, sigma)
+        errors.append(found.mean - truth)
+        stated.append(found.sigma)
+    expected = np.sqrt(height_variance(2e-5, sigma, near_pairs(8, 5e-3, sigma)))
+    assert np.sqrt(np.mean(np.square(errors))) < 1.5 * expected
+    assert 0.6 * expected < np.mean(stated) < 1.6 * expected

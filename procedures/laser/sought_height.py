@@ -1,0 +1,99 @@
+"""The height that a scan looks for: from ways across the beam to where the next one goes."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.tool_frame.glimpse import Glimpse, glimpse, plain_hit
+from calibration.tool_frame.height_search import HeightSearch
+from calibration.tool_frame.repeatability import scatter_of
+from procedures.laser.config import Search
+from procedures.laser.path import Station
+from procedures.laser.sweep import Way
+
+Tried = tuple[float, Way, Way]  # the depth (m), and the ways out and back
+_CENTRE_M = 3e-4  # how far the middle of a break may be off that of the crossing further down
+
+
+class SoughtHeight:
+    """What the ways at one station say of the height (m, minus the depth) of the first contact.
+
+    It is between ``hit`` and ``clear``; ``located`` is a way out and back well below, ``sigma_m`` one axis of
+    the arm by its data sheet.
+    """
+
+    def __init__(
+        self,
+        search: Search,
+        sigma_m: float,
+        hit: float,
+        clear: float,
+        located: tuple[Way, Way],
+        station: Station,
+    ) -> None:
+        self._offset = float(station.s_of(np.zeros(1))[0])
+        edges = [way.edge_positions() for way in located]
+        self._centre = float(np.mean([0.5 * (e[0] + e[-1]) for e in edges]))
+        self._fingers = search.edges > 2
+        self._span = float(np.mean([e[-1] - e[0] for e in edges]))
+        chord = float(np.mean([e[1] - e[0] for e in edges])) if self._fingers else self._span
+        self._lead = search.lead_m
+        self._seek = HeightSearch(
+            hit,
+            clear,
+            chord,
+            self._fingers,
+            scatter_of(sigma_m),
+            search.search_speed_m_s,
+            search.measure_speed_m_s,
+            period_of(located[0]),
+            search.z_resolution_m / float(np.sqrt(12.0)),
+        )
+
+    @property
+    def known(self) -> bool:
+        """Whether it is known as well as asked for."""
+        return self._seek.known
+
+    @property
+    def height(self) -> float:
+        return self._seek.mean
+
+    @property
+    def sigma(self) -> float:
+        """Its standard deviation, m."""
+        return self._seek.sigma
+
+    def take(self, tried: Sequence[Tried]) -> None:
+        """All ways at this station so far."""
+        self._seek.take(
+            [g for k, (depth, *ways) in enumerate(tried) for w in ways for g in self._of(w, k, depth)]
+        )
+
+    def next(self) -> tuple[float, float, tuple[float, float]]:
+        """Height (m) and speed (m/s) of the next way, and what it has to cross, m along the way."""
+        then = self._seek.next()
+        # Begun or ended beside a tool that is wider than expected, a way would show nothing.
+        half = max(0.5 * (self._span if self._fingers else then.longest), 0.5 * self._span - 0.5 * self._lead)
+        middle = self._centre + self._offset
+        return then.height, then.speed, (middle - half, middle + half)
+
+    def _of(self, way: Way, pair: int, depth: float) -> list[Glimpse]:
+        if way.begins_dark or way.ends_dark:
+            return []
+        if self._fingers and way.triggered:
+            return [plain_hit(-depth, pair)]
+        places = np.maximum.accumulate(way.direction * way.along(np.array([p.t for p in way.polls])))
+        dark = np.array([p.value.levels[way.beam.index] for p in way.polls])
+        soft = float(np.median([p.dt for p in way.polls])) * abs(way.speed_at(float(np.mean(way.t))))
+        pulse = None
+        if (seen := way.edges()) and not dark.any():
+            ends = way.direction * way.along(np.array([seen[0].t - seen[0].dt, seen[0].t + seen[0].dt]))
+            pulse = (float(ends[0]), float(ends[1]))
+        sigma = _CENTRE_M + (0.5 * self._span if self._fingers else 0.0)
+        return [glimpse(-depth, pair, places, dark, way.direction * self._centre, sigma, soft, pulse)]
+
+
+def period_of(way: Way) -> float:
+    """The usual time between two polls, s."""
+    return float(np.median(np.diff([p.t for p in way.polls])))

@@ -1,0 +1,74 @@
+"""Ways across a beam near the end of a tool whose height is known: a search in height without a cell."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.tool_frame.glimpse import Glimpse, glimpse
+from calibration.tool_frame.height_search import HeightSearch
+from calibration.tool_frame.repeatability import scatter_of
+from calibration.tool_frame.tip import End, View
+
+CHORD_M = 0.007
+ROUND_END, FLAT_END = End("ball", 1.0, 1.0, 2e-5), End("point", 1.0)
+UP = np.array([0.0, 0.0, 1.0])
+VIEW = View(-UP, np.array([0.0, 1.0, 0.0]), UP, np.array([0.0, 1.0, 0.0]), 0.5 * CHORD_M, CHORD_M)
+FAST, SLOW, PERIOD_S = 0.05, 0.02, 0.005
+
+
+def polls(rng: np.random.Generator, speed: float, gap: tuple[float, float] | None = None) -> np.ndarray:
+    """Places (n,) m of polls along the way, about zero; none in ``gap`` (m)."""
+    at = np.arange(-0.012, 0.012, speed * PERIOD_S) + speed * PERIOD_S * rng.random()
+    return at if gap is None else at[(at <= gap[0]) | (at >= gap[1])]
+
+
+def crossed(
+    rng: np.random.Generator,
+    end: End,
+    depth: float,
+    height: float,
+    pair: int,
+    speed: float = SLOW,
+    gap: tuple[float, float] | None = None,
+) -> Glimpse:
+    """One way whose tool truly is ``depth`` (m) below the first contact, with the flange at ``height``."""
+    places = polls(rng, speed, gap)
+    half = 0.5 * float(VIEW.length(end, np.array([depth]))[0])
+    middle = 1e-4 * rng.normal()
+    return glimpse(height, pair, places, np.abs(places - middle) < half, 0.0, 2e-4)
+
+
+def pairs_at(
+    rng: np.random.Generator,
+    end: End,
+    truth: float,
+    heights: Sequence[float],
+    sigma: float,
+    speed: float = SLOW,
+) -> list[Glimpse]:
+    """Ways out and back at each of ``heights`` (m) with an arm that repeats to ``sigma`` (m) a way."""
+    found = []
+    for k, h in enumerate(heights):
+        rest = sigma * np.sqrt(2.0) * rng.normal(size=3)  # at each standstill
+        for a, b in ((rest[0], rest[1]), (rest[1], rest[2])):
+            found.append(crossed(rng, end, truth - h - 0.5 * (a + b), h, k, speed))
+    return found
+
+
+def searched(
+    rng: np.random.Generator, end: End, sigma: float, most: int = 8, step: float = 5e-3
+) -> tuple[HeightSearch, float]:
+    """A whole search, and the true height; the first hit is up to ``step`` (m) below it."""
+    truth = step * float(rng.random())
+    found = HeightSearch(
+        0.0, step, CHORD_M, False, scatter_of(sigma * np.sqrt(2.0)), FAST, SLOW, PERIOD_S, 0.0
+    )
+    seen: list[Glimpse] = []
+    for k in range(most):
+        then = found.next()
+        seen += [
+            Glimpse(g.height, k, g.hit, g.lengths, g.chance, g.beyond)
+            for g in pairs_at(rng, end, truth, [then.height], sigma, then.speed)
+        ]
+        found.take(seen)
+    return found, truth
