@@ -121,13 +121,18 @@ def _existing(data: Any, place: Path, keep_last: bool) -> Path:
 
 
 def _key_meant(data: Any, path: Path, message: str) -> Path:
-    """The key below ``path`` that a message about a whole table names first, else ``path``."""
+    """The key below ``path`` that a message about a whole table names first, else ``path``.
+
+    Keys may be common words, as 'arm': after a name that the table lacks the message is about that one.
+    """
     for part in path:
         data = data[part]
     if isinstance(data, dict):
         for word in re.findall(r"\w+", message):
             if word in data:
                 return (*path, word)
+            if "_" in word:
+                break
     return path
 
 

@@ -5,16 +5,17 @@ import pickle
 import re
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from cell.devices import DepthCamera, DigitalInputs
 from cell.errors import InputError
 from daemon.config import CellConfig, ConfigInvalid, DeviceSection, init_text, load_config
+from daemon.config.findings import Findings
 
 
 class CameraConfig(BaseModel):
@@ -437,3 +438,19 @@ def test_everything_that_is_commented_out_in_the_example_is_valid_too(tmp_path: 
     assert set(subject.robot.roles()) == set(roles)
     jobs = {"cone-capture", "laser-reference", "tracker-sampling", "belt-calibration", "belt-tracking"}
     assert set(subject.job) == jobs
+
+
+def test_a_key_that_is_missing_is_not_said_of_another_whose_name_the_sentence_has() -> None:
+    class Sampling(BaseModel):
+        arm: str = "arm"
+
+        @model_validator(mode="after")
+        def _complete(self) -> Self:
+            raise ValueError("joint_ranges_rad is missing; an arm that is observed has no known limits")
+
+    subject = Findings("cell.toml")
+    data = {"arm": "observed_arm"}
+    with pytest.raises(ValidationError) as refused:
+        Sampling.model_validate(data)
+    subject.add_validation(("job", "x"), data, Sampling, refused.value)
+    assert [text.split(": ")[1] for text in subject.plain] == ["job.x"]
