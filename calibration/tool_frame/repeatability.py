@@ -29,7 +29,7 @@ STATED_RP_M = {
 }
 AXES_OF_RP = 3.6
 UNKNOWN_RP_M = 5e-5
-_UNDER_WAY = float(np.sqrt(0.5))  # between two standstills an arm is off by a part of each
+UNDER_WAY = float(np.sqrt(0.5))  # between two standstills an arm is off by a part of each
 _SIGMAS_M = np.geomspace(1.5e-6, 9e-5, 9)
 _LIKELY = -6.0
 _SPREAD_STATED, _SPREAD_USUAL = 0.6, 1.0  # of the logarithm
@@ -58,7 +58,7 @@ def scatter_of(stated: float | None, seen: float | None = None, spread: float = 
     """``stated`` (m) is one axis by the data sheet, None when the arm is not known; ``seen`` (m) what edges
     scatter across the beams, whose logarithm is known to ``spread``."""
     log = np.log(_SIGMAS_M)
-    usual = _UNDER_WAY * (stated_sigma(None) if stated is None else stated)
+    usual = UNDER_WAY * (stated_sigma(None) if stated is None else stated)
     prior = -0.5 * ((log - np.log(usual)) / (_SPREAD_USUAL if stated is None else _SPREAD_STATED)) ** 2
     if seen is not None:
         prior = prior - 0.5 * ((log - np.log(np.clip(seen, _SIGMAS_M[0], _SIGMAS_M[-1]))) / spread) ** 2

@@ -4,8 +4,10 @@ from collections.abc import Iterator
 from math import degrees, sqrt
 from typing import Any
 
+from calibration.tool_frame.budget import END, HELPS, POLLS, REPEATABILITY, budget, dominating
 from calibration.tool_frame.meeting import detectable
-from calibration.tool_frame.prediction import Prediction, predict
+from calibration.tool_frame.prediction import Prediction, near_pairs, predict
+from calibration.tool_frame.repeatability import UNDER_WAY, stated_sigma
 from cell.errors import CellError
 from daemon.cli.predict_values import configured_values
 from daemon.config import CellConfig
@@ -16,7 +18,6 @@ from procedures.laser.moved import FLOOR_M, tolerance
 from procedures.laser.plan import PlanRequest, plan_scan
 from procedures.laser.reference import PLACES
 
-NOISE_M = 1e-5  # what an arm repeats a short way to, when nothing else is known
 REACHED = "every move keeps the limits"
 SLOWER = "lower measure_speed_m_s, take more passes, or poll more often"
 
@@ -37,12 +38,26 @@ def predict_laser(config: CellConfig, job: LaserReferenceConfig) -> dict[str, An
     if period is None:
         text = f"no prediction of the uncertainty: {device} has no poll_period_s"
         return {"text": f"{text}; {REACHED}", "problems": []}
-    expected = predict(
-        job.measure_speed_m_s, period, job.passes, job.z_resolution_m, job.heights, noise_m=NOISE_M
+    sigma = UNDER_WAY * stated_sigma(configured_values(config)["robot"].get("model"))
+    near = near_pairs(job.most_height_pairs, job.descend_step_m, sigma)
+    expected, perfect = (
+        predict(
+            job.measure_speed_m_s,
+            period,
+            job.passes,
+            job.z_resolution_m,
+            job.heights,
+            noise_m=noise,
+            height_pairs=near,
+        )
+        for noise in (sigma, 0.0)
     )
+    parts = budget(expected, perfect, sigma, near)
     gate = _gate(config, expected)
     return {
-        "text": f"{_words(expected, job, period)}; {_gate_words(gate)}; {REACHED}",
+        "text": "; ".join(
+            (_words(expected, job, period, sigma), _term_words(parts), _gate_words(gate), REACHED)
+        ),
         **gate,
         "slide_m": expected.slide_m,
         "z_resolution_m": expected.z_resolution_m,
@@ -50,7 +65,9 @@ def predict_laser(config: CellConfig, job: LaserReferenceConfig) -> dict[str, An
         "U_z_m": expected.U_z_m,
         "U_point_m": expected.U_point_m,
         "U_tilt_rad": expected.U_tilt_rad,
-        "assumed_noise_m": NOISE_M,
+        "assumed_noise_m": sigma,
+        "budget_m2": parts,
+        "dominating": dominating(parts),
         "problems": [],
         "cautions": list(_uncertainty(config, job, expected.U_point_m)),
     }
@@ -69,6 +86,14 @@ def _gate(config: CellConfig, expected: Prediction) -> dict[str, float]:
     }
 
 
+def _term_words(parts: dict[str, float]) -> str:
+    """Which term is the largest, its share of the variance, and what helps."""
+    term = dominating(parts)
+    name = {POLLS: "the polls", REPEATABILITY: "the arm's repeatability", END: "the shape of the tool's end"}
+    share = 100.0 * parts[term] / sum(parts.values())
+    return f"{name[term]} {'are' if term == POLLS else 'is'} {share:.0f} % of that variance: {HELPS[term]}"
+
+
 def _gate_words(gate: dict[str, float]) -> str:
     return (
         f"laser-check calls a tool moved beyond {1e3 * gate['tolerance_m']:.3f} mm: a good one in "
@@ -77,7 +102,7 @@ def _gate_words(gate: dict[str, float]) -> str:
     )
 
 
-def _words(expected: Prediction, job: LaserReferenceConfig, period: float) -> str:
+def _words(expected: Prediction, job: LaserReferenceConfig, period: float, sigma: float) -> str:
     tilt = expected.U_tilt_rad
     turned = "" if tilt is None else f", {degrees(tilt):.3f} deg of tilt"
     v = 1e3 * job.measure_speed_m_s
@@ -85,8 +110,8 @@ def _words(expected: Prediction, job: LaserReferenceConfig, period: float) -> st
         f"at {v:g} mm/s the tool slides {1e3 * expected.slide_m:.3f} mm between two polls of "
         f"{1e3 * period:g} ms, and each millisecond of delay moves an edge by {1e-3 * v:.3f} mm (out and "
         f"back cancel it); with {job.passes} passes there and back, heights to "
-        f"{1e3 * expected.z_resolution_m:g} mm and an arm that repeats to {1e3 * NOISE_M:g} mm, 95 % of the "
-        f"errors stay below {1e3 * expected.U_xy_m:.3f} mm across the beams and "
+        f"{1e3 * expected.z_resolution_m:g} mm and an arm whose ways scatter by {1e3 * sigma:.3f} mm, 95 % "
+        f"of the errors stay below {1e3 * expected.U_xy_m:.3f} mm across the beams and "
         f"{1e3 * expected.U_z_m:.3f} mm in height{turned}"
     )
 

@@ -53,7 +53,12 @@ def test_a_valid_file_is_said_to_be_valid_with_what_can_be_expected(
     assert "every move keeps the limits" in shown.out
     assert beams["slide_m"] == pytest.approx(0.02 * 0.005)
     assert beams["problems"] == []
-    assert 0.0 < beams["U_z_m"] < beams["U_xy_m"] < beams["slide_m"]
+    assert 0.0 < beams["U_z_m"] < beams["slide_m"]
+    assert 0.0 < beams["U_xy_m"] < beams["slide_m"]
+    assert beams["detectable_m"] > beams["tolerance_m"] >= 1e-4
+    assert f"one that moved by {1e3 * beams['detectable_m']:.3f} mm in 99 of 100" in shown.out
+    assert "a good one in 1 of 300 checks at most" in shown.out
+    assert "% of that variance" in shown.out
 
 
 @pytest.fixture
