@@ -10,6 +10,8 @@ from calibration.tool_frame.geometry import BEAMS
 from calibration.tool_frame.scene import Scene
 
 _SAME_HEIGHT_M = 2e-5
+_END_M = 2e-4  # an arm that repeats badly meets a tool one time and not the next over so great a height
+_SEARCHED_M = 2e-3  # hits and misses of a search in height are nearer to each other
 _NEAR_TIP = 0.6  # of the chord: so far above the tip a shorter chord is the tip's rounding
 
 
@@ -29,7 +31,8 @@ def select(scene: Scene, seen: Seen) -> Selection:
     """Passes without their return edges, with changing speed or grazing the tip are sorted out."""
     reasons = dict(seen.reasons)
     alone = _without_return(scene, seen)
-    for k in alone:
+    chance = _at_the_end(scene, seen, alone)
+    for k in alone - chance:
         reasons[k] = "the way there and the way back do not both show the tool"
     hits = [k for k in (*seen.crossings, *seen.partial) if k not in alone]
     missed = [k for k in seen.missed if k not in alone]
@@ -42,10 +45,12 @@ def select(scene: Scene, seen: Seen) -> Selection:
             reasons[k] = f"the speed changed by {100.0 * change:.0f} % while the tool crossed the beam"
         else:
             steady.append(k)
-    grazing = _grazing(scene, seen, steady)
+    grazing = _grazing(scene, seen, steady) | {k for k in chance if k in seen.crossings}
     for k in grazing:
         chord = seen.crossings[k].chord
         reasons[k] = f"met the tip alone: its chord of {1e3 * chord:.2f} mm is shorter than the others'"
+        if k in chance:
+            reasons[k] = "met the tip alone: one way of two"
     across = [k for k in steady if k not in grazing]
     return Selection(across, sorted(grazing), hits, missed, reasons)
 
@@ -70,6 +75,22 @@ def _without_return(scene: Scene, seen: Seen) -> set[int]:
                 if decided and len(states) == 2:
                     found |= {own[k], own[k + 1]}
                 k += 2
+    return found
+
+
+def _at_the_end(scene: Scene, seen: Seen, alone: set[int]) -> set[int]:
+    """Those of ``alone`` that are so near the tool's end that an arm meets it one time and not the next."""
+    found: set[int] = set()
+    for current in (False, True):
+        for beam in BEAMS:
+            own = [k for k, p in enumerate(scene.passes) if p.beam == beam and p.current == current]
+            height = {k: float(np.mean(scene.passes[k].pose_xyz[:, 2])) for k in own}
+            met = [height[k] for k in own if k not in alone and k in seen.crossings]
+            missed = [height[k] for k in own if k not in alone and k in seen.missed]
+            low = max(met, default=np.inf) - _END_M
+            high = min([h for h in missed if h > low], default=np.inf) + _END_M
+            if high - low < _SEARCHED_M:
+                found |= {k for k in own if k in alone and low <= height[k] <= high}
     return found
 
 
