@@ -70,7 +70,8 @@ class Interruptions:
 
     ``wait_devices`` returns when every device of the run is ready and fresh; ``paused`` tells for how long
     this process itself stood still at most since a time; ``note`` writes a journal line; ``told`` is called
-    when something changed; ``released`` returns when nobody wants the run to hold. ``waiting`` is true from
+    when something changed; ``released`` returns when nobody wants the run to hold. ``ask`` is told what a
+    person has to answer for before the arm moves again, where the cell wants that. ``waiting`` is true from
     an interruption until all is as it was left; ``taken_again`` holds the steps that were begun again then.
     """
 
@@ -81,6 +82,7 @@ class Interruptions:
     paused: Callable[[float], float] = lambda since: 0.0
     released: Callable[[], Awaitable[None]] = _nobody_holds
     limits: InterruptionLimits = InterruptionLimits()
+    ask: Callable[[str], None] = lambda why: None
     arm: Resting | None = None  # while a lease holds it
     taken_again: list[dict[str, Any]] = field(default_factory=list)
     waiting: bool = False

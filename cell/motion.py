@@ -189,6 +189,7 @@ class MotionLease:
         self._tool_after = tool_after
         self._steps = steps
         self._where_left = WhereLeft(speed.joint_rad_s)
+        self._epoch_left = 0  # of the arm's states, when it was left
         self._port: MotionPort | None = None
         self.tool_given_back = False  # ``tool_after`` was set and read back
 
@@ -309,6 +310,7 @@ class MotionLease:
         go on to its target unseen.
         """
         self._where_left.leave(self._arm.state.last())
+        self._epoch_left = self._arm.state.epoch
         if (port := self._port) is None:
             return
         if not await self._attempt("decelerate", port.decelerate, 0.5):
@@ -334,6 +336,8 @@ class MotionLease:
                 await self._close(port)
             self._port = await self._arm.open_motion(self._tool)
             self._recorder.note("motion", event="opened again", arm=self._arm.name)
+            if self._steps is not None and self._arm.state.epoch != self._epoch_left:
+                self._steps.ask(f"the link to {self._arm.name} was lost: nobody saw why its script ended")
         self._arm.check_movable()
         moved = float(np.max(np.abs(self._arm.state.latest(MAX_STATE_AGE_S).value.q - here)))
         if moved > STAYED_RAD:

@@ -396,6 +396,11 @@ class Run:
         if self.packml is not PackML.HELD:
             self._set_packml(PackML.HOLDING)
 
+    def hold_for(self, why: str) -> None:
+        """Hold before the arm moves again, until a person has seen to it."""
+        self.note("decision", event="held for a person", why=why)
+        self.pause()
+
     def resume(self) -> None:
         """Go on after :meth:`pause`; a prompt still waits for its answer."""
         self._hold_wanted = False

@@ -62,6 +62,7 @@ class CellContext:
                 in_a_row=bounds.silences_in_a_row,
                 in_all=bounds.silences_in_all,
             ),
+            run.hold_for if bounds.ask_after_lost_arm else lambda why: None,
         )
 
     def motion(

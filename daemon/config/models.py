@@ -135,6 +135,11 @@ class SupervisorSection(Section):
         default=3, ge=1, le=100, description="so many without a finished step between them end the run"
     )
     silences_in_all: int = Field(default=10, ge=1, le=1000, description="so many end the run")
+    ask_after_lost_arm: bool = Field(
+        default=False,
+        description="true: after the arm's own link was lost the job is Held until somebody says resume, "
+        "since a stop at the pendant or a safeguard that reset itself meanwhile left no trace",
+    )
 
 
 class ToolSection(Section):

@@ -20,9 +20,9 @@ SILENT_S, ON_THE_WAY_S = 1.5, 0.15
 
 
 def struck_run(
-    folder: Path, prepare: Callable[[Struck], Any], job: dict[str, Any] | None = None
+    folder: Path, prepare: Callable[[Struck], Any], job: dict[str, Any] | None = None, **sections: Any
 ) -> tuple[Struck, ObjectCell]:
-    config = write_config(folder, job={**PLAN, "placements": 1, **(job or {})}, limits=BRISK)
+    config = write_config(folder, job={**PLAN, "placements": 1, **(job or {})}, limits=BRISK, **sections)
 
     async def main() -> Struck:
         async with open_cell(config) as cell:
@@ -176,3 +176,40 @@ def test_a_pose_with_a_gap_in_the_stream_that_nobody_noticed_is_taken_again(tmp_
     assert [line["step"].split()[0] for line in subject.taken_again] == ["pose"]
     kept = [line["pose"] for line in cell.notes(1, "pose taken")]
     assert len(kept) == len(set(kept)) == len(cell.poses(1)) == PLAN["poses_per_placement"]
+
+
+@pytest.mark.parametrize(("device", "moment"), [("arm", "move"), ("camera", "capture")])
+def test_a_cell_that_asks_after_a_lost_arm_holds_until_somebody_says_resume(
+    device: str, moment: str, tmp_path: Path
+) -> None:
+    seen: list[str] = []
+
+    def ask(subject: Struck) -> None:
+        cell = subject.cell
+
+        def look(run: Run) -> None:
+            if cell.engine.packml is PackML.HELD:
+                seen.append(cell.engine.packml.name)
+                assert cell.at_rest()
+                run.resume()
+
+        silence_at(
+            subject,
+            device,
+            moment,
+            SILENT_S,
+            ON_THE_WAY_S,
+            lambda run: cell.plant.plants["arm"].later(8.0, lambda: look(run)),
+        )
+
+    subject, cell = struck_run(tmp_path, ask, supervisor={"ask_after_lost_arm": True})
+    assert subject.end["outcome"] == "complete"
+    lost = device == "arm"
+    assert seen == (["HELD"] if lost else [])
+    assert [line["why"] for line in cell.notes(1, "held for a person")] == (
+        ["the link to arm was lost: nobody saw why its script ended"] if lost else []
+    )
+    events = [line.get("event") or line.get("packml") for line in cell.journal(1)]
+    if lost:
+        began = events.index("interrupted")
+        assert "move_joints" not in events[began : events.index("HELD", began)]
