@@ -111,7 +111,7 @@ class HeightSearch:
             variance = self._expected(tables[speed][:, :, begin : begin + n])
             if variance < best:
                 best, height = variance, at
-        deep = max(above - height, 0.0) + 3.0 * scatter
+        deep = max(above - low, 0.0) + 3.0 * scatter  # wherever the way back goes
         longest = max(float(self.view.length(end, np.array([deep]))[0]) for end in self._ends)
         return Next(height, self._speed(height, scatter), longest)
 
@@ -123,7 +123,7 @@ class HeightSearch:
 
     def _table(self, depths: Array, speed: float, scatter: float) -> Array:
         """(ends, classes, n) how likely each class of lengths is to be seen at ``depths`` (n,) m."""
-        resolution = 0.5 * speed * self.period_s  # of two ways whose polls fall differently
+        resolution = 0.7 * speed * self.period_s
         half = _CLASSES // 2
         longer = np.geomspace(resolution * half, max(self.chord, 2.0 * resolution * half), half)
         cuts = np.concatenate([resolution * np.arange(1, half), longer])

@@ -1,7 +1,7 @@
 """A way across a beam and the way back: swept, judged, on disk before the next, and again while it fails."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
 from scipy.spatial.transform import RigidTransform
@@ -16,6 +16,7 @@ from procedures.laser.states import ScanState as S
 from procedures.laser.sweep import Beam, Sweeper, Way
 
 Pair = tuple[Way, Way]
+BackAt = Callable[[Way], Awaitable[float]]
 Judge = Callable[[Way, Way], Fault | None]
 LOCATE = "locate"
 HEIGHT = "bisect"
@@ -40,21 +41,31 @@ class Pairs:
         judge: Judge,
         phase: str,
         after_poll_s: tuple[float, float] = (0.0, 0.0),
+        back_at: BackAt | None = None,
     ) -> Pair:
         """From where it stands to the end of ``span`` and back to its begin, again while ``judge`` faults.
 
         ``span`` (m) is counted along the way out at ``depth``; ``after_poll_s`` is how long after a poll each
-        way begins. The last fault's error after as many attempts as the search allows.
+        way begins. ``back_at`` names the depth of the way back once it has seen the way out. The last fault's
+        error after as many attempts as the search allows.
         """
         near, far = station.at(span[0], depth), station.at(span[1], depth)
         begun = False
+
+        async def turn(out: Way) -> RigidTransform:
+            """To where the way back begins, and where it ends."""
+            if back_at is None:
+                return near
+            there = await back_at(out)
+            await self.sweeper.lease.move_linear(station.at(span[1], there))
+            return station.at(span[0], there)
 
         async def take() -> Pair:
             nonlocal begun
             if begun:  # an interruption left the tool somewhere on the way
                 await self.sweeper.lease.move_linear(near)
             begun = True
-            return await self._take(station, beam, near, far, speed, judge, phase, after_poll_s)
+            return await self._take(station, beam, near, far, turn, speed, judge, phase, after_poll_s)
 
         return await self.run.take_step(f"{phase} pass of {station.name}", take)
 
@@ -64,6 +75,7 @@ class Pairs:
         beam: Beam,
         near: RigidTransform,
         far: RigidTransform,
+        turn: Callable[[Way], Awaitable[RigidTransform]],
         speed: Speed,
         judge: Judge,
         phase: str,
@@ -72,9 +84,12 @@ class Pairs:
         run = self.run
         for attempt in range(1, self.search.retries + 2):
             await run.enter(S.SWEEP, f"{phase}, attempt {attempt}" if attempt > 1 else phase)
+            if attempt > 1 and phase == HEIGHT:
+                await self.sweeper.lease.move_linear(near)
             out = await self.sweeper.cross(beam, 1, far, speed, after_poll_s[0])
             await run.enter(S.RETURN)
-            back = await self.sweeper.cross(beam, -1, near, speed, after_poll_s[1])
+            end = await turn(out)
+            back = await self.sweeper.cross(beam, -1, end, speed, after_poll_s[1])
             fault = judge(out, back)
             why_not = fault or one_sided(out, back)
             if fault is None and phase == HEIGHT:  # what shows on one way alone tells the height all the same

@@ -17,7 +17,7 @@ from cell.motion import MotionLease
 from cell.procedure import FinishRequested, Run
 from procedures.laser.config import BEAMS, Search
 from procedures.laser.faults import crossing_fault, fault_of, gap_of, one_sided, stuck_dark
-from procedures.laser.pairs import HEIGHT, LOCATE, Judge, Pair, Pairs, beam_of, even_shares
+from procedures.laser.pairs import HEIGHT, LOCATE, BackAt, Judge, Pair, Pairs, beam_of, even_shares
 from procedures.laser.path import Course, Station, deepest, heights_at, highest, way_out
 from procedures.laser.record import PassRecord
 from procedures.laser.sought_height import SoughtHeight, Tried, period_of
@@ -42,6 +42,20 @@ class Contact:
 
     depth: float
     sigma: float
+
+
+class _Turn:
+    """The way back of a search has a height of its own, where the way out left most to learn."""
+
+    def __init__(self, seek: SoughtHeight, tried: list[Tried], out: float) -> None:
+        self.seek, self.tried, self.out, self.back = seek, tried, out, out
+
+    async def depth(self, way: Way) -> float:
+        """Of the way back (m), after this way out."""
+        await asyncio.to_thread(self.seek.take, [*self.tried, (self.out, way)])
+        height, _, _ = await asyncio.to_thread(self.seek.next)
+        self.back = -height
+        return self.back
 
 
 class Scan:
@@ -145,7 +159,7 @@ class Scan:
                 "search", 0.0, self._station.distance_m, self.search.search_speed_m_s
             )
             if one_sided(out, back) is None:
-                self._tried.append((self._depth, out, back))
+                self._tried += [(self._depth, out), (self._depth, back)]
             if out.triggered and back.triggered:
                 found = Hit(self._depth - step, self._depth)
                 if clear is not None:
@@ -184,12 +198,14 @@ class Scan:
         for _ in range(search.most_height_pairs):
             if seek.known:
                 break
-            height, speed, (first, last) = await asyncio.to_thread(seek.next)
-            begin, end = self._window((first, last), speed)
-            await run.enter(S.BISECT, f"known to {1e3 * seek.sigma:.3f} mm")
+            height, speed, span = await asyncio.to_thread(seek.next)
+            begin, end = self._window(span, speed)
             await self._move(begin, -height)
-            out, back = await self._search_pair(HEIGHT, begin, end, speed)
-            self._tried.append((self._depth, out, back))
+            await run.enter(S.BISECT, f"known to {1e3 * seek.sigma:.3f} mm")
+            turn = _Turn(seek, list(self._tried), -height)
+            out, back = await self._search_pair(HEIGHT, begin, end, speed, turn.depth)
+            self._depth = turn.back
+            self._tried += [(turn.out, out), (turn.back, back)]
             await asyncio.to_thread(seek.take, self._tried)
         return Contact(-seek.height, seek.sigma)
 
@@ -224,7 +240,9 @@ class Scan:
 
     # -- there and back
 
-    async def _search_pair(self, phase: str, begin: float, end: float, speed: float) -> Pair:
+    async def _search_pair(
+        self, phase: str, begin: float, end: float, speed: float, back_at: BackAt | None = None
+    ) -> Pair:
         """What polls with gaps could not have seen, or a beam that stays broken, is taken again."""
         search = self.search
         return await self._pair(
@@ -233,6 +251,7 @@ class Scan:
             end,
             speed,
             lambda out, back: gap_of((out, back), search) or stuck_dark(out, back),
+            back_at=back_at,
         )
 
     async def _pair(
@@ -243,16 +262,20 @@ class Scan:
         speed_m_s: float,
         judge: Judge,
         after_poll_s: tuple[float, float] = (0.0, 0.0),
+        back_at: BackAt | None = None,
     ) -> Pair:
         speed = replace(self._speed, tcp_m_s=speed_m_s)
         station, beam = self._station, self._beams[self._station.beam]
         span = begin, end
-        return await self._pairs.take(station, beam, self._depth, span, speed, judge, phase, after_poll_s)
+        return await self._pairs.take(
+            station, beam, self._depth, span, speed, judge, phase, after_poll_s, back_at
+        )
 
     async def _move(self, s: float, depth: float) -> None:
         if abs(s - self._s) < SAME_M and abs(depth - self._depth) < SAME_M:
             return
-        await self._lease.move_linear(self._station.at(s, depth))
+        there = self._station.at(s, depth)
+        await self._lease.move_linear(there)
         self._s, self._depth = s, depth
         await self.run.clock.sleep(self.search.settle_s)
 

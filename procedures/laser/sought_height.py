@@ -11,7 +11,7 @@ from procedures.laser.config import Search
 from procedures.laser.path import Station
 from procedures.laser.sweep import Way
 
-Tried = tuple[float, Way, Way]  # the depth (m), and the ways out and back
+Tried = tuple[float, Way]  # the depth, m
 _CENTRE_M = 3e-4  # how far the middle of a break may be off that of the crossing further down
 
 
@@ -66,9 +66,7 @@ class SoughtHeight:
 
     def take(self, tried: Sequence[Tried]) -> None:
         """All ways at this station so far."""
-        self._seek.take(
-            [g for k, (depth, *ways) in enumerate(tried) for w in ways for g in self._of(w, k, depth)]
-        )
+        self._seek.take([g for k, (depth, way) in enumerate(tried) for g in self._of(way, k, depth)])
 
     def next(self) -> tuple[float, float, tuple[float, float]]:
         """Height (m) and speed (m/s) of the next way, and what it has to cross, m along the way."""
