@@ -86,6 +86,15 @@ async def longer_tool(folder: Path, solved: Solved) -> set[Edge]:
     return await walked(laser_config(folder), "laser-check", ("complete", "fail"), bend)
 
 
+async def gap_between_polls(folder: Path, solved: Solved) -> set[Edge]:
+    """The first pair of ways is taken again at once."""
+
+    def gap(cell: ObjectCell) -> None:
+        cell.at_state("sweep", lambda: cell.plant.inputs.inject("gap", {"count": 12}), 0.05)
+
+    return await walked(laser_config(folder), "laser-check", ("complete", "fail"), gap)
+
+
 def finished_at(state: str) -> Any:
     async def walk(folder: Path, solved: Solved) -> set[Edge]:
         def prepare(cell: ObjectCell) -> Any:
@@ -119,6 +128,7 @@ WALKS = (
     committed,
     missed_narrowly,
     longer_tool,
+    gap_between_polls,
     finished_at("plan"),
     finished_at("approach"),
     asked_and_finished,
