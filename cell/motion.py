@@ -189,7 +189,7 @@ class MotionLease:
         self._tool_after = tool_after
         self._steps = steps
         self._where_left = WhereLeft(speed.joint_rad_s)
-        self._epoch_left = 0  # of the arm's states, when it was left
+        self._epoch_left: int | None = None  # of the arm's states, when it was left first in a row
         self._port: MotionPort | None = None
         self.tool_given_back = False  # ``tool_after`` was set and read back
 
@@ -310,7 +310,8 @@ class MotionLease:
         go on to its target unseen.
         """
         self._where_left.leave(self._arm.state.last())
-        self._epoch_left = self._arm.state.epoch
+        if self._epoch_left is None:
+            self._epoch_left = self._arm.state.epoch
         if (port := self._port) is None:
             return
         if not await self._attempt("decelerate", port.decelerate, 0.5):
@@ -344,6 +345,7 @@ class MotionLease:
             raise error(
                 "ARM_MOVED", f"{self._arm.name}: a joint turned by {moved:.4f} rad while nothing was asked"
             )
+        self._epoch_left = None
 
     def _live_port(self) -> MotionPort:
         if self._port is None:
