@@ -244,9 +244,13 @@ class ObjectMotionPort:
             raise error("ARM_NOT_AT_TARGET", detail)
 
     async def _measured_joints(self) -> Array:
-        """Joints of a sample taken after the end of the motion."""
-        await self._watched(self._clock.sleep(self._arm.config.state_period_s))
-        return self._arm.state.latest(self._arm.config.stale_after_s).value.q
+        """Joints of a sample taken after the end of the motion; ``STALE_DATA`` when none comes."""
+        ended = self._clock.now()
+        while True:
+            await self._watched(self._clock.sleep(self._arm.config.state_period_s))
+            sample = self._arm.state.latest(self._arm.config.stale_after_s)
+            if sample.t >= ended:
+                return sample.value.q
 
 
 def _shortened(start: RigidTransform, goal: RigidTransform, longest_m: float) -> RigidTransform:

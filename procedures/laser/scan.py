@@ -200,8 +200,8 @@ class Scan:
                 break
             height, speed, span = await asyncio.to_thread(seek.next)
             begin, end = self._window(span, speed)
-            await self._move(begin, -height)
             await run.enter(S.BISECT, f"known to {1e3 * seek.sigma:.3f} mm")
+            await self._move(begin, -height)
             turn = _Turn(seek, list(self._tried), -height)
             out, back = await self._search_pair(HEIGHT, begin, end, speed, turn.depth)
             self._depth = turn.back

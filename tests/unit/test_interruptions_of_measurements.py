@@ -37,7 +37,7 @@ def strike_all(subject: Struck, strikes: list[tuple[str, str, float]]) -> None:
     [
         (
             "laser-reference",
-            [("arm", "plan", SHORT), ("beams", "sweep", LONGER), ("arm", "approach", SHORT)],
+            [("arm", "plan", SHORT), ("beams", "sweep", LONGER), ("arm", "bisect", SHORT)],
         ),
         (
             "laser-check",
