@@ -124,18 +124,8 @@ async def missed_narrowly(folder: Path, solved: Solved) -> set[Edge]:
     return await walked(config, "laser-update", ("complete", "pass"))
 
 
-async def polled_with_a_gap(folder: Path, solved: Solved) -> set[Edge]:
-    """A pass that the polls did not see whole is taken again."""
-
-    def prepare(cell: ObjectCell) -> None:
-        cell.at_state("sweep", lambda: cell.plant.inputs.inject("gap", {"count": 12}), 0.05)
-
-    return await walked(laser_config(folder), "laser-check", ("complete", "fail"), prepare)
-
-
 WALKS = (
     committed,
-    polled_with_a_gap,
     missed_narrowly,
     longer_tool,
     gap_between_polls,
