@@ -7,7 +7,6 @@ has a program beside them that uses a whole core. Printed are the errors, the co
 """
 
 import argparse
-import multiprocessing
 import sys
 import tempfile
 import time
@@ -20,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from bench._laser_fixture import scenario
 from bench._laser_tally import Tally
+from bench.lateness import busy_programs
 from fakes.control import ask
 from tests.wire_cell import WireCell
 
@@ -69,11 +69,6 @@ def _done(cell: WireCell, job: str, tally: Tally) -> dict[str, Any] | None:
     return None
 
 
-def _busy() -> None:
-    while True:
-        pass
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("count", nargs="?", type=int, default=20)
@@ -83,19 +78,13 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="seed of the first one")
     parser.add_argument("--bind", default="127.0.54.2")
     options = parser.parse_args()
-    beside = multiprocessing.Process(target=_busy, daemon=True) if options.busy else None
-    if beside is not None:
-        beside.start()
     tally = Tally()
-    try:
+    with busy_programs(int(options.busy)):
         for k in range(options.count):
             with tempfile.TemporaryDirectory() as folder:
                 one(Path(folder), options, options.first + k, tally)
             last = f"z off {1e6 * float(tally.point[-1][2]):.0f} um" if tally.point else "no answer yet"
             print(f"{k + 1} of {options.count}: {last}, {len(tally.failed)} not done", flush=True)
-    finally:
-        if beside is not None:
-            beside.terminate()
     print("\n".join(tally.lines()))
     outside = {name: tally.outside(name, 0.99) for name in ("point", "height", "tilt")}
     print("outside the stated 99 %: " + ", ".join(f"{name} {n}" for name, n in outside.items()))

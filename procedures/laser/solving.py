@@ -65,7 +65,7 @@ def compare_second(
     about = {"scans": sum((f / DATA_FILE).exists() for f in folders), "false_alarm": chance}
     data = read_json(path)
     try:
-        again = solve(at_current_places(_scene({**data, "current": {"passes": passes}}, path)))
+        again = solve(_scene({**data, "current": {"passes": passes}}, path))
         between = solve(_against_first(data, passes, first, path))
     except Refusal as refusal:
         unknown = {"apart": None, "apart_m": None, "U_m": None, "detectable_m": None, "U_point_m": None}
