@@ -159,11 +159,13 @@ class CanopenEncoder(CanEncoder):
     def _look(self, now: float) -> None:
         limit = max(_BEATS_MISSED * self._config.heartbeat_s, self._config.lost_after_s)
         watched = self._running and self._setup is not None and self._setup.heartbeat
-        if watched and now - self._beat > limit:
+        # Measured to the latest position: where these ended too, the adapter is asked for the cause.
+        missed = self._heard - self._beat
+        if watched and missed > limit:
             self._lose(
                 error(
                     "DEVICE_LOST",
-                    f"{self.name}: node {self._config.node} sent no heartbeat for {now - self._beat:.2f} s",
+                    f"{self.name}: node {self._config.node} sent no heartbeat for {missed:.2f} s",
                 )
             )
 

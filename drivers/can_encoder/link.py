@@ -19,7 +19,8 @@ from drivers.can_encoder.socketcand import GatewayBus
 
 SEND_TIMEOUT_S = 0.2
 _MOST_AT_ONCE = 512
-_FLAGS_WAIT_S = 0.05
+# An answer takes milliseconds. It is waited for in steps, so that a pause of this process does not use it up.
+_FLAGS_LOOKS, _FLAGS_LOOK_S = 20, 0.01
 _BUS_OFF = 0x40  # class of an error frame
 _FLAG_WORDS = {
     0x01: "receive buffer full",
@@ -114,7 +115,10 @@ class CanLink:
             return ""
         with suppress(can.CanError, OSError):
             await asyncio.to_thread(bus.ask_flags)
-            await asyncio.sleep(_FLAGS_WAIT_S)
+            for _ in range(_FLAGS_LOOKS):
+                if bus.flags is not None:
+                    break
+                await asyncio.sleep(_FLAGS_LOOK_S)
         flags = bus.flags or 0
         return ", ".join(words for bit, words in _FLAG_WORDS.items() if flags & bit)
 

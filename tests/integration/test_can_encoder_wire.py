@@ -182,6 +182,22 @@ def test_a_node_whose_heart_stops_is_lost_though_positions_come(interface: str) 
     play(interface, script, heartbeat_s=0.05)
 
 
+@pytest.mark.parametrize("delay_s", [0.0, 0.1], ids=["at once", "late"])
+def test_a_bus_that_goes_off_shortly_before_a_heartbeat_is_told_by_name(delay_s: float) -> None:
+    """Positions and heartbeat end together, the latest heartbeat earlier; the adapter may answer late."""
+
+    async def script(rig: CanRig, device: CanopenEncoder) -> None:
+        beat = asyncio.Event()
+        rig.bus.join(lambda frame, t: beat.set() if frame.id == 0x700 + NODE else None)
+        await beat.wait()
+        await asyncio.sleep(0.15)
+        rig.faults.inject(Fault.BUS_OFF, {})
+        rig.faults.inject(Fault.DELAY, {"s": delay_s})
+        assert (await loss_of(device)).name == "CAN_BUS_OFF"
+
+    play("slcan", script, heartbeat_s=0.2, lost_after_s=0.6)
+
+
 def test_a_gateways_stamps_are_exact_and_survive_a_jump_of_its_clock() -> None:
     async def script(rig: CanRig, device: CanopenEncoder) -> None:
         await asyncio.sleep(0.5)
