@@ -226,9 +226,7 @@ class UrMotion:
         if not any(centre):
             # The control script reads exactly zero as "keep the present centre of mass".
             centre[2] = 1e-6
-        read = await self._call(
-            "tool", TOOL_DEADLINE_S, tcp=tcp.tolist(), mass=self._tool.payload_kg, cog=centre
-        )
+        read = await self._settings({"tcp": tcp.tolist(), "mass": self._tool.payload_kg, "cog": centre})
         found = np.asarray(read, dtype=float)
         if found.shape != (6,) or not same_pose(found, tcp):
             raise error("ARM_TOOL_NOT_SET", f"the TCP was set to {tcp.round(5)}, read back {found.round(5)}")
@@ -241,6 +239,17 @@ class UrMotion:
         await self._until(
             lambda: self._payload_is(wanted), 0.5, f"a payload of {wanted:g} kg", "ARM_TOOL_NOT_SET"
         )
+
+    async def _settings(self, arguments: dict[str, Any]) -> Any:
+        """What the child read back. A script that ends meanwhile never answers; that is told at once."""
+        with Watch(self._arm, self.client, lambda sample: None, self.script) as watch:
+            call = asyncio.ensure_future(self._answer("tool", TOOL_DEADLINE_S, arguments))
+            try:
+                if not await watch.first(call):
+                    await watch.outcome(TOOL_DEADLINE_S, "setting the tool")
+                return await call
+            finally:
+                await _end(call)
 
     def _payload_is(self, wanted_kg: float) -> bool:
         """True also for controllers that do not report it."""
@@ -287,18 +296,21 @@ class UrMotion:
 
     async def _ask(self, watch: Watch, do: str, arguments: dict[str, Any]) -> None:
         """Give the child a command; what ends the watch meanwhile does not wait for its answer."""
-        call = asyncio.ensure_future(self._call(do, CALL_DEADLINE_S, **arguments))
+        call = asyncio.ensure_future(self._answer(do, CALL_DEADLINE_S, arguments))
         try:
             if await watch.first(call) and not call.result() and not watch.over:
                 watch.end_by_script(f"the control script did not accept {do}")
+        finally:
+            await _end(call)
+
+    async def _answer(self, do: str, deadline_s: float, arguments: dict[str, Any]) -> Any:
+        """A child without an answer in time was late, as the beat may be: another one may be opened."""
+        try:
+            return await self._call(do, deadline_s, **arguments)
         except CellError as exc:
             if exc.name != "CALL_TIMEOUT":
                 raise
             raise error("MOTION_WATCHDOG", f"the motion client did not answer: {exc.detail}") from exc
-        finally:
-            if not call.done():
-                call.cancel()
-                await asyncio.wait([call])
 
     def _duration(self, distance: float, speed: float, accel: float) -> float:
         """Twice the time of a trapezoidal profile under the speed slider, and a margin for the start."""
@@ -324,9 +336,7 @@ class UrMotion:
                     break
                 piece = pull.result()
             finally:
-                if not pull.done():
-                    pull.cancel()
-                    await asyncio.wait([pull])
+                await _end(pull)
             if piece is None:
                 break
             self._send_piece(piece, first=last is None)
@@ -375,21 +385,27 @@ class UrMotion:
     async def _until(
         self, holds: Callable[[], bool], timeout: float, what: str, failure: str = "CALL_TIMEOUT"
     ) -> None:
-        """Wait for a sample after which ``holds`` is true; the error ``failure`` otherwise."""
-        seen = asyncio.Event()
+        """Wait for a sample after which ``holds`` is true; ``failure`` when those of ``timeout`` s show none.
+
+        ``STALE_DATA`` when no such samples come: a silence says nothing of what was waited for.
+        """
+        began = self._clock.now()
+        seen: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
 
         def look(sample: Sample[ArmState]) -> None:
-            if holds():
-                seen.set()
+            late = sample.t - self._config.time_offset_s - began > timeout
+            if not seen.done() and (holds() or late):
+                seen.set_result(holds())
 
         undo = self._arm.state.subscribe(look)
         try:
-            async with asyncio.timeout(timeout):
-                await seen.wait()
-        except TimeoutError:
-            raise error(failure, f"{what} was not seen in {timeout:g} s") from None
+            await asyncio.wait([seen], timeout=timeout + self._config.lost_after_s)
         finally:
             undo()
+        if not seen.done():
+            raise self._arm.lost or error("STALE_DATA", f"{what}: the arm gave no state in {timeout:g} s")
+        if not seen.result():
+            raise error(failure, f"{what} was not seen in {timeout:g} s")
 
     def _note_program(self, sample: Sample[ArmState]) -> None:
         # A configured offset shifts the arm's samples, and not the kicks that they are compared with.
@@ -397,6 +413,15 @@ class UrMotion:
 
     def _newest(self) -> Sample[ArmState]:
         return self._arm.state.latest(self._config.silent_after_s)
+
+
+async def _end(work: asyncio.Future[Any]) -> None:
+    """Nobody waits for it any more, nor for what it failed with."""
+    if not work.done():
+        work.cancel()
+        await asyncio.wait([work])
+    if not work.cancelled():
+        work.exception()
 
 
 def _note_end(watch: Watch, event: Message) -> None:
