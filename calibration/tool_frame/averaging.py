@@ -33,14 +33,20 @@ def average(rows: Rows, model: Model, weight: Array | None = None, sigma: float 
     A = design(rows)
     sd = np.sqrt(rows.width**2 / 12.0 + rows.soft**2 + sigma**2 + 1e-16)
     weight = np.ones(len(sd)) if weight is None else weight
-    prior = np.concatenate([np.minimum(model.prior_sd, 3.0 * model.trust), np.full(m, 10.0)])
-    scale = np.sqrt(1.0 / (A.T**2 @ (weight / sd**2) + 1.0 / prior**2))
+    before = precision_before(model, m)
+    scale = np.sqrt(1.0 / (A.T**2 @ (weight / sd**2) + before))
     W = A * scale
-    normal = (W.T * (weight / sd**2)) @ W + np.diag((scale / prior) ** 2)
+    normal = (W.T * (weight / sd**2)) @ W + np.diag(scale**2 * before)
     theta = scale * np.linalg.solve(normal, W.T @ (weight / sd**2 * rows.middle))
     cov = np.linalg.inv(normal) * np.outer(scale, scale)
     rest = rows.middle - A @ theta
     return Fit(theta[:d], theta[d:], cov, sigma, rest)
+
+
+def precision_before(model: Model, edges: int) -> Array:
+    """(d + m,) what is known of the unknowns and of the places of ``edges`` (m) before anything is seen."""
+    found: Array = np.concatenate([np.minimum(model.prior_sd, 3.0 * model.trust), np.full(edges, 10.0)]) ** -2
+    return found
 
 
 def design(rows: Rows) -> Array:

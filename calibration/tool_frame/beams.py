@@ -16,9 +16,10 @@ from calibration.tool_frame.models import TWO_HEIGHTS_M
 from calibration.tool_frame.places import Places
 from calibration.tool_frame.posterior import posterior
 from calibration.tool_frame.reference_heights import rough_heights, spot_heights
-from calibration.tool_frame.repeatability import scatter_of
+from calibration.tool_frame.repeatability import of_a_way, scatter_of
 from calibration.tool_frame.scene import Refusal, Scene
 from calibration.tool_frame.selection import Selection, select
+from calibration.tool_frame.standstills import as_they_are, in_a_row
 from calibration.tool_frame.system import At, Model, Rows, rows_of, several_speeds
 from calibration.tool_frame.ways import refuse_one_way
 from cell.poses import Array
@@ -108,7 +109,7 @@ class _Finding:
         )
         rows, rejected = _without_blunders(crossings, groups, model)
         places.check(crossings)
-        mean, cov, noise, spread = self._solved(rows, model, final)
+        mean, cov, noise, spread = self._solved(rows, model, final, crossings)
         value = dict(zip(model.names, mean, strict=False))
         own = {
             b: [len(model.names) + k for k, (name, _) in enumerate(rows.labels) if name == b] for b in BEAMS
@@ -159,7 +160,9 @@ class _Finding:
             warnings=self.warnings,
         )
 
-    def _solved(self, rows: Rows, model: Model, final: bool) -> tuple[Array, Array, float, float]:
+    def _solved(
+        self, rows: Rows, model: Model, final: bool, crossings: Mapping[int, Crossing]
+    ) -> tuple[Array, Array, float, float]:
         """Mean and covariance of the unknowns and the edges' places, the noise (m), and how well its
         logarithm is known."""
         fit = average(rows, model)
@@ -167,8 +170,11 @@ class _Finding:
         fit = average(rows, model, None, noise)
         if not final:
             return np.concatenate([fit.psi, fit.e]), fit.cov, noise, ROUGH_SPREAD
-        found = posterior(rows, model, fit, noise, self.points)
-        return found.mean, found.cov, found.sigma, found.spread
+        usual = of_a_way(self.scene.repeatability_m)
+        found = posterior(rows, model, fit, noise, self.points, usual_noise=usual)
+        neighbours = in_a_row({k: c.source for k, c in crossings.items()})
+        cov, sigma, spread = as_they_are(rows, model, found.cov, found.sigma, found.spread, neighbours)
+        return found.mean, cov, sigma, spread
 
 
 def _from_the_first(places: Places, used: set[int], beam: str, first: int) -> tuple[int, int]:

@@ -21,8 +21,9 @@ def budget(expected: Prediction, without_noise: Prediction, sigma_m: float, pair
     scatters by along the tool, and ``pairs`` how many ways there and back are near the tool's end. The end's
     part is what hits and misses of a flat end tell less than the widths of a round one.
     """
-    polls = float(np.trace(without_noise.cov[:2, :2]))
-    across = max(float(np.trace(expected.cov[:2, :2])) - polls, 0.0)
+    both = float(np.trace(expected.cov[:2, :2]))
+    polls = min(float(np.trace(without_noise.cov[:2, :2])), both)
+    across = both - polls
     search = height_variance(expected.z_resolution_m, 0.0, pairs)
     flat = height_variance(0.0, sigma_m, pairs)
     round_ = flat * 2.0 / float(np.pi)

@@ -69,7 +69,8 @@ class Looks:
             soft = float(np.mean(c.soft))
             ends = sorted((sense * float(c.low[0]), sense * float(c.high[0])))
             pulse = (ends[0], ends[1])
-        return glimpse(height, pair, places, p.poll_v, sense * centre, sigma, soft, pulse)
+        along = sense * float(np.sign(np.cross(self.frame.line.direction, self.lift) @ self.frame.n))
+        return glimpse(height, pair, places, p.poll_v, sense * centre, sigma, soft, pulse, along)
 
 
 def _centre(crossings: Sequence[Crossing]) -> tuple[float, float]:

@@ -23,7 +23,8 @@ _FAR = 5.0  # standard deviations of the middle
 class Glimpse:
     """One pass at the flange's ``height`` (m, along the lift). ``chance`` (n,) is how likely its polls are
     with a break as long as ``lengths`` (n,) m, up to a factor; ``beyond`` with a longer one. ``pair`` numbers
-    the passes that were taken one after the other between the same standstills. ``hit``: it was seen."""
+    the passes that were taken one after the other between the same standstills. ``hit``: it was seen.
+    ``sense`` is 1 on a way along the view's ``side`` and -1 on one against it."""
 
     height: float
     pair: int
@@ -31,6 +32,7 @@ class Glimpse:
     lengths: Array
     chance: Array
     beyond: float = 0.0
+    sense: float = 1.0
 
     def at(self, length: Array) -> Array:
         """How likely the polls are with a break of ``length`` (...) m, 0 being none; at most 1."""
@@ -53,13 +55,14 @@ def glimpse(
     sigma: float,
     soft: float = 0.0,
     pulse: tuple[float, float] | None = None,
+    sense: float = 1.0,
 ) -> Glimpse:
     """A pass with polls at ``places`` (m,) m along the way, growing, ``dark`` (m,) where they saw the beam
     broken. The middle of a break is expected at ``centre`` (m), known to ``sigma``; ``soft`` (m) is how far
     the places may be off. ``pulse``: a counter saw a break between these two places, and no poll did."""
     seen = np.flatnonzero(dark)
     if not len(seen) and pulse is None:
-        return _missed(height, pair, places, centre, sigma)
+        return _missed(height, pair, places, centre, sigma, sense)
     if len(seen):
         first, last = int(seen[0]), int(seen[-1])
         a1, b1 = float(places[max(first - 1, 0)]), float(places[first])
@@ -76,7 +79,7 @@ def glimpse(
     wide = max(sigma, abs(middle - centre) / 2.0)  # a hit shows where it was
     chance = np.maximum(ndtr((high - centre) / wide) - ndtr((low - centre) / wide), 0.0)
     top = float(np.max(chance))
-    return Glimpse(height, pair, True, lengths, chance / top if top > 0.0 else chance + 1.0)
+    return Glimpse(height, pair, True, lengths, chance / top if top > 0.0 else chance + 1.0, 0.0, sense)
 
 
 def plain_hit(height: float, pair: int) -> Glimpse:
@@ -84,7 +87,7 @@ def plain_hit(height: float, pair: int) -> Glimpse:
     return Glimpse(height, pair, True, np.array([0.0, 1e-9]), np.array([0.0, 1.0]), 1.0)
 
 
-def _missed(height: float, pair: int, places: Array, centre: float, sigma: float) -> Glimpse:
+def _missed(height: float, pair: int, places: Array, centre: float, sigma: float, sense: float) -> Glimpse:
     near = np.flatnonzero(np.abs(places - centre) < _FAR * sigma)
     if len(near):
         first, last = max(int(near[0]) - 1, 0), min(int(near[-1]) + 2, len(places))
@@ -100,4 +103,4 @@ def _missed(height: float, pair: int, places: Array, centre: float, sigma: float
     half = 0.5 * lengths[:, None]
     inside = ndtr((edges[1:] - half - centre) / sigma) - ndtr((edges[:-1] + half - centre) / sigma)
     chance: Array = np.sum(np.maximum(inside, 0.0), axis=1)
-    return Glimpse(height, pair, False, lengths, chance)
+    return Glimpse(height, pair, False, lengths, chance, 0.0, sense)

@@ -13,10 +13,10 @@ from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
 from calibration.tool_frame.glimpse import LOST, Glimpse
 from calibration.tool_frame.repeatability import Scatter
+from calibration.tool_frame.standstills import SHARED
 from calibration.tool_frame.tip import End, View
 from cell.poses import Array
 
-SHARED = 0.5  # of the variance of a way out and the way back: both have a standstill in common
 _GRID = 321
 _ZOOMS = 3
 _ABOVE_M = 5e-4  # a pass that polls did not see may be so far below the first contact
@@ -81,7 +81,7 @@ def _log_density(
         seen = []
         for g in group:
             depth = grid - g.height
-            chance = g.at(np.stack([view.length(end, depth) for end in ends]))
+            chance = g.at(view.lengths(ends, depth, g.sense))
             if g.hit:  # deep down the end's shape is not as simple
                 chance = np.where(depth > NEAR_M, np.maximum(chance, g.of_any(view.chord)), chance)
             seen.append(chance)

@@ -15,7 +15,7 @@ from scipy.special import ndtr
 from calibration.tool_frame.glimpse import Glimpse
 from calibration.tool_frame.height import NEAR_M, first_contact, weights
 from calibration.tool_frame.repeatability import Scatter
-from calibration.tool_frame.tip import ENDS, POINT, View
+from calibration.tool_frame.tip import POINT, UPRIGHT, View
 from cell.poses import Array
 
 POLLS_OF_A_BREAK = 4.0  # at least, at the speed that is chosen
@@ -60,7 +60,7 @@ class HeightSearch:
         up, along = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
         side = np.cross(up, along)
         self.view = View(-up, side, up, side, 0.5 * self.chord, self.chord)
-        self.ends = POINT if self.fingers else ENDS
+        self.ends = POINT if self.fingers else UPRIGHT
         self.look()
 
     def take(self, glimpses: Sequence[Glimpse]) -> None:
@@ -112,13 +112,13 @@ class HeightSearch:
             if variance < best:
                 best, height = variance, at
         deep = max(above - low, 0.0) + 3.0 * scatter  # wherever the way back goes
-        longest = max(float(self.view.length(end, np.array([deep]))[0]) for end in self._ends)
+        longest = float(np.max(self.view.lengths(self._ends, np.array([deep]))))
         return Next(height, self._speed(height, scatter), longest)
 
     def _speed(self, height: float, scatter: float) -> float:
         """Fast where the break that is expected lasts long enough all the same."""
         depth = np.array([max(self.mean - height, self.sigma, scatter)])
-        usual = min(float(self.view.length(end, depth)[0]) for end in self._ends)
+        usual = float(np.min(self.view.lengths(self._ends, depth)))
         return self.fast if usual >= POLLS_OF_A_BREAK * self.fast * self.period_s else self.slow
 
     def _table(self, depths: Array, speed: float, scatter: float) -> Array:
@@ -127,15 +127,11 @@ class HeightSearch:
         half = _CLASSES // 2
         longer = np.geomspace(resolution * half, max(self.chord, 2.0 * resolution * half), half)
         cuts = np.concatenate([resolution * np.arange(1, half), longer])
-        found = []
-        for end in self._ends:
-            parts = [
-                share
-                * _classes(self.view.length(end, depths + off * scatter), depths > NEAR_M, cuts, resolution)
-                for off, share in zip((-1.2, 0.0, 1.2), (0.25, 0.5, 0.25), strict=True)
-            ]
-            found.append(np.sum(parts, axis=0))
-        return np.stack(found)
+        found = np.zeros((len(self._ends), len(cuts) + 2, len(depths)))
+        for off, share in zip((-1.2, 0.0, 1.2), (0.25, 0.5, 0.25), strict=True):
+            lengths = self.view.lengths(self._ends, depths + off * scatter)
+            found += share * np.stack([_classes(each, depths > NEAR_M, cuts, resolution) for each in lengths])
+        return found
 
     def _expected(self, table: Array) -> float:
         """Variance (m^2) that is left, on average, after a pass of ``table`` (ends, classes, n)."""

@@ -10,7 +10,9 @@ from calibration.tool_frame.crossings import Crossing, Seen
 from calibration.tool_frame.geometry import BEAMS
 from calibration.tool_frame.models import choose_model, groups_of
 from calibration.tool_frame.posterior import posterior
+from calibration.tool_frame.repeatability import of_a_way
 from calibration.tool_frame.selection import Selection
+from calibration.tool_frame.standstills import as_they_are, in_a_row
 from calibration.tool_frame.system import At, Model, Rows, rows_of
 from calibration.tool_frame.vertical import Vertical
 from cell.poses import Array
@@ -134,7 +136,10 @@ def solve_lateral(
         along_w = {b: float(vertical.frames[b].w @ moved) for b in BEAMS}
         at = _at(model, fit.psi, along_w)
     rows = rows_of(crossings, groups, model, at, height)
-    found = None if method == AVERAGING else posterior(rows, model, fit, noise, points)
+    usual = of_a_way(vertical.scene.repeatability_m)
+    found = None
+    if method != AVERAGING:
+        found = posterior(rows, model, fit, noise, points, usual_noise=usual)
     if found is None:
         mean, cov, sigma, effective = np.concatenate([fit.psi, fit.e]), fit.cov, noise, None
         spread = ROUGH_SPREAD
@@ -145,4 +150,6 @@ def solve_lateral(
     delays = [k for k, name in enumerate(model.names) if name.startswith("tau")]
     mean = np.array(mean)
     mean[delays] += tau
+    neighbours = in_a_row({k: c.source for k, c in crossings.items()})
+    cov, sigma, spread = as_they_are(rows, model, cov, sigma, spread, neighbours)
     return Lateral(model, rows, mean, cov, sigma, spread, effective, fit, at, height, tau), at, warnings

@@ -23,11 +23,11 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from calibration.tool_frame.averaging import Fit, design
+from calibration.tool_frame.repeatability import USUAL_WAY_M
 from calibration.tool_frame.system import Model, Rows
 from cell.poses import Array
 
 MIN_SIGMA_M = 2e-7
-_USUAL_NOISE_M = 8e-6
 _SEED = 20011
 _SETTLE = 40  # sweeps until the start is forgotten: it is after 25 to 35, of widths and noise of all kinds
 _ADAPT = (3, 6, 10, 15, 20, 30)  # after these the lines' directions are those of the walks' own spread
@@ -66,15 +66,16 @@ def posterior(
     noise: float,
     points: int = 2048,
     known_noise: float | None = None,
+    usual_noise: float = USUAL_WAY_M,
 ) -> Posterior:
     """``start`` is the solution by averaging, ``noise`` (m) what it shows beyond the intervals' widths.
 
     About ``points`` places are averaged: a few hundred do for the mean, but 1500 and more for a covariance,
     which with few edges hangs on how seldom there is much noise. ``known_noise`` (m) when the noise need not
-    be found.
+    be found, ``usual_noise`` (m) what half of all arms of this kind stay below.
     """
     least = _WALKS_PER_UNKNOWN * (rows.X.shape[1] + len(rows.labels))
-    walks = _Walks(rows, model, start, noise, max(points // _KEEP, least), known_noise)
+    walks = _Walks(rows, model, start, noise, max(points // _KEEP, least), known_noise, usual_noise)
     for sweep in range(_SETTLE):
         walks.sweep()
         if sweep in _ADAPT:
@@ -90,12 +91,9 @@ def posterior(
     spread = np.einsum("sic,sjc->ij", off, off) / (off.shape[0] * off.shape[2])
     between = np.var(np.mean(off, axis=0), axis=1)
     effective = walks.count * float(np.min(np.diag(spread) / np.maximum(between, 1e-300)))
-    sigma = float(np.mean(sigmas))
+    sigma = float(np.sqrt(np.mean(np.square(sigmas))))
     log_sd = float(np.std(np.log(sigmas)))
-    # What the arm repeats badly shifts all edges of a pass together, which are then worth one and not two;
-    # and noise that few edges tell is itself uncertain.
-    together = 1.0 + sigma / float(np.hypot(sigma, walks.width / np.sqrt(12.0)))
-    return Posterior(walks.origin + centre, together * spread, sigma, log_sd, effective)
+    return Posterior(walks.origin + centre, spread, sigma, log_sd, effective)
 
 
 class _Walks:
@@ -103,7 +101,14 @@ class _Walks:
     from ``origin``, ``sigma`` (count,) m the noise. Widths are those of the intervals."""
 
     def __init__(
-        self, rows: Rows, model: Model, start: Fit, noise: float, count: int, known: float | None
+        self,
+        rows: Rows,
+        model: Model,
+        start: Fit,
+        noise: float,
+        count: int,
+        known: float | None,
+        usual: float,
     ) -> None:
         self.rng = np.random.default_rng(_SEED)
         self.count = count
@@ -115,7 +120,7 @@ class _Walks:
         self.width = float(np.median(rows.width))
         self.least = max(0.008 * self.width, MIN_SIGMA_M)
         self.most = max(0.5 * self.width, 2.0 * noise, 4.0 * MIN_SIGMA_M)
-        self.known = known
+        self.known, self.usual = known, usual
         self.precision = 1.0 / np.concatenate([model.prior_sd, np.full(len(start.e), _PLACE_SD_M)]) ** 2
         self.trusted = np.flatnonzero(np.isfinite(model.trust))
         self.trust = model.trust[self.trusted][:, None]
@@ -174,9 +179,9 @@ class _Walks:
         return ndtr(np.maximum(first, -_FAR - 1.0)), ndtr(np.maximum(second, -_FAR)), flip, s
 
     def _noise_prior(self, sigma: Array) -> Array:
-        """Logarithm of how likely ``log sigma`` is before the data: a half-Cauchy (Gelman 2006), as an arm
-        repeats a short way within some micrometres. Few edges neither show noise nor that there is none."""
-        found: Array = np.log(sigma) - np.log1p((sigma / _USUAL_NOISE_M) ** 2)
+        """Logarithm of how likely ``log sigma`` is before the data: a half-Cauchy (Gelman 2006) with
+        what is usual in its middle. Few edges neither show noise nor that there is none."""
+        found: Array = np.log(sigma) - np.log1p((sigma / self.usual) ** 2)
         return found
 
     def _all(self, y: Array, s: Array) -> None:

@@ -8,14 +8,15 @@ each other are better, with many passes by far).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from calibration.tool_frame.averaging import average
 from calibration.tool_frame.geometry import BEAMS
-from calibration.tool_frame.height import SHARED
 from calibration.tool_frame.meeting import length95
 from calibration.tool_frame.posterior import posterior
+from calibration.tool_frame.standstills import SHARED, together, widened
 from calibration.tool_frame.system import Model, Rows
 from cell.poses import Array
 
@@ -89,16 +90,16 @@ def predict(
     model = Model(BEAMS, BEAMS if tilted else (), BEAMS if tilted else ())
     covs = []
     for _ in range(_DRAWS):
-        rows = _rows(
+        rows, neighbours = _rows(
             rng, model, speed_m_s, slide, (reference_pairs or pairs, pairs), depths, noise_m, staggered
         )
         fit = average(rows, model, None, noise_m)
         found = posterior(rows, model, fit, noise_m, _POINTS, max(noise_m, 0.01 * slide))
-        d = len(model.names)
+        cov = widened(rows, model, found.cov, noise_m, noise_m, together(rows, neighbours))
         pick = [model.names.index(f"shift {b}") for b in BEAMS]
         if tilted:
             pick += [model.names.index(f"tilt {b}") for b in BEAMS]
-        covs.append(found.cov[:d, :d][np.ix_(pick, pick)])
+        covs.append(cov[np.ix_(pick, pick)])
     mean = np.mean(covs, axis=0)
     cov = np.zeros((5, 5))
     place = [0, 1, 3, 4] if tilted else [0, 1]
@@ -132,8 +133,10 @@ def _rows(
     depths: Array,
     noise: float,
     staggered: bool,
-) -> Rows:
+) -> tuple[Rows, list[tuple[int, int]]]:
+    """Made passes, and which of them have a standstill in common."""
     low, high, edge, X, source = [], [], [], [], []
+    neighbours: list[tuple[int, int]] = []
     labels = [(b, k) for b in BEAMS for k in range(len(_EDGES))]
     names, place = model.names, 0
     # How the chord falls on the polls is not known before.
@@ -142,11 +145,14 @@ def _rows(
         for beam in BEAMS:
             for depth in depths:
                 offset = rng.random()
+                neighbours += pairwise(range(place, place + 2 * count))
+                rest = noise * np.sqrt(2.0) * rng.normal(size=2 * count + 1)
                 for k in range(count):
                     for direction in (1.0, -1.0):
                         phase = offset + k / count if staggered else rng.random()
                         phase += 0.0 if direction > 0.0 else rng.random()
-                        off = noise * rng.normal()  # of the whole way
+                        off = 0.5 * float(np.sum(rest[:2]))  # of the whole way
+                        rest = rest[1:]
                         for j, side in enumerate(_EDGES):
                             true = side * radius[beam] + off
                             start = (np.floor(true / slide - phase) + phase) * slide
@@ -164,6 +170,5 @@ def _rows(
                             source.append(place)
                         place += 1
     n = len(low)
-    return Rows(
-        np.array(low), np.array(high), np.zeros(n), np.array(edge), np.array(X), np.array(source), labels
-    )
+    made = (np.array(low), np.array(high), np.zeros(n), np.array(edge), np.array(X), np.array(source))
+    return Rows(*made, labels), neighbours

@@ -30,6 +30,7 @@ STATED_RP_M = {
 AXES_OF_RP = 3.6
 UNKNOWN_RP_M = 5e-5
 UNDER_WAY = float(np.sqrt(0.5))  # between two standstills an arm is off by a part of each
+USUAL_WAY_M = UNDER_WAY * UNKNOWN_RP_M / AXES_OF_RP
 _SIGMAS_M = np.geomspace(1.5e-6, 9e-5, 9)
 _LIKELY = -6.0
 _SPREAD_STATED, _SPREAD_USUAL = 0.6, 1.0  # of the logarithm
@@ -54,12 +55,18 @@ def stated_sigma(model: str | None) -> float:
     return STATED_RP_M.get(model or "", UNKNOWN_RP_M) / AXES_OF_RP
 
 
+def of_a_way(stated: float | None) -> float:
+    """What a single way is expected to scatter by (m); ``stated`` as in :func:`scatter_of`."""
+    return USUAL_WAY_M if stated is None else UNDER_WAY * stated
+
+
 def scatter_of(stated: float | None, seen: float | None = None, spread: float = 0.2) -> Scatter:
     """``stated`` (m) is one axis by the data sheet, None when the arm is not known; ``seen`` (m) what edges
     scatter across the beams, whose logarithm is known to ``spread``."""
     log = np.log(_SIGMAS_M)
-    usual = UNDER_WAY * (stated_sigma(None) if stated is None else stated)
-    prior = -0.5 * ((log - np.log(usual)) / (_SPREAD_USUAL if stated is None else _SPREAD_STATED)) ** 2
+    prior = (
+        -0.5 * ((log - np.log(of_a_way(stated))) / (_SPREAD_USUAL if stated is None else _SPREAD_STATED)) ** 2
+    )
     if seen is not None:
         prior = prior - 0.5 * ((log - np.log(np.clip(seen, _SIGMAS_M[0], _SIGMAS_M[-1]))) / spread) ** 2
     prior = prior - np.max(prior)

@@ -1,19 +1,24 @@
 """Shapes that the end of a tool may have: how long it breaks a beam, and how much lower it reaches tilted.
 
 At a depth ``d`` below the first contact a ball is ``2 sqrt(2 r d)`` wide, a flat end that is tilted begins
-with a corner, and a level one is as wide as the tool at once. A beam that clears at a greater distance than
-it breaks makes the second half of a ball's chord longer. Which shape it is, the passes near the end tell.
+with a corner, and a level one is as wide as the tool at once. An input with hysteresis clears only at a
+greater distance than it breaks, as if the tool were deeper by then: a break is longer by that at the side
+that leaves the beam last, which for a tilted flat end is much in one direction of the way and little in the
+other. Which shape it is, the passes near the end tell.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from cell.poses import Array
 
-_RIM = np.linspace(0.0, 2.0 * np.pi, 181)
+_TURN = np.linspace(0.0, 2.0 * np.pi, 181)[:, None]
+_ALONG = np.linspace(-1.0, 1.0, 61)[:, None]
 _RATIOS = {0.15: 0.1, 0.4: 0.1, 0.7: 0.1, 1.0: 0.6, 1.5: 0.1}
 _BANDS_M = (0.0, 1.5e-5, 3e-5, 5e-5, 8e-5, 1.2e-4)
+_FINE_BANDS_M = (0.0, 1e-5, 2e-5, 3e-5, 4e-5, 5e-5, 6e-5, 8e-5, 1e-4, 1.2e-4)
 
 
 @dataclass(frozen=True)
@@ -27,11 +32,20 @@ class End:
     band: float = 0.0
 
 
+def _with_bands(kind: str, prior: float, bands: Sequence[float], ratio: float = 1.0) -> list[End]:
+    return [End(kind, prior / len(bands), ratio, band) for band in bands]
+
+
 ENDS = (
     End("point", 0.15),
-    End("edge", 0.1),
-    End("flat", 0.35),
-    *(End("ball", 0.4 * w / len(_BANDS_M), ratio, band) for ratio, w in _RATIOS.items() for band in _BANDS_M),
+    *_with_bands("edge", 0.1, _FINE_BANDS_M),
+    *_with_bands("flat", 0.35, _FINE_BANDS_M),
+    *(end for ratio, share in _RATIOS.items() for end in _with_bands("ball", 0.4 * share, _BANDS_M, ratio)),
+)
+# Of an upright tool, and enough to decide where to cross next.
+UPRIGHT = (
+    End("point", 0.6),
+    *(end for ratio in (0.15, 0.4, 1.0) for end in _with_bands("ball", 0.4 / 3.0, (0.0, 4e-5), ratio)),
 )
 POINT = (End("point", 1.0),)  # where widths tell nothing
 
@@ -66,29 +80,32 @@ class View:
             return self.radius * float(np.sqrt(max(1.0 - float(self.lift @ self.axis) ** 2, 0.0)))
         return 0.0
 
-    def length(self, end: End, depth: Array) -> Array:
-        """How long (m) the beam is broken at ``depth`` (n,) m below the first contact; 0 above it."""
+    def lengths(self, ends: Sequence[End], depth: Array, sense: float = 1.0) -> Array:
+        """(E, n) how long (m) each end breaks the beam at ``depth`` (n,) m below the first contact; 0 above
+        it. ``sense`` is 1 on ways along ``side`` and -1 on those against it."""
         d = np.maximum(depth, 0.0)
-        found = np.full(d.shape, self.chord)
-        if end.kind == "ball":
-            wide = end.ratio * self.chord
-            d = np.minimum(d, 0.5 * wide)
-            found = np.sqrt(d * (wide - d)) + np.sqrt((d + end.band) * (wide - d))
-        elif end.kind == "edge" and (lean := abs(float(self.lift @ self.n))) > 1e-6:
-            found = d / lean
-        elif end.kind == "flat" and (rim := self._rim()) is not None:
-            found = np.interp(d, *rim)
+        found = np.full((len(ends), len(d)), self.chord)
+        balls = [k for k, end in enumerate(ends) if end.kind == "ball"]
+        wide = np.array([[ends[k].ratio * self.chord] for k in balls])
+        band = np.array([[ends[k].band] for k in balls])
+        if balls:
+            deep = np.minimum(d, 0.5 * wide)
+            found[balls] = np.sqrt(deep * (wide - deep)) + np.sqrt((deep + band) * (wide - deep))
+        profiles = {kind: self._profile(kind) for kind in {end.kind for end in ends} & {"edge", "flat"}}
+        for k, end in enumerate(ends):
+            if end.kind in profiles:
+                up, low, high = profiles[end.kind]
+                first, last = (high, low) if sense > 0.0 else (low, high)
+                found[k] = np.abs(np.interp(d, up, first) - np.interp(d + end.band, up, last))
         return np.where(depth > 0.0, np.minimum(found, self.chord), 0.0)
 
-    def _rim(self) -> tuple[Array, Array] | None:
-        """Depths (n,) m and the widths (n,) m there of a tilted flat end; None when it is level."""
-        e1 = np.cross(self.axis, self.lift)
-        if float(np.linalg.norm(e1)) < 1e-6:
-            return None
-        e1 = e1 / np.linalg.norm(e1)
-        e2 = np.cross(self.axis, e1)
-        rim = 0.5 * self.chord * (np.cos(_RIM)[:, None] * e1 + np.sin(_RIM)[:, None] * e2)
+    def _profile(self, kind: str) -> tuple[Array, Array, Array]:
+        """Heights (n,) m over the lowest place, and between which places (n,) along ``side`` the end is."""
+        half = 0.5 * self.chord
+        rim = half * _ALONG * self.n
+        if kind == "flat":
+            rim = half * (np.cos(_TURN) * self.n + np.sin(_TURN) * np.cross(self.axis, self.n))
         up, along = rim @ self.lift, rim @ self.side
         order = np.argsort(up)
-        low, along = up[order] - np.min(up), along[order]
-        return low, np.maximum.accumulate(along) - np.minimum.accumulate(along)
+        along = along[order]
+        return up[order] - np.min(up), np.minimum.accumulate(along), np.maximum.accumulate(along)

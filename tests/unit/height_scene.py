@@ -33,7 +33,7 @@ def crossed(
 ) -> Glimpse:
     """One way whose tool truly is ``depth`` (m) below the first contact, with the flange at ``height``."""
     places = polls(rng, speed, gap)
-    half = 0.5 * float(VIEW.length(end, np.array([depth]))[0])
+    half = 0.5 * float(VIEW.lengths((end,), np.array([depth]))[0, 0])
     middle = 1e-4 * rng.normal()
     return glimpse(height, pair, places, np.abs(places - middle) < half, 0.0, 2e-4)
 

@@ -72,7 +72,7 @@ def test_a_bent_tool_gives_a_result_in_the_format(result: dict[str, Any]) -> Non
     assert result["heldout"]["rms_m"] < 3.0 * result["heldout"]["expected_m"]
     assert result["observability"]["rank"] == 5
     assert any("spin" in words for words in result["observability"]["undetermined"])
-    assert 0.0 < result["inputs"]["solve_seconds"] < 5.0
+    assert result["inputs"]["solve_seconds"] > 0.0
     json.dumps(result, allow_nan=False)
 
 

@@ -1,0 +1,162 @@
+"""Hundreds of crossed-beam measurements beside their truth: errors, coverage of what is stated, and verdicts.
+
+``python -m bench.laser_scan [COUNT] [CELL]... [--gates]``: a reference, a bump, a measurement; with
+``--gates`` then the second scan of the update, a check of the tool as it is, and one after a bump by the size
+that is promised to be found. A cell is the tool's end, the arm's standard deviation of one axis in um, and
+``late`` when one poll of ten comes up to 40 ms late: ``round-14``, ``flat-30-late``. Scan, solver and
+verdicts are the jobs'; arm, beams and polls are ``bench/_laser_world.py``. Heights of the beams, bumps and
+all else is drawn anew each time. ``bench.laser_height`` does the same with the whole daemon on the object
+twin, and ``bench.laser_height_wire`` in real time: few, and slowly.
+"""
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices; the other core is for another bench
+
+import numpy as np
+
+from bench._laser_tally import Tally
+from bench._laser_world import DOWN, FLAT, P_REF, POINT, ROUND, World, search, take
+from bench.laser_height import CELLS, LATE_GAP_S, good
+from calibration.tool_frame.repeatability import stated_sigma
+from cell.poses import Array, from_pose6, to_pose6
+from procedures.laser.config import LaserCheckConfig, LaserUpdateConfig, Search
+from procedures.laser.judging import judge_check, judge_moved, why_not, worth_another
+from procedures.laser.record import DATA_FILE, SECOND, THIRD
+from procedures.laser.solving import compare_second, solve_current, solve_new_reference
+
+COUNT = 20
+STATED_M = stated_sigma("ur10e")
+T_REF = [*P_REF.tolist(), 0.0, 0.0, 0.0]
+NOMINAL = {
+    "R_base_flange": DOWN.as_rotvec().tolist(),
+    "beams": {
+        "xs": {"point": POINT.tolist(), "dir": [1.0, 0.0, 0.0]},
+        "ys": {"point": POINT.tolist(), "dir": [0.0, 1.0, 0.0]},
+    },
+    "tool": {"id": "pin", "p_ref": P_REF.tolist(), "axis_ref": [0.0, 0.0, 1.0], "radius": ROUND.radius},
+    "repeatability_m": STATED_M,
+}
+UPDATE, CHECK = LaserUpdateConfig().model_dump(), LaserCheckConfig().model_dump()
+
+
+class Fixture:
+    """One fixture from its reference on."""
+
+    def __init__(self, folder: Path, cell: str, seed: int) -> None:
+        kind, sigma, *late = cell.split("-")
+        self.folder, self.rng = folder, np.random.default_rng([seed, 77])
+        self.world = World(
+            seed, ROUND if kind == "round" else FLAT, 1e-6 * float(sigma), 0.1 if late else 0.0
+        )
+        self.plan: Search = search(LATE_GAP_S if late else None)
+        path, _ = self._scan("reference", 2, P_REF, NOMINAL, None)
+        self.reference: dict[str, Any] = solve_new_reference(path, {"T_flange_tool": T_REF})["result"]
+        self.header = {**NOMINAL, "beams": self.reference["beams"]}
+
+    def bend(self, shift: Array, turn: Array) -> None:
+        """The tool by this against the straight one."""
+        self.world = self.world.bent(shift, np.array([*turn, 0.0]))
+
+    def measure(self, name: str, T_now: list[float]) -> tuple[Path, dict[str, Any], int]:
+        """The data set, the judged result and the number of ways of a scan with the frame ``T_now``."""
+        path, ways = self._scan(name, 1, from_pose6(T_now).translation, self.header, self.reference)
+        known = {"T_flange_tool_ref": T_REF, "T_flange_tool_last": T_now, "offset_s": 0.0}
+        return path, judge_check(solve_current(path), known, UPDATE), ways
+
+    def refused(self, first: Path, found: dict[str, Any]) -> str:
+        """Why the frame of ``found`` is not put into effect, empty when it is."""
+        known = {"T_flange_tool": T_REF, "R_base_flange": NOMINAL["R_base_flange"]}
+        p = from_pose6(found["T_flange_tool"]).translation
+        for name in (SECOND, THIRD):
+            self._scan(f"{first.parent.name}/{name}", 1, p, self.header, self.reference)
+            second = compare_second(first, found, known)
+            why = why_not(second, UPDATE["max_U_m"])
+            if not worth_another(second, UPDATE["max_U_m"]):
+                break
+        return why
+
+    def moved(self, name: str, T_now: list[float]) -> dict[str, Any]:
+        """The test of a check with the frame ``T_now`` in effect."""
+        _, judged, _ = self.measure(name, T_now)
+        known = {"T_flange_tool_ref": T_REF, "T_flange_tool_last": T_now}
+        test: dict[str, Any] = judge_moved(judged, known, CHECK)["result"]["moved"]
+        return test
+
+    def _scan(
+        self, name: str, places: int, tool: Array, header: dict[str, Any], reference: dict[str, Any] | None
+    ) -> tuple[Path, int]:
+        folder = self.folder / name
+        folder.mkdir(parents=True)
+        record = take(self.world, folder, self.plan, places, STATED_M, tool)
+        then, now = (record.passes, []) if reference is None else (reference["passes"], record.passes)
+        data = {
+            "schema": "cellward.laser/1",
+            **header,
+            "reference": {"passes": then},
+            "current": {"passes": now},
+        }
+        path = folder / DATA_FILE
+        path.write_text(json.dumps(data), "utf-8")
+        return path, record.ways
+
+
+def one(folder: Path, cell: str, seed: int, tally: Tally, gates: bool) -> None:
+    """One fixture: reference, bump, measurement, and the verdicts."""
+    subject = Fixture(folder, cell, seed)
+    rng = subject.rng
+    subject.bend(rng.uniform(-1e-3, 1e-3, 3), rng.uniform(-8e-3, 8e-3, 2))
+    began = subject.world.t
+    path, judged, ways = subject.measure("update", T_REF)
+    found = judged["result"]
+    if found is None:
+        tally.failed.append("; ".join(judged["reasons"]))
+        return
+    tally.take(found, to_pose6(subject.world.T_flange_tool).tolist())
+    tally.ways.append(ways)
+    tally.seconds.append(subject.world.t - began)
+    if not gates:
+        return
+    if why := subject.refused(path, found):
+        tally.refused.append(why)
+        return
+    test = subject.moved("check", found["T_flange_tool"])
+    tally.checks += 1
+    tally.called_moved += test["moved"]
+    way = rng.standard_normal(3)
+    off = test["detectable_m"] * way / np.linalg.norm(way)
+    p = from_pose6(found["T_flange_tool"]).translation
+    # Counted from the frame in effect, so that the tool is off it by just that size.
+    subject.bend(p - P_REF + off, subject.world.turn[:2])
+    tally.bumps += 1
+    tally.found += subject.moved("bumped", found["T_flange_tool"])["moved"]
+
+
+def main(arguments: list[str]) -> int:
+    parser = argparse.ArgumentParser(prog="python -m bench.laser_scan", description=__doc__)
+    parser.add_argument("count", type=int, nargs="?", default=COUNT)
+    parser.add_argument("cells", nargs="*", default=CELLS, help="such as round-14 or flat-30-late")
+    parser.add_argument("--gates", action="store_true", help="and the verdicts of update and check")
+    options = parser.parse_args(arguments)
+    as_wanted = True
+    for cell in options.cells:
+        tally, began = Tally(), time.monotonic()
+        for seed in range(options.count):
+            with tempfile.TemporaryDirectory() as folder:
+                one(Path(folder), cell, seed, tally, options.gates)
+        as_wanted = good(cell, tally) and as_wanted
+        print(f"{cell}, {time.monotonic() - began:.0f} s")
+        print("".join(f"    {line}\n" for line in tally.lines()), flush=True)
+    print(f"as wanted: {'yes' if as_wanted else 'NO'}")
+    return 0 if as_wanted else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,118 @@
+"""Ways that are off together, and what that leaves of a solution that took their edges one by one.
+
+The arm comes to rest off by its repeatability, and under way it is off by a part of the standstill behind and
+a part of the one ahead. So both edges of one way are off by the same, and of two ways that have a standstill
+in common each has half of its variance from there. A solution that takes each edge as off by itself is nearly
+the best one, but its covariance is too small: as that of any least squares whose weights are not those of the
+data, it is ``G C G'`` with the gain ``G`` of the solution and the true covariance ``C`` of the edges (Huber
+1967, White 1982).
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+from scipy.optimize import brentq
+
+from calibration.tool_frame.averaging import design, precision_before
+from calibration.tool_frame.scene import Pass
+from calibration.tool_frame.system import Model, Rows
+from cell.poses import Array
+
+SHARED = 0.5  # of the variance of two ways, from the standstill between them
+_SAME_PLACE_M = 2e-4
+_NONE = 1e-9  # of the largest singular value
+_LEAST = 1e-3  # share of the intervals' variance
+
+
+def as_they_are(
+    rows: Rows, model: Model, cov: Array, seen: float, spread: float, neighbours: Sequence[tuple[int, int]]
+) -> tuple[Array, float, float]:
+    """What edges taken one by one gave, for ways of which ``neighbours`` share a standstill: the covariance
+    (d + m, d + m), the noise (m), and how well its logarithm is known."""
+    R = together(rows, neighbours)
+    sigma, known_to = seen * unseen(rows, R), spread * float(np.sqrt(fewer(R)))
+    # Noise that may be larger is, in the mean of its square.
+    larger = float(np.exp(known_to**2 - spread**2))
+    return widened(rows, model, cov, seen, sigma * larger, R), sigma, known_to
+
+
+def in_a_row(passes: Mapping[int, Pass]) -> list[tuple[int, int]]:
+    """Those of ``passes`` (by their places in the scene) with a standstill and nothing else between them."""
+    found = []
+    for a, b in pairwise(sorted(passes, key=lambda k: float(passes[k].pose_t[0]))):
+        gap = passes[b].pose_xyz[0] - passes[a].pose_xyz[-1]
+        if passes[a].current == passes[b].current and float(np.linalg.norm(gap)) < _SAME_PLACE_M:
+            found.append((a, b))
+    return found
+
+
+def together(rows: Rows, neighbours: Sequence[tuple[int, int]]) -> Array:
+    """(n, n) correlation of what the arm does to the edges; ``neighbours`` are ways with one standstill."""
+    places = np.unique(rows.source)
+    number = {k: i for i, k in enumerate(places.tolist())}
+    ways = np.eye(len(places))
+    for a, b in neighbours:
+        if a in number and b in number:
+            ways[number[a], number[b]] = ways[number[b], number[a]] = SHARED
+    own = np.searchsorted(places, rows.source)
+    found: Array = ways[np.ix_(own, own)]
+    return found
+
+
+def fewer(R: Array) -> float:
+    """By how much fewer edges, each off by itself, would tell the noise as well as those of correlation
+    ``R`` (n, n)."""
+    return float(np.mean(np.sum(R**2, axis=1)))
+
+
+def unseen(rows: Rows, R: Array) -> float:
+    """By what noise that shows in edges of correlation ``R`` (n, n) is too small: what neighbours are off by
+    together is taken for a place of the tool."""
+    A = design(rows)
+    U, size, _ = np.linalg.svd(A / np.linalg.norm(A, axis=0), full_matrices=False)
+    rest = np.eye(len(A)) - U[:, size > _NONE] @ U[:, size > _NONE].T
+    return float(np.sqrt(np.sum(rest**2) / np.sum((rest @ R) * rest)))
+
+
+def widened(rows: Rows, model: Model, cov: Array, seen: float, sigma: float, R: Array) -> Array:
+    """``cov`` (d + m, d + m), found with edges that are off by ``seen`` (m) each by itself, for edges off by
+    ``sigma`` (m) with the correlation ``R`` (n, n).
+
+    Intervals laid over each other tell more than their middles: of their variance so much is counted that
+    least squares is as good as ``cov``.
+    """
+    A, d = design(rows), rows.X.shape[1]
+    scale = np.sqrt(np.diag(cov))
+    A = A * scale
+    stated: Array = cov / np.outer(scale, scale)
+    before = np.diag(precision_before(model, A.shape[1] - d) * scale**2)
+    even = rows.width**2 / 12.0 + rows.soft**2 + 1e-16
+
+    def solved(share: float) -> tuple[Array, Array]:
+        """Covariance and weights (n,) of least squares with that ``share`` of the intervals' variance."""
+        weight: Array = 1.0 / (share * even + seen**2)
+        return np.asarray(np.linalg.inv((A.T * weight) @ A + before), dtype=float), weight
+
+    def excess(log_share: float) -> float:
+        return float(np.linalg.slogdet(solved(float(np.exp(log_share)))[0][:d, :d])[1]) - wanted
+
+    wanted = float(np.linalg.slogdet(stated[:d, :d])[1])
+    share = float(np.exp(_between(excess, float(np.log(_LEAST)), 0.0)))
+    alone, weight = solved(share)
+    G: Array = alone @ (A.T * weight)
+    as_one = G @ (np.diag(share * even) + sigma**2 * R) @ G.T + alone @ before @ alone
+    turn = np.asarray(np.linalg.solve(_root(alone).T, _root(stated).T).T, dtype=float)
+    found: Array = turn @ as_one @ turn.T * np.outer(scale, scale)
+    return 0.5 * (found + found.T)
+
+
+def _between(rising: Callable[[float], float], low: float, high: float) -> float:
+    """Where ``rising`` is zero, or the end that is nearest to it."""
+    if rising(high) <= 0.0:
+        return high
+    return low if rising(low) >= 0.0 else float(brentq(rising, low, high, xtol=0.01))
+
+
+def _root(cov: Array) -> Array:
+    return np.asarray(np.linalg.cholesky(cov + 1e-9 * np.diag(np.diag(cov))), dtype=float)
