@@ -25,6 +25,7 @@ from procedures.arm_setup import arm_models
 log = logging.getLogger("cellward.engine")
 
 WAITING = {PackML.IDLE, PackML.STOPPED, PackML.ABORTED, PackML.COMPLETE}
+FRESH_S = 0.5
 
 
 class Engine:
@@ -77,7 +78,7 @@ class Engine:
         self, job: str, params: Mapping[str, str], dry_run: bool, adopt: int | None, who: str, channel: str
     ) -> dict[str, Any]:
         procedure = self._make_procedure(job, params)
-        devices = self._devices_of(procedure)
+        devices = await self._devices_of(procedure)
         context = self.context
         if context.broker.latched is not None and not dry_run:
             raise error("MOTION_LATCHED", f"the last fault was: {context.broker.latched}")
@@ -250,11 +251,13 @@ class Engine:
             raise error("UNKNOWN_JOB", f"'{job}'; there is {', '.join(sorted(self.jobs))}")
         return make_procedure(cls, self.context.config, params)
 
-    def _devices_of(self, procedure: Procedure) -> list[str]:
+    async def _devices_of(self, procedure: Procedure) -> list[str]:
         """Names of the devices the job uses; refused unless all are READY."""
         names = [self.context.device(role).name for role in procedure.uses()]
         if "arm" in procedure.uses():
             arm: Arm = self.context.device("arm")  # type: ignore[assignment]
+            with suppress(CellError):  # a pause of a moment refuses no start; the check tells all else
+                await arm.wait_fresh(FRESH_S)
             arm.check_movable()
         return names
 

@@ -15,6 +15,26 @@ __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
 
 
+@pytest.mark.parametrize("silent_s", [0.08, 5.0])
+def test_a_start_waits_for_an_arm_that_is_silent_for_a_moment_and_is_refused_when_it_stays_so(
+    silent_s: float, tmp_path: Path
+) -> None:
+    async def main() -> None:
+        async with open_cell(write_config(tmp_path)) as cell:
+            cell.plant.plant("arm").inject("silence", {"duration_s": silent_s})
+            await cell.clock.sleep(0.07)
+            with pytest.raises(CellError, match="newest sample"):
+                cell.engine._arm().check_movable()  # type: ignore[union-attr]
+            if silent_s > 1.0:
+                assert "arm" in str(await refused(cell.start()))
+                return
+            run_id = await cell.start()
+            await cell.engine.halt(WHO)
+            await cell.finished(run_id)
+
+    run_virtual(main())
+
+
 @pytest.mark.parametrize("verb", ["abort", "halt"])
 @pytest.mark.parametrize("times", [1, 2, 3])
 @pytest.mark.parametrize("state", ["place", "move", "capture", "solve"])
