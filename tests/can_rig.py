@@ -45,7 +45,9 @@ class CanRig:
 
     def config(self, interface: str, **more: object) -> CanopenEncoderConfig:
         """A driver's configuration."""
-        keys = {"bus": self.wires.buses[interface], "node": NODE, "connect_timeout_s": 0.5, **more}
+        # Wide limits for all but the tests of them: device and driver share a process that may be paused.
+        wide = {"connect_timeout_s": 2.0, "lost_after_s": 2.0}
+        keys = {"bus": self.wires.buses[interface], "node": NODE, **wide, **more}
         return CanopenEncoderConfig.model_validate(keys)
 
     def driver(self, interface: str, **more: object) -> CanopenEncoder:

@@ -27,6 +27,7 @@ def controller_state(controller: Controller) -> dict[str, Any]:
         "stamp": now.stamp,
         "cycles": controller.ticker.cycles,
         "lost_cycles": controller.ticker.lost,
+        "overrun_cycles": controller.ticker.overrun,
         "rtde_clients": len(controller.rtde.connections),
         "owned_inputs": sorted(controller.rtde.ownership.owners),
         "digital_out": robot.io.digital_out,

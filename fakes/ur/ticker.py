@@ -3,6 +3,7 @@
 import asyncio
 import ctypes
 import os
+import time
 from collections.abc import Callable
 
 _CLOCK_MONOTONIC = 1
@@ -42,6 +43,10 @@ class Ticker:
         self._origin, self._count = 0.0, 0
         self._fd = -1
         self.cycles = self.lost = 0
+        self.overrun = (
+            0  # of the lost cycles, those for which this process was at work and not without a core
+        )
+        self._worked = 0.0
 
     def start(self) -> None:
         """Begin with the running loop."""
@@ -75,8 +80,11 @@ class Ticker:
         if behind > MOST_CATCH_UP:
             self.lost += behind
             self._count += behind
+            if time.thread_time() - self._worked > 0.5 * behind * self._period:
+                self.overrun += behind
         while self._due <= now and self._fd >= 0:
             due = self._due
             self._count += 1
             self.cycles += 1
             self._cycle(due)
+        self._worked = time.thread_time()

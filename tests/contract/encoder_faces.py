@@ -87,8 +87,8 @@ def _wire(interface: str) -> Callable[[None], AbstractAsyncContextManager[Encode
                 bus=wires.buses[interface],
                 node=truth.node,
                 period_s=truth.period_s,
-                connect_timeout_s=0.5,
-                lost_after_s=0.8,  # a busy machine may keep the frames of a quarter of a second back
+                connect_timeout_s=2.0,
+                lost_after_s=1.0,  # a busy machine may keep the frames of half a second back
             )
             device = CanopenEncoder("belt", config, clock)
 

@@ -2,7 +2,7 @@
 
 import asyncio
 import itertools
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from cell.devices import ArmState, MotionPort, Speed, ToolSettings, TrajectoryPi
 from cell.errors import CellError
 from cell.motion import measured_standstill
 from cell.poses import Array, from_pose6, log_xi, to_pose6
+from tests import taken_again
 from tests.ur_reference import independent_library
 
 TOOL = ToolSettings(from_pose6([0.0, 0.0, 0.18, 0.0, 0.0, 0.0]), 1.2)
@@ -43,7 +44,7 @@ def subject(face: Face[ArmRig], server: Any) -> Callable[[Scene], Any]:
             async with face.rig(server) as rig:
                 return await scene(rig)
 
-        return face.run(whole())
+        return taken_again.play(whole, face.run)
 
     return play
 
@@ -69,6 +70,13 @@ async def failure_of(work: Coroutine[Any, Any, Any]) -> str:
     return "no error"
 
 
+async def ends_by(work: Awaitable[str], *names: str) -> None:
+    """It ends by one of these errors; an interruption before that plays the scene again."""
+    found = await work
+    taken_again.interrupted(found, set(names))
+    assert found in names
+
+
 async def start_far_move(rig: ArmRig, port: MotionPort) -> "asyncio.Task[str]":
     """A slow move, well on its way when this returns."""
     slow, goal = Speed(0.1, 0.5, 0.3, 1.0), await elsewhere(rig)
@@ -90,14 +98,16 @@ def test_a_twin_says_that_it_is_one_and_keeps_its_identity(subject: Callable[[Sc
 
 def test_state_arrives_in_order_on_our_clock_and_without_gaps(subject: Callable[[Scene], Any]) -> None:
     async def scene(rig: ArmRig) -> None:
-        start = rig.clock.now()
+        start, ages = rig.clock.now(), []
+        undo = rig.device.state.subscribe(lambda s: ages.append(rig.clock.now() - s.t))
         await rig.clock.sleep(0.3)
+        undo()
         samples = rig.device.state.between(start, rig.clock.now())
         assert len(samples) >= 10
         assert all(a.t <= b.t and a.seq < b.seq for a, b in itertools.pairwise(samples))
         stamps = [s.value.stamp for s in samples]
         assert np.ptp([s.t - stamp for s, stamp in zip(samples, stamps, strict=True)]) < 0.05
-        assert rig.clock.now() - samples[-1].t < 0.1
+        assert np.median(ages) < 0.1
 
     subject(scene)
 
@@ -135,7 +145,7 @@ def test_opening_motion_sets_the_tool_and_closing_it_ends_the_program(
         assert np.allclose(seen.tcp_offset6, to_pose6(TOOL.T_flange_tool), atol=1e-6)
         assert np.allclose(log_xi(flange.inv() * seen.T_base_flange), 0.0, atol=1e-6)
         assert seen.program_running
-        assert await failure_of(rig.device.open_motion(TOOL)) == "MOTION_BUSY"
+        await ends_by(failure_of(rig.device.open_motion(TOOL)), "MOTION_BUSY")
         await port.close()
         await rig.clock.sleep(0.3)
         assert not (await fresh(rig)).program_running
@@ -226,7 +236,7 @@ def test_decelerating_ends_a_move_short_of_its_target(subject: Callable[[Scene],
         moving = await start_far_move(rig, port)
         await port.decelerate()
         assert await measured_standstill(rig.device, 1.0)
-        assert await moving == "ARM_NOT_AT_TARGET"
+        await ends_by(moving, "ARM_NOT_AT_TARGET")
         assert np.max(np.abs((await fresh(rig)).q - goal)) > 0.05
         await port.close()
 
@@ -269,7 +279,7 @@ def test_a_fault_ends_a_move_with_its_own_error_and_the_arm_comes_to_rest(
         port = await rig.device.open_motion(TOOL)
         moving = await start_far_move(rig, port)
         await rig.inject(fault)
-        assert await moving in named
+        await ends_by(moving, *named)
         await failure_of(port.decelerate())
         await failure_of(port.close())
         await rig.clock.sleep(0.8)
@@ -299,7 +309,7 @@ def test_motion_is_refused_while_the_arm_may_not_move_and_granted_again_afterwar
         before = (await fresh(rig)).q
         await rig.inject(fault)
         await rig.clock.sleep(0.5)
-        assert await failure_of(rig.device.open_motion(TOOL)) == named
+        await ends_by(failure_of(rig.device.open_motion(TOOL)), named)
         assert np.allclose((await fresh(rig)).q, before, atol=1e-4)
         await rig.inject("clear")
         await rig.clock.sleep(0.5)

@@ -160,15 +160,14 @@ add_camera_face(Face("object", run_virtual, _object_camera))
 # -- the arm on the wire: the driver for UR, and a controller in a process of its own
 
 ARM_HOST = "127.0.73.11"
+# Longer than in production, because the machine under the tests may pause.
+PATIENT = {"stale_after_s": 1.0, "silent_after_s": 1.0, "lost_after_s": 1.5, "watchdog_min_hz": 5.0}
 
 
 @asynccontextmanager
 async def _wire_arm(controller: ControllerHandle) -> AsyncIterator[ArmRig]:
     clock = MonotonicClock()
-    # Longer than in production, because the machine under the tests may be busy.
-    arm = UrArm(
-        "arm", UrArm.Config(host=ARM_HOST, stale_after_s=0.1, silent_after_s=0.5, lost_after_s=0.5), clock
-    )
+    arm = UrArm("arm", UrArm.Config(host=ARM_HOST, **PATIENT), clock)
 
     async def inject(kind: str, **arguments: Any) -> None:
         await asyncio.to_thread(lambda: controller.inject(kind, **arguments))

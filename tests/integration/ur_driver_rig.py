@@ -5,17 +5,20 @@ import os
 import random
 import socket
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
 from cell.clock import MonotonicClock
 from cell.devices import ToolSettings
+from cell.errors import error
+from cell.motion import measured_standstill
 from cell.poses import from_pose6
 from drivers.ur import UrArm
 from drivers.ur.motion import UrMotion
 from fakes.ur.process import ControllerHandle, running_controller
+from tests.taken_again import play
 
 TOOL = ToolSettings(from_pose6([0.0, 0.0, 0.18, 0.0, 0.0, 0.0]), 1.2)
 
@@ -24,7 +27,8 @@ LASTING = {"kill", "reboot", "clock-jump"}
 
 
 # A machine that runs other tests as well is no controller PC; tests of the limits give their own.
-PATIENT = {"stale_after_s": 0.1, "silent_after_s": 0.3, "lost_after_s": 0.3, "watchdog_min_hz": 5.0}
+PATIENT = {"stale_after_s": 1.0, "silent_after_s": 1.0, "lost_after_s": 2.0, "watchdog_min_hz": 5.0}
+PAUSE_S = 0.03
 
 
 # The client's ports are fixed, so controllers differ by address, and tests that run side by side have theirs
@@ -79,6 +83,10 @@ class Rig:
     def truth(self) -> dict[str, Any]:
         return self.controller.truth()
 
+    def play(self, scenario: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        """Run it, and again where a pause of this machine interrupted it."""
+        play(scenario, tidy=self.tidy)
+
     @asynccontextmanager
     async def connected(self, **config: Any) -> AsyncIterator[UrArm]:
         arm = UrArm("arm", UrArm.Config(host=self.host, **(PATIENT | config)), MonotonicClock())
@@ -86,6 +94,7 @@ class Rig:
         try:
             yield arm
         finally:
+            await _end_started()
             await arm.close()
 
     @asynccontextmanager
@@ -112,6 +121,66 @@ class Rig:
                 pass
             time.sleep(0.02)
         raise AssertionError(f"the controller did not come to rest: {self.truth()}")
+
+
+_started: set[asyncio.Task[Any]] = set()
+
+
+async def start(arm: UrArm, move: Coroutine[Any, Any, Any]) -> "asyncio.Task[Any]":
+    """The move well under way: samples show it. What ended it before that is raised."""
+    task = asyncio.create_task(move)
+    _started.add(task)
+    await until(lambda: task.done() or not arm.state.latest(PATIENT["lost_after_s"]).value.at_rest)
+    await asyncio.wait([task], timeout=0.15)
+    if task.done():
+        await task
+        raise AssertionError("the move ended before anything happened to it")
+    return task
+
+
+async def _end_started() -> None:
+    for task in _started:
+        task.cancel()
+    await asyncio.gather(*_started, return_exceptions=True)
+    _started.clear()
+
+
+@asynccontextmanager
+async def own_pauses() -> AsyncIterator[list[float]]:
+    """How long this process was late each time, s: a limit in time is one of the time that it had."""
+    pauses: list[float] = []
+
+    async def watch() -> None:
+        due = time.monotonic()
+        while True:
+            due += 0.005
+            await asyncio.sleep(due - time.monotonic())
+            now = time.monotonic()
+            if now - due > PAUSE_S:
+                pauses.append(now - due)
+            due = now
+
+    watching = asyncio.create_task(watch())
+    try:
+        yield pauses
+    finally:
+        await asyncio.sleep(0.0)  # a pause that has just ended is noted
+        watching.cancel()
+        await asyncio.wait([watching])
+
+
+def untouched(pauses: list[float]) -> None:
+    """What was measured while this process stood still is not used: the scene is played again."""
+    if pauses:
+        raise error("STALE_DATA", f"this process stood still for {pauses} s")
+
+
+async def rests(arm: UrArm, within_s: float) -> None:
+    """The samples show rest, after at most so much time that this process had."""
+    began = time.monotonic()
+    async with own_pauses() as pauses:
+        assert await measured_standstill(arm, 10.0)
+    assert time.monotonic() - began - sum(pauses) < within_s
 
 
 async def until(holds: Callable[[], bool], timeout: float = 5.0) -> None:

@@ -181,11 +181,11 @@ def test_a_4_ms_pulse_every_37_ms_is_in_the_counter_at_any_poll_period(period: f
 
     async def scene() -> None:
         async with (
+            asyncio.timeout(20.0),
             rig("ioLogik-E1210", pulses, Pace(0.001, 0.001)) as subject,
             await RawClient.open(subject.address) as client,
         ):
-            end = time.monotonic() + 0.5
-            while time.monotonic() < end:
+            while len(polls) < 2 or polls[-1][0] - polls[0][0] < 12:
                 low = pulses.counts(time.monotonic())[0]
                 image = bytes.fromhex((await client.ask("0400100021"))[4:])
                 high = pulses.counts(time.monotonic())[0]
@@ -196,7 +196,6 @@ def test_a_4_ms_pulse_every_37_ms_is_in_the_counter_at_any_poll_period(period: f
 
     asyncio.run(scene())
     pulses_there = polls[-1][0] - polls[0][0]
-    assert pulses_there >= 8
     if period > 0.5 * pulses.period:  # more often, and the polls may fall into step with the pulses
         seen = sum(now and not before for (_, before), (_, now) in pairwise(polls))
         assert seen < pulses_there, "levels polled this slowly show every pulse; the test shows nothing"
