@@ -23,6 +23,8 @@ JOINTS = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
 SAMPLE_M = 0.01  # no point of the arm moves farther between two samples of a path
 PLANNED_CLEAR_M = SAMPLE_M  # twice what a path can come nearer to anything between two samples
 _JUMP_RAD = 0.5  # a joint that turns this far within one sample of a line has changed its branch
+_SMOOTH_RAD = 0.1  # no joint turns farther within one sample of a line unless branches are close
+_TOGETHER = 8  # samples of a line, so near each other that their joints are found from common starts
 _MEASURED_M = 0.0005  # a path starts at *measured* joints: what was planned onto a face may leave it again
 _TURN_SHARE = 0.5  # the tool turns on a line at this share of the joints' limit: it takes several joints
 _WRONG_ARM_M = 0.01  # the published model of a UR is within 3 mm of its factory calibration
@@ -153,29 +155,53 @@ class MotionGuard:
         """Joints (n, 6) along the line, and the seconds between them at ``speed``."""
         poses, duration = self._line_poses(T0, T1, speed)
         places = _places(len(poses))
-        Q = [q0]
-        for pose, place in zip(poses, places, strict=True):
-            # Extrapolated, the inverse starts next to its goal.
-            near = Q[-1] if len(Q) < 3 else 2.0 * Q[-1] - Q[-2]
-            q = self.model.inverse(pose, near)
+        Q = q0[None]
+        for k in range(0, len(poses), _TOGETHER):
+            some = slice(k, k + _TOGETHER)
+            found = self._smoothly_along(poses[some], Q)
+            Q = (
+                np.concatenate([Q, self._step_by_step(poses[some], Q, places[some])])
+                if found is None
+                else found
+            )
+        return Q[1:], duration / max(1, len(poses) - 1)
+
+    def _smoothly_along(self, poses: Array, Q: Array) -> Array | None:
+        """``Q`` (m, 6) and the joints of the next ``poses`` (n, 4, 4), found from one guess for all of them.
+
+        None where they do not go on as smoothly as a branch does far from where it meets another.
+        """
+        # Extrapolated, the inverse starts next to its goal.
+        rate = Q[-1] - Q[-2] if len(Q) > 2 else np.zeros(6)
+        found = self.model.inverse_line(poses, Q[-1] + np.arange(1.0, len(poses) + 1.0)[:, None] * rate)
+        if found is None:
+            return None
+        longer = np.concatenate([Q, found])
+        smooth = np.max(np.abs(np.diff(longer[-len(found) - 1 :], axis=0))) < _SMOOTH_RAD
+        return longer if smooth else None
+
+    def _step_by_step(self, poses: Array, Q: Array, places: list[str]) -> Array:
+        """Joints (n, 6) of the next ``poses`` (n, 4, 4) after ``Q`` (m, 6), each from the one before."""
+        joints = list(Q[-2:])
+        for k, (pose, place) in enumerate(zip(poses, places, strict=True), start=len(Q)):
+            near = 2.0 * joints[-1] - joints[-2] if k > 2 else joints[-1]
+            q = self.model.inverse(RigidTransform.from_matrix(pose), near)
             if q is None:
                 raise error(
                     "MOTION_UNREACHABLE", f"the flange pose {place} of the line has no joints within range"
                 )
-            jump = np.abs(q - Q[-1])
+            jump = np.abs(q - joints[-1])
             if np.max(jump) > _JUMP_RAD:
                 raise error(
                     "MOTION_UNREACHABLE",
                     f"joint '{JOINTS[int(np.argmax(jump))]}' would have to jump by {np.max(jump):.2f} rad "
                     f"{place} of the line; move there in joint space",
                 )
-            Q.append(q)
-        return np.array(Q[1:]), duration / max(1, len(poses) - 1)
+            joints.append(q)
+        return np.array(joints[-len(poses) :])
 
-    def _line_poses(
-        self, T0: RigidTransform, T1: RigidTransform, speed: float
-    ) -> tuple[list[RigidTransform], float]:
-        """Flange poses along the TCP's line, and how long the line takes; turning is paced by the joints."""
+    def _line_poses(self, T0: RigidTransform, T1: RigidTransform, speed: float) -> tuple[Array, float]:
+        """Flange poses (n, 4, 4) along the TCP's line, and how long the line takes; turning is paced by the joints."""
         tool = self.tool.T_flange_tool
         a, b = T0 * tool, T1 * tool
         shift = b.translation - a.translation
@@ -184,9 +210,14 @@ class MotionGuard:
         count = max(1, int(np.ceil((length + angle * self._body.tool_reach) / SAMPLE_M)))
         s = np.linspace(0.0, 1.0, count + 1)
         turns = Slerp([0.0, 1.0], type(a.rotation).concatenate([a.rotation, b.rotation]))(s)
-        tcp = RigidTransform.from_components(a.translation + s[:, None] * shift, turns)
+        tcp = np.zeros((len(s), 4, 4))
+        tcp[:, :3, :3], tcp[:, :3, 3], tcp[:, 3, 3] = (
+            turns.as_matrix(),
+            a.translation + s[:, None] * shift,
+            1.0,
+        )
         duration = max(length / speed, angle / (_TURN_SHARE * self.limits.joint_speed_rad_s))
-        return list(tcp * tool.inv()), duration
+        return tcp @ tool.inv().as_matrix(), duration
 
     def _check_line_speed(self, Q: Array, step_s: float, speed: float) -> None:
         if len(Q) < 2 or step_s <= 0.0:

@@ -29,11 +29,11 @@ from tests.chaos.matrix import (
     short,
 )
 from tests.object_cell import WHO, ObjectCell, no_report, on_disk
-from tests.unit.laser_cell import TOOL, laser_cell, laser_config
+from tests.unit.laser_cell import TOOL, laser_cell, laser_config, planned_once
 from tests.unit.laser_made import Solved, drawn_reference, solved
 
-__all__ = ["no_report", "solved"]
-pytestmark = pytest.mark.usefixtures("no_report")
+__all__ = ["no_report", "planned_once", "solved"]
+pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
 
 # -- the states, and where a fault can be felt
 

@@ -11,11 +11,11 @@ import pytest
 from cell.interruptions import InterruptionLimits
 from fakes.object import run_virtual
 from tests.object_cell import ObjectCell, no_report
-from tests.unit.laser_cell import laser_cell, laser_config, passes
+from tests.unit.laser_cell import laser_cell, laser_config, passes, planned_once
 from tests.unit.laser_made import Solved, solved
 
-__all__ = ["no_report", "solved"]
-pytestmark = pytest.mark.usefixtures("no_report")
+__all__ = ["no_report", "planned_once", "solved"]
+pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
 
 JOB = "laser-reference"
 

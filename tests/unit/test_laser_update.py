@@ -23,6 +23,7 @@ from tests.unit.laser_cell import (
     laser_cell,
     laser_config,
     passes,
+    planned_once,
     point_of,
     states_of_results,
     the_plain_rule_misses,
@@ -31,8 +32,8 @@ from tests.unit.laser_cell import (
 )
 from tests.unit.laser_made import T_TOOL, Solved, drawn_reference, solved
 
-__all__ = ["no_report", "solved"]
-pytestmark = pytest.mark.usefixtures("no_report")
+__all__ = ["no_report", "planned_once", "solved"]
+pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
 
 JOB = "laser-update"
 BEND = ([0.0012, -0.0007, 0.0005], [0.006, -0.008, 0.0])  # 1.48 mm, 10 mrad
