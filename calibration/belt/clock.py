@@ -158,6 +158,14 @@ def _median(x: Array) -> float:
     return float(part[k] if len(x) % 2 else 0.5 * (part[k - 1] + part[k]))
 
 
+def _medians(rows: Array) -> Array:
+    """(k,) of the rows (k, m), all finite."""
+    k = rows.shape[1] // 2
+    ordered = np.sort(rows, axis=1)
+    out: Array = ordered[:, k] if rows.shape[1] % 2 else 0.5 * (ordered[:, k - 1] + ordered[:, k])
+    return out
+
+
 def _line(x: Array, y: Array) -> tuple[float, float]:
     """Slope and value at 0 of the straight line through the points (k,) by least squares."""
     middle = float(x.mean())
@@ -172,9 +180,9 @@ def _steps(off: Array, period: float) -> bool:
     A block that is late alone was held up with all its frames.
     """
     k = len(off) // _BLOCK
-    middle = np.median(off[len(off) - k * _BLOCK :].reshape(k, _BLOCK), axis=1)
+    middle = _medians(off[len(off) - k * _BLOCK :].reshape(k, _BLOCK))
     if k > 2:
-        middle = np.median(sliding_window_view(middle, 3), axis=1)
+        middle = _medians(sliding_window_view(middle, 3))
     return bool(np.ptp(middle) > _STEP * period)
 
 
@@ -223,7 +231,7 @@ def _share(
     share = given or 0.0
     for _ in range(2 if given is None else 0):
         left = np.sum((e - share * g) ** 2, axis=1) / (_BLOCK - 3)
-        usual = left <= 4.0 * max(float(np.median(left)), _QUANTUM**2)  # not where the belt starts or stops
+        usual = left <= 4.0 * max(_median(left), _QUANTUM**2)  # not where the belt starts or stops
         power = float(np.sum(g[usual] ** 2))
         share = min(max(float(np.sum((e * g)[usual])) / (power + 1.0), 0.0), 1.0)
     left = np.sum((e - share * g) ** 2, axis=1)[-_RECENT:] / (_BLOCK - 3)

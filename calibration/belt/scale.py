@@ -172,19 +172,27 @@ def _plausible(p: Array, n: Array, item: NDArray[np.int64], often: NDArray[np.bo
     s = _median_slope(p, n, item)
     keep = often.copy()
     scale = 1e-5
+    items = [np.flatnonzero(item == i) for i in np.unique(item[often])]
     for _ in range(_ROUNDS):
         origin = p - n[:, None] * s
-        r = np.zeros(len(p))
-        for i in np.unique(item[often]):
-            own = item == i
-            r[own] = np.linalg.norm(origin[own] - np.median(origin[own], axis=0), axis=1)
-        scale = max(float(np.median(r[often])) / 1.18, 1e-5)  # of a normal error in two directions
+        off = np.zeros_like(p)
+        for own in items:
+            off[own] = origin[own] - _median(origin[own])
+        r = np.linalg.norm(off, axis=1)
+        scale = max(float(_median(r[often])) / 1.18, 1e-5)  # of a normal error in two directions
         w = np.where(often & (r < _TUKEY * scale), (1.0 - (r / (_TUKEY * scale)) ** 2) ** 2, 0.0)
         if w.sum() == 0.0:
             break
         s, _ = _slope(p, n, item, w)
         keep = often & (r < _FAR * scale)
     return keep
+
+
+def _median(x: Array) -> Array:
+    """Along the first axis of finite numbers; the library's takes five times as long for so few."""
+    ordered, k = np.sort(x, axis=0), len(x) // 2
+    out: Array = ordered[k] if len(x) % 2 else 0.5 * (ordered[k - 1] + ordered[k])
+    return out
 
 
 def _median_slope(p: Array, n: Array, item: NDArray[np.int64]) -> Array:
