@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
-from cell.poses import Array, exp_xi, to_pose6
+from cell.poses import Array, compose, to_pose6
 from fakes.observed_truth import ObservedTruth
 from fakes.palletizer import JOINTS, Palletizer
 from fakes.repeatability import Repeatability
@@ -80,7 +80,7 @@ class ObservedPalletizer:
 
     def true_flange(self, t: float) -> RigidTransform:
         """``T_base_flange`` as it truly is."""
-        return self.true.flange(self.track.at(t)[0]) * exp_xi(self._repeatability.at(t))
+        return compose(self.true.flange(self.track.at(t)[0]), self._repeatability.transform(t))
 
     def lines(self, t: float) -> Array:
         """(5, 2, 3) m: its links, see :meth:`fakes.palletizer.Palletizer.lines`."""

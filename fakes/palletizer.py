@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from cell.poses import Array
 
@@ -73,9 +73,14 @@ class Palletizer:
         upper = self.k2 * q2 + self.t2
         fore = upper + self.k3 * q3 + self.t3
         yaw = heading + self.k5 * q5 + self.t5
-        out = self.a1 + self.a2 * np.cos(upper) + self.a3 * np.cos(fore) + self.a4
+        reach = self.a1 + self.a2 * np.cos(upper) + self.a3 * np.cos(fore) + self.a4
         up = self.d1 + self.a2 * np.sin(upper) + self.a3 * np.sin(fore) + self.d5
-        x = out * np.cos(heading) + self.a5 * np.cos(yaw)
-        y = out * np.sin(heading) + self.a5 * np.sin(yaw)
-        turn = Rotation.from_rotvec(np.stack([0.0 * yaw, 0.0 * yaw, yaw], axis=-1))
-        return RigidTransform.from_components(np.stack([x, y, up], axis=-1), turn)
+        x = reach * np.cos(heading) + self.a5 * np.cos(yaw)
+        y = reach * np.sin(heading) + self.a5 * np.sin(yaw)
+        out = np.zeros((*yaw.shape, 4, 4))
+        out[..., 0, 0] = out[..., 1, 1] = np.cos(yaw)
+        out[..., 1, 0] = np.sin(yaw)
+        out[..., 0, 1] = -out[..., 1, 0]
+        out[..., 0, 3], out[..., 1, 3], out[..., 2, 3] = x, y, up
+        out[..., 2, 2] = out[..., 3, 3] = 1.0
+        return RigidTransform(out, normalize=False, copy=False)

@@ -15,7 +15,7 @@ from scipy.spatial.transform import RigidTransform
 
 from cell.devices import Intrinsics
 from cell.errors import error
-from cell.poses import Array, compose, exp_xi, from_pose6, to_pose6
+from cell.poses import Array, compose, from_pose6, to_pose6
 from fakes.arm_shape import ArmShape
 from fakes.beams import Beams
 from fakes.belt import Belt
@@ -206,7 +206,7 @@ class World:
 
     def true_flange(self, t: float) -> RigidTransform:
         """``T_base_flange`` as it truly is."""
-        return compose(self.true.forward(self.track.at(t)[0]), exp_xi(self._repeatability.at(t)))
+        return compose(self.true.forward(self.track.at(t)[0]), self._repeatability.transform(t))
 
     def carrier(self, on: str, t: float) -> RigidTransform:
         """Where in the base that truly is which a reflector may be ``on``: arm or base."""

@@ -5,12 +5,13 @@ from weakref import ref
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from cell.clock import Clock
 from cell.devices import Arm, ArmState, Identity, ToolSettings
 from cell.errors import error
 from cell.poses import to_pose6
+from fakes.kinematics import rotation_vector
 from fakes.object._lazy import LazyStream
 from fakes.object._plant import ObjectDevice
 from fakes.object.controller import Controller, Program
@@ -156,7 +157,7 @@ class ObjectArm(ObjectDevice):
             self._tcp = c.T_flange_tcp, c.T_flange_tcp.as_matrix(), to_pose6(c.T_flange_tcp)
         _, T_flange_tcp, tcp_offset6 = self._tcp
         T = self.world.believed.matrix(q) @ T_flange_tcp
-        tcp_pose6 = np.concatenate([T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_rotvec()])
+        tcp_pose6 = np.concatenate([T[:3, 3], rotation_vector(T[:3, :3])])
         tcp_speed = np.zeros(6)
         if np.any(qd):
             tcp_speed = self.world.believed.jacobian(q, tcp_offset6[:3]) @ qd
