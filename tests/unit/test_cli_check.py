@@ -15,6 +15,7 @@ from daemon.config import init_text, load_config
 from daemon.demo.fast import write_config as write_demo_config
 from daemon.demo.scenes import Scene
 from tests.object_cell import write_config
+from tests.unit.laser_cell import remembered
 
 
 @pytest.fixture
@@ -30,6 +31,7 @@ _predict = cache(predict)  # a few dozen commands ask for the same handful of pr
 @pytest.fixture(autouse=True)
 def _predicted_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("daemon.cli.predict_laser.predict", _predict)
+    monkeypatch.setattr("daemon.cli.predict_laser.plan_scan", remembered)
 
 
 @pytest.fixture

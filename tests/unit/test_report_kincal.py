@@ -50,9 +50,11 @@ def source(result: dict[str, Any], path: Path) -> KincalSource:
     return found
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def subject(source: KincalSource) -> Page:
-    return Page(render(source))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("procedures.report.write.plotly_script", lambda: "")
+        return Page(render(source))
 
 
 def text_of(page: Page) -> str:

@@ -67,11 +67,12 @@ def page_of(folder: Path) -> Page:
 
 def few(data: dict[str, Any], count: int = 2) -> dict[str, Any]:
     """The first passes of each beam alone: enough for pages whose figures do not matter."""
-    less = copy.deepcopy(data)
+    less = dict(data)
     for part in ("reference", "current"):
-        passes = less[part]["passes"]
-        less[part]["passes"] = [p for b in BEAMS for p in [q for q in passes if q["beam"] == b][:count]]
-    return less
+        passes = data[part]["passes"]
+        few = [p for b in BEAMS for p in [q for q in passes if q["beam"] == b][:count]]
+        less[part] = {**data[part], "passes": few}
+    return copy.deepcopy(less)
 
 
 def test_every_figure_of_a_tool_check_is_drawn(subject: Page) -> None:
