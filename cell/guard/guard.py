@@ -201,7 +201,7 @@ class MotionGuard:
         return np.array(joints[-len(poses) :])
 
     def _line_poses(self, T0: RigidTransform, T1: RigidTransform, speed: float) -> tuple[Array, float]:
-        """Flange poses (n, 4, 4) along the TCP's line, and how long the line takes; turning is paced by the joints."""
+        """Flange poses (n, 4, 4) along the TCP's line, and its duration; turning is paced by the joints."""
         tool = self.tool.T_flange_tool
         a, b = T0 * tool, T1 * tool
         shift = b.translation - a.translation
