@@ -23,6 +23,7 @@ from laser_scene import Part, _cylinder, _segments
 from cell.devices import InputsState, Speed
 from cell.poses import Array
 from cell.samples import Sample
+from daemon.worker import InlineWorker
 from procedures.laser import scan as job_scan
 from procedures.laser.config import BEAMS, Search
 from procedures.laser.path import Course, Station
@@ -177,7 +178,7 @@ class _Run:
     """As much of a run as a scan needs."""
 
     def __init__(self) -> None:
-        self.clock, self.state, self.steps = _Clock(), None, 0
+        self.clock, self.worker, self.state, self.steps = _Clock(), InlineWorker(), None, 0
         self.values: dict[str, Any] = {"poses": {}}
 
     def inputs(self, role: str) -> _Inputs:

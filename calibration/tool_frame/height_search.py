@@ -6,7 +6,7 @@ next pass goes where the variance of the height is expected to be least after it
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,14 +35,23 @@ class Next:
     longest: float
 
 
-@dataclass
+@dataclass(frozen=True)
+class Sought:
+    """What is known of a height after some passes: its ``mean`` and standard deviation ``sigma`` (m, flange
+    upwards), and where the next pass tells most."""
+
+    mean: float
+    sigma: float
+    next: Next
+
+
+@dataclass(frozen=True, eq=False)
 class HeightSearch:
-    """What is known of one height, in flange metres upwards, and how it is found out.
+    """What is known of one height before the first pass near it, in flange metres upwards.
 
     The tool's end is met between ``hit`` and ``clear`` (m). ``chord`` (m) is how long the tool breaks the
     beam well above its end, ``fingers`` that several of its parts break it. ``fast`` and ``slow`` (m/s) are
-    the speeds there are, ``period_s`` the time between two polls. It ends when the standard deviation is
-    below ``enough`` (m).
+    the speeds there are, ``period_s`` the time between two polls.
     """
 
     hit: float
@@ -53,25 +62,23 @@ class HeightSearch:
     fast: float
     slow: float
     period_s: float
-    enough: float
-    glimpses: list[Glimpse] = field(default_factory=list)
 
-    def __post_init__(self) -> None:
+
+def sought(search: HeightSearch, glimpses: Sequence[Glimpse]) -> Sought:
+    """What all passes so far say. Some 30 ms of computing: not for the loop."""
+    found = _Seeking(search, glimpses)
+    return Sought(found.mean, found.sigma, found.next())
+
+
+class _Seeking:
+    def __init__(self, search: HeightSearch, glimpses: Sequence[Glimpse]) -> None:
+        self.search, self.chord = search, search.chord
         up, along = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
         side = np.cross(up, along)
         self.view = View(-up, side, up, side, 0.5 * self.chord, self.chord)
-        self.ends = POINT if self.fingers else UPRIGHT
-        self.look()
-
-    def take(self, glimpses: Sequence[Glimpse]) -> None:
-        """What the passes so far say, all of them."""
-        self.glimpses = list(glimpses)
-        self.look()
-
-    def look(self) -> None:
-        """Work out the density."""
-        found = first_contact(self.glimpses, self.view, self.ends, self.scatter, self.hit, self.clear)
-        w = weights(found.evidence, self.ends, self.scatter)
+        ends = POINT if search.fingers else UPRIGHT
+        found = first_contact(glimpses, self.view, ends, search.scatter, search.hit, search.clear)
+        w = weights(found.evidence, ends, search.scatter)
         self.mean = float(np.sum(w * found.mean))
         self.sigma = float(np.sqrt(np.sum(w * (found.var + (found.mean - self.mean) ** 2))))
         step = float(found.grid[1] - found.grid[0])
@@ -80,22 +87,17 @@ class HeightSearch:
         n = len(found.grid) // _COARSE * _COARSE
         self._grid = found.grid[:n].reshape(-1, _COARSE).mean(axis=1)
         likely = np.sum(by_end, axis=1) > _RARE * np.max(np.sum(by_end, axis=1))
-        self._ends = [end for end, use in zip(self.ends, likely, strict=True) if use]
+        self._ends = [end for end, use in zip(ends, likely, strict=True) if use]
         self._p = by_end[likely, :n].reshape(len(self._ends), -1, _COARSE).sum(axis=2)
         self._p /= np.sum(self._p)
-
-    @property
-    def known(self) -> bool:
-        """Whether the height is known well enough."""
-        return self.sigma <= self.enough
 
     def next(self) -> Next:
         """Where the next pass out and back tells most."""
         total = np.sum(self._p, axis=0)
         n, step = len(self._grid), float(self._grid[1] - self._grid[0])
         below, above = np.interp([0.02, 0.98], np.cumsum(total) / np.sum(total), self._grid)
-        scatter = self.scatter.usual
-        low = min(max(below - _DEEPEST_M, self.hit), above)
+        scatter = self.search.scatter.usual
+        low = min(max(below - _DEEPEST_M, self.search.hit), above)
         # Candidates are points of the grid, and others below it, so that depths are whole steps.
         first, last = ((h - self._grid[0]) / step for h in (low, above + scatter))
         places = np.unique(np.round(np.linspace(first, last, _CANDIDATES)).astype(int))
@@ -119,11 +121,12 @@ class HeightSearch:
         """Fast where the break that is expected lasts long enough all the same."""
         depth = np.array([max(self.mean - height, self.sigma, scatter)])
         usual = float(np.min(self.view.lengths(self._ends, depth)))
-        return self.fast if usual >= POLLS_OF_A_BREAK * self.fast * self.period_s else self.slow
+        fast = self.search.fast
+        return fast if usual >= POLLS_OF_A_BREAK * fast * self.search.period_s else self.search.slow
 
     def _table(self, depths: Array, speed: float, scatter: float) -> Array:
         """(ends, classes, n) how likely each class of lengths is to be seen at ``depths`` (n,) m."""
-        resolution = 0.7 * speed * self.period_s
+        resolution = 0.7 * speed * self.search.period_s
         half = _CLASSES // 2
         longer = np.geomspace(resolution * half, max(self.chord, 2.0 * resolution * half), half)
         cuts = np.concatenate([resolution * np.arange(1, half), longer])

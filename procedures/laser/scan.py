@@ -4,7 +4,6 @@ The search is that of the source: out and back across the beam, a step down when
 on the way out alone thrown away. The arm rests between the ways; what they showed is on disk before the next.
 """
 
-import asyncio
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -20,7 +19,7 @@ from procedures.laser.faults import crossing_fault, fault_of, gap_of, one_sided,
 from procedures.laser.pairs import HEIGHT, LOCATE, BackAt, Judge, Pair, Pairs, beam_of, even_shares
 from procedures.laser.path import Course, Station, deepest, heights_at, highest, way_out
 from procedures.laser.record import PassRecord
-from procedures.laser.sought_height import SoughtHeight, Tried, period_of
+from procedures.laser.sought_height import SoughtHeight, period_of
 from procedures.laser.states import ScanState as S
 from procedures.laser.sweep import POLL_TIMEOUT_S, Sweeper, Way
 
@@ -47,14 +46,12 @@ class Contact:
 class _Turn:
     """The way back of a search has a height of its own, where the way out left most to learn."""
 
-    def __init__(self, seek: SoughtHeight, tried: list[Tried], out: float) -> None:
-        self.seek, self.tried, self.out, self.back = seek, tried, out, out
+    def __init__(self, seek: SoughtHeight, out: float) -> None:
+        self.seek, self.out, self.back = seek, out, out
 
     async def depth(self, way: Way) -> float:
         """Of the way back (m), after this way out."""
-        await asyncio.to_thread(self.seek.take, [*self.tried, (self.out, way)])
-        height, _, _ = await asyncio.to_thread(self.seek.next)
-        self.back = -height
+        self.back = -(await self.seek.look((self.out, way))).next.height
         return self.back
 
 
@@ -82,7 +79,7 @@ class Scan:
         self._pairs: Pairs
         self._station: Station
         self._s, self._depth = 0.0, 0.0
-        self._tried: list[Tried] = []  # at this station, near the tool's end
+        self._tried: list[tuple[float, Way]] = []  # by their depths, m; at this station, near the tool's end
         self._missing: dict[str, str] = {}
         self._taken, self._groups = 0, 0
 
@@ -193,21 +190,24 @@ class Scan:
     async def _find_height(self, hit: Hit, located: Pair) -> Contact:
         """Cross near the tool's end where most is to be learned of its height, until it is known."""
         search, run = self.search, self.run
-        seek = SoughtHeight(search, self._sigma_m, -hit.hit, -hit.clear, located, self._station)
-        seek.take(self._tried)
+        seek = SoughtHeight(run.worker, search, self._sigma_m, -hit.hit, -hit.clear, located, self._station)
+        for depth, way in self._tried:
+            seek.add(depth, way)
+        now = await seek.look()
         for _ in range(search.most_height_pairs):
-            if seek.known:
+            if seek.known(now):
                 break
-            height, speed, span = await asyncio.to_thread(seek.next)
-            begin, end = self._window(span, speed)
-            await run.enter(S.BISECT, f"known to {1e3 * seek.sigma:.3f} mm")
-            await self._move(begin, -height)
-            turn = _Turn(seek, list(self._tried), -height)
-            out, back = await self._search_pair(HEIGHT, begin, end, speed, turn.depth)
+            then = now.next
+            begin, end = self._window(seek.span(then), then.speed)
+            await run.enter(S.BISECT, f"known to {1e3 * now.sigma:.3f} mm")
+            await self._move(begin, -then.height)
+            turn = _Turn(seek, -then.height)
+            out, back = await self._search_pair(HEIGHT, begin, end, then.speed, turn.depth)
             self._depth = turn.back
-            self._tried += [(turn.out, out), (turn.back, back)]
-            await asyncio.to_thread(seek.take, self._tried)
-        return Contact(-seek.height, seek.sigma)
+            seek.add(turn.out, out)
+            seek.add(turn.back, back)
+            now = await seek.look()
+        return Contact(-now.mean, now.sigma)
 
     async def _locate(self, depth: float) -> Pair:
         """Cross once to see where the beam is at this depth."""

@@ -1,17 +1,15 @@
 """The height that a scan looks for: from ways across the beam to where the next one goes."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from calibration.tool_frame.glimpse import Glimpse, glimpse, plain_hit
-from calibration.tool_frame.height_search import HeightSearch
+from calibration.tool_frame.height_search import HeightSearch, Next, Sought, sought
 from calibration.tool_frame.repeatability import scatter_of
+from cell.procedure import Worker
 from procedures.laser.config import Search
 from procedures.laser.path import Station
 from procedures.laser.sweep import Way
 
-Tried = tuple[float, Way]  # the depth, m
 _CENTRE_M = 3e-4  # how far the middle of a break may be off that of the crossing further down
 
 
@@ -19,11 +17,12 @@ class SoughtHeight:
     """What the ways at one station say of the height (m, minus the depth) of the first contact.
 
     It is between ``hit`` and ``clear``; ``located`` is a way out and back well below, ``sigma_m`` one axis of
-    the arm by its data sheet.
+    the arm by its data sheet. ``worker`` computes.
     """
 
     def __init__(
         self,
+        worker: Worker,
         search: Search,
         sigma_m: float,
         hit: float,
@@ -31,6 +30,7 @@ class SoughtHeight:
         located: tuple[Way, Way],
         station: Station,
     ) -> None:
+        self._worker = worker
         self._offset = float(station.s_of(np.zeros(1))[0])
         edges = [way.edge_positions() for way in located]
         self._centre = float(np.mean([0.5 * (e[0] + e[-1]) for e in edges]))
@@ -38,6 +38,8 @@ class SoughtHeight:
         self._span = float(np.mean([e[-1] - e[0] for e in edges]))
         chord = float(np.mean([e[1] - e[0] for e in edges])) if self._fingers else self._span
         self._lead = search.lead_m
+        self._enough = search.z_resolution_m / float(np.sqrt(12.0))
+        self._glimpses: list[Glimpse] = []
         self._seek = HeightSearch(
             hit,
             clear,
@@ -47,34 +49,27 @@ class SoughtHeight:
             search.search_speed_m_s,
             search.measure_speed_m_s,
             period_of(located[0]),
-            search.z_resolution_m / float(np.sqrt(12.0)),
         )
 
-    @property
-    def known(self) -> bool:
+    def add(self, depth: float, way: Way) -> None:
+        """A way at ``depth`` (m) that counts from now on."""
+        self._glimpses += self._of(way, len(self._glimpses), depth)
+
+    async def look(self, *more: tuple[float, Way]) -> Sought:
+        """What all ways say, and ``more`` (depth in m and way) that may yet be taken again."""
+        seen = [g for depth, way in more for g in self._of(way, len(self._glimpses), depth)]
+        return await self._worker.call(sought, self._seek, [*self._glimpses, *seen])
+
+    def known(self, now: Sought) -> bool:
         """Whether it is known as well as asked for."""
-        return self._seek.known
+        return now.sigma <= self._enough
 
-    @property
-    def height(self) -> float:
-        return self._seek.mean
-
-    @property
-    def sigma(self) -> float:
-        """Its standard deviation, m."""
-        return self._seek.sigma
-
-    def take(self, tried: Sequence[Tried]) -> None:
-        """All ways at this station so far."""
-        self._seek.take([g for k, (depth, way) in enumerate(tried) for g in self._of(way, k, depth)])
-
-    def next(self) -> tuple[float, float, tuple[float, float]]:
-        """Height (m) and speed (m/s) of the next way, and what it has to cross, m along the way."""
-        then = self._seek.next()
+    def span(self, then: Next) -> tuple[float, float]:
+        """What the next way has to cross, m along the way."""
         # Begun or ended beside a tool that is wider than expected, a way would show nothing.
         half = max(0.5 * (self._span if self._fingers else then.longest), 0.5 * self._span - 0.5 * self._lead)
         middle = self._centre + self._offset
-        return then.height, then.speed, (middle - half, middle + half)
+        return middle - half, middle + half
 
     def _of(self, way: Way, pair: int, depth: float) -> list[Glimpse]:
         if way.begins_dark or way.ends_dark:

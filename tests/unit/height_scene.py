@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibration.tool_frame.glimpse import Glimpse, glimpse
-from calibration.tool_frame.height_search import HeightSearch
+from calibration.tool_frame.height_search import HeightSearch, Sought, sought
 from calibration.tool_frame.repeatability import scatter_of
 from calibration.tool_frame.tip import End, View
 
@@ -57,18 +57,17 @@ def pairs_at(
 
 def searched(
     rng: np.random.Generator, end: End, sigma: float, most: int = 8, step: float = 5e-3
-) -> tuple[HeightSearch, float]:
+) -> tuple[Sought, float]:
     """A whole search, and the true height; the first hit is up to ``step`` (m) below it."""
     truth = step * float(rng.random())
-    found = HeightSearch(
-        0.0, step, CHORD_M, False, scatter_of(sigma * np.sqrt(2.0)), FAST, SLOW, PERIOD_S, 0.0
-    )
+    search = HeightSearch(0.0, step, CHORD_M, False, scatter_of(sigma * np.sqrt(2.0)), FAST, SLOW, PERIOD_S)
     seen: list[Glimpse] = []
+    found = sought(search, seen)
     for k in range(most):
-        then = found.next()
+        then = found.next
         seen += [
             Glimpse(g.height, k, g.hit, g.lengths, g.chance, g.beyond)
             for g in pairs_at(rng, end, truth, [then.height], sigma, then.speed)
         ]
-        found.take(seen)
+        found = sought(search, seen)
     return found, truth

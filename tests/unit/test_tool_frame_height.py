@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from height_scene import FLAT_END, ROUND_END, VIEW, pairs_at, searched
+from height_scene import FLAT_END, ROUND_END, SLOW, VIEW, pairs_at, searched
 from laser_scene import BALL, Bench, data_set
 
 from calibration.tool_frame.glimpse import LOST, glimpse
@@ -84,7 +84,7 @@ def test_a_search_in_height_gets_near_the_end_from_any_first_hit(end: End) -> No
 def test_near_the_end_of_a_round_tool_the_search_goes_slowly() -> None:
     rng = np.random.default_rng(9)
     found, _ = searched(rng, ROUND_END, SIGMA, most=6)
-    assert found.next().speed == found.slow
+    assert found.next.speed == SLOW
 
 
 def test_one_pass_a_height_leaves_the_height_less_sure_with_an_arm_that_repeats_badly() -> None:
