@@ -115,27 +115,31 @@ def mutations(case: Case, count: int, seed: int, tally: Tally) -> None:
             judge(case, ran, untouched, tally, what)
 
 
-def measure(count: int, seed: int, folder: Path, names: tuple[str, ...] = ()) -> dict[str, Tally]:
-    """``count`` mutations dealt evenly over the kinds (those in ``names``, or all)."""
+Measured = Iterator[tuple[str, Tally]]
+
+
+def measure(count: int, seed: int, folder: Path, names: tuple[str, ...] = ()) -> Measured:
+    """``count`` mutations dealt evenly over the kinds (those in ``names``, or all), kind by kind."""
     found = cases(folder, names)
-    tallies = {}
     for n, case in enumerate(found):
-        tally = tallies[case.name] = Tally()
+        tally = Tally()
         mutations(case, count // len(found) + (n < count % len(found)), seed, tally)
-    return tallies
+        yield case.name, tally
 
 
 def main(words: list[str]) -> int:
     count, seed = (int(words[k]) if len(words) > k else v for k, v in enumerate((COUNT, SEED)))
+    heads = "".join(f"exit {c:<3}" for c in CODES)
+    print(f"{'kind':<22}{heads}faults  nonsense  longest s", flush=True)
+    wrong = False
     with tempfile.TemporaryDirectory() as folder:
-        tallies = measure(count, seed, Path(folder), tuple(words[2:]))
-    print(f"{'kind':<22}" + "".join(f"exit {c:<3}" for c in CODES) + "faults  nonsense  longest s")
-    for name, tally in tallies.items():
-        codes = "".join(f"{tally.codes[c]:<8}" for c in CODES)
-        print(f"{name:<22}{codes}{len(tally.faults):<8}{len(tally.nonsense):<10}{tally.longest:.1f}")
-    lines = [line for tally in tallies.values() for line in (*tally.faults, *tally.nonsense)]
-    print("\n".join(lines))
-    return 1 if lines else 0
+        for name, tally in measure(count, seed, Path(folder), tuple(words[2:])):
+            codes = "".join(f"{tally.codes[c]:<8}" for c in CODES)
+            print(f"{name:<22}{codes}{len(tally.faults):<8}{len(tally.nonsense):<10}{tally.longest:.1f}")
+            lines = [*tally.faults, *tally.nonsense]
+            print("".join(f"    {line}\n" for line in lines), end="", flush=True)
+            wrong = wrong or bool(lines)
+    return 1 if wrong else 0
 
 
 def answer_of(text: str) -> Any:

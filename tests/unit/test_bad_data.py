@@ -203,7 +203,7 @@ def test_a_run_whose_result_is_damaged_inside_is_a_sentence(
     "kind", ["kincal", "ROBOT", "hand-eye images", "run: show", "run: compare", "run: export"]
 )
 def test_mutated_files_end_with_a_sentence_and_the_right_code(kind: str, tmp_path: Path) -> None:
-    (subject,) = measure(8, 7, tmp_path, (kind,)).values()
+    ((_, subject),) = measure(8, 7, tmp_path, (kind,))
     assert subject.faults == []
     assert subject.nonsense == []
     assert sum(subject.codes.values()) == 8
