@@ -12,7 +12,7 @@ import numpy as np
 from cell.poses import Array
 
 # Pose repeatability in the manner of ISO 9283, m, from the makers' data sheets. It is the mean distance and
-# three standard deviations of it: 3.6 standard deviations of one axis.
+# three standard deviations of it: 3.6 standard deviations of one axis. Others are taken as usual arms.
 STATED_RP_M = {
     "ur3": 1e-4,
     "ur5": 1e-4,
@@ -23,9 +23,6 @@ STATED_RP_M = {
     "ur10e": 5e-5,
     "ur12e": 5e-5,
     "ur16e": 5e-5,
-    "ur15": 5e-5,
-    "ur20": 5e-5,
-    "ur30": 1e-4,
 }
 AXES_OF_RP = 3.6
 UNKNOWN_RP_M = 5e-5
