@@ -51,8 +51,8 @@ def survive(cell: WireCell, kind: str, moment_s: float = 0.0, after_poses: int =
     the arm was at rest."""
     wait_for(cell.ready, "all devices", 30.0)
     run_id = cell.start_job("cone-capture")
-    wait_for(lambda: len(cell.finished_poses(run_id)) >= after_poses, "poses", 30.0)
-    wait_for(cell.moving, "motion", 20.0)
+    wait_for(lambda: len(cell.finished_poses(run_id)) >= after_poses, "poses", 90.0)
+    wait_for(cell.moving, "motion", 60.0)
     pause(moment_s)
     before = len(cell.finished_poses(run_id))
     KINDS[kind](cell)
@@ -67,7 +67,7 @@ def survive(cell: WireCell, kind: str, moment_s: float = 0.0, after_poses: int =
         status = cell.status()
         assert run_id in status["interrupted"], "the interrupted run was not reported"
     else:
-        end = cell.wait_for_end(20.0)
+        end = cell.wait_for_end(60.0)
         assert end["outcome"] == "aborted", end
         assert end["error"]["name"] in EXPECTED[kind], end
         if kind == "controller-away":

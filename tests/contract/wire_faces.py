@@ -240,8 +240,7 @@ def _until_it_listens(process: FrameProcess, socket: Path) -> None:
 @asynccontextmanager
 async def _wire_camera(served: FrameServing) -> AsyncIterator[CameraRig]:
     clock = MonotonicClock()
-    # Twice the production patience, because the machine under the tests may be busy.
-    config = OakCamera.Config(source=f"frames+unix://{served.socket}", frame_timeout_s=2.0)
+    config = OakCamera.Config(source=f"frames+unix://{served.socket}", frame_timeout_s=4.0)
     camera = OakCamera("camera", config, clock)
 
     async def inject(kind: str, **arguments: Any) -> None:

@@ -172,6 +172,10 @@ def genuine(host: str, code: str, timeout: float = 40.0) -> dict[str, Any]:
         "    until, end = r.getTimestamp() + 0.05, time.monotonic() + 3\n"
         "    while r.getTimestamp() < until and time.monotonic() < end: time.sleep(0.002)\n"
         "    return r\n"
+        "def stopped(c, r):\n"
+        "    end = time.monotonic() + 5\n"
+        "    while time.monotonic() < end and (c.isProgramRunning() or max(map(abs, r.getActualQd())) > 0):\n"
+        "        time.sleep(0.01)\n"
         + textwrap.dedent(code)
         + "\nsys.stderr.flush()\nos.write(1, b'\\n@@' + json.dumps(seen).encode())\nos._exit(0)\n"
     )

@@ -82,9 +82,19 @@ def twin(server: Twin) -> Iterator[Twin]:
 
 @pytest.fixture
 def subject(twin: Twin) -> OakCamera:
-    # Twice the usual patience: the machine that runs the tests may be busy with others.
-    config = OakCamera.Config(source=f"frames+unix://{twin.path}", frame_timeout_s=2.0)
-    return OakCamera("camera", config, MonotonicClock())
+    # More than the usual patience: the machine that runs the tests may pause.
+    return camera(twin, frame_timeout_s=8.0)
+
+
+@pytest.fixture
+def hasty(twin: Twin) -> OakCamera:
+    """For losses by silence."""
+    return camera(twin, frame_timeout_s=2.0)
+
+
+def camera(twin: Twin, **config: Any) -> OakCamera:
+    source = f"frames+unix://{twin.path}"
+    return OakCamera("camera", OakCamera.Config(source=source, **config), MonotonicClock())
 
 
 def opened(subject: OakCamera, test: Callable[[], Awaitable[None]]) -> None:
@@ -130,8 +140,8 @@ def test_a_still_board_is_seen_where_it_truly_is(subject: OakCamera, twin: Twin)
         assert identity.is_twin
         assert identity.serial == twin.world.config.camera.serial
         for _ in range(3):
-            await subject.wait_fresh(5.0)
-        frame = subject.frames.latest(2.0).value
+            await subject.wait_fresh(10.0)
+        frame = subject.frames.latest(8.0).value
         assert pytest.approx(twin.world.intrinsics.K, rel=1e-6) == frame.intrinsics.K
         assert frame.intrinsics.dist == pytest.approx(twin.world.intrinsics.dist, abs=1e-7)
         assert frame.exposure_s == pytest.approx(0.008)
@@ -198,7 +208,7 @@ def test_files_that_cannot_be_written_are_a_coded_error(subject: OakCamera, tmp_
         with pytest.raises(CellError) as caught:
             await subject.capture(1, tmp_path / "missing", "a", 0.0)
         assert caught.value.name == "DISK_FAILED"
-        await subject.wait_fresh(5.0)
+        await subject.wait_fresh(10.0)
 
     opened(subject, body)
 
@@ -207,12 +217,12 @@ def test_a_target_that_makes_no_sense_is_refused_and_the_old_one_kept(subject: O
     async def body() -> None:
         with pytest.raises(CellError):
             await subject.set_target({"type": "charuco", "squares_x": 1})
-        await subject.wait_fresh(5.0)
-        assert subject.frames.latest(2.0).value.board is not None
+        await subject.wait_fresh(10.0)
+        assert subject.frames.latest(8.0).value.board is not None
         await subject.set_target(None)
-        await subject.wait_fresh(5.0)
-        await subject.wait_fresh(5.0)
-        assert subject.frames.latest(2.0).value.board is None
+        await subject.wait_fresh(10.0)
+        await subject.wait_fresh(10.0)
+        assert subject.frames.latest(8.0).value.board is None
 
     opened(subject, body)
 
@@ -221,8 +231,8 @@ def test_a_board_that_leaves_the_view_is_no_longer_reported(subject: OakCamera, 
     async def body() -> None:
         twin.faults.inject(Fault.LOST_BOARD, {})
         await asyncio.sleep(0.3)
-        await subject.wait_fresh(5.0)
-        assert subject.frames.latest(2.0).value.board is None
+        await subject.wait_fresh(10.0)
+        assert subject.frames.latest(8.0).value.board is None
 
     opened(subject, body)
 
@@ -238,13 +248,15 @@ BAD_SOURCES: list[tuple[Fault, dict[str, Any], str]] = [
 
 
 def test_every_bad_source_is_a_loss_with_its_own_name_and_can_be_opened_again(
-    subject: OakCamera, twin: Twin
+    hasty: OakCamera, twin: Twin
 ) -> None:
+    subject = hasty
+
     async def body() -> None:
         for fault, arguments, name in BAD_SOURCES:
-            await subject.wait_fresh(5.0)
+            await subject.wait_fresh(10.0)
             twin.faults.inject(fault, arguments)
-            async with asyncio.timeout(5.0):
+            async with asyncio.timeout(15.0):
                 lost = await subject.wait_lost()
             assert isinstance(lost, CellError)
             assert (fault, lost.name) == (fault, name), lost
@@ -252,7 +264,7 @@ def test_every_bad_source_is_a_loss_with_its_own_name_and_can_be_opened_again(
                 await subject.identify()
             twin.faults.clear()
             await subject.open()
-        await subject.wait_fresh(5.0)
+        await subject.wait_fresh(10.0)
 
     opened(subject, body)
 
@@ -262,7 +274,7 @@ def test_a_camera_that_comes_back_as_another_one_says_so(subject: OakCamera, twi
 
     async def body() -> None:
         twin.faults.inject(Fault.REBOOT, {"serial": "99992200777"})
-        async with asyncio.timeout(5.0):
+        async with asyncio.timeout(15.0):
             await subject.wait_lost()
         await subject.open()
         assert (await subject.identify()).serial == "99992200777"
@@ -274,9 +286,9 @@ def test_a_camera_that_comes_back_as_another_one_says_so(subject: OakCamera, twi
 def test_a_killed_child_is_a_device_that_dropped_and_a_new_open_works(subject: OakCamera) -> None:
     async def body() -> None:
         capture = asyncio.create_task(subject.capture(1, Path("/nowhere"), "a", time.monotonic() + 60.0))
-        await subject.wait_fresh(5.0)
+        await subject.wait_fresh(10.0)
         os.kill(subject.health()["child_pid"], signal.SIGKILL)
-        async with asyncio.timeout(3.0):
+        async with asyncio.timeout(15.0):
             lost = await subject.wait_lost()
             with pytest.raises(CellError) as caught:
                 await capture
@@ -285,22 +297,24 @@ def test_a_killed_child_is_a_device_that_dropped_and_a_new_open_works(subject: O
         assert "SIGKILL" in lost.detail
         epoch = subject.frames.epoch
         await subject.open()
-        await subject.wait_fresh(5.0)
+        await subject.wait_fresh(10.0)
         assert subject.frames.epoch == epoch + 1
-        assert subject.frames.latest(2.0).value.board is not None, "the target outlives the child"
+        assert subject.frames.latest(8.0).value.board is not None, "the target outlives the child"
 
     opened(subject, body)
 
 
-def test_a_hung_child_is_a_loss_and_closing_ends_it(subject: OakCamera) -> None:
+def test_a_hung_child_is_a_loss_and_closing_ends_it(hasty: OakCamera) -> None:
+    subject = hasty
+
     async def body() -> None:
         pid = subject.health()["child_pid"]
         os.kill(pid, signal.SIGSTOP)
-        async with asyncio.timeout(5.0):
+        async with asyncio.timeout(15.0):
             lost = await subject.wait_lost()
         assert isinstance(lost, CellError)
         assert lost.name == "DEVICE_LOST"
-        async with asyncio.timeout(5.0):
+        async with asyncio.timeout(15.0):
             await subject.close()
         assert not psutil.pid_exists(pid)
 
@@ -309,14 +323,14 @@ def test_a_hung_child_is_a_loss_and_closing_ends_it(subject: OakCamera) -> None:
 
 def test_a_loop_that_was_busy_gets_new_frames_not_a_queue_of_old_ones(subject: OakCamera) -> None:
     async def body() -> None:
-        await subject.wait_fresh(5.0)
+        await subject.wait_fresh(10.0)
         pid = subject.health()["child_pid"]
-        before = subject.frames.latest(2.0)
+        before = subject.frames.latest(8.0)
         os.kill(pid, signal.SIGSTOP)
         await asyncio.sleep(0.6)
         os.kill(pid, signal.SIGCONT)
-        await subject.wait_fresh(5.0)
-        after = subject.frames.latest(1.0)
+        await subject.wait_fresh(10.0)
+        after = subject.frames.latest(8.0)
         assert after.seq - before.seq > 3
         assert subject.frames.gaps > 0, "what the child did not read was lost, and it shows"
 
