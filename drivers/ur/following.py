@@ -59,10 +59,16 @@ class Follower:
     A set-point is valid until the end of its piece and until ``horizon_s`` after the newest beat of the
     daemon, whichever comes first; then the joints ramp to rest with at most ``decel`` rad/s^2 and are held
     for ``settle_s``, so that the arm has caught up before servoing ends.
+
+    Without a set-point for ``gap_s``, as where this process got no core, the controller has brought the arm
+    to rest at the latest one. It is held: the set-point of the moment would be a leap, which the arm would
+    follow as fast as it can.
     """
 
-    def __init__(self, horizon_s: float, decel: float, settle_s: float) -> None:
+    def __init__(self, horizon_s: float, decel: float, settle_s: float, gap_s: float = 0.05) -> None:
         self._horizon_s, self._decel, self._settle_s = horizon_s, decel, settle_s
+        self._gap_s = gap_s
+        self._sent: tuple[float, Joints] | None = None  # the latest set-point, and when
         self._pieces: list[Piece] = []
         self._finished = False
         self._stop_asked = False
@@ -83,6 +89,30 @@ class Follower:
 
     def setpoint(self, now: float, beat: float) -> Joints | None:
         """Joints to command at ``now``, or None before the first piece begins."""
+        q = self._held(now) or self._planned(now, beat)
+        if q is not None:
+            self._sent = now, q
+        return q
+
+    def _held(self, now: float) -> Joints | None:
+        """The latest set-point, after a time without one; the arm rests at the first piece's begin before."""
+        if self._sent is None:
+            piece = self._current(now)
+            if piece is None:
+                return None
+            self._sent = piece.t0, piece.at(piece.t0)[0]
+        then, q = self._sent
+        if now - then <= self._gap_s:
+            return None
+        end = End.NOT_RENEWED
+        if self._stop_asked:
+            end = End.STOPPED
+        elif self._ramp is not None and self._ramp.at(now) == q:
+            end = self._ramp.end
+        self._ramp = _Ramp(now, q, [0.0] * len(q), 0.0, end)
+        return q
+
+    def _planned(self, now: float, beat: float) -> Joints | None:
         if self._ramp is None:
             piece = self._current(now)
             if piece is None:

@@ -269,7 +269,7 @@ class MotionChild:
     ) -> bool:
         self._idle()
         # Servoing lags by the look-ahead time, so the last set-point is held for longer than that.
-        self._follower = Follower(min(horizon_s, BEAT_LIMIT_S), ramp, settle_s=lookahead + 0.04)
+        self._follower = Follower(min(horizon_s, BEAT_LIMIT_S), ramp, lookahead + 0.04, gap_s=lookahead)
         self._servo = (lookahead, gain, decel)
         self._servoing = False
         self._next_setpoint = time.monotonic()
