@@ -30,6 +30,7 @@ from fakes.frames.faults import CameraFaults
 from fakes.frames.server import serve_frames
 from fakes.scenario import Scenario
 from fakes.world import Message, World
+from tests import taken_again
 
 pytestmark = pytest.mark.wire
 
@@ -98,7 +99,7 @@ def camera(twin: Twin, **config: Any) -> OakCamera:
 
 
 def opened(subject: OakCamera, test: Callable[[], Awaitable[None]]) -> None:
-    """Run ``test`` with the camera open and its target chosen."""
+    """Run ``test`` with the camera open and its target chosen; again where a pause interrupted it."""
 
     async def body() -> None:
         await subject.set_target(Scenario.load("hand_eye").world.target)
@@ -109,7 +110,7 @@ def opened(subject: OakCamera, test: Callable[[], Awaitable[None]]) -> None:
         finally:
             await subject.close()
 
-    asyncio.run(body())
+    taken_again.play(body)
 
 
 def project(camera: Intrinsics, points: NDArray[Any]) -> NDArray[Any]:
@@ -259,6 +260,7 @@ def test_every_bad_source_is_a_loss_with_its_own_name_and_can_be_opened_again(
             async with asyncio.timeout(15.0):
                 lost = await subject.wait_lost()
             assert isinstance(lost, CellError)
+            taken_again.interrupted(lost.name, {name})
             assert (fault, lost.name) == (fault, name), lost
             with pytest.raises(CellError):
                 await subject.identify()
