@@ -161,7 +161,8 @@ def answer_targets(solution: Solution, wanted: Wanted) -> tuple[dict[str, object
     if wanted.level and np.any(found.found):
         reached = chain.flange(found.q[found.found])
         flat = goals_from_yaw(np.column_stack([reached[:, :3, 3], yaw_of(wanted.goals[found.found])]))
-        tilt = np.arccos(np.clip(np.sum(wanted.goals[found.found][:, :3, 2] * flat[:, :3, 2], axis=1), -1, 1))
+        upright = np.sum(wanted.goals[found.found][:, :3, 2] * flat[:, :3, 2], axis=1)
+        tilt = np.arccos(np.clip(upright, -1, 1))
         if np.max(tilt) > _TILT:
             by = np.degrees(tilt.max())
             text = f"the flange of this arm stays level; wanted poses are tilted by up to {by:.2f} deg"

@@ -204,9 +204,8 @@ def make_space(
         )
     if guard is not None:
         limits = guard.model.joint_limits
-        ranges = np.column_stack(
-            [np.maximum(ranges[:, 0], limits[:, 0]), np.minimum(ranges[:, 1], limits[:, 1])]
-        )
+        low, high = np.maximum(ranges[:, 0], limits[:, 0]), np.minimum(ranges[:, 1], limits[:, 1])
+        ranges = np.column_stack([low, high])
     model = make_model(spec, list(config.reflectors))
     place = None if T_base_tracker is None else from_pose6(T_base_tracker)
     shape = shape_of(spec, guard, config.sight.link_radius_m)
