@@ -13,6 +13,8 @@ import numpy as np
 
 from cell.poses import Array
 
+_UNIT = np.eye(4)
+
 
 @dataclass(frozen=True, eq=False)
 class DhChain:
@@ -31,7 +33,7 @@ class DhChain:
         """(n, j + 1, 4, 4): the base and the frame after every joint, for ``Q`` (n, j) rad."""
         links = self._links(Q)
         out = np.empty((len(Q), links.shape[1] + 1, 4, 4))
-        out[:, 0] = np.eye(4)
+        out[:, 0] = _UNIT
         for i in range(links.shape[1]):
             np.matmul(out[:, i], links[:, i], out=out[:, i + 1])
         return out

@@ -26,9 +26,14 @@ class Body:
         self.reach_after = model.reach_after + max(extent, float(np.max(self.radii)))
         self.self_pairs = _self_pairs(self.joints_before)
 
-    def ends(self, Q: Array) -> Array:
-        """(n, m, 2, 3): both ends of each capsule in the base."""
-        flange = self._model.forward_many(Q).as_matrix().reshape(-1, 4, 4)
+    def flange(self, Q: Array) -> Array:
+        """(n, 4, 4): ``T_base_flange`` for joints ``Q`` (n, 6)."""
+        out: Array = self._model.forward_many(Q).as_matrix().reshape(-1, 4, 4)
+        return out
+
+    def ends(self, Q: Array, flange: Array | None = None) -> Array:
+        """(n, m, 2, 3): both ends of each capsule in the base; ``flange`` (n, 4, 4) if it is known."""
+        flange = self.flange(Q) if flange is None else flange
         tool = np.einsum("nij,kej->nkei", flange[:, :3, :3], self._tool_ends) + flange[:, None, None, :3, 3]
         return np.concatenate([self._model.link_ends(Q), tool], axis=1)
 

@@ -93,8 +93,10 @@ class MotionGuard:
 
     def check_setpoints(self, Q: Array, Qd: Array) -> None:
         """Set-points of a stream: geometry at ``Q`` (n, 6) rad, speeds of joints and TCP at ``Qd`` (n, 6)."""
-        joints, speeds = np.array([_six(q) for q in Q]), np.array([_six(qd) for qd in Qd])
-        self._check(joints, ["at this set-point"] * len(Q), np.full(len(Q), -_MEASURED_M))
+        joints, speeds = _sixes(Q), _sixes(Qd)
+        flange = self._body.flange(joints)
+        slack = np.full(len(Q), -_MEASURED_M)
+        self._check(joints, ["at this set-point"] * len(Q), slack, flange=flange)
         n, worst = np.unravel_index(int(np.argmax(np.abs(speeds))), speeds.shape)
         if abs(speeds[n, worst]) > self.limits.joint_speed_rad_s * (1.0 + 1e-9):
             raise error(
@@ -102,8 +104,7 @@ class MotionGuard:
                 f"set-point turns joint '{JOINTS[worst]}' at {abs(speeds[n, worst]):.3f} rad/s, "
                 f"limit {self.limits.joint_speed_rad_s:g} rad/s",
             )
-        turns = self.model.forward_many(joints).as_matrix()[:, :3, :3]
-        levers = turns @ self.tool.T_flange_tool.translation
+        levers = flange[:, :3, :3] @ self.tool.T_flange_tool.translation
         twists = np.einsum("nij,nj->ni", self.model.jacobian_many(joints), speeds)
         tcp = float(np.linalg.norm(twists[:, :3] + np.cross(twists[:, 3:], levers), axis=1).max())
         if tcp > self.limits.speed_m_s * (1.0 + 1e-9):
@@ -126,9 +127,16 @@ class MotionGuard:
         """(n, m, 2, 3) m: both ends of every capsule in the base, for joints ``Q`` (n, 6)."""
         return self._body.ends(Q)
 
-    def _check(self, Q: Array, places: list[str], slack_limit: Array, clear_m: float = 0.0) -> None:
+    def _check(
+        self,
+        Q: Array,
+        places: list[str],
+        slack_limit: Array,
+        clear_m: float = 0.0,
+        flange: Array | None = None,
+    ) -> None:
         self._check_joint_range(Q, places)
-        finding = self._rules.first_broken(self._body.ends(Q), slack_limit, clear_m)
+        finding = self._rules.first_broken(self._body.ends(Q, flange), slack_limit, clear_m)
         if finding is not None:
             raise _collision(finding, places[finding.index])
 
@@ -237,6 +245,14 @@ def _six(q: Array) -> Array:
     values = np.asarray(q, dtype=float)
     if values.shape != (6,) or not np.all(np.isfinite(values)):
         raise error("MOTION_LIMIT", f"need 6 finite joint values, got {values.tolist()}")
+    return values
+
+
+def _sixes(Q: Array) -> Array:
+    """Each of (n, 6) as :func:`_six` wants it."""
+    values = np.asarray(Q, dtype=float)
+    if values.ndim != 2 or values.shape[1] != 6 or not np.isfinite(values).all():
+        return np.array([_six(q) for q in Q])
     return values
 
 
