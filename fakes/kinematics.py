@@ -29,6 +29,7 @@ _LENGTHS: dict[str, tuple[float, float, float, float, float, float]] = {
     "ur20": (0.2363, -0.8620, -0.7287, 0.2010, 0.1593, 0.1543),
     "ur30": (0.2363, -0.6370, -0.5037, 0.2010, 0.1593, 0.1543),
 }
+_UNIT = np.eye(4)
 _TWISTS = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
 
 MODELS = tuple(_LENGTHS)
@@ -172,7 +173,7 @@ class Chain:
     def _exponentials(self, q: ArrayLike) -> Array:
         """exp of each screw, (..., 6, 4, 4). For axes without pitch hat^3 = -hat closes the series."""
         angles = np.asarray(q, dtype=float)[..., None, None]
-        out: Array = np.eye(4) + np.sin(angles) * self._hats + (1.0 - np.cos(angles)) * self._squares
+        out: Array = _UNIT + np.sin(angles) * self._hats + (1.0 - np.cos(angles)) * self._squares
         return out
 
 

@@ -28,11 +28,12 @@ class LazyStream(Stream[T]):
         dt: float,
         delay_s: float = 0.0,
         keep: int = 4096,
+        backfill: int = BACKFILL,
     ) -> None:
         super().__init__(name, clock, keep)
         self.period_s = period_s
         self.quality = Quality.GOOD  # of the samples from now on
-        self._make, self._dt, self._delay_s = make, dt, delay_s
+        self._make, self._dt, self._delay_s, self._backfill = make, dt, delay_s, backfill
         self._origin = 0.0
         self._tick = 0
         self._seq = 0
@@ -83,8 +84,9 @@ class LazyStream(Stream[T]):
         self._filling = True
         try:
             due = self._due()
-            if not self._listeners:
-                self._tick = max(self._tick, due - BACKFILL)
+            if not self._listeners and self._tick < due - self._backfill:
+                self._tick = due - self._backfill
+                self._newest_t = self._origin + (self._tick - 1) * self.period_s  # not asked for is no gap
             while self._tick < due:
                 t = self._origin + self._tick * self.period_s
                 self.push(Sample(self._make(t, self._tick), t, self._dt, self._seq, self.quality))

@@ -14,6 +14,7 @@ from fakes.object.registry import cell_of
 from fakes.tracker import MULTIPLE, NO_TARGET, NOT_AIMED, Reading, polar
 
 _CONSTANT_TOLERANCE_M = 1e-6
+_BACKFILL = 10  # readings; each is a look along the beam, and who asks late wants the newest
 _DOUBT = "the instrument does not vouch for the accuracy of its readings"
 
 
@@ -63,7 +64,13 @@ class ObjectTracker(ObjectDevice):
         self._constants = {name: r.constant_m for name, r in config.reflectors.items()} or labels
         half_s = config.reply_s / 2.0
         self.readings: LazyStream[TrackerState] = LazyStream(
-            f"{name}.readings", clock, 1.0 / truth.rate_hz, self._read, dt=half_s, delay_s=half_s
+            f"{name}.readings",
+            clock,
+            1.0 / truth.rate_hz,
+            self._read,
+            dt=half_s,
+            delay_s=half_s,
+            backfill=_BACKFILL,
         )
         self.stream = self.readings
 
