@@ -10,7 +10,17 @@ import pytest
 
 from fakes.object import run_virtual
 from procedures.iso9283.states import State
-from tests.chaos.matrix import Kind, assert_aborted, covering, inject_at, kind, put_right, short
+from tests.chaos.matrix import (
+    Kind,
+    Strike,
+    assert_aborted,
+    covering,
+    in_cells,
+    inject_at,
+    kind,
+    put_right,
+    short,
+)
 from tests.object_cell import ObjectCell, no_report, open_cell
 from tests.unit.test_iso9283_job import JOB, iso_config
 
@@ -49,24 +59,26 @@ def test_every_kind_strikes_and_every_state_is_struck() -> None:
     assert {moment for share in SHARES for moment in share} == set(MOMENTS)
 
 
-@pytest.mark.parametrize("number", range(len(KINDS)), ids=[k.label for k in KINDS])
-def test_a_fault_ends_the_test_safely_and_the_next_run_succeeds(number: int, tmp_path: Path) -> None:
-    strike_runs(KINDS[number], SHARES[number], tmp_path)
+@pytest.mark.parametrize("strikes", in_cells(KINDS, SHARES, each=5))
+def test_a_fault_ends_the_test_safely_and_the_next_run_succeeds(
+    strikes: list[Strike], tmp_path: Path
+) -> None:
+    strike_runs(strikes, tmp_path)
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("fault", KINDS, ids=lambda k: k.label)
-def test_a_fault_at_any_state_ends_the_test_safely(fault: Kind, tmp_path: Path) -> None:
-    strike_runs(fault, MOMENTS, tmp_path)
+@pytest.mark.parametrize("strikes", in_cells(KINDS, [MOMENTS] * len(KINDS), each=1))
+def test_a_fault_at_any_state_ends_the_test_safely(strikes: list[Strike], tmp_path: Path) -> None:
+    strike_runs(strikes, tmp_path)
 
 
-def strike_runs(fault: Kind, moments: list[str], folder: Path) -> None:
+def strike_runs(strikes: list[Strike], folder: Path) -> None:
     quick = {"cycles": 2, "retries_per_pose": 0, "find_timeout_s": 0.5, "measure_timeout_s": 1.0}
     config = iso_config(folder, quick)
 
     async def main() -> None:
         async with open_cell(config, job=JOB) as cell:
-            for moment in moments:
+            for fault, moment in strikes:
                 await strike(cell, fault, moment)
             end = await cell.run_job()
             assert end["outcome"] == "complete", end["error"]

@@ -10,11 +10,11 @@ from daemon.cli.replay import differences
 from fakes.object import run_virtual
 from procedures.replay import solve_again
 from tests.object_cell import WHO, ObjectCell, no_report
-from tests.unit.laser_cell import laser_cell, laser_config
+from tests.unit.laser_cell import laser_cell, laser_config, planned_once
 from tests.unit.laser_made import Solved, drawn_reference, solved
 
-__all__ = ["no_report", "solved"]
-pytestmark = pytest.mark.usefixtures("no_report")
+__all__ = ["no_report", "planned_once", "solved"]
+pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
 
 
 async def finished_at(cell: ObjectCell, job: str, state: str) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from procedures.laser.states import CHECKPOINTS, SCAN, ScanState
 from procedures.laser.update import LaserUpdate
 from procedures.laser.update import State as UpdateState
 from tests.object_cell import WHO, ObjectCell, no_report
-from tests.unit.laser_cell import laser_cell, laser_config
+from tests.unit.laser_cell import laser_cell, laser_config, remembered
 from tests.unit.laser_made import Solved, answer_at_once, drawn_reference
 
 __all__ = ["no_report"]
@@ -144,6 +144,7 @@ def all_taken(tmp_path_factory: pytest.TempPathFactory) -> Iterator[set[Edge]]:
     async def drawn(run: Any) -> None: ...
 
     patch.setattr("daemon.results._write_report", drawn)
+    patch.setattr("procedures.laser.measurement.plan_scan", remembered)
     edges: set[Edge] = set()
     for number, walk in enumerate(WALKS):
         solved = answer_at_once(patch)
