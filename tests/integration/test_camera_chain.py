@@ -81,9 +81,47 @@ def twin(server: Twin) -> Iterator[Twin]:
     server.faults.clear()
 
 
+class OpenCamera:
+    """A camera that is open, with its target chosen, and a loop for it: its child takes seconds to start."""
+
+    def __init__(self, twin: Twin) -> None:
+        self._runner = asyncio.Runner()
+        # More than the usual patience: the machine that runs the tests may pause.
+        self.camera = camera(twin, frame_timeout_s=8.0)
+
+    def run(self, test: Callable[[], Awaitable[None]]) -> None:
+        async def body() -> None:
+            try:
+                await self.camera.wait_fresh(10.0)
+            except CellError:  # not open yet, or lost by what a test did to the server
+                await open_with_target(self.camera)
+            async with asyncio.timeout(60.0):
+                await test()
+
+        taken_again.play(body, self._runner.run)
+
+    def close(self) -> None:
+        self._runner.run(self.camera.close())
+        self._runner.close()
+
+
+@pytest.fixture(scope="module")
+def shared(server: Twin) -> Iterator[OpenCamera]:
+    """For tests that leave the camera as it was."""
+    opened_once = OpenCamera(server)
+    opened_once.run(opened_once.camera.identify)  # its child is not one of the first test's
+    yield opened_once
+    opened_once.close()
+
+
 @pytest.fixture
-def subject(twin: Twin) -> OakCamera:
-    # More than the usual patience: the machine that runs the tests may pause.
+def subject(shared: OpenCamera, twin: Twin) -> OakCamera:
+    return shared.camera
+
+
+@pytest.fixture
+def own(twin: Twin) -> OakCamera:
+    """For a test that spoils it."""
     return camera(twin, frame_timeout_s=8.0)
 
 
@@ -98,12 +136,17 @@ def camera(twin: Twin, **config: Any) -> OakCamera:
     return OakCamera("camera", OakCamera.Config(source=source, **config), MonotonicClock())
 
 
+async def open_with_target(camera: OakCamera) -> None:
+    await camera.close()
+    await camera.set_target(Scenario.load("hand_eye").world.target)
+    await camera.open()
+
+
 def opened(subject: OakCamera, test: Callable[[], Awaitable[None]]) -> None:
     """Run ``test`` with the camera open and its target chosen; again where a pause interrupted it."""
 
     async def body() -> None:
-        await subject.set_target(Scenario.load("hand_eye").world.target)
-        await subject.open()
+        await open_with_target(subject)
         try:
             async with asyncio.timeout(60.0):
                 await test()
@@ -135,7 +178,7 @@ def corner_error(frame: Frame, world: World) -> NDArray[Any]:
     return frame.board.corners - project(world.intrinsics, pose.apply(points))
 
 
-def test_a_still_board_is_seen_where_it_truly_is(subject: OakCamera, twin: Twin) -> None:
+def test_a_still_board_is_seen_where_it_truly_is(subject: OakCamera, shared: OpenCamera, twin: Twin) -> None:
     async def body() -> None:
         identity = await subject.identify()
         assert identity.is_twin
@@ -151,10 +194,12 @@ def test_a_still_board_is_seen_where_it_truly_is(subject: OakCamera, twin: Twin)
         assert np.abs(error.mean(axis=0)).max() < 0.03
         assert np.sqrt(np.mean(error**2)) < 0.1
 
-    opened(subject, body)
+    shared.run(body)
 
 
-def test_a_board_in_motion_is_seen_where_it_was_at_mid_exposure(subject: OakCamera, twin: Twin) -> None:
+def test_a_board_in_motion_is_seen_where_it_was_at_mid_exposure(
+    subject: OakCamera, shared: OpenCamera, twin: Twin
+) -> None:
     async def body() -> None:
         frames: list[Frame] = []
         unsubscribe = subject.frames.subscribe(lambda sample: frames.append(sample.value))
@@ -175,11 +220,11 @@ def test_a_board_in_motion_is_seen_where_it_was_at_mid_exposure(subject: OakCame
         bias = np.median([np.abs(corner_error(f, twin.world).mean(axis=0)).max() for f in moving])
         assert bias < 0.15
 
-    opened(subject, body)
+    shared.run(body)
 
 
 def test_captured_files_hold_the_exposures_after_the_given_time(
-    subject: OakCamera, twin: Twin, tmp_path: Path
+    subject: OakCamera, shared: OpenCamera, twin: Twin, tmp_path: Path
 ) -> None:
     async def body() -> None:
         after = time.monotonic() + 0.15
@@ -201,20 +246,24 @@ def test_captured_files_hold_the_exposures_after_the_given_time(
             patch = depth[v - 5 : v + 6, u - 5 : u + 6]
             assert abs(float(patch.mean()) - 1000.0 * middle[0, 2]) < 2.0
 
-    opened(subject, body)
+    shared.run(body)
 
 
-def test_files_that_cannot_be_written_are_a_coded_error(subject: OakCamera, tmp_path: Path) -> None:
+def test_files_that_cannot_be_written_are_a_coded_error(
+    subject: OakCamera, shared: OpenCamera, tmp_path: Path
+) -> None:
     async def body() -> None:
         with pytest.raises(CellError) as caught:
             await subject.capture(1, tmp_path / "missing", "a", 0.0)
         assert caught.value.name == "DISK_FAILED"
         await subject.wait_fresh(10.0)
 
-    opened(subject, body)
+    shared.run(body)
 
 
-def test_a_target_that_makes_no_sense_is_refused_and_the_old_one_kept(subject: OakCamera) -> None:
+def test_a_target_that_makes_no_sense_is_refused_and_the_old_one_kept(
+    subject: OakCamera, shared: OpenCamera
+) -> None:
     async def body() -> None:
         with pytest.raises(CellError):
             await subject.set_target({"type": "charuco", "squares_x": 1})
@@ -225,18 +274,62 @@ def test_a_target_that_makes_no_sense_is_refused_and_the_old_one_kept(subject: O
         await subject.wait_fresh(10.0)
         assert subject.frames.latest(8.0).value.board is None
 
-    opened(subject, body)
+    shared.run(body)
 
 
-def test_a_board_that_leaves_the_view_is_no_longer_reported(subject: OakCamera, twin: Twin) -> None:
+def test_a_board_that_leaves_the_view_is_no_longer_reported(
+    subject: OakCamera, shared: OpenCamera, twin: Twin
+) -> None:
     async def body() -> None:
         twin.faults.inject(Fault.LOST_BOARD, {})
         await asyncio.sleep(0.3)
         await subject.wait_fresh(10.0)
         assert subject.frames.latest(8.0).value.board is None
 
-    opened(subject, body)
+    shared.run(body)
 
+
+def test_a_loop_that_was_busy_gets_new_frames_not_a_queue_of_old_ones(
+    subject: OakCamera, shared: OpenCamera
+) -> None:
+    async def body() -> None:
+        await subject.wait_fresh(10.0)
+        pid = subject.health()["child_pid"]
+        before = subject.frames.latest(8.0)
+        os.kill(pid, signal.SIGSTOP)
+        await asyncio.sleep(0.6)
+        os.kill(pid, signal.SIGCONT)
+        await subject.wait_fresh(10.0)
+        after = subject.frames.latest(8.0)
+        assert after.seq - before.seq > 3
+        assert subject.frames.gaps > 0, "what the child did not read was lost, and it shows"
+
+    shared.run(body)
+
+
+def test_the_configured_offset_is_added_to_the_stamp_of_the_same_exposure(
+    subject: OakCamera, shared: OpenCamera, twin: Twin
+) -> None:
+    config = OakCamera.Config(source=f"frames+unix://{twin.path}", time_offset_s=-0.02)
+    shifted = OakCamera("shifted", config, MonotonicClock())
+
+    async def body() -> None:
+        await shifted.open()
+        try:
+            await asyncio.sleep(0.8)
+            now = time.monotonic()
+            plain = {s.seq: s.t for s in subject.frames.between(0.0, now)}
+            moved = {s.seq: s.t for s in shifted.frames.between(0.0, now)}
+        finally:
+            await shifted.close()
+        both = plain.keys() & moved.keys()
+        assert both, "two readers see the same exposures"
+        assert [moved[k] - plain[k] for k in both] == pytest.approx([-0.02] * len(both), abs=2e-6)
+
+    shared.run(body)
+
+
+# -- what spoils the camera or the server comes last
 
 BAD_SOURCES: list[tuple[Fault, dict[str, Any], str]] = [
     (Fault.SILENCE, {}, "DEVICE_LOST"),
@@ -271,7 +364,9 @@ def test_every_bad_source_is_a_loss_with_its_own_name_and_can_be_opened_again(
     opened(subject, body)
 
 
-def test_a_camera_that_comes_back_as_another_one_says_so(subject: OakCamera, twin: Twin) -> None:
+def test_a_camera_that_comes_back_as_another_one_says_so(own: OakCamera, twin: Twin) -> None:
+    subject = own
+
     serial = twin.world.config.camera.serial
 
     async def body() -> None:
@@ -285,7 +380,9 @@ def test_a_camera_that_comes_back_as_another_one_says_so(subject: OakCamera, twi
     opened(subject, body)
 
 
-def test_a_killed_child_is_a_device_that_dropped_and_a_new_open_works(subject: OakCamera) -> None:
+def test_a_killed_child_is_a_device_that_dropped_and_a_new_open_works(own: OakCamera) -> None:
+    subject = own
+
     async def body() -> None:
         capture = asyncio.create_task(subject.capture(1, Path("/nowhere"), "a", time.monotonic() + 60.0))
         await subject.wait_fresh(10.0)
@@ -323,46 +420,10 @@ def test_a_hung_child_is_a_loss_and_closing_ends_it(hasty: OakCamera) -> None:
     opened(subject, body)
 
 
-def test_a_loop_that_was_busy_gets_new_frames_not_a_queue_of_old_ones(subject: OakCamera) -> None:
-    async def body() -> None:
-        await subject.wait_fresh(10.0)
-        pid = subject.health()["child_pid"]
-        before = subject.frames.latest(8.0)
-        os.kill(pid, signal.SIGSTOP)
-        await asyncio.sleep(0.6)
-        os.kill(pid, signal.SIGCONT)
-        await subject.wait_fresh(10.0)
-        after = subject.frames.latest(8.0)
-        assert after.seq - before.seq > 3
-        assert subject.frames.gaps > 0, "what the child did not read was lost, and it shows"
-
-    opened(subject, body)
-
-
-def test_the_configured_offset_is_added_to_the_stamp_of_the_same_exposure(
-    subject: OakCamera, twin: Twin
-) -> None:
-    config = OakCamera.Config(source=f"frames+unix://{twin.path}", time_offset_s=-0.02)
-    shifted = OakCamera("shifted", config, MonotonicClock())
-
-    async def body() -> None:
-        await shifted.open()
-        try:
-            await asyncio.sleep(0.8)
-            now = time.monotonic()
-            plain = {s.seq: s.t for s in subject.frames.between(0.0, now)}
-            moved = {s.seq: s.t for s in shifted.frames.between(0.0, now)}
-        finally:
-            await shifted.close()
-        both = plain.keys() & moved.keys()
-        assert both, "two readers see the same exposures"
-        assert [moved[k] - plain[k] for k in both] == pytest.approx([-0.02] * len(both), abs=2e-6)
-
-    opened(subject, body)
-
-
 @pytest.mark.parametrize("closed_first", [False, True], ids=["never opened", "closed"])
-def test_a_camera_that_is_not_open_says_so(subject: OakCamera, closed_first: bool) -> None:
+def test_a_camera_that_is_not_open_says_so(own: OakCamera, closed_first: bool) -> None:
+    subject = own
+
     async def body() -> None:
         if closed_first:
             await subject.open()
