@@ -46,9 +46,11 @@ KINDS: dict[str, Callable[[WireCell], None]] = {
 }
 
 
-def survive(cell: WireCell, kind: str, moment_s: float = 0.0, after_poses: int = 0) -> float:
+def survive(
+    cell: WireCell, kind: str, moment_s: float = 0.0, after_poses: int = 0, take_up: bool = True
+) -> float:
     """One kill, ``moment_s`` after the arm first moves with so many poses finished; returns the seconds until
-    the arm was at rest."""
+    the arm was at rest. ``take_up``: the run is taken up again and goes to its end."""
     wait_for(cell.ready, "all devices", 30.0)
     run_id = cell.start_job("cone-capture")
     wait_for(lambda: len(cell.finished_poses(run_id)) >= after_poses, "poses", 90.0)
@@ -79,6 +81,8 @@ def survive(cell: WireCell, kind: str, moment_s: float = 0.0, after_poses: int =
     wait_for(cell.ready, "all devices back", 30.0)
     if cell.status()["latched"]:
         cell.call("reset")
+    if not take_up:
+        return to_rest
     adopted = cell.call("start", job="cone-capture", adopt=run_id)["run_id"]
     end = cell.wait_for_end(120.0)
     assert end["outcome"] == "complete" or end["error"]["name"] == "SOLVE_REFUSED", end
