@@ -173,8 +173,8 @@ class _Finding:
         usual = of_a_way(self.scene.repeatability_m)
         found = posterior(rows, model, fit, noise, self.points, usual_noise=usual)
         neighbours = in_a_row({k: c.source for k, c in crossings.items()})
-        cov, sigma, spread = as_they_are(rows, model, found.cov, found.sigma, found.spread, neighbours)
-        return found.mean, cov, sigma, spread
+        cov, scatter = as_they_are(rows, model, found.cov, found.noise, neighbours)
+        return found.mean, cov, scatter.sigma, scatter.spread
 
 
 def _from_the_first(places: Places, used: set[int], beam: str, first: int) -> tuple[int, int]:

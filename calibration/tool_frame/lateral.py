@@ -9,7 +9,7 @@ from calibration.tool_frame.averaging import Fit, average, excess, robust
 from calibration.tool_frame.crossings import Crossing, Seen
 from calibration.tool_frame.geometry import BEAMS
 from calibration.tool_frame.models import choose_model, groups_of
-from calibration.tool_frame.posterior import posterior
+from calibration.tool_frame.posterior import Noise, posterior
 from calibration.tool_frame.repeatability import of_a_way
 from calibration.tool_frame.selection import Selection
 from calibration.tool_frame.standstills import as_they_are, in_a_row
@@ -141,15 +141,15 @@ def solve_lateral(
     if method != AVERAGING:
         found = posterior(rows, model, fit, noise, points, usual_noise=usual)
     if found is None:
-        mean, cov, sigma, effective = np.concatenate([fit.psi, fit.e]), fit.cov, noise, None
-        spread = ROUGH_SPREAD
+        mean, cov, effective = np.concatenate([fit.psi, fit.e]), fit.cov, None
+        scatter = Noise(noise, ROUGH_SPREAD, np.inf)
     else:
-        mean, cov, sigma, effective = found.mean.copy(), found.cov, found.sigma, found.effective
-        spread = found.spread
+        mean, cov, scatter, effective = found.mean.copy(), found.cov, found.noise, found.effective
         at = _at(model, mean[: len(model.names)], along_w)
     delays = [k for k, name in enumerate(model.names) if name.startswith("tau")]
     mean = np.array(mean)
     mean[delays] += tau
     neighbours = in_a_row({k: c.source for k, c in crossings.items()})
-    cov, sigma, spread = as_they_are(rows, model, cov, sigma, spread, neighbours)
-    return Lateral(model, rows, mean, cov, sigma, spread, effective, fit, at, height, tau), at, warnings
+    cov, scatter = as_they_are(rows, model, cov, scatter, neighbours)
+    lateral = Lateral(model, rows, mean, cov, scatter.sigma, scatter.spread, effective, fit, at, height, tau)
+    return lateral, at, warnings

@@ -37,21 +37,30 @@ _BEGIN = 0.03  # of the widths: noise at the start
 _STEP = 1.2  # of the logarithm of the noise
 _PLACE_SD_M = 10.0  # of an edge's place, before anything is seen
 _FAR = 36.0
+_POINTS_OF_NOISE = 101
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What single edges scatter by: ``sigma`` (m), the root of its mean square, and ``spread``, the standard
+    deviation of its logarithm; ``spread_before`` that before any data."""
+
+    sigma: float
+    spread: float
+    spread_before: float
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """``mean`` (d + m,) and ``cov`` of the unknowns and then the edges' places.
+    """``mean`` (d + m,) and ``cov`` of the unknowns and then the edges' places, ``noise`` of edges.
 
-    ``sigma`` (m) is the noise that the data speak for and ``spread`` the standard deviation of its logarithm,
     ``effective`` the number of independent points that the averages are worth: the mean is off by about
     ``1/sqrt(effective)`` of a standard deviation.
     """
 
     mean: Array
     cov: Array
-    sigma: float
-    spread: float
+    noise: Noise
     effective: float
 
     def psi(self, d: int) -> Array:
@@ -92,8 +101,8 @@ def posterior(
     between = np.var(np.mean(off, axis=0), axis=1)
     effective = walks.count * float(np.min(np.diag(spread) / np.maximum(between, 1e-300)))
     sigma = float(np.sqrt(np.mean(np.square(sigmas))))
-    log_sd = float(np.std(np.log(sigmas)))
-    return Posterior(walks.origin + centre, spread, sigma, log_sd, effective)
+    noise_found = Noise(sigma, float(np.std(np.log(sigmas))), walks.noise_spread())
+    return Posterior(walks.origin + centre, spread, noise_found, effective)
 
 
 class _Walks:
@@ -183,6 +192,12 @@ class _Walks:
         what is usual in its middle. Few edges neither show noise nor that there is none."""
         found: Array = np.log(sigma) - np.log1p((sigma / self.usual) ** 2)
         return found
+
+    def noise_spread(self) -> float:
+        """Standard deviation of the logarithm of the noise before any data."""
+        log = np.linspace(np.log(self.least), np.log(self.most), _POINTS_OF_NOISE)
+        weight = np.exp(self._noise_prior(np.exp(log)))
+        return float(np.sqrt(np.cov(log, aweights=weight)))
 
     def _all(self, y: Array, s: Array) -> None:
         """All unknowns at once with the places of change held."""

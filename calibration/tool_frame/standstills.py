@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from calibration.tool_frame.averaging import design, precision_before
+from calibration.tool_frame.posterior import Noise
 from calibration.tool_frame.scene import Pass
 from calibration.tool_frame.system import Model, Rows
 from cell.poses import Array
@@ -26,15 +27,19 @@ _LEAST = 1e-3  # share of the intervals' variance
 
 
 def as_they_are(
-    rows: Rows, model: Model, cov: Array, seen: float, spread: float, neighbours: Sequence[tuple[int, int]]
-) -> tuple[Array, float, float]:
-    """What edges taken one by one gave, for ways of which ``neighbours`` share a standstill: the covariance
-    (d + m, d + m), the noise (m), and how well its logarithm is known."""
+    rows: Rows, model: Model, cov: Array, noise: Noise, neighbours: Sequence[tuple[int, int]]
+) -> tuple[Array, Noise]:
+    """What edges taken one by one gave, the covariance (d + m, d + m) and the noise, for ways of which
+    ``neighbours`` share a standstill."""
     R = together(rows, neighbours)
-    sigma, known_to = seen * unseen(rows, R), spread * float(np.sqrt(fewer(R)))
+    # What the edges tell of the noise is told by fewer of them, and is too small; not what was known before.
+    told = max(noise.spread**-2 - noise.spread_before**-2, 0.0)
+    spread = float((told / fewer(R) + noise.spread_before**-2) ** -0.5)
+    sigma = noise.sigma * unseen(rows, R) ** (told * noise.spread**2)
     # Noise that may be larger is, in the mean of its square.
-    larger = float(np.exp(known_to**2 - spread**2))
-    return widened(rows, model, cov, seen, sigma * larger, R), sigma, known_to
+    larger = float(np.exp(max(spread**2 - noise.spread**2, 0.0)))
+    found = widened(rows, model, cov, noise.sigma, sigma * larger, R)
+    return found, Noise(sigma, spread, noise.spread_before)
 
 
 def in_a_row(passes: Mapping[int, Pass]) -> list[tuple[int, int]]:

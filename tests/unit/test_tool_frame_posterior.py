@@ -130,5 +130,5 @@ def test_eight_passes_laid_over_each_other_are_far_better_than_their_mean() -> N
 
 def test_intervals_that_do_not_meet_widen_the_answer() -> None:
     quiet, noisy = solved(made(7, 6)[0]), solved(made(7, 6, noise=6e-5)[0])
-    assert noisy.sigma > 3e-5 > quiet.sigma
+    assert noisy.noise.sigma > 3e-5 > quiet.noise.sigma
     assert np.sqrt(noisy.cov[1, 1]) > 2.0 * np.sqrt(quiet.cov[1, 1])

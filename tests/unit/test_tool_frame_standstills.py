@@ -51,7 +51,7 @@ def squared_errors(rest_m: float, pairs: int, seeds: range) -> tuple[np.ndarray,
         rows, neighbours, truth = made(seed, pairs, rest_m)
         fit = average(rows, MODEL)
         found = posterior(rows, MODEL, fit, excess(rows, fit.rest, np.ones(len(rows.low))), 768)
-        cov, _, _ = as_they_are(rows, MODEL, found.cov, found.sigma, found.spread, neighbours)
+        cov, _ = as_they_are(rows, MODEL, found.cov, found.noise, neighbours)
         e = found.mean[:3] - truth
         one_by_one.append(e @ np.linalg.solve(found.cov[:3, :3], e))
         subject.append(e @ np.linalg.solve(cov[:3, :3], e))
@@ -77,7 +77,7 @@ def test_edges_that_are_off_each_by_itself_leave_it_as_it_was() -> None:
     rows, _, _ = made(4, 4, 4e-5)
     fit = average(rows, MODEL)
     found = posterior(rows, MODEL, fit, 3e-5, 768)
-    subject = widened(rows, MODEL, found.cov, found.sigma, found.sigma, np.eye(len(rows.low)))
+    subject = widened(rows, MODEL, found.cov, found.noise.sigma, found.noise.sigma, np.eye(len(rows.low)))
     assert np.sqrt(np.diag(subject)) == pytest.approx(np.sqrt(np.diag(found.cov)), rel=1e-3)
 
 
