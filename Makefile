@@ -24,7 +24,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 unexport PYTHONDONTWRITEBYTECODE
 
 WIRE := -m "wire and not alone and not soak"
-ALONE := -m "alone and not soak"
+ALONE := tests/integration -m "alone and not soak"
 
 .PHONY: demo test lint soak bench docs clean python
 

@@ -178,6 +178,7 @@ def test_an_arm_comes_from_two_millimetres_to_fifty_micrometres_with_a_stored_se
     assert rms(true_errors(World.from_scenario(Scenario.load("tracker")), result, elsewhere)) <= 0.00005
 
 
+@pytest.mark.soak  # the same on virtual time is in the unit tests
 @pytest.mark.restarts_children
 def test_a_stand_that_is_pushed_is_named_on_the_wire(cell: WireCell) -> None:
     run_id = cell.call("start", job=JOB, params={"monument_every": "2"})["run_id"]

@@ -18,7 +18,7 @@ from tests.taken_again import ends_by
 
 SLOW = Speed(tcp_m_s=0.02, tcp_m_s2=0.5, joint_rad_s=0.05, joint_rad_s2=0.5)
 PAUSED_S = 0.4
-pytestmark = [pytest.mark.wire, pytest.mark.alone]
+pytestmark = pytest.mark.wire
 
 
 @pytest.fixture(scope="module")

@@ -79,18 +79,19 @@ def test_a_ledger_that_cannot_take_the_run_refuses_the_start(
 def test_a_start_that_is_withdrawn_starts_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     async def main() -> None:
         async with open_cell(write_config(tmp_path)) as cell:
-            reached, go_on = threading.Event(), threading.Event()
+            reached, go_on = asyncio.Event(), threading.Event()
+            loop = asyncio.get_running_loop()
             genuine = Ledger.start_run
 
             def slow(*args: Any) -> None:
-                reached.set()
+                loop.call_soon_threadsafe(reached.set)
                 go_on.wait(10.0)
                 genuine(*args)
 
             with monkeypatch.context() as patch:
                 patch.setattr(Ledger, "start_run", slow)
                 starting = asyncio.create_task(cell.start())
-                await asyncio.to_thread(reached.wait, 10.0)
+                await reached.wait()
                 starting.cancel()
                 go_on.set()
                 await asyncio.wait([starting])

@@ -74,6 +74,11 @@ def test_every_decision_has_a_number_of_its_own_a_date_and_a_status() -> None:
         assert re.fullmatch(r"Date: \d{4}-\d{2}\. Status: \w+\.", lines[2]), f"{record.name}: {lines[2]!r}"
 
 
+def test_whole_cells_are_where_make_test_looks_for_them() -> None:
+    marked = {path for path in (ROOT / "tests").rglob("test_*.py") if "mark.alone" in path.read_text("utf-8")}
+    assert {path.parent.name for path in marked - {Path(__file__)}} == {"integration"}
+
+
 def test_nothing_tracked_names_a_registry_host_or_a_home_folder() -> None:
     # The words are put together here so that this file does not name them itself.
     forbidden = ["python" + "hosted", "pypi." + "org", "registry.npm" + "js", "/ro" + "ot/", "/wo" + "rk/"]
