@@ -32,7 +32,7 @@ from procedures.laser.judging import judge_check, judge_moved, why_not, worth_an
 from procedures.laser.record import DATA_FILE, SECOND, THIRD
 from procedures.laser.solving import compare_second, solve_current, solve_new_reference
 
-COUNT = 20
+COUNT, TOLD_EVERY = 20, 20
 STATED_M = stated_sigma("ur10e")
 T_REF = [*P_REF.tolist(), 0.0, 0.0, 0.0]
 NOMINAL = {
@@ -151,11 +151,17 @@ def main(arguments: list[str]) -> int:
         for seed in range(options.count):
             with tempfile.TemporaryDirectory() as folder:
                 one(Path(folder), cell, seed, tally, options.gates)
+            if (seed + 1) % TOLD_EVERY == 0 and seed + 1 < options.count:
+                _tell(f"{cell}, so far", began, tally)
         as_wanted = good(cell, tally) and as_wanted
-        print(f"{cell}, {time.monotonic() - began:.0f} s")
-        print("".join(f"    {line}\n" for line in tally.lines()), flush=True)
+        _tell(cell, began, tally)
     print(f"as wanted: {'yes' if as_wanted else 'NO'}")
     return 0 if as_wanted else 1
+
+
+def _tell(title: str, began: float, tally: Tally) -> None:
+    print(f"{title}, {time.monotonic() - began:.0f} s")
+    print("".join(f"    {line}\n" for line in tally.lines()), flush=True)
 
 
 if __name__ == "__main__":
