@@ -129,7 +129,7 @@ class World:
             level, count = now, count + (now != level)
             state = InputsState((level, level), (count, count))
             found.append(Sample(state, t + late, STAMP_S, len(found)))
-            t = max(t + POLL_S, t + late + POLL_S * self.rng.random())
+            t = max(t + POLL_S, t + late + POLL_S * (0.2 + 0.8 * self.rng.random()))  # a reply takes a moment
         return tuple(found)
 
 
