@@ -2,7 +2,8 @@
 
 With the travel taken off, an item lies still; when the wheel slips, all items in view jump the same way. One
 frame that disagrees with those before may be a bad frame, so it stays doubted until the next one: two frames
-that agree with each other again show that the slip is over and how far it went.
+that agree with each other again show that the slip is over and how far it went. Only frames that should show
+the same items can disagree: where pictures are seconds apart, the belt has carried all items out of view.
 """
 
 from dataclasses import dataclass
@@ -15,13 +16,15 @@ _LEAST_M, _SIGMAS = 1e-3, 6.0  # no smaller jump is called one
 _SCALE = 0.01  # of the way between two frames: a belt whose metres per count are from a drawing
 _FAR_M = 0.1  # no farther jump is looked for
 _SHARE = 0.5  # of the items that two frames could have in common, that must lie where they lay
-_PATIENCE_S = 1.0  # of doubt; longer, and the counts are not those of this belt
+_PATIENCE_S, _PICTURES = 1.0, 4  # of doubt; more of both, and the counts are not those of this belt
+_NEAR_M = 0.1  # of travel between two frames, in which what one shows the other shows as well
+_EDGE_M = 0.02  # of the view, where an item may be cut off
 
 
 @dataclass(frozen=True)
 class Places:
     """One frame: ``places`` (k, 2) along and across the belt (m) with its travel taken off, exposed at ``t``
-    (s) when the belt had made ``travel`` (m); ``sigma`` (m) per axis of a place."""
+    (s) when the belt had made ``travel`` (m, along as the places are); ``sigma`` (m) per axis of a place."""
 
     t: float
     travel: float
@@ -58,26 +61,32 @@ class SlipWatch:
         self._alone = alone
         self._good: Places | None = None
         self._doubted: list[Places] = []
+        self._view = (np.inf, -np.inf)  # along the belt (m): where items were seen so far
 
     def look(self, frame: Places) -> Trust | None:
         """What the frame is worth; None while that is in doubt."""
         if not len(frame.places):
             return Trust(np.inf)
-        if self._good is None or _agree(self._good, frame):
+        along = frame.places[:, 0] + frame.travel
+        self._view = min(self._view[0], float(along.min())), max(self._view[1], float(along.max()))
+        if self._good is None or self._agree(self._good, frame):
             return self._trusted(frame, np.inf)
-        if self._doubted and _agree(self._doubted[-1], frame):
+        if self._doubted and self._agree(self._doubted[-1], frame):
             before = self._doubted[-1]
             return self._trusted(frame, before.t, self._slip(self._good, [before, frame]))
+        if not any(self._common(known, frame) for known in (self._good, *self._doubted[-1:])):
+            return self._trusted(frame, np.inf)  # all that was in view has left it: a beginning
         self._doubted.append(frame)
         return None
 
     @property
     def astray_s(self) -> float | None:
         """For how long frames have agreed neither with those before nor with each other, when that is too
-        long for a slip: the encoder stands still, or the pictures do."""
-        if not self._doubted or (lasts := self._doubted[-1].t - self._doubted[0].t) <= _PATIENCE_S:
+        long for a slip and they are too many for bad frames: the encoder stands still, or the pictures do."""
+        if len(self._doubted) < _PICTURES:
             return None
-        return lasts
+        lasts = self._doubted[-1].t - self._doubted[0].t
+        return lasts if lasts > _PATIENCE_S else None
 
     def _trusted(self, frame: Places, since: float, slip: Slip | None = None) -> Trust:
         self._good = frame
@@ -89,7 +98,7 @@ class SlipWatch:
         jumps = [_jumps(good, frame) for frame in settled]
         around = _tolerance(good, settled[-1])
         found = _clusters(jumps[-1], around)
-        if not found:
+        if not found or not self._common(good, settled[-1]):
             return None
         most = max(len(cluster) for cluster in found)
         likely = [cluster for cluster in found if len(cluster) >= _SHARE * most]
@@ -97,21 +106,27 @@ class SlipWatch:
         near = [rows[np.abs(rows - middle) <= around] for rows in jumps]
         items = len(near[-1])
         alone = items == 1
-        if alone and (_common(good, settled[-1]) > 1 or abs(middle) > self._alone):
+        if alone and (self._common(good, settled[-1]) > 1 or abs(middle) > self._alone):
             return None
         every = np.concatenate(near)
         sigma = good.sigma * float(np.sqrt((1.0 + 1.0 / len(settled)) / items))
         return Slip(settled[0].t, float(np.mean(every)), sigma, items)
 
+    def _agree(self, a: Places, b: Places) -> bool:
+        """Whether enough of the items lie where they lay."""
+        stay = int(np.sum(np.abs(_jumps(a, b)) <= _tolerance(a, b)))
+        return stay > 0 and stay >= _SHARE * self._common(a, b)
 
-def _agree(a: Places, b: Places) -> bool:
-    """Whether enough of the items lie where they lay."""
-    stay = int(np.sum(np.abs(_jumps(a, b)) <= _tolerance(a, b)))
-    return stay > 0 and stay >= _SHARE * _common(a, b)
+    def _common(self, a: Places, b: Places) -> int:
+        """How many items both should show, by the counts."""
+        return min(self._shown(a, b), self._shown(b, a))
 
-
-def _common(a: Places, b: Places) -> int:
-    return min(len(a.places), len(b.places))
+    def _shown(self, a: Places, b: Places) -> int:
+        """How many items of ``a`` were still or already in view when ``b`` was taken."""
+        if abs(b.travel - a.travel) <= _NEAR_M:
+            return len(a.places)
+        along = a.places[:, 0] + b.travel
+        return int(np.sum((along > self._view[0] + _EDGE_M) & (along < self._view[1] - _EDGE_M)))
 
 
 def _tolerance(a: Places, b: Places) -> float:

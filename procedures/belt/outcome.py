@@ -7,7 +7,7 @@ from cell.formats.result import Result, Warning_
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.emergency import emergency_warnings
 from procedures.belt.items import Outcome
-from procedures.belt.watch import BeltWatch
+from procedures.belt.watch import LOOK_BACK_S, BeltWatch
 
 
 def result_of(
@@ -33,6 +33,9 @@ def result_of(
     if (stall := watch.stall).count:
         text = f"the camera gave no picture {stall.count} times, for {stall.longest_s:.1f} s at most"
         warnings.append(Warning_(code="belt.camera-stall", text=text))
+    if watch.late:
+        text = f"{watch.late} pictures came more than {LOOK_BACK_S:g} s after exposure and were not used"
+        warnings.append(Warning_(code="belt.late-pictures", text=text))
     warnings += emergency_warnings(watch.emergencies.told)
     if "belt" in values["configured"] and "belt" not in values["versions"]:
         warnings.append(Warning_(code="belt.nominal", text="m_per_count is the configured one"))

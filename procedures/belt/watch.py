@@ -56,6 +56,7 @@ class BeltWatch:
         self.jumps: list[float] = []  # m, of the encoder's position
         self._last_count: tuple[float, int] | None = None
         self.stall = Stall(config.camera_stall_s)
+        self.late = 0  # pictures that came longer than LOOK_BACK_S after their exposure
         self._slip_watch, self._doubted = SlipWatch(config.spacing_m), list[_Look]()
         self.tell: Callable[..., None] = lambda event, **what: None  # hears of what an operator should know
         self.emergencies = Emergencies(encoder, lambda what: self.tell("encoder emergency", what=what))
@@ -179,7 +180,9 @@ class BeltWatch:
         self._slip_watch, self._doubted = SlipWatch(self._config.spacing_m), []
 
     def _frame(self, sample: Sample[Frame]) -> None:
-        self.stall.picture(self._encoder.counts.clock.now())
+        now = self._encoder.counts.clock.now()
+        self.stall.picture(now)
+        self.late += now - sample.t > LOOK_BACK_S
         self._frames.append(sample)
         while self._frames[0].t < sample.t - LOOK_BACK_S:
             self._frames.popleft()
@@ -191,7 +194,8 @@ class BeltWatch:
         look = _Look(frame, self._sight.seen(frame.items or ()))
         travel = forecast.travel(frame.t_exposure)
         sigma = max((view.sigma_m for view in frame.items or ()), default=0.0)
-        trust = self._slip_watch.look(Places(frame.t_exposure, travel, self._places(look, travel), sigma))
+        along = travel * self._flat_length
+        trust = self._slip_watch.look(Places(frame.t_exposure, along, self._places(look, travel), sigma))
         self._doubted.append(look)
         if trust is None:
             if (astray := self._slip_watch.astray_s) is not None:

@@ -141,6 +141,21 @@ def test_a_camera_that_stalls_brings_no_items_but_those_known_are_picked_and_the
     run_virtual(scene())
 
 
+def test_pictures_that_come_too_late_are_not_used_and_the_result_says_how_many(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with picking_cell(picking_config(tmp_path, world={"exposure_s": "0.004\nlatency_s = 1.0"})) as cell:
+            run_id = await cell.start()
+            await cell.clock.sleep(3.0)
+            await cell.engine.finish("test")
+            await cell.finished(run_id)
+            result = cell.result(run_id)
+            (warning,) = [w for w in result["warnings"] if w["code"] == "belt.late-pictures"]
+            assert 10 <= int(warning["text"].split()[0]) <= 80
+            assert result["result"]["seen"] == 0
+
+    run_virtual(scene())
+
+
 @pytest.mark.parametrize(
     ("device", "kind"), [("camera", "freeze"), ("belt", "stuck"), ("belt", "freeze")]
 )  # the picture stands; the wheel stands; the encoder repeats itself

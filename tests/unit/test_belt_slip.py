@@ -105,6 +105,45 @@ def test_counts_that_stand_while_items_move_are_astray_within_a_second_and_a_hal
     assert watch.astray_s == pytest.approx(1.1)
 
 
+def test_pictures_so_far_apart_that_all_items_have_left_the_view_between_them_are_not_astray() -> None:
+    watch = SlipWatch(0.03)
+    for k in range(30):
+        assert watch.look(frame(k))
+    for k in range(30, 500, 75):  # 7.5 s apart: 1.1 m, and the view is 1.2 m long
+        assert watch.look(frame(k)), f"frame {k}"
+    assert watch.astray_s is None
+
+
+def test_a_bad_picture_before_a_long_gap_is_neither_used_nor_astray() -> None:
+    watch = SlipWatch(0.03)
+    for k in range(30):
+        assert watch.look(frame(k))
+    assert watch.look(frame(30, 0.006)) is None
+    trust = watch.look(frame(140))
+    assert watch.astray_s is None
+    assert trust is not None
+    assert trust.slip is None
+    assert trust.since > frame(140).t, "what was doubted is not used"
+
+
+def test_a_slip_between_two_pictures_a_second_apart_is_told_by_the_items_that_both_show() -> None:
+    watch = SlipWatch(0.03)
+    for k in range(0, 60, 10):
+        assert watch.look(frame(k))
+    assert watch.look(frame(60, 0.005)) is None
+    trust = watch.look(frame(70, 0.005))
+    assert trust is not None
+    assert trust.slip is not None
+    assert trust.slip.by == pytest.approx(-0.005, abs=5 * trust.slip.sigma)
+
+
+def test_counts_that_stand_are_astray_by_four_pictures_a_second_apart() -> None:
+    watch = SlipWatch(0.03)
+    assert watch.look(frame(20))
+    told = [watch.look(frame(k, -V * EACH_S * (k - 20))) or watch.astray_s for k in (30, 40, 50, 60)]
+    assert told == [None, None, None, pytest.approx(3.0)]
+
+
 def test_an_empty_belt_says_nothing() -> None:
     watch = SlipWatch(0.03)
     assert watch.look(frame(20))
