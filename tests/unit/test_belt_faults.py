@@ -142,8 +142,10 @@ def test_a_camera_that_stalls_brings_no_items_but_those_known_are_picked_and_the
 
 
 def test_pictures_that_come_too_late_are_not_used_and_the_result_says_how_many(tmp_path: Path) -> None:
+    world = {"exposure_s": "0.1\nlatency_s = 1.0"}
+
     async def scene() -> None:
-        async with picking_cell(picking_config(tmp_path, world={"exposure_s": "0.004\nlatency_s = 1.0"})) as cell:
+        async with picking_cell(picking_config(tmp_path, world=world)) as cell:
             run_id = await cell.start()
             await cell.clock.sleep(3.0)
             await cell.engine.finish("test")
