@@ -21,6 +21,7 @@ from cell.motion import MotionBroker
 from cell.poses import from_pose6
 from cell.samples import Sample
 from drivers.ur import UrArm
+from fakes.scenario import Scenario
 from tests.taken_again import ends_by
 
 SPEED = Speed(tcp_m_s=0.25, tcp_m_s2=1.0, joint_rad_s=1.0, joint_rad_s2=4.0)
@@ -191,9 +192,11 @@ def test_a_guarded_move_stops_at_the_force(tmp_path: Path) -> None:
     scenario_file = tmp_path / "table.toml"
     scenario_file.write_text(text + "\n" + surface, "utf-8")
     force_n, speed_m_s, decel_m_s2 = 20.0, 0.02, 0.5
+    above = np.array(Scenario.parse(text).world.arm.q_start)
 
     async def scenario() -> None:
         async with rig.movable() as (arm, port):
+            await port.move_joints(above, SPEED)  # from wherever a pause may have ended it
             await asyncio.sleep(0.1)
             state = arm.state.latest(2.0).value
             assert state.tcp_pose6[2] > 0.47
