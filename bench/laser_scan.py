@@ -1,9 +1,9 @@
 """Hundreds of crossed-beam measurements beside their truth: errors, coverage of what is stated, and verdicts.
 
-``python -m bench.laser_scan [COUNT] [CELL]... [--gates]``: a reference, a bump, a measurement; with
-``--gates`` then the second scan of the update, a check of the tool as it is, and one after a bump by the size
-that is promised to be found. A cell is the tool's end, the arm's standard deviation of one axis in um, and
-``late`` when one poll of ten comes up to 40 ms late: ``round-14``, ``flat-30-late``. Scan, solver and
+``python -m bench.laser_scan [COUNT] [CELL]... [--gates] [--first SEED]``: a reference, a bump, a measurement;
+with ``--gates`` then the second scan of the update, a check of the tool as it is, and one after a bump by the
+size that is promised to be found. A cell is the tool's end, the arm's standard deviation of one axis in um,
+and ``late`` when one poll of ten comes up to 40 ms late: ``round-14``, ``flat-30-late``. Scan, solver and
 verdicts are the jobs'; arm, beams and polls are ``bench/_laser_world.py``. Heights of the beams, bumps and
 all else is drawn anew each time. ``bench.laser_height`` does the same with the whole daemon on the object
 twin, and ``bench.laser_height_wire`` in real time: few, and slowly.
@@ -144,14 +144,15 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("count", type=int, nargs="?", default=COUNT)
     parser.add_argument("cells", nargs="*", default=CELLS, help="such as round-14 or flat-30-late")
     parser.add_argument("--gates", action="store_true", help="and the verdicts of update and check")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first; others follow it")
     options = parser.parse_args(arguments)
     as_wanted = True
     for cell in options.cells:
         tally, began = Tally(), time.monotonic()
-        for seed in range(options.count):
+        for k in range(options.count):
             with tempfile.TemporaryDirectory() as folder:
-                one(Path(folder), cell, seed, tally, options.gates)
-            if (seed + 1) % TOLD_EVERY == 0 and seed + 1 < options.count:
+                one(Path(folder), cell, options.first + k, tally, options.gates)
+            if (k + 1) % TOLD_EVERY == 0 and k + 1 < options.count:
                 _tell(f"{cell}, so far", began, tally)
         as_wanted = good(cell, tally) and as_wanted
         _tell(cell, began, tally)
