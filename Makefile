@@ -33,8 +33,8 @@ demo: $(VENV)/.ready
 	$(BIN)/cellward demo
 
 # What keeps real time comes first, one whole cell in motion at a time: a twin and a daemon use most of a core.
-# What lives on virtual time fills what is left of both cores meanwhile; its output comes when it has ended.
-test: $(VENV)/.ready lint
+# The rest, which asks for nothing but time, fills what is left of both cores; it is shown when it has ended.
+test: $(VENV)/.ready
 	$(MAKE) --no-print-directory --jobs 2 test-wire test-virtual
 
 test-wire: $(VENV)/.ready
@@ -43,8 +43,9 @@ test-wire: $(VENV)/.ready
 
 test-virtual: $(VENV)/.ready
 	@mkdir -p build
-	@echo "virtual time: see build/virtual.log until it has ended"
-	@nice -n 19 $(BIN)/pytest $(VIRTUAL) --numprocesses 2 --dist worksteal >build/virtual.log 2>&1; \
+	@echo "lint and virtual time: see build/virtual.log until they have ended"
+	@nice -n 19 sh -c '$(MAKE) --no-print-directory lint && \
+		$(BIN)/pytest $(VIRTUAL) --numprocesses 2 --dist worksteal' >build/virtual.log 2>&1; \
 		status=$$?; cat build/virtual.log; exit $$status
 
 # Status 2 is mypy's own failure: where the machine is busy its second process may come too late.
