@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Coroutine
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Container, Coroutine
 from dataclasses import dataclass, field
 from types import AsyncGeneratorType, TracebackType
 from typing import Any, Protocol, Self
@@ -135,8 +135,10 @@ class MotionBroker:
     def release(self, arm: Arm) -> None:
         self._lent.discard(arm.name)
 
-    async def first_fault(self, arm: Arm) -> Exception:
+    async def first_fault(self, arm: Arm, ignoring: Container[str] = ()) -> Exception:
         """Block until a package of the arm shows a fault that a job must end for; return its coded error.
+
+        Faults whose names are in ``ignoring`` are somebody else's business.
 
         Local mode counts only while the arm is lent: between leases a person may jog it, to reach the board
         for instance, and the next lease refuses an arm that is still in local mode.
@@ -145,7 +147,7 @@ class MotionBroker:
 
         def look(_: Sample[ArmState] | None = None) -> None:
             fault = arm.fault()
-            if fault is None or found.done():
+            if fault is None or found.done() or (isinstance(fault, CellError) and fault.name in ignoring):
                 return
             if arm.name in self._lent or not isinstance(fault, CellError) or fault.name != "ARM_LOCAL_MODE":
                 found.set_result(fault)

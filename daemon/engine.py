@@ -15,6 +15,7 @@ from cell.store.runs import RunFolder, load_run
 from daemon.cell_context import CellContext
 from daemon.decisions import check_confirmed, check_decidable, require_read, use_of
 from daemon.job_config import make_procedure
+from daemon.losses import Losses
 from daemon.results import note_arm_model, propose_results
 from daemon.run_timing import RunTiming
 from daemon.state_folder import folder_lost
@@ -295,7 +296,10 @@ class Engine:
         failure: CellError | None = None
         timing = RunTiming(self.context.lag_into, self._arm())
         job = self._job = asyncio.create_task(run.procedure.run(run), name=run.procedure.name)
-        loss = asyncio.create_task(self._first_fault(run, devices), name="watch devices")
+        arm = self._arm()
+        watched = arm if arm is not None and arm.name in devices else None
+        losses = Losses(self.context.supervisor, self.context.broker, devices, watched)
+        loss = asyncio.create_task(losses.first(run), name="watch devices")
         gone = asyncio.create_task(folder_lost(folder, self.context.clock), name="watch the run's folder")
         if self._ending is not None:  # a stop came before the job could begin
             job.cancel()
@@ -384,38 +388,6 @@ class Engine:
             return failure
         loss = self.context.supervisor.loss(devices)
         return loss if isinstance(loss, CellError) else failure
-
-    async def _first_fault(self, run: Run, devices: list[str]) -> CellError:
-        """Block until the job must end: a device drops and does not come back, or the arm shows a fault.
-
-        A device that was silent for a moment interrupts the step that is under way, and no more.
-        """
-        while True:
-            fault = await self._next_fault(devices)
-            steps = run.steps_taken
-            if not steps.bridges(fault):
-                return fault
-            steps.interrupt(fault)
-            try:
-                async with asyncio.timeout(steps.limits.until_lost_s):
-                    await self.context.supervisor.back(devices)
-            except TimeoutError:
-                return fault
-            except CellError as other:
-                return other
-            run.note("device", event="lost and back", **fault.as_dict())  # also where no step was under way
-
-    async def _next_fault(self, devices: list[str]) -> CellError:
-        """Block until a device of the job drops or the arm shows a fault."""
-        async with asyncio.TaskGroup() as tasks:
-            watches = [tasks.create_task(self.context.supervisor.first_loss(devices))]
-            if (arm := self._arm()) is not None and arm.name in devices:
-                watches.append(tasks.create_task(self.context.broker.first_fault(arm)))
-            done, rest = await asyncio.wait(watches, return_when=asyncio.FIRST_COMPLETED)
-            for watch in rest:
-                watch.cancel()
-        lost = done.pop().result()
-        return lost if isinstance(lost, CellError) else error("DEVICE_LOST", f"{type(lost).__name__}: {lost}")
 
     def _end_with(self, ending: PackML, verb: str, who: str) -> None:
         """Stop first, and write it down after: a full disk must not keep anybody from stopping."""

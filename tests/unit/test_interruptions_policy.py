@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cell.errors import LatchError
 from cell.procedure import PackML, Run
 from fakes.object import run_virtual
 from tests.chaos.test_engine_fault_matrix import BRISK, PLAN, check_stops, quick_solver
@@ -105,6 +106,40 @@ def test_what_happens_to_the_arm_during_a_silence_ends_the_run_by_its_own_name(
     subject, _ = struck_run(tmp_path, during)
     assert subject.end["error"]["name"] == name
     assert subject.cell.notes(1, "step taken again") == []
+
+
+@pytest.mark.parametrize(
+    ("fault", "arguments", "name"),
+    [
+        ("safeguard-stop", {"duration_s": 0.4}, "ARM_SAFEGUARD_STOP"),  # over before the camera is back
+        ("emergency-stop", {}, "ARM_EMERGENCY_STOP"),
+    ],
+)
+def test_a_safety_stop_while_another_device_is_waited_for_ends_the_run_at_once(
+    fault: str, arguments: dict[str, Any], name: str, tmp_path: Path
+) -> None:
+    struck_at: list[float] = []
+
+    def during(subject: Struck) -> None:
+        cell, controller = subject.cell, subject.cell.plant.controller
+
+        def strike() -> None:
+            struck_at.append(cell.clock.now())
+            controller.inject(fault, arguments)
+
+        def away() -> None:
+            cell.plant.plants["camera"].inject("drop")
+            cell.plant.plants["camera"].inject("refuse", {"duration_s": 1.5})
+            controller.later(0.5, strike)
+
+        cell.at_state("settle", away)
+
+    subject, cell = struck_run(tmp_path, during)
+    assert subject.end["error"]["name"] == name
+    (ended,) = [line["t"] for line in cell.journal(1) if line["kind"] == "error"]
+    assert ended - struck_at[0] < 0.3, "it was not known before the camera was back"
+    assert cell.notes(1, "step taken again") == []
+    assert isinstance(cell.engine.context.broker.latched, LatchError) is (fault == "emergency-stop")
 
 
 @pytest.mark.parametrize(("verb", "outcome"), [("abort", "stopped"), ("halt", "halted")])
