@@ -9,7 +9,6 @@ from typing import Any
 
 from cell.devices import Arm
 from cell.errors import CellError, LatchError, error
-from cell.motion import run_to_its_end
 from cell.procedure import PackML, Procedure, Run
 from cell.store.runs import RunFolder, load_run
 from daemon.cell_context import CellContext
@@ -17,6 +16,7 @@ from daemon.decisions import check_confirmed, check_decidable, require_read, use
 from daemon.job_config import make_procedure
 from daemon.losses import Losses
 from daemon.results import note_arm_model, propose_results
+from daemon.run_making import make_run, withdraw_run
 from daemon.run_timing import RunTiming
 from daemon.state_folder import folder_lost
 from daemon.status import live_of, status_of, summary_of
@@ -26,7 +26,7 @@ from procedures.arm_setup import arm_models
 log = logging.getLogger("cellward.engine")
 
 WAITING = {PackML.IDLE, PackML.STOPPED, PackML.ABORTED, PackML.COMPLETE}
-FRESH_S = 0.5
+START_WAIT_S = 0.5  # for a fresh state of the arm
 
 
 class Engine:
@@ -66,7 +66,8 @@ class Engine:
     ) -> dict[str, Any]:
         """Start a job, or list its plan without moving. Refused with a code, never queued."""
         if self._task is not None or self._starting:
-            raise error("BUSY", f"{self.run.procedure.name}, run {self.run.id}" if self.run else job)
+            run = self.running
+            raise error("BUSY", f"{run.procedure.name}, run {run.id}" if run else f"{job} is being started")
         self._starting, self._ending, self._hold_by = True, None, ""
         try:
             return await self._start(job, params, dry_run, adopt, who, channel)
@@ -97,16 +98,27 @@ class Engine:
             "identities": self._identities(devices),
         }
         adopted = self._adoptable(adopt, procedure, conditions) if adopt is not None else None
-        run_id = await asyncio.to_thread(self.ledger.next_run_id)
-        folder = await asyncio.to_thread(RunFolder.create, self.runs, job, run_id, conditions, context.clock)
-        run = Run(run_id, procedure, context, folder.path, folder, values, self._publish, adopted, models)
-        if dry_run:
-            return await self._dry_run(run, folder)
+        folder = await make_run(
+            self.runs, self.ledger, job, conditions, context.clock, None if dry_run else (who, channel)
+        )
         try:
-            await asyncio.to_thread(self.ledger.start_run, run_id, job, folder.path.name, who, channel)
-        except BaseException:  # refused by the disk, or withdrawn by a stop: no open run stays behind
-            await run_to_its_end(asyncio.to_thread(self._withdraw, folder))
+            run = Run(
+                folder.run_id, procedure, context, folder.path, folder, values, self._publish, adopted, models
+            )
+            if dry_run:
+                return await self._dry_run(run, folder)
+            self._begin(run, who, channel)
+        except BaseException:
+            if not dry_run:
+                await withdraw_run(folder, self.ledger)
             raise
+        self.run, self.error = run, None
+        self._task = asyncio.create_task(self._execute(run, folder, devices), name=f"run {run.id}")
+        self._publish()
+        return {"run_id": run.id, "folder": folder.path.name}
+
+    def _begin(self, run: Run, who: str, channel: str) -> None:
+        """The first lines of its journal, and what was asked of the run while it was made."""
         run.note("operator", event="start", who=who, channel=channel)
         note_arm_model(run)
         if self._ending is not None:
@@ -116,16 +128,6 @@ class Engine:
             run.pause()
         if self._picks_barred_by:
             run.want_picks(False, self._picks_barred_by)
-        self.run, self.error = run, None
-        self._task = asyncio.create_task(self._execute(run, folder, devices), name=f"run {run_id}")
-        self._publish()
-        return {"run_id": run_id, "folder": folder.path.name}
-
-    def _withdraw(self, folder: RunFolder) -> None:
-        end = {"outcome": "withdrawn", "packml": None, "verdict": None, "error": None}
-        folder.note("state", terminal=True, **end)
-        folder.finish(end)
-        self.ledger.end_run(folder.run_id, "withdrawn", None)
 
     async def confirm(self, prompt_id: int, who: str) -> None:
         self._active().confirm(prompt_id, who)
@@ -258,7 +260,7 @@ class Engine:
         if "arm" in procedure.uses():
             arm: Arm = self.context.device("arm")  # type: ignore[assignment]
             with suppress(CellError):  # a pause of a moment refuses no start; the check tells all else
-                await arm.wait_fresh(FRESH_S)
+                await arm.wait_fresh(START_WAIT_S)
             arm.check_movable()
         return names
 
@@ -359,11 +361,12 @@ class Engine:
             await asyncio.to_thread(folder.finish, end)
             await asyncio.to_thread(self.ledger.end_run, run.id, outcome, verdict)
             self.waiting = await asyncio.to_thread(self.ledger.waiting_results)
-        except CellError as exc:
+        except Exception as exc:
             # What could not be written here is written by the next start, which finds no end.json.
             log.error("the end of run %d could not be written: %s", run.id, exc)
-            failure = failure or exc
-            if exc.name == "RUN_FOLDER_LOST":  # there is nothing left that a start could find
+            coded = exc if isinstance(exc, CellError) else error("INTERNAL", f"{type(exc).__name__}: {exc}")
+            failure = failure or coded
+            if coded.name == "RUN_FOLDER_LOST":  # there is nothing left that a start could find
                 with suppress(CellError):
                     await asyncio.to_thread(self.ledger.end_run, run.id, outcome, verdict)
         self.last = {

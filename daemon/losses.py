@@ -55,8 +55,8 @@ class Losses:
             return _as_coded(done.result())
         try:
             done.result()
-        except CellError as other:
-            return other
+        except Exception as other:
+            return _as_coded(other)
         return None
 
     def _faults(self, ignoring: Container[str] = ()) -> list[asyncio.Task[Exception]]:

@@ -11,7 +11,7 @@ from cell.clock import Clock
 from cell.errors import CellError, error
 from cell.store.files import disk_errors
 from cell.store.ledger import Ledger
-from cell.store.runs import RunFolder, interrupted_runs
+from cell.store.runs import RunFolder, interrupted_runs, load_run
 
 log = logging.getLogger("cellward")
 
@@ -58,11 +58,23 @@ def end_interrupted(runs: Path, ledger: Ledger) -> list[int]:
         )
         found.append(run.run_id)
         try:
-            run.mark_interrupted()
-            ledger.end_run(run.run_id, "interrupted", None)
+            end = run.mark_interrupted()
+            ledger.end_run(run.run_id, str(end["outcome"]), end.get("verdict"))
         except CellError as exc:
             log.error("the end of run %d cannot be written, the next start tries again: %s", run.run_id, exc)
+    _end_in_the_ledger(runs, ledger)
     return found
+
+
+def _end_in_the_ledger(runs: Path, ledger: Ledger) -> None:
+    """A kill between the end in the folder and that in the ledger leaves a run open there."""
+    for run_id in ledger.open_runs():
+        try:
+            end = load_run(runs, run_id).read_end()
+            if end is not None:
+                ledger.end_run(run_id, str(end["outcome"]), end.get("verdict"))
+        except CellError as exc:
+            log.error("the ledger does not know the end of run %d: %s", run_id, exc)
 
 
 def damage_text(damage: Mapping[str, Any]) -> str:

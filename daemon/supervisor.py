@@ -53,6 +53,7 @@ class SupervisedDevice:
         self.state = DeviceState.CLOSED
         self.identity: Identity | None = None
         self.last_error: Exception | None = None
+        self.lost_by: Exception | None = None  # since it was last ready
         self.losses = 0
         self.changed = asyncio.Event()
         self._clock, self._beats = clock, beats
@@ -76,6 +77,7 @@ class SupervisedDevice:
                     loss = await self._beating(self.device.wait_lost())
                     self.losses += 1
                     lost_at = self._clock.now()
+                    self.lost_by = loss
                     self._failed(loss, first=True)
                 await self._beating(self._close())
                 await self._beating(self._clock.sleep(back_off * random.uniform(0.8, 1.2)))
@@ -117,7 +119,7 @@ class SupervisedDevice:
 
     def _recovered(self, lost_at: float | None) -> None:
         self._set(DeviceState.READY)
-        self.last_error = None
+        self.last_error = self.lost_by = None
         assert self.identity is not None
         outage = "" if lost_at is None else f" after {self._clock.now() - lost_at:.1f} s"
         log.info(
@@ -151,6 +153,14 @@ class SupervisedDevice:
             await asyncio.wait([task], timeout=CLOSE_TIMEOUT_S)
             raise
         return task.result()
+
+    @property
+    def lasting(self) -> Exception | None:
+        """What does not pass by itself while the device is not READY."""
+        if self.state is DeviceState.FAULTED:
+            return self.last_error
+        silent = not isinstance(self.lost_by, CellError) or self.lost_by.name in SILENCES
+        return None if silent else self.lost_by
 
     def status(self) -> dict[str, Any]:
         """For status pages and ``cellward status``."""
@@ -190,12 +200,17 @@ class Supervisor:
         return loss
 
     async def back(self, names: Iterable[str]) -> None:
-        """Return when all of the devices are READY and have given a fresh sample; raise what cannot pass."""
+        """Return when all of the devices are READY and have given a fresh sample; raise what cannot pass.
+
+        That is a loss that was no silence, and another device in the place of ours. A connection that fails
+        is tried again by the device's own task.
+        """
         wanted = tuple(names)
         while True:
-            if (loss := self.loss(wanted)) is not None:
-                if not (isinstance(loss, CellError) and loss.name in SILENCES):
-                    raise loss
+            if self.loss(wanted) is not None:
+                for entry in (self.devices[name] for name in wanted):
+                    if (fault := entry.lasting) is not None:
+                        raise fault
                 await self._change_of(wanted)
                 continue
             try:

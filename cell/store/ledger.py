@@ -26,7 +26,8 @@ from cell.store.summary import summary
 DAMAGE_KEY = "ledger_damaged"
 MAX_RUN_ID = 2**32 - 1
 MAX_AUDIT_REFUSED, MAX_AUDIT_ACCEPTED = 20_000, 1_000_000
-AUDIT_ROTATE_EVERY = 1000  # lines; the search for the oldest one reads the table
+MAX_ITEMS, MAX_TREND_POINTS = 500_000, 100_000
+ROTATE_EVERY = 1000  # lines; the search for the oldest one reads the table
 OPEN_STATES = ("proposed", "accepted")
 _JSON = ("value", "result", "config_value", "arm_model")
 
@@ -148,6 +149,10 @@ class Ledger:
                 "UPDATE runs SET ended = ?, outcome = ?, verdict = ? WHERE run_id = ?",
                 (self._wall(), outcome, verdict, run_id),
             )
+
+    def open_runs(self) -> list[int]:
+        """The numbers of the runs whose end was not written."""
+        return [int(row["run_id"]) for row in self._rows("SELECT run_id FROM runs WHERE ended IS NULL")]
 
     def runs(self, limit: int = 100) -> list[dict[str, Any]]:
         """The newest runs first."""
@@ -348,7 +353,7 @@ class Ledger:
                 "INSERT INTO audit (at, channel, who, what, accepted, detail) VALUES (?, ?, ?, ?, ?, ?)",
                 (self._wall(), channel, who, what, int(accepted), detail),
             )
-            if (cursor.lastrowid or 0) % AUDIT_ROTATE_EVERY == 0:
+            if (cursor.lastrowid or 0) % ROTATE_EVERY == 0:
                 for kind, most in ((0, MAX_AUDIT_REFUSED), (1, MAX_AUDIT_ACCEPTED)):
                     db.execute(
                         "DELETE FROM audit WHERE accepted = ? AND id <= (SELECT id FROM audit"
@@ -387,9 +392,14 @@ class Ledger:
             )
 
     def add_trend(self, name: str, value: float) -> None:
-        """One point of a health number, now; in wall time, for it spans restarts."""
+        """One point of a health number, now; in wall time, for it spans restarts.
+
+        The newest ``MAX_TREND_POINTS`` of all numbers together are kept.
+        """
         with self._transaction() as db:
-            db.execute("INSERT INTO trends (name, t, value) VALUES (?, ?, ?)", (name, self._wall(), value))
+            point = name, self._wall(), value
+            cursor = db.execute("INSERT INTO trends (name, t, value) VALUES (?, ?, ?)", point)
+            _forget_old(db, "trends", cursor.lastrowid, MAX_TREND_POINTS)
 
     def trend(self, name: str, limit: int = 1000) -> list[tuple[float, float]]:
         """The newest ``limit`` points of a health number, oldest first."""
@@ -397,12 +407,14 @@ class Ledger:
         return [(row["t"], row["value"]) for row in reversed(rows)]
 
     def add_item(self, run_id: int, item: int, t: float, outcome: str, detail: Mapping[str, Any]) -> None:
-        """What became of one item on the belt; ``t`` in cell time."""
+        """What became of one item on the belt; ``t`` in cell time. The newest ``MAX_ITEMS`` are kept here,
+        and those of a run in its journal."""
         with self._transaction() as db:
-            db.execute(
+            cursor = db.execute(
                 "INSERT INTO items (run_id, item, t, outcome, detail) VALUES (?, ?, ?, ?, ?)",
                 (run_id, item, t, outcome, to_json(detail)),
             )
+            _forget_old(db, "items", cursor.lastrowid, MAX_ITEMS)
 
     def items(self, run_id: int) -> list[dict[str, Any]]:
         """The items of a run in the order they were written."""
@@ -425,15 +437,19 @@ class Ledger:
                 if self._versions_changed:
                     write_copy(self.path.parent, self._for_copy())
                 self._db.execute("COMMIT")
-            except sqlite3.OperationalError as exc:
+            except sqlite3.Error as exc:
                 raise disk_error(self.path, exc) from exc
             finally:
                 if self._db.in_transaction:
-                    self._db.execute("ROLLBACK")
+                    with suppress(sqlite3.Error):
+                        self._db.execute("ROLLBACK")
 
     def _rows(self, query: str, *values: Any) -> list[dict[str, Any]]:
         with self._lock:
-            return [dict(row) for row in self._db.execute(query, values).fetchall()]
+            try:
+                return [dict(row) for row in self._db.execute(query, values).fetchall()]
+            except sqlite3.Error as exc:
+                raise disk_error(self.path, exc) from exc
 
     def _result(self, result_id: int) -> dict[str, Any]:
         rows = self._rows("SELECT * FROM calibrations WHERE id = ?", result_id)
@@ -454,6 +470,12 @@ class Ledger:
             "UPDATE calibrations SET state = 'rolled-back', who = ?, decided = ? WHERE id = ?",
             (who, self._wall(), result_id),
         )
+
+
+def _forget_old(db: sqlite3.Connection, table: str, newest: int | None, most: int) -> None:
+    """Rows never come back to a table, so their numbers tell which are old."""
+    if newest is not None and newest % ROTATE_EVERY == 0:
+        db.execute(f"DELETE FROM {table} WHERE rowid <= ?", (newest - most,))
 
 
 def _decoded(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """A full disk, a withdrawn start, late requests: the engine stays usable and each run keeps one end."""
 
 import asyncio
+import sqlite3
 import threading
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,7 +14,7 @@ from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder
 from fakes.object import VirtualClock, run_virtual
 from procedures.cone_capture.record import CaptureRecord
-from tests.object_cell import WHO, no_report, open_cell, refused, write_config
+from tests.object_cell import WHO, no_report, on_disk, open_cell, refused, write_config
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -76,28 +77,68 @@ def test_a_ledger_that_cannot_take_the_run_refuses_the_start(
     run_virtual(main())
 
 
-def test_a_start_that_is_withdrawn_starts_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("owner", "call"), [(RunFolder, "create"), (Ledger, "start_run")])
+def test_a_start_that_is_withdrawn_starts_nothing(
+    owner: type, call: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     async def main() -> None:
         async with open_cell(write_config(tmp_path)) as cell:
             reached, go_on = asyncio.Event(), threading.Event()
             loop = asyncio.get_running_loop()
-            genuine = Ledger.start_run
+            genuine = getattr(owner, call)
 
-            def slow(*args: Any) -> None:
+            def slow(*args: Any) -> Any:
                 loop.call_soon_threadsafe(reached.set)
                 go_on.wait(10.0)
-                genuine(*args)
+                return genuine(*args)
 
             with monkeypatch.context() as patch:
-                patch.setattr(Ledger, "start_run", slow)
+                patch.setattr(owner, call, slow)
                 starting = asyncio.create_task(cell.start())
                 await reached.wait()
                 starting.cancel()
+                for _ in range(10):  # time stands still while a thread works
+                    await asyncio.sleep(0.0)
+                assert not starting.done(), "what is being written is not left alone"
                 go_on.set()
                 await asyncio.wait([starting])
             assert starting.cancelled()
             assert not cell.engine.active
             assert cell.end(1)["outcome"] == "withdrawn"
+            assert [row["outcome"] for row in on_disk(cell.ledger.runs)] == ["withdrawn"]
+            assert (await cell.run_job())["outcome"] == "complete"
+
+    run_virtual(main())
+
+
+def test_a_journal_that_takes_no_first_line_withdraws_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def main() -> None:
+        async with open_cell(write_config(tmp_path)) as cell:
+            with monkeypatch.context() as patch:
+                patch.setattr(RunFolder, "note", full)
+                assert (await refused(cell.start())).name == "DISK_FULL"
+            assert (cell.folder(1).read_end() or {})["outcome"] == "withdrawn"
+            assert on_disk(cell.ledger.open_runs) == []
+            assert (await cell.run_job())["outcome"] == "complete"
+
+    run_virtual(main())
+
+
+def test_a_ledger_that_fails_at_the_end_frees_the_engine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*args: Any) -> Any:
+        raise sqlite3.DatabaseError("database disk image is malformed")
+
+    async def main() -> None:
+        async with open_cell(write_config(tmp_path)) as cell:
+            with monkeypatch.context() as patch:
+                patch.setattr(Ledger, "end_run", broken)
+                await cell.start()
+                await cell.until(lambda: not cell.engine.active, "the end")
+            assert cell.engine.status()["error"]["name"] == "INTERNAL"
             assert (await cell.run_job())["outcome"] == "complete"
 
     run_virtual(main())

@@ -91,6 +91,24 @@ def test_a_run_whose_journal_is_a_folder_hides_no_other_interrupted_run(
     assert end["outcome"] == "interrupted"
 
 
+def test_a_run_whose_end_only_the_ledger_lacks_ends_there_as_its_folder_says(
+    cell: CellOnDisk, ledger: Ledger
+) -> None:
+    for number, end in ((1, {"outcome": "complete"}), (2, {}), (3, {})):
+        run = cell.add_run(number, **end)
+        ledger.start_run(number, run.job, run.path.name, "test", "socket")
+    cut_off = interrupted_runs(cell.state / "runs")[-1]  # killed between its last line and end.json
+    cut_off.note("state", terminal=True, outcome="stopped", verdict=None, packml="STOPPED", error=None)
+    cut_off.close()
+    assert end_interrupted(cell.state / "runs", ledger) == [2, 3]
+    assert {row["run_id"]: row["outcome"] for row in ledger.runs()} == {
+        1: "complete",
+        2: "interrupted",
+        3: "stopped",
+    }
+    assert ledger.open_runs() == []
+
+
 def test_a_full_disk_leaves_an_interrupted_run_to_the_next_start(
     cell: CellOnDisk, ledger: Ledger, monkeypatch: pytest.MonkeyPatch
 ) -> None:

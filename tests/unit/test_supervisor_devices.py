@@ -32,7 +32,7 @@ class Gadget:
 
     def __post_init__(self) -> None:
         self._lost = asyncio.Event()
-        self._why: Exception = error("DEVICE_LOST", self.name)
+        self.why: Exception = error("DEVICE_LOST", self.name)
 
     async def open(self) -> None:
         self.opened_at.append(self.clock.now())
@@ -56,7 +56,7 @@ class Gadget:
 
     async def wait_lost(self) -> Exception:
         await self._lost.wait()
-        return self._why
+        return self.why
 
     def health(self) -> dict[str, Any]:
         return {"open": self.open_now}
@@ -237,5 +237,52 @@ def test_a_job_hears_of_a_loss_even_when_the_device_is_back_at_once() -> None:
                 loss = await waiting
             assert isinstance(loss, CellError)
             assert loss.name == "DEVICE_LOST"
+
+    run_virtual(main())
+
+
+@pytest.mark.parametrize(
+    ("first_try", "passes"),
+    [
+        (error("CALL_TIMEOUT", "gadget"), True),
+        (error("DEVICE_UNREACHABLE", "gadget"), True),
+        (error("DEVICE_IDENTITY", "another serial"), False),
+    ],
+)
+def test_who_waits_for_a_lost_device_waits_through_connections_that_fail(
+    first_try: CellError, passes: bool
+) -> None:
+    async def main() -> None:
+        async with supervised() as bench:
+            await bench.until(DeviceState.READY)
+            bench.gadget.broken = first_try
+            bench.gadget.lose()
+            await bench.until(DeviceState.RETRYING)
+            await asyncio.sleep(0.6)  # the first try has failed
+            assert len(bench.gadget.opened_at) >= 2
+            waiting = asyncio.create_task(bench.supervisor.back(["gadget"]))
+            await asyncio.sleep(0.1)
+            assert waiting.done() is not passes
+            bench.gadget.broken = None
+            async with asyncio.timeout(2.0):
+                if passes:
+                    await waiting
+                else:
+                    with pytest.raises(CellError, match="another serial"):
+                        await waiting
+
+    run_virtual(main())
+
+
+def test_who_waits_for_a_device_that_was_lost_by_more_than_a_silence_is_told_at_once() -> None:
+    async def main() -> None:
+        async with supervised() as bench:
+            await bench.until(DeviceState.READY)
+            bench.gadget.why = error("ARM_REBOOTED", "gadget")
+            bench.gadget.lose()
+            await bench.until(DeviceState.RETRYING)
+            with pytest.raises(CellError) as told:
+                await bench.supervisor.back(["gadget"])
+            assert told.value.name == "ARM_REBOOTED"
 
     run_virtual(main())
