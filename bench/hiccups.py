@@ -27,6 +27,7 @@ import psutil
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from cell.errors import CellError
+from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder, load_run
 from daemon.demo.ending import beside_truth
 from daemon.demo.judged import Judged
@@ -109,7 +110,10 @@ class Bench:
             idle = 0 if len(self.done) > before else idle + 1
 
     def _accept(self, run_id: int) -> None:
-        for row in self.cell.call("results"):
+        ledger = Ledger(self.cell.folder / "state" / "ledger.sqlite", read_only=True)
+        rows = ledger.results()
+        ledger.close()
+        for row in rows:
             if row["run_id"] == run_id and row["state"] == "proposed":
                 with suppress(CellError):
                     self.cell.call("accept", result_id=row["id"])
