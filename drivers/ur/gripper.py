@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from cell.clock import Clock
 from cell.devices import Arm, ArmState, Device, Gripper, Identity
 from cell.errors import CellError, error
-from cell.samples import Sample
+from cell.samples import GAP_S, Sample
 from drivers.life import Life
 from drivers.ur.inputs import DIGITAL_INPUTS
 from drivers.ur.rtde import Recipe
@@ -17,6 +17,7 @@ from drivers.ur.rtde_link import RtdeLink
 # Names of RTDE's input variables, and the number of the first output of each bank as we count them.
 _BANKS = (("standard_digital_output", 0), ("configurable_digital_output", 8), ("tool_digital_output", 16))
 _READ_BACK_S = 0.1
+_SILENT_S = 0.2  # without a state of the arm
 
 
 class ArmGripperConfig(BaseModel):
@@ -149,23 +150,37 @@ class ArmGripper:
             )
 
     async def _becomes(self, what: Any, wanted: bool, timeout: float) -> bool:
-        """Whether ``what`` of the arm's states is ``wanted`` within ``timeout`` s; a lost link raises."""
-        done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        """Whether ``what`` of the arm's states is ``wanted`` within ``timeout`` s of states that came.
+
+        A lost link raises, and ``STALE_DATA`` while the arm is silent: that is no answer of the gripper's.
+        """
+        done: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+        began = before = self._clock.now()
 
         def look(sample: Sample[ArmState]) -> None:
-            if what(sample.value) is wanted and not done.done():
-                done.set_result(None)
+            nonlocal began, before
+            if done.done():
+                return
+            if sample.t - before > GAP_S:
+                began = sample.t  # what was asked for may have come as late as the states
+            before = max(before, sample.t)
+            if what(sample.value) is wanted:
+                done.set_result(True)
+            elif sample.t - began > timeout:
+                done.set_result(False)
 
         lost: asyncio.Future[Any] = asyncio.ensure_future(self._life.wait_lost())
         undo = self._arm.state.subscribe(look)
         try:
             either: list[asyncio.Future[Any]] = [done, lost]
-            await asyncio.wait(either, timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
+            while not done.done():
+                await asyncio.wait(either, timeout=_SILENT_S, return_when=asyncio.FIRST_COMPLETED)
+                self._life.require()
+                self._arm.state.latest(_SILENT_S)
         finally:
             undo()
             lost.cancel()
-        self._life.require()
-        return done.done()
+        return done.result()
 
     def _is_closed(self, state: ArmState) -> bool:
         return bool(state.digital_out >> self._config.output & 1) is not self._config.invert_output

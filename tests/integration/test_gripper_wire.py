@@ -14,6 +14,7 @@ from cell.errors import CellError
 from drivers.ur.gripper import ArmGripper
 from fakes.scenario import Scenario
 from fakes.world import World
+from tests.taken_again import play
 
 pytestmark = pytest.mark.wire
 CLOSES, HOLDS = 0, 7  # output and confirm input of the scenario
@@ -99,6 +100,23 @@ def test_fingers_that_close_on_an_item_confirm_it_and_nothing_is_confirmed_witho
             assert await subject.release(0.2)
 
     asyncio.run(scene())
+
+
+@pytest.mark.parametrize(("silent_s", "told"), [(0.15, None), (0.4, "STALE_DATA")])
+def test_an_arm_that_is_silent_for_a_moment_is_not_taken_for_a_gripper_that_does_not_follow(
+    rig: Rig, silent_s: float, told: str | None
+) -> None:
+    async def scene() -> None:
+        async with gripper(rig) as subject:
+            rig.inject("silence", for_s=silent_s)
+            if told is None:
+                assert await subject.release(0.1)
+            else:
+                with pytest.raises(CellError) as failure:
+                    await subject.release(0.1)
+                assert failure.value.name == told
+
+    play(scene)
 
 
 def test_opening_and_closing_the_link_leave_the_output_as_somebody_else_set_it(
