@@ -60,14 +60,17 @@ class Pairs:
             await self.sweeper.lease.move_linear(station.at(span[1], there))
             return station.at(span[0], there)
 
-        async def take() -> Pair:
+        async def take() -> tuple[Pair, bool]:
             nonlocal begun
             if begun:  # an interruption left the tool somewhere on the way
                 await self.sweeper.lease.move_linear(near)
             begun = True
             return await self._take(station, beam, near, far, turn, speed, judge, phase, after_poll_s)
 
-        return await self.run.take_step(f"{phase} pass of {station.name}", take)
+        pair, usable = await self.run.take_step(f"{phase} pass of {station.name}", take)
+        if usable:  # a pair that an interruption touched is taken again, and is not to be used
+            await asyncio.to_thread(self.record.add, pair, phase, station.place, None)
+        return pair
 
     async def _take(
         self,
@@ -80,7 +83,8 @@ class Pairs:
         judge: Judge,
         phase: str,
         after_poll_s: tuple[float, float],
-    ) -> Pair:
+    ) -> tuple[Pair, bool]:
+        """The pair, and whether it is to be used; one that is not is on disk when this returns."""
         run = self.run
         for attempt in range(1, self.search.retries + 2):
             await run.enter(S.SWEEP, f"{phase}, attempt {attempt}" if attempt > 1 else phase)
@@ -95,11 +99,12 @@ class Pairs:
             if fault is None and phase == HEIGHT:  # what shows on one way alone tells the height all the same
                 why_not = None
             text = why_not.text if why_not else "only finds where to measure" if phase == LOCATE else None
-            await asyncio.to_thread(self.record.add, (out, back), phase, station.place, text)
+            if text is not None:
+                await asyncio.to_thread(self.record.add, (out, back), phase, station.place, text)
             if why_not is not None:
                 run.note("decision", event="pass not used", phase=phase, attempt=attempt, why=why_not.text)
             if fault is None:
-                return out, back
+                return (out, back), text is None
             last = fault.error(attempt)
         raise last
 

@@ -47,16 +47,23 @@ class Visitor:
         self._place, self._record, self._stored = place, record, stored
         self.hub: Array | None = None  # where ways meet that are not free directly
         self.lost: list[tuple[Visit, str]] = []
-        self.why: CellError | None = None  # the last failure
+        self.why: CellError | None = None  # the last pose was given up
 
     async def measure_at(self, visit: Visit, surprise_m: float, text: str) -> Found | None:
         """Go there and measure, again where it fails; None when the pose had to be given up.
 
         The reflector has to be seen within ``surprise_m`` of where it should be.
         """
-        return await self._run.take_step(text, lambda: self._visit(visit, surprise_m, text))
+        found = await self._run.take_step(text, lambda: self._visit(visit, surprise_m, text))
+        if isinstance(found, CellError):  # told outside the step, which an interruption would repeat
+            self.why = found
+            self.lost.append((visit, str(found)))
+            self._run.note("decision", event="pose skipped", q=visit.q, why=str(found))
+            return None
+        return found
 
-    async def _visit(self, visit: Visit, surprise_m: float, text: str) -> Found | None:
+    async def _visit(self, visit: Visit, surprise_m: float, text: str) -> Found | CellError:
+        """The arm there and what was measured, or why it could not be had in the end."""
         run = self._run
         await run.enter(S.NEXT, text)
         await run.enter(self._arm.travel, text)
@@ -65,8 +72,7 @@ class Visitor:
         except CellError as refusal:
             if refusal.name not in SKIPPED:
                 raise
-            self._give_up(visit, refusal)
-            return None
+            return refusal
         for attempt in range(1, self._config.retries_per_pose + 2):
             await run.enter(S.SETTLE, f"attempt {attempt}")
             try:
@@ -78,18 +84,15 @@ class Visitor:
                 return await self._measure(visit, near, surprise_m)
             except CellError as failure:
                 if failure.name in SKIPPED:
-                    self._give_up(visit, failure)
-                    return None
+                    return failure
                 if failure.name not in AGAIN or run.state is S.SETTLE:
                     raise
                 run.note("decision", event="pose failed", q=visit.q, attempt=attempt, why=str(failure))
-                self.why = failure
+                last = failure
                 if failure.name in LOST and attempt <= self._config.retries_per_pose:
                     await run.enter(S.REACQUIRE, failure.detail)
                     await self._eye.find_again(near)
-        assert self.why is not None
-        self._give_up(visit, self.why)
-        return None
+        return last
 
     async def keep(self, visit: Visit, q: Array, found: Sample[StablePoint]) -> None:
         """Put a pose on disk; it tells of the tracker's place as well."""
@@ -160,11 +163,6 @@ class Visitor:
                     f"{self._arm.name} has not gone where it was asked to, "
                     "it stands where it was measured before",
                 )
-
-    def _give_up(self, visit: Visit, why: CellError) -> None:
-        self.why = why
-        self.lost.append((visit, str(why)))
-        self._run.note("decision", event="pose skipped", q=visit.q, why=str(why))
 
 
 def _apart(q: Array, asked: Sequence[float]) -> float:

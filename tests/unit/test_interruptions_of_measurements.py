@@ -1,5 +1,6 @@
 """Short silences while something is measured: the run completes with its answer and tells of each."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +69,72 @@ def test_silences_at_the_beams_cost_steps_and_the_same_passes_are_taken(
             for way in measured:
                 assert np.max(np.diff(way["pose_t"])) < 0.05, "a way across a gap was used"
                 assert np.max(np.diff(way["poll_t"])) < 0.05, "a way across a gap was used"
+
+    run_virtual(main())
+
+
+def gap_nobody_noticed(cell: Any, times: int) -> list[float]:
+    """The arm gave no state for a moment on the way back of the next ``times`` pairs; when that ended."""
+    ended: list[float] = []
+
+    def strike() -> None:
+        now = cell.clock.now()
+        cell.engine.running.arm().state.last_gap = now - 0.15, now
+        ended.append(now)
+
+    cell.at_state("return", strike, ON_THE_WAY_S, times)
+    return ended
+
+
+def test_a_pair_of_passes_that_a_gap_touched_is_recorded_only_when_it_was_taken_again(
+    tmp_path: Path, solved: Solved
+) -> None:
+    config = laser_config(tmp_path)
+
+    async def main() -> None:
+        async with laser_cell(config, "laser-reference") as cell:
+            ended = gap_nobody_noticed(cell, times=2)
+            assert (await cell.run_job())["outcome"] == "complete"
+            assert len(ended) == len(cell.notes(1, "step taken again")) == 2
+            passes = read_json(cell.folder(1).path / "laser.json")["reference"]["passes"]
+            lines = (cell.folder(1).path / "passes.jsonl").read_text().splitlines()
+            assert sum(json.loads(line)["used"] for line in lines) == len(passes) > 0
+            for way in passes:
+                assert not any(way["pose_t"][0] < t <= way["pose_t"][-1] for t in ended)
+
+    run_virtual(main())
+
+
+def test_a_pose_that_is_given_up_in_an_interrupted_step_counts_once(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with open_cell(
+            tracker_config(tmp_path, FEW | {"retries_per_pose": 0}), job="tracker-sampling"
+        ) as cell:
+            struck, seen = False, 0
+
+            def look() -> None:
+                nonlocal struck, seen
+                run = cell.engine.running
+                if struck or run is None or len(run.visited) == seen:
+                    return
+                seen = len(run.visited)
+                if run.state != "measure" or run.step != 3:
+                    return
+                struck = True
+                now = cell.clock.now()
+                run.arm().state.last_gap = now - 0.15, now  # nobody noticed, until the step has ended
+                cell.plant.plants["tracker"].inject("out-of-view", {"duration_s": 2.6})
+
+            cell.engine.subscribe(look)
+            assert (await cell.run_job())["outcome"] == "complete"
+            samples = read_json(cell.folder(1).path / "kincal.json")["samples"]
+            assert len(cell.notes(1, "step taken again")) == 1
+            assert len(samples) == FEW["poses"]
+            Q = np.array([sample["q"] for sample in samples])
+            apart = np.max(np.abs(Q[:, None] - Q), axis=2) + np.eye(len(Q))
+            assert np.min(apart) > 0.01, "a pose was measured twice"
+            assert cell.notes(1, "pose failed")
+            assert not cell.notes(1, "pose skipped"), "of the step that was taken again, nothing is told"
 
     run_virtual(main())
 
