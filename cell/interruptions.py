@@ -52,6 +52,10 @@ class InterruptionLimits:
 class Resting(Protocol):
     """What holds the arm of a run: stops it when a step is interrupted, and takes it up again."""
 
+    def leave(self) -> bool:
+        """Whether the link to the arm is lost; if so, where the arm was seen last is remembered."""
+        ...
+
     async def rest(self) -> None:
         """Begin to stop, with the means of the moment; does not wait for the measured standstill."""
         ...
@@ -88,6 +92,7 @@ class Interruptions:
     waiting: bool = False
     _step: asyncio.Task[Any] | None = None
     _cause: CellError | None = None
+    _between: tuple[CellError, float] | None = None  # the arm was lost between two steps, and when
     _in_a_row: int = 0
     _in_all: int = 0
 
@@ -99,19 +104,17 @@ class Interruptions:
         """
         if self._step is not None:
             return await work()
+        await self._take_up_after(what)
         while True:
             began = self.clock.now()
             try:
                 result = await self._take(work)
             except CellError as failure:
-                cause: CellError | None = failure
+                cause = failure
             else:
                 self._in_a_row = 0
                 return result
-            while cause is not None:
-                if cause.name not in SILENCES:
-                    raise cause
-                cause = await self._recover(what, cause, began)
+            await self._recover_whole(what, cause, began)
 
     def part_done(self) -> None:
         """A part of a long step is done for good: an interruption of the next part begins a new row."""
@@ -122,12 +125,33 @@ class Interruptions:
         return isinstance(fault, CellError) and fault.name in SILENCES and not self._spent(1)
 
     def interrupt(self, cause: CellError) -> None:
-        """A device was lost: the step that is under way ends now; beside the steps it counts all the same."""
+        """A device was lost: the step that is under way ends now; beside the steps it counts all the same.
+
+        An arm that was lost between two steps is taken up before the next one: its script has ended.
+        """
         if self._step is None:
-            self._in_all += 0 if self.waiting else 1
+            if self.waiting:
+                return
+            if self.arm is not None and self.arm.leave():
+                self._between = self._between or (cause, self.clock.now())
+            else:
+                self._in_all += 1
         elif self._cause is None:
             self._cause = cause
             self._step.cancel()
+
+    async def _take_up_after(self, what: str) -> None:
+        """What was lost between the steps is back before ``what`` begins."""
+        between, self._between = self._between, None
+        if between is not None and self.arm is not None:
+            await self._recover_whole(what, *between)
+
+    async def _recover_whole(self, what: str, cause: CellError | None, began: float) -> None:
+        """Recover until nothing interrupts it; raises what is no silence."""
+        while cause is not None:
+            if cause.name not in SILENCES:
+                raise cause
+            cause = await self._recover(what, cause, began)
 
     async def _take(self, work: Callable[[], Awaitable[R]]) -> R:
         async def done() -> R:

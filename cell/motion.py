@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform
 from cell.clock import Clock
 from cell.devices import Arm, ArmState, MotionPort, Speed, ToolSettings, TrajectoryPiece
 from cell.errors import CellError, RefusedError, error
-from cell.interruptions import Interruptions
+from cell.interruptions import SILENCES, Interruptions
 from cell.poses import Array, to_pose6
 from cell.samples import Sample
 from cell.where_left import STAYED_RAD, WhereLeft
@@ -305,15 +305,26 @@ class MotionLease:
 
     # -- after a short silence
 
+    def leave(self) -> bool:
+        """Whether the link to the arm is lost; if so, where the arm was seen last is remembered."""
+        fault = self._arm.fault()
+        lost = isinstance(fault, CellError) and fault.name in SILENCES
+        if lost:
+            self._note_left()
+        return lost
+
+    def _note_left(self) -> None:
+        self._where_left.leave(self._arm.state.last())
+        if self._epoch_left is None:
+            self._epoch_left = self._arm.state.epoch
+
     async def rest(self) -> None:
         """The first step of the stop ladder, at once; :meth:`take_up` waits for the measured standstill.
 
         Where that fails the motion client ends, so that the controller's watchdog stops the arm: it must not
         go on to its target unseen.
         """
-        self._where_left.leave(self._arm.state.last())
-        if self._epoch_left is None:
-            self._epoch_left = self._arm.state.epoch
+        self._note_left()
         if (port := self._port) is None:
             return
         if not await self._attempt("decelerate", port.decelerate, 0.5):

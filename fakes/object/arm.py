@@ -53,12 +53,14 @@ class ObjectArm(ObjectDevice):
         self.stream = self.state
         self._port: ref[ObjectMotionPort] | None = None
         self.motion_begun = False
+        self.connections = 0  # so many were made
         self._tcp = RigidTransform.identity(), np.eye(4), np.zeros(6)  # of the newest sample
         self._resting: tuple[Segment, tuple[object, ...], ArmState] | None = None
 
     async def open(self) -> None:
         """Connect; ``DEVICE_UNREACHABLE`` while the controller refuses."""
         await super().open()
+        self.connections += 1
         self._cell.start()
 
     async def identify(self) -> Identity:

@@ -32,6 +32,7 @@ class ObjectMotionPort:
         self._arm, self._run = arm, run
         self._controller, self._world, self._clock = arm.controller, arm.world, arm.clock
         self._dead: CellError | None = None
+        self._connection = arm.connections
         self._ended_by: CellError | None = None  # before it was closed
         self._brake = STOP_DECEL_M_S2  # no gentler than the move is, or a stop would carry past its end
         # Whoever drops the port without closing it stops kicking the watchdog.
@@ -42,10 +43,15 @@ class ObjectMotionPort:
         """False once our script ended for a silence of ours; ``ARM_SCRIPT_DIED`` when others ended it."""
         trouble = self._ended_by if self.closed else self._dead or self._trouble()
         if trouble is None:
-            return not self.closed
+            return not self.closed and not self._cut_off
         if trouble.name in ("MOTION_WATCHDOG", "STALE_DATA", "DEVICE_LOST"):
             return False
         raise error(trouble.name, trouble.detail)
+
+    @property
+    def _cut_off(self) -> bool:
+        """The link to the arm was lost meanwhile: the motion process ends with it."""
+        return self._arm.connections != self._connection
 
     @property
     def closed(self) -> bool:
@@ -153,6 +159,8 @@ class ObjectMotionPort:
 
     async def _enter(self) -> None:
         await self._perhaps_hang()
+        if self._arm.lost is None and self._cut_off:
+            raise error("CHILD_DIED", f"the motion process of {self._arm.name} ended with the link")
         self._raise_trouble()
         self._controller.settle_past()
 

@@ -17,6 +17,10 @@ class HeldArm:
     def __init__(self) -> None:
         self.asked: list[str] = []
         self.trouble: list[CellError] = []
+        self.lost = False
+
+    def leave(self) -> bool:
+        return self.lost
 
     async def rest(self) -> None:
         self.asked.append("rest")
@@ -89,6 +93,29 @@ def test_losses_beside_the_steps_count_among_all() -> None:
         assert subject.bridges(error("DEVICE_LOST", "camera"))
         subject.interrupt(error("DEVICE_LOST", "camera"))
     assert not subject.bridges(error("DEVICE_LOST", "camera"))
+
+
+def test_an_arm_that_was_lost_between_two_steps_is_taken_up_before_the_next_one() -> None:
+    subject = taking()
+    assert isinstance(subject.arm, HeldArm)
+    asked = subject.arm.asked
+
+    async def main() -> None:
+        await subject.step("first", failing(0))
+        subject.arm.lost = True  # type: ignore[union-attr]
+        subject.interrupt(error("DEVICE_LOST", "arm"))
+        subject.arm.lost = False  # type: ignore[union-attr]
+        assert asked == []
+
+        async def work() -> None:
+            asked.append("work")
+
+        await subject.step("second", work)
+        await subject.step("third", work)
+
+    asyncio.run(main())
+    assert asked == ["rest", "take up", "work", "work"]
+    assert [entry["step"] for entry in subject.taken_again] == ["second"]
 
 
 def test_another_silence_while_the_arm_is_taken_up_is_the_next_in_the_row() -> None:

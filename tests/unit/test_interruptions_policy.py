@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cell.errors import LatchError
+from cell.interruptions import Interruptions
 from cell.procedure import PackML, Run
 from fakes.object import run_virtual
 from tests.chaos.test_engine_fault_matrix import BRISK, PLAN, check_stops, quick_solver
@@ -248,3 +249,28 @@ def test_a_cell_that_asks_after_a_lost_arm_holds_until_somebody_says_resume(
     if lost:
         began = events.index("interrupted")
         assert "move_joints" not in events[began : events.index("HELD", began)]
+
+
+@pytest.mark.parametrize("silent_s", [0.5, 1.5])  # over before the next step, and still on when it begins
+def test_an_arm_that_is_lost_between_two_poses_is_taken_up_before_the_next_one(
+    silent_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    genuine, poses = Interruptions.step, list[str]()
+
+    def lose(subject: Struck) -> None:
+        async def step(steps: Interruptions, what: str, work: Any) -> Any:
+            if what.startswith("pose"):
+                poses.append(what)
+                if len(poses) == 3:
+                    subject.cell.plant.plants["arm"].inject("silence", {"duration_s": silent_s})
+                    await subject.cell.clock.sleep(1.0)
+            return await genuine(steps, what, work)
+
+        monkeypatch.setattr(Interruptions, "step", step)
+
+    subject, cell = struck_run(tmp_path, lose)
+    assert subject.end["outcome"] == "complete", subject.end["error"]
+    assert [(line["step"], line["cause"]) for line in cell.notes(1, "interrupted")] == [
+        (poses[2], "DEVICE_LOST")
+    ]
+    assert len(cell.poses(1)) == PLAN["poses_per_placement"]
