@@ -164,6 +164,11 @@ class MotionPort(Protocol):
         """
         ...
 
+    @property
+    def ended_unseen(self) -> bool:
+        """Whether the script ended while no state of the arm came: who ended it is unknown."""
+        ...
+
     async def move_joints(self, q: Array, speed: Speed) -> None:
         """Move in joint space; returns when the *measured* joints agree, else raises."""
         ...

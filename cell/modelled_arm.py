@@ -130,6 +130,10 @@ class ModelledPort:
     def usable(self) -> bool:
         return self._port.usable
 
+    @property
+    def ended_unseen(self) -> bool:
+        return self._port.ended_unseen
+
     async def move_linear(self, T_base_flange: RigidTransform, speed: Speed) -> None:
         await self._port.move_linear(await self._told(T_base_flange), speed)
 

@@ -346,12 +346,13 @@ class MotionLease:
         self._where_left.found(self._arm.name, resting)
         if self._port is None or not self._port.usable:
             port, self._port = self._port, None
+            unseen = self._arm.state.epoch != self._epoch_left or (port is not None and port.ended_unseen)
             if port is not None:
                 await self._close(port)
             self._port = await self._arm.open_motion(self._tool)
             self._recorder.note("motion", event="opened again", arm=self._arm.name)
-            if self._steps is not None and self._arm.state.epoch != self._epoch_left:
-                self._steps.ask(f"the link to {self._arm.name} was lost: nobody saw why its script ended")
+            if self._steps is not None and unseen:
+                self._steps.ask(f"no states of {self._arm.name} came when its script ended: why is unknown")
         self._arm.check_movable()
         moved = float(np.max(np.abs(self._arm.state.latest(MAX_STATE_AGE_S).value.q - here)))
         if moved > STAYED_RAD:

@@ -137,8 +137,9 @@ class SupervisorSection(Section):
     silences_in_all: int = Field(default=10, ge=1, le=1000, description="so many end the run")
     ask_after_lost_arm: bool = Field(
         default=False,
-        description="true: after the arm's own link was lost the job is Held until somebody says resume, "
-        "since a stop at the pendant or a safeguard that reset itself meanwhile left no trace",
+        description="true: where no states of the arm came when its script ended, or its link was lost, "
+        "the job is Held until somebody says resume: a stop at the pendant or a safeguard that reset itself "
+        "meanwhile left no trace",
     )
 
 

@@ -71,6 +71,11 @@ class UrMotion:
         return end is ScriptEnd.NONE and not self.client.withheld
 
     @property
+    def ended_unseen(self) -> bool:
+        """Whether a silence of the arm hides who ended our script."""
+        return self.script.end is ScriptEnd.UNSEEN
+
+    @property
     def owns_program(self) -> bool:
         """Whether the program that runs on the arm is ours."""
         return self.script.runs

@@ -49,6 +49,11 @@ class ObjectMotionPort:
         raise error(trouble.name, trouble.detail)
 
     @property
+    def ended_unseen(self) -> bool:
+        """True once the link to the arm was lost while our script ran."""
+        return self._cut_off
+
+    @property
     def _cut_off(self) -> bool:
         """The link to the arm was lost meanwhile: the motion process ends with it."""
         return self._arm.connections != self._connection

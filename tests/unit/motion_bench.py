@@ -33,6 +33,8 @@ class ScriptedArm:
     hang: set[str] = field(default_factory=set)
     motion_begun: bool = True
     time_offset_s: float = 0.0
+    usable: bool = True
+    ended_unseen: bool = False
 
     def __post_init__(self) -> None:
         self.clock = VirtualClock()

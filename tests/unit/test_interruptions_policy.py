@@ -243,7 +243,7 @@ def test_a_cell_that_asks_after_a_lost_arm_holds_until_somebody_says_resume(
     lost = device == "arm"
     assert seen == (["HELD"] if lost else [])
     assert [line["why"] for line in cell.notes(1, "held for a person")] == (
-        ["the link to arm was lost: nobody saw why its script ended"] if lost else []
+        ["no states of arm came when its script ended: why is unknown"] if lost else []
     )
     events = [line.get("event") or line.get("packml") for line in cell.journal(1)]
     if lost:

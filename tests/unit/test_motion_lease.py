@@ -295,19 +295,34 @@ def test_a_client_of_ours_from_an_earlier_attempt_is_stopped_when_the_next_one_f
     run_virtual(main())
 
 
+@pytest.mark.parametrize("unseen", [False, True])
+def test_who_may_have_ended_the_script_unseen_is_asked_about_though_the_link_was_never_lost(
+    unseen: bool,
+) -> None:
+    async def main() -> None:
+        arm, asked = ScriptedArm(usable=False, ended_unseen=unseen), list[str]()
+        async with bench_with(arm) as bench:
+            steps = Interruptions(arm.clock, no_wait, bench.notes.note, ask=asked.append)
+            async with bench.lease(steps) as lease:
+                await lease.rest()
+                await lease.take_up()
+        assert arm.asked.count("open") == 2
+        assert len(asked) == unseen
+
+    run_virtual(main())
+
+
 @pytest.mark.parametrize("moment", ["rest", "take_up"])
 def test_a_cancel_while_a_motion_client_is_closed_does_not_leave_it_half_closed(moment: str) -> None:
     closed: list[str] = []
 
     class SlowToClose(ScriptedArm):
-        usable = False
-
         async def close(self) -> None:
             await asyncio.sleep(0.3)
             closed.append(self.name)
 
     async def main() -> None:
-        arm = SlowToClose(hang={"decelerate"} if moment == "rest" else set())
+        arm = SlowToClose(hang={"decelerate"} if moment == "rest" else set(), usable=False)
         async with bench_with(arm) as bench, bench.lease() as lease:
             task = asyncio.create_task(getattr(lease, moment)())
             await asyncio.sleep(0.6 if moment == "rest" else 0.15)

@@ -65,6 +65,14 @@ def test_a_link_that_was_lost_after_others_ended_the_script_does_not_hide_it(sub
         _ = subject.usable
 
 
+def test_a_gap_in_the_states_that_hides_the_end_of_the_script_is_told(subject: Any) -> None:
+    assert not subject.ended_unseen
+    subject.script.note(PLAYING, BY_THE_WATCHDOG - 0.3)
+    subject.script.note(STOPPED, BY_THE_WATCHDOG)
+    assert not subject.usable
+    assert subject.ended_unseen
+
+
 def test_a_script_that_runs_is_used(subject: Any) -> None:
     assert subject.usable
 
