@@ -1,5 +1,6 @@
 """``cellward audit``: who wrote what from outside, what was refused, and which runs were removed."""
 
+import heapq
 from typing import Annotated, Any
 
 import typer
@@ -36,13 +37,22 @@ def audit(
             ledger.close()
     if channel in (None, "prune") and not refused:
         removed = [line for line in removals(paths.runs) if who is None or who.lower() in line["who"].lower()]
-        found = sorted([*found, *removed], key=lambda line: line["at"])[-limit:]
+        found = _together(found, removed)[-limit:]
     if as_json:
         out_json(found)
     elif not found:
         say("The audit holds no such line.")
     else:
         out(table(("time", "channel", "who", "what", "outcome", "detail"), (_row(line) for line in found)))
+
+
+def _together(*lists: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The lines by their time, each list in its own order: a clock that was set back changes none.
+
+    They are put together from the newest on, so that how many older ones were read makes no difference.
+    """
+    newest_first = (reversed(lines) for lines in lists)
+    return list(heapq.merge(*newest_first, key=lambda line: line["at"], reverse=True))[::-1]
 
 
 def _row(line: dict[str, Any]) -> list[Any]:

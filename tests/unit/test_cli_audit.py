@@ -52,6 +52,33 @@ def test_the_lines_that_are_asked_for_are_listed_newest_last(
     assert [line["what"] for line in json.loads(done.out)] == expected
 
 
+def test_a_clock_that_was_set_back_does_not_change_the_order_of_the_lines(
+    cell: CellOnDisk, subject: CommandLine
+) -> None:
+    runs = cell.state / "runs"
+    runs.mkdir(parents=True)
+    times = iter((100.0, 200.0, 50.0))
+    ledger = Ledger(cell.state / "ledger.sqlite", lambda: next(times))
+    for what in ("first", "second", "after the clock was set back"):
+        ledger.audit("control", "anna", what, True)
+    ledger.close()
+    removal = {
+        "at": 150.0,
+        "who": "ben",
+        "run_id": 1,
+        "job": "latency",
+        "bytes": 1,
+        "pictures": 0,
+        "why": "old",
+    }
+    (runs / "pruned.jsonl").write_text(json.dumps({"schema": "cellward.pruned/1", **removal}) + "\n")
+    told = [line["what"] for line in json.loads(subject("audit", "--json").out)]
+    assert told == ["first", "second", "after the clock was set back", "remove the folder of run 1 (latency)"]
+    for number in (1, 2, 3):
+        newest = json.loads(subject("audit", "-n", number, "--json").out)
+        assert [line["what"] for line in newest] == told[-number:]
+
+
 @pytest.mark.usefixtures("written")
 def test_a_refused_write_is_listed_with_its_reason(subject: CommandLine) -> None:
     line = next(line for line in subject("audit").out.splitlines() if "write 100" in line)
