@@ -67,13 +67,19 @@ def end_interrupted(runs: Path, ledger: Ledger) -> list[int]:
 
 
 def _end_in_the_ledger(runs: Path, ledger: Ledger) -> None:
-    """A kill between the end in the folder and that in the ledger leaves a run open there."""
+    """A kill between the end in the folder and that in the ledger leaves a run open there.
+
+    A run whose folder is gone is ended as interrupted: nothing will tell more.
+    """
     for run_id in ledger.open_runs():
         try:
             end = load_run(runs, run_id).read_end()
             if end is not None:
                 ledger.end_run(run_id, str(end["outcome"]), end.get("verdict"))
         except CellError as exc:
+            if exc.name == "NOT_FOUND":
+                ledger.end_run(run_id, "interrupted", None)
+                continue
             log.error("the ledger does not know the end of run %d: %s", run_id, exc)
 
 

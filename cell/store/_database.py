@@ -88,7 +88,9 @@ def open_for_reading(path: Path) -> sqlite3.Connection:
 
 
 def disk_error(path: Path, exc: sqlite3.Error) -> CellError:
-    """SQLite's complaint about the disk as a coded error."""
+    """SQLite's complaint as a coded error: about the disk, or about what this program asked for."""
+    if isinstance(exc, sqlite3.IntegrityError | sqlite3.ProgrammingError | sqlite3.InterfaceError):
+        return error("INTERNAL", f"{path}: {exc}")
     full = getattr(exc, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
     return error("DISK_FULL" if full else "DISK_FAILED", f"{path}: {exc}")
 

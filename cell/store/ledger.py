@@ -60,7 +60,7 @@ class Ledger:
         self.path, self._wall = path, wall
         self._lock = RLock()
         self._configured: dict[str, Any] = {}
-        self._versions_changed = False
+        self._in_transaction = self._versions_changed = False
         if read_only:
             self._db, new, self.aside = open_for_reading(path), False, None
         else:
@@ -427,9 +427,10 @@ class Ledger:
     def _transaction(self) -> Iterator[sqlite3.Connection]:
         """All or nothing; a method called inside another one's transaction joins it."""
         with self._lock:
-            if self._db.in_transaction:
+            if self._in_transaction:
                 yield self._db
                 return
+            self._in_transaction = True  # ours, and not the database's: that of a failed rollback stays open
             try:
                 self._db.execute("BEGIN IMMEDIATE")
                 self._versions_changed = False
@@ -440,8 +441,9 @@ class Ledger:
             except sqlite3.Error as exc:
                 raise disk_error(self.path, exc) from exc
             finally:
-                if self._db.in_transaction:
-                    with suppress(sqlite3.Error):
+                self._in_transaction = False
+                with suppress(sqlite3.Error):  # what ended the transaction is told, not what followed
+                    if self._db.in_transaction:
                         self._db.execute("ROLLBACK")
 
     def _rows(self, query: str, *values: Any) -> list[dict[str, Any]]:

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
@@ -123,6 +124,16 @@ def test_a_full_disk_leaves_an_interrupted_run_to_the_next_start(
     assert run.read_end() is None
     assert end_interrupted(cell.state / "runs", ledger) == [1]
     assert interrupted_runs(cell.state / "runs") == []
+
+
+def test_a_run_that_the_ledger_holds_open_and_that_has_no_folder_was_interrupted(
+    cell: CellOnDisk, ledger: Ledger
+) -> None:
+    run = cell.add_run(1)
+    ledger.start_run(1, run.job, run.path.name, "test", "socket")
+    shutil.rmtree(run.path)
+    assert end_interrupted(cell.state / "runs", ledger) == []
+    assert ledger.runs()[0]["outcome"] == "interrupted"
 
 
 def test_only_the_newest_runs_are_opened(

@@ -284,6 +284,78 @@ def test_a_full_disk_is_named_and_leaves_the_ledger_usable(subject: Ledger) -> N
     assert propose(subject, 0.1) > 0
 
 
+def damage_schema(path: Path) -> None:
+    other = sqlite3.connect(path)
+    other.executescript(
+        "PRAGMA writable_schema = ON; UPDATE sqlite_schema SET sql = 'no words of SQL' WHERE name = 'runs';"
+        "PRAGMA schema_version = 1000;"
+    )
+    other.close()
+
+
+def test_a_ledger_that_is_damaged_while_it_is_open_refuses_with_a_code(subject: Ledger) -> None:
+    damage_schema(subject.path)
+    for call in (
+        subject.waiting_results,
+        lambda: subject.end_run(1, "complete", None),
+        lambda: subject.effective(NAME, CONFIG),
+    ):
+        with pytest.raises(CellError, match=r"ledger\.sqlite: ") as refused:
+            call()
+        assert refused.value.name == "DISK_FAILED"
+
+
+def test_a_number_that_is_entered_twice_is_refused_with_a_code(subject: Ledger) -> None:
+    subject.start_run(1, "latency", "folder", "ann", "cli")
+    with pytest.raises(CellError, match="UNIQUE") as refused:
+        subject.start_run(1, "latency", "folder", "ann", "cli")
+    assert refused.value.name == "INTERNAL"
+    subject.start_run(2, "latency", "folder", "ann", "cli")
+    assert [row["run_id"] for row in subject.runs()] == [2, 1]
+
+
+class NoWayBack:
+    """A connection on which a commit and the rollback after it fail, as on a disk that went away."""
+
+    def __init__(self, db: sqlite3.Connection) -> None:
+        self.db = db
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self.db, name)
+
+    def execute(self, query: str, *values: object) -> object:
+        if query in ("COMMIT", "ROLLBACK"):
+            raise sqlite3.OperationalError("disk I/O error")
+        return self.db.execute(query, *values)
+
+
+def test_a_transaction_that_cannot_be_taken_back_hides_no_later_write(
+    subject: Ledger, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(subject, "_db", NoWayBack(subject._db))
+        with pytest.raises(CellError, match="disk I/O error"):
+            subject.set_state("a", 1)
+    with pytest.raises(CellError, match="transaction"):
+        subject.set_state("b", 2)  # refused, or it would wait for a commit that never comes
+    subject.set_state("c", 3)
+    again = sqlite3.connect(subject.path)
+    assert again.execute("SELECT key FROM state").fetchall() == [("c",)]
+    again.close()
+
+
+def test_items_and_trends_keep_the_newest_and_no_more(
+    subject: Ledger, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in {"ROTATE_EVERY": 10, "MAX_ITEMS": 25, "MAX_TREND_POINTS": 15}.items():
+        monkeypatch.setattr(f"cell.store.ledger.{name}", value)
+    for number in range(100):
+        subject.add_item(1, number, 0.0, "picked", {})
+        subject.add_trend("lag", float(number))
+    assert [row["item"] for row in subject.items(1)] == list(range(75, 100))
+    assert len(subject.trend("lag")) == 15
+
+
 class Versions(RuleBasedStateMachine):
     """Whatever people decide in whatever order: at most one version is in effect, and it was accepted."""
 
