@@ -43,7 +43,7 @@ class Engine:
         self.loop_lag: Callable[[], dict[str, float]] = dict
         self.disk: Callable[[], dict[str, Any]] = dict
         self.ended_without_result: Callable[[Path], None] = lambda folder: None
-        self._starting = False
+        self._starting = ""  # the job whose run is being made
         self._task: asyncio.Task[None] | None = None  # the run with its beginning and end
         self._job: asyncio.Task[None] | None = None  # the procedure alone
         self._ending: PackML | None = None
@@ -65,14 +65,15 @@ class Engine:
         channel: str,
     ) -> dict[str, Any]:
         """Start a job, or list its plan without moving. Refused with a code, never queued."""
-        if self._task is not None or self._starting:
-            run = self.running
-            raise error("BUSY", f"{run.procedure.name}, run {run.id}" if run else f"{job} is being started")
-        self._starting, self._ending, self._hold_by = True, None, ""
+        if (run := self.running) is not None:
+            raise error("BUSY", f"{run.procedure.name}, run {run.id}")
+        if self._starting:
+            raise error("BUSY", f"{self._starting} is being started")
+        self._starting, self._ending, self._hold_by = job, None, ""
         try:
             return await self._start(job, params, dry_run, adopt, who, channel)
         finally:
-            self._starting = False
+            self._starting = ""
             if self._task is None:
                 self._ending = None
 

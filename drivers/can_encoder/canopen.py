@@ -159,7 +159,7 @@ class CanopenEncoder(CanEncoder):
     def _look(self, now: float) -> None:
         limit = max(_BEATS_MISSED * self._config.heartbeat_s, self._config.lost_after_s)
         watched = self._running and self._setup is not None and self._setup.heartbeat
-        # Measured to the latest position: where these ended too, the adapter is asked for the cause.
+        # Up to the latest position: when positions are missing as well, the adapter is asked for the cause.
         missed = self._heard - self._beat
         if watched and missed > limit:
             self._lose(

@@ -43,9 +43,8 @@ class Ticker:
         self._origin, self._count = 0.0, 0
         self._fd = -1
         self.cycles = self.lost = 0
-        self.overrun = (
-            0  # of the lost cycles, those for which this process was at work and not without a core
-        )
+        # Of the lost cycles, those for which this process was at work and not without a core.
+        self.overrun = 0
         self._worked = 0.0
 
     def start(self) -> None:

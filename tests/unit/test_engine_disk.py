@@ -144,6 +144,34 @@ def test_a_ledger_that_fails_at_the_end_frees_the_engine(
     run_virtual(main())
 
 
+def test_who_starts_while_another_start_is_made_is_told_the_job_of_that_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def main() -> None:
+        async with open_cell(write_config(tmp_path)) as cell:
+            reached, go_on = asyncio.Event(), threading.Event()
+            loop, genuine = asyncio.get_running_loop(), Ledger.start_run
+
+            def slow(*args: Any) -> None:
+                loop.call_soon_threadsafe(reached.set)
+                go_on.wait(10.0)
+                genuine(*args)
+
+            with monkeypatch.context() as patch:
+                patch.setattr(Ledger, "start_run", slow)
+                starting = asyncio.create_task(cell.start())
+                await reached.wait()
+                busy = await refused(cell.start(job="latency-calibration"))
+                go_on.set()
+                run_id = await starting
+            assert (busy.name, busy.detail) == ("BUSY", "cone-capture is being started")
+            busy = await refused(cell.start())
+            assert (busy.name, busy.detail) == ("BUSY", f"cone-capture, run {run_id}")
+            await cell.finished(run_id)
+
+    run_virtual(main())
+
+
 def test_what_is_asked_while_the_end_is_written_is_refused_and_the_end_stays_last(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
