@@ -34,17 +34,17 @@ def mutate_file(path: Path, rng: random.Random) -> str:
     ways: dict[str, Callable[[], bytes | None]] = {
         "cut": lambda: data[: rng.randrange(len(data) + 1)],
         "cut near the end": lambda: data[: -rng.randrange(1, 40)],
-        "flipped bits": lambda: _flipped(data, rng),
+        "flipped bits": lambda: flipped(data, rng),
         "byte order mark": lambda: b"\xef\xbb\xbf" + data,
         "UTF-16": lambda: data.decode("utf-8", "replace").encode("utf-16"),
-        "latin-1 byte": lambda: _insert(data, b"\xe4", rng),
-        "NUL byte": lambda: _insert(data, b"\0", rng),
+        "latin-1 byte": lambda: inserted(data, b"\xe4", rng),
+        "NUL byte": lambda: inserted(data, b"\0", rng),
         "deeply nested": lambda: b'{"a":' * 3000 + b"[" * 3000,
-        "nested inside": lambda: _insert(data, b"[" * 5000, rng),
+        "nested inside": lambda: inserted(data, b"[" * 5000, rng),
         "empty": lambda: b"",
         "text": lambda: b"nothing of the kind\n" * 3,
         "doubled": lambda: data + data,
-        "a piece lost": lambda: _without(data, rng),
+        "a piece lost": lambda: without_piece(data, rng),
         "missing": lambda: _instead(path, lambda: None),
         "a folder": lambda: _instead(path, path.mkdir),
         "a pipe": lambda: _instead(path, lambda: os.mkfifo(path)),
@@ -58,7 +58,7 @@ def mutate_file(path: Path, rng: random.Random) -> str:
     return name
 
 
-def _flipped(data: bytes, rng: random.Random) -> bytes:
+def flipped(data: bytes, rng: random.Random) -> bytes:
     out = bytearray(data)
     for _ in range(rng.choice((1, 1, 3, 20))):
         if out:
@@ -66,12 +66,12 @@ def _flipped(data: bytes, rng: random.Random) -> bytes:
     return bytes(out)
 
 
-def _insert(data: bytes, piece: bytes, rng: random.Random) -> bytes:
+def inserted(data: bytes, piece: bytes, rng: random.Random) -> bytes:
     at = rng.randrange(len(data) + 1)
     return data[:at] + piece + data[at:]
 
 
-def _without(data: bytes, rng: random.Random) -> bytes:
+def without_piece(data: bytes, rng: random.Random) -> bytes:
     at = rng.randrange(len(data) + 1)
     return data[:at] + data[at + rng.randrange(1, 400) :]
 
@@ -86,13 +86,13 @@ def mutate_tree(path: Path, rng: random.Random) -> str:
     text = path.read_text("utf-8", "replace")
     if path.suffix == ".json":
         root = json.loads(text)
-        what = _change(root, rng)
+        what = change_value(root, rng)
         path.write_text(json.dumps(root), "utf-8")
     elif path.suffix == ".jsonl":
         lines = text.splitlines()
         k = rng.randrange(len(lines))
         entry = json.loads(lines[k])
-        what = f"line {k}: {_change(entry, rng)}"
+        what = f"line {k}: {change_value(entry, rng)}"
         lines[k] = json.dumps(entry)
         path.write_text("\n".join(lines) + "\n", "utf-8")
     elif path.suffix == ".toml":
@@ -136,7 +136,7 @@ def _places(node: Any, at: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     return found
 
 
-def _change(root: Any, rng: random.Random) -> str:
+def change_value(root: Any, rng: random.Random) -> str:
     """One change of one place, often a deep one."""
     at = rng.choice(_places(root))
     parent = root

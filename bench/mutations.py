@@ -1,9 +1,10 @@
-"""Mutations of configurations, data sets, ROBOT files and run folders: how does each command end?
+"""Mutations of configurations, data sets, ROBOT files, run folders and requests: how does each end?
 
-``python -m bench.mutations [COUNT] [SEED]``: the same seed makes the same mutations. Each is run as a shell
-would run it, in this process. A line a kind: how many ended with which exit code, how many with a traceback
-or error 9001, and how many passed with an answer that is grossly another one than that of the untouched
-data. Exit code 1 when there is any of the last three.
+``python -m bench.mutations [COUNT] [SEED] [KIND ...]``: the same seed makes the same mutations. Each is run
+as a shell would run it, in this process. Requests go to the control socket and the Modbus server instead: exit 0
+means answered, 2 refused, 3 closed without an answer. A line a kind: how many ended with which exit code, how
+many with a traceback or error 9001, and how many passed with an answer that is grossly another one than that
+of the untouched data. Exit code 1 when there is any of the last three.
 """
 
 import contextlib
@@ -25,11 +26,16 @@ from unittest.mock import patch
 
 from bench._mutate import mutate_file, mutate_tree
 from bench._mutated import Case, cases
+from bench._requests import Answers, control_requests, modbus_requests
 from daemon.cli import main as cellward
 
 COUNT, SEED = 2000, 1
 LONG_S = 20.0
 CODES = (0, 1, 2, 3, 4)
+REQUESTS: dict[str, Callable[[Path, int, int], Answers]] = {
+    "control requests": control_requests,
+    "modbus requests": modbus_requests,
+}
 
 
 @dataclass
@@ -120,11 +126,18 @@ Measured = Iterator[tuple[str, Tally]]
 
 def measure(count: int, seed: int, folder: Path, names: tuple[str, ...] = ()) -> Measured:
     """``count`` mutations dealt evenly over the kinds (those in ``names``, or all), kind by kind."""
-    found = cases(folder, names)
-    for n, case in enumerate(found):
+    asked = [name for name in REQUESTS if name in names or not names]
+    files = tuple(name for name in names if name not in REQUESTS)
+    found = cases(folder, files) if files or not names else []
+    kinds = len(found) + len(asked)
+    shares = [count // kinds + (n < count % kinds) for n in range(kinds)]
+    for case, share in zip(found, shares, strict=False):
         tally = Tally()
-        mutations(case, count // len(found) + (n < count % len(found)), seed, tally)
+        mutations(case, share, seed, tally)
         yield case.name, tally
+    for name, share in zip(asked, shares[len(found) :], strict=True):
+        answers = REQUESTS[name](folder / name, share, seed)
+        yield name, Tally(answers.codes, answers.faults, longest=answers.longest)
 
 
 def main(words: list[str]) -> int:

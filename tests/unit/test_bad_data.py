@@ -207,3 +207,22 @@ def test_mutated_files_end_with_a_sentence_and_the_right_code(kind: str, tmp_pat
     assert subject.faults == []
     assert subject.nonsense == []
     assert sum(subject.codes.values()) == 8
+
+
+@pytest.mark.parametrize("kind", ["control requests", "modbus requests"])
+def test_damaged_requests_to_the_daemon_are_refused_or_answered_and_the_next_one_too(
+    kind: str, tmp_path: Path
+) -> None:
+    ((_, subject),) = measure(40, 7, tmp_path, (kind,))
+    assert subject.faults == []
+    assert sum(subject.codes.values()) == 40
+    assert {0, 2} <= set(subject.codes)
+
+
+def test_a_defect_that_a_damaged_request_finds_is_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.engine.make_procedure", lambda cls, config, params: {}[cls])
+    ((_, subject),) = measure(40, 7, tmp_path, ("control requests",))
+    assert any("INTERNAL" in fault for fault in subject.faults)
+    assert any("traceback" in fault for fault in subject.faults)
