@@ -179,12 +179,13 @@ def _judged(line: bytes) -> tuple[int, str]:
 def _damaged_line(rng: random.Random) -> bytes:
     job = rng.choice([*JOBS, "no-such-job"])
     start = {"job": job, "params": {"settle_s": "0.5"}, "adopt": 3, "dry_run": True}
-    method, params = rng.choice([("start", start), ("start", start), *METHODS])
+    method, params = ("start", start) if rng.random() < 0.5 else rng.choice(METHODS)
     request: Any = {"id": 1, "method": method, "params": copy.deepcopy(params)}
-    for _ in range(rng.randrange(4)):
+    way = rng.random()
+    for _ in range(1 + (way > 0.5) if way < 0.6 else 0):  # one value, two, none
         change_value(request, rng)
     line = json.dumps(request).encode()
-    if rng.random() < 0.4:
+    if 0.6 <= way < 0.9:
         line = _damaged_bytes(line, rng)
     return line.replace(b"\n", b" ") + b"\n"
 

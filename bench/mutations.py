@@ -1,7 +1,7 @@
 """Mutations of configurations, data sets, ROBOT files, run folders and requests: how does each end?
 
 ``python -m bench.mutations [COUNT] [SEED] [KIND ...]``: the same seed makes the same mutations. Each is run
-as a shell would run it, in this process. Requests go to the control socket and the Modbus server instead: exit 0
+as a shell would run it, in this process. Requests go to the control socket and the Modbus server: exit 0
 means answered, 2 refused, 3 closed without an answer. A line a kind: how many ended with which exit code, how
 many with a traceback or error 9001, and how many passed with an answer that is grossly another one than that
 of the untouched data. Exit code 1 when there is any of the last three.
