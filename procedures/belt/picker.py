@@ -105,7 +105,7 @@ class Picker:
         finally:
             await self._end_task()
             if self._item is not None and self._item.touched:  # in the gripper, or where the arm stopped
-                await self._end_item(Outcome.LOST)
+                self._upkeep.carried, self._item = self._item, None
             self._upkeep.streaming = False
 
     def _keep(self, t: float) -> None:
@@ -428,9 +428,8 @@ class Picker:
 
     async def _end_item(self, outcome: Outcome) -> None:
         item, self._item = self._item, None
-        if item is not None and item.outcome is None:
-            self._watch.queue.end(item, outcome, self._run.clock.now())
-            self._upkeep.ended(item)
+        if item is not None:
+            self._upkeep.end(item, outcome)
 
     # -- the gripper works beside the stream
 

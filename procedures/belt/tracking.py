@@ -17,6 +17,7 @@ from cell.poses import Array, from_pose6
 from cell.procedure import FinishRequested, Procedure, Run
 from procedures.arm_setup import arm_model, lease_settings
 from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.items import Outcome
 from procedures.belt.joints import ToolJoints
 from procedures.belt.live import BeltLive
 from procedures.belt.outcome import result_of
@@ -179,9 +180,12 @@ class _Picking:
         if rise > 0.0:
             slow = replace(speed := lease_settings(self.run.values)[2], tcp_m_s=min(speed.tcp_m_s, RISE_M_S))
             await lease.move_linear(RigidTransform.from_translation([0.0, 0.0, rise]) * here, slow)
-        if self.run.gripper().holding(HELD_S):
+        if held := self.run.gripper().holding(HELD_S):
             await lease.move_joints(self.q_place)
         await self._open_gripper()
+        self.upkeep.end_carried(Outcome.PICKED if held else Outcome.LOST)
+        if held:
+            self.run.steps_taken.part_done()
 
     async def _pick(self, lease: MotionLease) -> bool:
         """Stream until the belt stands (True) or enough is picked (False); pauses end in READY."""

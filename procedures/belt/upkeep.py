@@ -17,13 +17,15 @@ PUBLISH_S = 0.2
 
 class Upkeep:
     """Looks at the belt beside the job, and by the stream itself while :attr:`streaming`: it knows when it
-    has the time, and which item is in hand. ``picks``: how many are wanted, 0 for no end."""
+    has the time, and which item is in hand. ``picks``: how many are wanted, 0 for no end. ``carried`` is what
+    the gripper had when the stream ended: it is picked once it is put down, and lost otherwise."""
 
     def __init__(self, run: Run, watch: BeltWatch, picks: int) -> None:
         self._run, self._watch, self._picks = run, watch, picks
         self._writing: list[asyncio.Task[None]] = []
         self._published = -np.inf
         self.streaming = False
+        self.carried: Item | None = None
 
     async def beside(self, work: Coroutine[Any, Any, None]) -> None:
         """Do ``work`` and look meanwhile; what fails first ends both."""
@@ -53,6 +55,18 @@ class Upkeep:
                 belt_speed_m_s=self._watch.speed(), belt_position_m=position, **self._watch.queue.live()
             )
 
+    def end(self, item: Item, outcome: Outcome) -> None:
+        """This became of ``item``, unless it has ended."""
+        if item.outcome is None:
+            self._watch.queue.end(item, outcome, self._run.clock.now())
+            self.ended(item)
+
+    def end_carried(self, outcome: Outcome) -> None:
+        """This became of what was carried, if anything was."""
+        item, self.carried = self.carried, None
+        if item is not None:
+            self.end(item, outcome)
+
     def ended(self, item: Item) -> None:
         """Keep what became of ``item`` in journal and ledger."""
         assert item.outcome is not None
@@ -66,6 +80,7 @@ class Upkeep:
 
     async def close(self) -> None:
         """The last count, however the job ended; returns when the ledger has every item that ended."""
+        self.end_carried(Outcome.LOST)
         self._end_missed(self._run.clock.now(), None)
         queue = self._watch.queue
         self._run.note("decision", event="counted", seen=queue.seen, waiting=queue.length)
@@ -80,7 +95,7 @@ class Upkeep:
         while True:
             if not self.streaming:
                 try:
-                    self.look()
+                    self.look(self.carried)
                 except CellError as exc:
                     # In a pause a person may be at the belt; it ends the job if it is still so afterwards.
                     if exc.name != "BELT_ASTRAY" or self._run.packml is not PackML.HELD:
