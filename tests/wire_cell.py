@@ -21,11 +21,12 @@ from fakes._toml import to_toml
 from fakes.control import ask
 from fakes.scenario import Scenario
 from procedures.cone_capture.record import CaptureRecord
+from tests.pauses import Pauses
 
 BIN = Path(sys.executable).parent
 SPEED_AT_REST_RAD_S = 0.002
-# For a machine that pauses: how often a run is interrupted, and what counts as silence, are no test's subject
-# here. What a silence does to a run is shown on virtual time.
+# For a machine that pauses: what a silence does to a run is shown on virtual time. How often a run may be
+# interrupted here is judged by the pauses of this machine, and one scene keeps the limits of the product.
 PATIENT: dict[str, dict[str, Any]] = {
     "supervisor": {"silences_in_a_row": 30, "silences_in_all": 1000},
     "ur": {"stale_after_s": 0.2, "silent_after_s": 0.5, "lost_after_s": 1.5, "watchdog_min_hz": 5.0},
@@ -38,8 +39,9 @@ PATIENT: dict[str, dict[str, Any]] = {
 class WireCell:
     """Twin and daemon; the daemon can be killed, stopped and started again."""
 
-    def __init__(self, folder: Path, bind: str, scenario: str) -> None:
-        self.folder, self.bind = folder, bind
+    def __init__(self, folder: Path, bind: str, scenario: str, patient: bool = True) -> None:
+        self.folder, self.bind, self.patient = folder, bind, patient
+        self.pauses = Pauses()
         self.scenario = folder / "scenario.toml"
         self.scenario.write_text(scenario, "utf-8")
         self.twin: subprocess.Popen[bytes] | None = None
@@ -54,8 +56,8 @@ class WireCell:
         self._widen_limits()
 
     def _widen_limits(self) -> None:
-        """In the cell.toml that the twin wrote."""
-        tables = self.config() | {"supervisor": PATIENT["supervisor"]}
+        """In the cell.toml that the twin wrote; how often a run may be interrupted only if ``patient``."""
+        tables = self.config() | ({"supervisor": PATIENT["supervisor"]} if self.patient else {})
         for device in tables["device"].values():
             device |= PATIENT.get(device["driver"], {})
         (self.folder / "cell.toml").write_text(to_toml(tables), "utf-8")
@@ -93,6 +95,7 @@ class WireCell:
         raise LookupError(f"the daemon has no child {module}")
 
     def stop(self) -> None:
+        self.pauses.stop()
         for process in (self.daemon, self.twin):
             if process is not None and process.poll() is None:
                 process.send_signal(signal.SIGCONT)
@@ -122,8 +125,15 @@ class WireCell:
         return all(d["state"] == "READY" for d in devices)
 
     def start_job(self, job: str) -> int:
+        self.pauses.forget()
         run: dict[str, int] = self.call("start", job=job)
         return run["run_id"]
+
+    def undisturbed_end(self, timeout: float) -> dict[str, Any]:
+        """:meth:`wait_for_end` of a run that only pauses of this machine may interrupt."""
+        last = self.wait_for_end(timeout)
+        self.pauses.require_explained(last["steps_taken_again"])
+        return last
 
     def wait_for_end(self, timeout: float) -> dict[str, Any]:
         """The last run's end; the operator of the twin moves the board whenever the job asks."""
@@ -224,14 +234,20 @@ def calibrate_camera(cell: WireCell) -> None:
 
 @contextmanager
 def wire_cell(
-    folder: Path, bind: str, scenario: str, first: Callable[[WireCell], None] = lambda cell: None
+    folder: Path,
+    bind: str,
+    scenario: str,
+    first: Callable[[WireCell], None] = lambda cell: None,
+    patient: bool = True,
 ) -> Iterator[WireCell]:
     """Twin and daemon, both ready; ended whatever happens, their logs shown when the test fails.
 
-    ``first`` is done between the two starts.
+    ``first`` is done between the two starts. Unless ``patient``, a run may be interrupted no more often than
+    the product's own limits say.
     """
-    cell = WireCell(folder, bind, scenario)
+    cell = WireCell(folder, bind, scenario, patient)
     try:
+        cell.pauses.start()
         cell.start_twin()
         first(cell)
         cell.start_daemon()

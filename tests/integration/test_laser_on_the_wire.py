@@ -39,14 +39,14 @@ accept = { auto = true }
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireCell]:
     scenario = shipped("laser", **QUICK) + MORE
-    with wire_cell(tmp_path_factory.mktemp("laser"), "127.0.0.62", scenario) as made:
+    with wire_cell(tmp_path_factory.mktemp("laser"), "127.0.0.62", scenario, patient=False) as made:
         yield made
 
 
 def run_job(cell: WireCell, job: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """The run's end and its result."""
     run_id = cell.start_job(job)
-    end = cell.wait_for_end(180.0)
+    end = cell.undisturbed_end(180.0)
     assert end["run_id"] == run_id
     folder = next(r for r in cell.runs() if r.run_id == run_id)
     return end, folder.read_result() or {}
