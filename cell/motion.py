@@ -201,6 +201,9 @@ class MotionLease:
 
         async def begin() -> None:
             nonlocal begun, ours
+            port, self._port = self._port, None
+            if port is not None:  # opened at last when a device was lost: the step is taken again
+                await self._close(port)
             self._arm.check_movable()
             if not begun:
                 self._recorder.note("motion", event="lease", arm=self._arm.name)
@@ -218,7 +221,7 @@ class MotionLease:
         except BaseException:
             if not begun:
                 self._broker.release(self._arm)
-            elif not ours:
+            elif not ours and self._port is None:
                 # Nothing of ours was started, so there is nothing to stop; what others run stays untouched.
                 self._broker.release(self._arm)
                 self._note("motion", event="nothing begun", arm=self._arm.name)

@@ -295,6 +295,39 @@ def test_a_client_of_ours_from_an_earlier_attempt_is_stopped_when_the_next_one_f
     run_virtual(main())
 
 
+@pytest.mark.parametrize("losses", [1, 3])
+def test_a_motion_client_that_was_opened_just_when_a_device_was_lost_is_not_left_behind(losses: int) -> None:
+    """Three in a row end the run; what the last attempt opened is stopped and closed then."""
+
+    class Losing(ScriptedArm):
+        opened = 0
+
+        async def open_motion(self, tool: ToolSettings) -> ScriptedArm:
+            assert self.asked.count("close") == self.opened, "the one before is still open"
+            self.opened += 1
+            if self.opened <= losses:
+                steps.interrupt(error("DEVICE_LOST", "camera"))
+            return self
+
+    async def main() -> None:
+        nonlocal steps
+        arm = Losing()
+        async with bench_with(arm) as bench:
+            steps = Interruptions(arm.clock, no_wait, bench.notes.note)
+            if losses == 1:
+                async with bench.lease(steps):
+                    pass
+            else:
+                with pytest.raises(CellError, match="camera"):
+                    async with bench.lease(steps):
+                        pass
+            assert arm.asked.count("close") == arm.opened == min(losses + 1, 3)
+            assert bench.notes.standstill_after()
+
+    steps: Any = None
+    run_virtual(main())
+
+
 @pytest.mark.parametrize("unseen", [False, True])
 def test_who_may_have_ended_the_script_unseen_is_asked_about_though_the_link_was_never_lost(
     unseen: bool,
