@@ -253,6 +253,17 @@ class UrMotion:
                 if not await watch.first(call):
                     await watch.outcome(TOOL_DEADLINE_S, "setting the tool")
                 return await call
+            except CellError as exc:
+                if exc.name != "CHILD_DIED":
+                    raise
+                # Refused, or died: where our script has ended, whoever ended it explains that.
+                watch.end_by_script(f"the control script did not take the tool: {exc.detail}")
+                try:
+                    await watch.outcome(TOOL_DEADLINE_S, "setting the tool")
+                except CellError as why:
+                    if self.script.end is not ScriptEnd.NONE:
+                        raise why from exc
+                raise
             finally:
                 await _end(call)
 

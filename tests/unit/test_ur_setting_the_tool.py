@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from cell.devices import ArmState, ToolSettings
 from cell.errors import CellError, error
@@ -23,7 +24,7 @@ TCP = to_pose6(TOOL.T_flange_tool)
 Play = Callable[[SimpleNamespace], Awaitable[None]]
 
 
-def setting(play: Play, answer_after_s: float) -> CellError | None:
+def setting(play: Play, answer_after_s: float, refused: bool = False) -> CellError | None:
     """Set the tool while ``play`` does what the controller and the child do; what it ended with."""
 
     async def scene() -> CellError | None:
@@ -35,6 +36,8 @@ def setting(play: Play, answer_after_s: float) -> CellError | None:
             await asyncio.sleep(min(answer_after_s, deadline_s))
             if answer_after_s > deadline_s:
                 raise error("CALL_TIMEOUT", "the child")
+            if refused:
+                raise error("CHILD_DIED", "the motion client refused")
             return TCP.tolist()
 
         subject = object.__new__(UrMotion)
@@ -131,3 +134,18 @@ def test_a_child_that_does_not_answer_is_an_interruption() -> None:
     failure = setting(lambda cell: states(cell, 5.0), 60.0)
     assert failure is not None
     assert failure.name == "MOTION_WATCHDOG"
+
+
+@pytest.mark.parametrize(("ends", "name"), [(True, "MOTION_WATCHDOG"), (False, "CHILD_DIED")])
+def test_a_client_that_refuses_since_our_watchdog_ended_the_script_is_told_by_that(
+    ends: bool, name: str
+) -> None:
+    async def play(cell: SimpleNamespace) -> None:
+        await states(cell, 0.1)
+        await states(cell, 0.15, kicked=not ends)
+        cell.runtime = STOPPED if ends else PLAYING
+        await states(cell, 1.0, kicked=not ends)
+
+    failure = setting(play, 0.245, refused=True)  # the next state tells that the script has ended
+    assert failure is not None
+    assert failure.name == name
