@@ -9,7 +9,9 @@ import copy
 import json
 import logging
 import random
+import shutil
 import struct
+import tempfile
 import time
 from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -129,12 +131,15 @@ async def _control(folder: Path) -> AsyncIterator[Ask]:
     ledger = Ledger(folder / "state" / "ledger.sqlite")
     supervisor = Supervisor(supervised_devices(config, clock, Beats(clock)))
     context = CellContext(config, clock, InlineWorker(), supervisor, MotionBroker(clock), ledger)
+    # A unix socket's path holds 107 bytes, and the caller's folder may be deeper than that.
+    at = Path(tempfile.mkdtemp(prefix="requests-"))
     server = ControlServer(
-        folder / "control.sock",
+        at / "control.sock",
         Engine(context, JOBS, runs),
         lambda who, what, accepted, detail: ledger.audit("control", who, what, accepted, detail),
     )
     async with AsyncExitStack() as stack:
+        stack.callback(shutil.rmtree, at)
         stack.callback(ledger.close)
         await server.start()
         stack.push_async_callback(server.stop)
