@@ -42,6 +42,10 @@ def test_a_record_of_a_decision_has_its_number_a_date_and_a_status(subject: Path
     date.fromisoformat(head[3])
 
 
+def test_the_records_of_decisions_are_numbered_without_a_gap() -> None:
+    assert [int(record.name[:4]) for record in RECORDS] == list(range(1, len(RECORDS) + 1))
+
+
 def test_the_index_of_decisions_lists_each_record_as_it_stands() -> None:
     rows = re.findall(
         r"^\| \[(\d{4})\]\((.+?)\) \| (.+) \| (.+) \| (.+) \|$", (DECISIONS / "README.md").read_text(), re.M

@@ -65,16 +65,6 @@ def test_every_transition_table_is_sound(job: str) -> None:
     assert reached == states, f"unreachable: {states - reached}"
 
 
-def test_every_decision_has_a_number_of_its_own_a_date_and_a_status() -> None:
-    folder = ROOT / "docs" / "decisions"
-    records = sorted(set(folder.glob("*.md")) - {folder / "README.md"})
-    assert [r.name[:4] for r in records] == [f"{n + 1:04d}" for n in range(len(records))]
-    for record in records:
-        lines = record.read_text("utf-8").splitlines()
-        assert lines[0].startswith(f"# {record.name[:4]}: "), record.name
-        assert re.fullmatch(r"Date: \d{4}-\d{2}\. Status: \w+\.", lines[2]), f"{record.name}: {lines[2]!r}"
-
-
 def test_whole_cells_are_where_make_test_looks_for_them() -> None:
     marked = {path for path in (ROOT / "tests").rglob("test_*.py") if "mark.alone" in path.read_text("utf-8")}
     assert {path.parent.name for path in marked - {Path(__file__)}} == {"integration"}
