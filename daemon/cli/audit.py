@@ -6,7 +6,8 @@ from typing import Annotated, Any
 import typer
 
 from daemon.cli.options import ConfigOption, JsonOption, cell_paths
-from daemon.cli.output import local_time, out, out_json, say, table
+from daemon.cli.output import out, out_json, say
+from procedures.words import local_time, table
 
 
 def audit(

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from math import atan2, degrees
 from typing import Any
 
-from daemon.cli.output import mm, told
+from procedures.words import mm, told
 
 _UM = 1e6
 

@@ -6,9 +6,10 @@ import typer
 
 from daemon.cli.jobs import connect
 from daemon.cli.options import ConfigOption, JsonOption, cell_paths
-from daemon.cli.output import local_time, out, out_json, say, table
+from daemon.cli.output import out, out_json, say
 from daemon.cli.value_text import in_a_list, value_text
 from procedures.kinematics_in_use import in_words
+from procedures.words import local_time, table
 
 ResultArgument = Annotated[
     int, typer.Argument(help="The number that 'cellward results' shows.", show_default=False)

@@ -9,7 +9,8 @@ import typer
 from cell.errors import CellError
 from daemon.cli.failures import BAD_INPUT
 from daemon.cli.options import ConfigOption, JsonOption, config_path
-from daemon.cli.output import out, out_json, say, table
+from daemon.cli.output import out, out_json, say
+from procedures.words import table
 
 
 def check(

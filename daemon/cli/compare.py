@@ -11,8 +11,8 @@ from cell.errors import error
 from cell.poses import Array, from_pose6, log_xi
 from daemon.cli.compare_arms import ArmComparison, compare_arms
 from daemon.cli.compare_iso9283 import IsoComparison, compare_iso9283
-from daemon.cli.output import deg, mm
 from daemon.cli.result_text import calibration_name, sigma_text
+from procedures.words import deg, mm
 
 SIGNIFICANT_P = 0.05
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from calibration.identification.registration import register
 from cell.errors import error
-from daemon.cli.output import mm
 from procedures.tracker.judging import places
+from procedures.words import mm
 
 _SAME_KG = 1e-3
 _RMS_OF_95 = 0.62  # of an isotropic normal error in space: sqrt(3) sigma over 2.795 sigma

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cell.errors import error
-from daemon.cli.output import mm, table
+from procedures.words import mm, table
 
 _SAME = ("speed_share", "reflector")
 _NEAR_M, _SAME_KG = 0.001, 1e-3

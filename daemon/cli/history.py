@@ -10,7 +10,8 @@ from cell.errors import error
 from daemon.cli.damaged import reading
 from daemon.cli.failures import FAILED
 from daemon.cli.options import ConfigOption, JsonOption, cell_paths
-from daemon.cli.output import local_time, out, out_json, say, table
+from daemon.cli.output import out, out_json, say
+from procedures.words import local_time, table
 
 RunArgument = Annotated[int, typer.Argument(help="The number of a run.", show_default=False)]
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from math import sqrt
 from typing import Any
 
-from daemon.cli.output import mm, told
+from procedures.words import mm, told
 
 MOST_SHOWN = 10
 

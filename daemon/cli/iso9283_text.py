@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from daemon.cli.output import mm, pose_text, table
+from procedures.words import mm, pose_text, table
 
 _HEADER = (
     "pose",

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from daemon.cli.output import mm, pose_text
+from procedures.words import mm, pose_text
 
 _MOST_SHOWN = 10
 

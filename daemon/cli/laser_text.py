@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from math import degrees, hypot, sqrt
 from typing import Any
 
-from daemon.cli.output import deg, mm, ms, pose_text
 from procedures.laser.moved_words import axis_words, point_words
+from procedures.words import deg, mm, ms, pose_text
 
 
 def laser_lines(result: Mapping[str, Any], answer: Mapping[str, Any]) -> list[str]:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from daemon.cli.output import mm
+from procedures.words import mm
 
 SPAN_S = 1.0  # of the belt that a line sums up
 MOST_ITEMS = 4

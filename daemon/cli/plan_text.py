@@ -5,8 +5,8 @@ from math import degrees
 from typing import Any
 
 from daemon.cli.iso9283_text import iso9283_plan_lines
-from daemon.cli.output import deg, mm, table
 from daemon.cli.plan_tracker import tracker_plan_lines
+from procedures.words import deg, mm, table
 
 HEADER = (
     "pose", "joints (deg)", "travel (deg)", "joint range (deg)", "keep-out (mm)", "workspace (mm)",

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from math import degrees
 from typing import Any
 
-from daemon.cli.output import mm, table
+from procedures.words import mm, table
 
 Margins = Callable[[Mapping[str, Any]], list[str | None]]
 HEADER = (

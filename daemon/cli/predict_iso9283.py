@@ -8,7 +8,6 @@ from calibration.iso9283 import CYCLES, figures
 from cell.calibrations import kinematics
 from cell.errors import CellError
 from cell.poses import from_pose6
-from daemon.cli.output import mm
 from daemon.cli.predict_arm import accepted_rows
 from daemon.cli.predict_tracker import noise_of
 from daemon.cli.predict_values import configured_values
@@ -21,6 +20,7 @@ from procedures.iso9283.plan import (
     require_same_devices,
     wanted_poses,
 )
+from procedures.words import mm
 
 _RANGE_M = 3.0  # where nobody says where the tracker stands
 

@@ -4,7 +4,6 @@ from typing import Any
 
 from cell.errors import AbortError, CellError
 from cell.poses import Array
-from daemon.cli.output import mm
 from daemon.cli.predict_values import configured_values
 from daemon.config import CellConfig
 from procedures.tracker.config import TrackerSamplingConfig
@@ -12,6 +11,7 @@ from procedures.tracker.plan import PlanRequest, plan_sampling
 from procedures.tracker.procedure import check_payload
 from procedures.tracker.space import make_space, payload_of, robot_of
 from procedures.tracker.stored import load_stored
+from procedures.words import mm
 
 TRACKER = {"sigma0": 15e-6, "sigma_per_m": 6e-6}  # of today's trackers, where the driver's section is silent
 

@@ -9,7 +9,8 @@ import typer
 
 from cell.errors import error
 from daemon.cli.options import CellPaths, ConfigOption, JsonOption, cell_paths
-from daemon.cli.output import out, out_json, say, table
+from daemon.cli.output import out, out_json, say
+from procedures.words import table
 
 NEEDED_STATES = ("proposed", "accepted", "committed", "superseded", "rolled-back")
 

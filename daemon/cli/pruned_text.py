@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from daemon.cli.output import local_time
+from procedures.words import local_time
 
 KEPT = "kept are its line in runs/pruned.jsonl and what the ledger holds of its results ('cellward results')"
 

@@ -5,7 +5,8 @@ from typing import Any
 
 from cell.errors import error
 from daemon.cli.options import ConfigOption, JsonOption, cell_paths
-from daemon.cli.output import out, out_json, say, table
+from daemon.cli.output import out, out_json, say
+from procedures.words import table
 
 LOST = ("results that waited for a decision", "audit", "trends", "items")
 

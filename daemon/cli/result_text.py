@@ -9,7 +9,7 @@ from daemon.cli.intercept_text import intercept_lines
 from daemon.cli.iso9283_text import iso9283_lines
 from daemon.cli.kincal_text import kincal_lines
 from daemon.cli.laser_text import laser_lines, latency_lines, reference_lines
-from daemon.cli.output import deg, mm, pose_text
+from procedures.words import deg, mm, pose_text
 
 SETUPS = {
     "T_flange_camera": "camera in flange (eye-in-hand)",

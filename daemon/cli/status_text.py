@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from daemon.cli.next_step import next_commands, possible, to_decide
-from daemon.cli.output import table
+from procedures.words import table
 
 
 def status_text(status: Mapping[str, Any]) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from daemon.cli.output import mm, ms, pose_text, told
+from procedures.words import mm, ms, pose_text, told
 
 
 def value_text(name: str, value: Any) -> str:

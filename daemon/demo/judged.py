@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from daemon.cli.output import out, table
+from daemon.cli.output import out
+from procedures.words import table
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ import numpy as np
 
 from cell.poses import Array, from_pose6
 from cell.store.files import read_json
-from daemon.cli.output import table
 from daemon.demo.judged import Judged
 from daemon.demo.verdict_laser import SURE_POINT
 from procedures.tracker.judging import places
 from procedures.tracker.record import DATA_FILE, HELD_OUT_FILE
+from procedures.words import table
 
 ELSEWHERE = 200
 

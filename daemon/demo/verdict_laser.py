@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from cell.poses import Array, from_pose6
-from daemon.cli.output import table
 from daemon.demo.judged import Judged
+from procedures.words import table
 
 # 95 % limits widened to 99.73 %, by the quantiles of chi-square with 3 and with 2 degrees of freedom.
 SURE_POINT = 1.346

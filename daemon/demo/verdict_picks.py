@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from daemon.cli.output import table
 from daemon.demo.judged import Judged
+from procedures.words import table
 
 WANTED_M = 0.001  # RMS of the contacts, horizontal
 
