@@ -143,6 +143,7 @@ class Procedure(ABC):
 
     name: ClassVar[str]
     number: ClassVar[int]
+    kind: ClassVar[str] = ""  # of its results and plans
     Config: ClassVar[type[BaseModel]]
     State: ClassVar[type[StrEnum]]
     TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]]
@@ -171,6 +172,14 @@ class Procedure(ABC):
     @abstractmethod
     async def dry_run(self, run: "Run") -> dict[str, Any]:
         """The plan without moving anything: a JSON-able list of poses with every check."""
+
+    @classmethod
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+        """The result from the data set ``path``, solved and judged as the run did.
+
+        ``info`` is its ``run.json``, ``recorded`` its result.
+        """
+        raise error("NOT_FOUND", f"a {cls.name} has nothing to solve again")
 
 
 class Run:

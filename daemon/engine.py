@@ -287,7 +287,8 @@ class Engine:
     async def _dry_run(self, run: Run, folder: RunFolder) -> dict[str, Any]:
         end: dict[str, Any] = {"outcome": "dry-run", "error": None}
         try:
-            return {"run_id": run.id, "plan": await run.procedure.dry_run(run)}
+            plan = await run.procedure.dry_run(run)
+            return {"run_id": run.id, "plan": {"kind": run.procedure.kind, **plan}}
         except CellError as refusal:
             end["error"] = refusal.as_dict()
             raise

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from datetime import datetime
-from math import degrees
+from math import degrees, sqrt
 from typing import Any
 
 
@@ -48,3 +48,11 @@ def local_time(stamp: str | float | None) -> str:
         return "-"
     moment = datetime.fromisoformat(stamp) if isinstance(stamp, str) else datetime.fromtimestamp(stamp)
     return f"{moment.astimezone():%Y-%m-%d %H:%M:%S}"
+
+
+def sigma_text(cov: Sequence[Sequence[float]]) -> str:
+    """One standard deviation of each component of a pose covariance (6, 6), translation first."""
+    sigma = [sqrt(max(cov[i][i], 0.0)) for i in range(6)]
+    t = ", ".join(f"{1e3 * s:.4f}" for s in sigma[:3])
+    r = ", ".join(f"{degrees(s):.5f}" for s in sigma[3:])
+    return f"x, y, z {t} mm; about x, y, z {r} deg"

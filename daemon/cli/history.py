@@ -179,13 +179,13 @@ def compare(
     first: RunArgument, second: RunArgument, config: ConfigOption = None, as_json: JsonOption = False
 ) -> None:
     """The difference of two results of the same kind, against their uncertainties."""
-    from daemon.cli.compare import compare_results, comparison_text
+    from daemon.cli.compare import compare_results
 
     folders = [load(config, number) for number in (first, second)]
     results = [result_of(folder) for folder in folders]
     with reading(folders[1].path.parent):
         found = compare_results(*results)
-        text = comparison_text(found, f"run {first}", f"run {second}")
+        text = found.text(f"run {first}", f"run {second}")
     if as_json:
         out_json({"runs": [first, second], **found.as_dict()})
     else:

@@ -1,7 +1,6 @@
 """``cellward solve``: from a data set to a result, without robot or daemon."""
 
 from difflib import get_close_matches
-from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,17 +11,10 @@ from daemon.cli.failures import FAILED
 from daemon.cli.options import JsonOption
 from daemon.cli.output import out, out_json, say
 from daemon.cli.progress import ProgressBar
+from procedures.kind import KINDS as ALL_KINDS
+from procedures.kind import load
 
-# Where the solver of each kind of data set is: called with the path, ``method`` and ``progress``.
-SOLVERS = {
-    "hand-eye": "procedures.solve.hand_eye:solve_hand_eye",
-    "intercept": "procedures.solve.intercept:solve_intercept",
-    "kincal": "procedures.solve.kincal:solve_kincal",
-    "laser": "procedures.solve.laser:solve_laser",
-}
-KINDS = tuple(SOLVERS)
-# What else a kind can be asked: option names that its solver takes as further arguments.
-ASKED: dict[str, tuple[str, ...]] = {"kincal": ("predict", "targets", "robot")}
+KINDS = {kind.name: kind for kind in sorted(ALL_KINDS.values(), key=lambda k: k.name) if kind.solve}
 
 
 def solve(
@@ -84,13 +76,12 @@ def solve_data(kind: str, path: Path, method: str | None, **asked: Path | None) 
         hint = f"did you mean {near[0]}?" if near else f"there is: {', '.join(KINDS)}"
         raise error("ARGUMENT_INVALID", f"'{kind}' cannot be solved, {hint}")
     files = {option: file for option, file in asked.items() if file is not None}
-    if useless := [option for option in files if option not in ASKED.get(kind, ())]:
-        kinds = [k for k, options in ASKED.items() if useless[0] in options]
+    if useless := [option for option in files if option not in KINDS[kind].asked]:
+        kinds = [k.name for k in KINDS.values() if useless[0] in k.asked]
         raise error(
             "ARGUMENT_INVALID", f"--{useless[0]} is for {', '.join(kinds)}, not for {kind}; leave it out"
         )
-    module, name = SOLVERS[kind].split(":")
-    solver = getattr(import_module(module), name)
+    solver = load(KINDS[kind].solve)
     with ProgressBar() as bar:
         result: dict[str, Any] = solver(path, method=method, progress=bar.show, **files)
     return result

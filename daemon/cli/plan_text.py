@@ -1,114 +1,20 @@
-"""The plan of a dry run as a table: every pose with every check."""
+"""The plan of a dry run in words, by its kind."""
 
-from collections.abc import Mapping, Sequence
-from math import degrees
+from collections.abc import Mapping
 from typing import Any
 
-from daemon.cli.iso9283_text import iso9283_plan_lines
-from daemon.cli.plan_tracker import tracker_plan_lines
-from procedures.words import deg, mm, table
-
-HEADER = (
-    "pose", "joints (deg)", "travel (deg)", "joint range (deg)", "keep-out (mm)", "workspace (mm)",
-    "floor (mm)", "self (mm)", "singular",
-)  # fmt: skip
-SWEEP_HEADER = (
-    "move", "across", "tool's point from (mm)", "to (mm)", "joint range (deg)", "keep-out (mm)",
-    "workspace (mm)", "floor (mm)", "self (mm)", "singular",
-)  # fmt: skip
+from procedures.kind import kind_of, load
 
 
 def plan_text(plan: Mapping[str, Any]) -> str:
-    """What a job would do, with the margin of each pose to each limit; nothing in it may be negative."""
-    lines = []
-    if note := plan.get("note"):
-        lines.append(str(note))
-    poses = plan.get("poses", [])
+    """What a job would do; ``KIND_UNKNOWN`` for a plan of a kind that is not known."""
+    note = [str(plan["note"])] if plan.get("note") else []
+    kind = kind_of({"kind": _kind_without_name(plan), **plan}, "plan")
+    return "\n".join([*note, *load(kind.plan)(plan), "Nothing was moved."])
+
+
+def _kind_without_name(plan: Mapping[str, Any]) -> str:
+    """The kind of a plan from a daemon that does not write it: two have tables of their own."""
     if "source_rule" in plan:
-        return "\n".join([*lines, *tracker_plan_lines(plan, _margins), "Nothing was moved."])
-    if "arrivals" in plan:
-        return "\n".join([*lines, *iso9283_plan_lines(plan, _margins), "Nothing was moved."])
-    if poses:
-        lines += [
-            f"{len(poses)} poses, cone about {plan.get('axis', 'the board')}; margins to the limits:",
-            table(HEADER, (_row(pose) for pose in poses)),
-        ]
-    lines += _sweeps(plan)
-    if plan.get("travel_rad") is not None:
-        lines.append(
-            f"joint travel {deg(plan['travel_rad'], 0)}; "
-            f"turning about a second axis {deg(plan['spread_rad'], 1)} RMS"
-        )
-    if rejected := plan.get("rejected"):
-        lines.append(f"{len(rejected)} poses are left out:")
-        lines += [f"  {r['index']}: {r['reason']}" for r in rejected]
-    if predicted := plan.get("predicted"):
-        lines.append(prediction_text(predicted))
-    lines.append("Nothing was moved.")
-    return "\n".join(lines)
-
-
-def prediction_text(predicted: Mapping[str, Any]) -> str:
-    """The expected error of the calibration, and what was assumed for it."""
-    assumed = predicted["assuming"]
-    return (
-        f"expected error below {mm(predicted['error95_t_m'])} and {deg(predicted['error95_r_rad'])} (95 %), "
-        f"assuming {assumed['placements']} placements like this one, corners to {assumed['sigma_px']:g} px, "
-        f"flange poses to {mm(assumed['sigma_flange_t'])} and {deg(assumed['sigma_flange_r'])}"
-    )
-
-
-def _sweeps(plan: Mapping[str, Any]) -> list[str]:
-    """The moves of a crossed-beam job in order; 'across' says how often one crosses a beam and comes back."""
-    sweeps = plan.get("sweeps", [])
-    if not sweeps:
-        return []
-    lines = [
-        "Every move in order, with the margins to the limits where it is tightest:",
-        table(SWEEP_HEADER, map(_sweep, sweeps)),
-    ]
-    if (floor := plan.get("floor_m")) is not None:
-        lines.append(f"the tool's point does not go below {mm(floor, 1)} in base")
-    problems = plan.get("problems") or []
-    lines += [f"not possible: {problem}" for problem in problems]
-    return lines
-
-
-def _sweep(row: Mapping[str, Any]) -> list[str | None]:
-    sweeps = row.get("sweeps")
-    times = str(sweeps) if sweeps else None  # an approach crosses nothing
-    return [str(row["index"]), times, _at(row.get("from")), _at(row.get("to")), *_margins(row)]
-
-
-def _at(point: Sequence[float] | None) -> str | None:
-    return None if point is None else " ".join(f"{round(1e3 * v, 1) + 0.0:.1f}" for v in point)
-
-
-def _row(pose: Mapping[str, Any]) -> list[str | None]:
-    joints = " ".join(f"{round(degrees(v), 1) + 0.0:.1f}" for v in pose["q"])
-    return [str(pose["index"]), joints, _angle(pose.get("travel_rad")), *_margins(pose)]
-
-
-def _margins(pose: Mapping[str, Any]) -> list[str | None]:
-    checks = pose.get("checks", {})
-    return [
-        _named(_angle(checks.get("joint_rad")), checks.get("joint")),
-        _named(_length(checks.get("clearance_m")), checks.get("clearance")),
-        _length(checks.get("workspace_m")),
-        _length(checks.get("floor_m")),
-        _length(checks.get("self_m")),
-        None if checks.get("singularity") is None else f"{checks['singularity']:.3f}",
-    ]
-
-
-def _angle(radians: float | None) -> str | None:
-    return None if radians is None else f"{degrees(radians):.1f}"
-
-
-def _length(metres: float | None) -> str | None:
-    """A margin in mm; without walls it is endless."""
-    return None if metres is None or metres > 1e3 else f"{1e3 * metres:.0f}"
-
-
-def _named(margin: str | None, name: str | None) -> str | None:
-    return margin if margin is None or not name else f"{margin} {name}"
+        return "kincal"
+    return "iso9283" if "arrivals" in plan else "hand-eye"

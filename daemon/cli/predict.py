@@ -11,7 +11,6 @@ from calibration.planning import board_centre
 from calibration.targets import make_target
 from cell.errors import AbortError, CellError
 from cell.poses import Array, to_pose6
-from daemon.cli.plan_text import prediction_text
 from daemon.cli.predict_belt import predict_belt
 from daemon.cli.predict_iso9283 import predict_iso9283
 from daemon.cli.predict_laser import predict_laser
@@ -21,6 +20,7 @@ from daemon.config import CellConfig
 from procedures.belt.config import BeltTrackingConfig
 from procedures.cone_capture.config import ConeCaptureConfig
 from procedures.cone_capture.plan import PlanRequest, View, plan_placement
+from procedures.cone_capture.words import prediction_text
 from procedures.iso9283.config import Iso9283Config
 from procedures.laser.config import LaserReferenceConfig
 from procedures.tracker.config import TrackerSamplingConfig

@@ -9,8 +9,8 @@ import numpy as np
 
 from cell.errors import error
 from cell.poses import Array, from_pose6, log_xi
-from daemon.cli.result_text import SETUPS, calibration_name, spread_text
 from daemon.demo.judged import Judged
+from procedures.cone_capture.words import SETUPS, calibration_name, spread_text
 from procedures.words import table
 
 M2_LIMIT = 20.1  # 3 sigma: 99.73 % of a chi-square with 6 degrees of freedom lie below

@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Mapping
 from enum import StrEnum
 from functools import partial
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -52,6 +53,7 @@ class BeltCalibration(Procedure):
 
     name: ClassVar[str] = "belt-calibration"
     number: ClassVar[int] = 6
+    kind: ClassVar[str] = "belt-calibration"
     Config = BeltCalibrationConfig
     State = State
     TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = {
@@ -109,6 +111,10 @@ class BeltCalibration(Procedure):
             else f"{config.touches} touches of one mark on the belt"
         )
         return {"poses": [], "note": f"the job moves nothing; it waits for {what}"}
+
+    @classmethod
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+        return solve_within_limits(path, info["job_config"])
 
 
 class _Session:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -43,6 +44,7 @@ class BeltTracking(Procedure):
 
     name: ClassVar[str] = "belt-tracking"
     number: ClassVar[int] = 7
+    kind: ClassVar[str] = "belt-tracking"
     Config = BeltTrackingConfig
     State = PickState
     TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = PICKING
@@ -96,6 +98,11 @@ class BeltTracking(Procedure):
         """The poses, and what the belt, the zone and the limits make of a pick; nothing moves."""
         picking = _Picking(self.config, run)
         return {"poses": picking.poses(), "note": "the way to an item is planned when it is seen"}
+
+    @classmethod
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+        """What was picked is in journal and ledger; solved is where items were predicted to be."""
+        return {**recorded, **predicted(path)}
 
 
 class _Picking:

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from enum import StrEnum
 from functools import partial
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -32,7 +33,8 @@ from procedures.cone_capture.plan import (
     target_point_count,
 )
 from procedures.cone_capture.record import CaptureRecord, camera_entry, observation_entry
-from procedures.cone_capture.verdict import solve_within_limits
+from procedures.cone_capture.verdict import judged, solve_within_limits
+from procedures.solve.hand_eye import solve_hand_eye
 
 STANDSTILL_TIMEOUT_S = 2.0
 FIRST_FRAME_TIMEOUT_S = 5.0
@@ -65,6 +67,7 @@ class ConeCapture(Procedure):
 
     name: ClassVar[str] = "cone-capture"
     number: ClassVar[int] = 1
+    kind: ClassVar[str] = "hand-eye"
     Config = ConeCaptureConfig
     State = State
     TRANSITIONS: ClassVar[dict[Any, frozenset[Any]]] = {
@@ -121,6 +124,12 @@ class ConeCapture(Procedure):
             return {"note": "no nominal pose in [robot]: six small moves come first", "poses": []}
         plan = await capture.plan(frame)
         return plan.as_dict()
+
+    @classmethod
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+        again = solve_hand_eye(path, method=(recorded.get("inputs") or {}).get("method"))
+        limits = (info.get("job_config") or {}).get("accept")
+        return judged(again, limits) if limits else again
 
 
 class _Capture:

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar
 
 from cell.errors import CellError, error
@@ -19,6 +20,7 @@ class Iso9283Test(Procedure):
 
     name: ClassVar[str] = "iso9283"
     number: ClassVar[int] = 11
+    kind: ClassVar[str] = "iso9283"
     Config = Iso9283Config
     State = State
     TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = TRANSITIONS
@@ -57,6 +59,11 @@ class Iso9283Test(Procedure):
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """Every pose with the guard's findings and the order of visits; nothing moves."""
         return (await Session(self.config, run).plan()).listing
+
+    @classmethod
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+        limits = {key: info["job_config"].get(key) for key in ("max_AP_m", "max_RP_m")}
+        return solve_iso9283(path, limits)
 
 
 async def _keep_what_is_left(run: Run, session: Session) -> None:

@@ -24,6 +24,7 @@ class LaserCheck(Procedure):
 
     name: ClassVar[str] = "laser-check"
     number: ClassVar[int] = 3
+    kind: ClassVar[str] = "laser"
     Config = LaserCheckConfig
     State = ScanState
     TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = SCAN
@@ -46,6 +47,10 @@ class LaserCheck(Procedure):
         measurement = measurement_of(run, self.config)
         measurement.check_fixture()
         return await measurement.plan()
+
+    @classmethod
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+        return solved_check(path, known_of(info["values"]), info["job_config"])
 
 
 def measurement_of(run: Run, config: LaserCheckConfig | LaserUpdateConfig) -> Measurement:

@@ -25,6 +25,7 @@ class LaserReference(Procedure):
 
     name: ClassVar[str] = "laser-reference"
     number: ClassVar[int] = 2
+    kind: ClassVar[str] = "laser-reference"
     Config = LaserReferenceConfig
     State = ScanState
     TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = SCAN
@@ -71,6 +72,12 @@ class LaserReference(Procedure):
         measurement = self._measurement(run)
         measurement.check_fixture()
         return await measurement.plan()
+
+    @classmethod
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+        config = LaserReferenceConfig.model_validate(info["job_config"])
+        known = known_of(config, info["values"], info["config"]["robot"]["beams"])
+        return solved_reference(path, known, info["job_config"])
 
     def _measurement(self, run: Run) -> Measurement:
         search = Search.from_config(self.config, run.values["poses"], run.inputs("beams").name)

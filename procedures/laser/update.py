@@ -63,6 +63,7 @@ class LaserUpdate(Procedure):
 
     name: ClassVar[str] = "laser-update"
     number: ClassVar[int] = 4
+    kind: ClassVar[str] = "laser"
     Config = LaserUpdateConfig
     State = State
     TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = {
@@ -103,6 +104,10 @@ class LaserUpdate(Procedure):
         plan = await measurement.plan()
         again = "once accepted, all of it again with the candidate's point on the same path, checked then"
         return {**plan, "note": f"{plan['note']}; {again}"}
+
+    @classmethod
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+        return solved_update(path, info["values"], info["job_config"], recorded)
 
 
 class _Candidate:

@@ -1,5 +1,1 @@
 """Job ``latency-calibration``: the constant delay of a source's stamps against the arm's."""
-
-from procedures.latency.procedure import LatencyCalibration
-
-__all__ = ["LatencyCalibration"]

@@ -42,6 +42,7 @@ class LatencyCalibration(Procedure):
 
     name: ClassVar[str] = "latency-calibration"
     number: ClassVar[int] = 10
+    kind: ClassVar[str] = "latency"
     Config = LatencyCalibrationConfig
     State = State
     TRANSITIONS: ClassVar[dict[Any, frozenset[Any]]] = {
@@ -99,6 +100,10 @@ class LatencyCalibration(Procedure):
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """Every move with the guard's findings; nothing moves."""
         return await self._source(run).plan()
+
+    @classmethod
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+        return solve_within_limits(path, info["job_config"]["accept"])
 
     async def _excite(self, run: Run, source: Source, lease: MotionLease) -> None:
         await run.enter(S.APPROACH, source.device)

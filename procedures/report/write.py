@@ -8,10 +8,10 @@ import numpy as np
 
 from cell.errors import error
 from cell.store.files import write_atomic
+from procedures.kind import kind_of, load
 from procedures.report.figure import plotly_script
 from procedures.report.html import Html, absent, document, el, join
-from procedures.report.kinds import layout_of
-from procedures.report.layout import Section
+from procedures.report.layout import Layout, Section
 from procedures.report.numbers import dig
 from procedures.report.source import Source, of_folder, read_result
 
@@ -27,7 +27,7 @@ def write_report(
     when they are there, and ``path`` is ``report.html`` in it unless given. A mapping needs ``path``, and
     ``data`` (a data set, or ``inputs.path`` of the result) for what shows measurements. A figure whose data
     are absent or damaged is left out and said to be. Raises ``FILE_MISSING`` or ``FILE_UNREADABLE`` for
-    the result, ``DISK_FULL`` or ``DISK_FAILED`` for the report.
+    the result, ``KIND_UNKNOWN`` for its kind, ``DISK_FULL`` or ``DISK_FAILED`` for the report.
     """
     if isinstance(source, Path):
         found, path = from_folder(source), path or source / FILE_NAME
@@ -75,6 +75,12 @@ def render(source: Source) -> str:
         ]
     )
     return document(title, body, plotly_script())
+
+
+def layout_of(result: Mapping[str, Any]) -> Layout[Any]:
+    """The layout for ``result``; ``KIND_UNKNOWN`` for one of a kind that is not known."""
+    found: Layout[Any] = load(kind_of(result).report)
+    return found
 
 
 def _guarded(part: Section[Any], source: Source) -> Html | None:

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar
 
 from cell.calibrations import kinematics
@@ -24,6 +25,7 @@ class TrackerSampling(Procedure):
 
     name: ClassVar[str] = "tracker-sampling"
     number: ClassVar[int] = 5
+    kind: ClassVar[str] = "kincal"
     Config = TrackerSamplingConfig
     State = State
     TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = TRANSITIONS
@@ -74,6 +76,10 @@ class TrackerSampling(Procedure):
             note = "without T_base_tracker_nominal the job finds the tracker first, then plans in its view"
             return {"note": note, **plan.listing}
         return plan.listing
+
+    @classmethod
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+        return solve_within_limits(path, info["job_config"])
 
 
 async def _with_what_is_left(run: Run, sampling: Sampling, failure: CellError) -> CellError:

@@ -7,15 +7,15 @@ from typing import Any
 
 import pytest
 
-from daemon.cli.belt_text import belt_calibration_lines, belt_tracking_lines
-from daemon.cli.intercept_text import intercept_lines
-from daemon.cli.kincal_text import kincal_lines
 from daemon.cli.next_step import next_commands, possible
 from daemon.cli.status_text import change_line, status_text, without_state
 from daemon.cli.value_text import value_text
 from daemon.status import summary_of
+from procedures.belt.intercept_words import intercept_lines
+from procedures.belt.words import belt_calibration_lines, belt_tracking_lines
 from procedures.report.source import Source
 from procedures.report.verdict import banner
+from procedures.tracker.words import kincal_lines
 
 END: dict[str, Any] = {"run_id": 5, "job": "cone-capture", "outcome": "complete", "verdict": "pass"}
 WAITS = [{"id": 2, "name": "T_flange_camera", "run_id": 5}]

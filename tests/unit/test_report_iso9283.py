@@ -11,7 +11,7 @@ from test_iso9283_figures import data_set, known, solved
 from test_report_page import HOSTILE, Page
 
 from cell.errors import CellError
-from daemon.cli.compare import compare_results, comparison_text
+from daemon.cli.compare import compare_results
 from daemon.cli.plan_text import plan_text
 from daemon.cli.result_text import result_text
 from procedures.report.iso9283_source import IsoSource
@@ -124,7 +124,7 @@ def test_two_tests_are_compared_side_by_side(result: dict[str, Any]) -> None:
     better["result"]["corrected"] = True
     for pose in better["result"]["poses"]:
         pose |= {"AP": pose["AP_tracker"], "AP_resolved": False}
-    text = comparison_text(compare_results(result, better), "run 1", "run 2")
+    text = compare_results(result, better).text("run 1", "run 2")
     assert "run 1 was commanded as its controller believes it, run 2 through its calibrated" in text
     worst = result["result"]["AP_max"]
     own = better["result"]["poses"][2]["AP_tracker"]

@@ -12,7 +12,7 @@ from cell.calibrations import kinematics
 from cell.errors import CellError
 from cell.formats.kincal import SCHEMA
 from cell.store.files import read_json
-from daemon.cli.compare import compare_results, comparison_text
+from daemon.cli.compare import compare_results
 from daemon.cli.replay import differences
 from daemon.cli.value_text import value_text
 from daemon.status import summary_of
@@ -150,7 +150,7 @@ def test_a_status_page_gets_the_figures_without_their_tables(done: Done) -> None
 
 def test_runs_with_different_payloads_are_not_compared(done: Done) -> None:
     same = compare_results(done.result, done.result)
-    assert "within what their uncertainties explain" in comparison_text(same, "run 1", "run 2")
+    assert "within what their uncertainties explain" in same.text("run 1", "run 2")
     other = {**done.result, "inputs": {**done.result["inputs"], "payload_kg": 2.5}}
     with pytest.raises(CellError, match=r"2\.5 kg") as caught:
         compare_results(done.result, other)

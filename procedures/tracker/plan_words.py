@@ -1,27 +1,27 @@
 """The plan of a tracker sampling as tables: every pose in order with every check, and what they promise."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import degrees
 from typing import Any
 
+from procedures.plan_words import margins
 from procedures.words import mm, table
 
-Margins = Callable[[Mapping[str, Any]], list[str | None]]
 HEADER = (
     "pose", "reflector", "for", "joints (deg)", "by way of", "range (m)", "joint range (deg)",
     "keep-out (mm)", "workspace (mm)", "floor (mm)", "self (mm)", "singular",
 )  # fmt: skip
 
 
-def tracker_plan_lines(plan: Mapping[str, Any], margins: Margins) -> list[str]:
-    """``margins`` gives the cells of a pose's margins to the limits."""
+def tracker_plan_lines(plan: Mapping[str, Any]) -> list[str]:
+    """Every pose in its order with its margins to the limits, and the expected error."""
     lines = []
     if locate := plan.get("locate"):
         lines.append(f"{len(locate)} poses come first, to find the tracker's place:")
-        lines.append(table(HEADER, (_row(pose, "place", margins) for pose in locate)))
+        lines.append(table(HEADER, (_row(pose, "place") for pose in locate)))
     poses = plan["poses"]
     lines.append(f"{len(poses)} poses in their order; margins to the limits:")
-    lines.append(table(HEADER, (_row(p, "check" if p["held_out"] else "solve", margins) for p in poses)))
+    lines.append(table(HEADER, (_row(p, "check" if p["held_out"] else "solve") for p in poses)))
     for lost in plan.get("lost") or []:
         lines.append(f"left out: no free way to {_joints(lost['q'])} ({lost['why']})")
     if plan.get("not_possible"):
@@ -31,7 +31,7 @@ def tracker_plan_lines(plan: Mapping[str, Any], margins: Margins) -> list[str]:
     return lines
 
 
-def _row(pose: Mapping[str, Any], purpose: str, margins: Margins) -> list[str | None]:
+def _row(pose: Mapping[str, Any], purpose: str) -> list[str | None]:
     distance = pose.get("range_m")
     return [
         str(pose["index"]),

@@ -1,8 +1,9 @@
 """A test of pose accuracy and repeatability in words, and its plan."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
+from procedures.plan_words import margins
 from procedures.words import mm, pose_text, table
 
 _HEADER = (
@@ -41,9 +42,7 @@ def _shown(pose: Mapping[str, Any], key: str) -> str:
     return f"{mm(pose[key])} (the tracker's own; measured {mm(pose[f'{key}_measured'])})"
 
 
-def iso9283_plan_lines(
-    plan: Mapping[str, Any], margins: Callable[[Mapping[str, Any]], list[str | None]]
-) -> list[str]:
+def iso9283_plan_lines(plan: Mapping[str, Any]) -> list[str]:
     """Every pose with its margins, and the order of visits."""
     shifts = [pose["shift_m"] for pose in plan["poses"]]
     lines = [

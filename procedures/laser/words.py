@@ -5,6 +5,7 @@ from math import degrees, hypot, sqrt
 from typing import Any
 
 from procedures.laser.moved_words import axis_words, point_words
+from procedures.latency.words import hysteresis_lines
 from procedures.words import deg, mm, ms, pose_text
 
 
@@ -86,17 +87,6 @@ def reference_lines(result: Mapping[str, Any], answer: Mapping[str, Any]) -> lis
     return lines + _delays(answer)
 
 
-def latency_lines(result: Mapping[str, Any], answer: Mapping[str, Any]) -> list[str]:
-    """How late a source is, and what its driver takes off already."""
-    low, high = answer["interval95_s"]
-    return [
-        f"  the stamps of '{answer.get('source')}' are late by {ms(answer['time_offset_s'])}, "
-        f"95 % interval {ms(low)} to {ms(high)}",
-        f"  its driver takes off {ms(answer.get('applied_s'))}",
-        *_hysteresis(answer),
-    ]
-
-
 def uncertainty(result: Mapping[str, Any]) -> float | None:
     """The length (m) that 95 % of the errors of the tool's point stay below; None when it is not known."""
     stated: float | None = (result.get("uncertainty") or {}).get("U_point_m")
@@ -118,12 +108,7 @@ def _delays(answer: Mapping[str, Any]) -> list[str]:
         lines.append(f"  the inputs are late by {ms(answer['latency_s'])}")
     elif left is not None:
         lines.append(f"  the inputs are later by {ms(left)} than their stamps say")
-    return lines + _hysteresis(answer)
-
-
-def _hysteresis(answer: Mapping[str, Any]) -> list[str]:
-    found = answer.get("hysteresis_m")
-    return [] if found is None else [f"  hysteresis {mm(found, 4)}"]
+    return lines + hysteresis_lines(answer)
 
 
 def _pm(cov: Sequence[Sequence[float]] | None, first: int) -> str:

@@ -1,0 +1,126 @@
+"""What a job plugs in: each kind of result with its jobs, words, report, solver and comparison.
+
+References are ``"package.module:name"`` and are imported when they are used, so this table imports no job.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+from cell.errors import error
+
+GENERAL_PLAN = "procedures.plan_words:plan_lines"
+PLAIN_REPORT = "procedures.report.plain:PLAIN"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of result document and of plan; an empty reference: there is no such thing for this kind.
+
+    ``words``: ``(result, answer) -> lines``; ``plan``: ``plan -> lines``; ``report``: a ``Layout``;
+    ``solve``: ``(path, *, method, progress, **asked) -> result``, for a data set without its run, where
+    ``asked`` are the further options that it takes; ``compare``: ``(first, second) -> Comparison``.
+    ``data_file`` is the data set in a run folder.
+    """
+
+    name: str
+    words: str
+    data_file: str = ""
+    jobs: tuple[str, ...] = ()  # their classes
+    plan: str = GENERAL_PLAN
+    report: str = PLAIN_REPORT
+    solve: str = ""
+    asked: tuple[str, ...] = ()
+    compare: str = ""
+
+
+_ALL = (
+    Kind(
+        name="hand-eye",
+        words="procedures.cone_capture.words:hand_eye_lines",
+        data_file="capture.json",
+        jobs=("procedures.cone_capture.procedure:ConeCapture",),
+        report="procedures.report.hand_eye:HAND_EYE",
+        solve="procedures.solve.hand_eye:solve_hand_eye",
+        compare="procedures.cone_capture.comparison:compare_hand_eye",
+    ),
+    Kind(
+        name="laser-reference",
+        words="procedures.laser.words:reference_lines",
+        data_file="laser.json",
+        jobs=("procedures.laser.reference:LaserReference",),
+        report="procedures.report.laser:LASER",
+    ),
+    Kind(
+        name="laser",
+        words="procedures.laser.words:laser_lines",
+        data_file="laser.json",
+        jobs=("procedures.laser.check:LaserCheck", "procedures.laser.update:LaserUpdate"),
+        report="procedures.report.laser:LASER",
+        solve="procedures.solve.laser:solve_laser",
+        compare="procedures.laser.comparison:compare_laser",
+    ),
+    Kind(
+        name="kincal",
+        words="procedures.tracker.words:kincal_lines",
+        data_file="kincal.json",
+        jobs=("procedures.tracker.procedure:TrackerSampling",),
+        plan="procedures.tracker.plan_words:tracker_plan_lines",
+        report="procedures.report.kincal:KINCAL",
+        solve="procedures.solve.kincal:solve_kincal",
+        asked=("predict", "targets", "robot"),
+        compare="procedures.tracker.comparison:compare_arms",
+    ),
+    Kind(
+        name="belt-calibration",
+        words="procedures.belt.words:belt_calibration_lines",
+        data_file="belt.json",
+        jobs=("procedures.belt.calibration:BeltCalibration",),
+        report="procedures.report.belt_calibration:BELT_CALIBRATION",
+    ),
+    Kind(
+        name="belt-tracking",
+        words="procedures.belt.words:belt_tracking_lines",
+        data_file="intercept.json",
+        jobs=("procedures.belt.tracking:BeltTracking",),
+        report="procedures.report.belt:BELT_TRACKING",
+    ),
+    Kind(
+        name="intercept",
+        words="procedures.belt.intercept_words:intercept_lines",
+        data_file="intercept.json",
+        solve="procedures.solve.intercept:solve_intercept",
+    ),
+    Kind(
+        name="latency",
+        words="procedures.latency.words:latency_lines",
+        data_file="latency.json",
+        jobs=("procedures.latency.procedure:LatencyCalibration",),
+    ),
+    Kind(
+        name="iso9283",
+        words="procedures.iso9283.words:iso9283_lines",
+        data_file="iso9283.json",
+        jobs=("procedures.iso9283.procedure:Iso9283Test",),
+        plan="procedures.iso9283.words:iso9283_plan_lines",
+        report="procedures.report.iso9283:ISO9283",
+        compare="procedures.iso9283.comparison:compare_iso9283",
+    ),
+)
+KINDS: Mapping[str, Kind] = {kind.name: kind for kind in _ALL}
+
+
+def kind_of(document: Mapping[str, Any], what: str = "result") -> Kind:
+    """The kind that a result or a plan says it is of; ``KIND_UNKNOWN`` when it is none of this version."""
+    name = document.get("kind")
+    if not isinstance(name, str) or name not in KINDS:
+        said = "does not say its kind" if name is None else f"is of kind '{name}'"
+        raise error("KIND_UNKNOWN", f"the {what} {said}; known are {', '.join(KINDS)}")
+    return KINDS[name]
+
+
+def load(reference: str) -> Any:
+    """What ``"package.module:name"`` refers to."""
+    module, name = reference.split(":")
+    return getattr(import_module(module), name)

@@ -1,0 +1,81 @@
+"""Do two poses differ by more than their covariances explain?"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import chdtrc, chdtri
+
+from cell.errors import error
+from cell.poses import Array
+from procedures.words import deg, mm, sigma_text
+
+SIGNIFICANT_P = 0.05
+
+
+@dataclass(frozen=True)
+class PoseComparison:
+    """The second result less the first; of two poses ``T_first exp(xi) = T_second``."""
+
+    name: str
+    frame: str  # that ``xi`` is given in; empty for that of the first pose
+    xi: Array  # (6,) m and rad, translation first
+    cov: Array  # (6, 6) of xi
+    degrees_of_freedom: int
+    m2: float  # squared Mahalanobis distance; chi-square with so many degrees of freedom if nothing changed
+    p: float
+
+    @property
+    def significant(self) -> bool:
+        return self.p < SIGNIFICANT_P
+
+    def as_dict(self) -> dict[str, Any]:
+        return {
+            "name": self.name,
+            "xi": self.xi.tolist(),
+            "cov": self.cov.tolist(),
+            "m2": self.m2,
+            "degrees_of_freedom": self.degrees_of_freedom,
+            "p": self.p,
+            "significant": self.significant,
+        }
+
+    def text(self, first: str, second: str) -> str:
+        """What a person wants to know: how much, against what, and whether it means anything."""
+        xi = self.xi
+        t, r = float(np.linalg.norm(xi[:3])), float(np.linalg.norm(xi[3:]))
+        axes = ", ".join(f"{1e3 * v:.4f}" for v in xi[:3])
+        turns = ", ".join(f"{np.degrees(v):.5f}" for v in xi[3:])
+        verdict = (
+            "they differ by more than their uncertainties explain"
+            if self.significant
+            else "the difference is within what their uncertainties explain"
+        )
+        frame = self.frame or f"the frame of {first}"
+        dof = self.degrees_of_freedom
+        return "\n".join(
+            [
+                f"{self.name}: {second} against {first}",
+                f"  difference {mm(t, 4)}, {deg(r, 5)}",
+                f"  x, y, z {axes} mm; about x, y, z {turns} deg (in {frame})",
+                f"  standard uncertainty of the difference {sigma_text(self.cov.tolist())}",
+                f"  squared Mahalanobis distance {self.m2:.1f} with {dof} degrees of freedom "
+                f"(95 % below {chdtri(dof, 0.05):.1f}), p = {self.p:.3g}",
+                f"  {verdict}",
+                "  (the uncertainties are taken as independent; an error common to both runs does not show)",
+            ]
+        )
+
+
+def require_covariances(*results: Mapping[str, Any]) -> None:
+    """``ARGUMENT_INVALID`` when one of the answers has none."""
+    if any(result["result"].get("cov") is None for result in results):
+        raise error("ARGUMENT_INVALID", "one of the results has no covariance, so nothing can be weighed")
+
+
+def weighed(name: str, frame: str, xi: Array, cov: Array, seen: Array) -> PoseComparison:
+    """``seen`` (6, k) has the directions that were measured."""
+    along = seen.T @ xi
+    m2 = float(along @ np.linalg.solve(seen.T @ cov @ seen, along))
+    return PoseComparison(name, frame, xi, cov, seen.shape[1], m2, float(chdtrc(seen.shape[1], m2)))
