@@ -125,6 +125,8 @@ def test_a_result_of_too_few_poses_to_leave_one_out_is_printed_without_that_line
 
     pose = [0.0, -0.08, 0.05, 0.0, 0.0, 0.0]
     residuals = {"spread_mean": {"t": 1e-4, "r": 1e-4}, "loo_mean": {}, "reprojection_rms_px": 0.1}
-    text = result_text({"kind": "hand-eye", "verdict": "pass", "result": {"T_flange_camera": pose}, "residuals": residuals})
+    text = result_text(
+        {"kind": "hand-eye", "verdict": "pass", "result": {"T_flange_camera": pose}, "residuals": residuals}
+    )
     assert "0.100 mm" in text
     assert "did not see it" not in text
