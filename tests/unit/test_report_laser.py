@@ -21,6 +21,7 @@ from laser_report_scene import (
 from test_report_page import HOSTILE, Page
 
 from calibration.tool_frame.scene import Scene
+from cell.errors import CellError
 from cell.formats.laser import parse_laser
 from procedures.laser.moved_words import moved_reasons
 from procedures.report import write_report
@@ -352,12 +353,19 @@ def test_text_from_outside_never_becomes_markup(
 
 def test_kind_without_sections_of_its_own_is_shown_as_plain_figures(no_plotly: None, tmp_path: Path) -> None:
     result = {
-        "kind": "drift",
+        "kind": "latency",
         "verdict": "warn",
         "reasons": [],
         "result": {"AP": [0.1], "formula": HOSTILE},
     }
     page = Page(write_report(result, tmp_path / "r.html").read_text("utf-8"))
-    assert "Result: drift" in page.text
+    assert "Result: latency" in page.text
     assert "Pass with warnings" in page.text
     assert "AP [0.1]" in page.text
+
+
+def test_a_result_of_an_unknown_kind_gets_no_report_of_another(tmp_path: Path) -> None:
+    with pytest.raises(CellError) as caught:
+        write_report({"kind": "drift", "verdict": "warn"}, tmp_path / "r.html")
+    assert caught.value.name == "KIND_UNKNOWN"
+    assert not (tmp_path / "r.html").exists()
