@@ -18,7 +18,7 @@ import laser_scene
 from cli_harness import CellOnDisk
 
 from bench.intercept import make as intercept_scene
-from procedures.solve.hand_eye import solve_hand_eye
+from procedures.hand_eye.solve.solver import solve_hand_eye
 
 Answer = Callable[[str, str], str | None]
 _FAR_M = 0.02  # a passing hand-eye answer further off than this is nonsense

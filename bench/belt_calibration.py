@@ -14,8 +14,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from calibration.belt.scale import BeltScale
-from procedures.belt.calibration_rows import Rows
-from procedures.belt.calibration_solving import by_touch
+from procedures.belt.calibrating.rows import Rows
+from procedures.belt.calibrating.solving import by_touch
 from tests.unit.belt_runs import BELTS, calibrated
 from tests.unit.belt_sightings import (
     BESIDE,

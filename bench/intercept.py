@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from cell.poses import Array
-from procedures.solve.intercept import solve_intercept
+from procedures.belt.solve.solver import solve_intercept
 
 HORIZONS = (0.03, 0.1, 0.3, 0.6)
 FINE = 1e-4  # s

@@ -27,7 +27,7 @@ from calibration.tool_frame.scene import Scene
 from calibration.tool_frame.solution import solve
 from cell.formats.laser import parse_laser
 from cell.poses import Array
-from procedures.solve.laser_data import scene_of
+from procedures.laser.solve.data import scene_of
 
 SEEDS = 30
 TURN = (0.012, -0.016, 0.0)

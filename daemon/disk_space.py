@@ -9,7 +9,7 @@ from typing import Any
 
 from cell.clock import Clock
 from daemon.config import CellConfig
-from procedures.cone_capture.config import ConeCaptureConfig
+from procedures.hand_eye.config import ConeCaptureConfig
 
 log = logging.getLogger("cellward.health")
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from math import degrees
 from typing import Any
 
-from procedures.cone_capture.words import prediction_text
+from procedures.hand_eye.words import prediction_text
 from procedures.words import deg, mm, table
 
 HEADER = (

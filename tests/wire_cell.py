@@ -20,7 +20,7 @@ from daemon.control_client import ControlClient
 from fakes._toml import to_toml
 from fakes.control import ask
 from fakes.scenario import Scenario
-from procedures.cone_capture.record import CaptureRecord
+from procedures.hand_eye.record import CaptureRecord
 from tests.pauses import Pauses
 
 BIN = Path(sys.executable).parent

@@ -10,11 +10,11 @@ from functools import lru_cache, partial
 
 import numpy as np
 
+from calibration.belt.change_point import kinked
 from calibration.belt.clock import FrameCounter, Timed, strays, true_times
 from calibration.belt.fit import Judge, Window, longest, newest_strays
 from calibration.belt.forecast import NEVER, Forecast, Motion
 from calibration.belt.history import History
-from calibration.belt.kink import kinked
 from calibration.belt.ripple import Ripple, blocks, refine, search
 from calibration.belt.smooth import NEAR, smooth
 from calibration.belt.speeds import Speeds

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fdtri
 
-from calibration.identification.constant import CHANCE, along_beams
+from calibration.identification.reflector_constant import CHANCE, along_beams
 from calibration.identification.solution import Solution
 
 

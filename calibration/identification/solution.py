@@ -9,8 +9,8 @@ from scipy.spatial.transform import RigidTransform
 from scipy.special import fdtri
 
 from calibration.identification.estimator import Fit, Problem, fit, state_at
+from calibration.identification.label_swap import reads_like
 from calibration.identification.model import Model
-from calibration.identification.names import reads_like
 from calibration.identification.noise import TrackerNoise, excess, first_noise
 from calibration.identification.registration import Registration, robust_register
 from calibration.identification.robust import RobustFit, robust_fit

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.tool_frame.system import Model, Rows
+from calibration.tool_frame.bounds import Model, Rows
 from cell.poses import Array
 
 _TUKEY = 4.685

@@ -8,11 +8,13 @@ import numpy as np
 from calibration.tool_frame import geometry as geo
 from calibration.tool_frame.averaging import average, excess, robust
 from calibration.tool_frame.beam_lines import FoundBeam, beam_through, plane_gap, point_cov
+from calibration.tool_frame.bounds import At, Model, Rows, rows_of, several_speeds
 from calibration.tool_frame.centres import out_back
 from calibration.tool_frame.crossings import Crossing, Seen, see
 from calibration.tool_frame.geometry import BEAMS, BeamFrame
 from calibration.tool_frame.lateral import ROUGH_SPREAD
-from calibration.tool_frame.models import TWO_HEIGHTS_M
+from calibration.tool_frame.model_choice import TWO_HEIGHTS_M
+from calibration.tool_frame.out_and_back import refuse_one_way
 from calibration.tool_frame.places import Places
 from calibration.tool_frame.posterior import posterior
 from calibration.tool_frame.reference_heights import rough_heights, spot_heights
@@ -20,8 +22,6 @@ from calibration.tool_frame.repeatability import of_a_way, scatter_of
 from calibration.tool_frame.scene import Refusal, Scene
 from calibration.tool_frame.selection import Selection, select
 from calibration.tool_frame.standstills import as_they_are, in_a_row
-from calibration.tool_frame.system import At, Model, Rows, rows_of, several_speeds
-from calibration.tool_frame.ways import refuse_one_way
 from cell.poses import Array
 
 _ROUNDS = 3

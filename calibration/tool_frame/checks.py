@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.tool_frame.averaging import design
+from calibration.tool_frame.bounds import rows_of
 from calibration.tool_frame.crossings import Crossing
 from calibration.tool_frame.scene import Refusal, Scene
 from calibration.tool_frame.solution import Solution
-from calibration.tool_frame.system import rows_of
 from cell.poses import Array
 
 FOLDS = 5

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.tool_frame.averaging import Fit, average, excess, robust
+from calibration.tool_frame.bounds import At, Model, Rows, rows_of
 from calibration.tool_frame.crossings import Crossing, Seen
 from calibration.tool_frame.geometry import BEAMS
-from calibration.tool_frame.models import choose_model, groups_of
+from calibration.tool_frame.model_choice import choose_model, groups_of
 from calibration.tool_frame.posterior import Noise, posterior
 from calibration.tool_frame.repeatability import of_a_way
 from calibration.tool_frame.selection import Selection
 from calibration.tool_frame.standstills import as_they_are, in_a_row
-from calibration.tool_frame.system import At, Model, Rows, rows_of
 from calibration.tool_frame.vertical import Vertical
 from cell.poses import Array
 

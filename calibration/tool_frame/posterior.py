@@ -23,8 +23,8 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from calibration.tool_frame.averaging import Fit, design
+from calibration.tool_frame.bounds import Model, Rows
 from calibration.tool_frame.repeatability import USUAL_WAY_M
-from calibration.tool_frame.system import Model, Rows
 from cell.poses import Array
 
 MIN_SIGMA_M = 2e-7

@@ -13,11 +13,11 @@ from itertools import pairwise
 import numpy as np
 
 from calibration.tool_frame.averaging import average
+from calibration.tool_frame.bounds import Model, Rows
 from calibration.tool_frame.geometry import BEAMS
 from calibration.tool_frame.meeting import length95
 from calibration.tool_frame.posterior import posterior
 from calibration.tool_frame.standstills import SHARED, together, widened
-from calibration.tool_frame.system import Model, Rows
 from cell.poses import Array
 
 K95 = 1.96

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.tool_frame import geometry as geo
+from calibration.tool_frame.bounds import At
 from calibration.tool_frame.contacts import Looks, stated
 from calibration.tool_frame.geometry import BEAMS
 from calibration.tool_frame.height import Density, weights
 from calibration.tool_frame.lateral import Lateral
 from calibration.tool_frame.repeatability import Scatter, scatter_of
-from calibration.tool_frame.system import At
 from calibration.tool_frame.tip import ENDS, POINT, End, View
 from calibration.tool_frame.vertical import Vertical
 from cell.poses import Array

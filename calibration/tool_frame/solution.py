@@ -6,17 +6,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calibration.tool_frame import geometry as geo
+from calibration.tool_frame.apparent_width import even_widths, unlike_stated
+from calibration.tool_frame.bounds import At, Model
 from calibration.tool_frame.crossings import Crossing, Seen, see
-from calibration.tool_frame.enough import check_enough, selected
 from calibration.tool_frame.geometry import BEAMS, BeamFrame
 from calibration.tool_frame.lateral import INTERVAL, Lateral, rough_delay, solve_lateral, without_blunders
+from calibration.tool_frame.out_and_back import UNSEEN_DELAY, compared_ways
 from calibration.tool_frame.rise import Heights, Rise
 from calibration.tool_frame.scene import Scene
 from calibration.tool_frame.selection import Selection
-from calibration.tool_frame.system import At, Model
+from calibration.tool_frame.sufficiency import check_enough, selected
 from calibration.tool_frame.vertical import Vertical
-from calibration.tool_frame.ways import UNSEEN_DELAY, compared_ways
-from calibration.tool_frame.widths import even_widths, unlike_stated
 from cell.poses import Array
 
 UNKNOWN_HEIGHT_M = 0.01

@@ -15,9 +15,9 @@ import numpy as np
 from scipy.optimize import brentq
 
 from calibration.tool_frame.averaging import design, precision_before
+from calibration.tool_frame.bounds import Model, Rows
 from calibration.tool_frame.posterior import Noise
 from calibration.tool_frame.scene import Pass
-from calibration.tool_frame.system import Model, Rows
 from cell.poses import Array
 
 SHARED = 0.5  # of the variance of two ways, from the standstill between them

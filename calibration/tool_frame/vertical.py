@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from calibration.tool_frame import geometry as geo
+from calibration.tool_frame.bounds import At
 from calibration.tool_frame.crossings import Seen
 from calibration.tool_frame.geometry import BEAMS, BeamFrame
 from calibration.tool_frame.hits import Bracket, bracket
 from calibration.tool_frame.scene import Scene
 from calibration.tool_frame.selection import Selection
-from calibration.tool_frame.system import At
 from cell.poses import Array
 
 _MAX_BEAM_OFF_M = 5e-4

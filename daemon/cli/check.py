@@ -29,10 +29,10 @@ def check(
 
     Exit code 2 when a job cannot succeed with it; a warning alone changes nothing.
     """
+    from daemon.cli.arm_model import arm_in_use, strangers
     from daemon.cli.machine import low_space
     from daemon.cli.machine import machine as measure
     from daemon.cli.predict import predictions
-    from daemon.cli.predict_arm import arm_in_use, strangers
     from daemon.cli.predict_values import found_in
     from daemon.config import load_config
     from daemon.disk_space import capture_bytes

@@ -90,7 +90,7 @@ def _follow(following: Following, plot: Path | None, seconds: float, as_json: bo
         if as_json:
             _rows_out(following, fresh)
         elif over or lines.due():
-            from daemon.cli.live_text import live_line
+            from procedures.belt.live_words import live_line
 
             out(live_line(following.numbers, following.rows))
         if plot is not None and following.columns and (over or draws.due()):
@@ -129,7 +129,7 @@ def _rows_out(following: Following, fresh: dict[str, list[list[float]]]) -> None
 
 
 def _draw(following: Following, plot: Path, again: bool) -> None:
-    from procedures.report.belt_live import live_page
+    from procedures.belt.report.live import live_page
 
     title = f"{following.job}, run {following.run_id}"
     page = live_page(title, following.rows, DRAW_EACH_S if again else None)

@@ -11,19 +11,19 @@ from calibration.planning import board_centre
 from calibration.targets import make_target
 from cell.errors import AbortError, CellError
 from cell.poses import Array, to_pose6
-from daemon.cli.predict_belt import predict_belt
-from daemon.cli.predict_iso9283 import predict_iso9283
-from daemon.cli.predict_laser import predict_laser
-from daemon.cli.predict_tracker import predict_tracker
 from daemon.cli.predict_values import configured_values
 from daemon.config import CellConfig
 from procedures.belt.config import BeltTrackingConfig
-from procedures.cone_capture.config import ConeCaptureConfig
-from procedures.cone_capture.plan import PlanRequest, View, plan_placement
-from procedures.cone_capture.words import prediction_text
+from procedures.belt.expectation import predict_belt
+from procedures.hand_eye.config import ConeCaptureConfig
+from procedures.hand_eye.plan import PlanRequest, View, plan_placement
+from procedures.hand_eye.words import prediction_text
 from procedures.iso9283.config import Iso9283Config
+from procedures.iso9283.expectation import predict_iso9283
 from procedures.laser.config import LaserReferenceConfig
+from procedures.laser.expectation import predict_laser
 from procedures.tracker.config import TrackerSamplingConfig
+from procedures.tracker.expectation import predict_tracker
 
 # Neither the camera nor the board's place is known yet, so both are assumed, and said.
 ASSUMED_CAMERA: dict[str, Any] = {"width": 1280, "height": 800, "K": [800.0, 800.0, 639.5, 399.5], "dist": []}

@@ -9,10 +9,10 @@ from daemon.cli.failures import FAILED, OK
 from daemon.cli.output import out, say
 from daemon.cli.result_text import result_text
 from daemon.demo.judged import Judged, Row
-from daemon.demo.verdict import judge_camera
-from daemon.demo.verdict_arm import judge_arm
-from daemon.demo.verdict_laser import judge_beams, judge_tool
-from daemon.demo.verdict_picks import judge_picks
+from procedures.belt.truth import judge_picks
+from procedures.hand_eye.truth import judge_camera
+from procedures.laser.truth import judge_beams, judge_tool
+from procedures.tracker.truth import judge_arm
 
 _JUDGES = {
     "hand-eye": judge_camera,

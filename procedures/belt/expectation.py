@@ -1,216 +1,122 @@
-"""What can be expected of picking before anything moves: reach of the zone, time in it, and the arm's cycle.
+"""What ``cellward check`` expects of picking from a belt: slide, time in the zone, rate, and reach."""
 
-The cycle is planned leg by leg with the planner that the job itself uses, on a belt of constant speed, for
-items of the least height: met in the middle of the zone, and at its end, where a job that has more items than
-it can pick meets them. The gripper's own time is not known here; a third of ``grip_timeout_s`` stands for it.
-"""
-
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from calibration.belt.pursuit import Leg, Origin, Place, State, plan
+from calibration.kinematics import robot_from_spec
 from cell.errors import CellError
-from cell.guard import MotionGuard
-from cell.poses import Array
+from cell.guard import GuardLimits, MotionGuard, Tool
+from cell.poses import Array, from_pose6
+from daemon.cli.predict_values import configured_values
+from daemon.config import CellConfig
+from daemon.values import with_job_limits
 from procedures.belt.config import BeltTrackingConfig
-from procedures.belt.corner import corner
-from procedures.belt.joints import ToolJoints
-from procedures.belt.way import pursuit_limits, within_joint_speed
+from procedures.belt.motion.cycle_estimate import SPEEDS_M_S, Expectation, Expected, slides
+from procedures.belt.motion.tool_joints import ToolJoints
+from procedures.belt.setup_checks import belt_setup
+from procedures.belt.tracking import CAMERA, UPRIGHT_RAD
 
-SPEEDS_M_S = (0.1, 0.2, 0.3)
-SLOWEST_SHARE = 0.1  # of the first of these speeds: a belt that is being set up
-_STEP_M = 0.04  # between joints on a way
-_LOOKS = 24  # along a leg
+ROLES = ("arm", CAMERA, "belt", "gripper")
 
 
-@dataclass(frozen=True)
-class Expected:
-    """At ``speed_m_s`` of the belt: time in the zone, slide within the dwell without following, and cycles.
+def predict_belt(config: CellConfig, job: BeltTrackingConfig) -> dict[str, Any]:
+    """``text``, the figures for each speed of the belt, and what was found.
 
-    ``cycle_s`` are those with items met in the middle of the zone and at its end; None where the arm cannot
-    meet an item, and ``why`` says so.
+    ``problems``: the job is refused or cannot pick with these; ``cautions``: it can, but not at every speed,
+    or something looks mistaken.
     """
-
-    speed_m_s: float
-    window_s: float
-    slide_m: float
-    cycle_s: tuple[float, float] | None
-    why: str = ""
-
-    @property
-    def per_minute(self) -> tuple[float, float] | None:
-        """How many items the arm alone can pick, least and most."""
-        if self.cycle_s is None:
-            return None
-        return 60.0 / max(self.cycle_s), 60.0 / min(self.cycle_s)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values."""
-        keys = ("speed_m_s", "window_s", "slide_m", "cycle_s", "per_minute")
-        return {key: getattr(self, key) for key in keys}
-
-
-@dataclass(frozen=True, eq=False)
-class _Carried:
-    """An item at ``p`` (4,) at ``t0`` on a belt of constant velocity ``v`` (3,)."""
-
-    p: Array
-    v: Array
-    t0: float
-
-    def at(self, t: float) -> State:
-        velocity = np.array([*self.v, 0.0])
-        return State(self.p + (t - self.t0) * velocity, velocity, np.zeros(4))
-
-
-class Expectation:
-    """For a job's config, its tool, the joints of its poses (6,), and the belt's ``way`` (3,) in the base."""
-
-    def __init__(
-        self, config: BeltTrackingConfig, tool: ToolJoints, q_wait: Array, q_place: Array, way: Array
-    ) -> None:
-        self._config, self._tool, self._way = config, tool, way / np.linalg.norm(way)
-        self._q_wait, self._q_place = q_wait, q_place
-        self._wait, self._place = tool.state(q_wait), tool.state(q_place)
-        self._limits = pursuit_limits(config.limits)
-        self._gripper_s = config.grip_timeout_s / 3.0
-        self._up = np.array([0.0, 0.0, config.down_m, 0.0])  # from the grip
-        self._over_place = np.array([0.0, 0.0, config.above_m, 0.0])
-        self._corner = corner(config, self._limits)
-
-    def grip_point(self, along_m: float) -> Array:
-        """Where an item of the least height is gripped (4,), at ``along_m`` (dot(p, dir)).
-
-        Across the belt it is as far as the waiting pose.
-        """
-        z = self._config.belt_z_m + self._config.items.min_height_m + self._config.grip_m
-        flat = self._way[:2]
-        length = float(np.linalg.norm(flat))
-        along = (along_m - self._way[2] * z) / length
-        across = np.array([-flat[1], flat[0]]) / length
-        xy = along * flat / length + float(across @ self._wait.p[:2]) * across
-        return np.array([*xy, z, 0.0])
-
-    def unreachable(self, guard: MotionGuard) -> list[str]:
-        """One sentence for each end of the zone, and each pose, that ``guard`` or the arm forbids."""
-        found = []
-        zone = self._config.zone
-        for key, along in (("min_m", zone.min_m), ("max_m", zone.max_m)):
-            p = self.grip_point(along)
-            for where, goal in (("above an item", p + self._up), ("at an item", p)):
-                if why := self._forbidden(guard, goal):
-                    found.append(
-                        f"zone.{key} = {along:g} m cannot be worked in, {where}: {why}; shorten the zone"
-                    )
-                    break
-        for key, q in (("wait_pose", self._q_wait), ("place_pose", self._q_place)):
-            try:
-                guard.check_joints(q)
-            except CellError as exc:
-                found.append(f"{key}: {exc.detail}; teach it elsewhere")
-        if not found and (why := self._forbidden(guard, self._place.p + self._over_place)):
-            found.append(f"above_m = {self._config.above_m:g} m over place_pose: {why}")
-        return found
-
-    def _forbidden(self, guard: MotionGuard, goal: Array) -> str:
-        try:
-            guard.check_joints(self._joints_at(State.still(goal))[0])
-        except CellError as exc:
-            return exc.detail or str(exc)
-        return ""
-
-    def _joints_at(self, state: State) -> tuple[Array, Array]:
-        """Joints and their speeds (6,) there, found on a straight way from the nearer pose."""
-        q, start = self._q_wait, self._wait.p
-        if np.linalg.norm(state.p - self._place.p) < np.linalg.norm(state.p - start):
-            q, start = self._q_place, self._place.p
-        count = int(np.ceil(float(np.linalg.norm((state.p - start)[:3])) / _STEP_M)) + 1
-        for share in np.linspace(0.0, 1.0, count + 1)[1:-1]:
-            q, _ = self._tool.joints(State.still(start + share * (state.p - start)), q)
-        return self._tool.joints(state, q)
-
-    def too_fast_to_follow(self, speed_m_s: float) -> float | None:
-        """The joint speed (rad/s) that following at an end of the zone takes, if it is beyond the limit."""
-        zone, fastest = self._config.zone, 0.0
-        for along in (zone.min_m, zone.max_m):
-            v = np.array([*(speed_m_s * self._way), 0.0])
-            _, speeds = self._joints_at(State(self.grip_point(along), v, np.zeros(4)))
-            fastest = max(fastest, float(np.max(np.abs(speeds))))
-        return fastest if fastest > self._config.limits.joint_speed_rad_s else None
-
-    def at_speed(self, speed_m_s: float) -> Expected:
-        """What a belt of this speed leaves."""
-        config, zone = self._config, self._config.zone
-        window = (zone.max_m - zone.min_m) / speed_m_s
-        cycle, why = None, ""
-        try:
-            last = zone.max_m - speed_m_s * (config.dwell_s + self._gripper_s)
-            middle = 0.5 * (zone.min_m + zone.max_m)
-            cycle = self._cycle(speed_m_s, middle), self._cycle(speed_m_s, max(last, middle))
-        except CellError as exc:
-            why = exc.detail or str(exc)
-        return Expected(speed_m_s, window, speed_m_s * config.dwell_s, cycle, why)
-
-    def _cycle(self, speed_m_s: float, along_m: float) -> float:
-        """From leaving the place to leaving it again, s, with contact at ``along_m``."""
-        met = self.grip_point(along_m)
-        put = Place(self._place.p)
-        clear = self._corner.clear_m
-        left = np.array([0.0, 0.0, min(clear, self._config.above_m), 0.0])
-        t, state, contact = 0.0, State.still(self._place.p + left), 1.0
-        took = 0.0
-        for _ in range(4):  # each from the state and the time to contact of the one before
-            item = _Carried(met, speed_m_s * self._way, t + contact)
-            begin = t
-            leg = self._down_to(t, state, item, self._up)
-            contact = leg.t1 - begin
-            t = leg.t1 + max(self._config.dwell_s, self._gripper_s)
-            leg = plan(t, leg.at(t), item, self._up, self._limits)
-            t = _cleared(leg, clear)
-            leg = self._down_to(t, leg.at(t), put, self._over_place)
-            t = leg.t1 + self._gripper_s
-            leg = plan(t, leg.at(t), put, self._over_place, self._limits)
-            t = _cleared(leg, clear)
-            state, took = leg.at(t), t - begin
-        return took
-
-    def _down_to(self, t: float, state: State, origin: Origin, up: Array) -> Leg:
-        """The way to ``up`` (4,) over ``origin`` and, round the corner, down to it."""
-        level = self._way_to(t, state, origin, up)
-        turn = max(level.t1 - self._corner.lead_s, t)
-        return plan(turn, level.at(turn), origin, np.zeros(4), self._limits, apart=True)
-
-    def _way_to(self, t: float, state: State, origin: Origin, offset: Array) -> Leg:
-        """As fast as limits and joints let: the job's own rule."""
-        leg, _ = within_joint_speed(
-            lambda share: plan(t, state, origin, offset, self._limits.slower(share)),
-            self._fastest,
-            self._config.limits.joint_speed_rad_s,
-        )
-        return leg
-
-    def _fastest(self, leg: Leg) -> float:
-        """The highest joint speed on ``leg``, rad/s."""
-        times = np.linspace(leg.t0, leg.t1, _LOOKS)
-        q = self._joints_at(State.still(leg.at(leg.t0).p))[0]
-        fastest = 0.0
-        for t in times:
-            q, speeds = self._tool.joints(leg.at(float(t)), q)
-            fastest = max(fastest, float(np.max(np.abs(speeds))))
-        return fastest
+    problems = [*_roles(config), *_poses(config, job)]
+    values = configured_values(config)
+    try:
+        values = with_job_limits(values, job.limits, config.limits.allow_job_override)
+    except CellError as exc:
+        problems.append(exc.detail)
+    if problems:
+        return {"text": "no prediction before its errors are corrected", "problems": problems, "cautions": []}
+    model = robot_from_spec(values["robot"])
+    q_wait, q_place = (np.array(values["poses"][name]) for name in (job.wait_pose, job.place_pose))
+    tool = ToolJoints(model, from_pose6(values["tool"]["T_flange_tool"]), q_wait)
+    problems = list(_leans(job, tool, q_wait, q_place))
+    slide, mistaken = _slide_words(job), list(belt_setup(config, job))
+    if job.belt is None:
+        text = f"{slide}; no prediction of the zone without [job.belt-tracking] belt"
+        return {"text": text, "problems": problems, "cautions": mistaken}
+    if problems:
+        return {"text": slide, "problems": problems, "cautions": mistaken}
+    guard = MotionGuard(model, GuardLimits.from_mapping(values["limits"]), Tool.from_mapping(values["tool"]))
+    expectation = Expectation(job, tool, q_wait, q_place, np.array(job.belt.dir))
+    problems = expectation.unreachable(guard)
+    if problems:
+        return {"text": slide, "problems": problems, "cautions": mistaken}
+    expected = [expectation.at_speed(v) for v in SPEEDS_M_S]
+    return {
+        "text": f"{_words(expected)}; {slide}; it needs a calibrated camera above the belt when it starts",
+        "speeds": [row.as_dict() for row in expected],
+        "slides": [{"speed_m_s": v, "slide_m": slide} for v, slide in slides(job.dwell_s)],
+        "problems": [],
+        "cautions": [*mistaken, *_cautions(job, expectation, expected)],
+    }
 
 
-def _cleared(leg: Leg, height_m: float) -> float:
-    """When the tool has risen by so much on ``leg``, s."""
-    foot = float(leg.at(leg.t0).p[2])
-    times = np.linspace(leg.t0, leg.t1, 100)
-    return next((float(t) for t in times if leg.at(float(t)).p[2] - foot >= height_m), leg.t1)
+def _roles(config: CellConfig) -> Iterator[str]:
+    there = config.robot.roles()
+    for role in ROLES:
+        if role not in there:
+            yield f"[robot] names no device for {role}, which the job needs; add it"
 
 
-def slides(dwell_s: float, speeds_m_s: Sequence[float] = SPEEDS_M_S) -> list[tuple[float, float]]:
-    """(speed, how far an item slides under a tool that stands for the dwell), from a belt that creeps on."""
-    every = (round(SLOWEST_SHARE * speeds_m_s[0], 6), *speeds_m_s)
-    return [(v, round(v * dwell_s, 9)) for v in every]
+def _poses(config: CellConfig, job: BeltTrackingConfig) -> Iterator[str]:
+    for key in ("wait_pose", "place_pose"):
+        if (name := getattr(job, key)) not in config.poses:
+            yield f"{key} '{name}' is not in [poses]; teach it there"
+
+
+def _leans(job: BeltTrackingConfig, tool: ToolJoints, q_wait: Array, q_place: Array) -> Iterator[str]:
+    for key, q in (("wait_pose", q_wait), ("place_pose", q_place)):
+        if (lean := tool.lean(q)) > UPRIGHT_RAD:
+            yield (
+                f"{key} '{getattr(job, key)}': the tool leans by {np.degrees(lean):.1f} deg, at most "
+                f"{np.degrees(UPRIGHT_RAD):.1f} deg are possible; teach it pointing straight down"
+            )
+
+
+def _slide_words(job: BeltTrackingConfig) -> str:
+    rows = ", ".join(f"{1e3 * slide:.1f} mm at {v:g} m/s" for v, slide in slides(job.dwell_s))
+    dwell = f"a dwell of {1e3 * job.dwell_s:g} ms"
+    if job.follow:
+        return f"the tool moves with the item, which would slide in {dwell} by {rows} without follow"
+    return f"without follow an item slides in {dwell} by {rows}"
+
+
+def _words(expected: list[Expected]) -> str:
+    rows = []
+    for row in expected:
+        rate = "cannot be met"
+        if row.per_minute is not None:
+            low, high = row.per_minute
+            rate = f"about {low:.0f} to {high:.0f} can be picked a minute"
+        rows.append(f"at {row.speed_m_s:g} m/s an item is in the zone for {row.window_s:.2f} s, {rate}")
+    return (
+        "; ".join(rows)
+        + " (met at its end or in its middle, with a third of grip_timeout_s for each motion of the gripper)"
+    )
+
+
+def _cautions(job: BeltTrackingConfig, expectation: Expectation, expected: list[Expected]) -> Iterator[str]:
+    least = job.dwell_s + job.grip_timeout_s
+    for row in expected:
+        if row.cycle_s is None:
+            yield f"at {row.speed_m_s:g} m/s the arm cannot meet an item: {row.why}"
+            continue
+        if row.window_s < least:
+            yield (
+                f"at {row.speed_m_s:g} m/s an item is in the zone for {row.window_s:.2f} s, less than "
+                f"dwell_s and grip_timeout_s together ({least:.2f} s); make the zone longer"
+            )
+        if job.follow and (speed := expectation.too_fast_to_follow(row.speed_m_s)) is not None:
+            yield (
+                f"following at {row.speed_m_s:g} m/s at an end of the zone turns a joint at {speed:.2f} "
+                f"rad/s, limits.joint_speed_rad_s is {job.limits.joint_speed_rad_s:g} rad/s; shorten the zone"
+            )

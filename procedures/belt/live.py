@@ -7,7 +7,7 @@ import numpy as np
 
 from calibration.belt.forecast import Forecast
 from cell.procedure import Run
-from procedures.belt.watch import BeltWatch
+from procedures.belt.item_tracking import BeltWatch
 
 BELT, ITEMS = "belt", "items"
 COLUMNS = {

@@ -5,9 +5,9 @@ from typing import Any
 
 from cell.formats.result import Result, Warning_
 from procedures.belt.config import BeltTrackingConfig
-from procedures.belt.emergency import emergency_warnings
+from procedures.belt.encoder_alarms import emergency_warnings
+from procedures.belt.item_tracking import LOOK_BACK_S, BeltWatch
 from procedures.belt.items import Outcome
-from procedures.belt.watch import LOOK_BACK_S, BeltWatch
 
 
 def result_of(

@@ -17,18 +17,18 @@ from cell.motion import MotionLease
 from cell.poses import Array, from_pose6
 from cell.procedure import FinishRequested, Procedure, Run
 from procedures.arm_setup import arm_model, lease_settings
+from procedures.belt.camera_to_belt import Sight
 from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.item_bookkeeping import Upkeep
+from procedures.belt.item_tracking import BeltWatch
 from procedures.belt.items import Outcome
-from procedures.belt.joints import ToolJoints
 from procedures.belt.live import BeltLive
+from procedures.belt.motion.picker import GRIPPER_STUCK, Picker
+from procedures.belt.motion.tool_joints import ToolJoints
 from procedures.belt.outcome import result_of
-from procedures.belt.picker import GRIPPER_STUCK, Picker
-from procedures.belt.predicted import predicted
+from procedures.belt.prediction_check import predicted
 from procedures.belt.record import DATA_FILE, PickRecord, header_of
-from procedures.belt.sight import Sight
 from procedures.belt.states import CHECKPOINTS, PICKING, PickState
-from procedures.belt.upkeep import Upkeep
-from procedures.belt.watch import BeltWatch
 from procedures.kinematics_in_use import require_same_model
 
 S = PickState

@@ -29,7 +29,7 @@ from procedures.iso9283.plan import (
 )
 from procedures.iso9283.record import IsoRecord
 from procedures.iso9283.states import State as S
-from procedures.tracker.eye import AGAIN, LOST, Eye
+from procedures.tracker.aiming import AGAIN, LOST, Eye
 from procedures.tracker.locating import registration_of
 
 LOST_IN_A_ROW = 5

@@ -16,8 +16,8 @@ from cell.formats.laser import parse_laser
 from cell.poses import from_pose6
 from cell.store.files import read_json
 from procedures.laser.record import DATA_FILE, SECOND, THIRD
-from procedures.solve.laser import solve_laser, solve_reference
-from procedures.solve.laser_data import scene_of
+from procedures.laser.solve.data import scene_of
+from procedures.laser.solve.solver import solve_laser, solve_reference
 
 REFERENCE_SCHEMA = "cellward.laser-reference/1"
 

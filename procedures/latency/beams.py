@@ -21,7 +21,7 @@ from procedures.laser.record import PassRecord
 from procedures.laser.scan import leave_fixture
 from procedures.laser.sweep import Sweeper
 from procedures.latency.config import LatencyCalibrationConfig
-from procedures.solve.latency import BEAM_EDGES
+from procedures.latency.solver import BEAM_EDGES
 
 
 class Beams:

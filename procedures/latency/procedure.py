@@ -19,8 +19,8 @@ from cell.store.files import to_json, write_atomic
 from procedures.laser.plan import note_plan
 from procedures.latency.beams import Beams
 from procedures.latency.config import LatencyCalibrationConfig
+from procedures.latency.solver import DATA_FILE, SCHEMA, solve_latency
 from procedures.latency.source import Source
-from procedures.solve.latency import DATA_FILE, SCHEMA, solve_latency
 
 
 class State(StrEnum):

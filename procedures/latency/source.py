@@ -19,7 +19,7 @@ class Source(Protocol):
       one more word of ``source``; it stands in ``LatencyCalibration.SOURCES``;
     - *excite* and *record*: :meth:`approach`, :meth:`excite` and :meth:`leave` move the arm, and ``passes``
       has what both streams showed on each way that can be used, with their own stamps;
-    - *turn to a signal*: ``signal`` names a function of ``procedures.solve.latency.SIGNALS``. From the data
+    - *turn to a signal*: ``signal`` names a function of ``procedures.latency.solver.SIGNALS``. From the data
       set alone it makes :class:`calibration.latency.Crossing` s: where the arm was when the source saw it
       pass a fixed place, one for each place and way.
 

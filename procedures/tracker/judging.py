@@ -16,8 +16,8 @@ from calibration.kinematics.families import arm_spec
 from cell.formats.robot import parse_robot
 from cell.poses import Array, from_pose6, to_pose6
 from cell.store.files import read_json
-from procedures.solve.kincal import solve_kincal
 from procedures.tracker.record import HELD_OUT_FILE
+from procedures.tracker.solve.solver import solve_kincal
 
 VALUE_SCHEMA = "cellward.kinematics/1"
 _MANY_LOST = 0.1

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.identification.constant import KEY, open_constant
 from calibration.identification.estimator import Problem
 from calibration.identification.model import Targets
 from calibration.identification.observability import Observability, observe, refuse
+from calibration.identification.reflector_constant import KEY, open_constant
 from calibration.identification.selection import (
     SourceRule,
     choose,
@@ -27,8 +27,8 @@ from calibration.identification.workspace import radius95
 from cell.errors import CellError, error
 from cell.poses import Array
 from procedures.tracker.config import TrackerSamplingConfig
-from procedures.tracker.space import Space, make_space
-from procedures.tracker.tour import blocked, tour
+from procedures.tracker.feasible_poses import Space, make_space
+from procedures.tracker.visit_order import blocked, tour
 
 _CANDIDATES = 8  # for each pose of the plan
 _LEAST_CANDIDATES = 120

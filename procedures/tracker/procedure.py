@@ -10,10 +10,10 @@ from cell.errors import CellError, error
 from cell.motion import run_to_its_end
 from cell.procedure import Procedure, Proposal, Run
 from procedures.tracker.config import TrackerSamplingConfig
+from procedures.tracker.feasible_poses import payload_of, robot_of
 from procedures.tracker.health import keep_trends
 from procedures.tracker.judging import proposal_value, solve_within_limits
 from procedures.tracker.sampling import Sampling
-from procedures.tracker.space import payload_of, robot_of
 from procedures.tracker.states import CHECKPOINTS, TRANSITIONS, State
 
 MIN_SAMPLES = 3

@@ -8,22 +8,22 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.identification.constant import KEY
+from calibration.identification.reflector_constant import KEY
 from calibration.identification.registration import Registration
 from cell.poses import Array
 from cell.procedure import FinishRequested, Run
+from procedures.tracker.aiming import Eye
 from procedures.tracker.arms import MovedArm, SampledArm, WatchedArm
 from procedures.tracker.config import TrackerSamplingConfig
-from procedures.tracker.eye import Eye
-from procedures.tracker.facts import facts
+from procedures.tracker.feasible_poses import payload_of, robot_of
 from procedures.tracker.locating import locate, pose6_of
 from procedures.tracker.monuments import first_seen
-from procedures.tracker.place import Place
 from procedures.tracker.plan import PlanRequest, SamplingPlan, Visit, measured_entries, plan_sampling
 from procedures.tracker.record import SampleRecord
-from procedures.tracker.space import payload_of, robot_of
+from procedures.tracker.run_facts import facts
 from procedures.tracker.states import State as S
 from procedures.tracker.stored import StoredSet, load_stored
+from procedures.tracker.tracker_pose import Place
 from procedures.tracker.visiting import Visitor
 from procedures.tracker.watch import MonumentWatch
 

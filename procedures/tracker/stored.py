@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from cell.errors import CellError, error
-from procedures.solve.kincal_data import read_kincal
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.monuments import compare, moved_text
+from procedures.tracker.solve.data import read_kincal
 
 SAME_LOAD_KG = 1e-3
 _LEAST_SEEN = 2  # of three or more, as the arm may hide one; poses that do not fit each other show the rest

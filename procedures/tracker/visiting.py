@@ -12,14 +12,14 @@ from cell.errors import CellError, error
 from cell.poses import Array
 from cell.procedure import Run
 from cell.samples import Sample
+from procedures.tracker.aiming import AGAIN, LOST, Eye
 from procedures.tracker.arms import SampledArm
 from procedures.tracker.config import TrackerSamplingConfig
-from procedures.tracker.eye import AGAIN, LOST, Eye
-from procedures.tracker.place import Place
 from procedures.tracker.plan import Visit
 from procedures.tracker.record import SampleRecord
 from procedures.tracker.states import State as S
-from procedures.tracker.tour import blocked
+from procedures.tracker.tracker_pose import Place
+from procedures.tracker.visit_order import blocked
 
 SKIPPED = ("MOTION_LIMIT", "MOTION_COLLISION", "MOTION_UNREACHABLE", "OBSERVED_ARM_NOT_THERE")
 Found = tuple[Array, Sample[StablePoint]]

@@ -10,7 +10,7 @@ import pytest
 
 from cell.procedure import Run
 from fakes.object import run_virtual
-from procedures.cone_capture.procedure import State
+from procedures.hand_eye.cone_capture import State
 from tests.chaos.matrix import Kind, assert_aborted, covering, inject_at, kind, put_right, short
 from tests.object_cell import ObjectCell, no_report, open_cell, write_config
 
@@ -93,7 +93,7 @@ CELLS = [(k, m) for k, share in zip(KINDS, SHARES, strict=True) for m in share] 
 @pytest.fixture
 def quick_solver(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is solved does not matter here; what is committed does."""
-    monkeypatch.setattr("procedures.cone_capture.verdict.solve_hand_eye", lambda path: ANSWER)
+    monkeypatch.setattr("procedures.hand_eye.verdict.solve_hand_eye", lambda path: ANSWER)
 
 
 def at_prompt(run: Run) -> bool:

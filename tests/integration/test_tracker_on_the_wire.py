@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 from cell.store.files import read_json, to_json
 from fakes.scenario import Scenario
 from fakes.world import World
-from procedures.solve.kincal import solve_kincal
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.plan import PlanRequest, plan_sampling
+from procedures.tracker.solve.solver import solve_kincal
 from tests.unit.test_iso9283_job import CENTRE, EDGE, POINT, towards_the_tracker
 from tests.unit.test_tracker_sampling_plan import HOME, measured, values
 from tests.unit.tracker_cell import nominal_tracker, reflectors, rms, true_errors

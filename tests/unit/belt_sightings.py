@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.belt.scale import BeltScale, fit_scale
-from procedures.belt.calibration_rows import Rows
-from procedures.belt.calibration_spread import spread
+from procedures.belt.calibrating.rows import Rows
+from procedures.belt.calibrating.spread import spread
 
 SCALE, WAY = 1.013e-4, np.array([0.9998, -0.02, 0.0]) / np.hypot(0.9998, 0.02)
 BESIDE = np.cross([0.0, 0.0, 1.0], WAY)

@@ -16,12 +16,12 @@ from cli_harness import CellOnDisk, CommandLine, hand_eye_result
 
 from bench.mutations import measure
 from cell.errors import InputError
-from procedures.solve.hand_eye import solve_hand_eye
-from procedures.solve.image_size import image_size
-from procedures.solve.images import read_grey
-from procedures.solve.intercept import solve_intercept
-from procedures.solve.kincal import solve_kincal
-from procedures.solve.limits import within_limits
+from procedures.belt.solve.solver import solve_intercept
+from procedures.hand_eye.solve.image_size import image_size
+from procedures.hand_eye.solve.images import read_grey
+from procedures.hand_eye.solve.solver import solve_hand_eye
+from procedures.solving import within_limits
+from procedures.tracker.solve.solver import solve_kincal
 
 Change = Callable[[dict[str, Any]], None]
 
@@ -157,7 +157,7 @@ def test_an_answer_that_takes_long_is_not_computed_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from bench.intercept import make
-    from procedures.solve import intercept
+    from procedures.belt.solve import solver as intercept
 
     calls = []
     real = intercept.solve_adaptive

@@ -10,7 +10,7 @@ import pytest
 
 from daemon.cli.replay import differences
 from fakes.object import run_virtual
-from procedures.belt.calibration_rows import Follower
+from procedures.belt.calibrating.rows import Follower
 from procedures.replay import solve_again
 from tests.object_cell import ObjectCell, no_report, refused
 from tests.unit.belt_teacher import Teacher

@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calibration.belt.scale import BeltScale, fit_scale
-from procedures.belt.calibration_rows import counts_at, rounding_variance
-from procedures.belt.calibration_slip import find_slip, part_at_slips
-from procedures.belt.calibration_spread import spread, with_camera
+from procedures.belt.calibrating.rows import counts_at, rounding_variance
+from procedures.belt.calibrating.slip import find_slip, part_at_slips
+from procedures.belt.calibrating.spread import spread, with_camera
 from tests.unit.belt_sightings import (
     BESIDE,
     FEW,

@@ -8,8 +8,8 @@ from calibration.belt.pursuit import Place, PursuitLimits, State, plan
 from calibration.kinematics import robot_from_spec
 from cell.errors import CellError
 from procedures.belt.config import BeltTrackingConfig
-from procedures.belt.corner import BESIDE_M, corner
-from procedures.belt.joints import ToolJoints, on_piece
+from procedures.belt.motion.blend import BESIDE_M, corner
+from procedures.belt.motion.tool_joints import ToolJoints, on_piece
 
 MODEL = robot_from_spec({"model": "ur10e"})
 T_FLANGE_TOOL = RigidTransform.from_components([0.02, -0.01, 0.18], Rotation.from_rotvec([0.0, 0.0, 0.2]))

@@ -7,12 +7,12 @@ import pytest
 from test_report_page import Page
 
 from cell.traces import Trace
-from daemon.cli.live_text import live_line
 from daemon.status import LIVE_ROWS
 from fakes.object import run_virtual
 from procedures.belt.live import AHEAD_S, COLUMNS
-from procedures.belt.picker import LEARN_S, STEP_S
-from procedures.report.belt_live import live_page
+from procedures.belt.live_words import live_line
+from procedures.belt.motion.picker import LEARN_S, STEP_S
+from procedures.belt.report.live import live_page
 from tests.object_cell import ObjectCell, no_report
 from tests.unit.picking_cell import picking_cell, picking_config
 
@@ -111,7 +111,7 @@ def test_one_line_tells_belt_items_picks_and_causes(seen: dict[str, Any]) -> Non
 def test_the_page_draws_all_three_and_reads_itself_again(
     seen: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("procedures.report.belt_live.plotly_script", lambda: "")
+    monkeypatch.setattr("procedures.belt.report.live.plotly_script", lambda: "")
     page = Page(live_page("run <7>", seen["rows"], 4.0))
     drawn = {attributes.get("id") for tag, attributes in page.elements if tag == "div"}
     assert {"speed", "beside", "items"} <= drawn

@@ -8,7 +8,7 @@ import pytest
 
 from cell.devices import TrajectoryPiece
 from fakes.object import run_virtual
-from procedures.belt.lag import Lag
+from procedures.belt.motion.servo_lag import Lag
 from tests.object_cell import no_report
 from tests.unit.picking_cell import contact_errors, picking_cell, picking_config
 

@@ -11,9 +11,9 @@ import pytest
 from cell.errors import CellError, error
 from fakes.object import run_virtual
 from fakes.scenario import Scenario
-from procedures.belt.choice import Choice
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.items import Item, Outcome
+from procedures.belt.motion.item_selection import Choice
 from tests.object_cell import ObjectCell, no_report
 from tests.unit.picking_cell import contact_errors, picking_cell, picking_config
 

@@ -20,8 +20,8 @@ from procedures.belt.record import (
     read_rows,
     read_sightings,
 )
+from procedures.belt.solve.solver import solve_intercept
 from procedures.replay import solve_again
-from procedures.solve.intercept import solve_intercept
 from tests.object_cell import no_report
 from tests.unit.picking_cell import picking_cell, picking_config
 

@@ -13,7 +13,7 @@ from calibration.belt.slip import Slip
 from calibration.belt.tracking import BeltTracker, Track
 from procedures.belt.config import BeltTrackingConfig, Zone
 from procedures.belt.items import Item
-from procedures.belt.meeting import strategy
+from procedures.belt.motion.meeting import strategy
 
 V, M_PER_COUNT, PERIOD = 0.2, 1e-4, 0.005
 LEVEL, UPHILL = np.array([1.0, 0.0, 0.0]), np.array([0.995, 0.0, np.sqrt(1.0 - 0.995**2)])

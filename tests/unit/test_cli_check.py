@@ -30,8 +30,8 @@ _predict = cache(predict)  # a few dozen commands ask for the same handful of pr
 
 @pytest.fixture(autouse=True)
 def _predicted_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("daemon.cli.predict_laser.predict", _predict)
-    monkeypatch.setattr("daemon.cli.predict_laser.plan_scan", remembered)
+    monkeypatch.setattr("procedures.laser.expectation.predict", _predict)
+    monkeypatch.setattr("procedures.laser.expectation.plan_scan", remembered)
 
 
 @pytest.fixture

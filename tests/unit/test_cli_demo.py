@@ -30,14 +30,14 @@ from daemon.demo.folder import begin_in
 from daemon.demo.plc import Plc
 from daemon.demo.scenes import STORED_SET, Scene, scenes_of
 from daemon.demo.steps import STEPS, steps_of
-from daemon.demo.verdict import M2_LIMIT, judge, judgement_text
-from daemon.demo.verdict_arm import judge_arm
-from daemon.demo.verdict_picks import judge_picks
 from daemon.demo.wire import _no_socket_left
 from daemon.modbus import Command, ModbusFace
 from fakes.scenario import Scenario
 from fakes.world import World
+from procedures.belt.truth import judge_picks
+from procedures.hand_eye.truth import M2_LIMIT, judge, judgement_text
 from procedures.registry import JOBS
+from procedures.tracker.truth import judge_arm
 
 
 class StandIn:

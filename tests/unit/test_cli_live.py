@@ -46,7 +46,7 @@ def subject(
     cell: CellOnDisk, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> CommandLine:
     monkeypatch.setattr(live, "LOOK_S", 0.01)
-    monkeypatch.setattr("procedures.report.belt_live.plotly_script", lambda: "")
+    monkeypatch.setattr("procedures.belt.report.live.plotly_script", lambda: "")
     return CommandLine(monkeypatch, capsys, cell.config)
 
 

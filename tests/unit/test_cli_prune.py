@@ -15,8 +15,8 @@ from hand_eye_scene import make_scene
 from cell.store.ledger import Ledger
 from cell.store.pruning import Keep, plan
 from cell.store.runs import RunFolder
-from procedures.cone_capture.record import CaptureRecord
-from procedures.solve.hand_eye import solve_hand_eye
+from procedures.hand_eye.record import CaptureRecord
+from procedures.hand_eye.solve.solver import solve_hand_eye
 
 NAME = "T_flange_camera"
 

@@ -10,7 +10,7 @@ import pytest
 from cell.errors import error
 from cell.motion import MotionLease
 from fakes.object import VirtualClock, run_virtual
-from procedures.cone_capture.procedure import ConeCapture, State
+from procedures.hand_eye.cone_capture import ConeCapture, State
 from tests.object_cell import WHO, ObjectCell, no_report, open_cell, write_config
 
 __all__ = ["no_report"]

@@ -14,8 +14,8 @@ from daemon.config.not_in_version import SECTIONS as SECTIONS_OF_LATER_VERSIONS
 from daemon.config.roles import ROLES, plays
 from daemon.docs import generated, stale
 from daemon.modbus import register_table
+from procedures.laser.solve.solver import solve_laser
 from procedures.registry import JOBS
-from procedures.solve.laser import solve_laser
 
 
 def test_no_generated_page_is_stale() -> None:

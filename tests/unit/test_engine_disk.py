@@ -13,7 +13,7 @@ from cell.errors import error
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder
 from fakes.object import VirtualClock, run_virtual
-from procedures.cone_capture.record import CaptureRecord
+from procedures.hand_eye.record import CaptureRecord
 from tests.object_cell import WHO, no_report, on_disk, open_cell, refused, write_config
 
 __all__ = ["no_report"]

@@ -10,7 +10,7 @@ import pytest
 import daemon.results
 from daemon.cli.replay import differences
 from fakes.object import run_virtual
-from procedures.cone_capture.verdict import judged, solve_within_limits
+from procedures.hand_eye.verdict import judged, solve_within_limits
 from tests.object_cell import WHO, ObjectCell, no_report, open_cell, refused, write_config
 
 __all__ = ["no_report"]

@@ -13,7 +13,7 @@ from cell.errors import error
 from daemon import failed_reports
 from daemon.failed_reports import FailedReports
 from fakes.object import run_virtual
-from procedures.cone_capture.record import CaptureRecord
+from procedures.hand_eye.record import CaptureRecord
 from tests.object_cell import no_report, open_cell, write_config
 
 __all__ = ["no_report"]

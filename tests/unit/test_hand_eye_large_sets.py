@@ -17,7 +17,7 @@ from calibration.hand_eye.solution import Measurements, Solution, solve
 from calibration.hand_eye.spread import placements, spread_within
 from cell.errors import InputError
 from cell.poses import to_pose6
-from procedures.solve.hand_eye import solve_hand_eye
+from procedures.hand_eye.solve.solver import solve_hand_eye
 
 RNG = np.random.default_rng
 

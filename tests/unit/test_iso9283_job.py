@@ -16,13 +16,13 @@ from cell.errors import CellError
 from cell.poses import from_pose6
 from cell.store.files import read_json, to_json
 from cell.store.ledger import Ledger
-from daemon.cli.predict_iso9283 import predict_iso9283
 from daemon.cli.replay import differences
 from daemon.config import CellConfig
 from daemon.values import robot_spec
 from fakes.object import run_virtual
 from fakes.scenario import Scenario
 from procedures.iso9283.config import Iso9283Config
+from procedures.iso9283.expectation import predict_iso9283
 from procedures.iso9283.judging import solve_iso9283
 from procedures.iso9283.plan import ORDER
 from procedures.replay import solve_again

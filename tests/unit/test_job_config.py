@@ -6,7 +6,7 @@ import pytest
 
 from cell.errors import CellError
 from daemon.job_config import make_procedure
-from procedures.cone_capture.procedure import ConeCapture
+from procedures.hand_eye.cone_capture import ConeCapture
 from procedures.iso9283.procedure import Iso9283Test
 from procedures.laser.check import LaserCheck
 from tests.object_cell import write_config

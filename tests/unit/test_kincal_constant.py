@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from kincal_scene import SIGMA0, SIGMA_PER_M, Scene, joints, make_scene
 
-from calibration.identification.constant import (
+from calibration.identification.estimator import Problem
+from calibration.identification.range_offset import range_offset
+from calibration.identification.reflector_constant import (
     constant_of,
     identify_with_constant,
     open_constant,
     unnoticed,
 )
-from calibration.identification.estimator import Problem
-from calibration.identification.range_offset import range_offset
 from calibration.identification.solution import identify
 from calibration.identification.workspace import radius95
-from procedures.solve.kincal import solve_kincal
+from procedures.tracker.solve.solver import solve_kincal
 
 NOISE = {"sigma0": SIGMA0, "sigma_per_m": SIGMA_PER_M}
 KINDS = pytest.mark.parametrize("kind", ["ur10e", "palletizer"])

@@ -11,7 +11,7 @@ from kincal_scene import Scene, make_scene
 from scipy.io import savemat
 
 from cell.errors import CellError, InputError
-from procedures.solve.kincal_data import load_kincal
+from procedures.tracker.solve.data import load_kincal
 
 
 @pytest.fixture(scope="module")

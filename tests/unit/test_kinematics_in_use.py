@@ -21,7 +21,7 @@ from fakes.object import run_virtual
 from fakes.scenario import Scenario
 from procedures.arm_setup import arm_model
 from procedures.registry import JOBS
-from procedures.solve.kincal import solve_kincal
+from procedures.tracker.solve.solver import solve_kincal
 from tests.object_cell import ObjectCell, no_report, on_disk, open_cell, refused, write_config
 from tests.unit.laser_cell import TOOL, laser_config
 from tests.unit.laser_made import drawn_reference

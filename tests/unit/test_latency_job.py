@@ -22,8 +22,8 @@ from procedures.arm_setup import lease_settings
 from procedures.laser.config import LaserReferenceConfig, Search
 from procedures.latency.config import LatencyCalibrationConfig
 from procedures.latency.procedure import LatencyCalibration, State
+from procedures.latency.solver import SIGNALS, solve_latency
 from procedures.replay import solve_again
-from procedures.solve.latency import SIGNALS, solve_latency
 from tests.object_cell import WHO, ObjectCell, no_report, on_disk, open_cell, refused, write_config
 
 __all__ = ["no_report"]

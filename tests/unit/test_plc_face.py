@@ -320,7 +320,7 @@ def test_a_heartbeat_lost_while_a_start_is_refused_leaves_the_next_run_alone(tmp
 
 
 def test_a_warning_is_a_bit_beside_a_valid_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from procedures.cone_capture import verdict
+    from procedures.hand_eye import verdict
 
     genuine = verdict.solve_hand_eye
 

@@ -10,7 +10,7 @@ from test_report_page import HOSTILE, Page
 
 from daemon.cli.result_text import result_text
 from fakes.object import run_virtual
-from procedures.report.belt_source import BeltSource
+from procedures.belt.report.source import BeltSource
 from procedures.report.write import from_folder, render
 from tests.unit.picking_cell import picking_cell, picking_config
 

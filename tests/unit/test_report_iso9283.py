@@ -14,7 +14,7 @@ from cell.errors import CellError
 from daemon.cli.compare import compare_results
 from daemon.cli.plan_text import plan_text
 from daemon.cli.result_text import result_text
-from procedures.report.iso9283_source import IsoSource
+from procedures.iso9283.report.source import IsoSource
 from procedures.report.write import from_folder, from_result, render
 
 

@@ -13,9 +13,9 @@ from test_report_page import HOSTILE, Page
 
 from calibration.identification.solution import identify
 from calibration.identification.workspace import forecast
-from procedures.report.kincal_source import KincalSource, kind_of
 from procedures.report.write import from_folder, from_result, render, write_report
-from procedures.solve.kincal import solve_kincal
+from procedures.tracker.report.source import KincalSource, kind_of
+from procedures.tracker.solve.solver import solve_kincal
 
 
 @pytest.fixture(scope="module", params=["ur10e", "palletizer"])

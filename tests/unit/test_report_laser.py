@@ -24,13 +24,13 @@ from calibration.tool_frame.scene import Scene
 from cell.errors import CellError
 from cell.formats.laser import parse_laser
 from procedures.laser.moved_words import moved_reasons
+from procedures.laser.report.passes import bracket, pairs, shown
+from procedures.laser.report.source import LaserSource
+from procedures.laser.report.tool import crossing, exaggeration, tool_figure
+from procedures.laser.solve.data import scene_of
+from procedures.laser.solve.solver import solve_laser
 from procedures.report import write_report
-from procedures.report.laser_passes import bracket, pairs, shown
-from procedures.report.laser_source import LaserSource
-from procedures.report.laser_tool import crossing, exaggeration, tool_figure
 from procedures.report.write import from_folder, render
-from procedures.solve.laser import solve_laser
-from procedures.solve.laser_data import scene_of
 
 SHIFT, TURN = (0.0012, -0.0007, 0.0005), (0.006, 0.008, 0.0)
 

@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from cell.errors import CellError
 from cell.poses import exp_xi, from_pose6, to_pose6
+from procedures.hand_eye.report.measured import measure
+from procedures.hand_eye.solve.solver import solve_hand_eye
 from procedures.report import write_report
-from procedures.report.hand_eye_measured import measure
 from procedures.report.write import from_result, render
-from procedures.solve.hand_eye import solve_hand_eye
 
 X_TRUE = from_pose6([0.01, -0.08, 0.05, 0.03, 0.02, 0.04])
 X_OLD = from_pose6([0.01, -0.08, 0.06, 0.03, 0.02, 0.04])

@@ -14,7 +14,7 @@ from scipy.spatial.transform import RigidTransform
 from cell.errors import CellError, InputError
 from cell.formats.result import Result
 from cell.poses import from_pose6, log_xi, to_pose6
-from procedures.solve.hand_eye import solve_hand_eye
+from procedures.hand_eye.solve.solver import solve_hand_eye
 
 
 def error_of(result: dict[str, Any], name: str = "T_flange_camera") -> np.ndarray:

@@ -12,7 +12,7 @@ from bench.intercept import HORIZONS, M_PER_COUNT, Scene, make, squares
 from calibration.belt.arm_time import MotionLimits, rest_to_rest
 from cell.errors import InputError
 from daemon.cli.result_text import result_text
-from procedures.solve.intercept import solve_intercept
+from procedures.belt.solve.solver import solve_intercept
 
 
 @pytest.fixture

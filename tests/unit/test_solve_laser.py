@@ -14,8 +14,8 @@ from laser_scene import DOWN, Bench, data_set, write
 from cell.errors import CellError
 from cell.formats.laser import parse_laser
 from cell.formats.result import Result
-from procedures.solve.laser import solve_laser, solve_reference
-from procedures.solve.laser_data import unit_warnings
+from procedures.laser.solve.data import unit_warnings
+from procedures.laser.solve.solver import solve_laser, solve_reference
 
 SHIFT, TURN = (0.0012, -0.0007, 0.0005), (0.006, -0.008, 0.0)
 R = DOWN.as_matrix()

@@ -8,7 +8,7 @@ import pytest
 from hand_eye_scene import POINTS, cone_views, make_scene
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from procedures.solve.hand_eye import solve_hand_eye
+from procedures.hand_eye.solve.solver import solve_hand_eye
 
 CODE = "poses.order-unchecked"
 

@@ -12,7 +12,7 @@ from calibration.tool_frame.lateral import AVERAGING
 from calibration.tool_frame.scene import Refusal
 from calibration.tool_frame.solution import Solution, solve
 from cell.formats.laser import parse_laser
-from procedures.solve.laser_data import scene_of
+from procedures.laser.solve.data import scene_of
 
 TWO_HEIGHTS = {"depths": (0.006, 0.031)}
 TURN = (0.012, -0.016, 0.0)  # 20 mrad

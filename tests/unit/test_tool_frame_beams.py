@@ -14,7 +14,7 @@ from calibration.tool_frame.prediction import height_variance, near_pairs, predi
 from calibration.tool_frame.scene import Refusal
 from calibration.tool_frame.solution import solve
 from cell.formats.laser import parse_laser
-from procedures.solve.laser_data import scene_of
+from procedures.laser.solve.data import scene_of
 
 R = DOWN.as_matrix()
 

@@ -11,7 +11,7 @@ from calibration.tool_frame.geometry import frames
 from calibration.tool_frame.scene import Pass, Scene
 from calibration.tool_frame.selection import select
 from cell.formats.laser import parse_laser
-from procedures.solve.laser_data import scene_of
+from procedures.laser.solve.data import scene_of
 
 
 def polled(levels: list[int], counts: list[int] | None = None, dt: float = 0.0) -> Pass:

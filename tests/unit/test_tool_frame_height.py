@@ -11,7 +11,7 @@ from calibration.tool_frame.repeatability import scatter_of
 from calibration.tool_frame.solution import solve
 from calibration.tool_frame.tip import ENDS, End
 from cell.formats.laser import parse_laser
-from procedures.solve.laser_data import scene_of
+from procedures.laser.solve.data import scene_of
 
 SIGMA = 1e-5
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.stats import chi2
 
 from calibration.tool_frame.averaging import average, excess
+from calibration.tool_frame.bounds import Model, Rows
 from calibration.tool_frame.posterior import Posterior, posterior
-from calibration.tool_frame.system import Model, Rows
 
 SLIDE, SPEED = 1e-4, 0.02
 MODEL = Model(("xs", "ys"))

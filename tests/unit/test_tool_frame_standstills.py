@@ -5,10 +5,10 @@ import pytest
 from scipy.stats import chi2
 
 from calibration.tool_frame.averaging import average, excess
+from calibration.tool_frame.bounds import Model, Rows
 from calibration.tool_frame.posterior import posterior
 from calibration.tool_frame.scene import Pass
 from calibration.tool_frame.standstills import as_they_are, fewer, in_a_row, together, unseen, widened
-from calibration.tool_frame.system import Model, Rows
 
 SLIDE, SPEED = 1e-4, 0.02
 MODEL = Model(("xs", "ys"))

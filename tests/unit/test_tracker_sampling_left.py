@@ -8,10 +8,10 @@ import pytest
 from cell.errors import CellError
 from cell.store.files import read_json
 from fakes.object import run_virtual
-from procedures.solve.kincal import solve_kincal
-from procedures.solve.kincal_data import read_kincal
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.record import SampleRecord
+from procedures.tracker.solve.data import read_kincal
+from procedures.tracker.solve.solver import solve_kincal
 from procedures.tracker.stored import load_stored
 from procedures.tracker.visiting import Visitor
 from tests.object_cell import ObjectCell, no_report, open_cell

@@ -16,10 +16,10 @@ from cell.poses import Array, from_pose6
 from fakes.scenario import Scenario
 from fakes.world import World
 from procedures.tracker.config import TrackerSamplingConfig
+from procedures.tracker.feasible_poses import Space, make_space
 from procedures.tracker.plan import PlanRequest, SamplingPlan, plan_sampling
 from procedures.tracker.sight import REASONS
-from procedures.tracker.space import Space, make_space
-from procedures.tracker.tour import blocked, shortest, tour
+from procedures.tracker.visit_order import blocked, shortest, tour
 from tests.unit.tracker_cell import BRISK, nominal_tracker, reflectors, rms
 
 NOISE = {"sigma0": 15e-6, "sigma_per_m": 6e-6}

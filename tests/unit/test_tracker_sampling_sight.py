@@ -13,8 +13,8 @@ from fakes.scenario import Scenario
 from fakes.tracker_sight import BROKEN
 from fakes.world import World
 from procedures.tracker.config import TrackerSamplingConfig
-from procedures.tracker.shape import Shape, shape_of
-from procedures.tracker.space import make_space
+from procedures.tracker.feasible_poses import make_space
+from procedures.tracker.occlusion import Shape, shape_of
 
 RADIUS_M = 0.1
 NOISE = {"sigma0": 15e-6, "sigma_per_m": 6e-6}

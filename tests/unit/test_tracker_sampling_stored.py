@@ -14,7 +14,7 @@ from daemon.cli.replay import differences
 from fakes.object import run_virtual
 from procedures.replay import solve_again
 from procedures.tracker.config import TrackerSamplingConfig
-from procedures.tracker.space import robot_of
+from procedures.tracker.feasible_poses import robot_of
 from procedures.tracker.stored import load_stored
 from tests.object_cell import no_report, open_cell
 from tests.unit.test_tracker_sampling_plan import values

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from daemon.demo.verdict_laser import judge_tool
-from procedures.report.belt_live import speed_axis
+from procedures.belt.report.live import speed_axis
+from procedures.laser.truth import judge_tool
 
 
 def test_the_axis_of_the_belts_speed_follows_what_was_believed() -> None:

@@ -1,0 +1,84 @@
+"""Which unknowns the passes of a comparison call for: tilts, delays and switching, as the data show them."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.tool_frame.averaging import robust
+from calibration.tool_frame.bounds import At, Model, rows_of, several_speeds
+from calibration.tool_frame.crossings import Crossing
+from calibration.tool_frame.geometry import BEAMS
+
+TWO_HEIGHTS_M = 0.012  # less apart than this, a tilt is not reported
+SOME_HEIGHT_M = 0.002
+# Standard deviations. With one height no tilt is assumed, and said to be: it takes much to say otherwise,
+# as edges that fall on the polls alike in all passes look like some.
+_CLEARLY, _CLEARLY_WITH_ONE_HEIGHT = 3.5, 5.0
+_DELAY_S = 3e-4
+
+Crossings = Mapping[int, Crossing]
+Heights = Mapping[str, float]
+
+
+def groups_of(crossings: Crossings) -> dict[int, str]:
+    """The group of each crossing: its beam in the current set, the reference otherwise."""
+    return {k: c.source.beam if c.source.current else "reference" for k, c in crossings.items()}
+
+
+def choose_model(
+    crossings: Crossings, height: Heights, axis_known: bool = True
+) -> tuple[Model, list[tuple[str, str]]]:
+    """The model, and warnings; ``height`` (m) is added to the heights above each beam. Without ``axis_known``
+    the tilt of the reference is as open as that of the current tool."""
+    span = {(b, current): _span(crossings, b, current) for b in BEAMS for current in (False, True)}
+    tilts = tuple(b for b in BEAMS if span[b, True] > SOME_HEIGHT_M)
+    model = Model(
+        BEAMS,
+        tilts,
+        tuple(b for b in tilts if span[b, False] > SOME_HEIGHT_M),
+        several_speeds=several_speeds(list(crossings.values())),
+        hints=tuple(b for b in tilts if min(span[b, False], span[b, True]) <= TWO_HEIGHTS_M),
+    )
+    model, warnings = _delays(model, crossings, height)
+    if not axis_known:
+        own = tuple(f"own tilt {b}" for b in model.own_tilts)
+        return replace(model, free=own), warnings
+    return _freed(model, crossings, height), warnings
+
+
+def _span(crossings: Crossings, beam: str, current: bool) -> float:
+    """How far the heights of one set's crossings of one beam are apart, m."""
+    h = [
+        float(np.mean(c.above))
+        for c in crossings.values()
+        if c.source.beam == beam and c.source.current == current
+    ]
+    return float(np.ptp(h)) if h else 0.0
+
+
+def _delays(model: Model, crossings: Crossings, height: Heights) -> tuple[Model, list[tuple[str, str]]]:
+    """``model`` with two delays where the input clearly was not as late in the reference as it is now."""
+    apart = replace(model, delays=2)
+    fit, _ = robust(rows_of(crossings, groups_of(crossings), apart, At(), height), apart)
+    gap = float(fit.psi[0] - fit.psi[1])
+    sigma = float(np.sqrt(fit.cov[0, 0] + fit.cov[1, 1] - 2.0 * fit.cov[0, 1]))
+    if abs(gap) < _DELAY_S or abs(gap) < _CLEARLY_WITH_ONE_HEIGHT * sigma:
+        return model, []
+    sense = "earlier" if gap > 0.0 else "later"
+    return apart, [
+        ("laser.delay", f"the input is {1e3 * abs(gap):.2f} ms {sense} than it was in the reference")
+    ]
+
+
+def _freed(model: Model, crossings: Crossings, height: Heights) -> Model:
+    """``model`` with those tilts freed that are expected to be none and clearly are some."""
+    doubted = [name for name, scale in zip(model.names, model.trust, strict=True) if np.isfinite(scale)]
+    if not doubted:
+        return model
+    loose = replace(model, free=tuple(doubted))
+    fit, _ = robust(rows_of(crossings, groups_of(crossings), loose, At(), height), loose)
+    off = [k for k, name in enumerate(model.names) if name in doubted]
+    limit = _CLEARLY_WITH_ONE_HEIGHT if model.hints else _CLEARLY
+    clear = [k for k in off if abs(fit.psi[k]) > limit * np.sqrt(fit.cov[k, k])]
+    return replace(model, free=tuple(model.names[k] for k in clear))

@@ -1,0 +1,1 @@
+"""Job belt-calibration: the belt's scale and direction."""

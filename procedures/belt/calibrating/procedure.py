@@ -1,0 +1,322 @@
+"""Job ``belt-calibration``: what one count of the encoder moves the belt by, and which way, in the base.
+
+With a camera, items are seen while the belt carries them. By touch, an operator jogs the tool's point to a
+mark before and after the belt has moved. The job itself never moves anything.
+"""
+
+import asyncio
+from collections import deque
+from collections.abc import Mapping
+from enum import StrEnum
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from cell.calibrations import belt_scale
+from cell.devices import EncoderState, Frame
+from cell.errors import CellError, error
+from cell.poses import from_pose6, to_pose6
+from cell.procedure import FinishRequested, Procedure, Proposal, Run
+from cell.samples import Sample
+from procedures.belt.calibrating.config import BeltCalibrationConfig
+from procedures.belt.calibrating.record import CalibrationRecord
+from procedures.belt.calibrating.rows import Follower, count_at, motion_of
+from procedures.belt.calibrating.solving import solve_within_limits
+from procedures.belt.camera_to_belt import Sight
+from procedures.belt.encoder_alarms import Emergencies
+
+CAMERA = "fixed_camera"
+LOOK_S = 0.2
+STILL_S = 0.3  # arm and belt, before a touch counts
+STILL_COUNTS = 1
+STILL_TIMEOUT_S = 2.0
+RECENT = 2000  # counts among which an exposure is looked for
+
+
+class State(StrEnum):
+    """Where the job is."""
+
+    PREPARE = "prepare"
+    WATCH = "watch"  # items go by
+    STANDING = "standing"  # the belt stands
+    TOUCH = "touch"  # an operator meets the mark
+    SOLVE = "solve"
+
+
+S = State
+
+
+class BeltCalibration(Procedure):
+    """Measures ``m_per_count`` and ``dir`` of the belt; proposes ``belt.<device>``."""
+
+    name: ClassVar[str] = "belt-calibration"
+    number: ClassVar[int] = 6
+    kind: ClassVar[str] = "belt-calibration"
+    Config = BeltCalibrationConfig
+    State = State
+    TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = {
+        None: frozenset({S.PREPARE}),
+        S.PREPARE: frozenset({S.WATCH, S.TOUCH}),
+        S.WATCH: frozenset({S.WATCH, S.STANDING, S.SOLVE}),
+        S.STANDING: frozenset({S.WATCH, S.SOLVE}),
+        S.TOUCH: frozenset({S.TOUCH, S.SOLVE}),
+        S.SOLVE: frozenset(),
+    }
+    CHECKPOINTS: ClassVar[frozenset[Any]] = frozenset({S.WATCH, S.STANDING, S.TOUCH})
+
+    config: BeltCalibrationConfig
+
+    def uses(self) -> tuple[str, ...]:
+        # By touch the arm is only read. As a device in use it would have to be ready to move, and an arm
+        # that is jogged at its pendant is in local mode.
+        return (CAMERA, "belt") if self.config.source == "camera" else ("belt",)
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        if self.config.source == "camera":
+            assert self.config.belt_z_m is not None
+            Sight(values, self.config.belt_z_m, self.config.items)
+
+    def proposal(self, run: Run) -> Proposal | None:
+        answer = (run.result or {}).get("result")
+        if answer is None:
+            return None
+        value = {key: answer[key] for key in ("m_per_count", "dir")}
+        return Proposal(belt_scale(run.encoder().name), value, self.config.accept.auto)
+
+    async def run(self, run: Run) -> None:
+        await run.enter(S.PREPARE)
+        with _Session(self.config, run) as session:
+            try:
+                await (session.watch() if self.config.source == "camera" else session.touch())
+            except FinishRequested:
+                session.early = "after " + session.progress()
+            finally:
+                await asyncio.to_thread(session.record.flush)
+        await run.enter(S.SOLVE, session.progress())
+        path = await asyncio.to_thread(session.record.write_data_set, session.header())
+        run.result = await run.worker.call(solve_within_limits, path, self.config.model_dump())
+        if (answer := run.result["result"]) is not None:
+            name = f"belt.m_per_count.{run.encoder().name}"
+            trend = await run.cell.add_trend(name, answer["m_per_count"])
+            run.result["inputs"]["trend"] = {name: [list(point) for point in trend]}
+
+    async def dry_run(self, run: Run) -> dict[str, Any]:
+        """What is waited for; nothing moves."""
+        config = self.config
+        what = (
+            f"{config.sightings} sightings over {config.travel_m:g} m of the belt's way"
+            if config.source == "camera"
+            else f"{config.touches} touches of one mark on the belt"
+        )
+        return {"poses": [], "note": f"the job moves nothing; it waits for {what}"}
+
+    @classmethod
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+        return solve_within_limits(path, info["job_config"])
+
+
+class _Session:
+    """``with``: listens to the encoder, and to the camera while it watches."""
+
+    def __init__(self, config: BeltCalibrationConfig, run: Run) -> None:
+        self.config, self.run = config, run
+        self.encoder = run.encoder()
+        self.record = CalibrationRecord(run.folder)
+        self.early: str | None = None
+        self._emergencies = Emergencies(
+            self.encoder, lambda what: run.note("decision", event="encoder emergency", what=what)
+        )
+        self._fresh: deque[Frame] = deque()
+        self._follower = Follower(motion_of(self._configured))
+        self.sight: Sight | None = None
+        self._epoch = self.encoder.counts.epoch
+        self._undo: list[Any] = []
+        if config.source == "camera":
+            assert config.belt_z_m is not None
+            self.sight = Sight(run.values, config.belt_z_m, config.items)
+
+    def __enter__(self) -> "_Session":
+        self._undo = [self.encoder.counts.subscribe(self._count)]
+        if self.sight is not None:
+            self._undo.append(self.run.camera(CAMERA).frames.subscribe(self._frame))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for undo in self._undo:
+            undo()
+
+    def header(self) -> dict[str, Any]:
+        """What the solver needs beside the rows."""
+        sight = self.sight
+        return {
+            "source": self.config.source,
+            "device": self.encoder.name,
+            "period_s": self.encoder.period_s,
+            "T_base_camera": None if sight is None else to_pose6(sight.T_base_camera).tolist(),
+            "configured": self._configured,
+            "finished_early": self.early,
+            "emergencies": self._emergencies.told,
+        }
+
+    def progress(self) -> str:
+        """How much there is, in words."""
+        if self.sight is None:
+            return f"{len(self.record.touches)} touches"
+        return f"{len(self._follower)} sightings"
+
+    @property
+    def _configured(self) -> Mapping[str, Any] | None:
+        belt: Mapping[str, Any] | None = self.run.values["configured"].get(belt_scale(self.encoder.name))
+        return belt
+
+    # -- by camera
+
+    async def watch(self) -> None:
+        """Until enough was seen over a way that is long enough, or patience ends."""
+        run, config, camera = self.run, self.config, self.run.camera(CAMERA)
+        assert self.sight is not None
+        await run.take_step("prepare the camera", partial(camera.set_items, self.sight.spec()))
+        try:
+            await run.enter(S.WATCH)
+            waited_since = run.clock.now()
+            before = 0
+            while not self._enough():
+                await run.clock.sleep(LOOK_S)
+                await self._keep()
+                if run.wants_rest:
+                    await run.enter(S.WATCH)
+                if self._belt_stands():
+                    if not await self._stood():
+                        return
+                    waited_since = run.clock.now()
+                if len(self._follower) > before:
+                    before, waited_since = len(self._follower), run.clock.now()
+                elif run.clock.now() - waited_since > config.patience_s:
+                    self.early = f"as no item was seen for {config.patience_s:g} s, after {self.progress()}"
+                    return
+        finally:
+            await asyncio.shield(camera.set_items(None))
+
+    async def _stood(self) -> bool:
+        """Wait while the belt stands; False when patience or the operator ended that."""
+        run, config = self.run, self.config
+        await run.enter(S.STANDING)
+        run.suspend("the belt stands")
+        until = run.clock.now() + config.patience_s
+        while self._belt_stands():
+            if run.wants_rest:
+                run.unsuspend()
+                await run.enter(S.WATCH)
+                return True
+            if run.clock.now() >= until:
+                run.unsuspend()
+                self.early = f"as the belt stood for {config.patience_s:g} s, after {self.progress()}"
+                return False
+            await run.clock.sleep(LOOK_S)
+            await self._keep()
+        run.unsuspend()
+        await run.enter(S.WATCH)
+        return True
+
+    def _enough(self) -> bool:
+        assert self.sight is not None
+        while self._fresh and self.record.counts and self._fresh[0].t_exposure <= self.record.counts[-1][0]:
+            frame = self._fresh.popleft()
+            recent = np.array([(t, count) for t, count, _ in self.record.counts[-RECENT:]])
+            count = count_at(recent, frame.t_exposure)
+            if count is not None:
+                points = np.array([view.point for view in frame.items or ()])
+                self._follower.add(frame.t_exposure, count, self.sight.T_base_camera.apply(points))
+        seen = len(self._follower)
+        self.run.progress(min(seen, self.config.sightings), self.config.sightings)
+        return seen >= self.config.sightings and self._follower.way_m >= self.config.travel_m
+
+    def _belt_stands(self) -> bool:
+        now, span = self.run.clock.now(), self.config.standing_s
+        recent = self.encoder.counts.between(now - span, now)
+        if not recent or recent[-1].t - recent[0].t < 0.9 * span - 2.0 * self.encoder.period_s:
+            return False
+        counts = [sample.value.count for sample in recent]
+        return max(counts) - min(counts) <= STILL_COUNTS
+
+    async def _keep(self) -> None:
+        if self.encoder.counts.epoch != self._epoch:
+            raise error("DEVICE_LOST", f"{self.encoder.name} began to count anew")
+        await asyncio.to_thread(self.record.flush)
+
+    # -- by touch
+
+    async def touch(self) -> None:
+        """One mark on the belt, met with the tool's point, the belt moved, and met again."""
+        run, touches = self.run, self.config.touches
+        why = ""
+        while len(self.record.touches) < touches:
+            k = len(self.record.touches)
+            await run.enter(S.TOUCH, f"touch {k + 1} of {touches}")
+            run.progress(k, touches)
+            moved = (
+                "Lift the tool, let the belt run on its usual way, and stop it. " if k else "Stop the belt. "
+            )
+            mark = "the same mark" if k else "a mark"
+            await run.ask(
+                f"{why}{moved}Jog the arm so that the tool's point touches {mark} on the belt, and confirm "
+                f"(touch {k + 1} of {touches})."
+            )
+            why = await self._take_touch()
+            await self._keep()
+
+    async def _take_touch(self) -> str:
+        """Note the touch once arm and belt stand; what did not, when they do not.
+
+        A short silence of one of them is waited out.
+        """
+        run, arm = self.run, self.run.arm()
+        silent_until = run.clock.now() + run.steps_taken.limits.until_lost_s
+        until = run.clock.now() + STILL_TIMEOUT_S
+        moving = "arm"
+        while run.clock.now() < until:
+            await run.clock.sleep(STILL_S)
+            now = run.clock.now()
+            states = [s.value for s in arm.state.between(now - STILL_S, now)]
+            counts = [s.value.count for s in self.encoder.counts.between(now - STILL_S, now)]
+            try:
+                arm.state.latest(STILL_S)
+                self.encoder.counts.latest(STILL_S)
+            except CellError:
+                if now > silent_until:
+                    raise
+                until = now + STILL_TIMEOUT_S
+                continue
+            if not all(state.at_rest for state in states):
+                moving = "arm"
+            elif max(counts) - min(counts) > STILL_COUNTS:
+                moving = "belt"
+            else:
+                tool = from_pose6(run.values["tool"]["T_flange_tool"])
+                point = np.mean([(s.T_base_flange * tool).translation for s in states], axis=0)
+                entry = {"t": now, "count": float(np.mean(counts)), "point": point.tolist()}
+                self.record.touches.append(entry)
+                run.note("decision", event="touch", count=entry["count"], point=entry["point"])
+                return ""
+        return f"The {moving} still moved, so that touch was not taken. "
+
+    # -- what comes in
+
+    def _count(self, sample: Sample[EncoderState]) -> None:
+        self._emergencies.count(sample)
+        self.record.counts.append((sample.t, sample.value.count, sample.value.raw))
+
+    def _frame(self, sample: Sample[Frame]) -> None:
+        frame = sample.value
+        if frame.items:
+            self._fresh.append(frame)
+            self.record.sightings.append(
+                {
+                    "t": frame.t_exposure,
+                    "seq": frame.seq,
+                    "points": [view.point.tolist() for view in frame.items],
+                    "sigma_m": [view.sigma_m for view in frame.items],
+                }
+            )

@@ -1,0 +1,103 @@
+"""What a run of picking owes its items whatever it waits for: each is looked after, ends once, is told."""
+
+import asyncio
+from collections.abc import Coroutine
+from typing import Any
+
+import numpy as np
+
+from cell.errors import CellError
+from cell.procedure import PackML, Run
+from procedures.belt.item_tracking import BeltWatch
+from procedures.belt.items import Item, Outcome, life
+
+LOOK_S = 0.05  # between looks while no stream runs
+PUBLISH_S = 0.2
+
+
+class Upkeep:
+    """Looks at the belt beside the job, and by the stream itself while :attr:`streaming`: it knows when it
+    has the time, and which item is in hand. ``picks``: how many are wanted, 0 for no end. ``carried`` is what
+    the gripper had when the stream ended: it is picked once it is put down, and lost otherwise."""
+
+    def __init__(self, run: Run, watch: BeltWatch, picks: int) -> None:
+        self._run, self._watch, self._picks = run, watch, picks
+        self._writing: list[asyncio.Task[None]] = []
+        self._published = -np.inf
+        self.streaming = False
+        self.carried: Item | None = None
+
+    async def beside(self, work: Coroutine[Any, Any, None]) -> None:
+        """Do ``work`` and look meanwhile; what fails first ends both."""
+        try:
+            async with asyncio.TaskGroup() as group:
+                looking = group.create_task(self._look_on(), name="upkeep")
+                await work
+                looking.cancel()
+        except BaseExceptionGroup as failed:
+            raise failed.exceptions[-1] from None  # of both, the end of the work itself: it may lock motion
+
+    def look(self, in_hand: Item | None = None) -> None:
+        """Learn, end the items but ``in_hand`` that are lost or have left the zone, and tell.
+
+        Raises what kept an earlier item from the ledger, and ``BELT_ASTRAY``.
+        """
+        while self._writing and self._writing[0].done():
+            self._writing.pop(0).result()
+        self._watch.learn()
+        now = self._run.clock.now()
+        self._end_missed(now, in_hand)
+        if now - self._published >= PUBLISH_S:
+            self._published = now
+            forecast = self._watch.forecast
+            position = 0.0 if forecast is None else forecast.travel(forecast.now)
+            self._run.publish(
+                belt_speed_m_s=self._watch.speed(), belt_position_m=position, **self._watch.queue.live()
+            )
+
+    def end(self, item: Item, outcome: Outcome) -> None:
+        """This became of ``item``, unless it has ended."""
+        if item.outcome is None:
+            self._watch.queue.end(item, outcome, self._run.clock.now())
+            self.ended(item)
+
+    def end_carried(self, outcome: Outcome) -> None:
+        """This became of what was carried, if anything was."""
+        item, self.carried = self.carried, None
+        if item is not None:
+            self.end(item, outcome)
+
+    def ended(self, item: Item) -> None:
+        """Keep what became of ``item`` in journal and ledger."""
+        assert item.outcome is not None
+        run, detail = self._run, life(item)
+        if self._watch.record is not None:
+            self._watch.record.ended(item)
+        run.note("decision", event="item", item=item.number, outcome=item.outcome.value, **detail)
+        written = run.cell.add_item(run, item.number, run.clock.now(), item.outcome.value, detail)
+        self._writing.append(asyncio.create_task(written, name="item"))  # the disk must not hold the stream
+        run.progress(self._watch.queue.counts[Outcome.PICKED], self._picks)
+
+    async def close(self) -> None:
+        """The last count, however the job ended; returns when the ledger has every item that ended."""
+        self.end_carried(Outcome.LOST)
+        self._end_missed(self._run.clock.now(), None)
+        queue = self._watch.queue
+        self._run.note("decision", event="counted", seen=queue.seen, waiting=queue.length)
+        self._run.publish(**queue.live())
+        await asyncio.gather(*self._writing)
+
+    def _end_missed(self, now: float, in_hand: Item | None) -> None:
+        for item in self._watch.missed(now, in_hand):
+            self.ended(item)
+
+    async def _look_on(self) -> None:
+        while True:
+            if not self.streaming:
+                try:
+                    self.look(self.carried)
+                except CellError as exc:
+                    # In a pause a person may be at the belt; it ends the job if it is still so afterwards.
+                    if exc.name != "BELT_ASTRAY" or self._run.packml is not PackML.HELD:
+                        raise
+            await self._run.clock.sleep(LOOK_S)

@@ -1,0 +1,456 @@
+"""One stream of set-points from item to item: approach, descend, grip, lift, place, and back.
+
+The picker decides every 20 ms, from what is known then, where the tool goes next; each plan begins in the
+state that the one before is in, so a forecast that changes bends the way and never breaks it.
+"""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Coroutine
+from typing import Any
+
+import numpy as np
+
+from calibration.belt.arm_time import MotionLimits, rest_to_rest
+from calibration.belt.pursuit import Leg, Place, Ride, State
+from cell.devices import Gripper, TrajectoryPiece
+from cell.errors import CellError, error
+from cell.guard import MotionGuard
+from cell.poses import Array
+from cell.procedure import Run
+from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.item_bookkeeping import Upkeep
+from procedures.belt.item_tracking import BeltWatch
+from procedures.belt.items import CONTACT, Item, Outcome
+from procedures.belt.motion.blend import corner
+from procedures.belt.motion.item_selection import Choice
+from procedures.belt.motion.meeting import Aim, strategy
+from procedures.belt.motion.servo_lag import Lag
+from procedures.belt.motion.tool_joints import ToolJoints, on_piece
+from procedures.belt.motion.tool_path import AHEAD_S, Way, pursuit_limits
+from procedures.belt.states import PickState as S
+
+STEP_S = 0.02  # between decisions
+LEARN_S = 0.04  # between looks at what has come in, but for the last of the way to an item
+LEAD_S = 0.012  # from a decision to where it begins to act
+GRIPPER_STUCK = "the confirm input stays on after the gripper was opened"
+CLOSE = frozenset({S.DESCEND, S.GRIP})
+MET_M, MET_M_S, MET_RAD = 0.0003, 0.02, 0.02  # from rest on an item
+DOUBT_S, DOUBT_M = 0.15, 0.0003  # a belt that may be so far off so soon is waited for just above its item
+RISE_S = 0.08  # until fingers that leave are clear of the item
+REFUSED_S = 0.2  # an item out of reach is not tried again for so long: the arm goes on, and so does the belt
+
+
+class Picker:
+    """Streams until something asks for rest: a pause, the end, a belt that stands."""
+
+    def __init__(
+        self,
+        run: Run,
+        config: BeltTrackingConfig,
+        watch: BeltWatch,
+        upkeep: Upkeep,
+        tool: ToolJoints,
+        guard: MotionGuard,
+        wait: State,
+        place: State,
+    ) -> None:
+        self._run, self._config, self._watch, self._upkeep, self._tool = run, config, watch, upkeep, tool
+        self._wait, self._place = Place(wait.p), Place(place.p)
+        limits = config.limits
+        axis = MotionLimits(limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3)
+        self._descent_s = float(rest_to_rest(np.array(config.down_m), axis))
+        self._above = np.array([0.0, 0.0, config.above_m, 0.0])  # of an item's upper face, and of the place
+        self._at_grip = np.array([0.0, 0.0, config.grip_m, 0.0])
+        classic = config.method == "classic"
+        self._corner = corner(config, pursuit_limits(limits))
+        self._aim: Aim | None = None
+        self._meets_only = classic or not config.follow
+        self._strategy = strategy(config, watch, wait.p[:3], self._descent_s)
+        self._gripper: Gripper = run.gripper()
+        self._arm = run.arm()
+        self._task: asyncio.Task[bool] | None = None
+        self._lag = Lag()
+        self._held = self._is_cautious = False
+        self._foot_m = 0.0
+        self._item: Item | None = None
+        self._awaited: Item | None = None  # on its way to the zone
+        self._t_contact, self._tries = 0.0, 0
+        self._phase: Callable[[float], Coroutine[Any, Any, bool]] = self._ready
+        self._way = Way(tool, limits, guard, wait)
+        self._choice = Choice(config, watch, tool, float(wait.p[3]), self._descent_s)
+        self._learnt = -np.inf
+        self._standing_since: float | None = None
+        self.standing = False
+
+    async def pieces(self, q: Array) -> AsyncIterator[TrajectoryPiece]:
+        """Set-points from rest at ``q`` (6,) on, until :attr:`standing`, a wish for rest, or enough picks."""
+        clock = self._run.clock
+        t = clock.now() + LEAD_S
+        self._way.start(t, q, self._wait)
+        self._phase, self.standing, self._standing_since = self._ready, False, None
+        here = q, np.zeros(6)
+        self._upkeep.streaming = True
+        try:
+            while True:
+                await self._learn()
+                if not await self._phase(t):
+                    return
+                piece = self._way.piece(t, here)
+                self._keep(t)
+                if clock.now() < t + AHEAD_S:  # a piece that is over would only end the one in use
+                    yield self._lag.ahead(piece)
+                await clock.sleep(max(t + STEP_S - LEAD_S - clock.now(), 0.0))
+                t = max(t + STEP_S, clock.now() + LEAD_S)
+                here = on_piece(piece, t)  # where the arm is sent then, also when the plan changes
+        finally:
+            await self._end_task()
+            if self._item is not None and self._item.touched:  # in the gripper, or where the arm stopped
+                self._upkeep.carried, self._item = self._item, None
+            self._upkeep.streaming = False
+
+    def _keep(self, t: float) -> None:
+        """This set-point, for whoever looks at the run later."""
+        if (record := self._watch.record) is not None:
+            number = 0 if self._item is None else self._item.number
+            record.goes(t, self._way.at(t), self._watch.speed(), number)
+
+    # -- what is known
+
+    async def _learn(self) -> None:
+        now = self._run.clock.now()
+        if (sample := self._arm.state.last()) is not None:
+            self._lag.look(sample.t, sample.value.q)
+        if self._run.state not in CLOSE and now - self._learnt < LEARN_S - 0.5 * STEP_S:
+            return
+        self._learnt = now
+        self._upkeep.look(self._item)
+        self._judge_belt(now)
+
+    def _judge_belt(self, now: float) -> None:
+        """A belt that stands for long, or runs backward, is waited for at rest."""
+        config = self._config
+        if self._watch.speed() >= config.standing_m_s:
+            self._standing_since = None
+            return
+        self._standing_since = now if self._standing_since is None else self._standing_since
+        backward = self._watch.speed() <= -config.standing_m_s
+        if backward or now - self._standing_since >= config.standing_s:
+            self.standing = True
+
+    @property
+    def enough(self) -> bool:
+        """Whether as many items were picked as were wanted."""
+        return 0 < self._config.picks <= self._watch.queue.counts[Outcome.PICKED]
+
+    @property
+    def _rest_wanted(self) -> bool:
+        return self._run.wants_rest or not self._run.picks_wanted or self.standing or self.enough
+
+    # -- phases: each decides about the leg from ``t`` on; False ends the stream
+
+    async def _ready(self, t: float) -> bool:
+        """At rest above the belt, or on the way there: whoever comes first is next."""
+        if self._rest_wanted:
+            if self._run.state is S.WAIT:
+                await self._run.enter(S.RETURN, "rest is wanted")
+            self._way.go(t, self._wait, np.zeros(4))
+            return t < self._way.t1
+        if self._meets_only:
+            return await self._agree(t)
+        for item, ride in self._choice.reachable(t, self._way, self._above):
+            tried = self._tried(t, item, ride)
+            if tried is not None and self._choice.can_be_met(ride.track, tried[0].t1):
+                self._way.take(tried)
+                self._item = item
+                item.note(t, "approach")
+                await self._run.enter(S.APPROACH, f"item {item.number}")
+                self._phase = self._approach
+                return True
+        await self._await_next(t)
+        return True
+
+    async def _await_next(self, t: float) -> None:
+        """Above where the next item will come into the zone; without one, or where it cannot be gripped, at
+        the waiting point."""
+        for item, above in self._choice.coming(t):
+            if self._awaited is item:
+                self._way.go(t, above, self._above)
+            elif (tried := self._tried(t, item, above)) is not None:
+                self._awaited = item
+                self._way.take(tried)
+            else:
+                continue
+            if self._run.state is not S.WAIT:
+                await self._run.enter(S.WAIT, f"item {item.number}")
+            return
+        self._awaited = None
+        self._way.go(t, self._wait, np.zeros(4))
+
+    def _tried(self, t: float, item: Item, origin: Ride | Place) -> tuple[Leg, float] | None:
+        """The way above ``item`` at ``origin``, if guard and joints allow it and the grip at its end.
+
+        An item that lies badly is nothing to end the job for; its life says why it was let pass.
+        """
+        if t < item.refused_until:
+            return None
+        try:
+            tried = self._way.tried(t, origin, self._above)
+            contact = tried[0].t1 + self._descent_s
+            grips = [origin.at(at) for at in (contact, contact + self._config.dwell_s)]
+            self._way.check(tried, [state + State.still(self._at_grip) for state in grips])
+        except CellError as why:
+            if not item.refused_until:
+                item.note(t, f"out of reach: {why}")
+            item.refused_until = t + REFUSED_S
+            return None
+        return tried
+
+    async def _approach(self, t: float) -> bool:
+        ride = self._ride()
+        if ride is None or self.standing:
+            return await self._give_up(t)
+        self._way.go(t, ride, self._above)
+        if not self._choice.can_be_met(ride.track, self._way.t1):
+            return await self._give_up(t)
+        turns = self._way.t1 - t <= self._corner.lead_s
+        if turns and self._choice.has_come_in(ride.track, t + self._descent_s):
+            self._way.at_full_speed()
+            await self._run.enter(S.DESCEND)
+            self._is_cautious = self._watch.doubt(DOUBT_S) > DOUBT_M
+            self._phase = self._descend
+        return True
+
+    async def _descend(self, t: float) -> bool:
+        ride = self._ride()
+        if ride is None or self.standing:
+            return await self._give_up(t)
+        self._way.descend(t, ride, self._at_grip, self._is_cautious)
+        if not self._choice.inside(ride.track, self._way.t1, self._way.t1 + self._config.dwell_s):
+            return await self._give_up(t)
+        if self._meets(t, ride):
+            await self._close(t)
+        return True
+
+    async def _close(self, t: float) -> None:
+        """In contact."""
+        assert self._item is not None
+        self._item.note(t, CONTACT)
+        self._t_contact, self._tries = t, 1
+        await self._run.enter(S.GRIP)
+        self._begin(self._gripper.grip(self._config.grip_timeout_s))
+        self._phase = self._grip
+
+    # -- phases of a tool that meets an item and does not follow it
+
+    async def _agree(self, t: float) -> bool:
+        """At rest at the waiting point: agree on a contact that the arm can keep."""
+        self._way.go(t, self._wait, np.zeros(4))
+        if self._way.t1 > t:
+            return True
+        if self._run.state is not S.WAIT:
+            await self._run.enter(S.WAIT)
+        for item in self._watch.queue.waiting(self._config.min_sightings):
+            aim = self._strategy.meet(item, t)
+            while aim is not None:
+                if (tried := self._tried(t, item, self._aimed(item, aim))) is None:
+                    break
+                late = tried[0].t1 + self._descent_s - aim.contact
+                if late <= STEP_S:
+                    self._way.take(tried)
+                    self._item, self._aim, self._phase = item, aim, self._go_above
+                    item.note(t, "approach")
+                    await self._run.enter(S.APPROACH, f"item {item.number}")
+                    return True
+                aim = self._strategy.later(item, aim, late)
+        return True
+
+    async def _go_above(self, t: float) -> bool:
+        """Above the agreed place, and there until it is time to go down."""
+        assert self._aim is not None
+        if (place := self._aim_improved(t)) is None:
+            return await self._give_up(t)
+        self._way.go(t, place, self._above)
+        if t >= self._aim.contact - self._descent_s - 0.5 * STEP_S:
+            self._way.at_full_speed()
+            await self._run.enter(S.DESCEND)
+            self._phase = self._go_down
+        return True
+
+    async def _go_down(self, t: float) -> bool:
+        if (place := self._aim_improved(t)) is None:
+            return await self._give_up(t)
+        self._way.go(t, place, self._at_grip)
+        if self._way.t1 - t <= 0.5 * STEP_S:
+            await self._close(t)
+        return True
+
+    def _aim_improved(self, t: float) -> Place | None:
+        """Where the item in hand will be at the agreed contact; None when it cannot be met there any more."""
+        assert self._item is not None
+        assert self._aim is not None
+        self._strategy.improve(self._item, self._aim, t)
+        place = self._aimed(self._item, self._aim)
+        lost = self.standing or self._watch.track(self._item) is None
+        return None if lost or not self._choice.holds(place.p[:3]) else place
+
+    def _aimed(self, item: Item, aim: Aim) -> Place:
+        return Place(np.array([*aim.xy, aim.height, self._choice.yaw(item)]))
+
+    def _meets(self, t: float, ride: Ride) -> bool:
+        """Whether the tool is on the item and moves with it: a forecast that shakes is never met exactly."""
+        gap = self._way.at(t) - ride.at(t)
+        off = float(np.linalg.norm(gap.p[:3] - self._at_grip[:3]))
+        met = off < MET_M and abs(gap.p[3]) < MET_RAD
+        return met and float(np.linalg.norm(gap.v[:3])) < MET_M_S
+
+    async def _grip(self, t: float) -> bool:
+        """Move with the item until it is held, at least for the dwell and at most to the edge of the zone."""
+        held, out = self._answer(), self._follow(t)
+        if not out and (held is None or t < self._t_contact + self._config.dwell_s):
+            return True
+        assert self._item is not None
+        held = bool(held)
+        if not held and not out and self._tries < self._config.grip_tries and not self._meets_only:
+            self._item.note(t, "not held")
+            self._begin(self._gripper.release(self._config.grip_timeout_s))
+            self._phase = self._grip_again
+            return True
+        return await self._end_grip(t, held)
+
+    async def _end_grip(self, t: float, held: bool) -> bool:
+        """Up, with the item or without."""
+        assert self._item is not None
+        self._item.note(t, "gripped" if held else "grip failed")
+        self._held = held
+        await self._run.enter(S.LIFT)
+        if not held:
+            self._begin(self._gripper.release(self._config.grip_timeout_s))
+            await self._end_item(Outcome.GRIP_FAILED)
+        self._foot_m = float(self._way.at(t).p[2])
+        self._way.rise(t, self._above)
+        self._phase = self._lift
+        return True
+
+    async def _grip_again(self, t: float) -> bool:
+        """The item slid when the fingers closed, as the belt changed just then: open them, and once more."""
+        if self._follow(t):
+            return await self._end_grip(t, False)
+        if self._opened():
+            self._tries += 1
+            self._begin(self._gripper.grip(self._config.grip_timeout_s))
+            self._phase = self._grip
+        return True
+
+    def _follow(self, t: float) -> bool:
+        """On with the item in the grip; whether it is about to leave the zone."""
+        if self._meets_only or (ride := self._ride()) is None:
+            return False
+        self._way.go(t, ride, self._at_grip, apart=True)
+        return not self._choice.inside(ride.track, t, t + RISE_S)
+
+    async def _lift(self, t: float) -> bool:
+        """Straight up, seen from the belt, until what lies beside is cleared."""
+        if not self._clear(t, self._foot_m):
+            return True
+        if self._held:
+            await self._run.enter(S.PLACE)
+            self._way.begin(t, self._place, self._above)
+            self._phase = self._to_place
+        elif self._opened():
+            await self._run.enter(S.RETURN)
+            self._phase = self._ready
+        return True
+
+    async def _to_place(self, t: float) -> bool:
+        self._way.go(t, self._place, self._above)
+        if self._way.t1 - t <= self._corner.lead_s:
+            self._way.at_full_speed()
+            self._phase = self._put_down
+        return True
+
+    async def _put_down(self, t: float) -> bool:
+        self._way.go(t, self._place, np.zeros(4), apart=True)
+        if self._way.t1 - t <= 0.5 * STEP_S:
+            if not self._gripper.holding(0.1):
+                await self._end_item(Outcome.LOST)
+            self._begin(self._gripper.release(self._config.grip_timeout_s))
+            self._phase = self._release
+        return True
+
+    async def _release(self, t: float) -> bool:
+        if not self._opened():
+            return True
+        if self._item is not None:
+            await self._end_item(Outcome.PICKED)
+            self._run.steps_taken.part_done()
+        self._phase = self._leave_place
+        return True
+
+    async def _leave_place(self, t: float) -> bool:
+        self._way.go(t, self._place, self._above)
+        if self._clear(t, float(self._place.p[2])):
+            await self._run.enter(S.RETURN)
+            self._way.begin(t, self._wait, np.zeros(4))
+            self._phase = self._ready
+        return True
+
+    # -- steps of the phases
+
+    def _clear(self, t: float, foot_m: float) -> bool:
+        """Whether the tool has risen so far from ``foot_m`` that it may go sideways."""
+        return t >= self._way.t1 or float(self._way.at(t).p[2]) - foot_m >= self._corner.clear_m
+
+    def _ride(self) -> Ride | None:
+        """The item in hand, as it is predicted now."""
+        return None if self._item is None else self._choice.ride(self._item)
+
+    async def _give_up(self, t: float) -> bool:
+        """This item cannot be met any more; it ends when it leaves the zone. Who is low rises first."""
+        if self._item is not None:
+            self._item.note(t, "given up")
+            self._item = None
+        await self._run.enter(S.RETURN)
+        if self._phase in (self._descend, self._go_down):
+            self._foot_m = float(self._way.at(t).p[2])
+            self._way.rise(t, self._above)
+            self._phase = self._rise
+        else:
+            self._phase = self._ready
+            self._way.go(t, self._wait, np.zeros(4))
+        return True
+
+    async def _rise(self, t: float) -> bool:
+        """Straight up beside an item that was given up."""
+        if self._clear(t, self._foot_m):
+            self._phase = self._ready
+            self._way.begin(t, self._wait, np.zeros(4))
+        return True
+
+    async def _end_item(self, outcome: Outcome) -> None:
+        item, self._item = self._item, None
+        if item is not None:
+            self._upkeep.end(item, outcome)
+
+    # -- the gripper works beside the stream
+
+    def _begin(self, work: Coroutine[Any, Any, bool]) -> None:
+        if self._task is not None and not self._task.done():
+            self._task.cancel()
+        self._task = asyncio.create_task(work, name="gripper")
+
+    def _answer(self) -> bool | None:
+        """What the gripper's last command came to; None while it works."""
+        assert self._task is not None
+        return self._task.result() if self._task.done() else None
+
+    def _opened(self) -> bool:
+        """Whether the gripper is open, by its own answer. ``GRIPPER_STUCK`` when it does not get so."""
+        if (free := self._answer()) is False:
+            raise error("GRIPPER_STUCK", GRIPPER_STUCK)
+        return free is True
+
+    async def _end_task(self) -> None:
+        task, self._task = self._task, None
+        if task is not None and not task.done():
+            task.cancel()
+            await asyncio.wait([task])  # not awaited itself: a cancelled stream must not take it for its own

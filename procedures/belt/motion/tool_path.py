@@ -1,0 +1,142 @@
+"""The tool's present way, as fast as the limits of tool and joints let, and the set-points along it."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from calibration.belt.descent import descend
+from calibration.belt.pursuit import Leg, Origin, Place, PursuitLimits, Ride, State, plan
+from cell.devices import TrajectoryPiece
+from cell.guard import MotionGuard
+from cell.poses import Array
+from procedures.belt.config import JobLimits
+from procedures.belt.motion.tool_joints import ToolJoints, fastest_joint, looks_along
+
+AHEAD_S, NODES = 0.05, (1, 2, 3)  # a piece goes on for longer than a loop that is late once
+JOINT_SHARE = 0.85  # of the joints' speed limit that a plan may use; a change of plan needs the rest
+BRAKE_SHARE = 0.9
+TOOL_SHARE = 0.99  # of the tool's speed limit: a goal that jumps shares it anew among axes that are all fast
+SLOWINGS, LEAST_SLOWING = 5, 1.1  # a way that never reaches the speed limit feels a lower one late
+YAW_SHARE = 0.6  # of the joints' speed limit for turning the tool; the way itself turns the wrist too
+
+
+def pursuit_limits(limits: JobLimits) -> PursuitLimits:
+    """The job's limits as the planner takes them."""
+    yaw_v = YAW_SHARE * limits.joint_speed_rad_s
+    return PursuitLimits(limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3, yaw_v=yaw_v)
+
+
+def within_joint_speed(
+    planned: Callable[[float], Leg], fastest: Callable[[Leg], float], limit: float
+) -> tuple[Leg, float]:
+    """The leg that is ``planned`` for a share of the tool's speed, and that share: the greatest with which
+    the ``fastest`` joint on it keeps to ``limit`` (rad/s), but for what a few tries leave."""
+    share, leg = 1.0, planned(1.0)
+    for _ in range(SLOWINGS):
+        over = fastest(leg) / (JOINT_SHARE * limit)
+        if over <= 1.0:
+            break
+        share /= max(over, LEAST_SLOWING)
+        leg = planned(share)
+    return leg, share
+
+
+class Way:
+    """One leg after the other, each from the state that the one before is in. Times in s of the cell's clock,
+    offsets (4,) from an origin: x, y, z in the base (m) and yaw (rad)."""
+
+    def __init__(self, tool: ToolJoints, limits: JobLimits, guard: MotionGuard, at: State) -> None:
+        self._tool, self._guard = tool, guard
+        self._job, self._limits = limits, pursuit_limits(limits)
+        self._leg = plan(0.0, at, Place(at.p), np.zeros(4), self._limits)
+        self._share = 1.0  # of the full speed, on the present way
+        self._q: Array = np.zeros(6)
+
+    @property
+    def t1(self) -> float:
+        """When the tool has arrived."""
+        return self._leg.t1
+
+    def at(self, t: float) -> State:
+        """The tool at ``t``."""
+        return self._leg.at(t)
+
+    # -- where to
+
+    def start(self, t: float, q: Array, place: Place) -> None:
+        """From rest at joints ``q`` (6,)."""
+        self._q, self._share = q, 1.0
+        self._leg = plan(t, self._tool.state(q), place, np.zeros(4), self._limits)
+
+    def begin(self, t: float, origin: Origin, offset: Array) -> None:
+        """A new way, as fast as the limits and the joints let."""
+        self.take(self.tried(t, origin, offset))
+
+    def tried(self, t: float, origin: Origin, offset: Array) -> tuple[Leg, float]:
+        """What :meth:`begin` would set out on, to be looked at and taken or not."""
+        state = self._leg.at(t)
+        return within_joint_speed(
+            lambda share: plan(t, state, origin, offset, self._limits.slower(share)),
+            lambda leg: self._tool.fastest(leg, self._q),
+            self._job.joint_speed_rad_s,
+        )
+
+    def check(self, tried: tuple[Leg, float], states: Sequence[State] = ()) -> None:
+        """What was tried, and the tool at ``states`` after it, before the motion guard: the error that a
+        set-point of it would end the job with."""
+        Q, _ = self._tool.line([*looks_along(tried[0]), *states], self._q)
+        for q in Q[~self._guard.free(Q)]:
+            self._guard.check_joints(q)
+
+    def take(self, tried: tuple[Leg, float]) -> None:
+        """Set out on what was tried."""
+        self._leg, self._share = tried
+
+    def soonest(self, t: float, origin: Origin, offset: Array) -> float:
+        """When the tool could be there if the joints let."""
+        return plan(t, self._leg.at(t), origin, offset, self._limits).t1
+
+    def go(self, t: float, origin: Origin, offset: Array, apart: bool = False) -> None:
+        """From where the tool is at ``t`` to rest at ``offset`` from ``origin``; a way to a place is kept."""
+        old = self._leg
+        if (
+            isinstance(origin, Place)
+            and isinstance(old.origin, Place)
+            and np.array_equal(origin.p, old.origin.p)
+            and np.array_equal(offset, old.offset)
+        ):
+            return
+        self._leg = plan(t, old.at(t), origin, offset, self._limits.slower(self._share), apart)
+
+    def descend(self, t: float, ride: Ride, offset: Array, cautious: bool) -> None:
+        """On down to an item; see :func:`calibration.belt.descent.descend`."""
+        limits = self._limits.slower(self._share)
+        self._leg = descend(t, self._leg.at(t), ride, offset, limits, cautious)
+
+    def rise(self, t: float, offset: Array) -> None:
+        """Straight up at full speed, seen from what the tool is at."""
+        self._leg = plan(t, self._leg.at(t), self._leg.origin, offset, self._limits)
+
+    def at_full_speed(self) -> None:
+        """From the next plan on."""
+        self._share = 1.0
+
+    # -- the set-points
+
+    def piece(self, t: float, here: tuple[Array, Array]) -> TrajectoryPiece:
+        """The next piece from ``here`` on, joints and joint speeds (6,) at ``t``; a way that gets too fast
+        for joints or tool is slowed down."""
+        self._q = here[0]
+        limits = self._job
+        for _ in range(4):
+            ahead = [self._leg.at(t + k * AHEAD_S) for k in NODES]
+            Q, Qd = self._tool.line(ahead, here[0] + AHEAD_S * np.array(NODES)[:, None] * here[1])
+            piece = self._tool.piece(t, AHEAD_S, [here, *zip(Q, Qd, strict=True)])
+            ways = [self._leg.at(t + k * AHEAD_S).v[:3] for k in (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)]
+            slow = max(float(np.linalg.norm(v)) for v in ways) <= TOOL_SHARE * limits.speed_m_s
+            if slow and fastest_joint(piece) <= BRAKE_SHARE * limits.joint_speed_rad_s:
+                break
+            self._share *= 0.8
+            slower, old = self._limits.slower(self._share), self._leg
+            self._leg = plan(t, old.at(t), old.origin, old.offset, slower, old.apart)
+        return piece

@@ -1,0 +1,223 @@
+"""The report of a belt calibration: scale and direction, and every sighting beside the motion found."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from cell.poses import Array
+from procedures.belt.calibrating.record import DATA_FILE
+from procedures.report.figure import PALETTE, REJECTED, dressed, embed, figure
+from procedures.report.html import Html, absent, bullets, facts, note, section
+from procedures.report.layout import Layout, Page
+from procedures.report.numbers import DASH, dig, mm, number
+from procedures.report.origin import inputs_section
+from procedures.report.source import Source
+from procedures.report.timeline import timeline_section
+from procedures.report.trend import trend_section
+from procedures.report.verdict import banner, cards
+
+_REMEDY = {
+    "belt-stands": "Start the belt, and look whether the encoder's wheel turns with it.",
+    "encoder-stands": "Repair the coupling of the encoder to the belt.",
+    "no-travel": "Let the items be carried further while they are seen.",
+    "too-few-sightings": "Put items on the belt that the camera sees wholly, and look at [job.*] items.",
+    "max_heldout_m": "Look for slip of the encoder's wheel, and for items that roll or slide.",
+}
+_AXES = ("along the belt", "across it", "up")
+
+
+@dataclass
+class CalibrationSource(Source):
+    """A result of kind ``belt-calibration``."""
+
+    def sightings(self) -> "Sightings | None":
+        """Every sighting or touch; None where the result lists none."""
+        rows = dig(self.result, "residuals", "per_sighting")
+        if not isinstance(rows, list) or not rows:
+            return None
+        return Sightings(
+            np.array([row["count"] for row in rows], dtype=float),
+            np.array([row["off_m"] for row in rows], dtype=float).reshape(-1, 3),
+            np.array([row["item"] for row in rows]),
+            np.array([bool(row["used"]) for row in rows]),
+        )
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """``off`` (k, 3) m beside the motion found: along, across and up; which ``item`` and whether ``used``."""
+
+    count: Array
+    off: Array
+    item: Array
+    used: Array
+
+
+def verdict_section(source: CalibrationSource) -> Html:
+    """The verdict, why, and four figures to take away."""
+    top = banner(source, _REMEDY, "Correct what the reason names, and calibrate again.")
+    answer = source.answer
+    if answer is None:
+        return top
+    m, half = (
+        number(dig(answer, "m_per_count")),
+        number(dig(source.result, "uncertainty", "half_m_per_count")),
+    )
+    share = DASH if not m or half is None else f"{100 * half / abs(m):.3f} %"
+    return Html(
+        top
+        + cards(
+            (
+                (_micron(m), "of the belt's travel for one count"),
+                (f"± {share}", "95 % interval of it"),
+                (f"± {_mrad(dig(answer, 'dir_95_rad'))}", "95 % interval of the direction, in each plane"),
+                (mm(dig(source.result, "heldout", "rms_m")), "RMS of sightings that were set aside"),
+            )
+        )
+    )
+
+
+def result_section(source: CalibrationSource) -> Html | None:
+    """Scale and direction, beside the configured belt."""
+    answer = source.answer
+    if answer is None:
+        return None
+    way = [number(v) or 0.0 for v in dig(answer, "dir") or [0.0, 0.0, 0.0]]
+    low_high = dig(answer, "m_per_count_95")
+    interval = DASH if not isinstance(low_high, list) else " … ".join(_micron(v) for v in low_high)
+    rows: list[tuple[str, object, str]] = [
+        ("One count", _micron(dig(answer, "m_per_count")), f"95 %: {interval}; negative: the counter falls."),
+        (
+            "Direction",
+            ", ".join(f"{v:.5f}" for v in way),
+            f"The way the belt ran, in the base: {np.degrees(np.arctan2(way[1], way[0])):.3f}° from x "
+            f"towards y, rising by {np.degrees(np.arcsin(np.clip(way[2], -1, 1))):.3f}°.",
+        ),
+        ("Longest way of an item", mm(dig(answer, "travel_m")), "The longer, the surer is the scale."),
+        (
+            "Sightings",
+            f"{dig(answer, 'sightings')} of {dig(answer, 'items')} items",
+            f"They scatter by {mm(dig(source.result, 'residuals', 'sigma_m'))} along each axis.",
+        ),
+    ]
+    configured = _configured(source)
+    if configured is not None:
+        rows.append(
+            ("Configured", _micron(dig(configured, "m_per_count")), f"Direction {dig(configured, 'dir')}.")
+        )
+    open_ = dig(source.result, "observability", "undetermined") or []
+    return section("Scale and direction", facts(rows), bullets(open_))
+
+
+def _configured(source: CalibrationSource) -> Mapping[str, Any] | None:
+    device = dig(source.result, "inputs", "device")
+    found = dig(source.run, "values", "configured", f"belt.{device}")
+    return found if isinstance(found, Mapping) else None
+
+
+def ways_section(source: CalibrationSource) -> Html | None:
+    """The way of each item over the counts: one slope for all."""
+    answer, seen = source.answer, source.sightings()
+    if answer is None:
+        return None
+    if seen is None:
+        return section("Sightings against counts", absent("The result lists no sightings."))
+    m = float(answer["m_per_count"])
+    fig = figure(360, showlegend=False)
+    begin = float(seen.count.min())
+    for k, i in enumerate(np.unique(seen.item)):
+        own = (seen.item == i) & seen.used
+        x = seen.count[own]
+        if not len(x):
+            continue
+        y = 1e3 * (m * (x - x[0]) + np.sign(m) * seen.off[own, 0])
+        tint = PALETTE[k % len(PALETTE)]
+        fig.add_trace(_dots(x - begin, y, tint, f"item {int(i)}"))
+        fig.add_trace(
+            go.Scatter(
+                x=[x[0] - begin, x[-1] - begin],
+                y=[0.0, 1e3 * m * (x[-1] - x[0])],
+                mode="lines",
+                line={"color": tint, "width": 1},
+                hoverinfo="skip",
+            )
+        )
+    fig.update_xaxes(title_text="counts since the first sighting")
+    fig.update_yaxes(title_text="way since its first sighting, mm")
+    return section(
+        "Sightings against counts",
+        embed(fig, "ways"),
+        note("Each item from where it was first seen. The lines have the one slope that was found for all."),
+    )
+
+
+def residuals_section(source: CalibrationSource) -> Html | None:
+    """What is left of each sighting, along, across and up."""
+    seen = source.sightings()
+    if source.answer is None or seen is None:
+        return None
+    fig = make_subplots(1, 3, subplot_titles=_AXES, horizontal_spacing=0.07)
+    dressed(fig, 300, showlegend=False)
+    begin = float(seen.count.min())
+    for axis in range(3):
+        for k, i in enumerate(np.unique(seen.item)):
+            own = (seen.item == i) & seen.used
+            y = 1e3 * seen.off[own, axis]
+            fig.add_trace(
+                _dots(seen.count[own] - begin, y, PALETTE[k % len(PALETTE)], f"item {int(i)}"), 1, axis + 1
+            )
+        left = np.logical_not(seen.used)
+        if left.any():
+            dots = _dots(seen.count[left] - begin, 1e3 * seen.off[left, axis], REJECTED, "left out")
+            dots.marker.symbol = "x"
+            fig.add_trace(dots, 1, axis + 1)
+        fig.update_xaxes(title_text="counts", row=1, col=axis + 1)
+    fig.update_yaxes(title_text="mm", row=1, col=1)
+    return section(
+        "What is left of each sighting",
+        embed(fig, "residuals"),
+        note(
+            "Beside the motion of its own item. Scatter is the camera's; a bend or a step along the belt is "
+            "the encoder's (slip, an eccentric wheel); a slope towards the picture's edges is the lens. "
+            "Crosses were left out."
+        ),
+    )
+
+
+def _dots(x: Array, y: Array, tint: str, name: str) -> Any:
+    return go.Scatter(
+        x=x,
+        y=y,
+        mode="markers",
+        marker={"size": 5, "color": tint},
+        name=name,
+        hovertemplate=f"{name}, %{{x:.0f}} counts: %{{y:.3f}} mm<extra></extra>",
+    )
+
+
+def _micron(value: Any) -> str:
+    plain = number(value)
+    return DASH if plain is None else f"{1e6 * plain:.3f} µm"
+
+
+def _mrad(value: Any) -> str:
+    plain = number(value)
+    return DASH if plain is None else f"{1e3 * plain:.2f} mrad"
+
+
+def _page(_source: CalibrationSource) -> Page[CalibrationSource]:
+    return Page(
+        top=(verdict_section,),
+        left=(ways_section,),
+        right=(result_section,),
+        rest=(residuals_section, trend_section, timeline_section, inputs_section),
+    )
+
+
+BELT_CALIBRATION = Layout(
+    source=CalibrationSource, data_file=DATA_FILE, title=lambda _source: "Belt calibration", page=_page
+)

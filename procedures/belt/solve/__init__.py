@@ -1,0 +1,1 @@
+"""Where items on a belt will be, from an intercept data set."""

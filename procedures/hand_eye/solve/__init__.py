@@ -1,0 +1,1 @@
+"""Hand-eye calibration from a capture data set."""

@@ -1,0 +1,273 @@
+"""The result of a hand-eye solution: every figure with its name, in the form of FORMATS section 4."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.hand_eye import se3
+from calibration.hand_eye.classic import METHODS, solve_classic
+from calibration.hand_eye.leave_out import held_out, leave_one_out, pose_distances, spread_about_mean
+from calibration.hand_eye.noise import weights
+from calibration.hand_eye.normal import Linearised, linearise
+from calibration.hand_eye.observability import rotations, still_pairs
+from calibration.hand_eye.problem import Problem
+from calibration.hand_eye.solution import Measurements, Solution
+from calibration.hand_eye.spread import Placement, placements, spread_across, spread_within
+from calibration.hand_eye.views import undistort
+from cell.formats.result import Result, Warning_
+from cell.poses import Array, to_pose6
+from procedures.hand_eye.solve.camera import CameraChoice
+from procedures.hand_eye.solve.capture import CaptureSet
+
+_CROSS_CHECK_POSES = 60  # OpenCV's solvers take the square of this many pairs
+_MANY_REJECTED = 0.25
+
+
+@dataclass(frozen=True)
+class Solved:
+    """Everything that the result is written from. ``rows`` are the usable observations."""
+
+    loaded: CaptureSet
+    rows: NDArray[np.int64]
+    measured: Measurements
+    camera: CameraChoice
+    solution: Solution
+    cov: Array | None
+    method: str
+    warnings: list[tuple[str, str]]
+    inputs: dict[str, object]
+
+
+def fill_result(solved: Solved) -> Result:
+    """The whole result; the verdict is ``warn`` when anything is to be warned of."""
+    solution = solved.solution
+    part = solution.problem.take(solution.used)
+    lin = linearise(part, solution.at)
+    P = weights(lin, solution.noise)
+    warnings = solved.warnings + _warnings(solved)
+    left_out = held_out(lin, P)
+    return Result(
+        kind="hand-eye",
+        verdict="warn" if warnings else "pass",
+        reasons=[text for _, text in warnings],
+        warnings=[Warning_(code=c, text=t) for c, t in warnings],
+        result=_answer(solved, lin, P),
+        uncertainty=_uncertainty(solved),
+        residuals=_residuals(solved, lin, P),
+        heldout={
+            "folds": 5,
+            "observations": len(left_out.rows),
+            "mean": left_out.means(),
+            "rms": left_out.rms(),
+            "meaning": "target pose seen by observations that the solution did not use, against its own",
+        },
+        observability=_observability(solved, part),
+        inputs={**solved.inputs, "used": int(solution.used.sum()), "groups": len(solution.groups)},
+    )
+
+
+def names(setup: str) -> tuple[str, str, str]:
+    """Name of X, of the target poses, and X in words."""
+    if setup == "eye-in-hand":
+        return "T_flange_camera", "T_base_target", "camera in flange"
+    return "T_base_camera", "T_flange_target", "camera in base"
+
+
+def pose6(T: Array) -> list[float]:
+    """A pose as it is written in files."""
+    return [float(v) for v in to_pose6(se3.transforms(T))]
+
+
+def _answer(solved: Solved, lin: Linearised, P: Array) -> dict[str, object]:
+    solution = solved.solution
+    X, W, words = names(solution.problem.setup)
+    labels = _labels(solved)
+    perfect = lin.problem.cov_px * solution.noise.sigma.get("sigma_px", 0.0) ** 2
+    found = placements(lin.problem, lin.at, P, perfect)
+    within, across = spread_within(found), spread_across(found)
+    answer: dict[str, object] = {
+        X: pose6(solution.at.X),
+        "direction": words,
+        W: {labels[int(g)]: pose6(T) for g, T in zip(solution.groups, solution.at.W, strict=True)},
+        "cov": None if solved.cov is None else solved.cov.tolist(),
+        "rejected": _rejected(solved),
+        "spread_within": None if within is None else within.as_dict(),
+        "spread_across": None if across is None else across.as_dict(),
+        "estimates": {labels[int(solution.groups[p.group])]: _estimates(p) for p in found},
+        "noise": solution.noise.as_dict(),
+    }
+    if solved.camera.estimated is not None:
+        answer["intrinsics"] = solved.camera.estimated
+    return answer
+
+
+def _labels(solved: Solved) -> dict[int, str]:
+    """The data set's own number of each group."""
+    return {int(k): str(g) for k, g in enumerate(np.unique(solved.loaded.group[solved.rows]))}
+
+
+def _estimates(placement: Placement) -> dict[str, object]:
+    least = placement.least_squares
+    return {
+        "mean": pose6(se3.mean_pose(placement.X)) if len(placement.X) else None,
+        "least_squares": None if least is None else pose6(least),
+        "triples": len(placement.X),
+        "skipped": placement.skipped,
+    }
+
+
+def _rejected(solved: Solved) -> list[dict[str, object]]:
+    index = solved.loaded.indices
+    reasons = dict(solved.loaded.unusable)
+    reasons |= {int(solved.rows[k]): text for k, text in solved.solution.reasons.items()}
+    return [{"index": index[k], "reason": reasons[k]} for k in sorted(reasons)]
+
+
+def _uncertainty(solved: Solved) -> dict[str, object]:
+    cov = solved.cov
+    if cov is None:
+        return {"meaning": f"method {solved.method} gave no covariance for these data"}
+    sigma = np.sqrt(np.maximum(np.diag(cov), 0.0))
+    labels = _labels(solved)
+    solution = solved.solution
+    return {
+        "cov": cov.tolist(),
+        "sigma_t": sigma[:3].tolist(),
+        "sigma_r": sigma[3:].tolist(),
+        "sigma_t_norm": float(np.linalg.norm(sigma[:3])),
+        "sigma_r_norm": float(np.linalg.norm(sigma[3:])),
+        "cov_targets": {
+            labels[int(g)]: c.tolist() for g, c in zip(solution.groups, solution.cov_W, strict=True)
+        },
+        "excess": solution.excess,
+        "meaning": "covariance of a perturbation on the right, translation (m) first, one standard deviation",
+    }
+
+
+def _residuals(solved: Solved, lin: Linearised, P: Array) -> dict[str, object]:
+    solution, problem = solved.solution, solved.solution.problem
+    used = solution.used
+    own = problem.target_poses(solution.at.X)
+    t_all, r_all = spread_about_mean(own, problem.group)
+    t, r = spread_about_mean(own[used], problem.group[used])
+    px = np.sqrt(problem.sse / np.maximum((problem.dof + 6.0) / 2.0, 1.0))
+    seen = used & (problem.dof > -6.0) & np.any(problem.cov_px, axis=(1, 2))
+    through = _through_arm(solved)
+    corners = (problem.dof + 6.0) / 2.0
+    index = solved.loaded.indices
+    return {
+        "spread_mean_all": {"t": float(t_all.mean()), "r": float(r_all.mean())},
+        "spread_mean": {"t": float(t.mean()), "r": float(r.mean())},
+        "loo_mean": leave_one_out(lin, P).means(),
+        "reprojection_rms_px": (
+            float(np.sqrt(np.sum(problem.sse[seen]) / np.sum(corners[seen]))) if seen.any() else None
+        ),
+        "reprojection_through_arm_rms_px": (
+            float(np.sqrt(np.average(through[seen] ** 2, weights=corners[seen]))) if seen.any() else None
+        ),
+        "per_observation": [
+            {
+                "index": index[int(row)],
+                "group": int(solved.loaded.group[row]),
+                "used": bool(used[k]),
+                "t": float(t_all[k]),
+                "r": float(r_all[k]),
+                "reprojection_px": None if solved.measured.views[k] is None else float(px[k]),
+                "through_arm_px": None if np.isnan(through[k]) else float(through[k]),
+                "corners": None if solved.measured.views[k] is None else round(float(corners[k])),
+                "distance": None if np.isnan(solution.distance[k]) else float(solution.distance[k]),
+            }
+            for k, row in enumerate(solved.rows)
+        ],
+        "cross_check": _cross_check(solution),
+    }
+
+
+def _through_arm(solved: Solved) -> Array:
+    """RMS distance (n,) in pixels of the corners from where arm, X and target pose put them; NaN without."""
+    solution, camera = solved.solution, solved.camera.camera
+    out = np.full(solution.problem.n, np.nan)
+    place = {int(g): k for k, g in enumerate(solution.groups)}
+    for k, view in enumerate(solved.measured.views):
+        g = int(solution.problem.group[k])
+        if view is None or camera is None or g not in place:
+            continue
+        C = se3.inverse(solution.at.X) @ solution.problem.G[k] @ solution.at.W[place[g]]
+        turned = C @ solved.measured.motions  # one of them is how this image numbered the points
+        p = view.points @ np.swapaxes(turned[:, :3, :3], 1, 2) + turned[:, None, :3, 3]
+        if np.any(p[..., 2] <= 0.0):
+            continue
+        off = (p[..., :2] / p[..., 2:] - undistort(view.corners, camera)) * np.array(camera.K[:2])
+        out[k] = float(np.sqrt(np.min(np.mean(np.sum(off**2, axis=2), axis=1))))
+    return out
+
+
+def _cross_check(solution: Solution) -> dict[str, object]:
+    """X of OpenCV's solvers beside ours: their distance, and the spread of the target that they leave."""
+    part = _thinned(solution.problem.take(solution.used))
+    out: dict[str, object] = {}
+    for method in METHODS:
+        X = solve_classic(part, method)
+        if X is None:
+            out[method] = None
+            continue
+        dt, dr = pose_distances(X[None], solution.at.X)
+        t, r = spread_about_mean(part.target_poses(X), part.group)
+        out[method] = {
+            "pose": pose6(X),
+            "from_ours": {"t": float(dt[0]), "r": float(dr[0])},
+            "spread_mean": {"t": float(t.mean()), "r": float(r.mean())},
+        }
+    return out
+
+
+def _thinned(problem: Problem) -> Problem:
+    """At most 60 observations of the largest group."""
+    rows = np.flatnonzero(problem.group == int(np.argmax(np.bincount(problem.group))))
+    if len(rows) > _CROSS_CHECK_POSES:
+        rows = rows[np.linspace(0, len(rows) - 1, _CROSS_CHECK_POSES).round().astype(int)]
+    return problem.take(rows)
+
+
+def _observability(solved: Solved, part: Problem) -> dict[str, object]:
+    turned = rotations(part)
+    return {
+        **turned.as_dict(part.setup),
+        "unobservable": [],
+        "weakest": (
+            "translation along the axis of the widest rotation (about the second axis the arm turned by "
+            f"{np.degrees(turned.rms[1]):.1f} deg RMS)"
+        ),
+        "ambiguity": (
+            "the target frame may be turned by a symmetry of the target; X does not depend on it"
+            if len(solved.loaded.target.symmetries) > 1
+            else None
+        ),
+    }
+
+
+def _warnings(solved: Solved) -> list[tuple[str, str]]:
+    out = []
+    index = [solved.loaded.indices[int(r)] for r in solved.rows]
+    still = still_pairs(solved.solution.problem)
+    if still:
+        text = ", ".join(f"{index[i]}-{index[j]} ({np.degrees(a):.2f} deg)" for i, j, a in still[:8])
+        more = f" and {len(still) - 8} more" if len(still) > 8 else ""
+        out.append(("pairs.no-rotation", f"consecutive observations without rotation: {text}{more}"))
+    for name in solved.solution.noise.at_limit:
+        out.append(
+            (
+                "noise.at-limit",
+                f"the residuals ask for a {name} beyond what an arm in working order has "
+                f"({solved.solution.noise.sigma[name]:.2g}): look for a bending bracket, a loose target or a "
+                "wrong lens model; the covariance is widened by the excess",
+            )
+        )
+    total, used = len(solved.loaded.F), int(solved.solution.used.sum())
+    if total - used > _MANY_REJECTED * total:
+        out.append(("observations.rejected", f"{total - used} of {total} observations were not used"))
+    if solved.solution.excess > 1.0 and not solved.solution.noise.at_limit:
+        factor = float(np.sqrt(solved.solution.excess))
+        out.append(("noise.too-small", f"the residuals are {factor:.1f} times what the given noise explains"))
+    return out

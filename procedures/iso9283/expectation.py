@@ -1,0 +1,97 @@
+"""What ``cellward check`` expects of a test of pose accuracy: the poses, and what the tracker can resolve."""
+
+from typing import Any
+
+import numpy as np
+
+from calibration.iso9283 import CYCLES, figures
+from cell.calibrations import kinematics
+from cell.errors import CellError
+from cell.poses import from_pose6
+from daemon.cli.arm_model import accepted_rows
+from daemon.cli.predict_values import configured_values
+from daemon.config import CellConfig
+from procedures.iso9283.config import Iso9283Config
+from procedures.iso9283.plan import (
+    is_corrected,
+    kinematics_of,
+    plan_iso,
+    require_same_devices,
+    wanted_poses,
+)
+from procedures.tracker.expectation import noise_of
+from procedures.words import mm
+
+_RANGE_M = 3.0  # where nobody says where the tracker stands
+
+
+def predict_iso9283(config: CellConfig, job: Iso9283Config) -> dict[str, Any]:
+    """``text``, the tracker's own figures, and what was found.
+
+    The poses are planned from 'near' and by the controller's own model: calibrated kinematics, which are only
+    known when the job starts, move them by millimetres.
+    """
+    roles = config.robot.roles()
+    missing = [role for role in ("arm", "tracker") if role not in roles]
+    if missing:
+        text = f"[robot] names no device for {missing[0]}, which the job needs; add it"
+        return {"text": text, "problems": [text], "cautions": []}
+    if (near := config.poses.get(job.near)) is None:
+        text = f"near = '{job.near}' is not in [poses]; add the pose or name another"
+        return {"text": text, "problems": [text], "cautions": []}
+    noise, assumed = noise_of(config, roles["tracker"])
+    values = configured_values(config)
+    drawn = job.model_copy(update={"corrected": False, "registration": "fit"})
+    try:
+        plan = plan_iso(values, drawn.model_dump(), list(near)).listing
+    except CellError as exc:
+        return {"text": f"no plan: {exc}", "problems": [f"{exc}. {exc.hint}"], "cautions": []}
+    distance = _range_m(job)
+    sigma = noise["sigma0"] + noise["sigma_per_m"] * distance
+    own = figures(np.eye(3), np.zeros(3), sigma)
+    floors = {"AP": own.tracker_AP, "RP": own.tracker_RP}
+    problems = [
+        f"max_{key}_m is {mm(limit)}, and the tracker alone reads {key} {mm(floors[key])} of a perfect arm: "
+        "raise it, bring the tracker nearer or use a better one"
+        for key in floors
+        if (limit := getattr(job, f"max_{key}_m")) is not None and limit < floors[key]
+    ]
+    cautions = []
+    if job.cycles < CYCLES:
+        cautions.append(f"cycles is {job.cycles}; the standard has {CYCLES}")
+    needs = is_corrected(values, job) or job.registration == "kinematics"
+    if needs:
+        problems += _not_of_this_arm(config, job, values)
+    text = (
+        f"{plan['arrivals']} arrivals at {len(plan['poses'])} poses, all free and in reach; at "
+        f"{distance:.1f} m the tracker alone reads AP {mm(floors['AP'])} (95 %) and RP "
+        f"{mm(floors['RP'])}, {assumed}"
+        + ("; needs kinematics of the arm that are accepted when it starts" if needs else "")
+    )
+    return {"text": text, "tracker": floors, "problems": problems, "cautions": cautions}
+
+
+def _not_of_this_arm(config: CellConfig, job: Iso9283Config, values: dict[str, Any]) -> list[str]:
+    """Why the job would refuse the kinematics that are accepted now, by what the config says of arm and
+    tracker; nothing while none are accepted."""
+    roles = config.robot.roles()
+    name = kinematics(roles["arm"])
+    serials = {
+        role: getattr(config.device[roles[role]], "expect_serial", None) or "" for role in ("arm", "tracker")
+    }
+    try:
+        rows = [r for r in accepted_rows(config) if (r["name"], r["state"]) == (name, "committed")]
+        if rows:
+            found = kinematics_of({**values, "kinematics": {"arm": rows[0]["value"]}}, job)
+            require_same_devices(found, job, serials)
+    except CellError as exc:
+        return [f"{exc}. {exc.hint}"]
+    return []
+
+
+def _range_m(job: Iso9283Config) -> float:
+    """From the tracker to the middle of the poses."""
+    if job.T_base_tracker_nominal is None:
+        return _RANGE_M
+    middle = np.mean([T.apply(job.point) for T in wanted_poses(job, job.point).values()], axis=0)
+    return float(np.linalg.norm(from_pose6(job.T_base_tracker_nominal).translation - middle))

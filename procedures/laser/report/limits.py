@@ -1,0 +1,88 @@
+"""The limits of the job beside the figures of a crossed-beam measurement."""
+
+from collections.abc import Callable
+from typing import Any
+
+from procedures.laser.judging import odds
+from procedures.laser.report.source import LaserSource
+from procedures.report.html import Html, absent, note, section, table
+from procedures.report.numbers import DASH, deg, dig, mm, number
+
+Row = tuple[str, Any, Any, Callable[[Any], str]]  # name, value, limit, how it is shown
+
+
+def limits_section(source: LaserSource) -> Html | None:
+    """Against the reference, against the frame in effect, and the uncertainty that is allowed."""
+    if source.answer is None:
+        return None
+    limits = dig(source.run, "job_config")
+    rows = _reference_rows(source, limits) if source.is_reference else _check_rows(source, limits)
+    judged = [_judged(*row) for row in rows if number(row[2]) is not None]
+    if not judged:
+        words = "No limits were set: this result comes from a data set, not from a job."
+        return section("Limits", absent(words))
+    return section(
+        "Limits",
+        table(("", "this result", "limit", ""), judged, "lrrl"),
+        note(_policy(source, limits) + _odds(source)),
+    )
+
+
+def _check_rows(source: LaserSource, limits: Any) -> list[Row]:
+    rows: list[Row] = []
+    for key, words in (("against_reference", "the reference"), ("against_last", "the frame in effect")):
+        found = dig(source.answer, key)
+        bent = f"off {words}, to count as bent"
+        rows.append((f"point {bent}", dig(found, "shift"), dig(limits, key, "max_shift_m"), mm))
+        rows.append((f"axis {bent}", dig(found, "tilt_rad"), dig(limits, key, "max_tilt_rad"), deg))
+    if (test := dig(source.answer, "moved")) is not None:
+        words = "off the frame in effect, to count as moved"
+        rows.append((f"point {words}", dig(test, "shift_m"), dig(test, "tolerance_m"), mm))
+        rows.append((f"axis {words}", dig(test, "tilt_rad"), dig(test, "tolerance_rad"), deg))
+    rows.append(("uncertainty U of the point", source.U, dig(limits, "max_U_m"), mm))
+    second = dig(source.result, "inputs", "update", "second_scan")
+    if second is not None and limits is not None:
+        rows.append(("point off the reference, tried", dig(second, "apart"), dig(second, "U_m"), mm))
+    return rows
+
+
+def _odds(source: LaserSource) -> str:
+    """What a test of two results misses, and how often it calls a good tool wrong."""
+    test = dig(source.answer, "moved") or dig(source.result, "inputs", "update", "second_scan")
+    chance, size = number(dig(test, "false_alarm")), number(dig(test, "detectable_m"))
+    if chance is None or size is None:
+        return ""
+    return (
+        f" A good tool is judged not to be in {odds(chance)} of such tests at most; an error of {mm(size)} "
+        "of its point is found in 99 of 100 at least."
+    )
+
+
+def _reference_rows(source: LaserSource, limits: Any) -> list[Row]:
+    slope = max(source.slopes.values(), default=None)
+    return [
+        ("height between the beams", source.plane_gap, dig(limits, "max_plane_gap_m"), mm),
+        ("slope of a beam against base x-y", slope, dig(limits, "max_slope_rad"), deg),
+        ("uncertainty U of the point", source.U, dig(limits, "max_U_m"), mm),
+    ]
+
+
+def _judged(name: str, value: Any, limit: Any, shown: Callable[[Any], str]) -> tuple[str, str, str, str]:
+    plain, most = number(value), number(limit)
+    if plain is None or most is None:
+        return name, DASH, shown(limit), DASH
+    return name, shown(plain), shown(most), "within" if plain <= most else "beyond"
+
+
+def _policy(source: LaserSource, limits: Any) -> str:
+    if dig(limits, "accept") is None:
+        return "A check measures and proposes nothing."
+    if source.is_reference:
+        auto = "by policy when it passes" if dig(limits, "accept", "auto") else "by an operator"
+        return f"A reference is a proposal until it is accepted {auto}."
+    auto = "by policy when it passes" if dig(limits, "accept", "auto") else "by an operator"
+    return (
+        f"A new tool frame is accepted {auto}, tried in a second scan, and put into effect only when its "
+        "point meets the reference within the limit. Beyond a shift or tilt limit the tool counts as bent: "
+        "nothing is corrected."
+    )

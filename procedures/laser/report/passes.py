@@ -1,0 +1,129 @@
+"""The passes of a data set as the report draws them; edges and reasons are those of the estimator."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from calibration.tool_frame.crossings import Crossing, Seen, see
+from calibration.tool_frame.geometry import BEAMS, frames, rotated, seen_turn, turned_axis
+from calibration.tool_frame.scene import Scene
+from calibration.tool_frame.selection import Selection, select
+from cell.poses import Array
+from procedures.report.numbers import dig, number
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """All passes, and what became of each; the places are those in ``scene.passes``."""
+
+    scene: Scene
+    seen: Seen
+    chosen: Selection
+    heights: Array  # (n,) m of the reference's point above each pass's beam, mean over the way
+    unused: Mapping[int, str]  # crossings that say nothing across the beam, with the reason
+
+    @property
+    def used(self) -> set[int]:
+        """The places of the crossings that tell where the tool is across the beams."""
+        return set(self.seen.crossings) - set(self.unused)
+
+    def of(self, beam: str, current: bool) -> list[int]:
+        """The places of one beam's passes in the reference or now."""
+        found = enumerate(self.scene.passes)
+        return [k for k, p in found if p.beam == beam and p.current is current]
+
+    def crossing(self, place: int) -> Crossing | None:
+        return self.seen.crossings.get(place)
+
+
+def shown(scene: Scene, tau: float, rejected: Any = ()) -> Shown:
+    """``tau`` (s) is what is left of the delay in the stamps of the polls, ``rejected`` the result's list."""
+    beams = frames(scene.beams, scene.R, scene.tool)
+    seen = see(scene, beams, tau)
+    tips = [p.pose_xyz.mean(axis=0) + scene.R @ scene.tool.p for p in scene.passes]
+    heights = [float(beams[p.beam].above(tip[None])[0]) for p, tip in zip(scene.passes, tips, strict=True)]
+    chosen = select(scene, seen)
+    return Shown(scene, seen, chosen, np.array(heights), {**chosen.reasons, **_rejected(scene, rejected)})
+
+
+def _rejected(scene: Scene, listed: Any) -> dict[int, str]:
+    """Place and reason of the passes that a result names by set and number."""
+    rows = listed if isinstance(listed, list) else []
+    why = {(dig(r, "set") == "current", dig(r, "index")): str(dig(r, "reason")) for r in rows}
+    places = ((k, why.get((p.current, p.index))) for k, p in enumerate(scene.passes))
+    return {k: reason for k, reason in places if reason is not None}
+
+
+def pairs(found: Shown, beam: str, current: bool) -> list[tuple[int, int]]:
+    """The places of each way out with the way back that followed it, where both are used."""
+    own = sorted(found.of(beam, current), key=lambda k: float(found.scene.passes[k].pose_t[0]))
+    rows = []
+    for a, b in pairwise(own):
+        out, back = found.scene.passes[a], found.scene.passes[b]
+        if (out.direction, back.direction) == (1, -1) and {a, b} <= found.used:
+            rows.append((a, b))
+    return rows
+
+
+def bracket(found: Shown, beam: str, current: bool) -> tuple[float | None, float | None]:
+    """The highest way that met the beam and the lowest above it that did not, m of the reference's point."""
+    own = found.of(beam, current)
+    hits = [float(found.heights[k]) for k in own if k in found.chosen.hits]
+    misses = [float(found.heights[k]) for k in own if k in found.chosen.missed]
+    top = max(hits, default=None)
+    above = [h for h in misses if top is None or h > top]
+    return top, min(above, default=None)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a solution says of each beam: where the tool's edges are, and how the passes see them.
+
+    ``edges`` (k,) m are the places of the tool's edges along the beam's ``n``, the same for the reference and
+    for the tool now; ``tilt`` (rad), ``shift`` and ``rise`` (m) are those of ``(beam, current)``.
+    """
+
+    edges: Mapping[str, Array]
+    tilt: Mapping[tuple[str, bool], float]
+    shift: Mapping[tuple[str, bool], float]
+    rise: Mapping[tuple[str, bool], float]
+    hysteresis: float
+    lag: float
+
+    def expected(self, c: Crossing) -> Array | None:
+        """(k,) m along ``n``: where the solution has the edges of a pass that was read with its delay.
+
+        The equation of :mod:`calibration.tool_frame.bounds`, solved for ``y``.
+        """
+        key = (c.source.beam, c.source.current)
+        edges = self.edges.get(c.source.beam)
+        if edges is None or len(edges) != c.edges:
+            return None
+        late = 0.5 * np.sign(c.v) * self.hysteresis + 0.5 * c.v * np.where(c.rising, -1.0, 1.0) * self.lag
+        b = self.tilt[key]
+        found: Array = edges / np.cos(b) - np.tan(b) * (c.above + self.rise[key]) - self.shift[key] + late
+        return found
+
+
+def estimate(scene: Scene, answer: Mapping[str, Any], observability: Mapping[str, Any]) -> Estimate | None:
+    """From a result of kind ``laser``; None where it does not hold the places of the edges."""
+    places, dp = dig(observability, "edges_m"), dig(answer, "dp_flange")
+    if not isinstance(places, Mapping) or not isinstance(dp, list):
+        return None
+    beams = frames(scene.beams, scene.R, scene.tool)
+    turn = dig(answer, "drot_flange") or [0.0, 0.0, 0.0]
+    own = {b: number(dig(observability, "own_tilt_rad", b)) or 0.0 for b in BEAMS}
+    then = turned_axis(beams, scene.R @ scene.tool.axis, own)
+    now = rotated(then, scene.R @ np.array(turn))
+    moved = scene.R @ np.array(dp)
+    tilt, shift, rise = {}, {}, {}
+    for b, frame in beams.items():
+        tilt[b, False], tilt[b, True] = own[b], seen_turn(frame, now)
+        shift[b, False], shift[b, True] = 0.0, float(frame.n @ moved)
+        rise[b, False], rise[b, True] = 0.0, float(frame.w @ moved)
+    edges = {b: np.array(places[b], dtype=float) for b in BEAMS if isinstance(places.get(b), list)}
+    hysteresis, lag = (number(dig(answer, key)) or 0.0 for key in ("hysteresis_m", "lag_s"))
+    return Estimate(edges, tilt, shift, rise, hysteresis, lag)

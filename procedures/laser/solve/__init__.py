@@ -1,0 +1,1 @@
+"""The tool's displacement, or a reference, from passes across two beams."""

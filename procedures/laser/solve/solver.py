@@ -1,0 +1,154 @@
+"""The tool's displacement, or a reference, from passes across two beams: the path of jobs and of replay."""
+
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from calibration.tool_frame.beams import find_beams
+from calibration.tool_frame.checks import held_out, own_residuals
+from calibration.tool_frame.classic import Classic, solve_classic
+from calibration.tool_frame.lateral import AVERAGING, INTERVAL
+from calibration.tool_frame.places import at_current_places
+from calibration.tool_frame.scene import Refusal
+from calibration.tool_frame.solution import solve
+from cell.errors import error
+from cell.formats.laser import LaserData
+from cell.formats.result import Result, Warning_
+from procedures.laser.solve.data import load_laser, scene_of, unit_warnings
+from procedures.laser.solve.result import fill_reference, fill_result
+from procedures.solving import within_limits
+
+CLASSIC = "classic"
+METHODS = (INTERVAL, AVERAGING, CLASSIC)
+LIMITS = ("max_shift_m", "max_tilt_rad")
+Progress = Callable[[str, int, int], None]
+_FOLD_POINTS = 128
+T = TypeVar("T")
+
+
+@within_limits
+def solve_laser(
+    path: Path,
+    method: str | None = None,
+    progress: Progress | None = None,
+    limits: Mapping[str, float] | None = None,
+    calls: int = 2,
+) -> dict[str, Any]:
+    """``cellward.result/1`` of kind ``laser`` from a data set, its folder or its ``laser.json``.
+
+    ``method`` is ``interval`` (the likelihood of the polls' intervals, the default), ``averaging`` (their
+    middles, otherwise the same) or ``classic`` (the source's). ``limits`` may hold ``max_shift_m`` and
+    ``max_tilt_rad``: beyond them the tool is bent, the verdict is fail and the answer is given all the same.
+    ``solve_seconds`` is the shortest time of ``calls`` calls; a job, which nobody compares by it, needs one.
+    Bad input raises an ``InputError``; data that cannot determine the answer give ``result`` null.
+    """
+    chosen = method or INTERVAL
+    if chosen not in METHODS:
+        raise error("ARGUMENT_INVALID", f"method is {method!r}; it must be one of {', '.join(METHODS)}")
+    if unknown := sorted(set(limits or {}) - set(LIMITS)):
+        raise error("ARGUMENT_INVALID", f"limit {unknown[0]!r} is not known; there is {', '.join(LIMITS)}")
+    file, data = load_laser(Path(path))
+    scene = at_current_places(scene_of(data))
+    warnings = unit_warnings(data)
+    inputs = _inputs(file, data, chosen)
+    how = AVERAGING if chosen == AVERAGING else INTERVAL
+    _tell(progress, "solve", 0)
+    try:
+        solution, seconds = _timed(partial(solve, scene, how), calls)
+        classic: Classic | None = None
+        if chosen == CLASSIC:
+            classic, seconds = _timed(lambda: solve_classic(scene, solution.seen), calls)
+    except Refusal as refusal:
+        return _refused("laser", refusal, warnings, inputs).as_json()
+    inputs["solve_seconds"] = seconds
+    _tell(progress, "held out", 0)
+    checks = None
+    if classic is None:
+        checks = held_out(scene, solution, partial(solve, method=how, points=_FOLD_POINTS))
+    result = fill_result(
+        scene, solution, classic, own_residuals(solution), checks, [*warnings, *solution.warnings], inputs
+    )
+    _tell(progress, "held out", 1)
+    return _limited(result, limits or {}).as_json()
+
+
+@within_limits
+def solve_reference(path: Path, progress: Progress | None = None, calls: int = 2) -> dict[str, Any]:
+    """``cellward.result/1`` of kind ``laser-reference`` from the reference passes of a data set.
+
+    They cross each beam at two places 40 mm apart or more. ``current.passes`` may be empty, and is not
+    looked at. ``calls`` as in :func:`solve_laser`.
+    """
+    file, data = load_laser(Path(path), current=False)
+    scene = scene_of(data)
+    warnings = unit_warnings(data)
+    inputs = _inputs(file, data, INTERVAL)
+    _tell(progress, "solve", 0)
+    try:
+        found, inputs["solve_seconds"] = _timed(lambda: find_beams(scene), calls)
+    except Refusal as refusal:
+        return _refused("laser-reference", refusal, warnings, inputs).as_json()
+    _tell(progress, "solve", 1)
+    return fill_reference(data, found, [*warnings, *found.warnings], inputs).as_json()
+
+
+def _inputs(file: Path, data: LaserData, method: str) -> dict[str, Any]:
+    return {
+        "path": str(file),
+        "method": method,
+        "tool": data.tool.id,
+        "passes": {"reference": len(data.reference.passes), "current": len(data.current.passes)},
+    }
+
+
+def _timed(call: Callable[[], T], calls: int) -> tuple[T, float]:
+    """The answer, and the shortest time of so many calls: the first one pays for cold caches."""
+    seconds = []
+    for _ in range(calls):
+        began = time.perf_counter()
+        found = call()
+        seconds.append(time.perf_counter() - began)
+    return found, min(seconds)
+
+
+def _refused(kind: str, refusal: Refusal, warnings: list[tuple[str, str]], inputs: dict[str, Any]) -> Result:
+    return Result(
+        kind=kind,
+        verdict="fail",
+        reasons=[str(refusal)],
+        warnings=[Warning_(code=c, text=t) for c, t in warnings],
+        result=None,
+        observability={"refused": refusal.name, "undetermined": [refusal.words]},
+        inputs=inputs,
+    )
+
+
+def _limited(result: Result, limits: Mapping[str, float]) -> Result:
+    """Fail with the limit's name when the tool is bent beyond it; nothing is corrected then."""
+    answer = result.result
+    assert answer is not None
+    reasons = []
+    shift, turn = float(np.linalg.norm(answer["dp_flange"])), answer["drot_flange"]
+    if (limit := limits.get("max_shift_m")) is not None and shift > limit:
+        reasons.append(
+            f"bent-tool: max_shift_m: the point is {1e3 * shift:.3f} mm off the reference, the limit is "
+            f"{1e3 * limit:g} mm"
+        )
+    tilt = None if turn is None else float(np.linalg.norm(turn))
+    if (limit := limits.get("max_tilt_rad")) is not None and tilt is not None and tilt > limit:
+        reasons.append(
+            f"bent-tool: max_tilt_rad: the axis is {np.degrees(tilt):.3f} deg off the reference, the limit "
+            f"is {np.degrees(limit):.3f} deg"
+        )
+    if not reasons:
+        return result
+    return result.model_copy(update={"verdict": "fail", "reasons": [*reasons, *result.reasons]})
+
+
+def _tell(progress: Progress | None, stage: str, done: int) -> None:
+    if progress is not None:
+        progress(stage, done, 1)

@@ -1,0 +1,111 @@
+"""What ``cellward check`` expects of a tracker sampling: which poses are possible, and how well they tell."""
+
+from typing import Any
+
+from cell.errors import AbortError, CellError
+from cell.poses import Array
+from daemon.cli.predict_values import configured_values
+from daemon.config import CellConfig
+from procedures.tracker.config import TrackerSamplingConfig
+from procedures.tracker.feasible_poses import make_space, payload_of, robot_of
+from procedures.tracker.plan import PlanRequest, plan_sampling
+from procedures.tracker.procedure import check_payload
+from procedures.tracker.stored import load_stored
+from procedures.words import mm
+
+TRACKER = {"sigma0": 15e-6, "sigma_per_m": 6e-6}  # of today's trackers, where the driver's section is silent
+
+
+def predict_tracker(config: CellConfig, job: TrackerSamplingConfig) -> dict[str, Any]:
+    """``text`` and the figures of a plan from pose 'home' (or the middle of the ranges), and what was found.
+
+    ``problems``: the job cannot succeed with these; ``cautions``: it can, but not as well as is asked.
+    """
+    roles = config.robot.roles()
+    missing = [role for role in (job.arm, "tracker") if role not in roles]
+    if missing:
+        text = f"[robot] names no device for {missing[0]}, which the job needs; add it"
+        return {"text": text, "problems": [text], "cautions": []}
+    if problem := _unknown(config, job, roles["tracker"]):
+        return {"text": problem, "problems": [problem], "cautions": []}
+    values = {**configured_values(config), "observed_robot": config.robot.observed_robot_spec()}
+    noise, assumed = noise_of(config, roles["tracker"])
+    try:
+        check_payload(job, values)
+        q = _start(config, job, values, noise)
+        stored = load_stored(job, robot_of(values, job), payload_of(job, values))
+        entries = [] if stored is None else stored.entries()
+        request = PlanRequest(values, job.model_dump(), noise, job.T_base_tracker_nominal, q, stored=entries)
+        plan = plan_sampling(request).listing
+    except CellError as exc:
+        fix = f" {exc.hint}" if isinstance(exc, AbortError) else ""
+        return {"text": f"no plan: {exc}", "problems": [f"{exc}.{fix}"], "cautions": []}
+    predicted, cautions = plan["predicted"], []
+    if predicted["error_95_max_m"] > job.accept.max_error_m:
+        cautions.append(
+            f"accept.max_error_m is {mm(job.accept.max_error_m)}, and at the worst place 95 % of the errors "
+            f"stay below {mm(predicted['error_95_max_m'], 3)} only; ask for more poses or raise it"
+        )
+    if not job.monuments:
+        cautions.append("without monuments nothing says whether the tracker's stand moves; name some")
+    return {
+        "text": _words(job, plan, assumed),
+        "poses": len(plan["poses"]),
+        "predicted": predicted,
+        "rank": plan["rank"],
+        "unidentifiable": plan["unidentifiable"],
+        "source_rule": plan["source_rule"],
+        "problems": [],
+        "cautions": cautions,
+    }
+
+
+def _words(job: TrackerSamplingConfig, plan: dict[str, Any], assumed: str) -> str:
+    predicted, rule = plan["predicted"], plan["source_rule"]
+    sight = "" if job.T_base_tracker_nominal is not None else ", wherever the tracker stands"
+    stored = f", {plan['stored']} of a stored set are solved with the others" if plan["stored"] else ""
+    random = predicted["random_rms_m"]
+    against = "" if random is None else f" ({mm(random, 4)} after as many random poses)"
+    kept = (
+        "is kept"
+        if rule["kept"]
+        else f"is not kept ({rule['samples']} poses, {rule['short_steps']} short steps)"
+    )
+    return (
+        f"{len(plan['poses'])} of {job.poses} poses are reached and seen{sight}, {job.held_out} of them are "
+        f"set aside{stored}; predictions elsewhere will be {mm(predicted['rms_m'], 4)} off (RMS){against}, "
+        f"95 % of them less than {mm(predicted['error_95_max_m'], 4)} at the worst place, with {assumed}; "
+        f"rank {plan['rank']} of {plan['rank_possible']} possible; the rule of thumb of 50 poses and "
+        f"15 degrees {kept}"
+    )
+
+
+def _unknown(config: CellConfig, job: TrackerSamplingConfig, device: str) -> str | None:
+    """A sentence on reflectors that the tracker's section does not have; some drivers need none."""
+    known = getattr(config.device[device], "reflectors", None)
+    missing = [name for name in (*job.reflectors, *job.monuments) if name not in (known or {})]
+    if not known or not missing:
+        return None
+    return (
+        f"[device.{device}] reflectors has {', '.join(known)}, but not '{missing[0]}', which "
+        "[job.tracker-sampling] names; add it with its constant, or correct the name"
+    )
+
+
+def noise_of(config: CellConfig, device: str) -> tuple[dict[str, float], str]:
+    """The noise of a tracker as its section states it, else that of today's, and which of them in words."""
+    section = config.device[device]
+    sigma0, slope = (getattr(section, key, None) for key in ("sigma0_m", "sigma_per_m"))
+    if sigma0 is None or slope is None:
+        return TRACKER, "a tracker of 0.015 mm + 0.006 mm/m assumed"
+    return {"sigma0": sigma0, "sigma_per_m": slope}, f"a tracker of {mm(sigma0)} + {mm(slope)}/m"
+
+
+def _start(
+    config: CellConfig, job: TrackerSamplingConfig, values: dict[str, Any], noise: dict[str, float]
+) -> list[float]:
+    """Where the arm is taken to stand: at 'home', else in the middle of its ranges."""
+    if job.arm == "arm" and "home" in config.poses:
+        return list(config.poses["home"])
+    middle: Array = make_space(values, job, noise, None).ranges.mean(axis=1)
+    return [float(v) for v in middle]

@@ -1,0 +1,1 @@
+"""Kinematic calibration from a laser tracker's points."""

@@ -1,0 +1,157 @@
+"""Kinematic calibration from tracker points: the one path of jobs, replay and ``cellward solve``."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calibration.identification.classic import Classic, solve_classic
+from calibration.identification.estimator import Problem
+from calibration.identification.model import REGISTRATION
+from calibration.identification.noise import estimated, first_noise
+from calibration.identification.observability import Observability, Refusal, observe, refuse
+from calibration.identification.reflector_constant import identify_with_constant
+from calibration.identification.solution import Solution
+from cell.errors import error
+from cell.formats.result import Result, Warning_
+from cell.poses import Array
+from procedures.hand_eye.solve.capture import Progress
+from procedures.solving import LONG_S, within_limits
+from procedures.tracker.solve.data import KincalSet, check_match, load_kincal
+from procedures.tracker.solve.queries import Query, Wanted, load_query, load_targets
+from procedures.tracker.solve.result import Solved, fill_result
+
+ML, CLASSIC = "ml", "classic"
+
+
+@within_limits
+def solve_kincal(
+    path: Path,
+    *,
+    method: str | None = None,
+    predict: Path | None = None,
+    targets: Path | None = None,
+    robot: Path | None = None,
+    progress: Progress | None = None,
+) -> dict[str, object]:
+    """The result (``cellward.result/1``) of tracker points: a folder with kincal.json, JSON, CSV or MATLAB.
+
+    ``method`` is ``ml`` (weighted maximum likelihood by variable projection, the default) or ``classic`` (the
+    source's). ``predict`` is a file with joints whose readings are wanted, ``targets`` one with wanted poses,
+    ``robot`` one with the ROBOT. Bad input raises an ``InputError``; data that cannot determine the arm give
+    a result with verdict ``fail``.
+    """
+    chosen = method or ML
+    if chosen not in (ML, CLASSIC):
+        raise error("ARGUMENT_INVALID", f"method is {method!r}; it must be one of {ML}, {CLASSIC}")
+    loaded = load_kincal(Path(path), None if robot is None else Path(robot))
+    query = None if predict is None else load_query(Path(predict), loaded)
+    wanted = None if targets is None else load_targets(Path(targets), loaded)
+    if progress is not None:
+        progress("solve", 0, 1)
+    result = _solve(loaded, chosen, query, wanted)
+    if progress is not None:
+        progress("solve", 1, 1)
+    return result.as_json()
+
+
+def _solve(loaded: KincalSet, method: str, query: Query | None, wanted: Wanted | None) -> Result:
+    inputs: dict[str, object] = {
+        "method": method,
+        "robot": loaded.spec.robot.model_dump(exclude_none=True),
+        "samples": len(loaded.data.samples),
+        "usable": loaded.problem.n,
+        "targets": list(loaded.model.targets),
+        "noise_given": loaded.noise,
+        "payload_kg": loaded.data.payload_kg,
+    }
+    if loaded.problem.n < 3:
+        words = f"{loaded.problem.n} of {len(loaded.data.samples)} samples have a reading of their own"
+        name = "poses-not-distinct" if loaded.copies else "too-few-poses"
+        return _refused(loaded, Refusal(name, words), None, inputs)
+    timed = _twice(loaded, method)
+    inputs["solve_seconds"] = timed.seconds
+    solution = timed.solution
+    observed = _observe(solution.problem.take(solution.used), solution.x)
+    refusal = refuse(solution.problem, observed, loaded.spec.robot.prior is not None, loaded.copies)
+    if refusal is not None:
+        return _refused(loaded, refusal, observed, inputs)
+    check_match(loaded, solution)
+    return fill_result(Solved(loaded, solution, observed, timed.classic, query, wanted, inputs))
+
+
+@dataclass(frozen=True, eq=False)
+class _Timed:
+    solution: Solution
+    classic: Classic | None
+    seconds: float
+
+
+def _twice(loaded: KincalSet, method: str) -> _Timed:
+    """The answer, and the shorter time of two calls: the first one pays for cold caches."""
+    seconds, classic = [], None
+    for _ in range(2):
+        start = time.perf_counter()
+        if method == CLASSIC:
+            classic = solve_classic(loaded.problem)
+        else:
+            solution = identify_with_constant(loaded.problem, loaded.noise)
+        seconds.append(time.perf_counter() - start)
+        if seconds[0] > LONG_S:
+            break
+    if classic is not None:
+        solution = _of_classic(loaded, classic)
+    return _Timed(solution, classic, min(seconds))
+
+
+def _of_classic(loaded: KincalSet, found: Classic) -> Solution:
+    """The classic parameters with what the source does not have: no covariance, nothing rejected."""
+    problem = loaded.problem
+    noise = first_noise(loaded.noise)
+    determined = _observe(problem, found.x).rank + REGISTRATION
+    unknowns = min(determined, 3 * problem.n - 1)
+    noise = estimated(noise, found.e, problem.range_m, unknowns)
+    return Solution(
+        problem=problem,
+        x=found.x,
+        registration=found.registration,
+        cov=None,
+        used=np.ones(problem.n, dtype=bool),
+        reasons={},
+        noise=noise,
+        excess=1.0,
+        e=found.e,
+        distance=np.sqrt(np.mean((found.e / noise.sigma(problem.range_m)) ** 2, axis=0)),
+        unknowns=unknowns,
+    )
+
+
+def _observe(problem: Problem, x: Array) -> Observability:
+    _, J = problem.model.linearised(x, problem.Q, problem.target)
+    return observe(problem, J, np.ones(problem.n), x)
+
+
+def _refused(
+    loaded: KincalSet, refusal: Refusal, observed: Observability | None, inputs: dict[str, object]
+) -> Result:
+    observability: dict[str, object] = {"refused": refusal.name, "unobservable": [refusal.words]}
+    if observed is not None:
+        observability |= {
+            "rank": observed.rank,
+            "rank_possible": observed.rank_possible,
+            "lacking": list(observed.lacking),
+            "unidentifiable": list(observed.unidentifiable),
+        }
+    observability["unusable"] = [
+        {"index": loaded.indices[k], "reason": reason} for k, reason in sorted(loaded.unusable.items())
+    ]
+    return Result(
+        kind="kincal",
+        verdict="fail",
+        reasons=[str(refusal)],
+        warnings=[Warning_(code=c, text=t) for c, t in loaded.warnings],
+        result=None,
+        observability=observability,
+        inputs=inputs,
+    )
