@@ -20,8 +20,8 @@ from daemon.run_making import make_run, withdraw_run
 from daemon.run_timing import RunTiming
 from daemon.state_folder import folder_lost
 from daemon.status import live_of, status_of, summary_of
-from daemon.values import resolve_values, tell_configured, with_arm_model, with_job_limits, without_passes
-from procedures.arm_setup import arm_models
+from daemon.values import resolve_values, tell_configured, with_arm_model, without_passes
+from procedures.arm_setup import arm_models, with_job_limits
 
 log = logging.getLogger("cellward.engine")
 
@@ -87,7 +87,7 @@ class Engine:
             raise error("MOTION_LATCHED", f"the last fault was: {context.broker.latched}")
         values = await asyncio.to_thread(resolve_values, context.config, self.ledger, context.supervisor)
         own_limits = getattr(procedure.config, "limits", None)
-        values = with_job_limits(values, own_limits, context.config.limits.allow_job_override)
+        values = with_job_limits(values, own_limits)
         values = with_arm_model(values, procedure, context.config, context.supervisor)
         procedure.check(values)
         models = await asyncio.to_thread(arm_models, values)

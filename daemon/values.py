@@ -24,23 +24,31 @@ CALIBRATIONS = {
 }
 
 
-def resolve_values(config: CellConfig, ledger: Ledger, supervisor: Supervisor) -> dict[str, Any]:
-    """JSON-able values; ``RESULT_CONFLICT`` when a configured value was edited under a committed one."""
+def configured_values(config: CellConfig) -> dict[str, Any]:
+    """Arms, tool, payload, limits and poses as the configuration alone has them; JSON-able."""
     robot = config.robot
-    values: dict[str, Any] = {
-        "robot": robot_spec(config, supervisor),
-        "observed_robot": config.robot.observed_robot_spec(),
+    return {
+        "robot": robot.robot_spec(),
+        "observed_robot": robot.observed_robot_spec(),
         "tool": robot.tool.model_dump(mode="json"),
+        "use_kinematics": robot.use_kinematics,
         "payload_kg": robot.payload_kg,
         "centre_of_mass_m": list(robot.centre_of_mass_m),
         "limits": config.limits.model_dump(mode="json"),
         "poses": {name: list(q) for name, q in config.poses.items()},
+    }
+
+
+def resolve_values(config: CellConfig, ledger: Ledger, supervisor: Supervisor) -> dict[str, Any]:
+    """JSON-able values; ``RESULT_CONFLICT`` when a configured value was edited under a committed one."""
+    values: dict[str, Any] = {
+        **configured_values(config),
+        "robot": robot_spec(config, supervisor),
         "targets": {name: dict(spec) for name, spec in config.target.items()},
         "calibration": {},
         "configured": {},
         "versions": {},
         "made_with": {},  # the model of the arm, for each committed value
-        "use_kinematics": robot.use_kinematics,
     }
     for setup, (name, nominal_keys) in CALIBRATIONS.items():
         nominal = _nominal(config, nominal_keys)
@@ -136,25 +144,6 @@ def with_arm_model(
     entry = supervisor.devices.get(device or "")
     serial = None if entry is None or entry.identity is None else entry.identity.serial
     return {**values, "arm_model": choose_model(values, device, serial)}
-
-
-def with_job_limits(values: dict[str, Any], wanted: Any, allowed: bool) -> dict[str, Any]:
-    """The values of a job that brings ``limits`` of its own: lower ones always hold, higher ones when
-    ``allowed`` (``[limits] allow_job_override``), else ``ARGUMENT_INVALID``."""
-    if wanted is None:
-        return values
-    limits = dict(values["limits"])
-    for key, value in wanted.model_dump().items():
-        if key not in limits:
-            continue
-        if value > limits[key] and not allowed:
-            raise error(
-                "ARGUMENT_INVALID",
-                f"limits.{key} {value:g} is above {limits[key]:g} of [limits]; lower it, or set "
-                "allow_job_override there",
-            )
-        limits[key] = value
-    return {**values, "limits": limits}
 
 
 def without_passes(values: Mapping[str, Any]) -> dict[str, Any]:

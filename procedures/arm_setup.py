@@ -8,6 +8,7 @@ from typing import Any
 from calibration.kinematics import measured_arm, robot_from_spec
 from cell.arm_model import ArmModel
 from cell.devices import Speed, ToolSettings
+from cell.errors import error
 from cell.guard import GuardLimits, MotionGuard, Tool
 from cell.modelled_arm import ArmModels
 from cell.poses import from_pose6
@@ -51,3 +52,22 @@ def lease_settings(values: Mapping[str, Any]) -> tuple[MotionGuard, ToolSettings
         limits["speed_m_s"], limits["accel_m_s2"], limits["joint_speed_rad_s"], limits["joint_accel_rad_s2"]
     )
     return guard, settings, speed
+
+
+def with_job_limits(values: dict[str, Any], wanted: Any) -> dict[str, Any]:
+    """The values of a job that brings ``limits`` of its own: lower ones always hold, higher ones where
+    ``[limits] allow_job_override`` allows it, else ``ARGUMENT_INVALID``."""
+    if wanted is None:
+        return values
+    limits = dict(values["limits"])
+    for key, value in wanted.model_dump().items():
+        if key not in limits:
+            continue
+        if value > limits[key] and not limits["allow_job_override"]:
+            raise error(
+                "ARGUMENT_INVALID",
+                f"limits.{key} {value:g} is above {limits[key]:g} of [limits]; lower it, or set "
+                "allow_job_override there",
+            )
+        limits[key] = value
+    return {**values, "limits": limits}

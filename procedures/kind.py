@@ -21,7 +21,10 @@ class Kind:
     ``words``: ``(result, answer) -> lines``; ``plan``: ``plan -> lines``; ``report``: a ``Layout``;
     ``solve``: ``(path, *, method, progress, **asked) -> result``, for a data set without its run, where
     ``asked`` are the further options that it takes; ``compare``: ``(first, second) -> Comparison``.
-    ``data_file`` is the data set in a run folder.
+    ``expectation``: ``(setup, config) -> figures`` of what a configured job can reach, with ``text``,
+    ``problems`` and ``cautions``; ``truth``: ``(result, truth, folder) -> Judged`` beside a twin's truth;
+    ``live`` and ``live_page``: ``(numbers, rows) -> line`` and ``(title, rows, reload_s) -> HTML`` of a run
+    that goes on. ``data_file`` is the data set in a run folder.
     """
 
     name: str
@@ -33,6 +36,10 @@ class Kind:
     solve: str = ""
     asked: tuple[str, ...] = ()
     compare: str = ""
+    expectation: str = ""
+    truth: str = ""
+    live: str = ""
+    live_page: str = ""
 
 
 _ALL = (
@@ -44,6 +51,8 @@ _ALL = (
         report="procedures.hand_eye.report.layout:HAND_EYE",
         solve="procedures.hand_eye.solve.solver:solve_hand_eye",
         compare="procedures.hand_eye.comparison:compare_hand_eye",
+        expectation="procedures.hand_eye.expectation:cone_expectation",
+        truth="procedures.hand_eye.truth:judge_camera",
     ),
     Kind(
         name="laser-reference",
@@ -51,6 +60,8 @@ _ALL = (
         data_file="laser.json",
         jobs=("procedures.laser.reference:LaserReference",),
         report="procedures.laser.report.layout:LASER",
+        expectation="procedures.laser.expectation:laser_expectation",
+        truth="procedures.laser.truth:judge_beams",
     ),
     Kind(
         name="laser",
@@ -60,6 +71,7 @@ _ALL = (
         report="procedures.laser.report.layout:LASER",
         solve="procedures.laser.solve.solver:solve_laser",
         compare="procedures.laser.comparison:compare_laser",
+        truth="procedures.laser.truth:judge_tool",
     ),
     Kind(
         name="kincal",
@@ -71,6 +83,8 @@ _ALL = (
         solve="procedures.tracker.solve.solver:solve_kincal",
         asked=("predict", "targets", "robot"),
         compare="procedures.tracker.comparison:compare_arms",
+        expectation="procedures.tracker.expectation:tracker_expectation",
+        truth="procedures.tracker.truth:judge_arm",
     ),
     Kind(
         name="belt-calibration",
@@ -85,6 +99,10 @@ _ALL = (
         data_file="intercept.json",
         jobs=("procedures.belt.tracking:BeltTracking",),
         report="procedures.belt.report.layout:BELT_TRACKING",
+        expectation="procedures.belt.expectation:belt_expectation",
+        truth="procedures.belt.truth:judge_picks",
+        live="procedures.belt.live_words:live_line",
+        live_page="procedures.belt.report.live:live_page",
     ),
     Kind(
         name="intercept",
@@ -106,6 +124,7 @@ _ALL = (
         plan="procedures.iso9283.words:iso9283_plan_lines",
         report="procedures.iso9283.report.layout:ISO9283",
         compare="procedures.iso9283.comparison:compare_iso9283",
+        expectation="procedures.iso9283.expectation:iso9283_expectation",
     ),
 )
 KINDS: Mapping[str, Kind] = {kind.name: kind for kind in _ALL}

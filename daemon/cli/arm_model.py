@@ -1,11 +1,11 @@
 """What ``cellward check`` says of the arm's model: whose kinematics the daemon's own moves will go by."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from cell.calibrations import kinematics
 from cell.errors import CellError
+from daemon.cli.predict import ledger_rows
 from daemon.config import CellConfig
 from procedures.kinematics_in_use import CONTROLLER, in_words, misfits, other_arm, other_device, other_load
 
@@ -22,7 +22,7 @@ def arm_in_use(config: CellConfig) -> dict[str, Any] | None:
         return None
     name, wanted = kinematics(device), config.robot.use_kinematics
     try:
-        rows = accepted_rows(config)
+        rows = ledger_rows(config)
     except CellError as exc:
         text = f"{SWITCH} is {str(wanted).lower()}; what is accepted is not known: {exc}"
         return {
@@ -50,7 +50,7 @@ def strangers(config: CellConfig, serials: Mapping[str, str]) -> list[str]:
     ``serials`` by device, as a probe found them; what nobody could tell says nothing.
     """
     try:
-        rows = [row for row in accepted_rows(config) if row["state"] == "committed"]
+        rows = [row for row in ledger_rows(config) if row["state"] == "committed"]
     except CellError as exc:
         return [f"whose kinematics are accepted is not known: {exc}"]
     told = ((row, other_device(row["value"], "arm", serials.get(_device_of(row)))) for row in rows)
@@ -61,20 +61,6 @@ def _device_of(row: Mapping[str, Any]) -> str:
     """The arm whose kinematics a row of the ledger has; no device's name for anything else."""
     kind, _, device = str(row["name"]).partition(".")
     return device if kind == "kinematics" else ""
-
-
-def accepted_rows(config: CellConfig) -> list[dict[str, Any]]:
-    """What the cell's ledger has of calibrations, newest first; nothing while there is no ledger."""
-    from cell.store.ledger import Ledger
-
-    path = Path(config.cell.state_dir) / "ledger.sqlite"
-    if not path.exists():
-        return []
-    ledger = Ledger(path, read_only=True)
-    try:
-        return ledger.results(limit=1000)
-    finally:
-        ledger.close()
 
 
 def _missing(name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:

@@ -32,8 +32,7 @@ def check(
     from daemon.cli.arm_model import arm_in_use, strangers
     from daemon.cli.machine import low_space
     from daemon.cli.machine import machine as measure
-    from daemon.cli.predict import predictions
-    from daemon.cli.predict_values import found_in
+    from daemon.cli.predict import found_in, predictions
     from daemon.config import load_config
     from daemon.disk_space import capture_bytes
 

@@ -11,6 +11,8 @@ from daemon.cli.jobs import connect
 from daemon.cli.options import ConfigOption, JsonOption
 from daemon.cli.output import out, say
 from daemon.control_client import ControlClient
+from procedures.kind import KINDS, load
+from procedures.registry import JOBS
 
 LOOK_S = 0.2
 LINE_EACH_S = 1.0
@@ -33,17 +35,17 @@ def live(
     config: ConfigOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Picking from a belt, live: counts beside what is made of them, items, picks and misses."""
+    """The numbers of a running job, live: picking from a belt shows counts, items, picks and misses."""
     with connect(config) as daemon:
         following = Following(daemon)
         following.look()
         if following.job is None:
-            raise error("NOT_NOW", "no job runs; 'cellward start belt-tracking' starts one to look at")
+            raise error("NOT_NOW", "no job runs; 'cellward start' starts one to look at")
         try:
             _follow(following, plot, seconds, as_json)
         except KeyboardInterrupt:
             say("The job goes on; 'cellward abort' stops it.")
-    if plot is not None and not following.columns:
+    if plot is not None and not following.drawn:
         say(f"{following.job} leaves no rows to be drawn, so {plot} was not written.")
 
 
@@ -57,6 +59,20 @@ class Following:
         self.numbers: dict[str, float] = {}
         self.columns: dict[str, list[str]] = {}
         self.rows: dict[str, list[list[float]]] = {}
+
+    @property
+    def drawn(self) -> str:
+        """What draws the job's rows; empty when it leaves none, or nothing draws them."""
+        return KINDS[JOBS[self.job].kind].live_page if self.columns and self.job in JOBS else ""
+
+    @property
+    def line(self) -> str:
+        """The numbers of now on one line."""
+        words = KINDS[JOBS[self.job].kind].live if self.job in JOBS else ""
+        if words:
+            line: str = load(words)(self.numbers, self.rows)
+            return line
+        return ", ".join(f"{name} {value:g}" for name, value in self.numbers.items()) or "nothing yet"
 
     def look(self) -> dict[str, list[list[float]]] | None:
         """What is new, by trace; None when the job that was looked at has ended."""
@@ -90,16 +106,14 @@ def _follow(following: Following, plot: Path | None, seconds: float, as_json: bo
         if as_json:
             _rows_out(following, fresh)
         elif over or lines.due():
-            from procedures.belt.live_words import live_line
-
-            out(live_line(following.numbers, following.rows))
-        if plot is not None and following.columns and (over or draws.due()):
+            out(following.line)
+        if plot is not None and following.drawn and (over or draws.due()):
             _draw(following, plot, again=not over)
         if over:
             return
         time.sleep(LOOK_S)
         fresh = following.look()
-    if plot is not None and following.columns:
+    if plot is not None and following.drawn:
         _draw(following, plot, again=False)
     say(f"Run {following.run_id} ({following.job}) has ended; 'cellward show {following.run_id}' tells how.")
 
@@ -129,10 +143,8 @@ def _rows_out(following: Following, fresh: dict[str, list[list[float]]]) -> None
 
 
 def _draw(following: Following, plot: Path, again: bool) -> None:
-    from procedures.belt.report.live import live_page
-
     title = f"{following.job}, run {following.run_id}"
-    page = live_page(title, following.rows, DRAW_EACH_S if again else None)
+    page = load(following.drawn)(title, following.rows, DRAW_EACH_S if again else None)
     temporary = plot.with_name(f".{plot.name}.tmp")
     try:
         temporary.write_text(page, "utf-8")  # not to the disk with force: the job writes there, too

@@ -1,36 +1,16 @@
-"""What ``cellward check`` expects of a job before anything moves: which poses are reached, and how well."""
+"""What ``cellward check`` expects of each job before anything moves."""
 
-from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
-import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
-
-from calibration.kinematics import robot_from_spec
-from calibration.planning import board_centre
-from calibration.targets import make_target
-from cell.errors import AbortError, CellError
-from cell.poses import Array, to_pose6
-from daemon.cli.predict_values import configured_values
+from cell.errors import CellError
 from daemon.config import CellConfig
-from procedures.belt.config import BeltTrackingConfig
-from procedures.belt.expectation import predict_belt
-from procedures.hand_eye.config import ConeCaptureConfig
-from procedures.hand_eye.plan import PlanRequest, View, plan_placement
-from procedures.hand_eye.words import prediction_text
-from procedures.iso9283.config import Iso9283Config
-from procedures.iso9283.expectation import predict_iso9283
-from procedures.laser.config import LaserReferenceConfig
-from procedures.laser.expectation import predict_laser
-from procedures.tracker.config import TrackerSamplingConfig
-from procedures.tracker.expectation import predict_tracker
+from daemon.values import configured_values
+from procedures.kind import KINDS, load
+from procedures.registry import JOBS
+from procedures.setup import Setup
 
-# Neither the camera nor the board's place is known yet, so both are assumed, and said.
-ASSUMED_CAMERA: dict[str, Any] = {"width": 1280, "height": 800, "K": [800.0, 800.0, 639.5, 399.5], "dist": []}
-NOMINAL = {
-    "eye-in-hand": {"X": "T_flange_camera_nominal"},
-    "eye-to-hand": {"X": "T_base_camera_nominal", "W": "T_flange_target_nominal"},
-}
+NOMINAL = ("T_flange_camera_nominal", "T_base_camera_nominal", "T_flange_target_nominal")
 
 
 def predictions(config: CellConfig) -> list[dict[str, Any]]:
@@ -38,101 +18,46 @@ def predictions(config: CellConfig) -> list[dict[str, Any]]:
 
     ``problems`` keep the job from succeeding, ``cautions`` do not; each is a sentence with its fix.
     """
-    found: list[dict[str, Any]] = []
-
-    def add(job: str, predict: Callable[[], dict[str, Any]]) -> None:
+    setup, found = setup_of(config), []
+    for name, job in JOBS.items():
+        expectation = KINDS[job.kind].expectation
+        if not expectation or not (section := config.job_section(name)):
+            continue
         try:
-            found.append({"job": job, **predict()})
+            expected = load(expectation)(setup, job.Config.model_validate(section))
         except CellError as exc:  # one job that cannot be predicted hides nothing of the others
-            found.append({"job": job, "text": "no prediction", "problems": [f"{exc}. {exc.hint}"]})
-
-    moved = "arm" in config.robot.roles()
-    if moved and (section := config.job_section("cone-capture")):
-        job = ConeCaptureConfig.model_validate(section)
-        add("cone-capture", lambda: _cone_capture(config, job))
-    if moved and (section := config.job_section("laser-reference")):
-        beams = LaserReferenceConfig.model_validate(section)
-        add("laser-reference", lambda: predict_laser(config, beams))
-    if section := config.job_section("tracker-sampling"):
-        sampling = TrackerSamplingConfig.model_validate(section)
-        add("tracker-sampling", lambda: predict_tracker(config, sampling))
-    if section := config.job_section("belt-tracking"):
-        picking = BeltTrackingConfig.model_validate(section)
-        add("belt-tracking", lambda: predict_belt(config, picking))
-    if section := config.job_section("iso9283"):
-        test = Iso9283Config.model_validate(section)
-        add("iso9283", lambda: predict_iso9283(config, test))
+            expected = {"text": "no prediction", "problems": [f"{exc}. {exc.hint}"]}
+        found.append({"job": name, **expected})
     return found
 
 
-def _cone_capture(config: CellConfig, job: ConeCaptureConfig) -> dict[str, Any]:
-    nominal = {k: getattr(config.robot, key) for k, key in NOMINAL[job.setup].items()}
-    calibration = {k: list(v) for k, v in nominal.items() if v is not None}
-    q = config.poses.get(job.start_pose or "home")
-    if not calibration or q is None:
-        missing = "start_pose" if q is None else f"[robot] {NOMINAL[job.setup]['X']}"
-        return {"text": f"no prediction without {missing}"}
-    where = (
-        f"from pose '{job.start_pose or 'home'}' with the board facing the camera {job.distance_m:g} m away"
+def found_in(predictions: list[dict[str, Any]], kind: str) -> list[str]:
+    """The ``problems`` (a job cannot succeed) or ``cautions`` of all predictions, each with its job."""
+    return [f"{job['job']}: {text}" for job in predictions for text in job.get(kind, [])]
+
+
+def setup_of(config: CellConfig) -> Setup:
+    """The cell as a job's expectation sees it."""
+    return Setup(
+        config.robot.roles(),
+        config.device,
+        configured_values(config),
+        {key: getattr(config.robot, key) for key in NOMINAL},
+        config.target,
+        config.job_section,
+        lambda: ledger_rows(config),
     )
+
+
+def ledger_rows(config: CellConfig) -> list[dict[str, Any]]:
+    """What the cell's ledger has of calibrations, newest first; nothing while there is no ledger."""
+    from cell.store.ledger import Ledger
+
+    path = Path(config.cell.state_dir) / "ledger.sqlite"
+    if not path.exists():
+        return []
+    ledger = Ledger(path, read_only=True)
     try:
-        plan = plan_placement(_request(config, job, calibration, np.array(q))).as_dict()
-    except AbortError as exc:
-        return {"text": where, "reached": 0, "problems": [f"{where}: {exc}. {exc.hint}"]}
-    reached, wanted = len(plan["poses"]), job.poses_per_placement
-    text = f"{where}: {reached} of {wanted} poses are reached"
-    predicted = plan.get("predicted")
-    if predicted is not None:
-        text += f"; {prediction_text(predicted)}, and a camera of 1280 x 800 pixels and 77 degrees"
-    found = {"text": text, "reached": reached, "wanted": wanted, "predicted": predicted}
-    return found | {"problems": list(_beyond_acceptance(job, predicted or {}))}
-
-
-def _beyond_acceptance(job: ConeCaptureConfig, predicted: Mapping[str, Any]) -> Iterator[str]:
-    """Limits of acceptance that the best case misses already: no result can pass them."""
-    for key, unit in (("error95_t_m", "m"), ("error95_r_rad", "rad")):
-        limit_key = key.replace("error95", "max_error")
-        limit, error95 = getattr(job.accept, limit_key), predicted.get(key)
-        if error95 is not None and error95 > limit:
-            yield (
-                f"accept.{limit_key} = {limit:g} {unit} is below the predicted 95 % error of "
-                f"{error95:.2g} {unit}, so no result can pass; allow more, or plan more poses"
-            )
-
-
-def _request(
-    config: CellConfig, job: ConeCaptureConfig, calibration: dict[str, Any], q: Array
-) -> PlanRequest:
-    target = dict(config.target[job.target])
-    values = configured_values(config)
-    flange = robot_from_spec(values["robot"]).forward(q)
-    return PlanRequest(
-        setup=job.setup,
-        values=values,
-        target=target,
-        calibration=calibration,
-        view=_assumed_view(target, q, flange, job.distance_m),
-        poses=job.poses_per_placement,
-        min_poses=job.min_poses_per_placement,
-        cone_half_angle_rad=job.cone_half_angle_rad,
-        distance_m=job.distance_m,
-        finished=[],
-        placements=job.placements,
-    )
-
-
-def _assumed_view(target: dict[str, Any], q: Array, flange: RigidTransform, distance: float) -> View:
-    """The target's points as seen along a sight line that meets its centre at right angles."""
-    points = make_target(target).points
-    # A marker's z points out of it, the other targets' z into them (FORMATS section 1).
-    facing = Rotation.from_euler("x", np.pi if target["type"] == "aruco-marker" else 0.0)
-    in_camera = facing.apply(points - board_centre(points)) + np.array([0.0, 0.0, distance])
-    fx, fy, cx, cy = ASSUMED_CAMERA["K"]
-    u, v = fx * in_camera[:, 0] / in_camera[:, 2] + cx, fy * in_camera[:, 1] / in_camera[:, 2] + cy
-    return View(
-        q=[float(x) for x in q],
-        T_base_flange=[float(x) for x in to_pose6(flange)],
-        ids=list(range(len(points))),
-        corners=np.stack([u, v], axis=1).tolist(),
-        camera=ASSUMED_CAMERA,
-    )
+        return ledger.results(limit=1000)
+    finally:
+        ledger.close()

@@ -8,18 +8,9 @@ from cell.store.runs import load_run
 from daemon.cli.failures import FAILED, OK
 from daemon.cli.output import out, say
 from daemon.cli.result_text import result_text
-from daemon.demo.judged import Judged, Row
-from procedures.belt.truth import judge_picks
-from procedures.hand_eye.truth import judge_camera
-from procedures.laser.truth import judge_beams, judge_tool
-from procedures.tracker.truth import judge_arm
-
-_JUDGES = {
-    "hand-eye": judge_camera,
-    "laser-reference": judge_beams,
-    "laser": judge_tool,
-    "belt-tracking": judge_picks,
-}
+from daemon.demo.closing import Row
+from procedures.beside_truth import Judged
+from procedures.kind import kind_of, load
 
 
 def conclude(runs: Path, run_id: int, truth: Mapping[str, Any]) -> Row:
@@ -49,7 +40,6 @@ def conclude(runs: Path, run_id: int, truth: Mapping[str, Any]) -> Row:
 
 
 def beside_truth(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path) -> Judged:
-    """The answer of the run in ``folder`` beside the twin's truth; LookupError for a kind that has none."""
-    if result["kind"] == "kincal":
-        return judge_arm(result, truth, folder)
-    return _JUDGES[result["kind"]](result, truth)
+    """The answer of the run in ``folder`` beside the twin's truth, for a kind that can be judged by it."""
+    judged: Judged = load(kind_of(result).truth)(result, truth, folder)
+    return judged

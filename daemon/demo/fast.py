@@ -24,9 +24,9 @@ from daemon.cli.output import out, say
 from daemon.cli.progress import ProgressBar
 from daemon.composition import supervised_devices
 from daemon.config import CellConfig, load_config
+from daemon.demo.closing import Row, closing_table
 from daemon.demo.ending import conclude
 from daemon.demo.folder import begin_in
-from daemon.demo.judged import Row, closing_table
 from daemon.demo.scenes import Scene, give_camera, scenes_of
 from daemon.demo.steps import Step
 from daemon.engine import Engine

@@ -21,9 +21,9 @@ from daemon.cli.output import out, say
 from daemon.cli.progress import ProgressBar
 from daemon.demo import plc as registers
 from daemon.demo.children import Child, console_script
+from daemon.demo.closing import Row, closing_table
 from daemon.demo.ending import conclude
 from daemon.demo.folder import begin_in
-from daemon.demo.judged import Row, closing_table
 from daemon.demo.plc import POLL_S, Plc
 from daemon.demo.scenes import Scene, give_camera, scenes_of
 from daemon.demo.steps import Bump, Step, eta_text

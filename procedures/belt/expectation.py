@@ -9,28 +9,27 @@ from calibration.kinematics import robot_from_spec
 from cell.errors import CellError
 from cell.guard import GuardLimits, MotionGuard, Tool
 from cell.poses import Array, from_pose6
-from daemon.cli.predict_values import configured_values
-from daemon.config import CellConfig
-from daemon.values import with_job_limits
+from procedures.arm_setup import with_job_limits
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.motion.cycle_estimate import SPEEDS_M_S, Expectation, Expected, slides
 from procedures.belt.motion.tool_joints import ToolJoints
 from procedures.belt.setup_checks import belt_setup
 from procedures.belt.tracking import CAMERA, UPRIGHT_RAD
+from procedures.setup import Setup
 
 ROLES = ("arm", CAMERA, "belt", "gripper")
 
 
-def predict_belt(config: CellConfig, job: BeltTrackingConfig) -> dict[str, Any]:
+def belt_expectation(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
     """``text``, the figures for each speed of the belt, and what was found.
 
     ``problems``: the job is refused or cannot pick with these; ``cautions``: it can, but not at every speed,
     or something looks mistaken.
     """
-    problems = [*_roles(config), *_poses(config, job)]
-    values = configured_values(config)
+    problems = [*setup.missing(*ROLES), *_poses(setup, job)]
+    values = setup.values
     try:
-        values = with_job_limits(values, job.limits, config.limits.allow_job_override)
+        values = with_job_limits(values, job.limits)
     except CellError as exc:
         problems.append(exc.detail)
     if problems:
@@ -39,7 +38,7 @@ def predict_belt(config: CellConfig, job: BeltTrackingConfig) -> dict[str, Any]:
     q_wait, q_place = (np.array(values["poses"][name]) for name in (job.wait_pose, job.place_pose))
     tool = ToolJoints(model, from_pose6(values["tool"]["T_flange_tool"]), q_wait)
     problems = list(_leans(job, tool, q_wait, q_place))
-    slide, mistaken = _slide_words(job), list(belt_setup(config, job))
+    slide, mistaken = _slide_words(job), list(belt_setup(setup, job))
     if job.belt is None:
         text = f"{slide}; no prediction of the zone without [job.belt-tracking] belt"
         return {"text": text, "problems": problems, "cautions": mistaken}
@@ -60,16 +59,9 @@ def predict_belt(config: CellConfig, job: BeltTrackingConfig) -> dict[str, Any]:
     }
 
 
-def _roles(config: CellConfig) -> Iterator[str]:
-    there = config.robot.roles()
-    for role in ROLES:
-        if role not in there:
-            yield f"[robot] names no device for {role}, which the job needs; add it"
-
-
-def _poses(config: CellConfig, job: BeltTrackingConfig) -> Iterator[str]:
+def _poses(setup: Setup, job: BeltTrackingConfig) -> Iterator[str]:
     for key in ("wait_pose", "place_pose"):
-        if (name := getattr(job, key)) not in config.poses:
+        if (name := getattr(job, key)) not in setup.poses:
             yield f"{key} '{name}' is not in [poses]; teach it there"
 
 

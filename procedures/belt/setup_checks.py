@@ -5,15 +5,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from cell.poses import Array, from_pose6
-from daemon.config import CellConfig
 from procedures.belt.config import BeltTrackingConfig
+from procedures.setup import Setup
 
 _COARSE_M = 0.5e-3  # RMS of a count's rounding; the arm meets items that well at best
 _LEAST_HEIGHT_M = 0.1  # of a camera above the belt
 _OTHER_M = 0.002  # between heights of one belt
 
 
-def belt_setup(config: CellConfig, job: BeltTrackingConfig) -> Iterator[str]:
+def belt_setup(setup: Setup, job: BeltTrackingConfig) -> Iterator[str]:
     """One sentence, with what to do, for each."""
     if job.belt is not None:
         if (rounding := abs(job.belt.m_per_count) / np.sqrt(12.0)) > _COARSE_M:
@@ -21,8 +21,8 @@ def belt_setup(config: CellConfig, job: BeltTrackingConfig) -> Iterator[str]:
                 f"belt.m_per_count = {job.belt.m_per_count:g} m: the rounding of a count alone is "
                 f"{1e3 * rounding:.1f} mm RMS of every place; it is metres of belt for one count"
             )
-        yield from _camera(config, job, np.array(job.belt.dir, dtype=float))
-    other = config.job_section("belt-calibration").get("belt_z_m")
+        yield from _camera(setup, job, np.array(job.belt.dir, dtype=float))
+    other = setup.job("belt-calibration").get("belt_z_m")
     if other is not None and abs(float(other) - job.belt_z_m) > _OTHER_M:
         yield (
             f"belt_z_m is {job.belt_z_m:g} m here and {other:g} m in [job.belt-calibration]; it is the "
@@ -30,11 +30,12 @@ def belt_setup(config: CellConfig, job: BeltTrackingConfig) -> Iterator[str]:
         )
 
 
-def _camera(config: CellConfig, job: BeltTrackingConfig, way: Array) -> Iterator[str]:
+def _camera(setup: Setup, job: BeltTrackingConfig, way: Array) -> Iterator[str]:
     """Where the camera of the drawing looks at the belt, beside the zone."""
-    if config.robot.T_base_camera_nominal is None:
+    nominal = setup.nominal["T_base_camera_nominal"]
+    if nominal is None:
         return
-    T = from_pose6(config.robot.T_base_camera_nominal)
+    T = from_pose6(nominal)
     sight, height = T.rotation.apply([0.0, 0.0, 1.0]), float(T.translation[2]) - job.belt_z_m
     if height < _LEAST_HEIGHT_M or sight[2] >= 0.0:
         yield (

@@ -1,17 +1,18 @@
 """Picks beside the twin's truth: where the tool's point truly met each item."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from daemon.demo.judged import Judged
+from procedures.beside_truth import Judged
 from procedures.words import table
 
 WANTED_M = 0.001  # RMS of the contacts, horizontal
 
 
-def judge_picks(result: Mapping[str, Any], truth: Mapping[str, Any]) -> Judged:
+def judge_picks(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path) -> Judged:
     """How far the tool's point was beside the item at each first contact, and how fast the item slid then.
 
     Good when every pick that the job counts was one, and the contacts are within ``WANTED_M``.

@@ -1,15 +1,16 @@
-"""The result of the demo beside the twin's truth."""
+"""A hand-eye calibration beside the twin's truth."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import degrees, sqrt
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cell.errors import error
 from cell.poses import Array, from_pose6, log_xi
-from daemon.demo.judged import Judged
+from procedures.beside_truth import Judged
 from procedures.hand_eye.words import SETUPS, calibration_name, spread_text
 from procedures.words import table
 
@@ -45,7 +46,7 @@ def judge(result: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
     return Judgement(name, found, true, xi, np.sqrt(np.diag(cov)), m2)
 
 
-def judge_camera(result: Mapping[str, Any], truth: Mapping[str, Any]) -> Judged:
+def judge_camera(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path) -> Judged:
     """Whether a hand-eye answer agrees with the true pose, and the table that shows it."""
     judgement = judge(result, truth)
     sigma, off = judgement.sigma, judgement.xi

@@ -8,9 +8,6 @@ from calibration.iso9283 import CYCLES, figures
 from cell.calibrations import kinematics
 from cell.errors import CellError
 from cell.poses import from_pose6
-from daemon.cli.arm_model import accepted_rows
-from daemon.cli.predict_values import configured_values
-from daemon.config import CellConfig
 from procedures.iso9283.config import Iso9283Config
 from procedures.iso9283.plan import (
     is_corrected,
@@ -19,28 +16,26 @@ from procedures.iso9283.plan import (
     require_same_devices,
     wanted_poses,
 )
-from procedures.tracker.expectation import noise_of
+from procedures.setup import Setup
+from procedures.tracker_noise import stated_noise
 from procedures.words import mm
 
 _RANGE_M = 3.0  # where nobody says where the tracker stands
 
 
-def predict_iso9283(config: CellConfig, job: Iso9283Config) -> dict[str, Any]:
+def iso9283_expectation(setup: Setup, job: Iso9283Config) -> dict[str, Any]:
     """``text``, the tracker's own figures, and what was found.
 
     The poses are planned from 'near' and by the controller's own model: calibrated kinematics, which are only
     known when the job starts, move them by millimetres.
     """
-    roles = config.robot.roles()
-    missing = [role for role in ("arm", "tracker") if role not in roles]
-    if missing:
-        text = f"[robot] names no device for {missing[0]}, which the job needs; add it"
-        return {"text": text, "problems": [text], "cautions": []}
-    if (near := config.poses.get(job.near)) is None:
+    if missing := setup.missing("arm", "tracker"):
+        return {"text": missing[0], "problems": missing[:1], "cautions": []}
+    if (near := setup.poses.get(job.near)) is None:
         text = f"near = '{job.near}' is not in [poses]; add the pose or name another"
         return {"text": text, "problems": [text], "cautions": []}
-    noise, assumed = noise_of(config, roles["tracker"])
-    values = configured_values(config)
+    noise, assumed = stated_noise(setup)
+    values = setup.values
     drawn = job.model_copy(update={"corrected": False, "registration": "fit"})
     try:
         plan = plan_iso(values, drawn.model_dump(), list(near)).listing
@@ -61,7 +56,7 @@ def predict_iso9283(config: CellConfig, job: Iso9283Config) -> dict[str, Any]:
         cautions.append(f"cycles is {job.cycles}; the standard has {CYCLES}")
     needs = is_corrected(values, job) or job.registration == "kinematics"
     if needs:
-        problems += _not_of_this_arm(config, job, values)
+        problems += _not_of_this_arm(setup, job)
     text = (
         f"{plan['arrivals']} arrivals at {len(plan['poses'])} poses, all free and in reach; at "
         f"{distance:.1f} m the tracker alone reads AP {mm(floors['AP'])} (95 %) and RP "
@@ -71,18 +66,17 @@ def predict_iso9283(config: CellConfig, job: Iso9283Config) -> dict[str, Any]:
     return {"text": text, "tracker": floors, "problems": problems, "cautions": cautions}
 
 
-def _not_of_this_arm(config: CellConfig, job: Iso9283Config, values: dict[str, Any]) -> list[str]:
+def _not_of_this_arm(setup: Setup, job: Iso9283Config) -> list[str]:
     """Why the job would refuse the kinematics that are accepted now, by what the config says of arm and
     tracker; nothing while none are accepted."""
-    roles = config.robot.roles()
-    name = kinematics(roles["arm"])
+    roles, name = setup.roles, kinematics(setup.roles["arm"])
     serials = {
-        role: getattr(config.device[roles[role]], "expect_serial", None) or "" for role in ("arm", "tracker")
+        role: getattr(setup.devices[roles[role]], "expect_serial", None) or "" for role in ("arm", "tracker")
     }
     try:
-        rows = [r for r in accepted_rows(config) if (r["name"], r["state"]) == (name, "committed")]
+        rows = [r for r in setup.calibrations() if (r["name"], r["state"]) == (name, "committed")]
         if rows:
-            found = kinematics_of({**values, "kinematics": {"arm": rows[0]["value"]}}, job)
+            found = kinematics_of({**setup.values, "kinematics": {"arm": rows[0]["value"]}}, job)
             require_same_devices(found, job, serials)
     except CellError as exc:
         return [f"{exc}. {exc.hint}"]

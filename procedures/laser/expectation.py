@@ -9,36 +9,37 @@ from calibration.tool_frame.meeting import detectable
 from calibration.tool_frame.prediction import Prediction, near_pairs, predict
 from calibration.tool_frame.repeatability import UNDER_WAY, stated_sigma
 from cell.errors import CellError
-from daemon.cli.predict_values import configured_values
-from daemon.config import CellConfig
 from procedures.laser.config import LaserCheckConfig, LaserReferenceConfig, LaserUpdateConfig, Search
 from procedures.laser.judging import odds
 from procedures.laser.measurement import SPEEDS
 from procedures.laser.moved import FLOOR_M, tolerance
 from procedures.laser.plan import PlanRequest, plan_scan
 from procedures.laser.reference import PLACES
+from procedures.setup import Setup
 
 REACHED = "every move keeps the limits"
 SLOWER = "lower measure_speed_m_s, take more passes, or poll more often"
 
 
-def predict_laser(config: CellConfig, job: LaserReferenceConfig) -> dict[str, Any]:
+def laser_expectation(setup: Setup, job: LaserReferenceConfig) -> dict[str, Any]:
     """``text`` and the figures for a tool that is compared with its reference, and what was found.
 
     ``problems``: the jobs cannot succeed with these; ``cautions``: they can, but not as well as is asked.
     """
-    device = config.robot.roles().get("beams")
+    device = setup.roles.get("beams")
+    if "arm" not in setup.roles:
+        return {"text": "no prediction without a device for [robot] arm"}
     if device is None:
         return {"text": "no prediction without a device for [robot] beams"}
-    period = getattr(config.device[device], "poll_period_s", None)
-    problems = [*_speeds(config, job), *_pin(config, job), *_polls(device, period, job)]
-    problems += _reach(config, job, device)
+    period = getattr(setup.devices[device], "poll_period_s", None)
+    problems = [*_speeds(setup, job), *_pin(setup, job), *_polls(device, period, job)]
+    problems += _reach(setup, job, device)
     if problems:
         return {"text": "no prediction before its errors are corrected", "problems": problems}
     if period is None:
         text = f"no prediction of the uncertainty: {device} has no poll_period_s"
         return {"text": f"{text}; {REACHED}", "problems": []}
-    sigma = UNDER_WAY * stated_sigma(configured_values(config)["robot"].get("model"))
+    sigma = UNDER_WAY * stated_sigma(setup.values["robot"].get("model"))
     near = near_pairs(job.most_height_pairs, job.descend_step_m, sigma)
     expected, perfect = (
         predict(
@@ -53,7 +54,7 @@ def predict_laser(config: CellConfig, job: LaserReferenceConfig) -> dict[str, An
         for noise in (sigma, 0.0)
     )
     parts = budget(expected, perfect, sigma, near)
-    gate = _gate(config, expected)
+    gate = _gate(setup, expected)
     return {
         "text": "; ".join(
             (_words(expected, job, period, sigma), _term_words(parts), _gate_words(gate), REACHED)
@@ -69,14 +70,14 @@ def predict_laser(config: CellConfig, job: LaserReferenceConfig) -> dict[str, An
         "budget_m2": parts,
         "dominating": dominating(parts),
         "problems": [],
-        "cautions": list(_uncertainty(config, job, expected.U_point_m)),
+        "cautions": list(_uncertainty(setup, job, expected.U_point_m)),
     }
 
 
-def _gate(config: CellConfig, expected: Prediction) -> dict[str, float]:
+def _gate(setup: Setup, expected: Prediction) -> dict[str, float]:
     """What ``laser-check`` will tell apart: its tolerance (m), its chance of a false alarm, and which shift
     of the tool's point (m) it finds with 99 %."""
-    check = LaserCheckConfig.model_validate(config.job_section("laser-check"))
+    check = LaserCheckConfig.model_validate(setup.job("laser-check"))
     point = expected.cov[:3, :3]
     limit = check.tolerance_m or tolerance(point, FLOOR_M, check.false_alarm)
     return {
@@ -116,8 +117,8 @@ def _words(expected: Prediction, job: LaserReferenceConfig, period: float, sigma
     )
 
 
-def _speeds(config: CellConfig, job: LaserReferenceConfig) -> Iterator[str]:
-    allowed = config.limits.speed_m_s
+def _speeds(setup: Setup, job: LaserReferenceConfig) -> Iterator[str]:
+    allowed = setup.values["limits"]["speed_m_s"]
     for key in SPEEDS:
         if (wanted := getattr(job, key)) > allowed:
             yield (
@@ -126,9 +127,9 @@ def _speeds(config: CellConfig, job: LaserReferenceConfig) -> Iterator[str]:
             )
 
 
-def _pin(config: CellConfig, job: LaserReferenceConfig) -> Iterator[str]:
+def _pin(setup: Setup, job: LaserReferenceConfig) -> Iterator[str]:
     """A sweep begins and ends with a free beam, and is at constant speed from edge to edge."""
-    wide = 2.0 * (job.pin_radius_m or config.robot.tool.radius_m)
+    wide = 2.0 * (job.pin_radius_m or setup.values["tool"]["radius_m"])
     source = "pin_radius_m" if job.pin_radius_m else "[robot] tool.radius_m, as there is no pin_radius_m"
     for name, beam in (("xs", job.xs), ("ys", job.ys)):
         if wide + 2.0 * job.lead_m > beam.distance_m:
@@ -147,11 +148,11 @@ def _polls(device: str, period: float | None, job: LaserReferenceConfig) -> Iter
         )
 
 
-def _uncertainty(config: CellConfig, job: LaserReferenceConfig, U: float) -> Iterator[str]:
+def _uncertainty(setup: Setup, job: LaserReferenceConfig, U: float) -> Iterator[str]:
     """Limits that the expected uncertainty is beyond: such a run ends with the verdict fail."""
     expected: list[tuple[str, float, float]] = [("laser-reference", U / sqrt(2.0), job.max_U_m)]  # U has both
     for name, model in (("laser-check", LaserCheckConfig), ("laser-update", LaserUpdateConfig)):
-        expected.append((name, U, model.model_validate(config.job_section(name)).max_U_m))
+        expected.append((name, U, model.model_validate(setup.job(name)).max_U_m))
     for name, found, limit in expected:
         if found > limit:
             yield (
@@ -160,15 +161,15 @@ def _uncertainty(config: CellConfig, job: LaserReferenceConfig, U: float) -> Ite
             )
 
 
-def _reach(config: CellConfig, job: LaserReferenceConfig, device: str) -> list[str]:
+def _reach(setup: Setup, job: LaserReferenceConfig, device: str) -> list[str]:
     """Every move held against the guard, from the first auxiliary point; one sentence for all that is not."""
     aux = {"xs": job.xs.aux, "ys": job.ys.aux}
-    missing = [f"{name}.aux '{pose}'" for name, pose in aux.items() if pose not in config.poses]
+    missing = [f"{name}.aux '{pose}'" for name, pose in aux.items() if pose not in setup.poses]
     if missing:
         return [f"[poses] has no entry for {' and '.join(missing)}; teach it there"]
-    search = Search.from_config(job, config.poses, device)
-    q = list(config.poses[job.xs.aux])
-    request = PlanRequest(configured_values(config), search.model_dump(), None, PLACES, q, job.retract_pose)
+    search = Search.from_config(job, setup.poses, device)
+    q = list(setup.poses[job.xs.aux])
+    request = PlanRequest(setup.values, search.model_dump(), None, PLACES, q, job.retract_pose)
     try:
         problems = plan_scan(request)["problems"]
     except CellError as exc:

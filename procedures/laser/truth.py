@@ -2,20 +2,17 @@
 
 from collections.abc import Mapping
 from math import asin, degrees
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cell.poses import Array, from_pose6
-from daemon.demo.judged import Judged
+from procedures.beside_truth import SURE_POINT, SURE_TILT, Judged
 from procedures.words import table
 
-# 95 % limits widened to 99.73 %, by the quantiles of chi-square with 3 and with 2 degrees of freedom.
-SURE_POINT = 1.346
-SURE_TILT = 1.405
 
-
-def judge_tool(result: Mapping[str, Any], truth: Mapping[str, Any]) -> Judged:
+def judge_tool(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path) -> Judged:
     """The committed tool frame against the true one: where its point is, and which way its axis goes."""
     answer, sure = result["result"], result["uncertainty"]
     found, true = from_pose6(answer["T_flange_tool"]), from_pose6(truth["T_flange_tool"])
@@ -50,7 +47,7 @@ def _beyond(apart: float, tilt: float, sure: Mapping[str, Any]) -> str:
     return ": beyond the 95 % bound, as 1 of 20 is, and within the 99.73 % bound" if beyond else ""
 
 
-def judge_beams(result: Mapping[str, Any], truth: Mapping[str, Any]) -> Judged:
+def judge_beams(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path) -> Judged:
     """The beams of a reference against the true ones: how far apart where they are crossed, and the angle.
 
     The point of the tool breaks a beam of light when it is within the beam's radius, so the line that it

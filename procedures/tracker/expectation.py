@@ -4,35 +4,29 @@ from typing import Any
 
 from cell.errors import AbortError, CellError
 from cell.poses import Array
-from daemon.cli.predict_values import configured_values
-from daemon.config import CellConfig
+from procedures.setup import Setup
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.feasible_poses import make_space, payload_of, robot_of
 from procedures.tracker.plan import PlanRequest, plan_sampling
 from procedures.tracker.procedure import check_payload
 from procedures.tracker.stored import load_stored
+from procedures.tracker_noise import stated_noise
 from procedures.words import mm
 
-TRACKER = {"sigma0": 15e-6, "sigma_per_m": 6e-6}  # of today's trackers, where the driver's section is silent
 
-
-def predict_tracker(config: CellConfig, job: TrackerSamplingConfig) -> dict[str, Any]:
+def tracker_expectation(setup: Setup, job: TrackerSamplingConfig) -> dict[str, Any]:
     """``text`` and the figures of a plan from pose 'home' (or the middle of the ranges), and what was found.
 
     ``problems``: the job cannot succeed with these; ``cautions``: it can, but not as well as is asked.
     """
-    roles = config.robot.roles()
-    missing = [role for role in (job.arm, "tracker") if role not in roles]
-    if missing:
-        text = f"[robot] names no device for {missing[0]}, which the job needs; add it"
-        return {"text": text, "problems": [text], "cautions": []}
-    if problem := _unknown(config, job, roles["tracker"]):
+    if missing := setup.missing(job.arm, "tracker"):
+        return {"text": missing[0], "problems": missing[:1], "cautions": []}
+    if problem := _unknown(setup, job):
         return {"text": problem, "problems": [problem], "cautions": []}
-    values = {**configured_values(config), "observed_robot": config.robot.observed_robot_spec()}
-    noise, assumed = noise_of(config, roles["tracker"])
+    values, (noise, assumed) = setup.values, stated_noise(setup)
     try:
         check_payload(job, values)
-        q = _start(config, job, values, noise)
+        q = _start(setup, job, noise)
         stored = load_stored(job, robot_of(values, job), payload_of(job, values))
         entries = [] if stored is None else stored.entries()
         request = PlanRequest(values, job.model_dump(), noise, job.T_base_tracker_nominal, q, stored=entries)
@@ -80,9 +74,10 @@ def _words(job: TrackerSamplingConfig, plan: dict[str, Any], assumed: str) -> st
     )
 
 
-def _unknown(config: CellConfig, job: TrackerSamplingConfig, device: str) -> str | None:
+def _unknown(setup: Setup, job: TrackerSamplingConfig) -> str | None:
     """A sentence on reflectors that the tracker's section does not have; some drivers need none."""
-    known = getattr(config.device[device], "reflectors", None)
+    device = setup.roles["tracker"]
+    known = getattr(setup.devices[device], "reflectors", None)
     missing = [name for name in (*job.reflectors, *job.monuments) if name not in (known or {})]
     if not known or not missing:
         return None
@@ -92,20 +87,9 @@ def _unknown(config: CellConfig, job: TrackerSamplingConfig, device: str) -> str
     )
 
 
-def noise_of(config: CellConfig, device: str) -> tuple[dict[str, float], str]:
-    """The noise of a tracker as its section states it, else that of today's, and which of them in words."""
-    section = config.device[device]
-    sigma0, slope = (getattr(section, key, None) for key in ("sigma0_m", "sigma_per_m"))
-    if sigma0 is None or slope is None:
-        return TRACKER, "a tracker of 0.015 mm + 0.006 mm/m assumed"
-    return {"sigma0": sigma0, "sigma_per_m": slope}, f"a tracker of {mm(sigma0)} + {mm(slope)}/m"
-
-
-def _start(
-    config: CellConfig, job: TrackerSamplingConfig, values: dict[str, Any], noise: dict[str, float]
-) -> list[float]:
+def _start(setup: Setup, job: TrackerSamplingConfig, noise: dict[str, float]) -> list[float]:
     """Where the arm is taken to stand: at 'home', else in the middle of its ranges."""
-    if job.arm == "arm" and "home" in config.poses:
-        return list(config.poses["home"])
-    middle: Array = make_space(values, job, noise, None).ranges.mean(axis=1)
+    if job.arm == "arm" and "home" in setup.poses:
+        return list(setup.poses["home"])
+    middle: Array = make_space(setup.values, job, noise, None).ranges.mean(axis=1)
     return [float(v) for v in middle]

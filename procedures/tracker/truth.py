@@ -8,8 +8,7 @@ import numpy as np
 
 from cell.poses import Array, from_pose6
 from cell.store.files import read_json
-from daemon.demo.judged import Judged
-from procedures.laser.truth import SURE_POINT
+from procedures.beside_truth import SURE_POINT, Judged
 from procedures.tracker.judging import places
 from procedures.tracker.record import DATA_FILE, HELD_OUT_FILE
 from procedures.words import table
@@ -33,7 +32,7 @@ def judge_arm(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path)
     good = float(np.percentile(off, 95)) <= SURE_POINT * promised
     ranges = np.linalg.norm([s["p_tracker"] for s in aside], axis=1)
     sigma = tracker["sigma0_m"] + tracker["sigma_per_m"] * float(np.mean(ranges))
-    drawn_off = result["heldout"]["set_aside"]["rms"]["registration_only"]
+    nominal_off = result["heldout"]["set_aside"]["rms"]["registration_only"]
     rows = [
         (name, str(len(e)), _mm(np.sqrt(np.mean(e**2))), _mm(np.percentile(e, 95)), _mm(e.max()))
         for name, e in (("set aside", off_aside), ("elsewhere", off))
@@ -44,8 +43,8 @@ def judge_arm(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path)
         f"with a stored set of {facts['stored']['samples']} poses that this twin's tracker measured earlier",
         "errors of predicted reflector positions against the twin's own arm, without noise; mm",
         table(("joints", "number", "RMS", "95 % below", "largest"), rows),
-        f"the drawn arm in its best place is {_mm(drawn_off)} mm off (RMS); one reading of the tracker has a "
-        f"sigma of {_mm(sigma)} mm along each axis there",
+        f"the nominal arm in its best place is {_mm(nominal_off)} mm off (RMS); one reading of the tracker "
+        f"has a sigma of {_mm(sigma)} mm along each axis there",
         f"{words} the promise: 95 % below {_mm(promised)} mm at the worst place",
     ]
     stated = f"95 % below {1e3 * promised:.3f} mm"

@@ -1,20 +1,10 @@
-"""What became of one step of the demo, and the table that closes it."""
+"""What became of each step of the demo, and the table that closes it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from daemon.cli.output import out
 from procedures.words import table
-
-
-@dataclass(frozen=True)
-class Judged:
-    """A result beside the truth: ``stated`` by the job, ``off`` the truth, and the whole comparison."""
-
-    good: bool
-    text: str
-    stated: str
-    off: str
 
 
 @dataclass(frozen=True)

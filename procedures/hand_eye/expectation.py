@@ -1,0 +1,100 @@
+"""What ``cellward check`` expects of a cone capture: which poses are reached, and how well they tell."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from calibration.kinematics import robot_from_spec
+from calibration.planning import board_centre
+from calibration.targets import make_target
+from cell.errors import AbortError
+from cell.poses import Array, to_pose6
+from procedures.hand_eye.config import ConeCaptureConfig
+from procedures.hand_eye.plan import PlanRequest, View, plan_placement
+from procedures.hand_eye.words import prediction_text
+from procedures.setup import Setup
+
+# Neither the camera nor the board's place is known yet, so both are assumed, and said.
+ASSUMED_CAMERA: dict[str, Any] = {"width": 1280, "height": 800, "K": [800.0, 800.0, 639.5, 399.5], "dist": []}
+NOMINAL = {
+    "eye-in-hand": {"X": "T_flange_camera_nominal"},
+    "eye-to-hand": {"X": "T_base_camera_nominal", "W": "T_flange_target_nominal"},
+}
+
+
+def cone_expectation(setup: Setup, job: ConeCaptureConfig) -> dict[str, Any]:
+    """``text``, how many poses are reached, the predicted uncertainty, and the ``problems``.
+
+    The target is taken to stand before the camera, at right angles to the line of sight.
+    """
+    if "arm" not in setup.roles:
+        return {"text": "no prediction without a device for [robot] arm"}
+    nominal = {k: setup.nominal[key] for k, key in NOMINAL[job.setup].items()}
+    calibration = {k: list(v) for k, v in nominal.items() if v is not None}
+    q = setup.poses.get(job.start_pose or "home")
+    if not calibration or q is None:
+        missing = "start_pose" if q is None else f"[robot] {NOMINAL[job.setup]['X']}"
+        return {"text": f"no prediction without {missing}"}
+    where = (
+        f"from pose '{job.start_pose or 'home'}' with the board facing the camera {job.distance_m:g} m away"
+    )
+    try:
+        plan = plan_placement(_request(setup, job, calibration, np.array(q))).as_dict()
+    except AbortError as exc:
+        return {"text": where, "reached": 0, "problems": [f"{where}: {exc}. {exc.hint}"]}
+    reached, wanted = len(plan["poses"]), job.poses_per_placement
+    text = f"{where}: {reached} of {wanted} poses are reached"
+    predicted = plan.get("predicted")
+    if predicted is not None:
+        text += f"; {prediction_text(predicted)}, and a camera of 1280 x 800 pixels and 77 degrees"
+    found = {"text": text, "reached": reached, "wanted": wanted, "predicted": predicted}
+    return found | {"problems": list(_beyond_acceptance(job, predicted or {}))}
+
+
+def _beyond_acceptance(job: ConeCaptureConfig, predicted: Mapping[str, Any]) -> Iterator[str]:
+    """Limits of acceptance that the best case misses already: no result can pass them."""
+    for key, unit in (("error95_t_m", "m"), ("error95_r_rad", "rad")):
+        limit_key = key.replace("error95", "max_error")
+        limit, error95 = getattr(job.accept, limit_key), predicted.get(key)
+        if error95 is not None and error95 > limit:
+            yield (
+                f"accept.{limit_key} = {limit:g} {unit} is below the predicted 95 % error of "
+                f"{error95:.2g} {unit}, so no result can pass; allow more, or plan more poses"
+            )
+
+
+def _request(setup: Setup, job: ConeCaptureConfig, calibration: dict[str, Any], q: Array) -> PlanRequest:
+    target = dict(setup.targets[job.target])
+    flange = robot_from_spec(setup.values["robot"]).forward(q)
+    return PlanRequest(
+        setup=job.setup,
+        values=setup.values,
+        target=target,
+        calibration=calibration,
+        view=_assumed_view(target, q, flange, job.distance_m),
+        poses=job.poses_per_placement,
+        min_poses=job.min_poses_per_placement,
+        cone_half_angle_rad=job.cone_half_angle_rad,
+        distance_m=job.distance_m,
+        finished=[],
+        placements=job.placements,
+    )
+
+
+def _assumed_view(target: dict[str, Any], q: Array, flange: RigidTransform, distance: float) -> View:
+    """The target's points as seen along a sight line that meets its centre at right angles."""
+    points = make_target(target).points
+    # A marker's z points out of it, the other targets' z into them.
+    facing = Rotation.from_euler("x", np.pi if target["type"] == "aruco-marker" else 0.0)
+    in_camera = facing.apply(points - board_centre(points)) + np.array([0.0, 0.0, distance])
+    fx, fy, cx, cy = ASSUMED_CAMERA["K"]
+    u, v = fx * in_camera[:, 0] / in_camera[:, 2] + cx, fy * in_camera[:, 1] / in_camera[:, 2] + cy
+    return View(
+        q=[float(x) for x in q],
+        T_base_flange=[float(x) for x in to_pose6(flange)],
+        ids=list(range(len(points))),
+        corners=np.stack([u, v], axis=1).tolist(),
+        camera=ASSUMED_CAMERA,
+    )

@@ -1,0 +1,40 @@
+"""What a job's expectation knows of a cell: its configuration alone, before anything moves."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A cell as configured; the ledger and the devices may know better when a job starts.
+
+    ``roles``: role -> device; ``devices``: device -> its section, as its driver defines it. ``values``: arm,
+    tool, payload, limits and poses as a run has them (``robot``, ``observed_robot``, ``tool``,
+    ``use_kinematics``, ``payload_kg``, ``centre_of_mass_m``, ``limits``, ``poses``). ``nominal``: poses of
+    cameras and target from the drawing, (6,) m and rad, by the key of ``[robot]``. ``job``: the section of a
+    job as written, empty without one. ``calibrations``: what the ledger has, newest first; a ``CellError``
+    when it cannot be read.
+    """
+
+    roles: Mapping[str, str]
+    devices: Mapping[str, Any]
+    values: dict[str, Any]
+    nominal: Mapping[str, Sequence[float] | None]
+    targets: Mapping[str, Mapping[str, Any]]
+    job: Callable[[str], dict[str, Any]]
+    calibrations: Callable[[], list[dict[str, Any]]]
+
+    @property
+    def poses(self) -> Mapping[str, Sequence[float]]:
+        """Taught joint angles by name, rad."""
+        poses: Mapping[str, Sequence[float]] = self.values["poses"]
+        return poses
+
+    def missing(self, *roles: str) -> list[str]:
+        """One sentence for each of these roles that no device plays."""
+        return [
+            f"[robot] names no device for {role}, which the job needs; add it"
+            for role in roles
+            if role not in self.roles
+        ]
