@@ -1,31 +1,26 @@
 """The plan of a dry run as a table: every pose with every check."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from math import degrees
 from typing import Any
 
-from procedures.hand_eye.words import prediction_text
-from procedures.words import deg, mm, table
+from procedures.words import deg, table
 
 HEADER = (
     "pose", "joints (deg)", "travel (deg)", "joint range (deg)", "keep-out (mm)", "workspace (mm)",
     "floor (mm)", "self (mm)", "singular",
 )  # fmt: skip
-SWEEP_HEADER = (
-    "move", "across", "tool's point from (mm)", "to (mm)", "joint range (deg)", "keep-out (mm)",
-    "workspace (mm)", "floor (mm)", "self (mm)", "singular",
-)  # fmt: skip
 
 
 def plan_lines(plan: Mapping[str, Any]) -> list[str]:
-    """Poses or sweeps with the margin of each to each limit; nothing in it may be negative."""
+    """The poses with the margin of each to each limit; nothing in it may be negative."""
     lines = []
     if poses := plan.get("poses"):
+        about = f", cone about {plan['axis']}" if "axis" in plan else ""
         lines += [
-            f"{len(poses)} poses, cone about {plan.get('axis', 'the board')}; margins to the limits:",
+            f"{len(poses)} poses{about}; margins to the limits:",
             table(HEADER, (_row(pose) for pose in poses)),
         ]
-    lines += _sweeps(plan)
     if plan.get("travel_rad") is not None:
         lines.append(
             f"joint travel {deg(plan['travel_rad'], 0)}; "
@@ -34,35 +29,7 @@ def plan_lines(plan: Mapping[str, Any]) -> list[str]:
     if rejected := plan.get("rejected"):
         lines.append(f"{len(rejected)} poses are left out:")
         lines += [f"  {r['index']}: {r['reason']}" for r in rejected]
-    if predicted := plan.get("predicted"):
-        lines.append(prediction_text(predicted))
     return lines
-
-
-def _sweeps(plan: Mapping[str, Any]) -> list[str]:
-    """The moves of a crossed-beam job in order; 'across' says how often one crosses a beam and comes back."""
-    sweeps = plan.get("sweeps", [])
-    if not sweeps:
-        return []
-    lines = [
-        "Every move in order, with the margins to the limits where it is tightest:",
-        table(SWEEP_HEADER, map(_sweep, sweeps)),
-    ]
-    if (floor := plan.get("floor_m")) is not None:
-        lines.append(f"the tool's point does not go below {mm(floor, 1)} in base")
-    problems = plan.get("problems") or []
-    lines += [f"not possible: {problem}" for problem in problems]
-    return lines
-
-
-def _sweep(row: Mapping[str, Any]) -> list[str | None]:
-    sweeps = row.get("sweeps")
-    times = str(sweeps) if sweeps else None  # an approach crosses nothing
-    return [str(row["index"]), times, _at(row.get("from")), _at(row.get("to")), *margins(row)]
-
-
-def _at(point: Sequence[float] | None) -> str | None:
-    return None if point is None else " ".join(f"{round(1e3 * v, 1) + 0.0:.1f}" for v in point)
 
 
 def _row(pose: Mapping[str, Any]) -> list[str | None]:

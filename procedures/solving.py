@@ -10,6 +10,7 @@ from cell.errors import error
 
 P = ParamSpec("P")
 T = TypeVar("T")
+Progress = Callable[[str, int, int], None]
 LONG_S = 1.0  # a call that takes so long is not slow because caches are cold
 
 

@@ -11,8 +11,7 @@ from daemon.cli.jobs import connect
 from daemon.cli.options import ConfigOption, JsonOption
 from daemon.cli.output import out, say
 from daemon.control_client import ControlClient
-from procedures.kind import KINDS, load
-from procedures.registry import JOBS
+from procedures.kind import KINDS, Kind, load
 
 LOOK_S = 0.2
 LINE_EACH_S = 1.0
@@ -63,16 +62,22 @@ class Following:
     @property
     def drawn(self) -> str:
         """What draws the job's rows; empty when it leaves none, or nothing draws them."""
-        return KINDS[JOBS[self.job].kind].live_page if self.columns and self.job in JOBS else ""
+        kind = self._kind()
+        return kind.live_page if self.columns and kind else ""
 
     @property
     def line(self) -> str:
         """The numbers of now on one line."""
-        words = KINDS[JOBS[self.job].kind].live if self.job in JOBS else ""
-        if words:
-            line: str = load(words)(self.numbers, self.rows)
+        kind = self._kind()
+        if kind and kind.live:
+            line: str = load(kind.live)(self.numbers, self.rows)
             return line
         return ", ".join(f"{name} {value:g}" for name, value in self.numbers.items()) or "nothing yet"
+
+    def _kind(self) -> Kind | None:
+        from procedures.registry import JOBS  # with all that the jobs import
+
+        return KINDS[JOBS[self.job].kind] if self.job in JOBS else None
 
     def look(self) -> dict[str, list[list[float]]] | None:
         """What is new, by trace; None when the job that was looked at has ended."""

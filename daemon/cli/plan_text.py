@@ -17,4 +17,6 @@ def _kind_without_name(plan: Mapping[str, Any]) -> str:
     """The kind of a plan from a daemon that does not write it: two have tables of their own."""
     if "source_rule" in plan:
         return "kincal"
+    if "sweeps" in plan:
+        return "laser"
     return "iso9283" if "arrivals" in plan else "hand-eye"

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from procedures.plan_words import plan_lines
 from procedures.words import deg, mm, pose_text, sigma_text
 
 SETUPS = {
@@ -88,3 +89,9 @@ def prediction_text(predicted: Mapping[str, Any]) -> str:
         f"assuming {assumed['placements']} placements like this one, corners to {assumed['sigma_px']:g} px, "
         f"flange poses to {mm(assumed['sigma_flange_t'])} and {deg(assumed['sigma_flange_r'])}"
     )
+
+
+def cone_plan_lines(plan: Mapping[str, Any]) -> list[str]:
+    """The poses of a cone, and what is expected of them."""
+    predicted = plan.get("predicted")
+    return plan_lines(plan) + ([prediction_text(predicted)] if predicted else [])

@@ -16,8 +16,8 @@ from procedures.iso9283.plan import (
     require_same_devices,
     wanted_poses,
 )
+from procedures.laser_tracker.noise import stated_noise
 from procedures.setup import Setup
-from procedures.tracker_noise import stated_noise
 from procedures.words import mm
 
 _RANGE_M = 3.0  # where nobody says where the tracker stands

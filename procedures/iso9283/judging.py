@@ -15,8 +15,8 @@ from cell.formats.result import Result, Warning_
 from cell.poses import Array, from_pose6
 from procedures.iso9283.plan import ORDER
 from procedures.iso9283.record import read_data_set
+from procedures.laser_tracker.locating import pose6_of, registration_of
 from procedures.solving import within_limits
-from procedures.tracker.locating import pose6_of, registration_of
 
 _STAND_FACTOR, _STAND_M = 3.0, 0.0005  # of what the best place leaves, before the stand is said to have moved
 _MANY_LOST = 0.1

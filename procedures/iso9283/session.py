@@ -29,8 +29,8 @@ from procedures.iso9283.plan import (
 )
 from procedures.iso9283.record import IsoRecord
 from procedures.iso9283.states import State as S
-from procedures.tracker.aiming import AGAIN, LOST, Eye
-from procedures.tracker.locating import registration_of
+from procedures.laser_tracker.aiming import AGAIN, LOST, Eye
+from procedures.laser_tracker.locating import registration_of
 
 LOST_IN_A_ROW = 5
 PLACE_TRUST_M = 0.4  # of a reflector seen from where T_base_tracker_nominal has the tracker

@@ -5,7 +5,6 @@ from math import degrees, hypot, sqrt
 from typing import Any
 
 from procedures.laser.moved_words import axis_words, point_words
-from procedures.latency.words import hysteresis_lines
 from procedures.words import deg, mm, ms, pose_text
 
 
@@ -128,3 +127,9 @@ def _degs(values: Sequence[float]) -> str:
 
 def _unit(values: Sequence[float]) -> str:
     return "[" + ", ".join(f"{v:.5f}" for v in values) + "]"
+
+
+def hysteresis_lines(answer: Mapping[str, Any]) -> list[str]:
+    """One line when the hysteresis of the beams was measured."""
+    found = answer.get("hysteresis_m")
+    return [] if found is None else [f"  hysteresis {mm(found, 4)}"]

@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from procedures.words import mm, ms
+from procedures.laser.words import hysteresis_lines
+from procedures.words import ms
 
 
 def latency_lines(result: Mapping[str, Any], answer: Mapping[str, Any]) -> list[str]:
@@ -15,9 +16,3 @@ def latency_lines(result: Mapping[str, Any], answer: Mapping[str, Any]) -> list[
         f"  its driver takes off {ms(answer.get('applied_s'))}",
         *hysteresis_lines(answer),
     ]
-
-
-def hysteresis_lines(answer: Mapping[str, Any]) -> list[str]:
-    """One line when the hysteresis was measured."""
-    found = answer.get("hysteresis_m")
-    return [] if found is None else [f"  hysteresis {mm(found, 4)}"]

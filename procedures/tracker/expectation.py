@@ -4,13 +4,13 @@ from typing import Any
 
 from cell.errors import AbortError, CellError
 from cell.poses import Array
+from procedures.laser_tracker.noise import stated_noise
 from procedures.setup import Setup
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.feasible_poses import make_space, payload_of, robot_of
 from procedures.tracker.plan import PlanRequest, plan_sampling
 from procedures.tracker.procedure import check_payload
 from procedures.tracker.stored import load_stored
-from procedures.tracker_noise import stated_noise
 from procedures.words import mm
 
 

@@ -12,11 +12,11 @@ from calibration.identification.reflector_constant import KEY
 from calibration.identification.registration import Registration
 from cell.poses import Array
 from cell.procedure import FinishRequested, Run
-from procedures.tracker.aiming import Eye
+from procedures.laser_tracker.aiming import Eye
+from procedures.laser_tracker.locating import locate, pose6_of
 from procedures.tracker.arms import MovedArm, SampledArm, WatchedArm
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.feasible_poses import payload_of, robot_of
-from procedures.tracker.locating import locate, pose6_of
 from procedures.tracker.monuments import first_seen
 from procedures.tracker.plan import PlanRequest, SamplingPlan, Visit, measured_entries, plan_sampling
 from procedures.tracker.record import SampleRecord

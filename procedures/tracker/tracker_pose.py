@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from calibration.identification.registration import Registration, robust_register
 from cell.poses import Array
+from procedures.laser_tracker.locating import apart, pose6_of, registration_of
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.feasible_poses import Space, make_space
-from procedures.tracker.locating import apart, pose6_of, registration_of
 
 ELSEWHERE_M, ELSEWHERE_RAD = 0.03, 0.01  # a plan holds where the tracker stands no further off than this
 

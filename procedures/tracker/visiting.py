@@ -12,7 +12,7 @@ from cell.errors import CellError, error
 from cell.poses import Array
 from cell.procedure import Run
 from cell.samples import Sample
-from procedures.tracker.aiming import AGAIN, LOST, Eye
+from procedures.laser_tracker.aiming import AGAIN, LOST, Eye
 from procedures.tracker.arms import SampledArm
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.plan import Visit

@@ -13,7 +13,7 @@ from cell.errors import CellError, error
 from cell.poses import Array
 from cell.procedure import Run
 from cell.samples import Sample
-from procedures.tracker.aiming import AGAIN, Eye
+from procedures.laser_tracker.aiming import AGAIN, Eye
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.monuments import compare, moved_text
 from procedures.tracker.record import SampleRecord

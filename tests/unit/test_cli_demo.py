@@ -269,13 +269,13 @@ def test_every_step_is_of_a_job_that_there_is_with_its_number() -> None:
 def test_picks_are_good_where_the_gripper_truly_met_every_item() -> None:
     contact = {"off_m": [0.0003, 0.0004], "slide_m_s": 0.001, "taken": True}
     truth = {"belt": {"dir": [1.0, 0.0, 0.0]}, "gripper": {"contacts": [contact] * 10}}
-    subject = judge_picks({"result": {"picks": 10}}, truth)
+    subject = judge_picks({"result": {"picks": 10}}, truth, Path())
     assert subject.good
     assert "0.500" in subject.text
-    assert not judge_picks({"result": {"picks": 11}}, truth).good
+    assert not judge_picks({"result": {"picks": 11}}, truth, Path()).good
     far = {**truth, "gripper": {"contacts": [{**contact, "off_m": [0.002, 0.0]}] * 10}}
-    assert not judge_picks({"result": {"picks": 10}}, far).good
-    assert not judge_picks({"result": {"picks": 0}}, {**truth, "gripper": {"contacts": []}}).good
+    assert not judge_picks({"result": {"picks": 10}}, far, Path()).good
+    assert not judge_picks({"result": {"picks": 0}}, {**truth, "gripper": {"contacts": []}}, Path()).good
 
 
 def test_an_arm_is_good_where_it_keeps_its_promise_about_the_truth(tmp_path: Path) -> None:

@@ -16,13 +16,14 @@ from cell.errors import CellError
 from cell.poses import from_pose6
 from cell.store.files import read_json, to_json
 from cell.store.ledger import Ledger
+from daemon.cli.predict import setup_of
 from daemon.cli.replay import differences
 from daemon.config import CellConfig
 from daemon.values import robot_spec
 from fakes.object import run_virtual
 from fakes.scenario import Scenario
 from procedures.iso9283.config import Iso9283Config
-from procedures.iso9283.expectation import predict_iso9283
+from procedures.iso9283.expectation import iso9283_expectation
 from procedures.iso9283.judging import solve_iso9283
 from procedures.iso9283.plan import ORDER
 from procedures.replay import solve_again
@@ -372,7 +373,7 @@ def test_without_a_nominal_place_a_person_points_the_tracker_first(tmp_path: Pat
 
 def predicted(folder: Path, **job: Any) -> dict[str, Any]:
     config = iso_config(folder, {"cycles": 30, **job})
-    return predict_iso9283(config, Iso9283Config.model_validate(config.job_section(JOB)))
+    return iso9283_expectation(setup_of(config), Iso9283Config.model_validate(config.job_section(JOB)))
 
 
 @pytest.mark.parametrize(
@@ -394,7 +395,9 @@ def test_check_says_that_the_accepted_kinematics_are_of_other_devices(
     value = {**true_kinematics(), "serials": serials}
     ledger.accept(ledger.propose(kinematics("arm"), value, {}, 0, None), "test")
     ledger.close()
-    found = predict_iso9283(config, Iso9283Config.model_validate(config.job_section(JOB)))["problems"]
+    found = iso9283_expectation(setup_of(config), Iso9283Config.model_validate(config.job_section(JOB)))[
+        "problems"
+    ]
     assert len(found) == (0 if told is None else 1), found
     if told is not None:
         assert told in found[0]

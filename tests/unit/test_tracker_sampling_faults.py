@@ -16,7 +16,7 @@ from cell.samples import Sample
 from cell.store.files import read_json
 from fakes.object import run_virtual
 from fakes.object.tracker import ObjectTracker
-from procedures.tracker.locating import locate
+from procedures.laser_tracker.locating import locate
 from procedures.tracker.monuments import Moved, compare, drift_summary, moved_text
 from procedures.tracker.record import SampleRecord
 from procedures.tracker.watch import MonumentWatch

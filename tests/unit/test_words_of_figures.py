@@ -1,5 +1,7 @@
 """Figures that a person reads: an axis that one count cannot set, and an error beyond its 95 % bound."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -26,6 +28,6 @@ def test_an_error_between_the_bounds_is_said_to_be_as_one_of_twenty_is(tilt: flo
         "uncertainty": {"U_point_m": 0.00003, "U_tilt_rad": 0.00257},
         "inputs": {"update": {"committed": True}},
     }
-    found = judge_tool(result, {"T_flange_tool": [0.0, 0.0, 0.18, 0.0, 0.0, 0.0]})
+    found = judge_tool(result, {"T_flange_tool": [0.0, 0.0, 0.18, 0.0, 0.0, 0.0]}, Path())
     assert found.good
     assert ("beyond the 95 % bound, as 1 of 20 is" in found.text) is told

@@ -9,8 +9,7 @@ from cell.errors import error
 from procedures.belt.solve.answers import solve_adaptive, solve_classic
 from procedures.belt.solve.data import load_intercept
 from procedures.belt.solve.result import fill_result, refusal
-from procedures.hand_eye.solve.capture import Progress
-from procedures.solving import LONG_S, within_limits
+from procedures.solving import LONG_S, Progress, within_limits
 
 ADAPTIVE, CLASSIC = "adaptive", "classic"
 

@@ -1,6 +1,6 @@
 """A capture data set in memory: poses, and the corners of each observation, measured or detected."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -17,8 +17,8 @@ from cell.formats.capture import SCHEMA, Capture, Observation
 from cell.formats.reading import parse, read_json
 from cell.poses import Array, from_pose6
 from procedures.hand_eye.solve.images import other_size, read_grey, resolve_inside
+from procedures.solving import Progress
 
-Progress = Callable[[str, int, int], None]
 FILE_NAME = "capture.json"
 UNITS_T = "units.translation"
 FAR_T, _FAR_Q = 20.0, 4.0 * np.pi

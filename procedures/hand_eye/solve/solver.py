@@ -21,10 +21,10 @@ from cell.devices import Intrinsics
 from cell.errors import error
 from cell.formats.result import Result, Warning_
 from procedures.hand_eye.solve.camera import CameraChoice, check_views, choose_camera
-from procedures.hand_eye.solve.capture import FAR_T, UNITS_T, CaptureSet, Progress, load_capture
+from procedures.hand_eye.solve.capture import FAR_T, UNITS_T, CaptureSet, load_capture
 from procedures.hand_eye.solve.order_check import order_warnings
 from procedures.hand_eye.solve.result import Solved, fill_result
-from procedures.solving import LONG_S, within_limits
+from procedures.solving import LONG_S, Progress, within_limits
 
 ML = "ml"
 _MISMATCH = 0.05  # rad, or a quarter of what the arm turned

@@ -16,8 +16,7 @@ from calibration.identification.solution import Solution
 from cell.errors import error
 from cell.formats.result import Result, Warning_
 from cell.poses import Array
-from procedures.hand_eye.solve.capture import Progress
-from procedures.solving import LONG_S, within_limits
+from procedures.solving import LONG_S, Progress, within_limits
 from procedures.tracker.solve.data import KincalSet, check_match, load_kincal
 from procedures.tracker.solve.queries import Query, Wanted, load_query, load_targets
 from procedures.tracker.solve.result import Solved, fill_result
