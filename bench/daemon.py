@@ -15,7 +15,7 @@ from pathlib import Path
 import psutil
 from pyModbusTCP.client import ModbusClient
 
-from tests.wire_cell import WireCell, pause, wait_for, wire_cell
+from tests.wire_cell import WireCell, pause, shipped, wait_for, wire_cell
 
 BIND = "127.0.0.90"
 TRIGGERS = 5
@@ -62,13 +62,13 @@ asyncio.run(main())
 def main() -> None:
     with tempfile.TemporaryDirectory(prefix="cellward-bench-") as folder:
         bare = _bare_client()
-        with wire_cell(Path(folder), BIND, poses=12, placements=3) as cell:
+        with wire_cell(Path(folder), BIND, shipped("hand_eye", placements=3, poses_per_placement=12)) as cell:
             peer = subprocess.Popen(
                 [sys.executable, "-c", _BARE_LOOP, str(LAG_SECONDS)], stdout=subprocess.PIPE, text=True
             )
             idle = _usage(cell, 5.0)
             triggers = _triggers(cell)
-            cell.start_capture()
+            cell.start_job("cone-capture")
             wait_for(cell.moving, "motion", 20.0)
             busy = _usage(cell, 15.0)
             lag = cell.status()["loop_lag"]

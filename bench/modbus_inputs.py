@@ -36,6 +36,9 @@ class Blinking:
     def counts(self, t: float) -> tuple[int, ...]:
         return (int(13 * t) + 1) // 2, int(13 * t) // 2
 
+    def reboot(self, t: float) -> None:
+        """Nothing is kept."""
+
 
 def main() -> None:
     context = multiprocessing.get_context("spawn")
