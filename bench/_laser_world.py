@@ -22,6 +22,7 @@ from laser_scene import Part, _cylinder, _segments
 
 from cell.devices import InputsState, Speed
 from cell.poses import Array
+from cell.run_values import RunValues
 from cell.samples import Sample
 from daemon.worker import InlineWorker
 from procedures.laser import scan as job_scan
@@ -179,7 +180,7 @@ class _Run:
 
     def __init__(self) -> None:
         self.clock, self.worker, self.state, self.steps = _Clock(), InlineWorker(), None, 0
-        self.values: dict[str, Any] = {"poses": {}}
+        self.values = RunValues({"model": "ur10e"})
 
     def inputs(self, role: str) -> _Inputs:
         return _Inputs()

@@ -32,6 +32,7 @@ from cell.errors import error
 from cell.interruptions import Interruptions
 from cell.modelled_arm import ArmModels, ModelledArm
 from cell.motion import MotionLease
+from cell.run_values import RunValues
 from cell.traces import Trace
 
 R = TypeVar("R")
@@ -158,7 +159,7 @@ class Procedure(ABC):
     def uses(self) -> tuple[str, ...]:
         """Roles of ``[robot]`` that the job needs; it fails when one of them drops."""
 
-    def check(self, values: Mapping[str, Any]) -> None:  # noqa: B027, most jobs name nothing
+    def check(self, values: RunValues) -> None:  # noqa: B027, most jobs name nothing
         """``ARGUMENT_INVALID`` when the parameters name something that ``values`` do not have."""
 
     def proposal(self, run: "Run") -> Proposal | None:
@@ -192,7 +193,7 @@ class Run:
         cell: Cell,
         folder: Path,
         notebook: Notebook,
-        values: Mapping[str, Any],
+        values: RunValues,
         publish: Callable[[], None] = lambda: None,
         adopted: Path | None = None,
         arm_models: ArmModels | None = None,
@@ -376,7 +377,7 @@ class Run:
     def motion(self, tool: Mapping[str, Any] | None = None) -> AbstractAsyncContextManager[MotionLease]:
         """``async with run.motion() as lease``: the only way to move.
 
-        ``tool`` (as ``values["tool"]``) replaces the run's tool for this lease: a candidate that is tried.
+        ``tool`` (as ``values.tool``) replaces the run's tool for this lease: a candidate that is tried.
         When the lease ends the controller gets the run's tool again.
         """
         return self.cell.motion(self, tool)

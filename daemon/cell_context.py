@@ -4,7 +4,7 @@ import asyncio
 import logging
 from collections.abc import Callable, Mapping
 from contextlib import AbstractAsyncContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from cell.clock import Clock
@@ -68,7 +68,7 @@ class CellContext:
     def motion(
         self, run: Run, tool: Mapping[str, Any] | None = None
     ) -> AbstractAsyncContextManager[MotionLease]:
-        values = run.values if tool is None else {**run.values, "tool": tool}
+        values = run.values if tool is None else replace(run.values, tool=tool)
         guard, settings, speed = lease_settings(values)
         after = None if tool is None else lease_settings(run.values)[1]
         # The lease itself waits for an arm that is silent for a moment.

@@ -20,7 +20,7 @@ from daemon.run_making import make_run, withdraw_run
 from daemon.run_timing import RunTiming
 from daemon.state_folder import folder_lost
 from daemon.status import live_of, status_of, summary_of
-from daemon.values import resolve_values, tell_configured, with_arm_model, without_passes
+from daemon.values import recorded, resolve_values, tell_configured, with_arm_model
 from procedures.arm_setup import arm_models, with_job_limits
 
 log = logging.getLogger("cellward.engine")
@@ -95,7 +95,7 @@ class Engine:
             "config": context.config.model_dump(mode="json"),
             "parameters": dict(params),
             "job_config": procedure.config.model_dump(mode="json"),
-            "values": without_passes(values),
+            "values": recorded(values),
             "identities": self._identities(devices),
         }
         adopted = self._adoptable(adopt, procedure, conditions) if adopt is not None else None

@@ -36,7 +36,7 @@ def with_interruptions(result: Mapping[str, Any], run: Run) -> dict[str, Any]:
 
 def note_arm_model(run: Run) -> None:
     """Into the journal: the model of the arm that the run works with, and what was made with another."""
-    model = run.values["arm_model"]
+    model = run.values.arm_model
     run.note("decision", event="arm model", words=in_words(model), **model)
     for name, why in misfits(run.values).items():
         run.note("decision", event="made with another arm model", calibration=name, why=why)
@@ -64,8 +64,8 @@ def enter_proposal(run: Run, ledger: Ledger, proposal: Proposal, result: Mapping
     Where its meaning rests on the arm's kinematics, the ledger notes the model that the run worked with.
     """
     run.check_record()
-    configured = run.values["configured"].get(proposal.name)
-    model = run.values["arm_model"] if rests_on_kinematics(proposal.name) else None
+    configured = run.values.configured.get(proposal.name)
+    model = run.values.arm_model if rests_on_kinematics(proposal.name) else None
     run.proposed.add(proposal.name)
     told = with_model(result, run.values, run.proposed)
     result_id = ledger.propose(

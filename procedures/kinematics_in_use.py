@@ -1,7 +1,7 @@
 """Which model of the arm a run works with, whether it is this arm's, and what was calibrated with another.
 
-``values["arm_model"]`` is ``{"name": "controller"}``, or ``{"name": "kinematics.<device>", "version": n}``.
-The calibrated ROBOT itself is in ``values["kinematics"]["arm"]``, where only versions in effect get: a result
+``values.arm_model`` is ``{"name": "controller"}``, or ``{"name": "kinematics.<device>", "version": n}``.
+The calibrated ROBOT itself is in ``values.kinematics["arm"]``, where only versions in effect get: a result
 that is merely proposed is never used.
 """
 
@@ -10,35 +10,41 @@ from typing import Any
 
 from cell.calibrations import kinematics, on_flange, rests_on_kinematics
 from cell.errors import error
+from cell.run_values import CONTROLLER, RunValues
 
-CONTROLLER: dict[str, Any] = {"name": "controller"}
 SAME_LOAD_KG = 1e-3  # an arm bends under its load: a calibration holds for the one it was made with
 DIFFER, LOAD = "kinematics.differ", "kinematics.payload"  # codes of warnings in results
 
 
-def choose_model(values: Mapping[str, Any], device: str | None, serial: str | None) -> dict[str, Any]:
+def choose_model(values: RunValues, device: str | None, serial: str | None) -> dict[str, Any]:
     """The model for a run of ``values`` with the arm ``device`` and its ``serial`` (None: not known).
 
-    The controller's unless ``values["use_kinematics"]``; then the calibrated one in effect.
+    The controller's unless ``values.use_kinematics``; then the calibrated one in effect.
     ``KINEMATICS_MISSING`` when there is none, ``KINEMATICS_OTHER_ARM`` when it is of another arm.
     """
-    if not values.get("use_kinematics"):
+    if not values.use_kinematics:
         return dict(CONTROLLER)
-    found: Mapping[str, Any] | None = (values.get("kinematics") or {}).get("arm")
+    found: Mapping[str, Any] | None = values.kinematics.get("arm")
     if found is None or device is None:
         raise error("KINEMATICS_MISSING", "nothing was accepted yet" if device else "[robot] names no arm")
-    if why := other_arm(found, values) or other_device(found, "arm", serial):
+    if why := other_arm(found, values.robot) or other_device(found, "arm", serial):
         raise error("KINEMATICS_OTHER_ARM", why)
     name = kinematics(device)
-    return {"name": name, "version": values["versions"][name]}
+    return {"name": name, "version": values.versions[name]}
 
 
-def in_use(values: Mapping[str, Any]) -> Mapping[str, Any] | None:
+def in_use(values: RunValues) -> Mapping[str, Any] | None:
     """The calibrated ROBOT that the run works with; None where it believes the controller."""
-    if (values.get("arm_model") or CONTROLLER) == CONTROLLER:
+    if values.arm_model == CONTROLLER:
         return None
-    robot: Mapping[str, Any] = values["kinematics"]["arm"]["robot"]
+    robot: Mapping[str, Any] = _measured(values)["robot"]
     return robot
+
+
+def _measured(values: RunValues) -> Mapping[str, Any]:
+    found = values.kinematics["arm"]
+    assert found is not None, "a run goes by kinematics only when there are some"
+    return found
 
 
 def in_words(model: Mapping[str, Any]) -> str:
@@ -51,10 +57,10 @@ def in_words(model: Mapping[str, Any]) -> str:
 # -- whose kinematics they are
 
 
-def other_arm(found: Mapping[str, Any], values: Mapping[str, Any]) -> str | None:
-    """Why the kinematics ``found`` are of another arm than the controller believes this to be; else None."""
+def other_arm(found: Mapping[str, Any], robot: Mapping[str, Any]) -> str | None:
+    """Why the kinematics ``found`` are of another arm than ``robot``, which the controller believes."""
     believed = found.get("controller")
-    if believed is None or not _differ(believed, values["robot"]):
+    if believed is None or not _differ(believed, robot):
         return None
     return (
         "the kinematics in effect are of another arm: its model or factory calibration is not what this "
@@ -92,47 +98,47 @@ def _differ(a: Mapping[str, Any], b: Mapping[str, Any]) -> bool:
 # -- what was calibrated with it
 
 
-def made_otherwise(values: Mapping[str, Any], name: str) -> str | None:
+def made_otherwise(values: RunValues, name: str) -> str | None:
     """Why the version of ``name`` in effect does not fit the model in use; None when it does.
 
     A configured value comes from a drawing and fits every model.
     """
-    made = (values.get("made_with") or {}).get(name)
-    now = values.get("arm_model") or CONTROLLER
+    made = values.made_with.get(name)
+    now = values.arm_model
     if made is None or made == now:
         return None
     return (
-        f"{name} version {values['versions'][name]} was made with {in_words(made)}, and this run works with "
+        f"{name} version {values.versions[name]} was made with {in_words(made)}, and this run works with "
         f"{in_words(now)}"
     )
 
 
-def require_same_model(values: Mapping[str, Any], name: str) -> None:
+def require_same_model(values: RunValues, name: str) -> None:
     """``KINEMATICS_DIFFER`` for a value that brings measurements into the base, made with another model."""
     if why := made_otherwise(values, name):
         raise error("KINEMATICS_DIFFER", why)
 
 
-def misfits(values: Mapping[str, Any]) -> dict[str, str]:
+def misfits(values: RunValues) -> dict[str, str]:
     """By ledger name, why what is in effect does not fit the model in use."""
-    names = filter(rests_on_kinematics, values.get("made_with") or {})
+    names = filter(rests_on_kinematics, values.made_with)
     return {name: why for name in names if (why := made_otherwise(values, name))}
 
 
-def with_model(result: Mapping[str, Any], values: Mapping[str, Any], renewed: set[str]) -> dict[str, Any]:
+def with_model(result: Mapping[str, Any], values: RunValues, renewed: set[str]) -> dict[str, Any]:
     """A result that names the model it was made with, and warns of what fits it less than well.
 
     Those are values on the flange from another model, but for the ``renewed`` ones, and another load. The
     verdict is the job's own: it stays.
     """
-    model = values.get("arm_model") or CONTROLLER
+    model = values.arm_model
     warnings = [
         {"code": DIFFER, "text": text}
         for name, text in misfits(values).items()
         if on_flange(name) and name not in renewed
     ]
     if in_use(values) is not None:
-        load = other_load(values["kinematics"]["arm"], float(values["payload_kg"]))
+        load = other_load(_measured(values), values.payload_kg)
         warnings += [{"code": LOAD, "text": load}] if load else []
     inputs = {**(result.get("inputs") or {}), "arm_model": dict(model)}
     there = list(result.get("warnings") or [])

@@ -4,14 +4,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from cell.run_values import RunValues
+
 
 @dataclass(frozen=True)
 class Setup:
     """A cell as configured; the ledger and the devices may know better when a job starts.
 
     ``roles``: role -> device; ``devices``: device -> its section, as its driver defines it. ``values``: arm,
-    tool, payload, limits and poses as a run has them (``robot``, ``observed_robot``, ``tool``,
-    ``use_kinematics``, ``payload_kg``, ``centre_of_mass_m``, ``limits``, ``poses``). ``nominal``: poses of
+    tool, payload, limits and poses as a run has them. ``nominal``: poses of
     cameras and target from the drawing, (6,) m and rad, by the key of ``[robot]``. ``job``: the section of a
     job as written, empty without one. ``calibrations``: what the ledger has, newest first; a ``CellError``
     when it cannot be read.
@@ -19,7 +20,7 @@ class Setup:
 
     roles: Mapping[str, str]
     devices: Mapping[str, Any]
-    values: dict[str, Any]
+    values: RunValues
     nominal: Mapping[str, Sequence[float] | None]
     targets: Mapping[str, Mapping[str, Any]]
     job: Callable[[str], dict[str, Any]]
@@ -28,8 +29,7 @@ class Setup:
     @property
     def poses(self) -> Mapping[str, Sequence[float]]:
         """Taught joint angles by name, rad."""
-        poses: Mapping[str, Sequence[float]] = self.values["poses"]
-        return poses
+        return self.values.poses
 
     def missing(self, *roles: str) -> list[str]:
         """One sentence for each of these roles that no device plays."""

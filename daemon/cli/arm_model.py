@@ -5,9 +5,10 @@ from typing import Any
 
 from cell.calibrations import kinematics
 from cell.errors import CellError
+from cell.run_values import CONTROLLER, RunValues
 from daemon.cli.predict import ledger_rows
 from daemon.config import CellConfig
-from procedures.kinematics_in_use import CONTROLLER, in_words, misfits, other_arm, other_device, other_load
+from procedures.kinematics_in_use import in_words, misfits, other_arm, other_device, other_load
 
 SWITCH = "[robot] use_kinematics"
 
@@ -38,7 +39,10 @@ def arm_in_use(config: CellConfig) -> dict[str, Any] | None:
     text = f"moves and poses go by {in_words(model)}"
     if found is not None and not wanted:
         text += f"; {name} version {found['version']} is accepted and not used, {SWITCH} = true would use it"
-    cautions = list(misfits(_values(model, committed)).values())
+    made_with = {row["name"]: row["arm_model"] or dict(CONTROLLER) for row in committed.values()}
+    versions = {row["name"]: row["version"] for row in committed.values()}
+    values = RunValues(config.robot.robot_spec(), arm_model=model, made_with=made_with, versions=versions)
+    cautions = list(misfits(values).values())
     if found is not None and wanted:
         cautions += _unfit(config, device, found["value"])
     return {"model": model, "text": text, "cautions": cautions}
@@ -74,20 +78,11 @@ def _missing(name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     return {"text": text, "cautions": [text]}
 
 
-def _values(model: Mapping[str, Any], committed: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
-    """As a run's values have it."""
-    return {
-        "arm_model": model,
-        "made_with": {name: row["arm_model"] or dict(CONTROLLER) for name, row in committed.items()},
-        "versions": {name: row["version"] for name, row in committed.items()},
-    }
-
-
 def _unfit(config: CellConfig, device: str, value: Mapping[str, Any]) -> list[str]:
     """Why the accepted version may not be this arm's, or not its load's, as far as the config tells."""
     serial = getattr(config.device[device], "expect_serial", None)
     why = (
-        other_arm(value, {"robot": config.robot.robot_spec()}),
+        other_arm(value, config.robot.robot_spec()),
         other_device(value, "arm", serial),
         other_load(value, config.robot.payload_kg),
     )

@@ -150,7 +150,7 @@ def _require_own_arm(name: str, value: Any, config: Any) -> None:
         return
     why = other_device(value, "arm", getattr(config.device[device], "expect_serial", None))
     if why is None and config.robot.roles().get("arm") == device:
-        why = other_arm(value, {"robot": config.robot.robot_spec()})
+        why = other_arm(value, config.robot.robot_spec())
     if why is not None:
         raise error("KINEMATICS_OTHER_ARM", f"{name}: {why}")
 

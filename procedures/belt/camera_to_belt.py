@@ -1,6 +1,6 @@
 """From what the camera sees to places on the belt."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +10,7 @@ from scipy.spatial.transform import RigidTransform
 from cell.devices import ItemView
 from cell.errors import error
 from cell.poses import Array, from_pose6
+from cell.run_values import RunValues
 from procedures.belt.config import ItemLook
 from procedures.kinematics_in_use import require_same_model
 
@@ -29,9 +30,9 @@ class Sight:
     the arm than is in use.
     """
 
-    def __init__(self, values: Mapping[str, Any], belt_z_m: float, look: ItemLook) -> None:
-        known = (values["calibration"].get("eye-to-hand") or {}).get("X")
-        if known is None or "T_base_camera" not in values["versions"]:
+    def __init__(self, values: RunValues, belt_z_m: float, look: ItemLook) -> None:
+        known = (values.calibration.get("eye-to-hand") or {}).get("X")
+        if known is None or "T_base_camera" not in values.versions:
             raise error(
                 "BELT_NO_CAMERA", "T_base_camera is not calibrated: run cone-capture with setup eye-to-hand"
             )

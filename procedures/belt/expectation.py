@@ -34,9 +34,9 @@ def belt_expectation(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
         problems.append(exc.detail)
     if problems:
         return {"text": "no prediction before its errors are corrected", "problems": problems, "cautions": []}
-    model = robot_from_spec(values["robot"])
-    q_wait, q_place = (np.array(values["poses"][name]) for name in (job.wait_pose, job.place_pose))
-    tool = ToolJoints(model, from_pose6(values["tool"]["T_flange_tool"]), q_wait)
+    model = robot_from_spec(values.robot)
+    q_wait, q_place = (np.array(values.poses[name]) for name in (job.wait_pose, job.place_pose))
+    tool = ToolJoints(model, from_pose6(values.tool["T_flange_tool"]), q_wait)
     problems = list(_leans(job, tool, q_wait, q_place))
     slide, mistaken = _slide_words(job), list(belt_setup(setup, job))
     if job.belt is None:
@@ -44,7 +44,7 @@ def belt_expectation(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
         return {"text": text, "problems": problems, "cautions": mistaken}
     if problems:
         return {"text": slide, "problems": problems, "cautions": mistaken}
-    guard = MotionGuard(model, GuardLimits.from_mapping(values["limits"]), Tool.from_mapping(values["tool"]))
+    guard = MotionGuard(model, GuardLimits.from_mapping(values.limits), Tool.from_mapping(values.tool))
     expectation = Expectation(job, tool, q_wait, q_place, np.array(job.belt.dir))
     problems = expectation.unreachable(guard)
     if problems:

@@ -1,9 +1,9 @@
 """What a run of picking came to, as ``cellward.result/1``."""
 
-from collections.abc import Mapping
 from typing import Any
 
 from cell.formats.result import Result, Warning_
+from cell.run_values import RunValues
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.encoder_alarms import emergency_warnings
 from procedures.belt.item_tracking import LOOK_BACK_S, BeltWatch
@@ -11,7 +11,7 @@ from procedures.belt.items import Outcome
 
 
 def result_of(
-    watch: BeltWatch, config: BeltTrackingConfig, values: Mapping[str, Any], duration_s: float
+    watch: BeltWatch, config: BeltTrackingConfig, values: RunValues, duration_s: float
 ) -> dict[str, Any]:
     """Counters, rates and what items were lost to. The verdict warns when items were missed."""
     counts = watch.queue.counts
@@ -37,7 +37,7 @@ def result_of(
         text = f"{watch.late} pictures came more than {LOOK_BACK_S:g} s after exposure and were not used"
         warnings.append(Warning_(code="belt.late-pictures", text=text))
     warnings += emergency_warnings(watch.emergencies.told)
-    if "belt" in values["configured"] and "belt" not in values["versions"]:
+    if "belt" in values.configured and "belt" not in values.versions:
         warnings.append(Warning_(code="belt.nominal", text="m_per_count is the configured one"))
     return Result(
         kind="belt-tracking",
@@ -58,5 +58,5 @@ def result_of(
             "follow": config.follow,
             "method": config.method,
         },
-        inputs={"belt": values["belt"], "versions": dict(values["versions"])},
+        inputs={"belt": values.belt, "versions": dict(values.versions)},
     ).as_json()

@@ -16,6 +16,7 @@ from cell.errors import InputError, error
 from cell.motion import MotionLease
 from cell.poses import Array, from_pose6
 from cell.procedure import FinishRequested, Procedure, Run
+from cell.run_values import RunValues
 from procedures.arm_setup import arm_model, lease_settings
 from procedures.belt.camera_to_belt import Sight
 from procedures.belt.config import BeltTrackingConfig
@@ -55,15 +56,14 @@ class BeltTracking(Procedure):
     def uses(self) -> tuple[str, ...]:
         return ("arm", CAMERA, "belt", "gripper")
 
-    def check(self, values: Mapping[str, Any]) -> None:
+    def check(self, values: RunValues) -> None:
         for key in ("wait_pose", "place_pose"):
             name = getattr(self.config, key)
-            if name not in values["poses"]:
-                known = ", ".join(values["poses"]) or "none"
+            if name not in values.poses:
+                known = ", ".join(values.poses) or "none"
                 raise error("ARGUMENT_INVALID", f"{key} '{name}' is not in [poses]; there is {known}")
-        if values["belt"] is None:
-            raise error("BELT_NOT_CALIBRATED", "there is neither a committed nor a configured value")
-        for name in [name for name in values["versions"] if name.startswith("belt.")]:
+        belt_of(values)
+        for name in [name for name in values.versions if name.startswith("belt.")]:
             require_same_model(values, name)
         Sight(values, self.config.belt_z_m, self.config.items)
 
@@ -105,6 +105,13 @@ class BeltTracking(Procedure):
         return {**recorded, **predicted(path)}
 
 
+def belt_of(values: RunValues) -> Mapping[str, Any]:
+    """``m_per_count`` and ``dir`` of the belt; ``BELT_NOT_CALIBRATED`` when nothing says them."""
+    if values.belt is None:
+        raise error("BELT_NOT_CALIBRATED", "there is neither a committed nor a configured value")
+    return values.belt
+
+
 class _Picking:
     """Devices and values of one run."""
 
@@ -112,14 +119,14 @@ class _Picking:
         self.config, self.run, values = config, run, run.values
         self.arm, self.camera = run.arm(), run.camera(CAMERA)
         self.sight = Sight(values, config.belt_z_m, config.items)
-        self.watch = BeltWatch(run.encoder(), self.camera, self.sight, values["belt"], config)
+        self.watch = BeltWatch(run.encoder(), self.camera, self.sight, belt_of(values), config)
         self.watch.learnt = BeltLive(run).look
         self.watch.tell = lambda event, **what: run.note("decision", event=event, **what)
         self.upkeep = Upkeep(run, self.watch, config.picks)
-        self.q_wait: Array = np.array(values["poses"][config.wait_pose])
-        self.q_place: Array = np.array(values["poses"][config.place_pose])
+        self.q_wait: Array = np.array(values.poses[config.wait_pose])
+        self.q_place: Array = np.array(values.poses[config.place_pose])
         self.model = arm_model(values)
-        self.tool = ToolJoints(self.model, from_pose6(values["tool"]["T_flange_tool"]), self.q_wait)
+        self.tool = ToolJoints(self.model, from_pose6(values.tool["T_flange_tool"]), self.q_wait)
         self.guard = lease_settings(values)[0]
         for key, q in (("wait_pose", self.q_wait), ("place_pose", self.q_place)):
             lean = self.tool.lean(q)
@@ -132,7 +139,7 @@ class _Picking:
         """Keeps what the run sees and does."""
         run, encoder = self.run, self.run.encoder()
         wait = self.tool.state(self.q_wait)
-        header = header_of(self.config, run.values["belt"], encoder, wait)
+        header = header_of(self.config, belt_of(run.values), encoder, wait)
         return PickRecord(run.folder, run.clock, encoder, header)
 
     def poses(self) -> list[dict[str, Any]]:

@@ -19,6 +19,7 @@ from cell.errors import AbortError, CellError, RefusedError, error
 from cell.motion import MotionLease, measured_standstill
 from cell.poses import Array, to_pose6
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
+from cell.run_values import RunValues
 from procedures.arm_setup import arm_robot
 from procedures.hand_eye.config import ConeCaptureConfig
 from procedures.hand_eye.judging import fault_of, moved_since, repeats, shows_board
@@ -92,8 +93,8 @@ class ConeCapture(Procedure):
     def uses(self) -> tuple[str, ...]:
         return ("arm", self._camera_role)
 
-    def check(self, values: Mapping[str, Any]) -> None:
-        for key, known in (("target", values["targets"]), ("start_pose", values["poses"])):
+    def check(self, values: RunValues) -> None:
+        for key, known in (("target", values.targets), ("start_pose", values.poses)):
             name = getattr(self.config, key)
             if name is not None and name not in known:
                 raise error("ARGUMENT_INVALID", f"{key} '{name}' is unknown; there is {', '.join(known)}")
@@ -138,10 +139,10 @@ class _Capture:
     def __init__(self, config: ConeCaptureConfig, run: Run, camera: DepthCamera) -> None:
         self.config, self.run, self.camera = config, run, camera
         self.arm: Arm = run.arm()
-        self.target: dict[str, Any] = run.values["targets"][config.target]
+        self.target = dict(run.values.targets[config.target])
         self.points = target_point_count(self.target)
         self.record = CaptureRecord(run.folder)
-        self.calibration: dict[str, Any] | None = run.values["calibration"][config.setup]
+        self.calibration: dict[str, Any] | None = run.values.calibration[config.setup]
         self.start_q: Array | None = None
         self._seen_before: BoardView | None = None  # from where the arm stood before
 
@@ -298,7 +299,7 @@ class _Capture:
         assert self.calibration is not None
         request = PlanRequest(
             setup=self.config.setup,
-            values=dict(self.run.values),
+            values=self.run.values,
             target=self.target,
             calibration=self.calibration,
             view=await self._view(frame),
@@ -316,7 +317,7 @@ class _Capture:
         run = self.run
         await run.enter(S.SEARCH, "no nominal pose is configured: six small moves find it")
         start, view = await run.arm_state(), await self._view(frame)
-        moves = await run.worker.call(plan_search, dict(run.values), view)
+        moves = await run.worker.call(plan_search, run.values, view)
         views = [view]
         for i, q in enumerate(moves):
             await run.enter(S.MOVE, f"search move {i + 1} of {len(moves)}")
@@ -353,7 +354,7 @@ class _Capture:
         if interrupted is not None:
             self.start_q = np.array(interrupted["start_q"])
         elif self.config.start_pose is not None:
-            self.start_q = np.array(self.run.values["poses"][self.config.start_pose])
+            self.start_q = np.array(self.run.values.poses[self.config.start_pose])
         elif self.start_q is None:
             self.start_q = (await self.run.arm_state()).q
         await self.run.enter(S.START_POSE)

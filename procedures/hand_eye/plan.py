@@ -26,6 +26,7 @@ from calibration.targets import make_target
 from cell.devices import Intrinsics
 from cell.errors import error
 from cell.poses import Array, from_pose6, to_pose6
+from cell.run_values import RunValues
 from procedures.arm_setup import lease_settings
 
 # What a prediction assumes before anything was measured; said beside it.
@@ -70,7 +71,7 @@ class PlanRequest:
     """One placement to plan. ``calibration`` holds X, or W of an eye-to-hand setup, as six numbers each."""
 
     setup: Setup
-    values: dict[str, Any]
+    values: RunValues
     target: dict[str, Any]
     calibration: dict[str, Any]
     view: View
@@ -140,7 +141,7 @@ def plan_placement(request: PlanRequest) -> PlacementPlan:
     return PlacementPlan([Visit(p.index, [float(v) for v in p.q]) for p in plan.poses], listing)
 
 
-def plan_search(values: dict[str, Any], view: View) -> list[list[float]]:
+def plan_search(values: RunValues, view: View) -> list[list[float]]:
     """Joints of up to six small checked moves about the present pose."""
     guard, _, _ = lease_settings(values)
     start = from_pose6(view.T_base_flange)

@@ -1,5 +1,6 @@
 """What ``cellward check`` expects of a test of pose accuracy: the poses, and what the tracker can resolve."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -76,7 +77,7 @@ def _not_of_this_arm(setup: Setup, job: Iso9283Config) -> list[str]:
     try:
         rows = [r for r in setup.calibrations() if (r["name"], r["state"]) == (name, "committed")]
         if rows:
-            found = kinematics_of({**setup.values, "kinematics": {"arm": rows[0]["value"]}}, job)
+            found = kinematics_of(replace(setup.values, kinematics={"arm": rows[0]["value"]}), job)
             require_same_devices(found, job, serials)
     except CellError as exc:
         return [f"{exc}. {exc.hint}"]

@@ -14,6 +14,7 @@ from calibration.kinematics.serial import SerialChain
 from cell.errors import CellError, error
 from cell.guard import PLANNED_CLEAR_M, MotionGuard
 from cell.poses import Array, from_pose6, to_pose6
+from cell.run_values import RunValues
 from procedures.arm_setup import lease_settings
 from procedures.iso9283.config import Iso9283Config
 from procedures.kinematics_in_use import other_arm, other_device, other_load
@@ -40,7 +41,7 @@ class IsoPlan:
     listing: dict[str, Any]
 
 
-def kinematics_of(values: Mapping[str, Any], config: Iso9283Config) -> Mapping[str, Any] | None:
+def kinematics_of(values: RunValues, config: Iso9283Config) -> Mapping[str, Any] | None:
     """The calibrated arm in effect if the config wants it; ``ISO9283_NO_KINEMATICS`` when there is none.
 
     So when it is of an arm with another drawing or factory calibration; ``PAYLOAD_DIFFERS`` when it was
@@ -49,20 +50,20 @@ def kinematics_of(values: Mapping[str, Any], config: Iso9283Config) -> Mapping[s
     corrected = is_corrected(values, config)
     if not (corrected or config.registration == "kinematics"):
         return None
-    found: Mapping[str, Any] | None = (values.get("kinematics") or {}).get("arm")
+    found: Mapping[str, Any] | None = values.kinematics.get("arm")
     if found is None:
         wanted = "corrected = true" if corrected else "registration = 'kinematics'"
         raise error("ISO9283_NO_KINEMATICS", f"{wanted}, and no kinematics of the arm is in effect")
-    if why := other_load(found, float(values["payload_kg"])):
+    if why := other_load(found, float(values.payload_kg)):
         raise error("PAYLOAD_DIFFERS", why)
-    if why := other_arm(found, values):
+    if why := other_arm(found, values.robot):
         raise error("ISO9283_NO_KINEMATICS", why)
     return found
 
 
-def is_corrected(values: Mapping[str, Any], config: Iso9283Config) -> bool:
+def is_corrected(values: RunValues, config: Iso9283Config) -> bool:
     """Whether the poses are commanded through the calibrated arm: as all moves are, unless the job says."""
-    return bool(values.get("use_kinematics")) if config.corrected is None else config.corrected
+    return bool(values.use_kinematics) if config.corrected is None else config.corrected
 
 
 def require_same_devices(
@@ -78,7 +79,7 @@ def require_same_devices(
             raise error("ISO9283_NO_KINEMATICS", why)
 
 
-def point_of(values: Mapping[str, Any], config: Iso9283Config) -> list[float]:
+def point_of(values: RunValues, config: Iso9283Config) -> list[float]:
     """The reflector in the flange: as calibrated where the tracker's place is taken from the calibration."""
     if config.registration == "fit":
         return list(config.point)
@@ -94,15 +95,15 @@ def point_of(values: Mapping[str, Any], config: Iso9283Config) -> list[float]:
     return [float(v) for v in places[config.reflector]]
 
 
-def plan_iso(values: Mapping[str, Any], raw: Mapping[str, Any], q_start: list[float]) -> IsoPlan:
+def plan_iso(values: RunValues, raw: Mapping[str, Any], q_start: list[float]) -> IsoPlan:
     """Every pose with its joints; ``ISO9283_PLAN_REFUSED`` names the pose that cannot be had and why."""
     config = Iso9283Config.model_validate(raw)
     guard = lease_settings(values)[0]
-    controller = chain_of(values["robot"])
+    controller = chain_of(values.robot)
     calibrated = kinematics_of(values, config)
     corrected = is_corrected(values, config)
     chain = controller if not corrected or calibrated is None else chain_of(calibrated["robot"])
-    near = np.array(values["poses"][config.near], dtype=float)
+    near = np.array(values.poses[config.near], dtype=float)
     stations: list[Station] = []
     for name, T in wanted_poses(config, point_of(values, config)).items():
         q = _joints(name, T, near, chain)

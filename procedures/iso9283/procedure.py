@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 from cell.errors import CellError, error
 from cell.motion import run_to_its_end
 from cell.procedure import Procedure, Run
+from cell.run_values import RunValues
 from procedures.iso9283.config import Iso9283Config
 from procedures.iso9283.judging import solve_iso9283
 from procedures.iso9283.plan import kinematics_of, point_of
@@ -32,8 +33,8 @@ class Iso9283Test(Procedure):
     def uses(self) -> tuple[str, ...]:
         return ("arm", "tracker")
 
-    def check(self, values: Mapping[str, Any]) -> None:
-        poses = values["poses"]
+    def check(self, values: RunValues) -> None:
+        poses = values.poses
         if self.config.near not in poses:
             there = ", ".join(poses) or "none"
             raise error(

@@ -56,7 +56,7 @@ class Session:
     async def plan(self) -> IsoPlan:
         """The plan as it would be now; nothing moves."""
         run = self.run
-        values = {k: v for k, v in run.values.items() if k != "laser_reference"}
+        values = replace(run.values, laser_reference=None)
         q_start = [float(v) for v in (await run.arm_state()).q]
         return await run.worker.call(plan_iso, values, self.config.model_dump(), q_start)
 
@@ -174,12 +174,12 @@ class Session:
         config, values = self.config, self.run.values
         noise = self.eye.tracker.noise
         calibrated = kinematics_of(values, config)
-        version = values["versions"].get(f"kinematics.{self.arm.name}")
+        version = values.versions.get(f"kinematics.{self.arm.name}")
         header: dict[str, Any] = {
             "reflector": config.reflector,
             "point": self.point,
             "noise": {"sigma0": noise.sigma0_m, "sigma_per_m": noise.sigma_per_m},
-            "payload_kg": float(values["payload_kg"]),
+            "payload_kg": float(values.payload_kg),
             "speed_share": config.speed_share,
             "corrected": is_corrected(values, config),
             "registration": config.registration,

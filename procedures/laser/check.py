@@ -6,11 +6,19 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from cell.procedure import Procedure, Run
+from cell.run_values import RunValues
 from cell.store.files import read_json
 from procedures.laser.config import LaserCheckConfig, LaserUpdateConfig, Search
 from procedures.laser.health import keep_trends
 from procedures.laser.judging import finished_early, judge_check, judge_moved
-from procedures.laser.measurement import Measurement, check_poses, check_speeds, data_header, reference_of
+from procedures.laser.measurement import (
+    Measurement,
+    check_poses,
+    check_speeds,
+    data_header,
+    known_reference,
+    reference_of,
+)
 from procedures.laser.record import PassRecord
 from procedures.laser.solving import solve_current
 from procedures.laser.states import CHECKPOINTS, SCAN, ScanState
@@ -35,7 +43,7 @@ class LaserCheck(Procedure):
     def uses(self) -> tuple[str, ...]:
         return ("arm", "beams")
 
-    def check(self, values: Mapping[str, Any]) -> None:
+    def check(self, values: RunValues) -> None:
         check_poses({"retract_pose": self.config.retract_pose}, values)
         check_speeds(reference_of(values)["search"], values)
 
@@ -50,14 +58,14 @@ class LaserCheck(Procedure):
 
     @classmethod
     def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
-        return solved_check(path, known_of(info["values"]), info["job_config"])
+        return solved_check(path, known_of(RunValues.of(info["values"])), info["job_config"])
 
 
 def measurement_of(run: Run, config: LaserCheckConfig | LaserUpdateConfig) -> Measurement:
     """The measurement that the reference of this tool defines."""
     reference = reference_of(run.values)
     p_ref = [float(v) for v in reference["tool"]["p_ref"]]
-    search = Search.from_reference(reference, run.values["laser_floor_m"])
+    search = Search.from_reference(reference, run.values.laser_floor_m)
     return Measurement(run, search, 1, p_ref, float(reference["time_offset_s"]), config.retract_pose)
 
 
@@ -75,7 +83,7 @@ async def measure(
     async with run.motion() as lease:
         await scan.take(lease)
     await run.enter(S.SOLVE, f"{len(record.passes)} ways")
-    reference = run.values["laser_reference"]
+    reference = known_reference(run.values)
     header = data_header(measurement, reference)
     path = await asyncio.to_thread(
         record.write_data_set, header, reference["passes"], record.passes, scan.complete
@@ -87,12 +95,13 @@ async def measure(
     await keep_trends(run)
 
 
-def known_of(values: Mapping[str, Any]) -> dict[str, Any]:
+def known_of(values: RunValues) -> dict[str, Any]:
     """What judging a check needs of a run's values."""
+    reference = known_reference(values)
     return {
-        "T_flange_tool_ref": list(values["laser_reference"]["T_flange_tool"]),
-        "T_flange_tool_last": list(values["tool"]["T_flange_tool"]),
-        "offset_s": float(values["laser_reference"]["time_offset_s"]),
+        "T_flange_tool_ref": list(reference["T_flange_tool"]),
+        "T_flange_tool_last": list(values.tool["T_flange_tool"]),
+        "offset_s": float(reference["time_offset_s"]),
     }
 
 

@@ -39,7 +39,7 @@ def laser_expectation(setup: Setup, job: LaserReferenceConfig) -> dict[str, Any]
     if period is None:
         text = f"no prediction of the uncertainty: {device} has no poll_period_s"
         return {"text": f"{text}; {REACHED}", "problems": []}
-    sigma = UNDER_WAY * stated_sigma(setup.values["robot"].get("model"))
+    sigma = UNDER_WAY * stated_sigma(setup.values.robot.get("model"))
     near = near_pairs(job.most_height_pairs, job.descend_step_m, sigma)
     expected, perfect = (
         predict(
@@ -118,7 +118,7 @@ def _words(expected: Prediction, job: LaserReferenceConfig, period: float, sigma
 
 
 def _speeds(setup: Setup, job: LaserReferenceConfig) -> Iterator[str]:
-    allowed = setup.values["limits"]["speed_m_s"]
+    allowed = setup.values.limits["speed_m_s"]
     for key in SPEEDS:
         if (wanted := getattr(job, key)) > allowed:
             yield (
@@ -129,7 +129,7 @@ def _speeds(setup: Setup, job: LaserReferenceConfig) -> Iterator[str]:
 
 def _pin(setup: Setup, job: LaserReferenceConfig) -> Iterator[str]:
     """A sweep begins and ends with a free beam, and is at constant speed from edge to edge."""
-    wide = 2.0 * (job.pin_radius_m or setup.values["tool"]["radius_m"])
+    wide = 2.0 * (job.pin_radius_m or setup.values.tool["radius_m"])
     source = "pin_radius_m" if job.pin_radius_m else "[robot] tool.radius_m, as there is no pin_radius_m"
     for name, beam in (("xs", job.xs), ("ys", job.ys)):
         if wide + 2.0 * job.lead_m > beam.distance_m:

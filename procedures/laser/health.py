@@ -19,7 +19,7 @@ async def keep_trends(run: Run) -> None:
 
 
 def _numbers(run: Run, answer: dict[str, Any]) -> dict[str, float]:
-    device, tool = run.inputs("beams").name, run.values["tool"]["name"]
+    device, tool = run.inputs("beams").name, run.values.tool["name"]
     found: dict[str, Any] = {
         f"beams.latency_s.{device}": answer.get("latency_s"),
         f"beams.hysteresis_m.{device}": answer.get("hysteresis_m"),

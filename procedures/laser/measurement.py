@@ -1,7 +1,7 @@
 """What the crossed-beam jobs share: from a geometry to a checked plan, a scan, and a data set."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from cell.calibrations import laser_reference
 from cell.errors import error
 from cell.poses import from_pose6
 from cell.procedure import Run
+from cell.run_values import RunValues
 from procedures.arm_setup import arm_model, lease_settings
 from procedures.kinematics_in_use import require_same_model
 from procedures.laser.config import BEAMS, Search
@@ -60,21 +61,20 @@ class Measurement:
 
     async def request(self, tool: Mapping[str, Any] | None = None) -> PlanRequest:
         """What a plan is made from: this geometry, and where the arm stands now."""
-        values = {k: v for k, v in self.run.values.items() if k != "laser_reference"}  # it has all its passes
-        values["tool"] = dict(tool or values["tool"])
+        without_passes = replace(self.run.values, laser_reference=None, tool=tool or self.run.values.tool)
         q = (await self.run.arm_state()).q
         return PlanRequest(
-            values, self.search.model_dump(), self.p_ref, self.places, q.tolist(), self.retract_pose
+            without_passes, self.search.model_dump(), self.p_ref, self.places, q.tolist(), self.retract_pose
         )
 
     def scan(self, record: PassRecord, tool: Mapping[str, Any] | None = None) -> Scan:
         """A scan that is ready to be taken."""
         values = self.run.values
-        pose = (tool or values["tool"])["T_flange_tool"]
+        pose = (tool or values.tool)["T_flange_tool"]
         way = course(self.search, arm_model(values), pose, self.p_ref, self.places)
         _, _, speed = lease_settings(values)
-        late = self.offset_s - float(values["time_offset_s"]["beams"]["applied"])
-        sigma_m = stated_sigma(values["robot"].get("model"))
+        late = self.offset_s - float(values.time_offset_s["beams"]["applied"])
+        sigma_m = stated_sigma(values.robot.get("model"))
         return Scan(self.run, self.search, way, record, speed, late, self.retract_pose, sigma_m)
 
     async def plan_and_note(self, tool: Mapping[str, Any] | None = None) -> None:
@@ -82,39 +82,44 @@ class Measurement:
         note_plan(self.run, await self.plan(tool))
 
 
-def check_speeds(search: Mapping[str, Any], values: Mapping[str, Any]) -> None:
+def check_speeds(search: Mapping[str, Any], values: RunValues) -> None:
     """``MOTION_LIMIT`` when a sweep would be faster than the cell allows."""
-    allowed = values["limits"]["speed_m_s"]
+    allowed = values.limits["speed_m_s"]
     for key in SPEEDS:
         if search[key] > allowed:
             raise error("MOTION_LIMIT", f"{key} is {search[key]:g} m/s, [limits] speed_m_s {allowed:g} m/s")
 
 
-def check_poses(names: Mapping[str, str | None], values: Mapping[str, Any]) -> None:
+def check_poses(names: Mapping[str, str | None], values: RunValues) -> None:
     """``ARGUMENT_INVALID`` when a key names a pose that is not in ``[poses]``."""
     for key, name in names.items():
-        if name is not None and name not in values["poses"]:
-            known = ", ".join(values["poses"]) or "none"
+        if name is not None and name not in values.poses:
+            known = ", ".join(values.poses) or "none"
             raise error("ARGUMENT_INVALID", f"{key} '{name}' is not in [poses]; there is {known}")
 
 
-def reference_of(values: Mapping[str, Any]) -> dict[str, Any]:
+def known_reference(values: RunValues) -> Mapping[str, Any]:
+    """The reference in effect; ``LASER_NO_REFERENCE`` without one."""
+    if values.laser_reference is None:
+        raise error("LASER_NO_REFERENCE", f"tool '{values.tool['name']}'")
+    return values.laser_reference
+
+
+def reference_of(values: RunValues) -> Mapping[str, Any]:
     """The reference of this tool; ``LASER_NO_REFERENCE``, or ``LASER_OTHER_FIXTURE`` when it does not fit.
 
     ``KINEMATICS_DIFFER`` when its places were told by another model of the arm than is in use now. A pose
     that was taught anew means that fixture, tool or cell was moved.
     """
-    tool = values["tool"]["name"]
-    reference: dict[str, Any] | None = values.get("laser_reference")
-    if reference is None:
-        raise error("LASER_NO_REFERENCE", f"tool '{tool}'")
+    tool = values.tool["name"]
+    reference = known_reference(values)
     if reference["tool"]["id"] != tool:
         raise error("LASER_NO_REFERENCE", f"it is of tool '{reference['tool']['id']}', not '{tool}'")
     require_same_model(values, laser_reference(tool))
     search = Search.from_reference(reference, None)
     for name in BEAMS:
         beam = search.beam(name)
-        now = values["poses"].get(beam.aux)
+        now = values.poses.get(beam.aux)
         if now is None:
             raise error("LASER_OTHER_FIXTURE", f"[poses] has no '{beam.aux}' any more")
         if float(np.max(np.abs(np.array(now) - np.array(beam.q)))) > 1e-6:
@@ -128,7 +133,7 @@ def data_header(measurement: Measurement, reference: Mapping[str, Any]) -> dict[
         "R_base_flange": list(reference["R_base_flange"]),
         "beams": reference["beams"],
         "tool": reference["tool"],
-        "repeatability_m": stated_sigma(measurement.run.values["robot"].get("model")),
+        "repeatability_m": stated_sigma(measurement.run.values.robot.get("model")),
     }
 
 
@@ -152,5 +157,5 @@ def nominal_header(
             "axis_ref": T.rotation.apply([0.0, 0.0, 1.0]).tolist(),
             "radius": radius_m if radius_m is not None else tool["radius_m"],
         },
-        "repeatability_m": stated_sigma(measurement.run.values["robot"].get("model")),
+        "repeatability_m": stated_sigma(measurement.run.values.robot.get("model")),
     }

@@ -11,6 +11,7 @@ from cell.errors import CellError, error
 from cell.guard import MotionGuard, Tool
 from cell.poses import Array
 from cell.procedure import Run
+from cell.run_values import RunValues
 from procedures.arm_setup import arm_model, lease_settings
 from procedures.laser.config import Search
 from procedures.laser.path import Course, Station, course, deepest, heights_at, highest, way_out
@@ -25,7 +26,7 @@ class PlanRequest:
     ``retract`` names the pose that it ends at, None to stay above the last beam.
     """
 
-    values: dict[str, Any]
+    values: RunValues
     search: dict[str, Any]
     p_ref: list[float] | None
     places: int
@@ -47,8 +48,8 @@ def plan_scan(request: PlanRequest) -> dict[str, Any]:
         if not moves.possible:  # what comes after is told as if the tool stood beside the beam again
             moves.q = station.q
     if request.retract is not None:
-        moves.joints("retract", np.array(request.values["poses"][request.retract]))
-    return moves.as_plan(request.values["tool"], search)
+        moves.joints("retract", np.array(request.values.poses[request.retract]))
+    return moves.as_plan(request.values.tool, search)
 
 
 def plan_crossings(request: PlanRequest, beam: str, depth: float, times: int) -> dict[str, Any]:
@@ -59,7 +60,7 @@ def plan_crossings(request: PlanRequest, beam: str, depth: float, times: int) ->
     moves.sweeps(station, depth, times)
     if moves.possible:
         moves.line(_named(station, "lift"), station.at(0.0, 0.0), beam=beam, place=0)
-    return moves.as_plan(request.values["tool"], search)
+    return moves.as_plan(request.values.tool, search)
 
 
 def note_plan(run: Run, plan: Mapping[str, Any]) -> None:
@@ -79,15 +80,15 @@ def check_plan(plan: Mapping[str, Any]) -> None:
 def _begun(request: PlanRequest) -> tuple["Moves", Search]:
     """From where the arm stands, out of the fixture if need be."""
     values, search = request.values, Search.model_validate(request.search)
-    way = course(search, arm_model(values), values["tool"]["T_flange_tool"], request.p_ref, request.places)
+    way = course(search, arm_model(values), values.tool["T_flange_tool"], request.p_ref, request.places)
     moves = Moves(longer_tool(values, search.tool_margin_m), way, np.array(request.q))
     moves.leave_fixture()
     return moves, search
 
 
-def longer_tool(values: Mapping[str, Any], margin_m: float) -> MotionGuard:
+def longer_tool(values: RunValues, margin_m: float) -> MotionGuard:
     """The guard of a run's values, with a tool that is longer by ``margin_m`` than it is believed to be."""
-    guard, drawn = lease_settings(values)[0], Tool.from_mapping(values["tool"])
+    guard, drawn = lease_settings(values)[0], Tool.from_mapping(values.tool)
     length = float(np.linalg.norm(drawn.T_flange_tool.translation))
     stretch = 1.0 + margin_m / length if length > 0.0 else 1.0
     T = RigidTransform.from_components(

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 from cell.calibrations import laser_reference
 from cell.procedure import Procedure, Proposal, Run
+from cell.run_values import RunValues
 from cell.store.files import read_json
 from procedures.laser.config import LaserReferenceConfig, Search
 from procedures.laser.health import keep_trends
@@ -36,7 +37,7 @@ class LaserReference(Procedure):
     def uses(self) -> tuple[str, ...]:
         return ("arm", "beams")
 
-    def check(self, values: Mapping[str, Any]) -> None:
+    def check(self, values: RunValues) -> None:
         c = self.config
         check_poses({"xs.aux": c.xs.aux, "ys.aux": c.ys.aux, "retract_pose": c.retract_pose}, values)
         check_speeds(c.model_dump(), values)
@@ -45,7 +46,7 @@ class LaserReference(Procedure):
         answer = (run.result or {}).get("result")
         if answer is None:
             return None
-        return Proposal(laser_reference(run.values["tool"]["name"]), answer, self.config.accept.auto)
+        return Proposal(laser_reference(run.values.tool["name"]), answer, self.config.accept.auto)
 
     async def run(self, run: Run) -> None:
         await run.enter(S.PREPARE)
@@ -59,7 +60,7 @@ class LaserReference(Procedure):
         async with run.motion() as lease:
             await scan.take(lease)
         await run.enter(S.SOLVE, f"{len(record.passes)} ways")
-        tool = run.values["tool"]
+        tool = run.values.tool
         header = nominal_header(measurement, tool, self.config.pin_radius_m)
         path = await asyncio.to_thread(record.write_data_set, header, record.passes, [], scan.complete)
         run.note("solve", event="started", passes=len(record.passes))
@@ -76,22 +77,22 @@ class LaserReference(Procedure):
     @classmethod
     def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
         config = LaserReferenceConfig.model_validate(info["job_config"])
-        known = known_of(config, info["values"], info["config"]["robot"]["beams"])
+        known = known_of(config, RunValues.of(info["values"]), info["config"]["robot"]["beams"])
         return solved_reference(path, known, info["job_config"])
 
     def _measurement(self, run: Run) -> Measurement:
-        search = Search.from_config(self.config, run.values["poses"], run.inputs("beams").name)
-        offset_s = float(run.values["time_offset_s"]["beams"]["effective"])
+        search = Search.from_config(self.config, run.values.poses, run.inputs("beams").name)
+        offset_s = float(run.values.time_offset_s["beams"]["effective"])
         return Measurement(run, search, PLACES, None, offset_s, self.config.retract_pose)
 
 
-def known_of(config: LaserReferenceConfig, values: Mapping[str, Any], device: str) -> dict[str, Any]:
+def known_of(config: LaserReferenceConfig, values: RunValues, device: str) -> dict[str, Any]:
     """What a reference keeps beside what was measured."""
-    search = Search.from_config(config, values["poses"], device)
+    search = Search.from_config(config, values.poses, device)
     return {
         "search": search.model_dump(),
-        "T_flange_tool": list(values["tool"]["T_flange_tool"]),
-        "time_offset_s": float(values["time_offset_s"]["beams"]["effective"]),
+        "T_flange_tool": list(values.tool["T_flange_tool"]),
+        "time_offset_s": float(values.time_offset_s["beams"]["effective"]),
     }
 
 

@@ -108,7 +108,7 @@ class Scan:
             self._raise_missing()
         await run.enter(S.RETRACT)
         if self._retract_pose is not None:
-            await lease.move_joints(np.array(run.values["poses"][self._retract_pose]))
+            await lease.move_joints(np.array(run.values.poses[self._retract_pose]))
 
     async def _take_station(self, station: Station) -> None:
         await self._approach(station)

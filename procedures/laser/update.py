@@ -18,6 +18,7 @@ from cell.calibrations import tool_calibration
 from cell.errors import CellError
 from cell.motion import MotionLease, run_to_its_end
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
+from cell.run_values import RunValues
 from procedures.laser.check import known_of, measure, measurement_of, solved_measurement
 from procedures.laser.config import LaserUpdateConfig
 from procedures.laser.judging import DEG, not_confirmed, why_not, worth_another
@@ -26,6 +27,7 @@ from procedures.laser.measurement import (
     check_poses,
     check_speeds,
     data_header,
+    known_reference,
     reference_of,
 )
 from procedures.laser.record import DATA_FILE, SECOND, THIRD, PassRecord
@@ -84,7 +86,7 @@ class LaserUpdate(Procedure):
     def uses(self) -> tuple[str, ...]:
         return ("arm", "beams")
 
-    def check(self, values: Mapping[str, Any]) -> None:
+    def check(self, values: RunValues) -> None:
         check_poses({"retract_pose": self.config.retract_pose}, values)
         check_speeds(reference_of(values)["search"], values)
 
@@ -107,7 +109,7 @@ class LaserUpdate(Procedure):
 
     @classmethod
     def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
-        return solved_update(path, info["values"], info["job_config"], recorded)
+        return solved_update(path, RunValues.of(info["values"]), info["job_config"], recorded)
 
 
 class _Candidate:
@@ -117,8 +119,8 @@ class _Candidate:
         assert run.result is not None
         self.config, self.run, self.measurement = config, run, measurement
         self.result: dict[str, Any] = run.result
-        self.name = run.values["tool"]["name"]
-        self.tool = {**run.values["tool"], "T_flange_tool": self.result["result"]["T_flange_tool"]}
+        self.name = run.values.tool["name"]
+        self.tool = {**run.values.tool, "T_flange_tool": self.result["result"]["T_flange_tool"]}
         self.why = "the run ended before the candidate was confirmed"
         self.open: int | None = None  # the proposal's number until it is decided
 
@@ -196,7 +198,7 @@ class _Candidate:
         await self.measurement.plan_and_note(self.tool)
         await self._scan_again(scan)
         await run.enter(S.COMPARE, f"{len(record.passes)} ways")
-        reference = run.values["laser_reference"]
+        reference = known_reference(run.values)
         if not scan.complete:  # its ways are in passes.jsonl
             self.why = f"the {name} scan was finished early"
             return None
@@ -245,7 +247,7 @@ class _Candidate:
 
 
 def solved_update(
-    path: Path, values: Mapping[str, Any], config: Mapping[str, Any], recorded: Mapping[str, Any]
+    path: Path, values: RunValues, config: Mapping[str, Any], recorded: Mapping[str, Any]
 ) -> dict[str, Any]:
     """The result document of an update from its data sets, the second scan's included if there is one.
 
@@ -258,7 +260,7 @@ def solved_update(
     why = decided.get("why", "")
     if (path.parent / SECOND / path.name).exists():
         chance = config.get("false_alarm", FALSE_ALARM)
-        compared = compare_second(path, result["result"], values["laser_reference"], chance)
+        compared = compare_second(path, result["result"], known_reference(values), chance)
         why = why_not(compared, config["max_U_m"]) or why
     if why:
         not_confirmed(result, why)

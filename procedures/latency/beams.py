@@ -1,6 +1,5 @@
 """Beams as a source: the tool of a reference crosses one, and the delay shows between out and back."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar
@@ -10,6 +9,7 @@ import numpy as np
 from cell.motion import MotionLease
 from cell.poses import Array
 from cell.procedure import Run
+from cell.run_values import RunValues
 from procedures.arm_setup import lease_settings
 from procedures.laser.config import Search
 from procedures.laser.faults import fault_of
@@ -34,7 +34,7 @@ class Beams:
         self.config, self.run = config, run
         self.inputs = run.inputs(self.role)
         reference = reference_of(run.values)
-        self.search = Search.from_reference(reference, run.values["laser_floor_m"])
+        self.search = Search.from_reference(reference, run.values.laser_floor_m)
         p_ref = [float(v) for v in reference["tool"]["p_ref"]]
         self.measurement = Measurement(run, self.search, 1, p_ref, 0.0, None)
         self.measurement.check_fixture()
@@ -50,7 +50,7 @@ class Beams:
         self.passes = self.record.passes
 
     @staticmethod
-    def refuse(config: LatencyCalibrationConfig, values: Mapping[str, Any]) -> None:
+    def refuse(config: LatencyCalibrationConfig, values: RunValues) -> None:
         """Without a reference the place of the beam is unknown."""
         reference_of(values)
 

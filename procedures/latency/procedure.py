@@ -15,6 +15,7 @@ from cell.calibrations import time_offset
 from cell.errors import error
 from cell.motion import MotionLease
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
+from cell.run_values import RunValues
 from cell.store.files import to_json, write_atomic
 from procedures.laser.plan import note_plan
 from procedures.latency.beams import Beams
@@ -62,9 +63,9 @@ class LatencyCalibration(Procedure):
     def uses(self) -> tuple[str, ...]:
         return ("arm", self.config.source)
 
-    def check(self, values: Mapping[str, Any]) -> None:
+    def check(self, values: RunValues) -> None:
         self.SOURCES[self.config.source].refuse(self.config, values)
-        fastest, allowed = max(self.config.speeds_m_s), values["limits"]["speed_m_s"]
+        fastest, allowed = max(self.config.speeds_m_s), values.limits["speed_m_s"]
         if fastest > allowed:  # slowed down in silence, two speeds could become one
             raise error(
                 "MOTION_LIMIT", f"speeds_m_s has {fastest:g} m/s, [limits] speed_m_s is {allowed:g} m/s"
@@ -124,7 +125,7 @@ class LatencyCalibration(Procedure):
             "schema": SCHEMA,
             "source": source.device,
             "signal": source.signal,
-            "applied_s": run.values["time_offset_s"][self.config.source]["applied"],
+            "applied_s": run.values.time_offset_s[self.config.source]["applied"],
             **source.about(),
             "passes": source.passes,
         }

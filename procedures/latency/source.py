@@ -1,10 +1,10 @@
 """What a source of stamps has to bring so that its delay can be measured."""
 
-from collections.abc import Mapping
 from typing import Any, ClassVar, Protocol
 
 from cell.motion import MotionLease
 from cell.procedure import Run
+from cell.run_values import RunValues
 from procedures.latency.config import LatencyCalibrationConfig
 
 
@@ -15,7 +15,7 @@ class Source(Protocol):
     ``v tau`` along the way, forward one time and backward the other. It keeps the passes, solves them, holds
     the answer against its limits and proposes ``time_offset_s`` of the device. A source brings the rest:
 
-    - *name*: ``role`` is its role in ``[robot]``, the key of ``values["time_offset_s"]`` and, for the config,
+    - *name*: ``role`` is its role in ``[robot]``, the key of ``values.time_offset_s`` and, for the config,
       one more word of ``source``; it stands in ``LatencyCalibration.SOURCES``;
     - *excite* and *record*: :meth:`approach`, :meth:`excite` and :meth:`leave` move the arm, and ``passes``
       has what both streams showed on each way that can be used, with their own stamps;
@@ -35,7 +35,7 @@ class Source(Protocol):
     def __init__(self, config: LatencyCalibrationConfig, run: Run) -> None: ...
 
     @staticmethod
-    def refuse(config: LatencyCalibrationConfig, values: Mapping[str, Any]) -> None:
+    def refuse(config: LatencyCalibrationConfig, values: RunValues) -> None:
         """Raise the coded error that forbids the job with these values, before a run begins."""
         ...
 

@@ -15,6 +15,7 @@ from cell.errors import CellError, error
 from cell.formats.robot import parse_robot
 from cell.guard import PLANNED_CLEAR_M, MotionGuard
 from cell.poses import Array, from_pose6
+from cell.run_values import RunValues
 from procedures.arm_setup import lease_settings
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.occlusion import Shape, shape_of
@@ -26,12 +27,12 @@ _TRIES = 80_000
 _LOOKED_AT = 4  # times the candidates that are wanted, in one batch
 
 
-def robot_of(values: Mapping[str, Any], config: TrackerSamplingConfig) -> dict[str, Any]:
+def robot_of(values: RunValues, config: TrackerSamplingConfig) -> dict[str, Any]:
     """The ROBOT as its controller believes it, with the reflectors of the job as its tool.
 
     ``OBSERVED_MODEL_MISSING`` when nothing says what arm the observed arm is.
     """
-    given = values["robot"] if config.arm == "arm" else values.get("observed_robot")
+    given = values.robot if config.arm == "arm" else values.observed_robot
     if not given:
         raise error("OBSERVED_MODEL_MISSING")
     robot = {key: value for key, value in given.items() if key != "tool"}
@@ -42,9 +43,9 @@ def robot_of(values: Mapping[str, Any], config: TrackerSamplingConfig) -> dict[s
     return {**robot, "tool": places} if places else robot
 
 
-def payload_of(config: TrackerSamplingConfig, values: Mapping[str, Any]) -> float:
+def payload_of(config: TrackerSamplingConfig, values: RunValues) -> float:
     """What hangs on the flange, kg."""
-    return float(values["payload_kg"] if config.payload_kg is None else config.payload_kg)
+    return float(values.payload_kg if config.payload_kg is None else config.payload_kg)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +189,7 @@ class Space:
 
 
 def make_space(
-    values: Mapping[str, Any],
+    values: RunValues,
     config: TrackerSamplingConfig,
     noise: Mapping[str, float],
     T_base_tracker: Sequence[float] | None,

@@ -26,6 +26,7 @@ from calibration.identification.solution import base_covariance
 from calibration.identification.workspace import radius95
 from cell.errors import CellError, error
 from cell.poses import Array
+from cell.run_values import RunValues
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.feasible_poses import Space, make_space
 from procedures.tracker.visit_order import blocked, tour
@@ -46,7 +47,7 @@ class PlanRequest:
     ``T_base_tracker`` None: the tracker's place is not known yet.
     """
 
-    values: dict[str, Any]
+    values: RunValues
     config: dict[str, Any]
     noise: dict[str, float]
     T_base_tracker: list[float] | None
@@ -229,7 +230,7 @@ class _Planner:
     @property
     def _hub(self) -> Array:
         """Where ways meet that are not free directly."""
-        poses = self._request.values.get("poses", {})
+        poses = self._request.values.poses
         home = poses.get("home") if self._config.arm == "arm" else None
         return self._start if home is None else np.array(home, dtype=float)
 

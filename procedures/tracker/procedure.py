@@ -9,6 +9,7 @@ from cell.calibrations import kinematics
 from cell.errors import CellError, error
 from cell.motion import run_to_its_end
 from cell.procedure import Procedure, Proposal, Run
+from cell.run_values import RunValues
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.feasible_poses import payload_of, robot_of
 from procedures.tracker.health import keep_trends
@@ -37,7 +38,7 @@ class TrackerSampling(Procedure):
     def uses(self) -> tuple[str, ...]:
         return (self.config.arm, "tracker")
 
-    def check(self, values: Mapping[str, Any]) -> None:
+    def check(self, values: RunValues) -> None:
         robot_of(values, self.config)
         check_payload(self.config, values)
 
@@ -102,9 +103,9 @@ async def _keep_what_is_left(run: Run, sampling: Sampling) -> None:
         run.note("error", **second.as_dict())
 
 
-def check_payload(config: TrackerSamplingConfig, values: Mapping[str, Any]) -> None:
+def check_payload(config: TrackerSamplingConfig, values: RunValues) -> None:
     """``PAYLOAD_DIFFERS`` when what hangs on a moved arm is not what its controller is told."""
-    told = float(values["payload_kg"])
+    told = float(values.payload_kg)
     if config.arm == "arm" and abs(payload_of(config, values) - told) > PAYLOAD_SAME_KG:
         raise error(
             "PAYLOAD_DIFFERS",

@@ -4,6 +4,7 @@ import asyncio
 from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -121,7 +122,7 @@ class Sampling:
     async def plan(self) -> SamplingPlan:
         """The plan as it would be now; nothing moves."""
         stored = await self._stored_set()
-        values = {k: v for k, v in self.run.values.items() if k not in ("laser_reference", "kinematics")}
+        values = replace(self.run.values, laser_reference=None, kinematics={})
         request = PlanRequest(
             values=values,
             config=self.config.model_dump(),

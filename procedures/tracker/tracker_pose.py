@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from calibration.identification.registration import Registration, robust_register
 from cell.poses import Array
+from cell.run_values import RunValues
 from procedures.laser_tracker.locating import apart, pose6_of, registration_of
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.feasible_poses import Space, make_space
@@ -18,9 +19,7 @@ ELSEWHERE_M, ELSEWHERE_RAD = 0.03, 0.01  # a plan holds where the tracker stands
 class Place:
     """Begins with what the config says, if anything; poses that are measured make it better."""
 
-    def __init__(
-        self, config: TrackerSamplingConfig, values: Mapping[str, Any], noise: Mapping[str, float]
-    ) -> None:
+    def __init__(self, config: TrackerSamplingConfig, values: RunValues, noise: Mapping[str, float]) -> None:
         self._config, self._values, self._noise = config, values, noise
         self._names = list(config.reflectors)
         self.space: Space = make_space(values, config, noise, None)

@@ -3,7 +3,7 @@
 import json
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -138,7 +138,7 @@ def remembered(request: PlanRequest) -> dict[str, Any]:
     """The plan, made once for all runs that ask for the same; their arms stand alike to a microradian."""
     asked = asdict(request)
     asked["q"] = np.round(request.q, 6).tolist()
-    asked["values"] = {k: v for k, v in request.values.items() if k not in ("configured", "versions")}
+    asked["values"] = replace(request.values, configured={}, versions={}).as_dict()
     key = json.dumps(asked, sort_keys=True)
     if key not in _PLANS:
         _PLANS[key] = json.dumps(plan_scan(request))

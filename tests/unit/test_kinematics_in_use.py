@@ -15,6 +15,7 @@ from calibration.kinematics import robot_from_spec
 from cell.calibrations import kinematics, laser_reference
 from cell.poses import Array, exp_xi, to_pose6
 from cell.procedure import Procedure, Proposal, Run
+from cell.run_values import RunValues
 from cell.store.files import to_json
 from daemon.config import CellConfig, load_config
 from fakes.object import run_virtual
@@ -298,14 +299,14 @@ def test_the_jobs_that_look_at_the_arm_itself_need_no_version(tmp_path: Path) ->
 
     async def main() -> None:
         async with open_cell(config) as cell:
-            values = {"use_kinematics": True, "kinematics": {}, "versions": {}, "robot": {"model": "ur10e"}}
+            values = RunValues({"model": "ur10e"}, use_kinematics=True)
             from daemon.values import with_arm_model
 
             class Judge(GoThere):
                 judges_arm: ClassVar[bool] = True
 
             found = with_arm_model(values, Judge(Keys()), config, cell.supervisor)
-            assert found["arm_model"] == {"name": "controller"}
+            assert found.arm_model == {"name": "controller"}
 
     run_virtual(main())
 

@@ -8,6 +8,7 @@ import pytest
 
 from cell.calibrations import laser_reference
 from cell.errors import CellError
+from cell.run_values import RunValues
 from daemon.cli.result_text import result_text
 from fakes.object import run_virtual
 from procedures.laser.check import known_of
@@ -141,7 +142,7 @@ def test_the_job_itself_fails_for_a_tool_that_moved_and_replays_so(tmp_path: Pat
             assert cell.notes(1, "tool moved")
             assert states_of_results(cell) == [], "a check proposes nothing"
             assert replayed(cell, 1) == []
-            assert set(known_of(cell.folder(1).info["values"])) == set(KNOWN)
+            assert set(known_of(RunValues.of(cell.folder(1).info["values"]))) == set(KNOWN)
 
     run_virtual(main())
 

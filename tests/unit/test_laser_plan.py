@@ -10,6 +10,7 @@ from scipy.spatial.transform import RigidTransform
 
 from calibration.kinematics import robot_from_spec
 from cell.errors import InputError
+from cell.run_values import RunValues
 from daemon.config import load_config
 from fakes.object import run_virtual
 from fakes.scenario import Scenario
@@ -41,14 +42,13 @@ def plan(
     retract: str | None = None,
     **keys: Any,
 ) -> Any:
-    values = {
-        "robot": ROBOT,
-        "tool": tool or TOOL,
-        "payload_kg": 1.0,
-        "centre_of_mass_m": [0.0, 0.0, 0.0],
-        "limits": {"joint_accel_rad_s2": 1.4, **SHIPPED.limits, **(limits or {})},
-        "poses": {**SHIPPED.poses, "far": [SHIPPED.poses["home"][0] - 1.5, *SHIPPED.poses["home"][1:]]},
-    }
+    values = RunValues(
+        robot=ROBOT,
+        tool=tool or TOOL,
+        payload_kg=1.0,
+        limits={"joint_accel_rad_s2": 1.4, **SHIPPED.limits, **(limits or {})},
+        poses={**SHIPPED.poses, "far": [SHIPPED.poses["home"][0] - 1.5, *SHIPPED.poses["home"][1:]]},
+    )
     q = q or list(SHIPPED.poses["home"])
     return plan_scan(PlanRequest(values, search(**keys).model_dump(), None, 2, q, retract))
 

@@ -1,5 +1,7 @@
 """What has to be commanded: the believed inverse of the command must bring the *true* flange to its place."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from kincal_scene import joints, make_scene
@@ -11,6 +13,7 @@ from calibration.kinematics.families import arm_spec, robot_document
 from cell.errors import CellError
 from cell.formats.robot import parse_robot
 from cell.modelled_arm import ArmModels
+from cell.run_values import RunValues
 from procedures.iso9283.config import Iso9283Config
 from procedures.iso9283.plan import kinematics_of, require_same_devices
 
@@ -52,10 +55,11 @@ def test_a_pose_out_of_reach_is_refused_with_its_place() -> None:
 
 def test_kinematics_of_another_payload_do_not_correct() -> None:
     config = Iso9283Config.model_construct(corrected=True, registration="fit")
-    values = {"kinematics": {"arm": {"payload_kg": 2.0, "robot": {"model": "ur10e"}}}, "payload_kg": 2.0}
-    assert kinematics_of(values, config) is values["kinematics"]["arm"]  # type: ignore[index]
+    measured = {"arm": {"payload_kg": 2.0, "robot": {"model": "ur10e"}}}
+    values = RunValues({"model": "ur10e"}, kinematics=measured, payload_kg=2.0)
+    assert kinematics_of(values, config) is measured["arm"]
     with pytest.raises(CellError, match=r"measured with 2 kg, \[robot\] payload_kg is 5\.5 kg") as caught:
-        kinematics_of({**values, "payload_kg": 5.5}, config)
+        kinematics_of(replace(values, payload_kg=5.5), config)
     assert caught.value.name == "PAYLOAD_DIFFERS"
 
 

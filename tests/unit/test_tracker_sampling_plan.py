@@ -13,6 +13,7 @@ from calibration.kinematics import robot_from_spec
 from cell.errors import CellError, error
 from cell.guard import PLANNED_CLEAR_M, GuardLimits, MotionGuard, Tool
 from cell.poses import Array, from_pose6
+from cell.run_values import RunValues
 from fakes.scenario import Scenario
 from fakes.world import World
 from procedures.tracker.config import TrackerSamplingConfig
@@ -27,18 +28,17 @@ HOME = [0.6, -1.8, 1.8, -0.1, 1.57, 0.0]
 PILLAR = {"name": "pillar", "min": [-1.2, -0.9, 0.0], "max": [-0.9, -0.6, 1.5]}
 
 
-def values(**limits: Any) -> dict[str, Any]:
-    return {
-        "robot": {"model": "ur10e"},
-        "tool": {"name": "holder", "T_flange_tool": [0.0, 0.0, 0.08, 0.0, 0.0, 0.0], "radius_m": 0.06},
-        "payload_kg": 0.8,
-        "centre_of_mass_m": [0.0, 0.0, 0.0],
-        "limits": {**BRISK, "keep_out": [], **limits},
-        "poses": {"home": HOME},
-    }
+def values(**limits: Any) -> RunValues:
+    return RunValues(
+        robot={"model": "ur10e"},
+        tool={"name": "holder", "T_flange_tool": [0.0, 0.0, 0.08, 0.0, 0.0, 0.0], "radius_m": 0.06},
+        payload_kg=0.8,
+        limits={**BRISK, "keep_out": [], **limits},
+        poses={"home": HOME},
+    )
 
 
-def request(cell: dict[str, Any] | None = None, located: bool = True, **job: Any) -> PlanRequest:
+def request(cell: RunValues | None = None, located: bool = True, **job: Any) -> PlanRequest:
     section = {"reflectors": reflectors("tracker", "smr1"), "poses": 12, "max_predicted_m": 0.01, **job}
     config = TrackerSamplingConfig.model_validate(section)
     T = nominal_tracker("tracker") if located else None
@@ -142,7 +142,7 @@ def test_range_elevation_and_cone_are_told_apart() -> None:
 
 def test_many_poses_are_judged_as_the_guard_judges_each() -> None:
     limits = GuardLimits.from_mapping({**BRISK, "keep_out": [PILLAR]})
-    guard = MotionGuard(robot_from_spec({"model": "ur10e"}), limits, Tool.from_mapping(values()["tool"]))
+    guard = MotionGuard(robot_from_spec({"model": "ur10e"}), limits, Tool.from_mapping(values().tool))
     Q = np.random.default_rng(1).uniform(-np.pi, np.pi, (300, 6))
     Q[:5, 0] = 7.0
 

@@ -8,6 +8,7 @@ from calibration.kinematics import UrArm
 from calibration.kinematics.families import arm_spec
 from cell.formats.robot import parse_robot
 from cell.poses import Array
+from cell.run_values import RunValues
 from fakes.palletizer import Palletizer
 from fakes.scenario import Scenario
 from fakes.tracker_sight import BROKEN
@@ -68,7 +69,7 @@ def test_a_pose_is_not_offered_where_the_arm_stands_between_its_reflector_and_th
     seen = {}
     for radius in (None, RADIUS_M):
         config = TrackerSamplingConfig.model_validate({**section, "sight": {"link_radius_m": radius}})
-        values = {"observed_robot": palletizer()}
+        values = RunValues({"model": "ur10e"}, observed_robot=palletizer())
         space = make_space(values, config, NOISE, [4.0, 0.0, 0.6, 0.0, 0.0, np.pi])
         seen[radius] = np.isfinite(space.promise(np.array([away, beside]), np.zeros(2, dtype=np.int64)))
     assert seen[None].tolist() == [True, True]
@@ -90,7 +91,7 @@ def test_no_pose_that_is_offered_is_hidden_in_the_twin() -> None:
     offered = {}
     for radius in (None, RADIUS_M):
         job = TrackerSamplingConfig.model_validate({**config, "sight": {"link_radius_m": radius}})
-        space = make_space({"observed_robot": palletizer()}, job, NOISE, T)
+        space = make_space(RunValues({"model": "ur10e"}, observed_robot=palletizer()), job, NOISE, T)
         offered[radius] = np.isfinite(space.promise(Q, target))
     assert np.any(broken & offered[None]), "the twin's links do hide some of them"
     assert not np.any(broken & offered[RADIUS_M])

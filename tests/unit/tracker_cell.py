@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -120,7 +120,7 @@ def remembered(request: PlanRequest) -> SamplingPlan:
     """The plan, made once for all runs that ask for the same; their arms stand alike to a microradian."""
     asked = asdict(request)
     asked["q_start"] = np.round(request.q_start, 6).tolist()
-    asked["values"] = {k: v for k, v in request.values.items() if k not in ("configured", "versions")}
+    asked["values"] = replace(request.values, configured={}, versions={}).as_dict()
     key = json.dumps(asked, sort_keys=True)
     if key not in _PLANS:
         _PLANS[key] = plan_sampling(request)

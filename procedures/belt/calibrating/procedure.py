@@ -19,6 +19,7 @@ from cell.devices import EncoderState, Frame
 from cell.errors import CellError, error
 from cell.poses import from_pose6, to_pose6
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
+from cell.run_values import RunValues
 from cell.samples import Sample
 from procedures.belt.calibrating.config import BeltCalibrationConfig
 from procedures.belt.calibrating.record import CalibrationRecord
@@ -73,7 +74,7 @@ class BeltCalibration(Procedure):
         # that is jogged at its pendant is in local mode.
         return (CAMERA, "belt") if self.config.source == "camera" else ("belt",)
 
-    def check(self, values: Mapping[str, Any]) -> None:
+    def check(self, values: RunValues) -> None:
         if self.config.source == "camera":
             assert self.config.belt_z_m is not None
             Sight(values, self.config.belt_z_m, self.config.items)
@@ -168,7 +169,7 @@ class _Session:
 
     @property
     def _configured(self) -> Mapping[str, Any] | None:
-        belt: Mapping[str, Any] | None = self.run.values["configured"].get(belt_scale(self.encoder.name))
+        belt: Mapping[str, Any] | None = self.run.values.configured.get(belt_scale(self.encoder.name))
         return belt
 
     # -- by camera
@@ -294,7 +295,7 @@ class _Session:
             elif max(counts) - min(counts) > STILL_COUNTS:
                 moving = "belt"
             else:
-                tool = from_pose6(run.values["tool"]["T_flange_tool"])
+                tool = from_pose6(run.values.tool["T_flange_tool"])
                 point = np.mean([(s.T_base_flange * tool).translation for s in states], axis=0)
                 entry = {"t": now, "count": float(np.mean(counts)), "point": point.tolist()}
                 self.record.touches.append(entry)
