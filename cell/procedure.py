@@ -30,6 +30,7 @@ from cell.devices import (
 )
 from cell.errors import error
 from cell.interruptions import Interruptions
+from cell.kinds import D, as_kind
 from cell.modelled_arm import ArmModels, ModelledArm
 from cell.motion import MotionLease
 from cell.run_values import RunValues
@@ -338,7 +339,7 @@ class Run:
 
     def arm(self) -> Arm:
         """The arm of this cell; its flange poses are those of the model that the run works with."""
-        return self.as_modelled(self._device("arm"))  # type: ignore[arg-type]
+        return self.as_modelled(self.device("arm", Arm))
 
     def as_modelled(self, arm: Arm) -> Arm:
         """``arm`` with flange poses of the model that the run works with."""
@@ -346,33 +347,36 @@ class Run:
 
     def camera(self, role: str) -> DepthCamera:
         """The camera that plays ``role``."""
-        return self._device(role)  # type: ignore[return-value]
+        return self.device(role, DepthCamera)
 
     def inputs(self, role: str) -> DigitalInputs:
         """The group of digital inputs that plays ``role``."""
-        return self._device(role)  # type: ignore[return-value]
+        return self.device(role, DigitalInputs)
 
     def tracker(self) -> LaserTracker:
         """The laser tracker of this cell."""
-        return self._device("tracker")  # type: ignore[return-value]
+        return self.device("tracker", LaserTracker)
 
     def observed_arm(self) -> ObservedArm:
         """The arm that this cell reads but does not move."""
-        return self._device("observed_arm")  # type: ignore[return-value]
+        return self.device("observed_arm", ObservedArm)
 
     def encoder(self) -> Encoder:
         """The belt's encoder."""
-        return self._device("belt")  # type: ignore[return-value]
+        return self.device("belt", Encoder)
 
     def gripper(self) -> Gripper:
         """The gripper on the arm."""
-        return self._device("gripper")  # type: ignore[return-value]
+        return self.device("gripper", Gripper)
 
-    def _device(self, role: str) -> Device:
-        """Ready when it is asked for first; silent later, it says so itself where it is used."""
+    def device(self, role: str, protocol: type[D]) -> D:
+        """The device that plays ``role``, as the kind of device that the role asks for.
+
+        Ready when it is asked for first; silent later, it says so itself where it is used.
+        """
         if role not in self._devices:
             self._devices[role] = self.cell.device(role)
-        return self._devices[role]
+        return as_kind(self._devices[role], protocol)
 
     def motion(self, tool: Mapping[str, Any] | None = None) -> AbstractAsyncContextManager[MotionLease]:
         """``async with run.motion() as lease``: the only way to move.

@@ -11,6 +11,7 @@ from cell.clock import Clock
 from cell.devices import Arm, Device
 from cell.errors import CellError, error
 from cell.interruptions import InterruptionLimits, Interruptions
+from cell.kinds import as_kind
 from cell.motion import MotionBroker, MotionLease
 from cell.procedure import Proposal, Run, Worker
 from cell.spread import Spread
@@ -72,7 +73,7 @@ class CellContext:
         guard, settings, speed = lease_settings(values)
         after = None if tool is None else lease_settings(run.values)[1]
         # The lease itself waits for an arm that is silent for a moment.
-        arm: Arm = self.supervisor.devices[self._named("arm")].device  # type: ignore[assignment]
+        arm = as_kind(self.supervisor.devices[self._named("arm")].device, Arm)
         return self.broker.lease(run.as_modelled(arm), guard, settings, speed, run, after, run.steps_taken)
 
     async def propose(self, run: Run, proposal: Proposal, result: Mapping[str, Any]) -> int:

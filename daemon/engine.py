@@ -9,6 +9,7 @@ from typing import Any
 
 from cell.devices import Arm
 from cell.errors import CellError, LatchError, error
+from cell.kinds import as_kind
 from cell.procedure import PackML, Procedure, Run
 from cell.store.runs import RunFolder, load_run
 from daemon.cell_context import CellContext
@@ -259,7 +260,7 @@ class Engine:
         """Names of the devices the job uses; refused unless all are READY."""
         names = [self.context.device(role).name for role in procedure.uses()]
         if "arm" in procedure.uses():
-            arm: Arm = self.context.device("arm")  # type: ignore[assignment]
+            arm = as_kind(self.context.device("arm"), Arm)
             with suppress(CellError):  # a pause of a moment refuses no start; the check tells all else
                 await arm.wait_fresh(START_WAIT_S)
             arm.check_movable()
@@ -268,7 +269,7 @@ class Engine:
     def _arm(self) -> Arm | None:
         """The arm in whatever state it is; None in a cell without one."""
         name = self.context.config.robot.roles().get("arm")
-        return self.context.supervisor.devices[name].device if name else None  # type: ignore[return-value]
+        return as_kind(self.context.supervisor.devices[name].device, Arm) if name else None
 
     def _identities(self, devices: list[str]) -> dict[str, Any]:
         entries = ((name, self.context.supervisor.devices[name].identity) for name in devices)

@@ -12,7 +12,7 @@ from cell.procedure import PackML
 from daemon.config import CellConfig
 from daemon.config.roles import ROLES
 from daemon.engine import WAITING, Engine
-from daemon.modbus import Command
+from daemon.modbus import Command, register_table
 from daemon.warning_bits import Shown, warning_bits
 
 log = logging.getLogger("cellward.plc")
@@ -20,9 +20,6 @@ log = logging.getLogger("cellward.plc")
 ACCEPTED = 1
 REFUSED = 0x8000
 PROTOCOL_VERSION = 0x0100
-READY, BUSY, DONE, FAULT, WARNING = (1 << i for i in range(5))
-RESULT_VALID = 1 << 6
-STOPPED_BY_SAFETY, TWIN = 1 << 13, 1 << 14
 COUNTERS = {
     "picks", "misses", "missed_not_detected", "missed_out_of_zone", "missed_lost", "missed_grip_failed",
     "missed_queue_full",
@@ -146,20 +143,21 @@ class PlcFace:
         arm = self._ok("arm") and shown is None
         stopped = any(isinstance(e, CellError) and e.name in SAFETY_ERRORS for e in (engine.error, shown))
         bits = {
-            READY: waiting and not status["latched"] and arm,
-            BUSY: not waiting,
-            DONE: last is not None and engine.packml is PackML.COMPLETE,
-            FAULT: fault,
-            WARNING: bool(last and last.get("verdict") == "warn"),
-            RESULT_VALID: bool(found and last and last["verdict"] != "fail" and _stands(last)),
-            STOPPED_BY_SAFETY: stopped,
-            TWIN: self._config.cell.twin,
+            "ready": waiting and not status["latched"] and arm,
+            "busy": not waiting,
+            "done": last is not None and engine.packml is PackML.COMPLETE,
+            "fault": fault,
+            "warning": bool(last and last.get("verdict") == "warn"),
+            "result valid": bool(found and last and last["verdict"] != "fail" and _stands(last)),
+            "protective or emergency stop": stopped,
+            "twin": self._config.cell.twin,
         }
         usable = {role for role in ROLES if self._ok(role) and not self._stuck(role)}
         if not arm:
             usable.discard("arm")
-        devices = {1 << bit for role in usable if (bit := ROLES[role].status_bit) is not None}
-        return sum(bit for bit, on in bits.items() if on) + sum(devices)
+        names = {name for name, on in bits.items() if on}
+        names |= {bit for role in usable if (bit := ROLES[role].status_bit) is not None}
+        return sum(register_table().bit("status", name) for name in names)
 
     def _live_registers(self, status: Mapping[str, Any], last: Mapping[str, Any] | None) -> dict[str, float]:
         """What a job at work says of now; of one that ends or has ended, in whatever way, its counters."""

@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field, SerializeAsAny, ValidationError, create_m
 
 from cell.errors import CellError, error
 from cell.formats.robot import parse_robot
+from cell.kinds import plays
 from cell.store.files import read_json, to_json
 from daemon.config.checks import check_contradictions, check_names, check_units
 from daemon.config.drivers import DRIVERS, bindings, driver_class
@@ -28,7 +29,7 @@ from daemon.config.models import (
 )
 from daemon.config.not_in_version import take_out
 from daemon.config.plausible import check_plausible
-from daemon.config.roles import ROLES, devices_by_role, kind_of, plays
+from daemon.config.roles import ROLES, devices_by_role, kind_of
 from daemon.config.targets import TARGETS
 
 MAX_BYTES = 2**20
@@ -258,11 +259,15 @@ def _check_roles(
     named = section if isinstance(section, dict) else {}
     for role, name in devices_by_role(named, devices).items():
         found = devices[name]
-        if found is None or plays(driver := driver_class(found.driver, drivers), ROLES[role].protocol):
+        wanted = ROLES[role].protocol
+        if found is None or plays(driver := driver_class(found.driver, drivers), wanted):
             continue
         what = f"the role '{role}' needs {ROLES[role].kind}, but [device.{name}] is {kind_of(driver)}"
         if named.get(role):
-            findings.add(("robot", role), f"{what} (driver '{found.driver}')")
+            fitting = (n for n, s in devices.items() if s and plays(driver_class(s.driver, drivers), wanted))
+            known = " or ".join(f"[device.{n}]" for n in fitting)
+            fix = f"name {known}" if known else "remove the key, or add a device of that kind and name it"
+            findings.add(("robot", role), f"{what} (driver '{found.driver}'); {fix}")
         else:
             fix = f"give it another name, or name the device of the role in [robot] {role}"
             findings.add(("device", name), f"{what} (driver '{found.driver}'); {fix}")

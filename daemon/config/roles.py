@@ -5,35 +5,32 @@ from dataclasses import dataclass
 from typing import Any
 
 from cell.devices import Arm, DepthCamera, DigitalInputs, Encoder, Gripper, LaserTracker, ObservedArm
+from cell.kinds import plays
 
 
 @dataclass(frozen=True)
 class Role:
     """``protocol`` is what the device must be, ``kind`` the same in words.
 
-    ``status_bit`` is the bit of the status register that says the device is ready; None: there is none.
+    ``status_bit`` is the name, in the table of registers, of the bit that says the device is ready; None:
+    there is none.
     """
 
     protocol: type
     kind: str
-    status_bit: int | None = None
+    status_bit: str | None = None
 
 
 ROLES: dict[str, Role] = {
-    "arm": Role(Arm, "an arm that can be moved", 7),
+    "arm": Role(Arm, "an arm that can be moved", "arm ok"),
     "observed_arm": Role(ObservedArm, "an arm that is only read"),
-    "flange_camera": Role(DepthCamera, "a camera", 8),
-    "fixed_camera": Role(DepthCamera, "a camera", 8),
-    "beams": Role(DigitalInputs, "a group of digital inputs", 10),
-    "belt": Role(Encoder, "an encoder", 9),
-    "tracker": Role(LaserTracker, "a laser tracker", 11),
+    "flange_camera": Role(DepthCamera, "a camera", "camera ok"),
+    "fixed_camera": Role(DepthCamera, "a camera", "camera ok"),
+    "beams": Role(DigitalInputs, "a group of digital inputs", "beams ok"),
+    "belt": Role(Encoder, "an encoder", "encoder ok"),
+    "tracker": Role(LaserTracker, "a laser tracker", "tracker ok"),
     "gripper": Role(Gripper, "a gripper"),
 }
-
-
-def plays(driver: Any, protocol: type) -> bool:
-    """Whether a driver's devices are what ``protocol`` describes: its class lists it in ``PLAYS``."""
-    return protocol in getattr(driver, "PLAYS", ())
 
 
 def kind_of(driver: Any) -> str:

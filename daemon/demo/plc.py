@@ -10,12 +10,15 @@ from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
 from cell.errors import catalogue, error
+from daemon.modbus.table import register_table
 
 COMMAND, SEQUENCE, ARGUMENTS, HEARTBEAT, CONTROL_BITS = 0, 1, 4, 10, 11
-ENABLE = 1
+ENABLE = register_table().bit("control", "enable")
 START, FINISH, RESET, ACKNOWLEDGE, CONFIRM = 1, 2, 7, 9, 10
-READY, BUSY, ARM_OK, CAMERA_OK, BEAMS_OK = 1 << 0, 1 << 1, 1 << 7, 1 << 8, 1 << 10
-ENCODER_OK, TRACKER_OK = 1 << 9, 1 << 11
+READY, BUSY, ARM_OK, CAMERA_OK, BEAMS_OK, ENCODER_OK, TRACKER_OK = (
+    register_table().bit("status", name)
+    for name in ("ready", "busy", "arm ok", "camera ok", "beams ok", "encoder ok", "tracker ok")
+)
 COMPLETE = 17
 REFUSED = 0x8000
 STATUS_REGISTERS = 64

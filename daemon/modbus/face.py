@@ -30,8 +30,13 @@ PROTOCOL_VERSION = 0x0100
 HEARTBEAT_S = 0.1
 WATCH_S = 0.05
 SNAPSHOT_AGE_S = 0.01
-DONE_BIT, PLC_OK_BIT, TOGGLE_BIT = 1 << 2, 1 << 12, 1 << 15
-ENABLE, RESERVED_CONTROL, NO_NEW_PICKS, FAULT_RESET = 1, 2, 4, 8
+DONE_BIT, PLC_OK_BIT, TOGGLE_BIT = (
+    register_table().bit("status", name)
+    for name in ("done", "PLC heartbeat ok", "toggles with the heartbeat")
+)
+ENABLE, RESERVED_CONTROL, NO_NEW_PICKS, FAULT_RESET = (
+    register_table().bit("control", name) for name in ("enable", "reserved", "no new picks", "fault reset")
+)
 COMMAND, SEQUENCE, JOB, FLAGS, ARGUMENTS, BEAT, CONTROL = 0, 1, 2, 3, 4, 10, 11
 
 

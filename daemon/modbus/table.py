@@ -1,6 +1,7 @@
 """The register table: what stands where, and how values become registers."""
 
 import math
+import re
 import struct
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -31,6 +32,16 @@ class Register:
     @property
     def words(self) -> int:
         return WORDS[self.type]
+
+    def bit(self, name: str) -> int:
+        """The mask of a bit: ``name`` is what the table says of it, up to a colon or a bracket.
+
+        ``KeyError`` for a name that is none, or not of one bit alone.
+        """
+        found = [i for i, text in enumerate(self.bits) if re.split(r"[:(]", text)[0].strip() == name]
+        if len(found) != 1:
+            raise KeyError(f"'{name}' is not the name of one bit of {self.name}")
+        return 1 << found[0]
 
     def encode(self, value: float | None, low_first: bool) -> list[int]:
         """The registers of ``value``: None and numbers that are not finite become 0, others saturate."""
@@ -74,6 +85,13 @@ class RegisterTable:
             encoded = register.encode(values.get(register.name), low_first)
             words[register.address : register.address + register.words] = encoded
         return words
+
+    def bit(self, register: str, name: str) -> int:
+        """The mask of the bit ``name`` in ``register``; ``KeyError`` when there is none."""
+        for found in (*self.status, *self.command):
+            if found.name == register:
+                return found.bit(name)
+        raise KeyError(f"there is no register '{register}'")
 
     def value_allowed(self, address: int, value: int) -> bool:
         """Whether the PLC may write ``value`` to ``address`` of the command block.

@@ -45,6 +45,30 @@ def test_the_status_block_is_where_the_contract_has_it(name: str, address: int, 
     assert (STATUS[name].address, STATUS[name].type) == (address, type_)
 
 
+@pytest.mark.parametrize(
+    ("register", "names"),
+    [
+        (
+            "status",
+            (
+                "ready", "busy", "done", "fault", "warning", "reserved, 0", "result valid", "arm ok",
+                "camera ok", "encoder ok", "beams ok", "tracker ok", "PLC heartbeat ok",
+                "protective or emergency stop", "twin", "toggles with the heartbeat",
+            ),
+        ),
+        ("control", ("enable", "reserved", "no new picks", "fault reset")),
+    ],
+)  # fmt: skip
+def test_every_bit_is_where_the_contract_has_its_name(register: str, names: tuple[str, ...]) -> None:
+    assert [TABLE.bit(register, name) for name in names] == [2**i for i in range(len(names))]
+
+
+@pytest.mark.parametrize(("register", "name"), [("status", "redy"), ("stat", "ready"), ("run_id", "ready")])
+def test_a_bit_that_the_table_does_not_have_is_a_defect(register: str, name: str) -> None:
+    with pytest.raises(KeyError):
+        TABLE.bit(register, name)
+
+
 def test_state_numbers_are_packmls() -> None:
     names = {number: text.replace("-", "") for number, text in STATUS["packml_state"].values.items()}
     assert names == {int(state): state.name.lower() for state in PackML}

@@ -9,7 +9,6 @@ import pytest
 
 from cell.errors import CellError, catalogue
 from cell.procedure import PackML
-from daemon import plc as bits
 from daemon.config import CellConfig
 from daemon.modbus import Command
 from daemon.plc import PlcFace
@@ -22,7 +21,8 @@ pytestmark = pytest.mark.usefixtures("no_report")
 
 START, FINISH, ABORT, HALT, PAUSE, RESUME, RESET, ACCEPT, ACKNOWLEDGE, CONFIRM = range(1, 11)
 ACCEPTED = 1
-ARM_OK, CAMERA_OK = 1 << 7, 1 << 8
+READY, BUSY, DONE, FAULT, WARNING, RESULT_VALID = 1 << 0, 1 << 1, 1 << 2, 1 << 3, 1 << 4, 1 << 6
+ARM_OK, CAMERA_OK, STOPPED_BY_SAFETY, TWIN = 1 << 7, 1 << 8, 1 << 13, 1 << 14
 
 
 class Panel:
@@ -50,7 +50,7 @@ class Panel:
             await self.cell.until(lambda: self.read("prompt_id"), "a prompt")
             self.cell.plant.world.operator.move_on(self.cell.clock.now())
             assert await self.send(CONFIRM, number=self.read("prompt_id")) == ACCEPTED
-        await self.cell.until(lambda: not self.has(bits.BUSY), "the end")
+        await self.cell.until(lambda: not self.has(BUSY), "the end")
 
 
 def refusal(name: str) -> int:
@@ -71,13 +71,13 @@ def on_a_panel(config: CellConfig, script: Any) -> None:
 
 def test_a_plc_runs_a_whole_job_and_reads_what_came_of_it(tmp_path: Path) -> None:
     async def script(cell: ObjectCell, panel: Panel) -> None:
-        assert (panel.has(bits.READY), panel.has(bits.BUSY), panel.has(bits.TWIN)) == (True, False, True)
+        assert (panel.has(READY), panel.has(BUSY), panel.has(TWIN)) == (True, False, True)
         assert panel.has(ARM_OK)
         assert panel.has(CAMERA_OK)
         assert panel.read("packml_state") == PackML.IDLE
         assert await panel.send(START, job=1) == ACCEPTED
-        assert panel.has(bits.BUSY)
-        assert not panel.has(bits.READY)
+        assert panel.has(BUSY)
+        assert not panel.has(READY)
         assert (panel.read("active_job"), panel.read("run_id")) == (1, 1)
         await cell.until_state("settle")
         assert (panel.read("step"), panel.read("steps")) == (0, 8)
@@ -86,10 +86,10 @@ def test_a_plc_runs_a_whole_job_and_reads_what_came_of_it(tmp_path: Path) -> Non
         cell.plant.world.operator.move_on(cell.clock.now())
         assert await panel.send(CONFIRM, number=panel.read("prompt_id")) == ACCEPTED
         assert panel.read("prompt_id") == 0
-        await cell.until(lambda: not panel.has(bits.BUSY), "the end")
-        assert panel.has(bits.DONE)
-        assert panel.has(bits.RESULT_VALID)
-        assert not panel.has(bits.FAULT)
+        await cell.until(lambda: not panel.has(BUSY), "the end")
+        assert panel.has(DONE)
+        assert panel.has(RESULT_VALID)
+        assert not panel.has(FAULT)
         assert (panel.read("packml_state"), panel.read("run_id"), panel.read("active_job")) == (17, 1, 0)
         result = cell.result(1)
         assert panel.read("spread_within_m") == result["result"]["spread_within"]["t_norm"] > 0.0
@@ -105,14 +105,14 @@ def test_result_bits_stay_until_they_are_acknowledged(tmp_path: Path) -> None:
     async def script(cell: ObjectCell, panel: Panel) -> None:
         await panel.run_to_the_end()
         await cell.clock.sleep(3600.0)
-        assert panel.has(bits.RESULT_VALID)
+        assert panel.has(RESULT_VALID)
         assert panel.read("run_id") == 1
         assert await panel.send(ACKNOWLEDGE) == ACCEPTED
-        assert not panel.has(bits.RESULT_VALID)
-        assert not panel.has(bits.DONE)
+        assert not panel.has(RESULT_VALID)
+        assert not panel.has(DONE)
         assert (panel.read("run_id"), panel.read("predicted_95_m")) == (0, 0.0)
         await panel.run_to_the_end()
-        assert panel.has(bits.RESULT_VALID)
+        assert panel.has(RESULT_VALID)
         assert panel.read("run_id") == 2
 
     on_a_panel(write_config(tmp_path), script)
@@ -121,15 +121,15 @@ def test_result_bits_stay_until_they_are_acknowledged(tmp_path: Path) -> None:
 def test_figures_of_the_last_run_are_not_shown_beside_the_number_of_the_next(tmp_path: Path) -> None:
     async def script(cell: ObjectCell, panel: Panel) -> None:
         await panel.run_to_the_end()
-        assert panel.has(bits.RESULT_VALID)
+        assert panel.has(RESULT_VALID)
         assert panel.read("predicted_95_m") > 0.0
         assert await panel.send(START, job=1) == ACCEPTED
         assert panel.read("run_id") == 2
-        assert panel.has(bits.BUSY)
-        assert not panel.has(bits.RESULT_VALID)
+        assert panel.has(BUSY)
+        assert not panel.has(RESULT_VALID)
         assert panel.read("predicted_95_m") == 0.0
         assert await panel.send(ABORT) == ACCEPTED
-        await cell.until(lambda: not panel.has(bits.BUSY), "the end")
+        await cell.until(lambda: not panel.has(BUSY), "the end")
         assert (panel.read("run_id"), panel.read("predicted_95_m")) == (2, 0.0)
 
     on_a_panel(write_config(tmp_path), script)
@@ -140,10 +140,10 @@ def test_a_run_that_solved_nothing_shows_no_result(tmp_path: Path) -> None:
         await panel.send(START, job=1)
         await cell.until_state("move")
         assert await panel.send(ABORT) == ACCEPTED
-        await cell.until(lambda: not panel.has(bits.BUSY), "the end")
+        await cell.until(lambda: not panel.has(BUSY), "the end")
         assert panel.read("packml_state") == PackML.STOPPED
-        assert not panel.has(bits.RESULT_VALID)
-        assert not panel.has(bits.DONE)
+        assert not panel.has(RESULT_VALID)
+        assert not panel.has(DONE)
         assert cell.at_rest()
 
     on_a_panel(write_config(tmp_path), script)
@@ -196,7 +196,7 @@ def test_pause_resume_and_finish_reach_the_job(tmp_path: Path) -> None:
         assert await panel.send(RESUME) == ACCEPTED
         await cell.until_state("capture")
         assert await panel.send(FINISH) == ACCEPTED
-        await cell.until(lambda: not panel.has(bits.BUSY), "the end")
+        await cell.until(lambda: not panel.has(BUSY), "the end")
         assert panel.read("packml_state") == PackML.COMPLETE
         assert len(cell.poses(1)) < 4
 
@@ -220,10 +220,10 @@ def test_a_protective_stop_shows_its_bits_and_code_until_the_reset(tmp_path: Pat
         await panel.send(START, job=1)
         await cell.until_state("move")
         cell.plant.controller.inject("protective-stop")
-        await cell.until(lambda: not panel.has(bits.BUSY), "the end")
-        assert panel.has(bits.FAULT)
-        assert panel.has(bits.STOPPED_BY_SAFETY)
-        assert not panel.has(bits.READY)
+        await cell.until(lambda: not panel.has(BUSY), "the end")
+        assert panel.has(FAULT)
+        assert panel.has(STOPPED_BY_SAFETY)
+        assert not panel.has(READY)
         assert panel.read("error_code") == catalogue()["ARM_PROTECTIVE_STOP"].code
         assert panel.read("packml_state") == PackML.ABORTED
         assert await panel.send(RESET) == refusal("NOT_NOW")
@@ -231,9 +231,9 @@ def test_a_protective_stop_shows_its_bits_and_code_until_the_reset(tmp_path: Pat
         await cell.clock.sleep(0.1)
         assert await panel.send(START, job=1) == refusal("MOTION_LATCHED")
         assert await panel.send(RESET) == ACCEPTED
-        assert (panel.has(bits.FAULT), panel.has(bits.STOPPED_BY_SAFETY)) == (False, False)
+        assert (panel.has(FAULT), panel.has(STOPPED_BY_SAFETY)) == (False, False)
         assert (panel.read("error_code"), panel.read("packml_state")) == (0, PackML.IDLE)
-        assert panel.has(bits.READY)
+        assert panel.has(READY)
 
     on_a_panel(write_config(tmp_path), script)
 
@@ -242,13 +242,13 @@ def test_a_button_pressed_while_no_job_runs_shows_too(tmp_path: Path) -> None:
     async def script(cell: ObjectCell, panel: Panel) -> None:
         cell.plant.controller.inject("emergency-stop")
         await cell.clock.sleep(0.1)
-        assert panel.has(bits.STOPPED_BY_SAFETY)
-        assert not panel.has(bits.READY)
+        assert panel.has(STOPPED_BY_SAFETY)
+        assert not panel.has(READY)
         assert not panel.has(ARM_OK)
         cell.plant.controller.clear()
         await cell.clock.sleep(0.1)
-        assert not panel.has(bits.STOPPED_BY_SAFETY)
-        assert panel.has(bits.READY)
+        assert not panel.has(STOPPED_BY_SAFETY)
+        assert panel.has(READY)
 
     on_a_panel(write_config(tmp_path), script)
 
@@ -261,7 +261,7 @@ def test_a_lost_device_takes_its_bit_and_ready_away(tmp_path: Path) -> None:
         assert warnings_shown(panel.read("warning_bits")) == ["device_not_ready"]
         cell.plant.controller.inject("refuse")
         await cell.clock.sleep(0.1)
-        assert (panel.has(ARM_OK), panel.has(bits.READY)) == (False, False)
+        assert (panel.has(ARM_OK), panel.has(READY)) == (False, False)
 
     on_a_panel(write_config(tmp_path), script)
 
@@ -331,11 +331,11 @@ def test_a_warning_is_a_bit_beside_a_valid_result(tmp_path: Path, monkeypatch: p
 
     async def script(cell: ObjectCell, panel: Panel) -> None:
         await panel.run_to_the_end()
-        assert panel.has(bits.WARNING)
+        assert panel.has(WARNING)
         assert warnings_shown(panel.read("warning_bits")) == ["verdict_warn"]
-        assert panel.has(bits.RESULT_VALID)
+        assert panel.has(RESULT_VALID)
         await cell.engine.reset(WHO)
-        assert panel.has(bits.WARNING), "until it is acknowledged"
+        assert panel.has(WARNING), "until it is acknowledged"
 
     on_a_panel(write_config(tmp_path), script)
 
@@ -345,9 +345,9 @@ def test_a_result_beyond_a_limit_of_the_job_is_done_but_not_valid(tmp_path: Path
         await panel.run_to_the_end()
         assert cell.result(1)["verdict"] == "fail"
         assert cell.result(1)["result"] is not None
-        assert panel.has(bits.DONE)
-        assert not panel.has(bits.RESULT_VALID)
-        assert not panel.has(bits.WARNING)
+        assert panel.has(DONE)
+        assert not panel.has(RESULT_VALID)
+        assert not panel.has(WARNING)
 
     limits = {"max_error_t_m": 1e-7}
     on_a_panel(write_config(tmp_path, job={"accept": limits}), script)
