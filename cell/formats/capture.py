@@ -6,7 +6,7 @@ list in the order of the target's points with null where a point was not seen. C
 used as they are; an image is searched only where there are none.
 """
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -59,52 +59,67 @@ class Camera(Strict):
 
 
 class Charuco(Strict):
-    """ChArUco board."""
+    """A ChArUco board as OpenCV has it."""
 
-    type: Literal["charuco"]
-    squares_x: Annotated[int, Field(ge=2, le=200)]
-    squares_y: Annotated[int, Field(ge=2, le=200)]
-    square_m: Size
-    marker_m: Size
-    dictionary: str
-    legacy: bool = False
+    type: Literal["charuco"] = Field(description="kind of target")
+    squares_x: int = Field(ge=2, le=200, description="squares along x")
+    squares_y: int = Field(ge=2, le=200, description="squares along y")
+    square_m: Size = Field(description="side of a square, as measured")
+    marker_m: Size = Field(description="side of a marker, smaller than the square")
+    dictionary: str = Field(description="OpenCV's name, as in DICT_5X5_100")
+    legacy: bool = Field(default=False, description="pattern of OpenCV before 4.6")
+
+    @model_validator(mode="after")
+    def _marker_fits(self) -> Self:
+        if self.marker_m >= self.square_m:
+            raise ValueError("'marker_m' must be smaller than 'square_m'")
+        return self
 
 
 class Chessboard(Strict):
-    """Chessboard; columns and rows count inner corners."""
+    """A chessboard, counted in inner corners."""
 
-    type: Literal["chessboard"]
-    columns: Annotated[int, Field(ge=3, le=200)]
-    rows: Annotated[int, Field(ge=3, le=200)]
-    square_m: Size
+    type: Literal["chessboard"] = Field(description="kind of target")
+    columns: int = Field(ge=3, le=200, description="inner corners along x")
+    rows: int = Field(ge=3, le=200, description="inner corners along y")
+    square_m: Size = Field(description="side of a square, as measured")
 
 
 class CircleGrid(Strict):
-    """Symmetric grid of circles."""
+    """A symmetric grid of circles."""
 
-    type: Literal["circle-grid"]
-    columns: Annotated[int, Field(ge=2, le=200)]
-    rows: Annotated[int, Field(ge=2, le=200)]
-    spacing_m: Size
-    large_dot_corner: bool = False
+    type: Literal["circle-grid"] = Field(description="kind of target")
+    columns: int = Field(ge=2, le=200, description="circles along x")
+    rows: int = Field(ge=2, le=200, description="circles along y")
+    spacing_m: Size = Field(description="distance of neighbouring centres, as measured")
+    large_dot_corner: bool = Field(default=False, description="one corner has a larger circle")
 
 
 class ArucoMarker(Strict):
-    """One marker."""
+    """A single marker."""
 
-    type: Literal["aruco-marker"]
-    dictionary: str
-    id: Annotated[int, Field(ge=0, le=2**31 - 1)]
-    size_m: Size
+    type: Literal["aruco-marker"] = Field(description="kind of target")
+    dictionary: str = Field(description="OpenCV's name, as in DICT_5X5_100")
+    id: int = Field(ge=0, le=2**31 - 1, description="number of the marker in its dictionary")
+    size_m: Size = Field(description="side of the marker, as measured")
 
 
 class Points(Strict):
-    """Given points; the corners come with the observations."""
+    """Points in the target's own frame; the corners come with the observations."""
 
-    type: Literal["points"]
-    points: Annotated[list[Point], Field(min_length=1, max_length=100_000)]
+    type: Literal["points"] = Field(description="kind of target")
+    points: list[Point] = Field(
+        min_length=1, max_length=100_000, description="x, y, z of each point in the target's frame, m"
+    )
 
 
+TARGETS: dict[str, type[Strict]] = {
+    "charuco": Charuco,
+    "chessboard": Chessboard,
+    "circle-grid": CircleGrid,
+    "aruco-marker": ArucoMarker,
+    "points": Points,
+}
 TargetTable = Annotated[Charuco | Chessboard | CircleGrid | ArucoMarker | Points, Field(discriminator="type")]
 
 

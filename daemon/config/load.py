@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import BaseModel, Field, SerializeAsAny, ValidationError, create_model
 
 from cell.errors import CellError, error
+from cell.formats.capture import TARGETS
 from cell.formats.robot import parse_robot
 from cell.kinds import plays
 from cell.store.files import read_json, to_json
@@ -30,7 +31,6 @@ from daemon.config.models import (
 from daemon.config.not_in_version import take_out
 from daemon.config.plausible import check_plausible
 from daemon.config.roles import ROLES, devices_by_role, kind_of
-from daemon.config.targets import TARGETS
 
 MAX_BYTES = 2**20
 

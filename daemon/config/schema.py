@@ -7,10 +7,10 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema, models_json_schema
 
+from cell.formats.capture import TARGETS
 from daemon.config.drivers import DRIVERS, driver_class
 from daemon.config.load import device_model
 from daemon.config.models import FixedSections
-from daemon.config.targets import TARGETS
 
 
 class SchemaWithDefaults(GenerateJsonSchema):

@@ -6,10 +6,10 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from cell.formats.capture import TARGETS
 from daemon.config.drivers import DRIVERS, driver_class
 from daemon.config.models import FixedSections
 from daemon.config.schema import SchemaWithDefaults
-from daemon.config.targets import TARGETS
 from daemon.docs.page import cell, page
 
 HEAD = """
