@@ -11,6 +11,9 @@ from cell.clock import Clock
 from cell.errors import CellError, error
 from cell.samples import Sample, Stream
 
+# The meaning of ``time_offset_s``, the same for every device.
+TIME_OFFSET = "Subtracted from every stamp, s: positive when samples are stamped later than they were taken"
+
 
 class Life:
     """``begin`` at each opening, ``lose`` at the first failure, ``end`` when the device is closed; what ended

@@ -11,6 +11,7 @@ from daemon.config.roles import ROLES
 
 MAX_LENGTH_M = 20.0
 MAX_ANGLE_RAD = 4.0 * math.pi
+SIGN_WAS_PLUS = {"ur", "oak", "drivers.ur:UrArm", "drivers.oak:OakCamera"}
 LARGEST = 1e300  # TOML's whole numbers have no limit; NaN compares with nothing
 
 
@@ -69,6 +70,7 @@ def check_contradictions(raw: Mapping[str, Any], findings: Findings) -> None:
     _check_twin(raw, findings)
     _check_modbus(raw, findings)
     _check_limits(raw, findings)
+    _check_time_offsets(raw, findings)
     if _table(raw, "robot").get("use_kinematics") is True and not _has_arm(raw):
         findings.add(("robot", "use_kinematics"), "there is no arm whose kinematics could be used")
 
@@ -89,6 +91,20 @@ def _check_twin(raw: Mapping[str, Any], findings: Findings) -> None:
             )
     if cell.get("clock") is not None and twin is not True:
         findings.add(("cell", "clock"), "another clock is only possible with twin = true")
+
+
+def _check_time_offsets(raw: Mapping[str, Any], findings: Findings) -> None:
+    """A file that was written for the other sign would shift the stamps by twice the offset."""
+    for name, section in _table(raw, "device").items():
+        if not isinstance(section, dict):
+            continue
+        driver, offset = section.get("driver"), section.get("time_offset_s")
+        if isinstance(driver, str) and driver in SIGN_WAS_PLUS and _is_number(offset) and offset != 0:
+            findings.warn(
+                ("device", name, "time_offset_s"),
+                f"{offset:g} s is subtracted from the stamps, as for every device; an arm and a camera added"
+                " it in configurations of November 2026 and before: change the sign of such a value",
+            )
 
 
 def _check_modbus(raw: Mapping[str, Any], findings: Findings) -> None:

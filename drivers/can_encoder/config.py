@@ -5,6 +5,7 @@ from typing import Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from drivers.can_encoder.place import Place, parse_place
+from drivers.life import TIME_OFFSET
 
 
 class BusConfig(BaseModel):
@@ -28,7 +29,7 @@ class BusConfig(BaseModel):
         default=0.0,
         ge=-0.1,
         le=0.1,
-        description="Subtracted from the stamps: how much later than it was taken a position is stamped",
+        description=TIME_OFFSET,
     )
 
     @field_validator("bus")

@@ -6,6 +6,7 @@ from typing import Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from drivers.digital import InputConfig
+from drivers.life import TIME_OFFSET
 from drivers.modbus_inputs.link import LinkSettings, TlsFiles
 from drivers.modbus_inputs.models import GENERIC, MODELS, CounterPlace, LevelPlace, ModuleModel, Table
 from drivers.modbus_inputs.place import Place, parse_url
@@ -83,7 +84,7 @@ class InputsConfig(_Section):
         default=0.0,
         ge=-0.1,
         le=0.1,
-        description="Subtracted from the stamps: how much later the module shows what its inputs see",
+        description=TIME_OFFSET,
     )
     timeout_s: float = Field(default=0.2, ge=0.005, le=2.0, description="Longest wait for one reply")
     connect_timeout_s: float = Field(

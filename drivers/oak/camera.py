@@ -99,7 +99,7 @@ class OakCamera:
         fresh: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
         def look(sample: Sample[Frame]) -> None:
-            if sample.t - sample.dt >= called and not fresh.done():
+            if sample.t + self.config.time_offset_s - sample.dt >= called and not fresh.done():
                 fresh.set_result(None)
 
         unsubscribe = self.frames.subscribe(look)
@@ -197,7 +197,7 @@ class OakCamera:
             self._push(frame_from_json(message["frame"]))
 
     def _push(self, frame: Frame) -> None:
-        ahead = frame.t_exposure - self._clock.now()
+        ahead = frame.t_exposure + self.config.time_offset_s - self._clock.now()
         if ahead > _FUTURE_S:
             raise error("PROTOCOL_VIOLATION", f"{self.name}: frame {frame.seq} is {ahead:.3f} s ahead of now")
         last = self.frames.last()
@@ -211,7 +211,7 @@ class OakCamera:
         limit = self.config.frame_timeout_s
         while not link.lost.done():
             last = self.frames.last()
-            if last is not None and self._clock.now() - last.t > limit:
+            if last is not None and self._clock.now() - last.t - self.config.time_offset_s > limit:
                 link.lose(
                     error("DEVICE_LOST", f"{self.name}: no new frame for {limit:.1f} s{self._newest()}")
                 )

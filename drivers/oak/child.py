@@ -212,7 +212,7 @@ class VisionChild:
         grey = cv2.cvtColor(shot.colour, cv2.COLOR_BGR2GRAY)
         frame = Frame(
             seq=shot.seq,
-            t_exposure=shot.t_exposure + time_offset_s,
+            t_exposure=shot.t_exposure - time_offset_s,
             exposure_s=shot.exposure_s,
             intrinsics=shot.intrinsics,
             board=self._board(grey),

@@ -4,6 +4,8 @@ from typing import Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from drivers.life import TIME_OFFSET
+
 FRAMES_SCHEME = "frames+unix://"
 
 
@@ -21,7 +23,7 @@ class OakConfig(BaseModel):
     fps: float = Field(10.0, ge=1.0, le=60.0, description="pictures a second")
     exposure_s: float | None = Field(None, gt=0, le=0.033, description="absent: automatic exposure")
     iso: int = Field(200, ge=100, le=1600, description="sensor gain with a fixed exposure")
-    time_offset_s: float = Field(0.0, ge=-0.5, le=0.5, description="added to every exposure stamp")
+    time_offset_s: float = Field(0.0, ge=-0.5, le=0.5, description=TIME_OFFSET)
     frame_timeout_s: float = Field(
         2.5,
         ge=0.2,

@@ -6,6 +6,7 @@ from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from drivers.life import TIME_OFFSET
 from drivers.modbus_inputs.config import RegisterTable, SerialConfig, WordOrder
 from drivers.modbus_inputs.link import LinkSettings
 from drivers.modbus_inputs.place import parse_url
@@ -113,9 +114,7 @@ class ObservedArmConfig(_Section):
     lost_after_failures: int = Field(
         default=3, ge=1, le=20, description="Polls in a row without an answer that end the link"
     )
-    time_offset_s: float = Field(
-        default=0.0, ge=-5.0, le=5.0, description="Subtracted from the stamps: how late the numbers are"
-    )
+    time_offset_s: float = Field(default=0.0, ge=-5.0, le=5.0, description=TIME_OFFSET)
     model: str = Field(default="observed arm", min_length=1, description="What it is, if it cannot tell")
     serial: SerialConfig | None = Field(
         default=None, description="Where the serial number is, if function 43 does not tell it"

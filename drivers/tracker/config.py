@@ -2,6 +2,8 @@
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from drivers.life import TIME_OFFSET
+
 
 class TrackerSection(BaseModel):
     """Unknown keys are errors; lengths in metres, angles in radians."""
@@ -19,7 +21,7 @@ class TrackerConfig(TrackerSection):
         default=0.0,
         ge=-0.5,
         le=5.0,
-        description="Subtracted from the stamps of all readings: how old they are when they come",
+        description=TIME_OFFSET,
     )
     connect_timeout_s: float = Field(
         default=3.0, gt=0.0, le=15.0, description="longest wait for a connection, s"

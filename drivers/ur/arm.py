@@ -125,7 +125,7 @@ class UrArm:
         fresh: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
         def look(sample: Sample[ArmState]) -> None:
-            if sample.t > asked and not fresh.done():
+            if sample.t + self._config.time_offset_s > asked and not fresh.done():
                 fresh.set_result(None)
 
         either: list[asyncio.Future[Any]] = [fresh, self._lost_future]

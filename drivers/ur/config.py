@@ -2,6 +2,8 @@
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from drivers.life import TIME_OFFSET
+
 
 class UrConfig(BaseModel):
     """Keys of a device with ``driver = "ur"``. The defaults suit an e-series arm."""
@@ -18,7 +20,7 @@ class UrConfig(BaseModel):
         default=0.0,
         ge=-0.1,
         le=0.1,
-        description="Added to the arm's stamps; the one-way delay, which only a job can measure",
+        description=TIME_OFFSET,
     )
     connect_timeout_s: float = Field(
         default=3.0, gt=0.0, le=30.0, description="longest wait for a connection, s"

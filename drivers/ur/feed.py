@@ -176,7 +176,7 @@ class StateFeed:
             number = round((stamp - self._origin) * self._frequency_hz)
             self._seq = max(number, self._seq + 1)
         # The envelope may settle by more than a period right after a connect; order is kept.
-        self._t = t = max(self._fresh + self._time_offset_s, self._t)
+        self._t = t = max(self._fresh - self._time_offset_s, self._t)
         self._stamp, self._offset = stamp, arrival - stamp
         state = ArmState(
             q=block[1:7],

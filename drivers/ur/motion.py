@@ -409,7 +409,7 @@ class UrMotion:
         seen: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
 
         def look(sample: Sample[ArmState]) -> None:
-            late = sample.t - self._config.time_offset_s - began > timeout
+            late = sample.t + self._config.time_offset_s - began > timeout
             if not seen.done() and (holds() or late):
                 seen.set_result(holds())
 
@@ -425,7 +425,7 @@ class UrMotion:
 
     def _note_program(self, sample: Sample[ArmState]) -> None:
         # A configured offset shifts the arm's samples, and not the kicks that they are compared with.
-        self.script.note(self._arm.feed.runtime_state, sample.t - self._config.time_offset_s)
+        self.script.note(self._arm.feed.runtime_state, sample.t + self._config.time_offset_s)
 
     def _newest(self) -> Sample[ArmState]:
         return self._arm.state.latest(self._config.silent_after_s)

@@ -23,7 +23,10 @@ class ObjectEncoderConfig(BaseModel):
     expect_serial: str | None = None
     delay_s: float = Field(default=0.001, ge=0, le=0.1, description="from a position to its being readable")
     time_offset_s: float = Field(
-        default=0.0, ge=-0.1, le=0.1, description="known delay of the source, subtracted from the stamps"
+        default=0.0,
+        ge=-0.1,
+        le=0.1,
+        description="Subtracted from every stamp, s: positive when stamps are late",
     )
     lost_after_s: float = Field(default=0.25, gt=0, le=10)
 

@@ -24,7 +24,10 @@ class ObjectInputsConfig(BaseModel):
         default=0.0005, ge=0, le=0.02, description="from request to reply; the module looks some time between"
     )
     time_offset_s: float = Field(
-        default=0.0, ge=-0.5, le=0.5, description="known delay of the source, subtracted from the stamps"
+        default=0.0,
+        ge=-0.5,
+        le=0.5,
+        description="Subtracted from every stamp, s: positive when stamps are late",
     )
     lost_after_s: float = Field(default=0.1, gt=0, le=5)
 

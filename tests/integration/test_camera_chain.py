@@ -307,10 +307,11 @@ def test_a_loop_that_was_busy_gets_new_frames_not_a_queue_of_old_ones(
     shared.run(body)
 
 
-def test_the_configured_offset_is_added_to_the_stamp_of_the_same_exposure(
-    subject: OakCamera, shared: OpenCamera, twin: Twin
+@pytest.mark.parametrize("offset_s", [0.02, 0.3, -0.3])
+def test_the_configured_offset_is_subtracted_from_the_stamp_of_the_same_exposure(
+    offset_s: float, subject: OakCamera, shared: OpenCamera, twin: Twin
 ) -> None:
-    config = OakCamera.Config(source=f"frames+unix://{twin.path}", time_offset_s=-0.02)
+    config = OakCamera.Config(source=f"frames+unix://{twin.path}", time_offset_s=offset_s)
     shifted = OakCamera("shifted", config, MonotonicClock())
 
     async def body() -> None:
@@ -324,7 +325,7 @@ def test_the_configured_offset_is_added_to_the_stamp_of_the_same_exposure(
             await shifted.close()
         both = plain.keys() & moved.keys()
         assert both, "two readers see the same exposures"
-        assert [moved[k] - plain[k] for k in both] == pytest.approx([-0.02] * len(both), abs=2e-6)
+        assert [moved[k] - plain[k] for k in both] == pytest.approx([-offset_s] * len(both), abs=2e-6)
 
     shared.run(body)
 

@@ -107,7 +107,7 @@ def test_the_stamp_follows_the_controller_not_the_late_arrival(subject: Rig) -> 
 
 
 def test_the_configured_offset_moves_the_stamp_but_not_the_silence() -> None:
-    subject = Rig(offset=-0.004)
+    subject = Rig(offset=0.004)
     subject.take(1.0)
     sample = subject.stream.last()
     assert sample is not None
