@@ -26,9 +26,9 @@ from cell.clock import MonotonicClock
 from drivers.can_encoder import RawCanEncoder, RawCanEncoderConfig
 from fakes.can import CanWires
 from fakes.can.bus import Frame
-from fakes.lifetime import run_as_controller
-from fakes.listening import TcpPlace
-from fakes.ur.ticker import Ticker
+from fakes.wire.lifetime import run_as_controller
+from fakes.wire.listening import TcpPlace
+from fakes.wire.ticker import Ticker
 
 HOST = "127.0.51.9"
 IDENTIFIER = 0x185

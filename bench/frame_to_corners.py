@@ -26,9 +26,9 @@ from drivers.oak import OakCamera
 from drivers.oak.frame_socket import FrameSocket
 from fakes.frames.plates import make_plate
 from fakes.frames.render import Optics, Renderer
-from fakes.mirror import FrameProcess
-from fakes.scenario import Scenario
-from fakes.world import World
+from fakes.twin.mirror import FrameProcess
+from fakes.world.scenario import Scenario
+from fakes.world.world import World
 
 SCENARIO = "hand_eye"
 PICTURES = 40

@@ -30,7 +30,7 @@ from cell.errors import CellError
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder, load_run
 from daemon.demo.ending import beside_truth
-from fakes.control import ask
+from fakes.twin.control import ask
 from procedures.beside_truth import Judged
 from procedures.registry import JOBS
 from tests.wire_cell import WireCell, calibrate_camera, pause, shipped, wire_cell

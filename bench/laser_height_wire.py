@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from bench._laser_fixture import scenario
 from bench._laser_tally import Tally
 from bench.lateness import busy_programs
-from fakes.control import ask
+from fakes.twin.control import ask
 from tests.wire_cell import WireCell
 
 LIMIT_S = 900.0

@@ -22,9 +22,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from cell.poses import Array
-from fakes.control import ask
-from fakes.scenario import Scenario
-from fakes.world import World
+from fakes.twin.control import ask
+from fakes.world.scenario import Scenario
+from fakes.world.world import World
 from procedures.belt.record import STEP, STEPS_FILE, read_rows
 from tests.wire_cell import WireCell, calibrate_camera, pause, shipped
 

@@ -12,11 +12,11 @@ import typer
 from rich.console import Console
 
 from cell.errors import CellError, Reaction
-from fakes.control import ask, default_folder
-from fakes.lifetime import die_with_parent
+from fakes.twin.control import ask, default_folder
+from fakes.wire.lifetime import die_with_parent
 
 if TYPE_CHECKING:
-    from fakes.serve import Twin
+    from fakes.twin.serve import Twin
 
 EXIT_BAD_INPUT, EXIT_UNREACHABLE, EXIT_REFUSED, EXIT_INTERNAL = 2, 3, 4, 5
 _EXIT_CODES = {
@@ -170,7 +170,7 @@ async def _serve(scenario: str, folder: Path, bind: str | None, automatic: bool)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # before numpy reads them, here and in the camera's process
     # Only here: the other commands answer at once without the libraries that a world needs.
-    from fakes.serve import TwinOptions, serve
+    from fakes.twin.serve import TwinOptions, serve
 
     options = TwinOptions(scenario, folder, bind, automatic)
     stop = asyncio.Event()

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 from cell.clock import MonotonicClock
 from drivers.can_encoder import CanopenEncoder, CanopenEncoderConfig
 from fakes.can import CanFaults, CanWires
-from fakes.listening import TcpPlace
+from fakes.wire.listening import TcpPlace
 
 NODE, SERIAL = 5, 999966001
 

@@ -11,7 +11,7 @@ from math import floor
 from pathlib import Path
 from ssl import SSLContext
 
-from fakes.faults import Switchboard
+from fakes.faults.vocabulary import Switchboard
 from fakes.modbus_io import Identity, Module, ModuleFaults, ModuleWires, Pace, TcpPlace, register_map
 
 HOST = "127.0.22.1"

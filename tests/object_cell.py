@@ -25,7 +25,7 @@ from daemon.supervisor import Supervisor
 from daemon.worker import InlineWorker
 from fakes.object import ObjectCell as Plant
 from fakes.object import VirtualClock, cell_of
-from fakes.scenario import Scenario
+from fakes.world.scenario import Scenario
 from procedures.registry import JOBS
 
 R = TypeVar("R")

@@ -11,10 +11,10 @@ from typing import Any
 from cell.clock import MonotonicClock
 from cell.devices import ObservedArm
 from drivers.observed_arm import ObservedArmConfig, ObservedArmReader
-from fakes.faults import Switchboard
-from fakes.observed import ObservedPalletizer
-from fakes.observed_twin import TwinObserved
-from fakes.scenario import FakeAddresses, Scenario
+from fakes.faults.vocabulary import Switchboard
+from fakes.twin.palletizer import TwinObserved
+from fakes.world.palletizer.observed import ObservedPalletizer
+from fakes.world.scenario import FakeAddresses, Scenario
 
 # The port is fixed, so modules that run side by side differ by address.
 HOST, PORT = f"127.0.43.{100 + int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])}", 5503

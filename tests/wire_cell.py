@@ -17,9 +17,9 @@ from cell.errors import CellError
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder, list_runs
 from daemon.control_client import ControlClient
-from fakes._toml import to_toml
-from fakes.control import ask
-from fakes.scenario import Scenario
+from fakes.twin.control import ask
+from fakes.world.scenario import Scenario
+from fakes.world.toml_text import to_toml
 from procedures.hand_eye.record import CaptureRecord
 from tests.pauses import Pauses
 

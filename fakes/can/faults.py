@@ -3,10 +3,10 @@
 import asyncio
 
 from cell.errors import error
-from fakes.actions import Action, Actions, Arguments, amount, switch
 from fakes.can.bus import Frame
 from fakes.can.wires import CanWires
-from fakes.faults import MAX_ARGUMENT, Fault, Faulty, number
+from fakes.faults.actions import Action, Actions, Arguments, amount, switch
+from fakes.faults.vocabulary import MAX_ARGUMENT, Fault, Faulty, number
 
 _DROP_S = 0.2  # an adapter that was pulled out is there again after so long
 _GENERIC = 0x1000

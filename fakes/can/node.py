@@ -9,7 +9,7 @@ from typing import Protocol
 from fakes.can.bus import CanBus, Frame
 from fakes.can.objects import OUT_OF_RANGE, Dictionary, Entry, SdoRefusal, constant
 from fakes.can.pdo import Tpdo
-from fakes.ur.ticker import Ticker
+from fakes.wire.ticker import Ticker
 
 SYNC_ID, EMERGENCY_ID, REQUEST_ID, REPLY_ID, HEARTBEAT_ID = 0x080, 0x080, 0x600, 0x580, 0x700
 POSITION, SPEED = 0x6004_00_20, 0x6030_01_10

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from fakes.can.bus import CanBus, Frame
-from fakes.faults import LinkFaults
-from fakes.terminal import PseudoTerminal
+from fakes.faults.vocabulary import LinkFaults
+from fakes.wire.terminal import PseudoTerminal
 
 _OK, _ERROR = b"\r", b"\a"
 _RATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)

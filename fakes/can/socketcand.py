@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable
 
 from fakes.can.bus import ERROR_BUS_OFF, CanBus, Frame, Port
-from fakes.faults import Link, LinkFaults
-from fakes.listening import Listener, TcpPlace
+from fakes.faults.vocabulary import Link, LinkFaults
+from fakes.wire.listening import Listener, TcpPlace
 
 _MESSAGE = re.compile(r"<\s*([^<>]*?)\s*>")
 _LONGEST = 512

@@ -7,8 +7,8 @@ from fakes.can.bus import CanBus
 from fakes.can.node import EncoderNode, Shaft
 from fakes.can.slcan import SlcanAdapter
 from fakes.can.socketcand import Gateway
-from fakes.faults import LinkFaults
-from fakes.listening import TcpPlace
+from fakes.faults.vocabulary import LinkFaults
+from fakes.wire.listening import TcpPlace
 
 CHANNEL = "can0"
 

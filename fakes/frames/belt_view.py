@@ -6,7 +6,7 @@ from scipy.spatial.transform import RigidTransform
 
 from fakes.frames.boxes import Box
 from fakes.frames.render import Band
-from fakes.world import World
+from fakes.world.world import World
 
 _LOOK = 1.3  # heights of the camera above the belt, along it each way
 

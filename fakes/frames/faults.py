@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fakes.faults import Fault, number
-from fakes.world import Message
+from fakes.faults.vocabulary import Fault, number
+from fakes.world.world import Message
 
 _OFFERED = frozenset(
     {

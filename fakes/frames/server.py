@@ -18,13 +18,13 @@ from multiprocessing.connection import Connection
 import cv2
 import numpy as np
 
-from fakes.faults import Fault
+from fakes.faults.vocabulary import Fault
 from fakes.frames.belt_view import belt_seen, boxes_seen
 from fakes.frames.faults import FrameFaults
 from fakes.frames.plates import make_plate
 from fakes.frames.render import Optics, Picture, Renderer
-from fakes.scenario import Scenario
-from fakes.world import Message, World
+from fakes.world.scenario import Scenario
+from fakes.world.world import Message, World
 
 # The world's changes come through a pipe; a scene is looked at when those up to its time have arrived.
 _MIRROR_LAG_S = 0.012

@@ -17,7 +17,7 @@ from fakes.geocom.codes import (
     told,
 )
 from fakes.geocom.settings import Settings
-from fakes.tracker import MULTIPLE, Tracker
+from fakes.world.tracker.tracker import MULTIPLE, Tracker
 
 _ATR_RAD = 0.008  # half the view of the target recognition, which no search window undercuts
 

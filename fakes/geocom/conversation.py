@@ -3,7 +3,7 @@
 import asyncio
 from dataclasses import dataclass, field
 
-from fakes.faults import Link, LinkFaults
+from fakes.faults.vocabulary import Link, LinkFaults
 from fakes.geocom.codes import OF_THE_LINE
 from fakes.geocom.instrument import Instrument
 from fakes.geocom.text import ABORT_LINE, Receiver, Refusal, parse, reply

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable
 
-from fakes.tracker import Reading, Tracker
+from fakes.world.tracker.tracker import Reading, Tracker
 
 STOP, DISTANCE, TRACK, CLEAR, SIGNAL, RESTART, RAPID_TRACK, REFLECTORLESS_TRACK = 0, 1, 2, 3, 4, 6, 8, 10
 PROGRAMS = (STOP, DISTANCE, TRACK, CLEAR, SIGNAL, RESTART, RAPID_TRACK, REFLECTORLESS_TRACK)

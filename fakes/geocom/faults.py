@@ -1,11 +1,11 @@
 """The station on the twin's switchboard: faults of its wires, and those of the tracker passed on."""
 
 from cell.errors import error
-from fakes.actions import Action, Arguments
-from fakes.faults import Fault, Faulty, number
+from fakes.faults.actions import Action, Arguments
+from fakes.faults.vocabulary import Fault, Faulty, number
+from fakes.faults.wire import WireFaults
 from fakes.geocom.instrument import EVERY
 from fakes.geocom.wires import StationWires
-from fakes.wire_faults import WireFaults
 
 _LARGEST_CODE = 65535
 

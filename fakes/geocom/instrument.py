@@ -26,7 +26,7 @@ from fakes.geocom.codes import (
 from fakes.geocom.edm import Edm
 from fakes.geocom.measuring import Measuring
 from fakes.geocom.settings import Settings
-from fakes.tracker import Tracker
+from fakes.world.tracker.tracker import Tracker
 
 log = logging.getLogger("cellward.twin.tracker")
 

@@ -6,7 +6,7 @@ from fakes.geocom.aiming import Aiming
 from fakes.geocom.codes import DISTANCE_ERROR, DOUBT, IVPARAM, NO_DISTANCE, OK, Answer, Parameters, Procedure
 from fakes.geocom.edm import CLEAR, DISTANCE, PROGRAMS, RAPID_TRACK, STOP, Edm
 from fakes.geocom.settings import Settings
-from fakes.tracker import Reading, Tracker
+from fakes.world.tracker.tracker import Reading, Tracker
 
 _QUICK_S, _LONGEST_WAIT_S = 2.0, 60.0
 _ANGLE_ACCURACY_RAD = 2.4e-6

@@ -1,7 +1,7 @@
 """What a station keeps of what it was told, and gives back on demand."""
 
 from fakes.geocom.codes import IVPARAM, OK, Answer, Procedure, told
-from fakes.tracker import Tracker
+from fakes.world.tracker.tracker import Tracker
 
 # Constants that come with a prism type, m: what the maker's manuals list for them.
 PRISM_CONSTANTS = {

@@ -7,8 +7,8 @@ ends with CR. LF clears the receiver, so the LF after a CR does no harm, and one
 import re
 from dataclasses import dataclass
 
-from fakes._crc import crc16
 from fakes.geocom.codes import OVERRUN, WRONG_CHECKSUM, WRONG_FORMAT, Value
+from fakes.wire.crc import crc16
 
 ABORT_LINE = b"c"
 LONGEST_LINE = 1024

@@ -5,11 +5,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Protocol
 
-from fakes.faults import Link
+from fakes.faults.vocabulary import Link
 from fakes.geocom.conversation import Conversation, LineFaults
 from fakes.geocom.instrument import Instrument
-from fakes.listening import Listener, TcpPlace
-from fakes.terminal import PseudoTerminal
+from fakes.wire.listening import Listener, TcpPlace
+from fakes.wire.terminal import PseudoTerminal
 
 
 class Wire(Protocol):

@@ -1,11 +1,11 @@
 """A digital-input module on real wires: Modbus over TCP, over TLS and as RTU on a pseudo-terminal."""
 
-from fakes.listening import TcpPlace
 from fakes.modbus_io.faults import ModuleFaults
 from fakes.modbus_io.maps import MAPS, register_map
 from fakes.modbus_io.module import Identity, Inputs, Module
 from fakes.modbus_io.service import Pace
 from fakes.modbus_io.wires import ModuleWires
+from fakes.wire.listening import TcpPlace
 
 __all__ = [
     "MAPS",

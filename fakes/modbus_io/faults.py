@@ -1,10 +1,10 @@
 """A Modbus device on the twin's switchboard: faults of its wires, and those behind them passed on."""
 
-from fakes.actions import Arguments
-from fakes.faults import Fault, Faulty
+from fakes.faults.actions import Arguments
+from fakes.faults.vocabulary import Fault, Faulty
+from fakes.faults.wire import WireFaults
 from fakes.modbus_io.module import Module
 from fakes.modbus_io.wires import ModuleWires
-from fakes.wire_faults import WireFaults
 
 
 class ModuleFaults(WireFaults):

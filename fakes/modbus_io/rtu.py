@@ -6,9 +6,9 @@ A pseudo-terminal has no parity and no speed of its own; the speed that the clie
 import asyncio
 from pathlib import Path
 
-from fakes import _crc
 from fakes.modbus_io.service import Service
-from fakes.terminal import PseudoTerminal
+from fakes.wire.crc import crc16 as reflected_crc16
+from fakes.wire.terminal import PseudoTerminal
 
 SMALLEST_FRAME, LARGEST_FRAME = 4, 256
 BROADCAST = 0
@@ -17,7 +17,7 @@ _BITS_PER_CHARACTER, _CHARACTERS, _SHORTEST_SILENCE_S = 11, 3.5, 0.00175
 
 def crc16(data: bytes) -> int:
     """The CRC of Modbus RTU: it starts from 0xFFFF, and is sent low byte first."""
-    return _crc.crc16(data, 0xFFFF)
+    return reflected_crc16(data, 0xFFFF)
 
 
 def frame(unit: int, pdu: bytes) -> bytes:

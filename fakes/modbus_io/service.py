@@ -6,7 +6,7 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from fakes.faults import Link, LinkFaults
+from fakes.faults.vocabulary import Link, LinkFaults
 from fakes.modbus_io.module import Unit
 from fakes.modbus_io.pdu import DEVICE_FAILURE, exception, respond
 

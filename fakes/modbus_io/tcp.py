@@ -9,7 +9,7 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from fakes.faults import Link
+from fakes.faults.vocabulary import Link
 from fakes.modbus_io.service import Service
 
 HEADER = struct.Struct(">HHHB")  # transaction, protocol (0), bytes that follow with the unit, unit

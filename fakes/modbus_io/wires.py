@@ -3,11 +3,11 @@
 import asyncio
 from pathlib import Path
 
-from fakes.listening import Listener, TcpPlace
 from fakes.modbus_io.module import Unit
 from fakes.modbus_io.rtu import RtuLine
 from fakes.modbus_io.service import Pace, Service
 from fakes.modbus_io.tcp import Connection, Connections
+from fakes.wire.listening import Listener, TcpPlace
 
 
 class ModuleWires:

@@ -11,13 +11,13 @@ from cell.clock import Clock
 from cell.devices import Arm, ArmState, Identity, ToolSettings
 from cell.errors import error
 from cell.poses import to_pose6
-from fakes.kinematics import rotation_vector
 from fakes.object._lazy import LazyStream
 from fakes.object._plant import ObjectDevice
 from fakes.object.controller import Controller, Program
 from fakes.object.motion import ObjectMotionPort
 from fakes.object.registry import cell_of
-from fakes.segments import Segment
+from fakes.world.arm.kinematics import rotation_vector
+from fakes.world.arm.segments import Segment
 
 OPEN_TIMEOUT_S = 1.0
 

@@ -10,7 +10,7 @@ from cell.clock import Clock
 from cell.devices import SafetyMode
 from cell.errors import CellError, error
 from fakes.object._plant import Plant
-from fakes.world import World
+from fakes.world.world import World
 
 RUNNING, POWER_OFF = 7, 3
 WATCHDOG_S = 0.2

@@ -6,10 +6,10 @@ from math import inf
 from cell.clock import Clock
 from cell.errors import error
 from cell.samples import Quality
-from fakes.belt_encoder import BeltEncoder
-from fakes.belt_faults import BeltFaults
-from fakes.faults import Fault
+from fakes.faults.belt import BeltFaults
+from fakes.faults.vocabulary import Fault
 from fakes.object._plant import Plant
+from fakes.world.belt.encoder import BeltEncoder
 
 
 class EncoderPlant(Plant):

@@ -10,8 +10,8 @@ from cell.devices import BoardView, ItemView
 from cell.poses import Array
 from fakes.object._plant import Plant
 from fakes.object.item_sight import Look, items_seen
-from fakes.targets import faces_away, target_points
-from fakes.world import World
+from fakes.world.targets import faces_away, target_points
+from fakes.world.world import World
 
 _STEEPEST = np.cos(np.deg2rad(75.0))  # a board seen more edge-on than this is not found
 

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 
 from cell.clock import Clock
-from fakes.faults import Fault
-from fakes.input_faults import InputFaults
-from fakes.input_module import InputModule
+from fakes.faults.inputs import InputFaults
+from fakes.faults.vocabulary import Fault
 from fakes.object._plant import Plant
+from fakes.world.beams.input_module import InputModule
 
 
 class InputPlant(Plant):

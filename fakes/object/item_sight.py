@@ -8,7 +8,7 @@ from scipy.spatial.transform import RigidTransform
 
 from cell.devices import ItemView
 from cell.poses import Array
-from fakes.items import Items
+from fakes.world.belt.items import Items
 
 _SIGMA_M, _SIGMA_RAD = 0.00013, 0.009  # no better than the detector on drawn boxes
 _RIM_PX = 5.0

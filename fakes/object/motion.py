@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from cell.devices import Speed, ToolSettings, TrajectoryPiece
 from cell.errors import CellError, error
 from cell.poses import Array, log_xi
-from fakes.kinematics import UnreachableError
+from fakes.world.arm.kinematics import UnreachableError
 
 if TYPE_CHECKING:
     from fakes.object.arm import ObjectArm

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 
 from cell.clock import Clock
-from fakes.faults import Fault
+from fakes.faults.palletizer import ObservedFaults
+from fakes.faults.vocabulary import Fault
 from fakes.object._plant import Plant
-from fakes.observed import ObservedPalletizer
-from fakes.observed_faults import ObservedFaults
+from fakes.world.palletizer.observed import ObservedPalletizer
 
 
 class ObservedPlant(Plant):

@@ -12,8 +12,8 @@ from fakes.object.head import CameraHead
 from fakes.object.input_plant import InputPlant
 from fakes.object.observed_plant import ObservedPlant
 from fakes.object.tracker_plant import TrackerPlant
-from fakes.scenario import FaultEntry, Scenario
-from fakes.world import World
+from fakes.world.scenario import FaultEntry, Scenario
+from fakes.world.world import World
 
 
 class ObjectCell:

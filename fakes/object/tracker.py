@@ -11,7 +11,7 @@ from cell.samples import Sample
 from fakes.object._lazy import LazyStream
 from fakes.object._plant import ObjectDevice
 from fakes.object.registry import cell_of
-from fakes.tracker import MULTIPLE, NO_TARGET, NOT_AIMED, Reading, polar
+from fakes.world.tracker.tracker import MULTIPLE, NO_TARGET, NOT_AIMED, Reading, polar
 
 _CONSTANT_TOLERANCE_M = 1e-6
 _BACKFILL = 10  # readings; each is a look along the beam, and who asks late wants the newest

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 
 from cell.clock import Clock
-from fakes.faults import Fault
+from fakes.faults.tracker import TrackerFaults
+from fakes.faults.vocabulary import Fault
 from fakes.object._plant import Plant
-from fakes.tracker import Tracker
-from fakes.tracker_faults import TrackerFaults
+from fakes.world.tracker.tracker import Tracker
 
 
 class TrackerPlant(Plant):

@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
 from cell.poses import Array, from_pose6
-from fakes.kinematics import Chain, UnreachableError, rotation_vector
-from fakes.linear_path import LinearPath
-from fakes.track import Track
 from fakes.ur.runtime import ScriptError, Steps
+from fakes.world.arm.kinematics import Chain, UnreachableError, rotation_vector
+from fakes.world.arm.linear_path import LinearPath
+from fakes.world.arm.track import Track
 
 Plan = Generator[None, None, float]  # a cycle per step; returns when the arm will be at rest
 SAMPLES_PER_CYCLE = 3

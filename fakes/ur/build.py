@@ -4,10 +4,10 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from fakes.scenario import Scenario
 from fakes.ur.controller import Controller
 from fakes.ur.robot import Identity
-from fakes.world import World
+from fakes.world.scenario import Scenario
+from fakes.world.world import World
 
 BUILD_NUMBER = 1101534
 

@@ -7,9 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fakes.faults import Link
-from fakes.kinematics import Chain, chain
-from fakes.track import Track
+from fakes.faults.vocabulary import Link
 from fakes.ur import dashboard, primary, rtde
 from fakes.ur.dashboard import Dashboard, DashboardConnection
 from fakes.ur.faults import StreamFaults
@@ -17,7 +15,9 @@ from fakes.ur.primary import PrimaryServer, TextConnection
 from fakes.ur.robot import ContactForce, DigitalIn, Identity, Robot, no_contact, nothing_wired
 from fakes.ur.rtde import RtdeConnection, RtdeServer
 from fakes.ur.scripting import ScriptPort
-from fakes.ur.ticker import Ticker
+from fakes.wire.ticker import Ticker
+from fakes.world.arm.kinematics import Chain, chain
+from fakes.world.arm.track import Track
 
 SCRIPT_PORT = 30003
 HOME = (0.0, -1.8, 1.8, -1.57, -1.57, 0.0)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
-from fakes.faults import Link
+from fakes.faults.vocabulary import Link
 from fakes.ur.faults import StreamFaults
 from fakes.ur.runtime import Program, RuntimeState, Steps
 from fakes.ur.safety import SafetyMode

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from fakes.faults import LinkFaults
+from fakes.faults.vocabulary import LinkFaults
 
 
 @dataclass

@@ -7,8 +7,8 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 from cell.errors import error
-from fakes.actions import Action, Actions, Arguments, amount, switch
-from fakes.faults import Fault, number
+from fakes.faults.actions import Action, Actions, Arguments, amount, switch
+from fakes.faults.vocabulary import Fault, number
 from fakes.ur.controller import Controller
 from fakes.ur.dashboard import foreign_steps
 from fakes.ur.runtime import Program, RuntimeState, ScriptError

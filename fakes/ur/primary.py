@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fakes.faults import Link
-from fakes.kinematics import dh_parameters
+from fakes.faults.vocabulary import Link
 from fakes.ur.faults import StreamFaults
 from fakes.ur.runtime import RuntimeState, ScriptError
 from fakes.ur.safety import SafetyMode
 from fakes.ur.scripting import ScriptPort, TextAssembler
+from fakes.world.arm.kinematics import dh_parameters
 
 if TYPE_CHECKING:
     from fakes.ur.robot import Instant, Robot

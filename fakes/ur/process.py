@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any
 
 from cell.errors import CellError, error
-from fakes.faults import Switchboard
-from fakes.lifetime import die_with_parent, run_as_controller
-from fakes.scenario import Scenario
+from fakes.faults.vocabulary import Switchboard
 from fakes.ur.build import build_controller
 from fakes.ur.controller import Controller
 from fakes.ur.injection import ControllerFaults
 from fakes.ur.state import controller_state
+from fakes.wire.lifetime import die_with_parent, run_as_controller
+from fakes.world.scenario import Scenario
 
 START_TIMEOUT_S = 120.0  # a spawned interpreter imports SciPy, on a machine that may be busy
 REPLY_TIMEOUT_S = 5.0
@@ -39,7 +39,7 @@ class ControllerHandle:
         return self._process.pid
 
     def inject(self, fault: str, **arguments: Any) -> None:
-        """Begin ``fault`` (the vocabulary of :class:`fakes.faults.Fault`); ``clear`` ends lasting ones."""
+        """Begin ``fault`` (see :mod:`fakes.faults.vocabulary`); ``clear`` ends lasting ones."""
         if fault == "kill":
             self._process.kill()
             return

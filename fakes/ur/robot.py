@@ -15,8 +15,6 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
 from cell.poses import Array
-from fakes.kinematics import Chain, LinkDeltas
-from fakes.track import Track
 from fakes.ur.arm import JOINT_LIMIT, Arm, Tool
 from fakes.ur.control_modes import ControlModes
 from fakes.ur.force_sensor import ForceSensor
@@ -25,6 +23,8 @@ from fakes.ur.registers import RegisterBank
 from fakes.ur.runtime import Program, Runtime, RuntimeState, ScriptError, Steps
 from fakes.ur.safety import RobotMode, Safety, SafetyMode
 from fakes.ur.tcp import TcpKinematics
+from fakes.world.arm.kinematics import Chain, LinkDeltas
+from fakes.world.arm.track import Track
 
 log = logging.getLogger("cellward.twin.arm")
 

@@ -9,7 +9,7 @@ import struct
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from fakes.faults import Link
+from fakes.faults.vocabulary import Link
 from fakes.ur import wire
 from fakes.ur.faults import StreamFaults
 from fakes.ur.variables import INPUTS, OutputRecipe

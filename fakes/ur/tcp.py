@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from cell.poses import Array, from_pose6
-from fakes.kinematics import Chain, rotation_vector_of
+from fakes.world.arm.kinematics import Chain, rotation_vector_of
 
 Floats = list[float]
 _Rows = tuple[float, ...]  # the upper three rows of a 4x4 matrix, one after the other

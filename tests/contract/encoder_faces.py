@@ -16,13 +16,13 @@ from cell.clock import MonotonicClock
 from cell.devices import Encoder, EncoderState
 from cell.samples import Sample
 from drivers.can_encoder import CanopenEncoder, CanopenEncoderConfig
-from fakes.belt import Belt
-from fakes.belt_faults import BeltFaults
 from fakes.can import CanFaults, CanWires
-from fakes.listening import TcpPlace
+from fakes.faults.belt import BeltFaults
 from fakes.object import ObjectEncoder, VirtualClock, run_virtual
-from fakes.scenario import Scenario
-from fakes.world import World
+from fakes.wire.listening import TcpPlace
+from fakes.world.belt.belt import Belt
+from fakes.world.scenario import Scenario
+from fakes.world.world import World
 
 SCENARIO = "belt"
 HOST = "127.0.51.2"

@@ -17,11 +17,11 @@ from cell.clock import MonotonicClock
 from cell.devices import DigitalInputs, InputsState
 from cell.samples import Sample
 from drivers.modbus_inputs import InputsConfig, ModbusInputs
-from fakes.input_faults import InputFaults
+from fakes.faults.inputs import InputFaults
 from fakes.modbus_io import Identity, Module, ModuleFaults, ModuleWires, TcpPlace, register_map
 from fakes.object import ObjectInputs, VirtualClock, run_virtual
-from fakes.scenario import Scenario
-from fakes.world import World
+from fakes.world.scenario import Scenario
+from fakes.world.world import World
 
 SCENARIO = "laser"  # an ioLogik E1210 with the beams xs and ys at inputs 0 and 1, both free
 HOST = "127.0.21.2"

@@ -17,13 +17,13 @@ from cell.clock import MonotonicClock
 from cell.devices import LaserTracker
 from cell.poses import Array
 from drivers.tracker import GeocomConfig, GeocomTracker
+from fakes.faults.tracker import TrackerFaults
 from fakes.geocom import Instrument, StationFaults, StationWires
-from fakes.listening import TcpPlace
 from fakes.object import ObjectTracker, VirtualClock, run_virtual
-from fakes.scenario import Scenario
-from fakes.tracker import Tracker
-from fakes.tracker_faults import TrackerFaults
-from fakes.world import World
+from fakes.wire.listening import TcpPlace
+from fakes.world.scenario import Scenario
+from fakes.world.tracker.tracker import Tracker
+from fakes.world.world import World
 
 SCENARIO = "tracker"  # a UR10e with two reflectors, and four monuments, before a tracker
 HOST = "127.0.41.4"

@@ -30,13 +30,13 @@ from cell.devices import Arm, DepthCamera
 from cell.poses import Array
 from drivers.oak import OakCamera
 from drivers.ur import UrArm
-from fakes.faults import Switchboard
+from fakes.faults.vocabulary import Switchboard
 from fakes.frames.faults import CameraFaults
-from fakes.mirror import FrameProcess
 from fakes.object import ObjectArm, ObjectCamera, VirtualClock, run_virtual
-from fakes.scenario import Scenario
+from fakes.twin.mirror import FrameProcess
 from fakes.ur.process import ControllerHandle, running_controller
-from fakes.world import World
+from fakes.world.scenario import Scenario
+from fakes.world.world import World
 
 D = TypeVar("D")
 R = TypeVar("R", bound="Rig[Any]")

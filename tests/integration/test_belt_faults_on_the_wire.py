@@ -17,7 +17,7 @@ from cell.store.journal import read_journal
 from cell.store.ledger import Ledger
 from cell.store.runs import JOURNAL_FILE
 from daemon.modbus.face import SNAPSHOT_AGE_S
-from fakes.control import ask
+from fakes.twin.control import ask
 from procedures.belt.items import Outcome
 from tests.unit.picking_truth import MISSES, Told, Truth
 from tests.wire_cell import WireCell, calibrate_camera, pause, shipped, wait_for, wire_cell

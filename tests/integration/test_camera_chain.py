@@ -25,11 +25,11 @@ from cell.clock import MonotonicClock
 from cell.devices import Frame, Intrinsics
 from cell.errors import CellError
 from drivers.oak import OakCamera
-from fakes.faults import Fault
+from fakes.faults.vocabulary import Fault
 from fakes.frames.faults import CameraFaults
 from fakes.frames.server import serve_frames
-from fakes.scenario import Scenario
-from fakes.world import Message, World
+from fakes.world.scenario import Scenario
+from fakes.world.world import Message, World
 from tests import taken_again
 
 pytestmark = pytest.mark.wire

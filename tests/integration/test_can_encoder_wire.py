@@ -18,7 +18,7 @@ from cell.errors import CellError
 from cell.samples import Quality
 from drivers.can_encoder import CanopenEncoder, RawCanEncoder, RawCanEncoderConfig
 from fakes.can.bus import Frame
-from fakes.faults import Fault
+from fakes.faults.vocabulary import Fault
 from tests.can_rig import NODE, CanRig, TestShaft, can_rig
 
 pytestmark = pytest.mark.wire

@@ -12,8 +12,8 @@ from cell.clock import MonotonicClock
 from cell.errors import CellError
 from daemon.config.drivers import driver_class
 from daemon.config.load import load_config
-from fakes.control import ask
-from fakes.serve import Twin, TwinOptions
+from fakes.twin.control import ask
+from fakes.twin.serve import Twin, TwinOptions
 
 pytestmark = pytest.mark.wire
 HOST = "127.0.51.5"

@@ -15,13 +15,13 @@ from geocompy.geo import GeoCom
 from geocompy.geo.gctypes import GeoComCode, GeoComResponse
 
 from cell.errors import CellError
-from fakes.faults import Fault
+from fakes.faults.tracker import TrackerFaults
+from fakes.faults.vocabulary import Fault
 from fakes.geocom import Instrument, StationFaults, StationWires
-from fakes.listening import TcpPlace
-from fakes.scenario import Scenario
-from fakes.tracker import Tracker, polar
-from fakes.tracker_faults import TrackerFaults
-from fakes.world import World
+from fakes.wire.listening import TcpPlace
+from fakes.world.scenario import Scenario
+from fakes.world.tracker.tracker import Tracker, polar
+from fakes.world.world import World
 
 pytestmark = pytest.mark.wire
 HOST = "127.0.42.2"

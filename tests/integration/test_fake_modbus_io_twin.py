@@ -11,8 +11,8 @@ import pytest
 
 from cell.errors import CellError
 from drivers.modbus_inputs.config import InputsConfig
-from fakes.control import ask
-from fakes.serve import Twin, TwinOptions
+from fakes.twin.control import ask
+from fakes.twin.serve import Twin, TwinOptions
 from tests.modbus_io_rig import RawClient
 
 pytestmark = pytest.mark.wire

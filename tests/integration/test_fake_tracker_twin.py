@@ -11,9 +11,9 @@ import pytest
 
 from cell.errors import CellError
 from daemon.config import load_config
-from fakes.control import ask
-from fakes.scenario import Scenario
-from fakes.serve import Twin, TwinOptions
+from fakes.twin.control import ask
+from fakes.twin.serve import Twin, TwinOptions
+from fakes.world.scenario import Scenario
 
 pytestmark = pytest.mark.wire
 HOST = "127.0.42.3"

@@ -168,7 +168,7 @@ def test_a_process_can_be_made_to_end_with_its_parent() -> None:
     child = "\n".join(
         (
             "import signal, time",
-            "from fakes.lifetime import die_with_parent",
+            "from fakes.wire.lifetime import die_with_parent",
             "die_with_parent(signal.SIGTERM)",
             "print(1, flush=True)",
             "time.sleep(60)",

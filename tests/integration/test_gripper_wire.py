@@ -12,8 +12,8 @@ from ur_driver_rig import Rig, until
 from cell.clock import MonotonicClock
 from cell.errors import CellError
 from drivers.ur.gripper import ArmGripper
-from fakes.scenario import Scenario
-from fakes.world import World
+from fakes.world.scenario import Scenario
+from fakes.world.world import World
 from tests.taken_again import play
 
 pytestmark = pytest.mark.wire

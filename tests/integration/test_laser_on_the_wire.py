@@ -8,7 +8,7 @@ import pytest
 
 from cell.poses import from_pose6, to_pose6
 from cell.store.ledger import Ledger
-from fakes.control import ask
+from fakes.twin.control import ask
 from tests.wire_cell import WireCell, shipped, wait_for, wire_cell
 
 pytestmark = [pytest.mark.wire, pytest.mark.alone]

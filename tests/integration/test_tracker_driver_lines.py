@@ -16,10 +16,10 @@ from cell.clock import MonotonicClock
 from cell.errors import CellError
 from drivers.tracker import LineStreamConfig, LineStreamTracker
 from fakes.geocom import LineFaults
-from fakes.scenario import Scenario
-from fakes.tracker_form import LinesForm
-from fakes.tracker_lines import LineStream
-from fakes.world import World
+from fakes.lines.stream import LineStream
+from fakes.world.scenario import Scenario
+from fakes.world.tracker.lines_form import LinesForm
+from fakes.world.world import World
 
 pytestmark = pytest.mark.wire
 

@@ -11,8 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cell.store.files import read_json, to_json
-from fakes.scenario import Scenario
-from fakes.world import World
+from fakes.world.scenario import Scenario
+from fakes.world.world import World
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.plan import PlanRequest, plan_sampling
 from procedures.tracker.solve.solver import solve_kincal

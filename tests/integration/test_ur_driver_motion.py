@@ -21,7 +21,7 @@ from cell.motion import MotionBroker
 from cell.poses import from_pose6
 from cell.samples import Sample
 from drivers.ur import UrArm
-from fakes.scenario import Scenario
+from fakes.world.scenario import Scenario
 from tests.taken_again import ends_by
 
 SPEED = Speed(tcp_m_s=0.25, tcp_m_s2=1.0, joint_rad_s=1.0, joint_rad_s2=4.0)

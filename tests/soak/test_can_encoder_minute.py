@@ -12,7 +12,7 @@ from cell.clock import MonotonicClock
 from drivers.can_encoder import CanopenEncoder, CanopenEncoderConfig
 from fakes.can import CanWires
 from fakes.can.bus import Frame
-from fakes.lifetime import run_as_controller
+from fakes.wire.lifetime import run_as_controller
 from tests.can_rig import NODE, SERIAL, TestShaft
 
 pytestmark = [pytest.mark.soak, pytest.mark.wire]

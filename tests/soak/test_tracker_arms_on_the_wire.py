@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from cell.store.files import read_json
-from fakes.scenario import Scenario
-from fakes.world import World
+from fakes.world.scenario import Scenario
+from fakes.world.world import World
 from tests.unit.tracker_cell import nominal_tracker, rms, true_errors
 from tests.wire_cell import wire_cell
 

@@ -6,9 +6,9 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from cell.poses import from_pose6
-from fakes.kinematics import chain
-from fakes.scenario import Scenario
-from fakes.world import World
+from fakes.world.arm.kinematics import chain
+from fakes.world.scenario import Scenario
+from fakes.world.world import World
 
 ARM = chain("ur10e")
 HOME = np.array([0.0, -1.8, 1.8, -1.57, -1.57, 0.0])

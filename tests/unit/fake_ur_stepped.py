@@ -5,13 +5,13 @@ from collections.abc import Callable
 import numpy as np
 
 from cell.poses import Array
-from fakes.kinematics import chain
-from fakes.track import Track
 from fakes.ur.control_script import ControlProgram, ControlScript
 from fakes.ur.dashboard import Dashboard
 from fakes.ur.robot import ContactForce, Identity, Robot, no_contact
 from fakes.ur.runtime import Program
 from fakes.ur.scripting import ScriptPort
+from fakes.world.arm.kinematics import chain
+from fakes.world.arm.track import Track
 
 HOME = np.array([0.0, -1.8, 1.8, -1.57, -1.57, 0.0])
 CYCLE = 0.002

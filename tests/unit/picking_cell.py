@@ -11,7 +11,7 @@ import numpy as np
 from cell.poses import to_pose6
 from daemon.config import CellConfig
 from fakes.object import VirtualClock
-from fakes.scenario import Scenario
+from fakes.world.scenario import Scenario
 from tests.object_cell import ObjectCell, on_disk, open_cell, write_config
 
 JOB = "belt-tracking"

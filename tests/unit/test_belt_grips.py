@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fakes.gripper import Gripper
-from fakes.items import Items
 from fakes.object import run_virtual
+from fakes.world.belt.gripper import Gripper
+from fakes.world.belt.items import Items
 from procedures.belt.items import Outcome
 from tests.object_cell import ObjectCell, no_report
 from tests.unit.picking_cell import contact_errors, picking_cell, picking_config

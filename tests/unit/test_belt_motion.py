@@ -10,7 +10,7 @@ import pytest
 
 from cell.errors import CellError, error
 from fakes.object import run_virtual
-from fakes.scenario import Scenario
+from fakes.world.scenario import Scenario
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.items import Item, Outcome
 from procedures.belt.motion.item_selection import Choice

@@ -32,8 +32,8 @@ from daemon.demo.scenes import STORED_SET, Scene, scenes_of
 from daemon.demo.steps import STEPS, steps_of
 from daemon.demo.wire import _no_socket_left
 from daemon.modbus import Command, ModbusFace
-from fakes.scenario import Scenario
-from fakes.world import World
+from fakes.world.scenario import Scenario
+from fakes.world.world import World
 from procedures.belt.truth import judge_picks
 from procedures.hand_eye.truth import M2_LIMIT, judge, judgement_text
 from procedures.registry import JOBS

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from geocompy.communication import crc16_bytewise
 
-from fakes.faults import Link, LinkFaults
+from fakes.faults.vocabulary import Link, LinkFaults
 from fakes.geocom.codes import OVERRUN, WRONG_CHECKSUM, WRONG_FORMAT
 from fakes.geocom.conversation import Conversation, LineFaults
 from fakes.geocom.instrument import EVERY, Instrument
 from fakes.geocom.text import Receiver, Refusal, parse, reply
 from fakes.object import VirtualClock, run_virtual
-from fakes.scenario import Scenario
-from fakes.tracker import polar
-from fakes.tracker_sight import BROKEN
-from fakes.world import World
+from fakes.world.scenario import Scenario
+from fakes.world.tracker.sight import BROKEN
+from fakes.world.tracker.tracker import polar
+from fakes.world.world import World
 
 Scene = Callable[[Instrument], Coroutine[Any, Any, Any]]
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from cell.errors import CellError
-from fakes.faults import Fault
+from fakes.faults.vocabulary import Fault
 from fakes.modbus_io import ModuleFaults
 from tests.modbus_io_rig import RawClient, Rig, mbap, rig
 

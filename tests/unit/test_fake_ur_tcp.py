@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cell.poses import Array, from_pose6
-from fakes.kinematics import Chain, LinkDeltas, chain
 from fakes.ur.tcp import TcpKinematics
+from fakes.world.arm.kinematics import Chain, LinkDeltas, chain
 
 
 def arm(rng: np.random.Generator, scale: float) -> Chain:

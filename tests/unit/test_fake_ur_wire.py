@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fakes.kinematics import chain
-from fakes.track import Track
 from fakes.ur import wire
 from fakes.ur.robot import Identity, Robot
 from fakes.ur.rtde import InputOwnership
 from fakes.ur.variables import INPUTS, OUTPUTS, OutputRecipe, output
+from fakes.world.arm.kinematics import chain
+from fakes.world.arm.track import Track
 
 PACKAGES = st.lists(st.tuples(st.integers(0, 255), st.binary(max_size=200)), max_size=10)
 HOME = np.array([0.0, -1.8, 1.8, -1.57, -1.57, 0.0])

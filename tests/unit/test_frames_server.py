@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 
 from cell.errors import CellError
-from fakes.faults import Fault
+from fakes.faults.vocabulary import Fault
 from fakes.frames.faults import CameraFaults
 from fakes.frames.server import FrameServer
-from fakes.scenario import Scenario
-from fakes.world import World
+from fakes.world.scenario import Scenario
+from fakes.world.world import World
 
 pytestmark = pytest.mark.wire
 PERIOD_S = 0.02

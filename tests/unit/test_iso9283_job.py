@@ -21,7 +21,7 @@ from daemon.cli.replay import differences
 from daemon.config import CellConfig
 from daemon.values import robot_spec
 from fakes.object import run_virtual
-from fakes.scenario import Scenario
+from fakes.world.scenario import Scenario
 from procedures.iso9283.config import Iso9283Config
 from procedures.iso9283.expectation import iso9283_expectation
 from procedures.iso9283.judging import solve_iso9283

@@ -14,7 +14,7 @@ from cell.poses import from_pose6, to_pose6
 from cell.store.files import read_json
 from daemon.config import CellConfig, load_config
 from fakes.object import run_virtual
-from fakes.scenario import Scenario
+from fakes.world.scenario import Scenario
 from tests.object_cell import JOB, ObjectCell, no_report, on_disk, open_cell, refused, write_config
 from tests.unit.picking_cell import JOB as PICKING
 from tests.unit.picking_cell import contact_errors

@@ -19,7 +19,7 @@ from cell.run_values import RunValues
 from cell.store.files import to_json
 from daemon.config import CellConfig, load_config
 from fakes.object import run_virtual
-from fakes.scenario import Scenario
+from fakes.world.scenario import Scenario
 from procedures.arm_setup import arm_model
 from procedures.registry import JOBS
 from procedures.tracker.solve.solver import solve_kincal

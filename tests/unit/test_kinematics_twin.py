@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.kinematics import UrArm, robot_from_spec
-from fakes.kinematics import MODELS, LinkDeltas, chain
+from fakes.world.arm.kinematics import MODELS, LinkDeltas, chain
 
 PARALLEL = (0.0, -204.0771054, 203.3923236, 0.6852734487, 0.0, 0.0)
 

@@ -13,7 +13,7 @@ from cell.errors import InputError
 from cell.run_values import RunValues
 from daemon.config import load_config
 from fakes.object import run_virtual
-from fakes.scenario import Scenario
+from fakes.world.scenario import Scenario
 from procedures.laser.config import BeamSection, LaserReferenceConfig, Search
 from procedures.laser.path import course, deepest
 from procedures.laser.plan import PlanRequest, check_plan, plan_scan

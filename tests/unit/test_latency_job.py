@@ -17,7 +17,7 @@ from cell.poses import from_pose6
 from cell.procedure import Run
 from daemon.cli.replay import differences
 from fakes.object import run_virtual
-from fakes.scenario import Scenario
+from fakes.world.scenario import Scenario
 from procedures.arm_setup import lease_settings
 from procedures.laser.config import LaserReferenceConfig, Search
 from procedures.latency.config import LatencyCalibrationConfig

@@ -9,7 +9,7 @@ import pytest
 
 from cell.errors import CellError
 from fakes.object import ObjectArm, ObjectCamera, VirtualClock, run_virtual
-from fakes.targets import target_points
+from fakes.world.targets import target_points
 
 NOWHERE = Path("unused")
 

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from cell.errors import CellError
-from fakes.belt import Belt
 from fakes.object import ObjectEncoder, VirtualClock, run_virtual
+from fakes.world.belt.belt import Belt
 
 Scene = Callable[[ObjectEncoder, Belt, VirtualClock], Coroutine[Any, Any, None]]
 HEAD = """

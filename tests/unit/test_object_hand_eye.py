@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from cell.devices import Frame, Speed, ToolSettings
 from cell.poses import from_pose6, log_xi
 from fakes.object import ObjectArm, ObjectCamera, VirtualClock, run_virtual
-from fakes.targets import target_points
+from fakes.world.targets import target_points
 
 FAST = Speed(0.5, 2.0, 1.5, 4.0)
 UNUSED = Path("unused")

@@ -14,13 +14,13 @@ from cell.errors import CellError
 from cell.inputs import edges
 from cell.poses import from_pose6
 from cell.samples import Sample
-from fakes.beam_truth import IoTruth
-from fakes.beams import Beams
-from fakes.faults import Fault
-from fakes.input_faults import InputFaults
-from fakes.input_module import InputModule
+from fakes.faults.inputs import InputFaults
+from fakes.faults.vocabulary import Fault
 from fakes.object import ObjectArm, ObjectInputs, VirtualClock, cell_of, run_virtual
-from fakes.scenario import FaultEntry
+from fakes.world.beams.beams import Beams
+from fakes.world.beams.input_module import InputModule
+from fakes.world.beams.truth import IoTruth
+from fakes.world.scenario import FaultEntry
 
 TOOL = from_pose6([0.0, 0.0, 0.18, 0.0, 0.0, 0.0])
 DOWN = Rotation.from_rotvec([np.pi, 0.0, 0.0])

@@ -11,7 +11,7 @@ from cell.devices import LaserTracker
 from cell.errors import CellError
 from cell.poses import Array
 from fakes.object import ObjectTracker, VirtualClock, cell_of, run_virtual
-from fakes.scenario import FaultEntry
+from fakes.world.scenario import FaultEntry
 
 SCENARIO = "tracker"
 SMR = np.array([-0.05, 0.0, 0.06])  # smr1 in the flange

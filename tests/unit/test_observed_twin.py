@@ -10,8 +10,8 @@ import pytest
 
 from cell.errors import CellError
 from daemon.config import load_config
-from fakes.scenario import Scenario
-from fakes.serve import Twin, TwinOptions
+from fakes.twin.serve import Twin, TwinOptions
+from fakes.world.scenario import Scenario
 
 
 @pytest.fixture

@@ -11,10 +11,10 @@ from calibration.kinematics.families import arm_spec
 from cell.errors import CellError
 from cell.formats.robot import parse_robot
 from fakes.object import run_virtual
-from fakes.observed import ObservedPalletizer, Status
-from fakes.palletizer import Palletizer
-from fakes.scenario import Scenario
-from fakes.world import World
+from fakes.world.palletizer.linkage import Palletizer
+from fakes.world.palletizer.observed import ObservedPalletizer, Status
+from fakes.world.scenario import Scenario
+from fakes.world.world import World
 
 ROUND = Palletizer(
     a1=0.3, a2=1.0, a3=1.2, a4=0.25, a5=0.1, d1=0.8, d5=-0.3,

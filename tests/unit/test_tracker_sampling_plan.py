@@ -14,8 +14,8 @@ from cell.errors import CellError, error
 from cell.guard import PLANNED_CLEAR_M, GuardLimits, MotionGuard, Tool
 from cell.poses import Array, from_pose6
 from cell.run_values import RunValues
-from fakes.scenario import Scenario
-from fakes.world import World
+from fakes.world.scenario import Scenario
+from fakes.world.world import World
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.feasible_poses import Space, make_space
 from procedures.tracker.plan import PlanRequest, SamplingPlan, plan_sampling

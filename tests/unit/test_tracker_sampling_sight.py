@@ -9,10 +9,10 @@ from calibration.kinematics.families import arm_spec
 from cell.formats.robot import parse_robot
 from cell.poses import Array
 from cell.run_values import RunValues
-from fakes.palletizer import Palletizer
-from fakes.scenario import Scenario
-from fakes.tracker_sight import BROKEN
-from fakes.world import World
+from fakes.world.palletizer.linkage import Palletizer
+from fakes.world.scenario import Scenario
+from fakes.world.tracker.sight import BROKEN
+from fakes.world.world import World
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.feasible_poses import make_space
 from procedures.tracker.occlusion import Shape, shape_of

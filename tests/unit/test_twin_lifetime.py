@@ -25,7 +25,7 @@ def test_everything_of_the_daemon_that_follows_the_arm_comes_before_the_simulate
 def test_the_controller_has_the_least_real_time_priority_and_its_children_have_none() -> None:
     said = said_by(
         "import os",
-        "from fakes.lifetime import run_as_controller",
+        "from fakes.wire.lifetime import run_as_controller",
         "run_as_controller()",
         "policy, priority = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority",
         "pid = os.fork()",
@@ -41,7 +41,7 @@ def test_the_controller_has_the_least_real_time_priority_and_its_children_have_n
 def test_who_draws_is_behind_the_others() -> None:
     said = said_by(
         "import os",
-        "from fakes.lifetime import run_as_camera",
+        "from fakes.wire.lifetime import run_as_camera",
         "run_as_camera()",
         "print(os.sched_getscheduler(0), os.nice(0))",
     )
@@ -54,7 +54,7 @@ def test_the_collector_passes_over_what_was_there_when_it_was_settled() -> None:
         int,
         said_by(
             "import gc",
-            "from fakes.lifetime import settle_collector",
+            "from fakes.wire.lifetime import settle_collector",
             "kept = [[k] for k in range(50_000)]",
             "before = len(gc.get_objects())",
             "settle_collector()",

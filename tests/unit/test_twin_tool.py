@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import RigidTransform
 from typer.testing import CliRunner
 
-import fakes.cli
 from cell.errors import CellError
-from fakes.serve import Twin, TwinOptions
+from fakes import cli
+from fakes.twin.serve import Twin, TwinOptions
 from fakes.ur.variables import OUTPUTS
 
 
@@ -60,14 +60,14 @@ def test_the_command_sends_metres_and_radians(monkeypatch: pytest.MonkeyPatch, t
         sent.append((folder, request))
         return [0.0] * 6
 
-    monkeypatch.setattr(fakes.cli, "ask", answer)
+    monkeypatch.setattr(cli, "ask", answer)
     run = CliRunner().invoke(
-        fakes.cli.app, ["tool", "bend", "--dx", "0.0012", "--ry", "-0.01", "--out", str(tmp_path)]
+        cli.app, ["tool", "bend", "--dx", "0.0012", "--ry", "-0.01", "--out", str(tmp_path)]
     )
     assert run.exit_code == 0, run.output
-    assert CliRunner().invoke(fakes.cli.app, ["tool", "straighten", "--out", str(tmp_path)]).exit_code == 0
+    assert CliRunner().invoke(cli.app, ["tool", "straighten", "--out", str(tmp_path)]).exit_code == 0
     assert sent == [
         (tmp_path, {"do": "tool", "bend": [0.0012, 0.0, 0.0, 0.0, -0.01, 0.0]}),
         (tmp_path, {"do": "tool", "straighten": True}),
     ]
-    assert CliRunner().invoke(fakes.cli.app, ["tool", "bend", "--dx", "12"]).exit_code == 2
+    assert CliRunner().invoke(cli.app, ["tool", "bend", "--dx", "12"]).exit_code == 2

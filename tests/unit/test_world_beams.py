@@ -5,7 +5,7 @@ import pytest
 from beam_scene import ARM, BEAM, OVER, PIN, Q0, TOOL, assert_crossings, beam, gaps, looked_up, shift, world
 from scipy.spatial.transform import RigidTransform
 
-from fakes.world import World
+from fakes.world.world import World
 
 
 def test_a_pin_that_crosses_straight_at_constant_speed_breaks_the_beam_when_geometry_says() -> None:

@@ -9,8 +9,8 @@ from beam_scene import ARM, OVER, Q0, TOOL, beam, shift, world
 from scipy.spatial.transform import RigidTransform
 
 from cell.poses import log_xi, to_pose6
-from fakes.beams import Beams
-from fakes.world import Message, World
+from fakes.world.beams.beams import Beams
+from fakes.world.world import Message, World
 
 
 def test_a_reader_that_polls_through_changing_plans_sees_what_one_who_comes_later_sees() -> None:

@@ -6,11 +6,11 @@ from beam_scene import ARM, Q0, TOOL, segments_apart
 from scipy.optimize import minimize
 from scipy.spatial.transform import RigidTransform
 
-from fakes._profile import Trapezoid
-from fakes.distance import to_segments
-from fakes.segments import Hold, JointMove, JointSpeed, JointStop, Polynomial, Segment
-from fakes.sweep import fastest, joints
-from fakes.track import Track
+from fakes.world.arm.distance import to_segments
+from fakes.world.arm.profile import Trapezoid
+from fakes.world.arm.segments import Hold, JointMove, JointSpeed, JointStop, Polynomial, Segment
+from fakes.world.arm.sweep import fastest, joints
+from fakes.world.arm.track import Track
 
 
 def test_the_distance_is_the_least_over_all_pairs_of_points() -> None:

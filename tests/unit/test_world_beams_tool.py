@@ -6,8 +6,8 @@ from beam_scene import OVER, Q0, TOOL, assert_crossings, beam, shift, world
 from scipy.spatial.transform import Rotation
 
 from cell.poses import to_pose6
-from fakes.scenario import Scenario
-from fakes.world import World
+from fakes.world.scenario import Scenario
+from fakes.world.world import World
 
 
 def test_a_gripper_with_two_fingers_makes_four_edges_on_each_way() -> None:

@@ -7,11 +7,11 @@ import pytest
 from pydantic import ValidationError
 
 from cell.errors import CellError
-from fakes.belt import Belt
-from fakes.belt_encoder import BeltEncoder
-from fakes.belt_truth import BeltTruth
-from fakes.scenario import Scenario
-from fakes.world import World
+from fakes.world.belt.belt import Belt
+from fakes.world.belt.encoder import BeltEncoder
+from fakes.world.belt.truth import BeltTruth
+from fakes.world.scenario import Scenario
+from fakes.world.world import World
 
 T0 = 1000.0
 RIPPLE = [{"amplitude": 0.03, "hz": 0.7, "phase_rad": 0.4}, {"amplitude": 0.01, "hz": 3.1}]

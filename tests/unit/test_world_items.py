@@ -6,11 +6,11 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from cell.poses import Array
 from fakes.frames.belt_view import boxes_seen
-from fakes.gripper import Gripper
-from fakes.item_truth import GripperTruth, ItemsTruth
-from fakes.items import Items
-from fakes.scenario import Scenario
-from fakes.world import World
+from fakes.world.belt.gripper import Gripper
+from fakes.world.belt.item_truth import GripperTruth, ItemsTruth
+from fakes.world.belt.items import Items
+from fakes.world.scenario import Scenario
+from fakes.world.world import World
 
 SPEED = 0.2
 T_BASE_BELT = RigidTransform.from_components([0.5, -0.3, 0.1], Rotation.from_euler("z", 0.4))

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
 
 from cell.poses import from_pose6
-from fakes.kinematics import MODELS, Chain, LinkDeltas, UnreachableError, chain
+from fakes.world.arm.kinematics import MODELS, Chain, LinkDeltas, UnreachableError, chain
 from tests.ur_reference import independent_poses
 
 JOINTS = st.lists(st.floats(-3.1, 3.1), min_size=6, max_size=6)

@@ -10,10 +10,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from cell.errors import CellError, InputError
 from cell.poses import from_pose6, log_xi
-from fakes.kinematics import chain
-from fakes.scenario import Scenario
-from fakes.targets import target_points
-from fakes.world import World
+from fakes.world.arm.kinematics import chain
+from fakes.world.scenario import Scenario
+from fakes.world.targets import target_points
+from fakes.world.world import World
 
 SHIPPED = ("hand_eye", "hand_eye_to_hand")
 WITH_BEAMS = ("laser", "bay")

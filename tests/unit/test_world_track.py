@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cell.poses import from_pose6, log_xi
-from fakes.kinematics import UnreachableError, chain
-from fakes.track import Track
+from fakes.world.arm.kinematics import UnreachableError, chain
+from fakes.world.arm.track import Track
 
 CHAIN = chain("ur10e")
 Q0 = np.array([0.1, -1.2, 1.3, -1.0, -1.5, 0.3])

@@ -8,12 +8,12 @@ import pytest
 from calibration.kinematics import UrArm
 from cell.errors import CellError
 from cell.poses import from_pose6
-from fakes.arm_shape import ArmShape
-from fakes.kinematics import chain
-from fakes.scenario import Scenario
-from fakes.tracker import MULTIPLE, NO_TARGET, NOT_AIMED, Tracker, direction, polar
-from fakes.tracker_sight import BROKEN, OUT_OF_RANGE, TURNED_AWAY
-from fakes.world import World
+from fakes.world.arm.kinematics import chain
+from fakes.world.arm.shape import ArmShape
+from fakes.world.scenario import Scenario
+from fakes.world.tracker.sight import BROKEN, OUT_OF_RANGE, TURNED_AWAY
+from fakes.world.tracker.tracker import MULTIPLE, NO_TARGET, NOT_AIMED, Tracker, direction, polar
+from fakes.world.world import World
 
 T0 = 100.0
 STAND = [2.0, -2.0, 0.9, 0.02, -0.01, 2.3]

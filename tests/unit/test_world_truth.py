@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from cell.poses import from_pose6, log_xi, to_pose6
-from fakes.scenario import Scenario
-from fakes.world import World
+from fakes.world.scenario import Scenario
+from fakes.world.world import World
 
 Edit = Callable[[dict], None]
 

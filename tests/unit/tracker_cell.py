@@ -11,8 +11,8 @@ import pytest
 
 from cell.poses import Array, from_pose6
 from daemon.config import CellConfig
-from fakes.scenario import Scenario
-from fakes.world import World
+from fakes.world.scenario import Scenario
+from fakes.world.world import World
 from procedures.tracker.judging import places
 from procedures.tracker.plan import PlanRequest, SamplingPlan, plan_sampling
 from tests.object_cell import write_config

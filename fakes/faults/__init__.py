@@ -1,0 +1,1 @@
+"""The vocabulary of faults, and how each shows on a thing of the world."""

@@ -1,0 +1,1 @@
+"""A tracker's points as lines of text on TCP."""

@@ -1,0 +1,1 @@
+"""The twin as a program: its devices, its control socket and its command line."""

@@ -1,0 +1,94 @@
+"""The camera's process and the pipe that keeps its world in step with the twin's.
+
+Rendering beside the 500 Hz stream would make it stutter, so it has a process of its own. A thread writes
+to the pipe: a camera that hangs must never block the controller's loop.
+"""
+
+import contextlib
+import multiprocessing
+import queue
+import threading
+import time
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+from fakes.frames.server import serve_frames
+from fakes.wire.lifetime import die_with_parent, run_as_camera, run_as_controller
+from fakes.world.world import Message, World
+
+BACKLOG = 20_000  # messages; 40 s of set-points at 500 Hz
+JOIN_S = 3.0
+_MOST_AT_ONCE = 100
+_GATHER_S = 0.008  # some set-points go together; a picture is drawn later than that
+
+
+class FrameProcess:
+    """The frame server as a child; :meth:`send` never blocks."""
+
+    def __init__(self, socket_path: str, scenario: str, world: World) -> None:
+        self._arguments = (socket_path, scenario)
+        self._world = world
+        self._queue: queue.Queue[Message | None] = queue.Queue(BACKLOG)
+        self._process: BaseProcess | None = None
+        self._thread: threading.Thread | None = None
+        self._open = True
+
+    def start(self) -> None:
+        """Start the child and bring its world to the twin's."""
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(*self._arguments, theirs), daemon=True)
+        self._process.start()
+        theirs.close()
+        self._thread = threading.Thread(target=self._write, args=(ours,), name="mirror", daemon=True)
+        self._thread.start()
+        self._world.mirror_to(self.send)
+
+    def send(self, message: Message) -> None:
+        """Queue one message; a child that stopped reading long ago loses them."""
+        if self._open:
+            with contextlib.suppress(queue.Full):
+                self._queue.put_nowait(message)
+
+    @property
+    def alive(self) -> bool:
+        return self._process is not None and self._process.is_alive()
+
+    @property
+    def sentinel(self) -> int:
+        """A descriptor that becomes readable when the child ends."""
+        assert self._process is not None
+        return self._process.sentinel
+
+    def stop(self) -> None:
+        """Close the pipe, which ends the child; kill it when it does not go."""
+        self._open = False
+        with contextlib.suppress(queue.Full):
+            self._queue.put_nowait(None)
+        if self._process is not None:
+            self._process.join(JOIN_S)
+            if self._process.is_alive():
+                self._process.kill()
+                self._process.join()
+        if self._thread is not None:
+            self._thread.join(JOIN_S)
+
+    def _write(self, connection: "Connection[Any, Any]") -> None:
+        run_as_controller()  # whoever waits for a core here may hold the interpreter's lock
+        with connection, contextlib.suppress(OSError):
+            over = False
+            while not over:
+                messages = [self._queue.get()]
+                with contextlib.suppress(queue.Empty):
+                    while messages[-1] is not None and len(messages) < _MOST_AT_ONCE:
+                        messages.append(self._queue.get_nowait())
+                over = messages[-1] is None
+                connection.send([message for message in messages if message is not None])
+                time.sleep(_GATHER_S)
+
+
+def _serve(socket_path: str, scenario: str, connection: "Connection[Any, Any]") -> None:
+    die_with_parent()
+    run_as_camera()
+    serve_frames(socket_path, scenario, connection)

@@ -1,0 +1,1 @@
+"""Listening, serial lines, checksums and deadlines that every device server shares."""

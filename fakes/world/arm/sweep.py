@@ -1,0 +1,83 @@
+"""A segment of the track at many times in one call, and how fast its joints turn at most."""
+
+import numpy as np
+
+from cell.poses import Array
+from fakes.world.arm.profile import Ramp, Trapezoid
+from fakes.world.arm.segments import Hold, JointMove, JointSpeed, JointStop, PathMove, Polynomial, Segment
+
+
+def joints(segment: Segment, times: Array) -> Array:
+    """Joints (n, 6) rad at ``times`` (n,), which ascend and are not before the start of ``segment``."""
+    if len(times) == 1:
+        return segment.at(float(times[0]))[0][None]
+    match segment:
+        case Hold():
+            return np.tile(segment.q, (len(times), 1))
+        case JointMove():
+            part = distances(segment.profile, times - segment.t0) / max(segment.profile.length, 1e-300)
+            out: Array = segment.q0 + part[:, None] * (segment.q1 - segment.q0)
+            return out
+        case PathMove():
+            s = distances(segment.profile, times - segment.t0)
+            i = np.clip(np.searchsorted(segment.knots, s, side="right") - 1, 0, len(segment.knots) - 2)
+            c3, c2, c1, c0 = segment.coefficients[:, i]
+            x = (s - segment.knots[i])[:, None]
+            on_path: Array = ((c3 * x + c2) * x + c1) * x + c0
+            return on_path
+        case Polynomial() if times[-1] <= segment.t1:
+            tau = (times - segment.origin)[:, None]
+            q = np.zeros((len(times), segment.coefficients.shape[1]))
+            for c in segment.coefficients[::-1]:
+                q = q * tau + c
+            return q
+    return np.array([segment.at(float(t))[0] for t in times])
+
+
+def fastest(segment: Segment) -> Array:
+    """A bound (6,) on the joint speeds, rad/s, from the start of ``segment`` to its end."""
+    match segment:
+        case JointMove():
+            peak = segment.profile.peak if segment.profile.length > 0.0 else 0.0
+            turn: Array = np.abs(segment.q1 - segment.q0)
+            return turn * peak / max(segment.profile.length, 1e-300)
+        case PathMove():
+            c3, c2, c1, _ = np.abs(segment.coefficients)
+            x = np.diff(segment.knots)[:, None]
+            per_length: Array = ((3.0 * c3 * x + 2.0 * c2) * x + c1).max(axis=0)
+            profile = segment.profile
+            on_way: Array = per_length * (profile.peak if isinstance(profile, Trapezoid) else abs(profile.v0))
+            return on_way
+        case JointStop():
+            return np.abs(segment.qd0)
+        case JointSpeed():
+            return np.maximum(np.abs(segment.qd0), np.abs(segment.qd1))
+        case Polynomial():
+            longest = max(abs(segment.t0 - segment.origin), abs(segment.t1 - segment.origin))
+            powers = np.arange(1, len(segment.coefficients))
+            terms = np.abs(segment.coefficients[1:]) * (powers * longest ** (powers - 1.0))[:, None]
+            total: Array = terms.sum(axis=0)
+            return total
+    return np.zeros(6)
+
+
+def distances(profile: Trapezoid | Ramp, tau: Array) -> Array:
+    """Distances (n,) along a profile ``tau`` (n,) seconds after its start."""
+    tau = np.clip(tau, 0.0, profile.duration)
+    if isinstance(profile, Ramp):
+        T = profile.duration
+        if T == 0.0:
+            return np.full_like(tau, profile.s0)
+        slowed: Array = profile.s0 + profile.v0 * (tau - 0.5 * tau * tau / T)
+        return slowed
+    left, ramp = profile.duration - tau, profile.peak / profile.a if profile.length > 0.0 else 0.0
+    out: Array = np.where(
+        tau < ramp,
+        0.5 * profile.a * tau * tau,
+        np.where(
+            left < ramp,
+            profile.length - 0.5 * profile.a * left * left,
+            profile.peak * (tau - 0.5 * ramp),
+        ),
+    )
+    return out

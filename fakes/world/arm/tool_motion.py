@@ -1,0 +1,102 @@
+"""The true tool's way through the base: pieces of time within which it moves smoothly and not too fast."""
+
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from cell.poses import Array
+from fakes.world.arm.kinematics import Chain, skew
+from fakes.world.arm.repeatability import Blend, Repeatability
+from fakes.world.arm.segments import Polynomial, Segment
+from fakes.world.arm.sweep import fastest, joints
+from fakes.world.arm.tool_shape import ToolShape
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """The tool from ``start`` (s) to ``end``. No point of it is faster than ``speed`` (m/s); at ``start`` it
+    may have leapt by ``leap`` (m) from where the piece before ends."""
+
+    start: float
+    end: float
+    speed: float
+    leap: float
+    chain: Chain
+    segment: Segment
+    blend: Blend
+    ends: Array  # of the capsules' axes in the flange, (m, 2, 3)
+
+    def axes(self, times: Array) -> Array:
+        """Ends of the capsules' axes in the base, (n, m, 2, 3) m, at ``times`` (n,) of this piece."""
+        flange = self.chain.matrix(joints(self.segment, times))
+        off = self.blend.many(times)
+        points = self.ends.reshape(-1, 3)
+        points = _displaced(points, off) if off[:, 3:].any() else points + off[:, None, :3]
+        out: Array = points @ flange[:, :3, :3].swapaxes(1, 2) + flange[:, None, :3, 3]
+        return out.reshape(len(times), *self.ends.shape)
+
+
+class ToolMotion:
+    """The pieces, in order. It keeps the segments for itself: the track forgets what is long over."""
+
+    def __init__(
+        self, chain: Chain, repeatability: Repeatability, tool: ToolShape, track: list[Segment]
+    ) -> None:
+        self._chain, self._repeatability, self._tool = chain, repeatability, tool
+        self._levers = chain.levers()
+        self._segments, self._starts = list(track), [segment.t0 for segment in track]
+
+    def add(self, segment: Segment) -> None:
+        """The arm is to do ``segment`` from its start on, in place of what was planned."""
+        keep = bisect_left(self._starts, segment.t0)
+        self._segments[keep:], self._starts[keep:] = [segment], [segment.t0]
+
+    def forget(self, t: float) -> None:
+        """Nobody will ask for times before ``t`` any more."""
+        old = max(bisect_right(self._starts, t) - 2, 0)  # one more, to see where it ended
+        del self._segments[:old], self._starts[:old]
+
+    def after(self, t: float) -> int:
+        """How many segments begin after ``t``."""
+        return len(self._starts) - bisect_right(self._starts, t)
+
+    def piece(self, t: float) -> Piece:
+        """What goes on from ``t`` until something changes."""
+        i = max(bisect_right(self._starts, t) - 1, 0)
+        segment = self._segments[i]
+        blend = self._repeatability.blend_at(t)
+        ends, lever = self._tool.ends_at(t)
+        # Set-points come 500 times a second, and when the last one would end in rest is a costly question.
+        rest = segment.t1 if isinstance(segment, Polynomial) and t < segment.t1 else segment.t_end
+        changes = [rest, blend.end, self._tool.next_bend(t), *self._starts[i + 1 : i + 2]]
+        speed = blend.rate(t, lever)
+        if t < rest:
+            speed += float(fastest(segment) @ (self._levers + lever))
+        end = min([change for change in changes if change > t], default=inf)
+        return Piece(t, end, speed, self._leap(i, t, lever), self._chain, segment, blend, ends)
+
+    def _leap(self, i: int, t: float, lever: float) -> float:
+        if self._tool.bent_at(t):
+            return inf
+        if i == 0 or self._starts[i] != t:
+            return 0.0
+        change = self._segments[i].at(t)[0] - self._segments[i - 1].at(t)[0]
+        return float(np.abs(change) @ (self._levers + lever))
+
+
+def _displaced(points: Array, xi: Array) -> Array:
+    """``exp(xi)`` of points (m, 3) for small ``xi`` (n, 6), (n, m, 3).
+
+    With W the rotation's cross product matrix and p the shift, a point x goes to
+    ``x + p + W (x + p/2) + W^2 (x/2 + p/6) + ...``; after five terms less than 1e-15 is left at 0.01 rad.
+    """
+    W = skew(xi[:, 3:]).swapaxes(1, 2)
+    x = np.broadcast_to(points, (len(xi), *points.shape))
+    p = xi[:, None, :3]
+    out: Array = x + p
+    for k in range(1, 6):
+        x, p = x @ W / k, p @ W / (k + 1)
+        out = out + x + p
+    return out

@@ -1,0 +1,1 @@
+"""Light beams across the cell, and the module that counts their edges."""

@@ -1,0 +1,96 @@
+"""The input module as a thing: what its terminals see and what its counters show, whatever the wire is.
+
+Every face shares it, so its faults (stuck and bouncing inputs, counters near their wrap or back at zero, an
+image that stands still) live here; what can go wrong on a link lives in the face.
+"""
+
+from bisect import bisect_right
+from math import inf
+
+from fakes.world.beams.beams import Beams
+from fakes.world.beams.input_channel import InputChannel
+from fakes.world.beams.truth import CHANNELS, IoTruth
+
+
+class InputModule:
+    """Levels and counters of the wired channels as functions of time (s on the twin's clock).
+
+    Faults begin at a time that is not before any that was asked for.
+    """
+
+    MODULUS = 1 << 32
+
+    def __init__(self, truth: IoTruth, beams: Beams, t0: float) -> None:
+        self.truth = truth
+        self.channels = CHANNELS[truth.module]
+        by_channel = {channel: name for name, channel in truth.inputs.items()}
+        self._inputs = [
+            InputChannel(beams, name, name in truth.inverted, truth.filter_s, truth.scan_s, t0)
+            for name in map(by_channel.get, range(max(by_channel, default=-1) + 1))
+        ]
+        self._frozen: list[tuple[float, bool]] = [(-inf, False)]
+        self._presets: list[tuple[float, tuple[int, ...]]] = [(-inf, (0,) * len(self._inputs))]
+        if truth.bounce_s:
+            self.bounce(t0, truth.bounce_s)
+
+    def levels(self, t: float) -> tuple[bool, ...]:
+        """The electrical level of channels ``0 .. n-1`` at ``t``, up to the last one that is wired."""
+        t = self._shown(t)
+        return tuple([channel.level(t) for channel in self._inputs])
+
+    def counts(self, t: float) -> tuple[int, ...]:
+        """Rising edges that the module has counted per channel by ``t``, modulo :attr:`MODULUS`.
+
+        As many as :meth:`levels` has; none at all when the module has no counters.
+        """
+        if not self.truth.counters:
+            return ()
+        t = self._shown(t)
+        preset = self._presets[bisect_right(self._presets, t, key=_when) - 1][1]
+        pairs = zip(self._inputs, preset, strict=True)
+        return tuple([(channel.count(t) + more) % self.MODULUS for channel, more in pairs])
+
+    # -- faults
+
+    def stick(self, t: float, level: bool | None, beam: str | None = None) -> None:
+        """From ``t`` on the input of ``beam``, or every one, is on or off whatever happens; None frees it."""
+        for channel in self._chosen(beam):
+            channel.stick(t, level)
+
+    def bounce(self, t: float, duration_s: float) -> None:
+        """From ``t`` on every contact bounces for so long at every edge."""
+        for channel in self._inputs:
+            channel.bounce(t, duration_s)
+
+    def preset(self, t: float, value: int) -> None:
+        """From ``t`` on all counters go on from ``value``."""
+        now = self._shown(t)
+        self._presets.append((now, tuple(value - channel.count(now) for channel in self._inputs)))
+
+    def reboot(self, t: float) -> None:
+        """The module starts at ``t``: counters are zero, and it looks again."""
+        self.freeze(t, False)
+        self.preset(t, 0)
+
+    def freeze(self, t: float, frozen: bool) -> None:
+        """From ``t`` on the module shows what it has, or lives again."""
+        if frozen != self._frozen[-1][1]:
+            self._frozen.append((t, frozen))
+
+    def clear(self, t: float) -> None:
+        """End every fault that lasts; what the scenario says stays."""
+        self.stick(t, None)
+        self.bounce(t, self.truth.bounce_s)
+        self.freeze(t, False)
+
+    def _chosen(self, beam: str | None) -> list[InputChannel]:
+        return self._inputs if beam is None else [self._inputs[self.truth.inputs[beam]]]
+
+    def _shown(self, t: float) -> float:
+        """The time whose image the module shows at ``t``."""
+        since, frozen = self._frozen[bisect_right(self._frozen, t, key=_when) - 1]
+        return since if frozen else t
+
+
+def _when(event: tuple[float, object]) -> float:
+    return event[0]

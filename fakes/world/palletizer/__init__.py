@@ -1,0 +1,1 @@
+"""The palletizer: an arm that its own program moves."""

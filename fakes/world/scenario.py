@@ -1,0 +1,390 @@
+"""A scenario: what the twin's world truly is, where its fakes listen, and which faults happen when."""
+
+import difflib
+import json
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from cell.errors import error
+from fakes.world.arm.kinematics import MODELS, LinkDeltas
+from fakes.world.beams.truth import BeamTruth, CapsuleTruth, Channel, IoTruth, Three
+from fakes.world.belt.item_truth import GripperTruth, ItemsTruth
+from fakes.world.belt.truth import BeltTruth, PhaseTruth, RippleTruth, StopsTruth
+from fakes.world.palletizer.truth import ObservedTruth, PalletizerErrors, PalletizerTable
+from fakes.world.toml_text import to_toml
+from fakes.world.tracker.lines_form import LinesForm
+from fakes.world.tracker.truth import BoxTruth, ReflectorTruth, TrackerTruth
+
+SCHEMA = "cellward.scenario/1"
+OBSERVED, OBSERVED_MODEL = "palletizer", "palletizer.json"
+
+Six = Annotated[list[float], Field(min_length=6, max_length=6)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Links(_Strict):
+    """Deviations of the arm's links, rad and m, as UR's calibration lists them."""
+
+    delta_theta: Six = [0.0] * 6
+    delta_d: Six = [0.0] * 6
+    delta_a: Six = [0.0] * 6
+    delta_alpha: Six = [0.0] * 6
+
+    def deltas(self) -> LinkDeltas:
+        return LinkDeltas.from_mapping(self.model_dump())
+
+
+class ArmTruth(_Strict):
+    """The robot: what its controller believes, and how far the true one is from that."""
+
+    model: str
+    serial: str = Field(
+        default="99991100001", pattern=r"^9999\d+$", description="twin serials begin with 9999"
+    )
+    version: str = "5.12.4"
+    q_start: Six
+    factory: Links = Links()
+    error: Links = Links()
+    repeatability_t_m: float = Field(
+        default=0.0, ge=0, le=0.01, description="sigma per axis, new at each standstill"
+    )
+    repeatability_r_rad: float = Field(default=0.0, ge=0, le=0.01)
+
+    @model_validator(mode="after")
+    def _known_model(self) -> Self:
+        if self.model not in MODELS:
+            raise ValueError(f"model {self.model!r} is not known; known are {', '.join(MODELS)}")
+        return self
+
+
+def _pin() -> list[CapsuleTruth]:
+    """60 mm long, 3 mm in radius, with the tool's point as its lowest one."""
+    return [CapsuleTruth.model_validate({"from": [0, 0, -0.003], "to": [0, 0, -0.057], "radius_m": 0.003})]
+
+
+class ToolTruth(_Strict):
+    """What is mounted on the flange, as the drawing has it, and the shape of its end in the tool frame."""
+
+    name: str = "gripper"
+    T_flange_tool: Six = [0.0, 0.0, 0.18, 0.0, 0.0, 0.0]
+    radius_m: float = Field(default=0.03, gt=0, le=0.5)
+    payload_kg: float = Field(default=1.2, ge=0, le=50)
+    shape: list[CapsuleTruth] = Field(default_factory=_pin, min_length=1)
+
+
+class CameraTruth(_Strict):
+    """The camera and where it truly is; ``nominal`` is what the drawing says of the same pose."""
+
+    serial: str = Field(
+        default="99992200001", pattern=r"^9999\d+$", description="twin serials begin with 9999"
+    )
+    width: int = Field(default=1280, ge=64, le=8192)
+    height: int = Field(default=800, ge=64, le=8192)
+    K: Annotated[list[float], Field(min_length=4, max_length=4)]
+    dist: list[float] = []
+    T_flange_camera: Six | None = None
+    T_base_camera: Six | None = None
+    nominal: Six
+    noise_px: float = Field(default=0.05, ge=0, le=10)
+    exposure_s: float = Field(default=0.008, gt=0, le=1)
+    period_s: float = Field(default=0.1, gt=0, le=10)
+    latency_s: float = Field(default=0.03, ge=0, le=1, description="from mid exposure to delivery")
+    grey: float = Field(default=120.0, ge=0, le=255)
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        if (self.T_flange_camera is None) == (self.T_base_camera is None):
+            raise ValueError("give either T_flange_camera (eye-in-hand) or T_base_camera (eye-to-hand)")
+        if len(self.dist) not in (0, 4, 5, 8, 12, 14):
+            raise ValueError(f"dist has {len(self.dist)} entries; OpenCV's models have 0, 4, 5, 8, 12 or 14")
+        return self
+
+
+class Placement(_Strict):
+    """Where the operator puts the target: in the base, or on the flange when the camera is fixed."""
+
+    T_base_target: Six | None = None
+    T_flange_target: Six | None = None
+
+
+class Obstacle(_Strict):
+    """An elastic half-space that pushes the tool's tip back along ``normal``."""
+
+    point: Three
+    normal: Three
+    stiffness_n_m: float = Field(default=20000.0, gt=0)
+
+
+class WorldTruth(_Strict):
+    """``[world]``."""
+
+    seed: int = Field(default=1, ge=0)
+    arm: ArmTruth
+    tool: ToolTruth = ToolTruth()
+    camera: CameraTruth | None = None
+    target: dict[str, Any] | None = None
+    placement: list[Placement] = []
+    beams: dict[str, BeamTruth] = Field(default={}, description="usual names are xs, along x, and ys")
+    io: IoTruth | None = None
+    arm_inputs: dict[str, Annotated[Channel, Field(le=17)]] = Field(
+        default={}, description="the arm's own digital input of each beam"
+    )
+    obstacle: list[Obstacle] = []
+    belt: BeltTruth | None = None
+    items: ItemsTruth | None = None
+    gripper: GripperTruth | None = None
+    observed: ObservedTruth | None = Field(default=None, description="an arm that its own program moves")
+    tracker: TrackerTruth | None = None
+    reflectors: dict[str, ReflectorTruth] = Field(
+        default={}, description="on an arm, or monuments on the base; all of them are there at once"
+    )
+
+    @property
+    def eye_in_hand(self) -> bool:
+        return self.camera is not None and self.camera.T_flange_camera is not None
+
+    @property
+    def camera_mount(self) -> list[float]:
+        """The camera's true pose in what carries it: the flange, or the base."""
+        camera = self.camera
+        return [] if camera is None else camera.T_flange_camera or camera.T_base_camera or []
+
+    @property
+    def target_mounts(self) -> list[list[float]]:
+        """The target's true poses in what carries it: the base, or the flange."""
+        return [p.T_base_target or p.T_flange_target or [] for p in self.placement]
+
+    @model_validator(mode="after")
+    def _camera_and_target_come_together(self) -> Self:
+        given = [self.camera is not None, self.target is not None, bool(self.placement)]
+        if any(given) and not all(given):
+            raise ValueError("camera, target and placement belong together: give all of them, or none")
+        return self
+
+    @model_validator(mode="after")
+    def _only_beams_are_wired(self) -> Self:
+        wired = set(self.arm_inputs) | set(self.io.inputs if self.io is not None else ())
+        if strange := sorted(wired - set(self.beams)):
+            raise ValueError(f"{', '.join(strange)} is wired to an input, but is not among the beams")
+        return self
+
+    @model_validator(mode="after")
+    def _reflectors_have_a_tracker(self) -> Self:
+        if self.reflectors and self.tracker is None:
+            raise ValueError("reflectors are there for a tracker: give [world.tracker] too")
+        if self.observed is None and any(r.on == "observed" for r in self.reflectors.values()):
+            raise ValueError('a reflector is on = "observed", but there is no [world.observed]')
+        return self
+
+    @model_validator(mode="after")
+    def _items_lie_on_a_belt(self) -> Self:
+        if self.items is not None and self.belt is None:
+            raise ValueError("items lie on a belt: give [world.belt] too")
+        return self
+
+    @model_validator(mode="after")
+    def _placements_fit_the_setup(self) -> Self:
+        if self.camera is None:
+            return self
+        wanted, other = ("T_base_target", "T_flange_target")[:: 1 if self.eye_in_hand else -1]
+        for i, placement in enumerate(self.placement):
+            if getattr(placement, wanted) is None or getattr(placement, other) is not None:
+                raise ValueError(f"placement {i} needs {wanted}, and only that, with this camera mounting")
+        return self
+
+
+class FakeAddresses(_Strict):
+    """``[fakes]``: where the wire face listens. Loopback only: the twin is not for a network."""
+
+    bind: str = Field(default="127.0.0.2", pattern=r"^127\.\d+\.\d+\.\d+$")
+    frames_socket: str = "frames.sock"
+    io_port: int = Field(default=5502, ge=1024, le=65535, description="the input module's Modbus TCP port")
+    io_rtu: bool = Field(default=False, description="the input module also on a serial line, io.tty")
+    io_delay_s: float = Field(default=0.001, ge=0, le=1, description="the module's shortest reply time")
+    io_jitter_s: float = Field(default=0.001, ge=0, le=1, description="and what chance adds to it at most")
+    tracker_port: int = Field(default=1212, ge=1024, le=65535, description="TCP port of GeoCOM")
+    tracker_by: Literal["tcp", "serial"] = Field(
+        default="tcp", description="the wire that the generated cell.toml names; tracker.tty is the other"
+    )
+    tracker_delay_s: float = Field(default=0.005, ge=0, le=1, description="its shortest reply time")
+    tracker_lines: LinesForm | None = Field(default=None, description="points as lines of text as well")
+    can: Literal["slcan", "socketcand"] = Field(
+        default="slcan", description="the adapter that the generated cell.toml names; both are there"
+    )
+    can_port: int = Field(default=29536, ge=1024, le=65535, description="TCP port of the CAN gateway")
+    observed_port: int = Field(
+        default=5503, ge=1024, le=65535, description="Modbus TCP port of the observed arm's controller"
+    )
+    observed_by: Literal["registers", "file"] = Field(
+        default="registers", description="file: the arm's program appends each rest to joints.csv instead"
+    )
+
+
+class FaultEntry(_Strict):
+    """``[[fault]]``: ``kind`` happens to ``device`` ``when_s`` seconds after the twin's start."""
+
+    device: Literal["arm", "camera", "beams", "tracker", "palletizer", "belt"]
+    kind: str
+    when_s: float = Field(ge=0)
+    args: dict[str, Any] = {}
+
+
+class CellSettings(_Strict):
+    """``[cell]``: what the generated cell.toml says beyond the truth."""
+
+    name: str = "twin"
+    T_flange_target_nominal: Six | None = Field(
+        default=None, description="eye-to-hand: the first mounting of the target, from the drawing"
+    )
+    poses: dict[str, Six] = {}
+    limits: dict[str, Any] = {
+        "speed_m_s": 0.25,
+        "accel_m_s2": 0.5,
+        "joint_speed_rad_s": 0.8,
+        "workspace": [{"min": [-1.3, -1.3, 0.0], "max": [1.3, 1.3, 1.6]}],
+    }
+    job: dict[str, dict[str, Any]] = {}
+
+
+class Scenario(_Strict):
+    """A whole scenario file."""
+
+    schema_: Literal["cellward.scenario/1"] = Field(alias="schema")
+    world: WorldTruth
+    fakes: FakeAddresses = FakeAddresses()
+    operator: Literal["manual", "auto"] = "manual"  # auto: moves the target on when a job gives the arm back
+    fault: list[FaultEntry] = []
+    cell: CellSettings = CellSettings()
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Scenario":
+        """Read a scenario file; a bare name like ``hand_eye`` is one of the shipped scenarios."""
+        source = Path(path)
+        shipped = files("fakes").joinpath("scenarios", f"{path}.toml")
+        if not source.suffix and shipped.is_file():
+            text = shipped.read_text("utf-8")
+        elif source.is_file():
+            text = source.read_text("utf-8")
+        else:
+            raise error("FILE_MISSING", f"scenario {path} is neither a file nor a shipped scenario")
+        return cls.parse(text, str(path))
+
+    @classmethod
+    def parse(cls, text: str, name: str = "scenario") -> "Scenario":
+        """Parse and check TOML text; ``CONFIG_INVALID`` lists every finding."""
+        try:
+            return cls.model_validate(tomllib.loads(text))
+        except tomllib.TOMLDecodeError as exc:
+            raise error("CONFIG_INVALID", f"{name} is not TOML: {exc}") from exc
+        except ValidationError as exc:
+            raise error("CONFIG_INVALID", f"{name}: " + "; ".join(_findings(exc))) from exc
+
+    def cell_toml(
+        self,
+        arm: dict[str, Any],
+        camera: dict[str, Any] | None,
+        state_dir: str,
+        control_socket: str,
+        modbus: dict[str, Any] | None = None,
+        overrides: dict[str, Any] | None = None,
+        clock: str | None = None,
+        beams: dict[str, Any] | None = None,
+        tracker: dict[str, Any] | None = None,
+        observed: dict[str, Any] | None = None,
+        belt: dict[str, Any] | None = None,
+        gripper: dict[str, Any] | None = None,
+    ) -> str:
+        """A ready cell.toml for this twin (FORMATS.md section 2).
+
+        ``arm``, ``camera``, ``beams``, ``tracker``, ``observed``, ``belt`` and ``gripper`` are the device
+        tables, driver and address included; those of devices that the scenario lacks are left out. The file
+        that ``observed_model`` names is written by :meth:`write_observed_model`. ``modbus`` is its section;
+        ``overrides`` are further top-level tables that replace generated ones of the same name; ``clock``
+        names the virtual clock of the object face.
+        """
+        world = self.world
+        robot: dict[str, Any] = {"arm": "arm"}
+        devices = {"arm": {**arm, "expect_serial": world.arm.serial}}
+        if world.camera is not None and camera is not None:
+            mount = "flange" if world.eye_in_hand else "base"
+            robot["flange_camera" if world.eye_in_hand else "fixed_camera"] = "camera"
+            robot[f"T_{mount}_camera_nominal"] = world.camera.nominal
+            devices["camera"] = {**camera, "expect_serial": world.camera.serial}
+        if world.io is not None and beams is not None:
+            robot["beams"] = "beams"
+            devices["beams"] = {**beams, "expect_serial": world.io.serial}
+        if world.tracker is not None and tracker is not None:
+            robot["tracker"] = "tracker"
+            devices["tracker"] = {**tracker, "expect_serial": world.tracker.serial}
+        if world.observed is not None and observed is not None:
+            robot["observed_arm"] = OBSERVED
+            robot["observed_model"] = OBSERVED_MODEL
+            devices[OBSERVED] = {**observed, "expect_serial": world.observed.serial}
+        if world.belt is not None and belt is not None:
+            robot["belt"] = "belt"
+            devices["belt"] = {**belt, "expect_serial": world.belt.serial}
+        if world.gripper is not None and gripper is not None:
+            robot["gripper"] = "gripper"
+            devices["gripper"] = gripper
+        robot |= {
+            "T_flange_target_nominal": self.cell.T_flange_target_nominal,
+            "model": world.arm.model,
+            "payload_kg": world.tool.payload_kg,
+            "tool": world.tool.model_dump(include={"name", "T_flange_tool", "radius_m"}),
+        }
+        tables: dict[str, Any] = {
+            "schema": 1,
+            "cell": {
+                "name": self.cell.name,
+                "twin": True,
+                "state_dir": state_dir,
+                "control_socket": control_socket,
+                "clock": clock,
+            },
+            "robot": robot,
+            "limits": self.cell.limits,
+            "poses": self.cell.poses or {"home": world.arm.q_start},
+            "device": devices,
+        }
+        if world.target is not None:
+            tables["target"] = {"board": world.target}
+        if modbus is not None:
+            tables["modbus"] = modbus
+        if self.cell.job:
+            tables["job"] = self.cell.job
+        return to_toml({**tables, **(overrides or {})})
+
+    def write_observed_model(self, folder: Path) -> None:
+        """Write the ROBOT that the observed arm's controller believes in beside the cell.toml."""
+        if self.world.observed is not None:
+            (folder / OBSERVED_MODEL).write_text(json.dumps(self.world.observed.robot, indent=1), "utf-8")
+
+
+def _findings(exc: ValidationError) -> list[str]:
+    """One sentence a finding, with the place, and the nearest known key for an unknown one."""
+    out = []
+    for item in exc.errors():
+        where = ".".join(str(p) for p in item["loc"])
+        if item["type"] == "extra_forbidden":
+            near = difflib.get_close_matches(str(item["loc"][-1]), _known_keys(), n=1)
+            out.append(f"{where} is not a known key" + (f", did you mean {near[0]}?" if near else ""))
+        else:
+            out.append(f"{where}: {item['msg']}")
+    return out
+
+
+def _known_keys() -> set[str]:
+    models: list[type[BaseModel]] = [
+        *_Strict.__subclasses__(), BeamTruth, CapsuleTruth, IoTruth, TrackerTruth, ReflectorTruth, LinesForm,
+        BoxTruth,
+        ObservedTruth, PalletizerTable, PalletizerErrors, BeltTruth, PhaseTruth, StopsTruth, RippleTruth,
+        ItemsTruth, GripperTruth,
+    ]  # fmt: skip
+    return {info.alias or name for model in models for name, info in model.model_fields.items()}

@@ -1,0 +1,1 @@
+"""The laser tracker: where it stands, what it can see and what it reads."""
