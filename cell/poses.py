@@ -55,3 +55,15 @@ def log_xi(transform: RigidTransform) -> Array:
     """SE(3) logarithm as (translation part, rotation part); inverse of :func:`exp_xi`."""
     coords: Array = transform.as_exp_coords()
     return coords[..., _TRANSLATION_FIRST]
+
+
+def adjoint(T: Array) -> Array:
+    """Ad (..., 6, 6) of poses (..., 4, 4): ``T exp(xi) T^-1 = exp(Ad xi)`` (Barfoot 2017, eq. 7.45)."""
+    R, (x, y, z) = T[..., :3, :3], np.moveaxis(T[..., :3, 3], -1, 0)
+    skew = np.zeros((*T.shape[:-2], 3, 3))
+    skew[..., 0, 1], skew[..., 0, 2], skew[..., 1, 2] = -z, y, -x
+    skew = skew - skew.swapaxes(-1, -2)
+    out = np.zeros((*T.shape[:-2], 6, 6))
+    out[..., :3, :3] = out[..., 3:, 3:] = R
+    out[..., :3, 3:] = skew @ R
+    return out

@@ -1,10 +1,12 @@
 """What a person or a PLC sees of the engine at a glance, and what a page draws while a job runs."""
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
 
-if TYPE_CHECKING:
-    from daemon.engine import Engine
+from cell.errors import CellError
+from cell.procedure import PackML, Run
+from cell.store.ledger import Ledger
+from daemon.cell_context import CellContext
 
 LIVE_ROWS = 250  # of a trace in one answer: more would hold up a loop that decides every 20 ms
 TABLES = (  # of a result, one entry a sample or a place: too much for a status
@@ -14,7 +16,25 @@ TABLES = (  # of a result, one entry a sample or a place: too much for a status
 )
 
 
-def status_of(engine: "Engine") -> dict[str, Any]:
+class Shown(Protocol):
+    """What is shown of the engine."""
+
+    context: CellContext
+    ledger: Ledger
+    last: dict[str, Any] | None
+    error: CellError | None
+    interrupted: list[int]
+    waiting: list[dict[str, Any]]
+    loop_lag: Callable[[], dict[str, float]]
+    disk: Callable[[], dict[str, Any]]
+
+    @property
+    def packml(self) -> PackML: ...
+    @property
+    def running(self) -> Run | None: ...
+
+
+def status_of(engine: Shown) -> dict[str, Any]:
     """Everything a person or a PLC may want to see at a glance."""
     run, context = engine.running, engine.context
     return {
@@ -43,7 +63,7 @@ def status_of(engine: "Engine") -> dict[str, Any]:
     }
 
 
-def live_of(engine: "Engine", since: Mapping[str, int]) -> dict[str, Any]:
+def live_of(engine: Shown, since: Mapping[str, int]) -> dict[str, Any]:
     """What the running job leaves to be drawn: numbers of now, and the rows of each trace from row
     ``since[name]`` on, a bounded number at a time. ``next`` is what to ask for after them."""
     run = engine.running

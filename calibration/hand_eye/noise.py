@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.hand_eye import se3
 from calibration.hand_eye.normal import Linearised, normal
 from calibration.hand_eye.problem import flange_adjoint
-from cell.poses import Array
+from cell.poses import Array, adjoint
 
 PARTS = ("sigma_px", "sigma_flange_t", "sigma_flange_r", "sigma_pose_t", "sigma_pose_r")
 _START = {"sigma_px": 0.3, "sigma_flange_t": 2e-4, "sigma_flange_r": 2e-4}
@@ -76,7 +75,7 @@ def shapes(lin: Linearised, names: tuple[str, ...]) -> Array:
     bare = ~np.any(problem.cov_px, axis=(1, 2))
     out = np.zeros((len(names), problem.n, 6, 6))
     flange = flange_adjoint(problem, lin.at, lin.predicted) if any("flange" in k for k in names) else None
-    target = se3.adjoint(lin.predicted) * bare[:, None, None] if bare.any() else None
+    target = adjoint(lin.predicted) * bare[:, None, None] if bare.any() else None
     for k, name in enumerate(names):
         if name == "sigma_px":
             out[k] = problem.cov_px

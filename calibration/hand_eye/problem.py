@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.hand_eye import se3
-from cell.poses import Array
+from cell.poses import Array, adjoint
 
 Setup = Literal["eye-in-hand", "eye-to-hand"]
 Groups = NDArray[np.int64]
@@ -87,11 +87,11 @@ def jacobians(r: Array, predicted: Array) -> tuple[Array, Array]:
     ``C_pred^-1`` becomes ``exp(-w) C_pred^-1 exp(x)``, so r moves by ``Jr^-1(r) (x - Ad(C_pred) w)``.
     """
     J = se3.right_jacobian_inverse(r)
-    return J, -J @ se3.adjoint(predicted)
+    return J, -J @ adjoint(predicted)
 
 
 def flange_adjoint(problem: Problem, at: Estimate, predicted: Array) -> Array:
     """(n, 6, 6) that carries a perturbation on the right of T_base_flange into the camera frame."""
     if problem.setup == "eye-in-hand":
-        return np.broadcast_to(se3.adjoint(se3.inverse(at.X)), (problem.n, 6, 6))
-    return se3.adjoint(predicted @ se3.inverse(at.W[problem.group]))
+        return np.broadcast_to(adjoint(se3.inverse(at.X)), (problem.n, 6, 6))
+    return adjoint(predicted @ se3.inverse(at.W[problem.group]))

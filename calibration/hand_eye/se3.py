@@ -37,15 +37,6 @@ def inverse(T: Array) -> Array:
     return out
 
 
-def adjoint(T: Array) -> Array:
-    """Ad (..., 6, 6): ``T exp(xi) T^-1 = exp(Ad xi)``."""
-    R = T[..., :3, :3]
-    out = np.zeros((*T.shape[:-2], 6, 6))
-    out[..., :3, :3] = out[..., 3:, 3:] = R
-    out[..., :3, 3:] = hat(T[..., :3, 3]) @ R
-    return out
-
-
 def _left_jacobian_terms(angle2: Array) -> tuple[Array, Array, Array]:
     """sin(a)/a, (1 - cos(a))/a^2 and (a - sin(a))/a^3, with series near zero."""
     small = angle2 < 1e-6

@@ -11,7 +11,7 @@ from scipy.special import chdtri
 from calibration.planning.mounting import Mounting
 from calibration.planning.plan import PlannedPose
 from cell.devices import Intrinsics
-from cell.poses import Array
+from cell.poses import Array, adjoint
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +62,10 @@ def predicted_uncertainty(
     J_xx, J_xw, J_ww = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
     for pose in poses:
         M = pose.T_camera_target
-        from_flange = _adjoint(mounting.target_from_flange(M))
+        from_flange = adjoint(mounting.target_from_flange(M).as_matrix())
         cov = pnp_covariance(M, target_points, intrinsics, sigma_px) + from_flange @ flange @ from_flange.T
         weight = np.linalg.inv(cov)
-        G = -_adjoint(M.inv())
+        G = -adjoint(M.inv().as_matrix())
         J_xx += G.T @ weight @ G
         J_xw += G.T @ weight
         J_ww += weight
@@ -94,15 +94,6 @@ def pnp_covariance(
 
 def _symmetric_inverse(information: Array) -> Array:
     return np.asarray(np.linalg.inv(0.5 * (information + information.T)), dtype=float)
-
-
-def _adjoint(T: RigidTransform) -> Array:
-    """(6, 6) with ``T exp(xi) T^-1 = exp(Ad xi)``, translation first."""
-    R = T.rotation.as_matrix()
-    out = np.zeros((6, 6))
-    out[:3, :3] = out[3:, 3:] = R
-    out[:3, 3:] = _skew(T.translation[None])[0] @ R
-    return out
 
 
 def _skew(v: Array) -> Array:

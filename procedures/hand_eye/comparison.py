@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from cell.errors import error
-from cell.poses import Array, from_pose6, log_xi
+from cell.poses import adjoint, from_pose6, log_xi
 from procedures.hand_eye.words import calibration_name
 from procedures.pose_comparison import PoseComparison, require_covariances, weighed
 
@@ -26,10 +26,3 @@ def compare_hand_eye(first: Mapping[str, Any], second: Mapping[str, Any]) -> Pos
     carried = adjoint(between.inv().as_matrix())
     cov_a, cov_b = (np.array(answer["cov"]) for answer in answers)
     return weighed(str(names[0]), "", log_xi(between), carried @ cov_a @ carried.T + cov_b, np.eye(6))
-
-
-def adjoint(T: Array) -> Array:
-    """(6, 6) with ``T exp(xi) T^-1 = exp(Ad(T) xi)``, translation first (Barfoot 2017, eq. 7.45)."""
-    R, (x, y, z) = T[:3, :3], T[:3, 3]
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.block([[R, skew @ R], [np.zeros((3, 3)), R]])

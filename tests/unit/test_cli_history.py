@@ -137,8 +137,7 @@ def test_compare_refuses_runs_without_an_answer_of_the_same_kind(
 def test_the_adjoint_carries_a_small_motion_to_the_other_side() -> None:
     import numpy as np
 
-    from cell.poses import exp_xi, from_pose6
-    from procedures.hand_eye.comparison import adjoint
+    from cell.poses import adjoint, exp_xi, from_pose6
 
     T, xi = from_pose6([0.3, -0.2, 0.5, 0.4, -0.7, 1.1]), np.array([0.01, -0.02, 0.03, 0.02, 0.01, -0.03])
     carried = T * exp_xi(xi) * T.inv()
