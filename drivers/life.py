@@ -8,6 +8,7 @@ from collections.abc import Coroutine
 from typing import Any
 
 from cell.clock import Clock
+from cell.devices import Identity
 from cell.errors import CellError, error
 from cell.samples import Sample, Stream
 
@@ -110,3 +111,33 @@ class Life:
                 "there is none yet" if last is None else f"the last is {self._clock.now() - last.t:.3f} s old"
             )
             raise error("DEVICE_LOST", f"{self._name} gave no fresh sample in {timeout:g} s; {newest}")
+
+
+class LinkedDevice:
+    """What every device with a :class:`Life` does alike.
+
+    ``samples`` are those that tell whether the device is fresh, ``offset_s`` what is subtracted from their
+    stamps.
+    """
+
+    def __init__(self, name: str, clock: Clock, samples: Stream[Any], offset_s: float = 0.0) -> None:
+        self.name = name
+        self._clock = clock
+        self._life = Life(name, clock)
+        self._identity: Identity | None = None
+        self._samples, self._offset_s = samples, offset_s
+
+    async def identify(self) -> Identity:
+        """Who the device said it is when it was opened; a twin's serial begins with 9999."""
+        self._life.require()
+        if self._identity is None:
+            raise error("DEVICE_LOST", f"{self.name} is still connecting")
+        return self._identity
+
+    async def wait_fresh(self, timeout: float) -> None:
+        """Return when a sample taken after the call has arrived, else ``DEVICE_LOST``."""
+        await self._life.wait_fresh(self._samples, timeout, self._offset_s)
+
+    async def wait_lost(self) -> Exception:
+        """Block while the link is good; return what broke it."""
+        return await self._life.wait_lost()

@@ -16,14 +16,14 @@ from drivers.can_encoder.config import BusConfig
 from drivers.can_encoder.counts import Missing, Unwrap
 from drivers.can_encoder.link import CanLink
 from drivers.can_encoder.stamps import Stamps, stamps_for
-from drivers.life import Life
+from drivers.life import LinkedDevice
 
 log = logging.getLogger("cellward.devices")
 
 _LOOKS_BEFORE_LOST = 5  # the watch looks so often within lost_after_s
 
 
-class CanEncoder(ABC):
+class CanEncoder(LinkedDevice, ABC):
     """``cell.devices.Encoder`` without the words of a particular encoder.
 
     Reconnecting is the supervisor's business: after an error ``close`` and ``open`` again. A sample's number
@@ -31,14 +31,12 @@ class CanEncoder(ABC):
     """
 
     def __init__(self, name: str, config: BusConfig, clock: Clock, modulus: int) -> None:
-        self.name = name
         self.modulus = modulus
         self.period_s = config.period_s
         self.counts: Stream[EncoderState] = Stream(name, clock, keep=16384)
-        self._bus_config, self._clock = config, clock
-        self._life = Life(name, clock)
+        super().__init__(name, clock, self.counts, config.time_offset_s)
+        self._bus_config = config
         self._link: CanLink | None = None
-        self._identity: Identity | None = None
         self._stamps: Stamps = stamps_for(config.place, config.period_s, clock)
         self._unwrap, self._missing = Unwrap(modulus), Missing(config.period_s)
         self._seq = 0
@@ -77,20 +75,6 @@ class CanEncoder(ABC):
         if link is not None:
             await link.close()
 
-    async def identify(self) -> Identity:
-        """Who the encoder said it is; a twin's serial begins with 9999."""
-        self._life.require()
-        assert self._identity is not None
-        return self._identity
-
-    async def wait_fresh(self, timeout: float) -> None:
-        """Return when a position stamped after the call has arrived, else ``DEVICE_LOST``."""
-        await self._life.wait_fresh(self.counts, timeout, self._bus_config.time_offset_s)
-
-    async def wait_lost(self) -> Exception:
-        """Block while the link is good; return what broke it."""
-        return await self._life.wait_lost()
-
     def health(self) -> dict[str, Any]:
         """Count, age (s), frames, gaps, lines that were no frames, stamps that were not believed."""
         last, link = self.counts.last(), self._link
@@ -123,10 +107,10 @@ class CanEncoder(ABC):
     def _position(self, message: can.Message) -> int | None:
         """The raw position in a frame, None when it is none."""
 
-    def _other(self, message: can.Message) -> None:  # noqa: B027, not every encoder sends more
+    def _other(self, message: can.Message) -> None:
         """Take a frame that carries no position."""
 
-    def _look(self, now: float) -> None:  # noqa: B027, as above
+    def _look(self, now: float) -> None:
         """Look after more than the positions, every now and then."""
 
     # -- frames

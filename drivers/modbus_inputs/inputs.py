@@ -5,11 +5,11 @@ import logging
 from typing import Any
 
 from cell.clock import Clock
-from cell.devices import DigitalInputs, Identity, InputsState
+from cell.devices import DigitalInputs, InputsState
 from cell.errors import CellError, error
 from cell.samples import Quality, Sample, Stream
 from drivers.digital import StuckWatch
-from drivers.life import Life
+from drivers.life import LinkedDevice
 from drivers.modbus_inputs.changes import ChangeCount, CounterJump
 from drivers.modbus_inputs.config import InputsConfig
 from drivers.modbus_inputs.identify import identify, read_number
@@ -24,7 +24,7 @@ UPTIME_EVERY_S = 1.0
 MOST_UNSEEN = 2
 
 
-class ModbusInputs:
+class ModbusInputs(LinkedDevice):
     """Reconnecting is the supervisor's business: after an error ``close`` and ``open`` again.
 
     A sample's number is that of its tick, so ``inputs.gaps`` counts the ticks without a poll, be it because
@@ -35,17 +35,15 @@ class ModbusInputs:
     PLAYS = (DigitalInputs,)
 
     def __init__(self, name: str, config: InputsConfig, clock: Clock) -> None:
-        self.name = name
         self.names = tuple(config.inputs)
         self.inputs: Stream[InputsState] = Stream(name, clock)
-        self._config, self._clock = config, clock
+        super().__init__(name, clock, self.inputs, config.time_offset_s)
+        self._config = config
         self._plan, self._highest_hz = config.plan, config.model.highest_hz
         self._inverted = tuple(c.invert for c in config.inputs.values())
-        self._life = Life(name, clock)
         self._stuck = StuckWatch(name, config.inputs)
         self._link: ModbusLink | None = None
         self._ticker: Ticker | None = None
-        self._identity: Identity | None = None
         self._counts: list[ChangeCount] = []
         self._begun = 0.0  # start of the newest good poll
         self._round_trip_s = 0.0
@@ -92,20 +90,6 @@ class ModbusInputs:
         if link is not None:
             await link.close()
             await asyncio.sleep(0)  # an aborted transport closes its socket on the loop's next turn
-
-    async def identify(self) -> Identity:
-        """Model, serial and revision as the module told at opening; a twin's serial begins with 9999."""
-        self._life.require()
-        assert self._identity is not None
-        return self._identity
-
-    async def wait_fresh(self, timeout: float) -> None:
-        """Return when a poll made after the call has arrived, else ``DEVICE_LOST``."""
-        await self._life.wait_fresh(self.inputs, timeout, self._config.time_offset_s)
-
-    async def wait_lost(self) -> Exception:
-        """Block while the link is good; ``DEVICE_LOST``, ``MODULE_REBOOTED`` or ``MODBUS_REFUSED``."""
-        return await self._life.wait_lost()
 
     def health(self) -> dict[str, Any]:
         """Counts, age and round trip (s), levels, and for how long (s) inputs are stuck."""

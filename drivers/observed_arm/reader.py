@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from cell.clock import Clock
-from cell.devices import Identity, JointState, ObservedArm
+from cell.devices import JointState, ObservedArm
 from cell.errors import CellError, error
 from cell.poses import Array
 from cell.samples import Sample, Stream
-from drivers.life import Life
+from drivers.life import LinkedDevice
 from drivers.modbus_inputs.link import NoAnswer
 from drivers.modbus_inputs.ticker import Ticker
 from drivers.observed_arm.config import ObservedArmConfig
@@ -33,7 +33,7 @@ log = logging.getLogger("cellward.devices")
 PROBABLY_DEGREES = 4.0 * pi
 
 
-class ObservedArmReader:
+class ObservedArmReader(LinkedDevice):
     """Reconnecting is the supervisor's business: after an error ``close`` and ``open`` again.
 
     From registers every poll is a sample. From a file every new row is one, with the arm at rest; between
@@ -44,17 +44,16 @@ class ObservedArmReader:
     PLAYS = (ObservedArm,)
 
     def __init__(self, name: str, config: ObservedArmConfig, clock: Clock) -> None:
-        self.name = name
         self.axes = len(config.joints)
         self.period_s = None if config.is_file else config.poll_period_s
         self.joints: Stream[JointState] = Stream(name, clock)
         self._looks: Stream[None] = Stream(name, clock, keep=2)
-        self._config, self._clock = config, clock
-        self._life = Life(name, clock)
+        # A look at a file that found no new row is fresh, too: rows are events.
+        super().__init__(name, clock, self._looks)
+        self._config = config
         self._rest = RestWatch(config.rest_window_s, config.rest_spread_rad, config.poll_period_s)
         self._source: Source | None = None
         self._ticker: Ticker | None = None
-        self._identity: Identity | None = None
         self._failures = self._failures_in_a_row = 0
 
     # -- Device
@@ -90,23 +89,6 @@ class ObservedArmReader:
         if source is not None:
             await source.close()
             await asyncio.sleep(0)  # an aborted transport closes its socket on the loop's next turn
-
-    async def identify(self) -> Identity:
-        """Model and serial as the arm told at opening, else as the config states them."""
-        self._life.require()
-        assert self._identity is not None
-        return self._identity
-
-    async def wait_fresh(self, timeout: float) -> None:
-        """Return when a look begun after the call has succeeded, else ``DEVICE_LOST``.
-
-        A look at a file that found no new row is one: rows are events.
-        """
-        await self._life.wait_fresh(self._looks, timeout)
-
-    async def wait_lost(self) -> Exception:
-        """Block while the link is good; return what broke it."""
-        return await self._life.wait_lost()
 
     def health(self) -> dict[str, Any]:
         """Counts, the age of the newest joints (s), the joints, and what the source says of itself."""

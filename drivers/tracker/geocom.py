@@ -6,11 +6,11 @@ from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
 
 from cell.clock import Clock
-from cell.devices import Identity, LaserTracker, StablePoint, TrackerNoise, TrackerState
+from cell.devices import LaserTracker, StablePoint, TrackerNoise, TrackerState
 from cell.errors import CellError, error
 from cell.poses import Array
 from cell.samples import Quality, Sample, Stream
-from drivers.life import Life
+from drivers.life import LinkedDevice
 from drivers.tracker.geocom_config import GeocomConfig
 from drivers.tracker.geocom_session import NoAnswer, Session
 from drivers.tracker.geocom_station import NO_POINT, Reading, Station
@@ -28,7 +28,7 @@ _CLOSE_S = 0.02  # a loop's timer may be early by its resolution
 _MOST_MISSES = 2  # distances in a row that fail before the beam counts as broken
 
 
-class GeocomTracker:
+class GeocomTracker(LinkedDevice):
     """Points are in the frame of ``drivers.tracker.frames``: right-handed, z up, y at the circle's zero.
 
     ``readings`` has a point only while the instrument is locked and tracks distances, and all of
@@ -42,16 +42,14 @@ class GeocomTracker:
     PLAYS = (LaserTracker,)
 
     def __init__(self, name: str, config: GeocomConfig, clock: Clock) -> None:
-        self.name = name
         self.noise = TrackerNoise(config.sigma0_m, config.sigma_per_m)
         self.readings: Stream[TrackerState] = Stream(name, clock)
-        self._config, self._clock = config, clock
-        self._life = Life(name, clock)
+        super().__init__(name, clock, self.readings, config.time_offset_s)
+        self._config = config
         self._turn = asyncio.Lock()  # polling, finding and measuring one at a time
         self._link: Link | None = None
         self._session: Session | None = None
         self._station: Station | None = None
-        self._identity: Identity | None = None
         self._selected: str | None = None
         self._found = False  # a reflector was found, so that one that is missing was lost
         self._locked = self._tracking = False
@@ -98,20 +96,6 @@ class GeocomTracker:
         if link is not None:
             link.close()
             await asyncio.sleep(0)  # an aborted transport closes its socket on the loop's next turn
-
-    async def identify(self) -> Identity:
-        """Name, serial number and versions as told at opening; a twin's serial begins with 9999."""
-        self._life.require()
-        assert self._identity is not None
-        return self._identity
-
-    async def wait_fresh(self, timeout: float) -> None:
-        """Return when a reading made after the call has arrived, with or without a point."""
-        await self._life.wait_fresh(self.readings, timeout, self._config.time_offset_s)
-
-    async def wait_lost(self) -> Exception:
-        """Block while the link is good; ``DEVICE_LOST`` or ``PROTOCOL_VIOLATION``."""
-        return await self._life.wait_lost()
 
     def health(self) -> dict[str, Any]:
         """Age (s), reflector and lock, what the instrument says, and counts of requests and bad replies."""

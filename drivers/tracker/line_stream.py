@@ -11,7 +11,7 @@ from cell.devices import Identity, LaserTracker, StablePoint, TrackerNoise, Trac
 from cell.errors import CellError, error
 from cell.poses import Array
 from cell.samples import Quality, Sample, Stream
-from drivers.life import Life
+from drivers.life import LinkedDevice
 from drivers.tracker.line_config import LineStreamConfig
 from drivers.tracker.line_parser import BadLine, LineParser, Parsed
 from drivers.tracker.newcomers import Newcomers
@@ -24,7 +24,7 @@ log = logging.getLogger("cellward.devices")
 _LOOKS_PER_SILENCE = 4
 
 
-class LineStreamTracker:
+class LineStreamTracker(LinkedDevice):
     """Whatever steers the instrument is the sender: ``find`` waits for the point to be where it is expected.
 
     Lines that cannot be read are counted, the first of a row is logged with its reason, and too many in a row
@@ -35,12 +35,11 @@ class LineStreamTracker:
     PLAYS = (LaserTracker,)
 
     def __init__(self, name: str, config: LineStreamConfig, clock: Clock) -> None:
-        self.name = name
         self.noise = TrackerNoise(config.sigma0_m, config.sigma_per_m)
         self.readings: Stream[TrackerState] = Stream(name, clock)
-        self._config, self._clock = config, clock
+        super().__init__(name, clock, self.readings, config.time_offset_s)
+        self._config = config
         self._parser = LineParser(config)
-        self._life = Life(name, clock)
         self._link: Link | None = None
         self._lines = Lines()
         self._answered = asyncio.Event()  # the request, by any line
@@ -68,6 +67,8 @@ class LineStreamTracker:
         self._lines, self._read, self._last_arrival = Lines(), asyncio.Event(), self._clock.now()
         try:
             self._link = await self._connect()
+            told = {"told": "serial" in self._config.fields}
+            self._identity = Identity(self._config.model, self._config.serial, "", told)
             self._life.keep_going(self._run(), "reading")
             async with asyncio.timeout(self._config.silence_s):
                 await self._read.wait()
@@ -87,21 +88,6 @@ class LineStreamTracker:
         if link is not None:
             link.close()
             await asyncio.sleep(0)  # an aborted transport closes its socket on the loop's next turn
-
-    async def identify(self) -> Identity:
-        """Model and serial number as configured; lines with a field 'serial' are held to it."""
-        self._life.require()
-        return Identity(
-            self._config.model, self._config.serial, "", {"told": "serial" in self._config.fields}
-        )
-
-    async def wait_fresh(self, timeout: float) -> None:
-        """Return when a line that came wholly after the call can be read."""
-        await self._life.wait_fresh(self.readings, timeout, self._config.time_offset_s)
-
-    async def wait_lost(self) -> Exception:
-        """Block while the link is good; ``DEVICE_LOST`` or ``PROTOCOL_VIOLATION``."""
-        return await self._life.wait_lost()
 
     def health(self) -> dict[str, Any]:
         """Age (s) of the newest line, lines read and not read, with the reason of the newest of those."""

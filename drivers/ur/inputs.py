@@ -6,11 +6,11 @@ from typing import Any, ClassVar
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from cell.clock import Clock
-from cell.devices import Arm, ArmState, Device, DigitalInputs, Identity, InputsState
+from cell.devices import Arm, ArmState, Device, DigitalInputs, InputsState
 from cell.errors import error
 from cell.samples import Quality, Sample, Stream
 from drivers.digital import InputConfig, StuckWatch
-from drivers.life import Life
+from drivers.life import LinkedDevice
 
 # 0-7 standard, 8-15 configurable, 16-17 in the tool's connector
 DIGITAL_INPUTS = 18
@@ -38,7 +38,7 @@ class ArmInputsConfig(BaseModel):
         return self
 
 
-class ArmInputs:
+class ArmInputs(LinkedDevice):
     """``cell.devices.DigitalInputs`` of an arm that another section of the config names.
 
     It has no link of its own: it is up while the arm gives states, and lost when the arm is. What changed and
@@ -50,15 +50,13 @@ class ArmInputs:
     BINDS: ClassVar[dict[str, type]] = {"arm": Arm}
 
     def __init__(self, name: str, config: ArmInputsConfig, clock: Clock) -> None:
-        self.name = name
         self.names = tuple(config.inputs)
         self.inputs: Stream[InputsState] = Stream(name, clock)
-        self._config, self._clock = config, clock
+        super().__init__(name, clock, self.inputs)
+        self._config = config
         self._places = tuple((1 << c.address, c.invert) for c in config.inputs.values())
-        self._life = Life(name, clock)
         self._stuck = StuckWatch(name, config.inputs)
         self._arm: Any = None
-        self._identity: Identity | None = None
         self._undo: Any = None
         self._watch: asyncio.Task[None] | None = None
 
@@ -104,20 +102,6 @@ class ArmInputs:
             watch.cancel()
             await asyncio.wait([watch])
         self._life.lose(error("DEVICE_LOST", f"{self.name} was closed"))
-
-    async def identify(self) -> Identity:
-        """That of the arm."""
-        self._life.require()
-        assert self._identity is not None
-        return self._identity
-
-    async def wait_fresh(self, timeout: float) -> None:
-        """Return when a sample made after the call has arrived, else ``DEVICE_LOST``."""
-        await self._life.wait_fresh(self.inputs, timeout)
-
-    async def wait_lost(self) -> Exception:
-        """Block while the arm is good; return what broke it."""
-        return await self._life.wait_lost()
 
     def health(self) -> dict[str, Any]:
         """Samples and gaps; age (s) of the newest; levels; how long (s) what is stuck has not changed."""
