@@ -4,7 +4,7 @@ An edge that is seen ``tau`` late appears ``v tau`` further along the way; a swi
 breaks (hysteresis ``h``) shifts every edge by ``h/2`` along the way, whatever the speed. So the position of
 edge k of a tool on a way in direction d = +1 or -1 is ``x = e_k + d (v tau + h/2)``: linear in the places
 ``e_k``, ``tau`` and ``h``. Two directions tell ``e_k`` from the rest, two speeds tell ``tau`` from ``h``.
-METHODS.md section 6: the delay of beams falls out of the passes out and back.
+The delay of beams falls out of the passes out and back.
 """
 
 from collections.abc import Sequence

@@ -1,6 +1,6 @@
 """The source's way of meeting an item (004): what results are compared with.
 
-METHODS section 5: speed from two successive counts, the target computed anew every 100 ms, a fixed T1 for the
+Speed from two successive counts, the target computed anew every 100 ms, a fixed T1 for the
 way above the point whatever its length, a wait there for what the actual approach t1 leaves of it
 (t4 = T1 - t1), a constant t2 for the descent. Contact is at T1 + t2 after the computation.
 """

@@ -1,6 +1,6 @@
 """Least-squares windows that end now: how far back the belt has moved like a line, or like a parabola.
 
-METHODS section 5: grow the window while the residual stays under 0.95 count. That bound alone lets a slow
+Grow the window while the residual stays under 0.95 count. That bound alone lets a slow
 bend pass that 0.6 s of forecast makes visible, so the means of blocks of the residual are held to what noise
 can do as well.
 """

@@ -1,6 +1,6 @@
 """Where and when the arm can first touch an item that moves on.
 
-METHODS section 5: the earliest root of ``T(|p(t) - w|) + t2 = t - t0``, T the jerk-limited time of the slower
+The earliest root of ``T(|p(t) - w|) + t2 = t - t0``, T the jerk-limited time of the slower
 axis, t2 that of the straight descent. With a zone the contact must lie between its edges for the whole dwell;
 an item that is not in the zone yet is waited for above the meeting point.
 """

@@ -53,7 +53,7 @@ class BeltScale:
     distance: Array
 
     def as_dict(self) -> dict[str, object]:
-        """As ``belt-calibration`` writes it (FORMATS section 4)."""
+        """As ``belt-calibration`` writes it; see docs/data-sets.md."""
         scale, angle = self.half_scale, self.half_angle
         m = self.m_per_count
         return {

@@ -81,7 +81,7 @@ def prepare(measured: Measurements, camera: Intrinsics | None) -> Problem:
 def solve(
     measured: Measurements, camera: Intrinsics | None, given_noise: Mapping[str, float]
 ) -> Solution | Refusal:
-    """Weighted maximum-likelihood X (METHODS section 1), robust against blunders.
+    """Weighted maximum-likelihood X (docs/methods.md), robust against blunders.
 
     ``given_noise`` may hold ``sigma_px``, ``sigma_flange_t`` (m) and ``sigma_flange_r`` (rad); absent ones
     are estimated. Every view must have corners enough for a pose; ``camera`` may be None when there are no

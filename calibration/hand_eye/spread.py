@@ -4,7 +4,7 @@ Every three adjacent poses of a placement (with wrap-around) give an estimate of
 RMS over placements of the standard deviation of these, ``spread_across`` the standard deviation of the
 placements' means. Beside each stands its noise floor: the value that a perfect arm would give with the same
 poses and corner noise, from the same linear maps. Mean rotations are Karcher means.
-Source: the cone-pose method of METHODS section 1; pairs there, triples here, since one pair leaves a freedom.
+Source: the cone-pose method of docs/methods.md; pairs there, triples here, since one pair leaves a freedom.
 """
 
 from dataclasses import dataclass

@@ -91,7 +91,7 @@ def base_covariance(cov: Array, J: Array) -> Array:
 
 
 def identify(problem: Problem, given_noise: Mapping[str, float]) -> Solution:
-    """Weighted maximum likelihood by variable projection, robust against blunders (METHODS section 4).
+    """Weighted maximum likelihood by variable projection, robust against blunders.
 
     ``given_noise`` may hold ``sigma0`` (m) and ``sigma_per_m``; absent ones are estimated. What the readings
     cannot determine stays near the prior.

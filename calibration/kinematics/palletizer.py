@@ -1,4 +1,4 @@
-"""The four-axis palletizer with a parallelogram that keeps its flange level (METHODS section 4).
+"""The four-axis palletizer with a parallelogram that keeps its flange level.
 
 Standard DH with motor-side joints q = [q1, q2, q3, q5]; the fourth link turns back what the second and third
 turned. At home q2 is 90 and q3 is -90 degrees.

@@ -1,1 +1,1 @@
-"""The tool frame from two crossed light beams: point and axis with their uncertainty, METHODS section 3."""
+"""The tool frame from two crossed light beams: point and axis with their uncertainty; see docs/methods.md."""

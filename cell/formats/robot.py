@@ -51,7 +51,7 @@ class NamedRobot(_Robot):
 
 
 class PalletizerParameters(Strict):
-    """Four motors and a parallelogram; METHODS section 4. Lengths m, offsets rad, ratios link per motor."""
+    """Four motors and a parallelogram. Lengths m, offsets rad, ratios link per motor."""
 
     a1: Length
     a2: Length

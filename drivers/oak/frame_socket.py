@@ -1,4 +1,4 @@
-"""Reads frame groups from a unix stream socket (FORMATS.md section 7)."""
+"""Reads frame groups from a unix stream socket."""
 
 import json
 import math

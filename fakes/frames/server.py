@@ -1,4 +1,4 @@
-"""The frame server: rendered exposures of the world on a unix stream socket (FORMATS.md section 7).
+"""The frame server: rendered exposures of the world on a unix stream socket.
 
 Exposures lie on a fixed grid of CLOCK_MONOTONIC and are drawn only while somebody is connected. Each
 client has a thread and a slot for one frame: a newer frame replaces one that was not yet begun to be sent,

@@ -301,7 +301,7 @@ class Scenario(_Strict):
         belt: dict[str, Any] | None = None,
         gripper: dict[str, Any] | None = None,
     ) -> str:
-        """A ready cell.toml for this twin (FORMATS.md section 2).
+        """A ready cell.toml for this twin, as docs/config.md describes it.
 
         ``arm``, ``camera``, ``beams``, ``tracker``, ``observed``, ``belt`` and ``gripper`` are the device
         tables, driver and address included; those of devices that the scenario lacks are left out. The file

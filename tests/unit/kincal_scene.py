@@ -1,6 +1,6 @@
 """Tracker points of an arm that is a little off, for tests: the truth is made without our own kinematics.
 
-The arms are composed here from 4x4 matrices, link by link, as METHODS and FORMATS write them.
+The arms are composed here from 4x4 matrices, link by link.
 """
 
 import json
@@ -54,7 +54,7 @@ def link(theta: float, d: float, a: float, alpha: float, beta: float = 0.0) -> A
 
 
 def palletizer_flange(p: Mapping[str, float], q: Sequence[float]) -> Array:
-    """METHODS section 4, row by row."""
+    """The model of a palletizer, row by row."""
     two, three = p["k2"] * q[1] + p["t2"], p["k3"] * q[2] + p["t3"]
     return (
         link(p["k1"] * q[0] + p["t1"], p["d1"], p["a1"], np.pi / 2)

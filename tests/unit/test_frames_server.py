@@ -24,7 +24,7 @@ PERIOD_S = 0.02
 
 
 class Reader:
-    """An independent reader of FORMATS.md section 7."""
+    """An independent reader of the frame stream."""
 
     def __init__(self, path: Path) -> None:
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)

@@ -20,7 +20,7 @@ JOINTS = 4
 
 @dataclass(frozen=True)
 class Palletizer:
-    """Lengths (m), offsets (rad) and ratios (link per motor) by the letters of METHODS section 4.
+    """Lengths (m), offsets (rad) and ratios (link per motor) by their letters.
 
     ``a1`` post to shoulder and ``d1`` its height, ``a2`` upper arm, ``a3`` forearm, ``a4`` wrist to the yaw
     axis, ``d5`` flange above the wrist, ``a5`` flange off the yaw axis; ``k`` and ``t`` of the four motors.

@@ -1,4 +1,4 @@
-"""The result of a hand-eye solution: every figure with its name, in the form of FORMATS section 4."""
+"""The result of a hand-eye solution: every figure with its name, in the form of docs/data-sets.md."""
 
 from dataclasses import dataclass
 
