@@ -54,6 +54,9 @@ class ChildLink:
                 stdin=asyncio.subprocess.DEVNULL,
                 stdout=asyncio.subprocess.DEVNULL,
                 stderr=asyncio.subprocess.PIPE,
+                # The kernel shares busy cores between sessions first (autogroup): with a share of its own the
+                # child keeps up with the pictures, and takes nothing from the daemon's loop.
+                start_new_session=True,
             )
             ours.setblocking(False)
             reader, self._writer = await asyncio.open_connection(sock=ours)
