@@ -162,7 +162,7 @@ def _nominal(config: CellConfig, keys: dict[str, str]) -> dict[str, list[float]]
 
 
 def robot_spec(config: CellConfig, supervisor: Supervisor) -> dict[str, Any]:
-    """ROBOT of docs/data-sets.md: the configured model with the factory calibration that the controller reports."""
+    """The ROBOT that is configured, with the factory calibration that the controller reports."""
     arm = supervisor.devices.get(config.robot.roles().get("arm", ""))
     spec = dict(config.robot.robot_spec())
     if arm is not None and arm.identity is not None and "calibration" not in spec:

@@ -1,4 +1,4 @@
-"""The source's way of meeting an item (004): what results are compared with.
+"""The classic way of meeting an item: what results are compared with.
 
 Speed from two successive counts, the target computed anew every 100 ms, a fixed T1 for the
 way above the point whatever its length, a wait there for what the actual approach t1 leaves of it

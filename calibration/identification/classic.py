@@ -1,4 +1,4 @@
-"""The source's method (003): registration by singular values in every iteration, then Levenberg-Marquardt.
+"""The classic method: registration by singular values in every iteration, then Levenberg-Marquardt.
 
 Residual ``l = T p_tracker - f(q)``, T the registration that fits the present arm best; the step is
 ``+ (J^T J + mu I)^-1 J^T l`` with the derivatives of the parameters alone. mu falls tenfold after a better

@@ -45,12 +45,12 @@ def ur_deltas(chain: SerialChain, model: str) -> DhDeltas:
     Pure DH: ``delta_d`` of joints 2 and 3 may be hundreds of metres, because their axes are almost parallel.
     See ``UR_WARNING``.
     """
-    drawn, pure = ur_chain(model), in_dh_form(chain)
+    nominal, pure = ur_chain(model), in_dh_form(chain)
     return DhDeltas(
-        delta_theta=pure.theta - drawn.theta,
-        delta_d=pure.d - drawn.d,
-        delta_a=pure.a - drawn.a,
-        delta_alpha=pure.alpha - drawn.alpha,
+        delta_theta=pure.theta - nominal.theta,
+        delta_d=pure.d - nominal.d,
+        delta_a=pure.a - nominal.a,
+        delta_alpha=pure.alpha - nominal.alpha,
     )
 
 

@@ -24,8 +24,8 @@ Refit = Callable[[Problem, Array, Array], tuple[Array, Registration]]
 class HeldOut:
     """Distances (k,) in metres of the judged readings ``rows`` (k,) from where they were predicted.
 
-    ``nominal``: the arm as drawn, in the place of the tracker that the calibrated arm found.
-    ``registration``: the arm as drawn, in the place that suits it best. ``calibrated``: the solved arm.
+    ``nominal``: the nominal arm, in the place of the tracker that the calibrated arm found.
+    ``registration``: the nominal arm, in the place that suits it best. ``calibrated``: the solved arm.
     """
 
     rows: NDArray[np.int64]
@@ -40,7 +40,7 @@ def held_out(solution: Solution, refit: Refit | None = None) -> HeldOut:
     problem, model = solution.problem, solution.model
     used = np.flatnonzero(solution.used)
     sigma = solution.noise.sigma(problem.range_m)
-    drawn = model.points(model.nominal, problem.Q, problem.target)
+    nominal = model.points(model.nominal, problem.Q, problem.target)
     least = solution.unknowns + 3
     fold = _dealt(pose_numbers(problem.take(used)), least)
     rows, distances = [], []
@@ -50,10 +50,10 @@ def held_out(solution: Solution, refit: Refit | None = None) -> HeldOut:
             continue
         part, weight = problem.take(rest), sigma[rest] ** -2.0
         x, place = (refit or _refit)(part, solution.x, weight)
-        best = register(part.p, drawn[:, rest], np.ones(len(rest)))
+        best = register(part.p, nominal[:, rest], np.ones(len(rest)))
         p = problem.p[:, judged]
         solved = place.to_tracker(model.points(x, problem.Q[judged], problem.target[judged]))
-        away = (place.to_tracker(drawn[:, judged]), best.to_tracker(drawn[:, judged]), solved)
+        away = (place.to_tracker(nominal[:, judged]), best.to_tracker(nominal[:, judged]), solved)
         rows.append(judged)
         distances.append([np.sqrt(np.sum((q - p) ** 2, axis=0)) for q in away])
     if not rows:

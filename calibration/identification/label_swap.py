@@ -21,7 +21,7 @@ def reads_like(problem: Problem, fit: Fit, row: int) -> str | None:
 
 
 def exchanged(model: Model, x: Array) -> list[tuple[str, str]]:
-    """Pairs of a name and the reflector in whose drawn place parameters ``x`` (p,) have it; none mostly.
+    """Pairs of a name and the reflector in whose nominal place parameters ``x`` (p,) have it; none mostly.
 
     What all places have in common is left out: it may as well be the arm's last link.
     """
@@ -29,9 +29,9 @@ def exchanged(model: Model, x: Array) -> list[tuple[str, str]]:
     rows = [model.targets.index(name) for name in names]
     if len(rows) < 2:
         return []
-    drawn, found = (model.tools(at)[rows] for at in (model.nominal, x))
-    drawn, found = drawn - drawn.mean(axis=0), found - found.mean(axis=0)
-    away = np.sum((found[:, None] - drawn[None]) ** 2, axis=2)
+    nominal, found = (model.tools(at)[rows] for at in (model.nominal, x))
+    nominal, found = nominal - nominal.mean(axis=0), found - found.mean(axis=0)
+    away = np.sum((found[:, None] - nominal[None]) ** 2, axis=2)
     own, other = linear_sum_assignment(away)
     if away[own, other].sum() > _CLOSER * np.trace(away):
         return []

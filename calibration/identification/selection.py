@@ -202,7 +202,7 @@ def _covariance(information: Array) -> Array:
 
 @dataclass(frozen=True)
 class SourceRule:
-    """The source's rule: at least 50 poses, and every joint more than 15 degrees apart from one to the next.
+    """The rule of thumb: at least 50 poses, and every joint more than 15 degrees apart from one to the next.
 
     ``smallest_rad`` is the smallest such step, ``short_steps`` how many poses follow with a shorter one.
     """
@@ -217,7 +217,7 @@ class SourceRule:
 
 
 def source_rule(Q: Array) -> SourceRule:
-    """Check joints ``Q`` (n, j), rad at the links, against the source's rule."""
+    """Check joints ``Q`` (n, j), rad at the links, against the rule of thumb."""
     if len(Q) < 2:
         return SourceRule(len(Q), 0, float("inf"))
     steps = np.min(np.abs(np.diff(Q, axis=0)), axis=1)

@@ -44,19 +44,19 @@ def measured_arm(believed: Mapping[str, Any], measured: Mapping[str, Any]) -> Ar
     ``measured`` is what a tracker found of the same arm: six joints in series, or a model with deltas.
     ``DATA_INVALID`` when it is no such chain, or that of another arm.
     """
-    drawn = robot_from_spec(believed)
+    nominal = robot_from_spec(believed)
     chain = arm_spec(parse_robot(measured, "kinematics.robot"), "kinematics.robot").arm.base
     if chain.coupling.shape != (6, 6) or not np.array_equal(chain.coupling, np.eye(6)) or chain.sliding.any():
         raise error(
             "DATA_INVALID", "kinematics.robot: an arm that is moved has six joints, each with its own link"
         )
-    arm = UrArm(drawn.name, measured=DhChain(chain.theta, chain.d, chain.a, chain.alpha, chain.beta))
+    arm = UrArm(nominal.name, measured=DhChain(chain.theta, chain.d, chain.a, chain.alpha, chain.beta))
     Q = np.array([np.full(6, 0.3), np.full(6, -1.2)])
-    apart = np.linalg.norm(arm.forward_many(Q).translation - drawn.forward_many(Q).translation, axis=1)
+    apart = np.linalg.norm(arm.forward_many(Q).translation - nominal.forward_many(Q).translation, axis=1)
     if float(apart.max()) > _SAME_ARM_M:
         raise error(
             "DATA_INVALID",
-            f"kinematics.robot: its flange is up to {1e3 * apart.max():.0f} mm off that of a {drawn.name}, "
+            f"kinematics.robot: its flange is up to {1e3 * apart.max():.0f} mm off that of a {nominal.name}, "
             "so it is another arm",
         )
     return arm

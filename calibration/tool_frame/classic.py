@@ -1,12 +1,12 @@
-"""The source's own method: the middle of the four edges of one way there and back, and the hit height.
+"""The classic method: the middle of the four edges of one way there and back, and the hit height.
 
 Of each beam the first pass out and back that shows the tool is taken, as the search ends there. The mean of
 its rising and falling edges is where the flange was. Its difference to the reference's, along base y for beam
 ``xs`` and along x for ``ys``, is the offset ``o`` in x and y, and the mean difference of the hit heights is
 that in z: ``o = [b_x' - b_x, a_y' - a_y, ((a_z' - a_z) + (b_z' - b_z))/2]``. Beams along the axes of the base
 are assumed, and no tilt. As the beam is hit at the same point of the base, the tool's point has moved by
-``-R^T o``. The source adds ``o`` to the tool frame as it stands ("standard + offset"); with the attitude
-turned by 180 degrees about x that has the right sign in y and z and doubles the error along x.
+``-R^T o``. The published method adds ``o`` to the tool frame as it stands ("standard + offset"); with the
+attitude turned by 180 degrees about x that has the right sign in y and z and doubles the error along x.
 """
 
 from collections.abc import Mapping
@@ -32,7 +32,7 @@ class Classic:
 
     @property
     def source_rule(self) -> Array:
-        """(3,) m: what the source adds to the tool's point. Of the wrong sign; never applied."""
+        """(3,) m: what the published method adds to the tool's point. Of the wrong sign; never applied."""
         return self.offset
 
 
@@ -60,5 +60,6 @@ def _first_pair(scene: Scene, seen: Seen, beam: str, current: bool) -> tuple[int
             return out, back
     words = "current" if current else "reference"
     raise Refusal(
-        "too-few-passes", f"no {words} way out and back shows the tool in beam {beam}; the source needs both"
+        "too-few-passes",
+        f"no {words} way out and back shows the tool in beam {beam}; the classic method needs both",
     )

@@ -114,7 +114,7 @@ class ZoneTable(Strict):
 
 
 class ClassicTable(Strict):
-    """Times of the source's method, s."""
+    """Times of the classic method, s."""
 
     T1_s: Annotated[float, Field(ge=1e-6, le=1e4)] | None = None
     t2_s: Annotated[float, Field(ge=0.0, le=1e4)] | None = None

@@ -110,7 +110,7 @@ class World:
         self.true = chain(truth.arm.model, factory + truth.arm.error.deltas())
         self.shape = ArmShape(truth.arm.model, self.true)
         self.track = Track(t0, truth.arm.q_start)
-        self.T_flange_tool = from_pose6(truth.tool.T_flange_tool)  # as drawn
+        self.T_flange_tool = from_pose6(truth.tool.T_flange_tool)  # nominal
         self.tool = ToolShape(t0, truth.tool)
         self.target = truth.target or {}
         self.eye_in_hand = truth.eye_in_hand

@@ -37,9 +37,9 @@ def iso9283_expectation(setup: Setup, job: Iso9283Config) -> dict[str, Any]:
         return {"text": text, "problems": [text], "cautions": []}
     noise, assumed = stated_noise(setup)
     values = setup.values
-    drawn = job.model_copy(update={"corrected": False, "registration": "fit"})
+    uncorrected = job.model_copy(update={"corrected": False, "registration": "fit"})
     try:
-        plan = plan_iso(values, drawn.model_dump(), list(near)).listing
+        plan = plan_iso(values, uncorrected.model_dump(), list(near)).listing
     except CellError as exc:
         return {"text": f"no plan: {exc}", "problems": [f"{exc}. {exc.hint}"], "cautions": []}
     distance = _range_m(job)

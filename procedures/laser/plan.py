@@ -88,13 +88,11 @@ def _begun(request: PlanRequest) -> tuple["Moves", Search]:
 
 def longer_tool(values: RunValues, margin_m: float) -> MotionGuard:
     """The guard of a run's values, with a tool that is longer by ``margin_m`` than it is believed to be."""
-    guard, drawn = lease_settings(values)[0], Tool.from_mapping(values.tool)
-    length = float(np.linalg.norm(drawn.T_flange_tool.translation))
+    guard, tool = lease_settings(values)[0], Tool.from_mapping(values.tool)
+    length = float(np.linalg.norm(tool.T_flange_tool.translation))
     stretch = 1.0 + margin_m / length if length > 0.0 else 1.0
-    T = RigidTransform.from_components(
-        drawn.T_flange_tool.translation * stretch, drawn.T_flange_tool.rotation
-    )
-    return MotionGuard(guard.model, guard.limits, Tool(T, drawn.radius_m, drawn.name, drawn.attachments))
+    T = RigidTransform.from_components(tool.T_flange_tool.translation * stretch, tool.T_flange_tool.rotation)
+    return MotionGuard(guard.model, guard.limits, Tool(T, tool.radius_m, tool.name, tool.attachments))
 
 
 def _station(moves: "Moves", search: Search, station: Station) -> None:

@@ -1,6 +1,6 @@
 """One scan of both beams: search down, find the height, measure slowly, at one or two places and heights.
 
-The search is that of the source: out and back across the beam, a step down when nothing triggered, a trigger
+The search goes out and back across the beam, a step down when nothing triggered, a trigger
 on the way out alone thrown away. The arm rests between the ways; what they showed is on disk before the next.
 """
 

@@ -1,4 +1,4 @@
-"""Where the tracker stands: the place that brings the drawn arm's reflectors to what was measured of them."""
+"""Where the tracker stands: the place that fits the nominal arm's reflectors to their readings."""
 
 from collections.abc import Sequence
 
@@ -32,7 +32,7 @@ def locate(p_tracker: Array, p_base: Array, limit_m: float) -> Registration:
     if rms > limit_m:
         raise error(
             "TRACKER_NOT_LOCATED",
-            f"in its best place the drawn arm is {1e3 * rms:.1f} mm off, max_locate_error_m is "
+            f"in its best place the nominal arm is {1e3 * rms:.1f} mm off, max_locate_error_m is "
             f"{1e3 * limit_m:g} mm",
         )
     return place

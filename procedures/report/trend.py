@@ -19,7 +19,7 @@ _PANELS = (
     ("beams.hysteresis_m", "hysteresis of the beams"),
     ("tool.offset_", "displacement of the point"),
     ("tool.tilt_", "tilt of the axis"),
-    ("kinematics.rms_before_m", "error, drawn arm"),
+    ("kinematics.rms_before_m", "error, nominal arm"),
     ("kinematics.rms_after_m", "error, calibrated arm"),
     ("tracker.drift_m", "drift of the monuments"),
     ("iso9283.AP_m", "AP, worst pose"),

@@ -103,7 +103,7 @@ class TrackerSamplingConfig(_Strict):
     )
     locate_poses: int = Field(default=4, ge=3, le=20, description="to find the tracker's place with")
     max_locate_error_m: float = Field(
-        default=0.02, gt=0, le=0.5, description="of the drawn arm at these poses, in its best place"
+        default=0.02, gt=0, le=0.5, description="of the nominal arm at these poses, in its best place"
     )
     joint_ranges_rad: list[Two] | None = Field(
         default=None,

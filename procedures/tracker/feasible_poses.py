@@ -66,11 +66,11 @@ class Space:
     refused: Counter[str] = field(default_factory=Counter)
 
     def points(self, Q: Array, target: Targets) -> Array:
-        """(n, 3): where the drawn arm puts the reflectors, in the base."""
+        """(n, 3): where the nominal arm puts the reflectors, in the base."""
         return self.model.points(self.model.nominal, Q, target).T
 
     def flange(self, Q: Array) -> Array:
-        """(n, 4, 4): the drawn arm's flange."""
+        """(n, 4, 4): the nominal arm's flange."""
         return self.spec.arm.base.flange(Q)
 
     def promise(self, Q: Array, target: Targets) -> Array:

@@ -50,8 +50,8 @@ def judged(result: Mapping[str, Any], path: Path, config: Mapping[str, Any]) -> 
         "before": found["registration_only"],
         "after": found["calibrated"],
         "predicted_95": predicted["max"],
-        "direction": "of reflectors in the tracker frame; before: the drawn arm in its best place, after: on "
-        "poses that the solver did not see, the tracker's noise included",
+        "direction": "of reflectors in the tracker frame; before: the nominal arm in its best place, after: "
+        "on poses that the solver did not see, the tracker's noise included",
     }
     reasons = _beyond(heldout.get("set_aside"), predicted["max"], config["accept"]["max_error_m"])
     reasons += _moved(facts["monuments"])
@@ -70,20 +70,20 @@ def judged(result: Mapping[str, Any], path: Path, config: Mapping[str, Any]) -> 
 def set_aside(
     answer: Mapping[str, Any], solved: Mapping[str, Any], aside: Mapping[str, Any], tracker_3d: float
 ) -> dict[str, Any]:
-    """Distances (m) of the readings set aside from where the exported arm, and the drawn one, predict them.
+    """Distances (m) of the readings set aside from where the exported arm, and the nominal one, predict them.
 
-    The drawn arm once in the place of the tracker that the calibrated one found, and once in the place that
+    The nominal arm once in the place of the tracker that the calibrated one found, and once in the place that
     suits the solved readings best.
     """
     T_tracker_base = from_pose6(answer["T_tracker_base"])
     p = _with_right_constant(answer, aside["samples"])
     calibrated = T_tracker_base.apply(places(answer["robot"], aside["samples"]))
-    drawn = places(solved["robot"], aside["samples"])
+    nominal = places(solved["robot"], aside["samples"])
     p_solved = _with_right_constant(answer, solved["samples"]).T
     best = register(p_solved, places(solved["robot"], solved["samples"]).T, np.ones(p_solved.shape[1]))
     off = {
-        "nominal": np.linalg.norm(T_tracker_base.apply(drawn) - p, axis=1),
-        "registration_only": np.linalg.norm(best.to_tracker(drawn.T).T - p, axis=1),
+        "nominal": np.linalg.norm(T_tracker_base.apply(nominal) - p, axis=1),
+        "registration_only": np.linalg.norm(best.to_tracker(nominal.T).T - p, axis=1),
         "calibrated": np.linalg.norm(calibrated - p, axis=1),
     }
     return {

@@ -33,8 +33,8 @@ def shape_of(spec: ArmSpec, guard: MotionGuard | None, radius_m: float | None) -
     if guard is not None:
         return Shape(guard.radii, guard.capsule_ends)
     if isinstance(spec.robot, NamedRobot) and spec.robot.model in UR_MODELS:
-        drawn = UrArm(spec.robot.model)
-        return Shape(np.array([link.radius_m for link in drawn.links]), drawn.link_ends)
+        arm = UrArm(spec.robot.model)
+        return Shape(np.array([link.radius_m for link in arm.links]), arm.link_ends)
     if radius_m is None:
         return None
     rows = _lines(spec.arm.base, np.zeros((1, spec.arm.joints)))

@@ -314,7 +314,7 @@ class _Planner:
         return cov + open_constant(cov, J, beams, 1.0 / space.sigma(Q, target), sigma)
 
     def _hold_against_limit(self, error95_m: float, rule: SourceRule) -> None:
-        """Beyond the limit a plan may still go on by the source's rule, as the source would."""
+        """Beyond the limit a plan may still go on by the rule of thumb for poses."""
         limit = self._config.max_predicted_m
         if error95_m <= limit * _AHEAD or rule.kept:
             return
@@ -356,7 +356,7 @@ def _far_apart(p: Array, count: int) -> list[int]:
 
 
 def rule_text(rule: SourceRule) -> str:
-    """The source's rule in words, kept or not."""
+    """The rule of thumb in words, kept or not."""
     if rule.kept:
         return f"{rule.poses} poses, every joint more than 15 deg from one to the next"
     return f"{rule.poses} of 50 poses, {rule.short_steps} steps with a joint that moves 15 deg or less"

@@ -224,7 +224,7 @@ class Sampling:
                 found = await self.visitor.measure_at(visit, PLACE_TRUST_M, text)
                 if found is not None:
                     q, sample = found
-                    measured.append((sample.value.point, self.place.drawn(q, first)))
+                    measured.append((sample.value.point, self.place.nominal_point(q, first)))
             await run.enter(S.NEXT, "located")
         await run.enter(S.LOCATE, f"{len(measured)} of {len(plan.locate)} poses were measured")
         self.visitor.lost.clear()  # they only locate: none of them is wanted again

@@ -39,7 +39,7 @@ class Place:
 
     def refine(self, samples: Sequence[Mapping[str, Any]]) -> None:
         """All finished poses tell of the tracker's place; more of them tell it better."""
-        f = np.array([self.drawn(np.array(s["q"]), s["target"]) for s in samples]).T
+        f = np.array([self.nominal_point(np.array(s["q"]), s["target"]) for s in samples]).T
         if np.linalg.matrix_rank(f - f.mean(axis=1, keepdims=True), tol=0.1) == 3:
             p = np.array([s["p_tracker"] for s in samples]).T
             self.registration = robust_register(p, f, np.ones(len(samples)))
@@ -51,8 +51,8 @@ class Place:
         shift, turn = apart(T_planned, T)
         return (shift, turn) if shift > ELSEWHERE_M or turn > ELSEWHERE_RAD else None
 
-    def drawn(self, q: Array, reflector: str) -> Array:
-        """(3,): where the drawn arm has a reflector, in the base."""
+    def nominal_point(self, q: Array, reflector: str) -> Array:
+        """(3,): where the nominal arm has a reflector, in the base."""
         out: Array = self.drawn_many(np.asarray(q)[None], reflector)[0]
         return out
 
@@ -65,7 +65,7 @@ class Place:
         """(3,): where the tracker should see it; None while it is unknown."""
         if self.registration is None:
             return None
-        out: Array = self.registration.to_tracker(self.drawn(q, reflector)[:, None])[:, 0]
+        out: Array = self.registration.to_tracker(self.nominal_point(q, reflector)[:, None])[:, 0]
         return out
 
     def monuments_hidden(self, q: Array) -> NDArray[np.bool_]:

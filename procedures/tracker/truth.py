@@ -24,8 +24,8 @@ def judge_arm(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path)
     """
     solved, aside = read_json(folder / DATA_FILE)["samples"], read_json(folder / HELD_OUT_FILE)["samples"]
     Q = np.array([s["q"] for s in solved])
-    drawn = np.random.default_rng(0).uniform(Q.min(axis=0), Q.max(axis=0), (ELSEWHERE, Q.shape[1]))
-    elsewhere = [{"q": q.tolist(), "target": solved[0]["target"]} for q in drawn]
+    sampled = np.random.default_rng(0).uniform(Q.min(axis=0), Q.max(axis=0), (ELSEWHERE, Q.shape[1]))
+    elsewhere = [{"q": q.tolist(), "target": solved[0]["target"]} for q in sampled]
     answer, tracker = result["result"], truth["tracker"]
     facts, promised = result["inputs"]["sampling"], answer["absolute_accuracy"]["predicted_95"]
     off, off_aside = (_errors(answer, truth, samples) for samples in (elsewhere, aside))

@@ -133,7 +133,7 @@ def test_ninety_five_percent_of_errors_are_below_the_radius() -> None:
     assert np.mean(np.linalg.norm(drawn, axis=1) < radius) == pytest.approx(0.95, abs=0.006)
 
 
-def test_the_ros_origins_are_those_of_the_makers_file_for_the_drawn_arm() -> None:
+def test_the_ros_origins_are_those_of_the_makers_file_for_the_nominal_arm() -> None:
     found = ros_kinematics(ur_chain("ur10e"))
     assert list(found) == ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"]
     assert found["shoulder"]["z"] == pytest.approx(0.1807)

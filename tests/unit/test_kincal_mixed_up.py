@@ -100,7 +100,7 @@ def test_reflectors_that_have_each_others_names_are_told(kind: str, tmp_path: Pa
     scene = make_scene(kind, 25, 60, tools=TOOLS[kind])
     assert "reflector.names" not in told(solved(scene, tmp_path))
     text = told(solved(renamed(scene, range(60)), tmp_path))["reflector.names"]
-    assert "smr1 is where smr2 was drawn" in text
+    assert "smr1 is where smr2 should be" in text
 
 
 @pytest.mark.parametrize("method", [None, "classic"])
@@ -155,7 +155,7 @@ def test_a_reflector_that_no_sample_has_is_as_sure_as_its_drawing(tmp_path: Path
     asked = {"schema": "cellward.kincal-query/1", "q": scene.Q[:5].tolist(), "target": "smr2"}
     query.write_text(json.dumps(asked), "utf-8")
     result = solved(scene.changed(samples=samples), tmp_path, predict=query)
-    assert "as drawn, to 20 mm" in told(result)["predict.unmeasured"]
+    assert "the nominal one, to 20 mm" in told(result)["predict.unmeasured"]
     assert min(result["result"]["p_tracker_95"]) > 0.02 * 2.7  # 95 % of a round cloud of 20 mm
 
 

@@ -100,7 +100,7 @@ def test_parameters_are_listed_with_their_interval_and_open_ones_have_none(
         scale = {"length": 1e3, "angle": 1e3, "ratio": 1.0}[kind_of(name)]
         digits = 6 if kind_of(name) == "ratio" else 4
         shown = "open" if sigma is None else f"{k95 * scale * sigma:.{digits}f}"
-        row = text[text.index(f" {name} ", text.index("drawn calibrated change")) :][:90]
+        row = text[text.index(f" {name} ", text.index("nominal calibrated change")) :][:90]
         assert f" {shown} " in row
 
 

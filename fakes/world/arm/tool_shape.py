@@ -39,7 +39,7 @@ class ToolShape:
         self.follow((t, tuple(values.tolist())))
 
     def straighten(self, t: float) -> None:
-        """From ``t`` on the tool is as drawn."""
+        """From ``t`` on the tool has its nominal shape."""
         self.follow((t, (0.0,) * 6))
 
     def follow(self, bend: Bend) -> None:

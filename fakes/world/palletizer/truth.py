@@ -16,7 +16,7 @@ class _Strict(BaseModel):
 
 
 class PalletizerTable(_Strict):
-    """What the controller believes, m, rad and link per motor; ``tx, ty, tz`` is smr1 as drawn."""
+    """What the controller believes, m, rad and link per motor; ``tx, ty, tz``: nominal place of smr1."""
 
     a1: Length
     a2: Length

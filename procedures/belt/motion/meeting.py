@@ -1,4 +1,4 @@
-"""Where and when a tool that does not follow meets an item: by our forecast, or by the source's method."""
+"""Where and when a tool that does not follow meets an item: by our forecast, or by the classic method."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -79,9 +79,10 @@ def _aim(track: Track, contact: float) -> Aim:
 
 
 class Classic:
-    """Source 004: speed from two counts, a fixed T1 whatever the way, the target anew every 100 ms.
+    """The classic method: speed from two counts, a fixed T1 whatever the way, the target anew every 100 ms.
 
-    Heights are ours: the source's belt is level, and one false height would drive the tool into an item.
+    Heights are ours: that method takes the belt to be level, and one false height would drive the tool into
+    an item.
     """
 
     def __init__(self, config: BeltTrackingConfig, watch: BeltWatch, arm: Arm, times: ClassicTimes) -> None:

@@ -104,7 +104,7 @@ def _answer(loaded: InterceptSet, tracker: BeltTracker, query: Query) -> Answer:
 
 
 def solve_classic(loaded: InterceptSet, done: Done = None) -> Solved:
-    """The source's method; the tracker is ours, for the checks that both methods are held to."""
+    """The classic method; the tracker is ours, for the checks that both methods are held to."""
     tracker = BeltTracker(BeltEstimator(loaded.encoder), loaded.direction)
     arrivals = Arrivals(loaded)
     _learn(loaded, tracker, arrivals, np.inf)
@@ -125,7 +125,7 @@ def _unwrapped(loaded: InterceptSet) -> tuple[Array, Array]:
 
 
 def classic_times(loaded: InterceptSet) -> ClassicTimes:
-    """T1 and t2 of the data set, else the source's T1 and the arm's own time for the descent."""
+    """T1 and t2 of the data set, else the classic T1 and the arm's own time for the descent."""
     given = loaded.data.classic
     t1 = None if given is None else given.T1_s
     t2 = None if given is None else given.t2_s

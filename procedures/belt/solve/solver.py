@@ -20,7 +20,7 @@ def solve_intercept(
 ) -> dict[str, Any]:
     """The result (``cellward.result/1``) of an intercept data set: its JSON file, or a folder with one.
 
-    ``method`` is ``adaptive`` (the default) or ``classic``, the source's own. Each answer is made of data
+    ``method`` is ``adaptive`` (the default) or ``classic``. Each answer is made of data
     stamped at or before its query. Bad input raises an ``InputError``; data that cannot determine the
     answers give a result with verdict ``fail``.
     """

@@ -41,7 +41,7 @@ def solve_laser(
     """``cellward.result/1`` of kind ``laser`` from a data set, its folder or its ``laser.json``.
 
     ``method`` is ``interval`` (the likelihood of the polls' intervals, the default), ``averaging`` (their
-    middles, otherwise the same) or ``classic`` (the source's). ``limits`` may hold ``max_shift_m`` and
+    middles, otherwise the same) or ``classic``. ``limits`` may hold ``max_shift_m`` and
     ``max_tilt_rad``: beyond them the tool is bent, the verdict is fail and the answer is given all the same.
     ``solve_seconds`` is the shortest time of ``calls`` calls; a job, which nobody compares by it, needs one.
     Bad input raises an ``InputError``; data that cannot determine the answer give ``result`` null.

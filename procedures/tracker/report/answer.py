@@ -9,12 +9,12 @@ from procedures.report.verdict import banner, cards
 from procedures.tracker.report.source import KincalSource
 
 _FIGURES = (
-    ("nominal", "rms_nominal", "nominal", "The arm as drawn, in the place of the tracker that was found."),
+    ("nominal", "rms_nominal", "nominal", "The nominal arm, in the place of the tracker that was found."),
     (
         "registration_only",
         "rms_registration_only",
         "registration only",
-        "The arm as drawn, in the place of the tracker that suits it best: what registration gives alone.",
+        "The nominal arm, in the place of the tracker that suits it best: what registration gives alone.",
     ),
     ("calibrated", "rms_calibrated", "calibrated", "The calibrated arm, each time without these poses."),
 )
@@ -46,8 +46,8 @@ def verdict_section(source: KincalSource) -> Html:
                     f"held-out error, calibrated (RMS); √3 σ of the {source.whose_noise} is "
                     f"{mm(source.tracker_3d)}",
                 ),
-                (mm(before), "held-out error of the drawn arm in the place that suits it best (RMS)"),
-                (gain, "better than the drawn arm, on poses that the solution did not see"),
+                (mm(before), "held-out error of the nominal arm in the place that suits it best (RMS)"),
+                (gain, "better than the nominal arm, on poses that the solution did not see"),
                 (
                     mm(dig(predicted, "max")),
                     f"95 % of prediction errors stay below this at the worst of {places} places",

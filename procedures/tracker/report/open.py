@@ -61,7 +61,7 @@ def _rank(found: Any) -> str:
 
 
 def rule_section(source: KincalSource) -> Html | None:
-    """The source's rule for poses: checked and shown always, never the verdict by itself."""
+    """The rule of thumb for poses: checked and shown always, never the verdict by itself."""
     rule = dig(source.result, "observability", "source_rule")
     if not isinstance(rule, Mapping):
         return None
@@ -78,17 +78,17 @@ def rule_section(source: KincalSource) -> Html | None:
 
 
 def parameters_section(source: KincalSource) -> Html | None:
-    """Every parameter: drawn, calibrated, the difference, and its 95 % interval where it has one."""
-    found, drawn = dig(source.answer, "parameters"), dig(source.answer, "nominal")
+    """Every parameter: nominal, calibrated, the difference, and its 95 % interval where it has one."""
+    found, nominal = dig(source.answer, "parameters"), dig(source.answer, "nominal")
     if not isinstance(found, Mapping) or not found:
         return None
     sigma = dig(source.answer, "sigma")
     k95 = float(stdtrit(source.freedom, 0.975))
-    rows = [_row(name, value, dig(drawn, name), sigma, k95) for name, value in found.items()]
+    rows = [_row(name, value, dig(nominal, name), sigma, k95) for name, value in found.items()]
     none = " This method gives no uncertainty." if sigma is None else ""
     return section(
         "Parameters",
-        table(("parameter", "unit", "drawn", "calibrated", "change", "± 95 %"), rows, "llrrrr"),
+        table(("parameter", "unit", "nominal", "calibrated", "change", "± 95 %"), rows, "llrrrr"),
         note(
             "A link is Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta). 'open' is part of a combination above and "
             f"has no uncertainty of its own.{none} Judge an arm by its predictions, not by these numbers."
@@ -96,11 +96,11 @@ def parameters_section(source: KincalSource) -> Html | None:
     )
 
 
-def _row(name: str, value: Any, drawn: Any, sigma: Any, k95: float) -> list[object]:
+def _row(name: str, value: Any, before: Any, sigma: Any, k95: float) -> list[object]:
     kind = kind_of(name)
     scale, unit = _SCALE[kind], _UNIT[kind]
     digits = 6 if kind == "ratio" else 4
-    plain, nominal = number(value), number(drawn)
+    plain, nominal = number(value), number(before)
     change = None if plain is None or nominal is None else plain - nominal
     own = number(dig(sigma, name))
     spread = DASH if sigma is None else "open" if own is None else _shown(k95 * own, scale, digits)

@@ -1,4 +1,4 @@
-"""Before and after, pose by pose: held-out distances beside the drawn arm's, and what was not used."""
+"""Before and after, pose by pose: held-out distances beside the nominal arm's, and what was not used."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -28,7 +28,7 @@ def before_section(source: KincalSource) -> Html | None:
         title,
         embed(_before_figure(source, rows), "before-after"),
         note(
-            "Left: distance of each reading from where the arm was expected, drawn (in the place of the "
+            "Left: distance of each reading from where the arm was expected, nominal (in the place of the "
             "tracker that suits it best) and calibrated (by an arm that did not see this pose). Right: share "
             f"of the poses that stay below a distance. The dashed line is {_dashed(source)} "
             "Logarithmic scales."
@@ -49,7 +49,7 @@ def _dashed(source: KincalSource) -> str:
 def _before_figure(source: KincalSource, rows: Rows) -> Any:
     fig = make_subplots(1, 2, column_widths=[0.62, 0.38], horizontal_spacing=0.09)
     dressed(fig, 360)
-    for key, tint, name in (("nominal", BEFORE, "drawn"), ("heldout", NOW, "calibrated, held out")):
+    for key, tint, name in (("nominal", BEFORE, "nominal"), ("heldout", NOW, "calibrated, held out")):
         known = [(r, v) for r in rows if (v := number(r.get(key))) is not None]
         if not known:
             continue

@@ -26,7 +26,7 @@ Warnings = list[tuple[str, str]]
 @dataclass(frozen=True, eq=False)
 class Query:
     """Joints ``Q`` (n, j) whose readings of ``target`` are wanted; where no sample has it, ``place`` (3,) is
-    where it was drawn, to ``place_sd`` along each axis, m."""
+    at its nominal place, to ``place_sd`` along each axis, m."""
 
     Q: Array
     target: str
@@ -111,7 +111,7 @@ def answer_query(solution: Solution, query: Query) -> tuple[dict[str, object], W
         answer["p_tracker_95"] = radius95(own, solution.freedom).tolist()
     warnings = _beyond_samples(solution, query.Q, "predict")
     if query.place is not None:
-        known = f"its place on the flange is as drawn, to {1e3 * query.place_sd:.3g} mm"
+        known = f"its place on the flange is the nominal one, to {1e3 * query.place_sd:.3g} mm"
         text = f"no sample has {query.target}; {known}"
         warnings.append(("predict.unmeasured", text))
     return answer, warnings

@@ -185,10 +185,10 @@ def _residuals(solved: Solved, judged: HeldOut) -> dict[str, object]:
     solution, loaded = solved.solution, solved.loaded
     problem, model, used = solution.problem, solution.model, solution.used
     off = np.sqrt(np.sum(solution.e**2, axis=0))
-    drawn = model.points(model.nominal, problem.Q, problem.target)
-    own = np.sqrt(np.sum((solution.registration.to_tracker(drawn) - problem.p) ** 2, axis=0))
-    best = register(problem.p[:, used], drawn[:, used], np.ones(int(used.sum())))
-    registered = np.sqrt(np.sum((best.to_tracker(drawn) - problem.p) ** 2, axis=0))
+    nominal = model.points(model.nominal, problem.Q, problem.target)
+    own = np.sqrt(np.sum((solution.registration.to_tracker(nominal) - problem.p) ** 2, axis=0))
+    best = register(problem.p[:, used], nominal[:, used], np.ones(int(used.sum())))
+    registered = np.sqrt(np.sum((best.to_tracker(nominal) - problem.p) ** 2, axis=0))
     unseen = dict(zip(judged.rows.tolist(), judged.calibrated.tolist(), strict=True))
     index = loaded.indices
     return {

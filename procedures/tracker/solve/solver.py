@@ -36,8 +36,8 @@ def solve_kincal(
 ) -> dict[str, object]:
     """The result (``cellward.result/1``) of tracker points: a folder with kincal.json, JSON, CSV or MATLAB.
 
-    ``method`` is ``ml`` (weighted maximum likelihood by variable projection, the default) or ``classic`` (the
-    source's). ``predict`` is a file with joints whose readings are wanted, ``targets`` one with wanted poses,
+    ``method`` is ``ml`` (weighted maximum likelihood by variable projection, the default) or ``classic``.
+    ``predict`` is a file with joints whose readings are wanted, ``targets`` one with wanted poses,
     ``robot`` one with the ROBOT. Bad input raises an ``InputError``; data that cannot determine the arm give
     a result with verdict ``fail``.
     """
@@ -105,7 +105,7 @@ def _twice(loaded: KincalSet, method: str) -> _Timed:
 
 
 def _of_classic(loaded: KincalSet, found: Classic) -> Solution:
-    """The classic parameters with what the source does not have: no covariance, nothing rejected."""
+    """The classic parameters with what that method does not have: no covariance, nothing rejected."""
     problem = loaded.problem
     noise = first_noise(loaded.noise)
     determined = _observe(problem, found.x).rank + REGISTRATION

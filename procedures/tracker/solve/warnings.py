@@ -26,7 +26,7 @@ Warnings = list[tuple[str, str]]
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """A solution and how it was judged; ``classic`` when the source's method made it."""
+    """A solution and how it was judged; ``classic`` when the classic method made it."""
 
     loaded: KincalSet
     solution: Solution
@@ -73,10 +73,10 @@ def _far_off(solution: Solution) -> Warnings:
     problem, model = solution.problem.take(solution.used), solution.model
     if model.unknown_tools:
         return []
-    drawn = model.points(model.nominal, problem.Q, problem.target)
-    best = register(problem.p, drawn, np.ones(problem.n))
-    off = rms(np.sqrt(np.sum((best.to_tracker(drawn) - problem.p) ** 2, axis=0))) or 0.0
-    spread = rms(np.sqrt(np.sum((drawn - drawn.mean(axis=1, keepdims=True)) ** 2, axis=0))) or 0.0
+    nominal = model.points(model.nominal, problem.Q, problem.target)
+    best = register(problem.p, nominal, np.ones(problem.n))
+    off = rms(np.sqrt(np.sum((best.to_tracker(nominal) - problem.p) ** 2, axis=0))) or 0.0
+    spread = rms(np.sqrt(np.sum((nominal - nominal.mean(axis=1, keepdims=True)) ** 2, axis=0))) or 0.0
     if off <= _FAR_OFF * spread:
         return []
     text = f"the nominal arm is {1e3 * off:.0f} mm off in its best place (RMS); check the robot and its tool"
@@ -140,7 +140,7 @@ def _of_reflectors(solution: Solution) -> Warnings:
     if offset is not None and offset.significant:
         out.append(("reflector.constant", _wrong_constant(offset)))
     if pairs := exchanged(solution.model, solution.x):
-        told = ", ".join(f"{name} is where {other} was drawn" for name, other in pairs)
+        told = ", ".join(f"{name} is where {other} should be" for name, other in pairs)
         out.append(("reflector.names", f"reflectors seem to have each other's names: {told}"))
     return out
 
