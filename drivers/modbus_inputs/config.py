@@ -7,16 +7,15 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from drivers.digital import InputConfig
 from drivers.life import TIME_OFFSET
-from drivers.modbus_inputs.link import LinkSettings, TlsFiles
-from drivers.modbus_inputs.models import GENERIC, MODELS, CounterPlace, LevelPlace, ModuleModel, Table
-from drivers.modbus_inputs.place import Place, parse_url
-from drivers.modbus_inputs.plan import ReadPlan, Span
+from drivers.modbus.link import LinkSettings, TlsFiles
+from drivers.modbus.place import Place, parse_url
+from drivers.modbus.registers import NumberConfig, RegisterTable, SerialConfig, Table, WordOrder
+from drivers.modbus_inputs.models import GENERIC, MODELS, CounterPlace, LevelPlace, ModuleModel
+from drivers.modbus_inputs.plan import ReadPlan
 
 _BITS_PER_BYTE = 11.0
 
-WordOrder = Literal["high-first", "low-first"]
 TableName = Literal["coils", "discrete", "holding", "input"]
-RegisterTable = Literal["holding", "input"]
 
 
 class _Section(BaseModel):
@@ -37,27 +36,6 @@ class CountersConfig(_Section):
     address: int = Field(ge=0, le=65535, description="First register of the counter of input 0")
     width: Literal[16, 32] = Field(default=32, description="bits of a counter")
     word_order: WordOrder = Field(default="high-first", description="of counters with 32 bits")
-
-
-class NumberConfig(_Section):
-    """Registers that hold one number."""
-
-    table: RegisterTable = Field(default="holding", description="Modbus table of the number")
-    address: int = Field(ge=0, le=65535, description="its first register")
-    count: int = Field(default=1, ge=1, le=32, description="How many registers")
-    word_order: WordOrder = Field(default="high-first", description="of numbers with more than one register")
-
-    @property
-    def span(self) -> Span:
-        return Span(Table(self.table), self.address, self.count)
-
-
-class SerialConfig(NumberConfig):
-    """Registers that hold one number or one text."""
-
-    kind: Literal["number", "text"] = Field(
-        default="number", description="text: two characters a register, high byte first"
-    )
 
 
 class InputsConfig(_Section):

@@ -10,12 +10,12 @@ from cell.errors import CellError, error
 from cell.samples import Quality, Sample, Stream
 from drivers.digital import StuckWatch
 from drivers.life import LinkedDevice
+from drivers.modbus.identify import identify, read_number
+from drivers.modbus.link import ModbusLink, NoAnswer
+from drivers.modbus.ticker import Ticker
 from drivers.modbus_inputs.changes import ChangeCount, CounterJump
 from drivers.modbus_inputs.config import InputsConfig
-from drivers.modbus_inputs.identify import identify, read_number
-from drivers.modbus_inputs.link import ModbusLink, NoAnswer
 from drivers.modbus_inputs.plan import Reading
-from drivers.modbus_inputs.ticker import Ticker
 
 log = logging.getLogger("cellward.devices")
 

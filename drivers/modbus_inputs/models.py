@@ -4,30 +4,8 @@ Addresses are 0-based protocol addresses of the makers' manuals.
 """
 
 from dataclasses import dataclass
-from enum import StrEnum
 
-
-class Table(StrEnum):
-    """The four tables of Modbus."""
-
-    COILS = "coils"
-    DISCRETE = "discrete"
-    HOLDING = "holding"
-    INPUT = "input"
-
-    @property
-    def function(self) -> int:
-        """The function code that reads it."""
-        return list(Table).index(self) + 1
-
-    @property
-    def has_bits(self) -> bool:
-        return self.function <= 2
-
-    @property
-    def most(self) -> int:
-        """What one request may ask for."""
-        return 2000 if self.has_bits else 125
+from drivers.modbus.registers import Table
 
 
 @dataclass(frozen=True)

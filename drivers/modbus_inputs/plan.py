@@ -3,28 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from drivers.modbus_inputs.models import CounterPlace, LevelPlace, ModuleModel, Table
-
-
-@dataclass(frozen=True)
-class Span:
-    """``count`` bits or registers of ``table`` from ``start`` on."""
-
-    table: Table
-    start: int
-    count: int
-
-    def __post_init__(self) -> None:
-        if self.count > self.table.most or self.start + self.count > 65536:
-            raise ValueError(
-                f"{self.count} {'bits' if self.table.has_bits else 'registers'} from 0x{self.start:04X} on"
-                f" are too many for one request, which takes {self.table.most} below 0x10000;"
-                " make a second device for inputs that lie far apart"
-            )
-
-    def __str__(self) -> str:
-        last = self.start + self.count - 1
-        return f"function {self.table.function}, addresses 0x{self.start:04X} to 0x{last:04X}"
+from drivers.modbus.registers import Span, words_to_int
+from drivers.modbus_inputs.models import CounterPlace, LevelPlace, ModuleModel
 
 
 @dataclass(frozen=True)
@@ -68,14 +48,6 @@ class ReadPlan:
         if self._counters is None:
             return Reading(levels, ())
         return Reading(levels, _decode_counts(self._counters, self.spans[0], replies[0], self._channels))
-
-
-def words_to_int(words: Sequence[int], low_word_first: bool) -> int:
-    """The unsigned number in ``words``."""
-    value = 0
-    for word in reversed(words) if low_word_first else words:
-        value = value << 16 | word
-    return value
 
 
 def _level_span(place: LevelPlace, channels: Sequence[int]) -> Span:

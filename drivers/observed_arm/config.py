@@ -7,9 +7,9 @@ from urllib.parse import urlsplit
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from drivers.life import TIME_OFFSET
-from drivers.modbus_inputs.config import RegisterTable, SerialConfig, WordOrder
-from drivers.modbus_inputs.link import LinkSettings
-from drivers.modbus_inputs.place import parse_url
+from drivers.modbus.link import LinkSettings
+from drivers.modbus.place import parse_url
+from drivers.modbus.registers import RegisterTable, SerialConfig, WordOrder
 from drivers.observed_arm.numbers import WORDS, Encoding, NumberType, Unit
 
 Address = Annotated[int, Field(ge=0, le=65535)]

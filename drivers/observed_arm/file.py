@@ -12,7 +12,7 @@ from cell.clock import Clock
 from cell.devices import Identity
 from cell.errors import CellError, error
 from cell.poses import Array
-from drivers.modbus_inputs.link import NoAnswer
+from drivers.modbus.link import NoAnswer
 from drivers.observed_arm.config import ObservedArmConfig
 from drivers.observed_arm.rows import MAX_BYTES, BadRow, JointTable, TableChanged, TableFormat
 from drivers.observed_arm.source import Seen

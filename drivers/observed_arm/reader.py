@@ -20,8 +20,8 @@ from cell.errors import CellError, error
 from cell.poses import Array
 from cell.samples import Sample, Stream
 from drivers.life import LinkedDevice
-from drivers.modbus_inputs.link import NoAnswer
-from drivers.modbus_inputs.ticker import Ticker
+from drivers.modbus.link import NoAnswer
+from drivers.modbus.ticker import Ticker
 from drivers.observed_arm.config import ObservedArmConfig
 from drivers.observed_arm.file import FileSource
 from drivers.observed_arm.registers import RegisterSource

@@ -10,10 +10,9 @@ from cell.clock import Clock
 from cell.devices import Identity
 from cell.errors import error
 from cell.poses import Array
-from drivers.modbus_inputs.identify import identify
-from drivers.modbus_inputs.link import ModbusLink, NoAnswer
-from drivers.modbus_inputs.models import Table
-from drivers.modbus_inputs.plan import Span
+from drivers.modbus.identify import identify
+from drivers.modbus.link import ModbusLink, NoAnswer
+from drivers.modbus.registers import Span, Table
 from drivers.observed_arm.config import HandshakeConfig, ObservedArmConfig
 from drivers.observed_arm.source import Seen
 

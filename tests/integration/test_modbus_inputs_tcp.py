@@ -13,9 +13,9 @@ from pymodbus.constants import ExcCodes
 from cell.errors import CellError
 from cell.inputs import edges
 from cell.samples import Quality
+from drivers.modbus.link import ModbusLink
+from drivers.modbus.registers import Span
 from drivers.modbus_inputs import inputs as driver
-from drivers.modbus_inputs.link import ModbusLink
-from drivers.modbus_inputs.plan import Span
 from tests.integration.modbus_inputs_rig import HOST, Board, make, newest, opened, pymodbus_server
 
 pytestmark = pytest.mark.wire

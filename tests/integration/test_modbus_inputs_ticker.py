@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from drivers.modbus_inputs.ticker import Ticker
+from drivers.modbus.ticker import Ticker
 
 pytestmark = pytest.mark.wire
 PERIOD = 0.002

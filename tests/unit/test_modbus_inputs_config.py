@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from drivers.modbus.place import Place, parse_url
+from drivers.modbus.registers import words_to_int
 from drivers.modbus_inputs.config import InputsConfig
-from drivers.modbus_inputs.place import Place, parse_url
-from drivers.modbus_inputs.plan import words_to_int
 
 TCP = "tcp://192.168.10.30:502"
 

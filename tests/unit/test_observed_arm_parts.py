@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from drivers.modbus_inputs.models import Table
-from drivers.modbus_inputs.plan import Span
+from drivers.modbus.registers import Span, Table
 from drivers.observed_arm import ObservedArmConfig
 from drivers.observed_arm.config import JointConfig
 from drivers.observed_arm.registers import spans

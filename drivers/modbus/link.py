@@ -12,9 +12,8 @@ from pymodbus.transport import CommParams, CommType
 
 from cell.clock import Clock
 from cell.errors import CellError, error
-from drivers.modbus_inputs.models import Table
-from drivers.modbus_inputs.place import Place
-from drivers.modbus_inputs.plan import Span
+from drivers.modbus.place import Place
+from drivers.modbus.registers import Span, Table
 
 # More than pymodbus would take before it closes the connection; when a link is lost is our decision.
 _NEVER = 1_000_000

@@ -2,9 +2,8 @@
 
 from cell.devices import Identity
 from cell.errors import CellError
-from drivers.modbus_inputs.config import NumberConfig, SerialConfig
-from drivers.modbus_inputs.link import ModbusLink, NoAnswer
-from drivers.modbus_inputs.plan import words_to_int
+from drivers.modbus.link import ModbusLink, NoAnswer
+from drivers.modbus.registers import NumberConfig, SerialConfig, words_to_int
 
 VENDOR, PRODUCT, REVISION, SERIAL = 0x00, 0x01, 0x02, 0x80
 _BASIC, _SINGLE = 1, 4
