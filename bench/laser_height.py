@@ -115,7 +115,7 @@ def good(cell: str, tally: Tally) -> bool:
 
 def main(arguments: list[str]) -> int:
     count = int(arguments[0]) if arguments else COUNT
-    daemon.results._write_report = _no_report
+    daemon.results._write_report = _no_report  # noqa: SLF001
     began, as_wanted = time.monotonic(), True
     for cell in arguments[1:] or CELLS:
         tally = Tally()

@@ -67,7 +67,7 @@ class ProcessWorker:
         if self._pool is pool:
             self._pool = None
         # Python 3.11 has no public way to end a pool's process; shutdown forgets which it was.
-        for process in tuple((pool._processes or {}).values()):
+        for process in tuple((pool._processes or {}).values()):  # noqa: SLF001
             process.kill()
         pool.shutdown(wait=False, cancel_futures=True)
 

@@ -21,7 +21,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from cell.priority import SETPOINTS, stay_in_real_time
 from drivers.ur.following import Follower, Piece
@@ -142,7 +142,7 @@ class MotionChild:
                 self._inbox.append(message)
 
     def _serve(self, message: Message) -> None:
-        command = _COMMANDS.get(message["do"])
+        command = MotionChild.COMMANDS.get(message["do"])
         if command is None:
             self._leave(EXIT_BAD_MESSAGE)
             return
@@ -300,18 +300,17 @@ class MotionChild:
             raise RuntimeError("a trajectory is being followed")
         return self._live()
 
-
-_COMMANDS: dict[str, Callable[..., Any]] = {
-    "open": MotionChild._open,
-    "tool": MotionChild._tool,
-    "move_joints": MotionChild._move_joints,
-    "move_linear": MotionChild._move_linear,
-    "stop": MotionChild._stop,
-    "follow": MotionChild._begin_following,
-    "piece": MotionChild._piece,
-    "finish": MotionChild._finish,
-    "end": MotionChild._end,
-}
+    COMMANDS: ClassVar[dict[str, Callable[..., Any]]] = {
+        "open": _open,
+        "tool": _tool,
+        "move_joints": _move_joints,
+        "move_linear": _move_linear,
+        "stop": _stop,
+        "follow": _begin_following,
+        "piece": _piece,
+        "finish": _finish,
+        "end": _end,
+    }
 
 
 def _six(values: list[float]) -> list[float]:

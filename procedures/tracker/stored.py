@@ -40,21 +40,22 @@ class StoredSet:
         for role, now in serials.items():
             then = self.serials.get(role)
             if then and now and then != now:
-                raise self._refused(f"it was measured with {role} {then}, and this is {role} {now}")
+                raise self.refused(f"it was measured with {role} {then}, and this is {role} {now}")
 
     def require_same_stand(self, seen: Mapping[str, Any], limit_m: float) -> None:
         """``TRACKER_MOVED`` when the monuments ``seen`` now are not where the set has them."""
         moved = compare(self.monuments, seen)
         if len(moved) < _LEAST_SEEN:
             names = ", ".join(self.monuments) or "none"
-            raise self._refused(
+            raise self.refused(
                 f"{len(moved)} of its monuments ({names}) were seen now, {_LEAST_SEEN} are needed to tell "
                 "that the tracker still stands where it stood"
             )
         if (text := moved_text(moved, limit_m)) is not None:
             raise error("TRACKER_MOVED", f"{text} of {self.path}, so its poses cannot be used with today's")
 
-    def _refused(self, why: str) -> CellError:
+    def refused(self, why: str) -> CellError:
+        """``TRACKER_SET_REFUSED`` for this set."""
         return error("TRACKER_SET_REFUSED", f"{self.path}: {why}")
 
 
@@ -77,11 +78,11 @@ def load_stored(
     facts = (data.notes or {}).get("sampling") or {}
     stored = StoredSet(path, samples, facts.get("monument_points") or {}, facts.get("serials") or {})
     if not _alike(data.robot or {}, robot):
-        raise stored._refused("its robot, or a reflector on it, is not this cell's")
+        raise stored.refused("its robot, or a reflector on it, is not this cell's")
     if data.payload_kg is None or abs(data.payload_kg - payload_kg) > SAME_LOAD_KG:
-        raise stored._refused(f"its payload_kg is {data.payload_kg}, and here it is {payload_kg:g}")
+        raise stored.refused(f"its payload_kg is {data.payload_kg}, and here it is {payload_kg:g}")
     if strange := sorted({str(s["target"]) for s in samples} - set(config.reflectors)):
-        raise stored._refused(f"target '{strange[0]}' is no reflector of the job")
+        raise stored.refused(f"target '{strange[0]}' is no reflector of the job")
     return stored
 
 
