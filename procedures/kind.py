@@ -3,6 +3,7 @@
 References are ``"package.module:name"`` and are imported when they are used, so this table imports no job.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
@@ -135,12 +136,33 @@ KINDS: Mapping[str, Kind] = {kind.name: kind for kind in _ALL}
 
 
 def kind_of(document: Mapping[str, Any], what: str = "result") -> Kind:
-    """The kind that a result or a plan says it is of; ``KIND_UNKNOWN`` when it is none of this version."""
+    """The kind that a result or a plan says it is of; ``KIND_UNKNOWN`` when there is none such."""
     name = document.get("kind")
-    if not isinstance(name, str) or name not in KINDS:
-        said = "does not say its kind" if name is None else f"is of kind '{name}'"
-        raise error("KIND_UNKNOWN", f"the {what} {said}; known are {', '.join(KINDS)}")
-    return KINDS[name]
+    if isinstance(name, str):
+        return kind_named(name, what)
+    raise error("KIND_UNKNOWN", f"the {what} does not say its kind; known are {', '.join(KINDS)}")
+
+
+def kind_named(name: str, what: str = "result") -> Kind:
+    """The kind called ``name``: a shipped one, or that of another package, ``"package.module:NAME"``.
+
+    ``KIND_UNKNOWN`` with the package that is missing, or with the kinds that there are.
+    """
+    if name in KINDS:
+        return KINDS[name]
+    said = f"the {what} is of kind '{name}'"
+    if re.fullmatch(r"\w+(\.\w+)*:\w+", name) is None:
+        raise error("KIND_UNKNOWN", f"{said}; known are {', '.join(KINDS)}")
+    package = name.partition(":")[0].partition(".")[0]
+    try:
+        found = load(name)
+    except ModuleNotFoundError as exc:
+        raise error("KIND_UNKNOWN", f"{said}; install the package '{package}' ({exc})") from exc
+    except Exception as exc:
+        raise error("KIND_UNKNOWN", f"{said}; the package '{package}' cannot be loaded: {exc}") from exc
+    if not isinstance(found, Kind) or found.name != name:
+        raise error("KIND_UNKNOWN", f"{said}; that is no Kind whose name is '{name}'")
+    return found
 
 
 def load(reference: str) -> Any:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.errors import error
-from procedures.kind import KINDS
+from procedures.kind import kind_named
 from procedures.registry import JOBS
 
 
@@ -18,7 +18,7 @@ def solve_again(
     """
     if job not in JOBS:
         raise error("NOT_FOUND", f"a {job} has nothing to solve again")
-    name = KINDS[JOBS[job].kind].data_file
+    name = kind_named(JOBS[job].kind).data_file
     if not (folder / name).exists():
         raise error("NOT_FOUND", f"{folder.name} ({job}) has no {name} to solve")
     return JOBS[job].solve_again(folder / name, info, recorded)

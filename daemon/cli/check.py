@@ -22,6 +22,12 @@ def check(
         bool,
         typer.Option("--machine", help="Also measure this machine for three seconds: lag, priority, disk."),
     ] = False,
+    drivers: Annotated[
+        bool, typer.Option("--drivers", help="List the drivers, also of installed packages, and end.")
+    ] = False,
+    jobs: Annotated[
+        bool, typer.Option("--jobs", help="List the jobs, also of installed packages, and end.")
+    ] = False,
     config: ConfigOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -36,6 +42,10 @@ def check(
     from daemon.config import load_config
     from daemon.disk_space import capture_bytes
 
+    if drivers or jobs:
+        from daemon.cli.installed import list_installed
+
+        return list_installed(drivers, jobs, as_json)
     path = config_path(config)
     try:
         loaded = load_config(path)

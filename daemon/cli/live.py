@@ -11,7 +11,7 @@ from daemon.cli.jobs import connect
 from daemon.cli.options import ConfigOption, JsonOption
 from daemon.cli.output import out, say
 from daemon.control_client import ControlClient
-from procedures.kind import KINDS, Kind, load
+from procedures.kind import Kind, kind_named, load
 
 LOOK_S = 0.2
 LINE_EACH_S = 1.0
@@ -77,7 +77,7 @@ class Following:
     def _kind(self) -> Kind | None:
         from procedures.registry import JOBS  # with all that the jobs import
 
-        return KINDS[JOBS[self.job].kind] if self.job in JOBS else None
+        return kind_named(JOBS[self.job].kind) if self.job in JOBS else None
 
     def look(self) -> dict[str, list[list[float]]] | None:
         """What is new, by trace; None when the job that was looked at has ended."""

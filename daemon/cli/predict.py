@@ -6,7 +6,7 @@ from typing import Any
 from cell.errors import CellError
 from daemon.config import CellConfig
 from daemon.values import configured_values
-from procedures.kind import KINDS, load
+from procedures.kind import kind_named, load
 from procedures.registry import JOBS
 from procedures.setup import Setup
 
@@ -20,7 +20,7 @@ def predictions(config: CellConfig) -> list[dict[str, Any]]:
     """
     setup, found = setup_of(config), []
     for name, job in JOBS.items():
-        expectation = KINDS[job.kind].expectation
+        expectation = kind_named(job.kind).expectation
         if not expectation or not (section := config.job_section(name)):
             continue
         try:

@@ -3,9 +3,12 @@
 import importlib
 from collections.abc import Mapping
 from difflib import get_close_matches
+from importlib.metadata import entry_points
 from typing import Any
 
 from pydantic import BaseModel
+
+GROUP = "cellward.drivers"
 
 DRIVERS: dict[str, str] = {
     "ur": "drivers.ur:UrArm",
@@ -30,17 +33,23 @@ def bindings(driver: Any) -> Mapping[str, type]:
     return found
 
 
+def installed_drivers() -> dict[str, str]:
+    """``package.module:Class`` of each driver that an installed package offers, by its short name."""
+    return {entry.name: entry.value for entry in entry_points(group=GROUP) if entry.name not in DRIVERS}
+
+
 def driver_class(name: str, drivers: Mapping[str, str] = DRIVERS) -> Any:
     """The class behind a short name, or behind ``package.module:Class``.
 
     ``LookupError`` with a sentence when there is no such driver, when it cannot be imported, or when the
     class carries no ``Config`` model.
     """
-    target = drivers.get(name, name)
+    target = drivers.get(name) or installed_drivers().get(name, name)
     module, colon, attribute = target.partition(":")
     if not colon:
-        near = get_close_matches(name, drivers, n=1)
-        hint = f"did you mean '{near[0]}'?" if near else f"there is {', '.join(sorted(drivers))}"
+        known = sorted({*drivers, *installed_drivers()})
+        near = get_close_matches(name, known, n=1)
+        hint = f"did you mean '{near[0]}'?" if near else f"there is {', '.join(known)}"
         raise LookupError(f"there is no driver '{name}', {hint}")
     try:
         found = getattr(importlib.import_module(module), attribute)

@@ -74,8 +74,8 @@ class CellConfig(BaseModel):
     problems: list[str] = Field(default_factory=list, exclude=True)  # each keeps one job from succeeding
 
     def job_section(self, job: str) -> dict[str, Any]:
-        """The keys of ``[job.NAME]`` as written; empty when the file has no such section."""
-        return dict(self.job.get(job, {}))
+        """The job's own keys of ``[job.NAME]`` as written; empty when the file has no such section."""
+        return {key: value for key, value in self.job.get(job, {}).items() if key != "procedure"}
 
     @property
     def checksum(self) -> int:
@@ -293,6 +293,13 @@ def _check_job(
     roles: Mapping[str, str],
 ) -> None:
     """The job's keys; and whether there is a device for each role that it uses with them."""
+    section = dict(section)
+    reference = section.pop("procedure", None)
+    if reference is not None:
+        job = _outside_job(name, reference, findings, jobs)
+        if job is None:
+            return
+        jobs = {**jobs, name: job}
     if name not in jobs:
         hint = did_you_mean(name, jobs) or f", there is {', '.join(sorted(jobs)) or 'none'}"
         findings.add(("job", name), f"there is no job '{name}'{hint}")
@@ -302,6 +309,28 @@ def _check_job(
         if role not in roles:
             fix = f"add a device and name it in [robot] {role}, or remove the section"
             findings.add_problem(("job", name), f"the job needs {ROLES[role].kind} as '{role}'; {fix}")
+
+
+def _outside_job(name: str, reference: Any, findings: Findings, jobs: Mapping[str, Any]) -> Any:
+    """The class that ``procedure`` names, made a job of this process; None with a finding."""
+    from procedures.outside import job_class
+    from procedures.registry import JOBS, SHIPPED
+
+    place = ("job", name, "procedure")
+    if name in SHIPPED:
+        findings.add(place, f"'{name}' is a shipped job; remove the key, or give your job another name")
+    elif not isinstance(reference, str):
+        findings.add(place, 'should be a string, "package.module:Class"')
+    else:
+        others = {key: one for key, one in {**JOBS, **jobs}.items() if key != name}
+        try:
+            job = job_class(name, reference, others)
+        except LookupError as exc:
+            findings.add(place, str(exc.args[0]))
+        else:
+            JOBS[name] = job
+            return job
+    return None
 
 
 def _robot_spec(raw: Mapping[str, Any], findings: Findings, path: Path) -> dict[str, Any]:
