@@ -1,0 +1,1 @@
+"""Devices and jobs of Acme for Cellward."""
