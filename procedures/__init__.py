@@ -1,1 +1,1 @@
-"""One module per job, and the path from a data set to a result."""
+"""One folder for each family of jobs, what a job plugs in (``kind``), and what all jobs share."""

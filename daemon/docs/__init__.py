@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from daemon.config import init_text, json_schema
+from daemon.docs.architecture import architecture_page
 from daemon.docs.config import config_page
 from daemon.docs.errors import errors_page
 from daemon.docs.jobs import jobs_page
@@ -23,6 +24,7 @@ def generated(jobs: Mapping[str, Any]) -> dict[str, str]:
         "docs/errors.md": errors_page(),
         "docs/config.md": config_page(jobs),
         "docs/jobs.md": jobs_page(jobs),
+        "docs/architecture.md": architecture_page(ROOT),
         "docs/cell.schema.json": schema + "\n",
         "deploy/cell.toml": init_text(),
     }
