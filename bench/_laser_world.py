@@ -17,9 +17,6 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "unit"))
 
-from laser_scene import Beam as TrueBeam
-from laser_scene import Part, _cylinder, _segments
-
 from cell.devices import InputsState, Speed
 from cell.poses import Array
 from cell.run_values import RunValues
@@ -30,6 +27,8 @@ from procedures.laser.config import BEAMS, Search
 from procedures.laser.path import Course, Station
 from procedures.laser.record import PassRecord
 from procedures.laser.sweep import Beam, Way
+from tests.kit.laser_scene import Beam as TrueBeam
+from tests.kit.laser_scene import Part, _cylinder, _segments
 
 DOWN = Rotation.from_rotvec([np.pi, 0.0, 0.0])
 P_REF = np.array([0.0, 0.0, 0.18])

@@ -12,13 +12,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "unit"))
 
-import hand_eye_scene
-import kincal_scene
-import laser_scene
-from cli_harness import CellOnDisk
-
 from bench.intercept import make as intercept_scene
 from procedures.hand_eye.solve.solver import solve_hand_eye
+from tests.kit import hand_eye_scene, kincal_scene, laser_scene
+from tests.kit.cli_harness import CellOnDisk
 
 Answer = Callable[[str, str], str | None]
 _FAR_M = 0.02  # a passing hand-eye answer further off than this is nonsense

@@ -16,8 +16,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from calibration.belt.scale import BeltScale
 from procedures.belt.calibrating.rows import Rows
 from procedures.belt.calibrating.solving import by_touch
-from tests.unit.belt_runs import BELTS, calibrated
-from tests.unit.belt_sightings import (
+from tests.kit.belt_runs import BELTS, calibrated
+from tests.kit.belt_sightings import (
     BESIDE,
     FEW,
     MANY,

@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from fakes.object import run_virtual
 from procedures.belt.item_tracking import BeltWatch
 from procedures.belt.motion.picker import STEP_S, Picker
-from tests.unit.picking_cell import picking_cell, picking_config
+from tests.kit.picking_cell import picking_cell, picking_config
 
 FAR_M = 13.0
 WORLD = {

@@ -15,7 +15,7 @@ from pathlib import Path
 import psutil
 from pyModbusTCP.client import ModbusClient
 
-from tests.wire_cell import WireCell, pause, shipped, wait_for, wire_cell
+from tests.kit.wire_cell import WireCell, pause, shipped, wait_for, wire_cell
 
 BIND = "127.0.0.90"
 TRIGGERS = 5

@@ -33,7 +33,7 @@ from daemon.demo.ending import beside_truth
 from fakes.twin.control import ask
 from procedures.beside_truth import Judged
 from procedures.registry import JOBS
-from tests.wire_cell import WireCell, calibrate_camera, pause, shipped, wire_cell
+from tests.kit.wire_cell import WireCell, calibrate_camera, pause, shipped, wire_cell
 
 PAUSES_S = (0.05, 0.15, 0.5, 1.5, 5.0)
 PROCESSES = ("daemon", "arm child", "vision child", "twin")

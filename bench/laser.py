@@ -18,8 +18,6 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "unit"))
 
-from laser_scene import BALL, Bench, beams, data_set
-
 from calibration.tool_frame.classic import solve_classic
 from calibration.tool_frame.lateral import AVERAGING
 from calibration.tool_frame.prediction import predict
@@ -28,6 +26,7 @@ from calibration.tool_frame.solution import solve
 from cell.formats.laser import parse_laser
 from cell.poses import Array
 from procedures.laser.solve.data import scene_of
+from tests.kit.laser_scene import BALL, Bench, beams, data_set
 
 SEEDS = 30
 TURN = (0.012, -0.016, 0.0)

@@ -23,7 +23,7 @@ from cell.calibrations import laser_reference, tool_calibration
 from cell.poses import Array, from_pose6, to_pose6
 from daemon.config import CellConfig
 from fakes.object import VirtualClock, run_virtual
-from tests.object_cell import ObjectCell, on_disk, open_cell, write_config
+from tests.kit.object_cell import ObjectCell, on_disk, open_cell, write_config
 
 TOOL, COUNT = "pin", 3
 CELLS = ("round-14", "round-30", "flat-14", "flat-30", "round-14-late", "flat-30-late")

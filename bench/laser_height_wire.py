@@ -21,7 +21,7 @@ from bench._laser_fixture import scenario
 from bench._laser_tally import Tally
 from bench.lateness import busy_programs
 from fakes.twin.control import ask
-from tests.wire_cell import WireCell
+from tests.kit.wire_cell import WireCell
 
 LIMIT_S = 900.0
 AUTO = """

@@ -18,7 +18,7 @@ from typing import Any
 from bench.hiccups import RUN_LIMIT_S, SCENES
 from cell.errors import CellError
 from cell.store.runs import load_run
-from tests.wire_cell import WireCell, pause, shipped, wire_cell
+from tests.kit.wire_cell import WireCell, pause, shipped, wire_cell
 
 BUSY = "while True: pass"
 

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import psutil
 
-from tests.wire_cell import WireCell, calibrate_camera, pause, shipped, wait_for, wire_cell
+from tests.kit.wire_cell import WireCell, calibrate_camera, pause, shipped, wait_for, wire_cell
 
 BIND = "127.0.0.91"
 LOOK_S = 0.02

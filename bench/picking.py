@@ -27,7 +27,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from fakes.object import run_virtual
-from tests.unit.picking_cell import picking_cell, picking_config
+from tests.kit.picking_cell import picking_cell, picking_config
 
 FULL = 20
 WARM_UP_S = 8.0  # until the belt is known and the first items are in reach

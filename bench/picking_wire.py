@@ -26,7 +26,7 @@ from fakes.twin.control import ask
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
 from procedures.belt.record import STEP, STEPS_FILE, read_rows
-from tests.wire_cell import WireCell, calibrate_camera, pause, shipped
+from tests.kit.wire_cell import WireCell, calibrate_camera, pause, shipped
 
 PERIOD_S = 0.1
 LIMIT_M = 1.0e-3

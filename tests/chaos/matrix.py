@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from cell.procedure import Run
-from tests.object_cell import WHO, ObjectCell
+from tests.kit.object_cell import WHO, ObjectCell
 
 
 @dataclass(frozen=True)

@@ -28,9 +28,9 @@ from tests.chaos.matrix import (
     put_right,
     short,
 )
-from tests.object_cell import ObjectCell, no_report
-from tests.unit.belt_teacher import Teacher
-from tests.unit.picking_cell import picking_cell, picking_config
+from tests.kit.belt_teacher import Teacher
+from tests.kit.object_cell import ObjectCell, no_report
+from tests.kit.picking_cell import picking_cell, picking_config
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")

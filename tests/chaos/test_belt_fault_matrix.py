@@ -25,9 +25,9 @@ from tests.chaos.matrix import (
     put_right,
     short,
 )
-from tests.object_cell import ObjectCell, no_report
-from tests.unit.picking_cell import picking_cell, picking_config
-from tests.unit.picking_truth import agrees_with_the_world, counted, truth_of
+from tests.kit.object_cell import ObjectCell, no_report
+from tests.kit.picking_cell import picking_cell, picking_config
+from tests.kit.picking_truth import agrees_with_the_world, counted, truth_of
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")

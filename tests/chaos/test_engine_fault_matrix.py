@@ -12,7 +12,7 @@ from cell.procedure import Run
 from fakes.object import run_virtual
 from procedures.hand_eye.cone_capture import State
 from tests.chaos.matrix import Kind, assert_aborted, covering, inject_at, kind, put_right, short
-from tests.object_cell import ObjectCell, no_report, open_cell, write_config
+from tests.kit.object_cell import ObjectCell, no_report, open_cell, write_config
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report", "quick_solver")

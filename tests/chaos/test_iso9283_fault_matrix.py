@@ -21,8 +21,8 @@ from tests.chaos.matrix import (
     put_right,
     short,
 )
-from tests.object_cell import ObjectCell, no_report, open_cell
-from tests.unit.test_iso9283_job import JOB, iso_config
+from tests.kit.object_cell import ObjectCell, no_report, open_cell
+from tests.unit.procedures.test_iso9283_job import JOB, iso_config
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")

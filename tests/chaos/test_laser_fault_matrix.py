@@ -28,9 +28,9 @@ from tests.chaos.matrix import (
     put_right,
     short,
 )
-from tests.object_cell import WHO, ObjectCell, no_report, on_disk
-from tests.unit.laser_cell import TOOL, laser_cell, laser_config, planned_once
-from tests.unit.laser_made import Solved, drawn_reference, solved
+from tests.kit.laser_cell import TOOL, laser_cell, laser_config, planned_once
+from tests.kit.laser_made import Solved, drawn_reference, solved
+from tests.kit.object_cell import WHO, ObjectCell, no_report, on_disk
 
 __all__ = ["no_report", "planned_once", "solved"]
 pytestmark = pytest.mark.usefixtures("no_report", "planned_once")

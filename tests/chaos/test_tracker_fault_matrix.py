@@ -26,8 +26,8 @@ from tests.chaos.matrix import (
     put_right,
     short,
 )
-from tests.object_cell import WHO, ObjectCell, no_report, on_disk, open_cell
-from tests.unit.tracker_cell import JOB, planned_once, tracker_config
+from tests.kit.object_cell import WHO, ObjectCell, no_report, on_disk, open_cell
+from tests.kit.tracker_cell import JOB, planned_once, tracker_config
 
 __all__ = ["no_report", "planned_once"]
 pytestmark = pytest.mark.usefixtures("no_report", "planned_once")

@@ -13,8 +13,8 @@ from cell.devices import ArmState, MotionPort, Speed, ToolSettings, TrajectoryPi
 from cell.errors import CellError
 from cell.motion import measured_standstill
 from cell.poses import Array, from_pose6, log_xi, to_pose6
-from tests import taken_again
-from tests.ur_reference import independent_library
+from tests.kit import taken_again
+from tests.kit.ur_reference import independent_library
 
 TOOL = ToolSettings(from_pose6([0.0, 0.0, 0.18, 0.0, 0.0, 0.0]), 1.2)
 SPEED = Speed(tcp_m_s=0.25, tcp_m_s2=1.0, joint_rad_s=1.0, joint_rad_s2=3.0)

@@ -16,7 +16,7 @@ from wire_faces import Face, Rig
 from cell.devices import JointState, ObservedArm
 from cell.errors import CellError
 from fakes.object import ObjectObservedArm, VirtualClock, run_virtual
-from tests.observed_rig import CLOCK, palletizer, reader
+from tests.kit.observed_rig import CLOCK, palletizer, reader
 
 HOME = [0.0, 1.570796, -1.570796, 0.0]
 THERE = [0.2, 1.45, -1.45, 0.1]

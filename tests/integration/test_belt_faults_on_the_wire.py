@@ -19,8 +19,8 @@ from cell.store.runs import JOURNAL_FILE
 from daemon.modbus.face import SNAPSHOT_AGE_S
 from fakes.twin.control import ask
 from procedures.belt.items import Outcome
-from tests.unit.picking_truth import MISSES, Told, Truth
-from tests.wire_cell import WireCell, calibrate_camera, pause, shipped, wait_for, wire_cell
+from tests.kit.picking_truth import MISSES, Told, Truth
+from tests.kit.wire_cell import WireCell, calibrate_camera, pause, shipped, wait_for, wire_cell
 
 pytestmark = [pytest.mark.wire, pytest.mark.alone, pytest.mark.slow, pytest.mark.restarts_children]
 

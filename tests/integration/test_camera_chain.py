@@ -30,7 +30,7 @@ from fakes.frames.faults import CameraFaults
 from fakes.frames.server import serve_frames
 from fakes.world.scenario import Scenario
 from fakes.world.world import Message, World
-from tests import taken_again
+from tests.kit import taken_again
 
 pytestmark = pytest.mark.wire
 

@@ -19,7 +19,7 @@ from cell.samples import Quality
 from drivers.can_encoder import CanopenEncoder, RawCanEncoder, RawCanEncoderConfig
 from fakes.can.bus import Frame
 from fakes.faults.vocabulary import Fault
-from tests.can_rig import NODE, CanRig, TestShaft, can_rig
+from tests.kit.can_rig import NODE, CanRig, TestShaft, can_rig
 
 pytestmark = pytest.mark.wire
 HOST = "127.0.51.4"

@@ -11,7 +11,7 @@ import canopen
 import pytest
 from canopen.objectdictionary import ODRecord, ODVariable, datatypes
 
-from tests.can_rig import NODE, SERIAL, CanRig, TestShaft, can_rig
+from tests.kit.can_rig import NODE, SERIAL, CanRig, TestShaft, can_rig
 
 pytestmark = pytest.mark.wire
 HOST = "127.0.51.3"

@@ -15,7 +15,7 @@ from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient, Async
 from pymodbus.client.base import ModbusBaseClient
 from pyModbusTCP.client import ModbusClient
 
-from tests.modbus_io_rig import HOST, Steady, rig
+from tests.kit.modbus_io_rig import HOST, Steady, rig
 
 pytestmark = pytest.mark.wire
 COUNTS = [1, 70000 - 65536, 0, 3, 0, 5]

@@ -13,7 +13,7 @@ from cell.errors import CellError
 from drivers.modbus_inputs.config import InputsConfig
 from fakes.twin.control import ask
 from fakes.twin.serve import Twin, TwinOptions
-from tests.modbus_io_rig import RawClient
+from tests.kit.modbus_io_rig import RawClient
 
 pytestmark = pytest.mark.wire
 HOST = "127.0.22.2"

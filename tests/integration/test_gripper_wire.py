@@ -14,7 +14,7 @@ from cell.errors import CellError
 from drivers.ur.gripper import ArmGripper
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
-from tests.taken_again import play
+from tests.kit.taken_again import play
 
 pytestmark = pytest.mark.wire
 CLOSES, HOLDS = 0, 7  # output and confirm input of the scenario

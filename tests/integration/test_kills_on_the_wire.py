@@ -5,8 +5,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.kills import KINDS, short_capture, survive
-from tests.wire_cell import WireCell, wire_cell
+from tests.kit.kills import KINDS, short_capture, survive
+from tests.kit.wire_cell import WireCell, wire_cell
 
 pytestmark = [pytest.mark.wire, pytest.mark.alone, pytest.mark.slow, pytest.mark.restarts_children]
 

@@ -9,7 +9,7 @@ import pytest
 from cell.poses import from_pose6, to_pose6
 from cell.store.ledger import Ledger
 from fakes.twin.control import ask
-from tests.wire_cell import WireCell, shipped, wait_for, wire_cell
+from tests.kit.wire_cell import WireCell, shipped, wait_for, wire_cell
 
 pytestmark = [pytest.mark.wire, pytest.mark.alone]
 

@@ -17,7 +17,7 @@ from pyModbusTCP.utils import decode_ieee, encode_ieee, long_list_to_word, word_
 
 from cell.errors import CellError
 from drivers.observed_arm import ObservedArmReader
-from tests.observed_rig import CLOCK, HOST, PORT, palletizer, reader
+from tests.kit.observed_rig import CLOCK, HOST, PORT, palletizer, reader
 
 pytestmark = pytest.mark.wire
 

@@ -16,10 +16,10 @@ from fakes.world.world import World
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.plan import PlanRequest, plan_sampling
 from procedures.tracker.solve.solver import solve_kincal
-from tests.unit.test_iso9283_job import CENTRE, EDGE, POINT, towards_the_tracker
-from tests.unit.test_tracker_sampling_plan import HOME, measured, values
-from tests.unit.tracker_cell import nominal_tracker, reflectors, rms, true_errors
-from tests.wire_cell import WireCell, wait_for, wire_cell
+from tests.kit.tracker_cell import nominal_tracker, reflectors, rms, true_errors
+from tests.kit.wire_cell import WireCell, wait_for, wire_cell
+from tests.unit.procedures.test_iso9283_job import CENTRE, EDGE, POINT, towards_the_tracker
+from tests.unit.procedures.test_tracker_sampling_plan import HOME, measured, values
 
 pytestmark = [pytest.mark.wire, pytest.mark.alone]
 

@@ -14,7 +14,7 @@ from cell.devices import Speed, TrajectoryPiece
 from drivers.ur import UrArm
 from drivers.ur.dashboard import dashboard
 from drivers.ur.motion import UrMotion
-from tests.taken_again import ends_by
+from tests.kit.taken_again import ends_by
 
 SLOW = Speed(tcp_m_s=0.02, tcp_m_s2=0.5, joint_rad_s=0.05, joint_rad_s2=0.5)
 PAUSED_S = 0.4

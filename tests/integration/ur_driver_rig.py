@@ -18,7 +18,7 @@ from cell.poses import from_pose6
 from drivers.ur import UrArm
 from drivers.ur.motion import UrMotion
 from fakes.ur.process import ControllerHandle, running_controller
-from tests.taken_again import play
+from tests.kit.taken_again import play
 
 TOOL = ToolSettings(from_pose6([0.0, 0.0, 0.18, 0.0, 0.0, 0.0]), 1.2)
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.object_cell import no_report
-from tests.unit.belt_runs import BELTS, calibrated
+from tests.kit.belt_runs import BELTS, calibrated
+from tests.kit.object_cell import no_report
 
 __all__ = ["no_report"]
 pytestmark = [pytest.mark.usefixtures("no_report"), pytest.mark.soak]

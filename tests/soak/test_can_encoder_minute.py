@@ -13,7 +13,7 @@ from drivers.can_encoder import CanopenEncoder, CanopenEncoderConfig
 from fakes.can import CanWires
 from fakes.can.bus import Frame
 from fakes.wire.lifetime import run_as_controller
-from tests.can_rig import NODE, SERIAL, TestShaft
+from tests.kit.can_rig import NODE, SERIAL, TestShaft
 
 pytestmark = [pytest.mark.soak, pytest.mark.wire]
 SECONDS = 60.0

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.kills import KINDS, short_capture, survive
-from tests.wire_cell import wire_cell
+from tests.kit.kills import KINDS, short_capture, survive
+from tests.kit.wire_cell import wire_cell
 
 pytestmark = [pytest.mark.soak, pytest.mark.wire]
 

@@ -9,8 +9,8 @@ import pytest
 from cell.store.files import read_json
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
-from tests.unit.tracker_cell import nominal_tracker, rms, true_errors
-from tests.wire_cell import wire_cell
+from tests.kit.tracker_cell import nominal_tracker, rms, true_errors
+from tests.kit.wire_cell import wire_cell
 
 pytestmark = [pytest.mark.wire, pytest.mark.soak]
 

@@ -1,0 +1,63 @@
+"""Picking from a belt in a cell on virtual time."""
+
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cell.poses import to_pose6
+from daemon.config import CellConfig
+from fakes.object import VirtualClock
+from fakes.world.scenario import Scenario
+from tests.kit.object_cell import ObjectCell, on_disk, open_cell, write_config
+
+JOB = "belt-tracking"
+
+
+def picking_config(
+    folder: Path,
+    job: Mapping[str, Any] | None = None,
+    world: Mapping[str, str] | None = None,
+    sections: Mapping[str, Mapping[str, Any]] | None = None,
+    **overrides: Any,
+) -> CellConfig:
+    """The picking cell with the first item in view; ``world`` replaces lines of the scenario by key,
+    ``sections`` are those of other jobs."""
+    text = files("fakes").joinpath("scenarios/picking.toml").read_text("utf-8")
+    for key, value in {"first_m": "-0.1", **(world or {})}.items():
+        lines = [
+            f"{key} = {value}" if line.split("=")[0].strip() == key else line for line in text.splitlines()
+        ]
+        text = "\n".join(lines) + "\n"
+    Scenario.parse(text)
+    path = folder / "scenario.toml"
+    path.write_text(text, "utf-8")
+    return write_config(
+        folder,
+        str(path),
+        arm_keys={"state_period_s": 0.02},
+        jobs={JOB: job or {}, **(sections or {})},
+        **overrides,
+    )
+
+
+@asynccontextmanager
+async def picking_cell(config: CellConfig, clock: VirtualClock | None = None) -> AsyncIterator[ObjectCell]:
+    """A cell whose camera is calibrated to a tenth of a millimetre, as a run would have left it."""
+    async with open_cell(config, clock, JOB) as cell:
+        truth, drawn = cell.plant.world.T_mount_camera, config.robot.T_base_camera_nominal
+        row = cell.ledger.propose("T_base_camera", to_pose6(truth).tolist(), {}, 0, drawn)
+        on_disk(cell.ledger.accept, row, "test")
+        yield cell
+
+
+def contact_errors(cell: ObjectCell) -> np.ndarray:
+    """(n, 2) m: the tool's point beside the item's grasp point at each first contact, as it truly was."""
+    world = cell.plant.world
+    assert world.gripper is not None
+    world.gripper.settle(cell.clock.now())
+    offs = [c.off_m for c in world.gripper.contacts if c.off_m is not None]
+    return np.array(offs).reshape(-1, 2)

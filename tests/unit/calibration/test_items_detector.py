@@ -1,0 +1,130 @@
+"""Items in rendered pictures: where they are, how they lie, and which are not reported."""
+
+import numpy as np
+import pytest
+
+from cell.errors import CellError
+from tests.kit.item_scene import BELT_GREY, T_BASE_CAMERA, Scene
+
+PLACES = [(x, y, yaw) for x, yaw in ((-0.2, 0.3), (0.05, 1.2), (0.3, 2.4)) for y in (-0.7, -0.5)]
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return Scene()
+
+
+@pytest.mark.parametrize("speed_m_s", [0.0, 0.3])
+def test_an_items_middle_is_found_anywhere_in_the_picture_at_any_speed(
+    scene: Scene, speed_m_s: float
+) -> None:
+    detector = scene.detector()
+    errors, stated = [], []
+    for x, y, yaw in PLACES:
+        (item,) = detector.find(*scene.picture([(x, y, yaw)], speed_m_s))
+        errors.append(T_BASE_CAMERA.apply(item.point) - [x, y, 0.03])
+        stated.append(item.sigma_m)
+    assert np.abs(errors).max() < 0.4e-3
+    assert np.sqrt(np.mean(np.square(errors), axis=0))[:2].max() < 1.5 * np.mean(stated)
+
+
+def test_a_side_that_is_seen_as_a_narrow_strip_does_not_move_the_middle(scene: Scene) -> None:
+    detector, off = scene.detector(), []
+    for x in np.linspace(-0.06, 0.18, 9):  # below the camera, where a side is 0 to 5 pixels wide
+        (item,) = detector.find(*scene.picture([(x, -0.62, 0.1)]))
+        off.append(T_BASE_CAMERA.apply(item.point)[:2] - [x, -0.62])
+    assert np.abs(off).max() < 0.15e-3
+    assert np.abs(np.mean(off, axis=0)).max() < 0.06e-3
+
+
+def test_a_side_that_is_seen_does_not_draw_the_middle_towards_the_camera(scene: Scene) -> None:
+    detector, drawn = scene.detector(), []
+    for x in (-0.25, 0.45):
+        for y in (-0.68, -0.5):
+            (item,) = detector.find(*scene.picture([(x, y, 0.05)]))
+            drawn.append((T_BASE_CAMERA.apply(item.point)[0] - x) * np.sign(0.1 - x))
+    assert abs(np.mean(drawn)) < 0.06e-3
+
+
+@pytest.mark.parametrize(("x", "yaw"), [(-0.25, 0.06), (0.4, 1.2)])
+def test_a_tall_items_middle_is_found_where_its_side_is_seen_at_a_slant(
+    scene: Scene, x: float, yaw: float
+) -> None:
+    size = (0.06, 0.04, 0.075)
+    (item,) = scene.detector().find(*scene.picture([(x, -0.55, yaw)], size=size))
+    assert T_BASE_CAMERA.apply(item.point) == pytest.approx([x, -0.55, 0.075], abs=0.7e-3)
+
+
+def test_an_item_with_another_close_beside_it_is_less_sure(scene: Scene) -> None:
+    detector = scene.detector()
+    (alone,) = detector.find(*scene.picture([(-0.1, -0.6, 0.0)]))
+    beside = detector.find(*scene.picture([(-0.165, -0.6, 0.0), (-0.1, -0.6, 0.0)]))
+    assert beside
+    for item in beside:
+        x = T_BASE_CAMERA.apply(item.point)[0]
+        assert item.sigma_m > 2.0 * alone.sigma_m
+        assert min(abs(x + 0.165), abs(x + 0.1)) < 3.0 * item.sigma_m
+
+
+@pytest.mark.parametrize("share", [-0.008, 0.008])
+def test_depth_that_is_off_by_a_share_of_the_distance_moves_neither_place_nor_height(
+    scene: Scene, share: float
+) -> None:
+    x, y = -0.25, -0.5
+    colour, depth = scene.picture([(x, y, 0.3)])
+    dither = np.random.default_rng(2).uniform(-0.5, 0.5, depth.shape)  # not to be rounded twice
+    off = np.round(depth * (1.0 + share) + dither).astype(np.uint16)
+    (item,) = scene.detector().find(colour, off)
+    assert T_BASE_CAMERA.apply(item.point) == pytest.approx([x, y, 0.03], abs=0.4e-3)
+
+
+def test_an_item_says_how_it_lies_how_large_and_how_high_it_is(scene: Scene) -> None:
+    (item,) = scene.detector().find(*scene.picture([(0.1, -0.6, 0.7)]))
+    axis = T_BASE_CAMERA.rotation.apply(item.axis)
+    off = (np.arctan2(axis[1], axis[0]) - 0.7 + np.pi / 2) % np.pi - np.pi / 2
+    assert abs(off) < 0.03
+    assert item.size_m == pytest.approx((0.06, 0.04), abs=0.0015)
+    assert item.height_m == pytest.approx(0.03, abs=0.0005)
+
+
+def test_all_items_in_a_picture_are_found(scene: Scene) -> None:
+    found = scene.detector().find(*scene.picture(PLACES))
+    at = np.sort([T_BASE_CAMERA.apply(item.point)[0] for item in found])
+    assert at == pytest.approx(np.sort([x for x, _, _ in PLACES]), abs=1e-3)
+
+
+def test_an_item_cut_by_the_rim_of_the_picture_is_not_reported(scene: Scene) -> None:
+    detector, cut = scene.detector(), 0
+    for x in np.linspace(0.45, 0.75, 13):
+        found = detector.find(*scene.picture([(x, -0.6, 0.3)]))
+        cut += not found
+        for item in found:
+            assert T_BASE_CAMERA.apply(item.point)[0] == pytest.approx(x, abs=0.5e-3)
+    assert cut >= 3
+
+
+@pytest.mark.parametrize(
+    "size", [(0.02, 0.015, 0.03), (0.2, 0.04, 0.03), (0.06, 0.04, 0.004), (0.06, 0.04, 0.12)]
+)
+def test_what_is_no_item_by_its_size_is_not_reported(scene: Scene, size: tuple[float, float, float]) -> None:
+    assert scene.detector().find(*scene.picture([(0.1, -0.6, 0.3)], size=size)) == ()
+
+
+def test_an_item_of_the_belts_colour_is_not_reported_instead_of_badly_measured(scene: Scene) -> None:
+    grey = (BELT_GREY + 2.0,) * 3
+    assert scene.detector().find(*scene.picture([(0.1, -0.6, 0.3)], colour=grey)) == ()
+
+
+def test_only_the_region_is_looked_at(scene: Scene) -> None:
+    corners = np.array([[-0.3, -0.8, 0.0], [0.15, -0.8, 0.0], [0.15, -0.4, 0.0], [-0.3, -0.4, 0.0]])
+    region = T_BASE_CAMERA.inv().apply(corners).tolist()
+    found = scene.detector(region=region).find(*scene.picture([(0.0, -0.6, 0.3), (0.3, -0.6, 0.3)]))
+    assert [round(float(T_BASE_CAMERA.apply(item.point)[0]), 2) for item in found] == [0.0]
+
+
+@pytest.mark.parametrize(
+    "changes", [{"normal": [0.0, 0.0, -2.0]}, {"min_height_m": 0.1}, {"size_m": [0.1]}, {"offset_m": "far"}]
+)
+def test_a_description_that_makes_no_sense_is_refused(scene: Scene, changes: dict[str, object]) -> None:
+    with pytest.raises(CellError, match="items"):
+        scene.spec(**changes)

@@ -1,0 +1,105 @@
+"""Where a tool's end first meets a beam: the likelihood of hits, misses and lengths."""
+
+import numpy as np
+import pytest
+
+from calibration.tool_frame.glimpse import LOST, glimpse
+from calibration.tool_frame.height import first_contact, weights
+from calibration.tool_frame.repeatability import scatter_of
+from calibration.tool_frame.solution import solve
+from calibration.tool_frame.tip import ENDS, End
+from cell.formats.laser import parse_laser
+from procedures.laser.solve.data import scene_of
+from tests.kit.height_scene import FLAT_END, ROUND_END, SLOW, VIEW, pairs_at, searched
+from tests.kit.laser_scene import BALL, Bench, data_set
+
+SIGMA = 1e-5
+
+
+def known(seed: int, end: End, heights: list[float], sigma: float = SIGMA) -> tuple[float, float]:
+    """Error and standard deviation of a first contact at height 0, from ways at ``heights`` (m)."""
+    rng = np.random.default_rng(seed)
+    scatter = scatter_of(sigma * np.sqrt(2.0), sigma)
+    found = first_contact(pairs_at(rng, end, 0.0, heights, sigma), VIEW, ENDS, scatter, -3e-4, 3e-4)
+    w = weights(found.evidence, ENDS, scatter)
+    mean = float(np.sum(w * found.mean))
+    return mean, float(np.sqrt(np.sum(w * (found.var + (found.mean - mean) ** 2))))
+
+
+NEAR = [-1e-4, -4e-5, 1e-5, -1e-5, 2e-5, -2e-5, 0.0]
+
+
+@pytest.mark.parametrize("end", [ROUND_END, FLAT_END], ids=["round", "flat"])
+@pytest.mark.parametrize("sigma", [1e-5, 2.1e-5])
+def test_the_height_is_as_true_as_it_is_said_to_be(end: End, sigma: float) -> None:
+    found = np.array([known(seed, end, NEAR, sigma) for seed in range(16)])
+    squared = (found[:, 0] / found[:, 1]) ** 2
+    assert 0.3 < np.mean(squared) < 2.0
+    assert np.mean(squared < 1.96**2) >= 0.8
+
+
+def test_lengths_of_breaks_tell_the_height_of_a_round_end() -> None:
+    deep = [-1.2e-4, -8e-5, -1e-4, -6e-5]
+    (_, by_length), (_, by_hits) = known(1, ROUND_END, [*deep, 5e-5]), known(1, FLAT_END, [*deep, 5e-5])
+    assert by_length < 0.7 * by_hits
+
+
+def test_a_way_whose_polls_left_out_the_crossing_tells_nothing_by_missing() -> None:
+    places = np.concatenate([np.arange(-0.01, -1e-3, 1e-4), np.arange(1e-3, 0.01, 1e-4)])
+    blind = glimpse(0.0, 1, places, np.zeros(len(places), dtype=bool), 0.0, 2e-4)
+    seeing = glimpse(0.0, 1, np.arange(-0.01, 0.01, 1e-4), np.zeros(200, dtype=bool), 0.0, 2e-4)
+    short = np.array([0.0, 3e-4, 7e-4])
+    assert blind.at(short) == pytest.approx(1.0, abs=0.05)
+    assert seeing.at(short)[0] > 0.99
+    assert seeing.at(short)[1:] == pytest.approx(LOST)
+
+
+def test_a_hit_leaves_the_lengths_that_its_polls_enclose() -> None:
+    places = np.arange(-0.01, 0.01, 1e-4)
+    dark = np.abs(places) < 5.5e-4  # eleven polls
+    found = glimpse(0.0, 1, places, dark, 0.0, 2e-4)
+    assert found.at(np.array([1.1e-3]))[0] == pytest.approx(1.0, abs=0.05)
+    assert found.at(np.array([0.0, 9.5e-4, 1.25e-3])) == pytest.approx(LOST)
+
+
+def test_one_pass_that_is_not_what_it_seems_does_not_move_the_height() -> None:
+    rng = np.random.default_rng(3)
+    seen = pairs_at(rng, ROUND_END, 0.0, NEAR, SIGMA)
+    places = np.arange(-0.01, 0.01, 1e-4)
+    lost = [glimpse(-2e-4, 99, places, np.zeros(len(places), dtype=bool), 0.0, 2e-4)]
+    scatter = scatter_of(None, SIGMA)
+    good, bad = (first_contact(g, VIEW, ENDS, scatter, -3e-4, 3e-4) for g in (seen, seen + lost))
+    k = np.unravel_index(int(np.argmax(good.evidence)), good.evidence.shape)
+    assert bad.mean[k] == pytest.approx(good.mean[k], abs=2e-6)
+
+
+@pytest.mark.parametrize("end", [ROUND_END, FLAT_END], ids=["round", "flat"])
+def test_a_search_in_height_gets_near_the_end_from_any_first_hit(end: End) -> None:
+    rng = np.random.default_rng(8)
+    found = [searched(rng, end, SIGMA) for _ in range(3)]
+    assert all(abs(s.mean - truth) < 4.0 * s.sigma for s, truth in found)
+    assert all(s.sigma < 1.5e-4 for s, _ in found)
+
+
+def test_near_the_end_of_a_round_tool_the_search_goes_slowly() -> None:
+    rng = np.random.default_rng(9)
+    found, _ = searched(rng, ROUND_END, SIGMA, most=6)
+    assert found.next.speed == SLOW
+
+
+def test_one_pass_a_height_leaves_the_height_less_sure_with_an_arm_that_repeats_badly() -> None:
+    data = data_set(Bench(seed=5, parts=BALL), pairs=2)
+    good, bad = (
+        solve(scene_of(parse_laser({**data, "repeatability_m": r}, "made")), points=128) for r in (3e-6, 3e-5)
+    )
+    assert good.z_sigma is not None
+    assert bad.z_sigma is not None
+    assert bad.z_sigma > good.z_sigma
+
+
+def test_the_height_goes_with_what_is_not_known_across() -> None:
+    found = solve(
+        scene_of(parse_laser(data_set(Bench(seed=6, turn=(0.01, 0.0, 0.0)), depths=(0.006, 0.031)), "m"))
+    )
+    assert np.any(np.abs(found.cov[2, [0, 1, 3, 4]]) > 0.0)
+    assert np.all(np.linalg.eigvalsh(found.cov) > -1e-18)

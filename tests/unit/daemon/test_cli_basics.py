@@ -1,0 +1,132 @@
+"""Help, explain, init, configuration faults, and how unforeseen failures end."""
+
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from cell.errors import catalogue
+from daemon.cli import failures, setup
+from tests.kit.cli_harness import CellOnDisk, CommandLine
+
+COMMANDS = [
+    "demo", "init", "run", "check", "status", "watch", "start", "confirm", "finish", "abort", "halt", "pause",
+    "resume", "reset", "runs", "show", "report", "compare", "replay", "adopt", "results", "accept", "reject",
+    "rollback", "solve", "explain", "config",
+]  # fmt: skip
+
+
+@pytest.fixture
+def subject(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> CommandLine:
+    return CommandLine(monkeypatch, capsys, CellOnDisk(tmp_path).config)
+
+
+def test_help_lists_every_command_of_the_manual(subject: CommandLine) -> None:
+    shown = subject("--help")
+    assert shown.code == 0
+    for command in COMMANDS:
+        assert f" {command} " in shown.out
+        assert subject(command, "--help").code == 0
+
+
+def test_a_mistyped_command_is_a_usage_error_with_a_suggestion(subject: CommandLine) -> None:
+    done = subject("sttus")
+    assert done.code == 2
+    assert "status" in done.err
+
+
+@pytest.mark.parametrize("name", sorted(catalogue()))
+def test_every_error_is_explained_by_number_and_by_name(subject: CommandLine, name: str) -> None:
+    by_name, by_number = subject("explain", name), subject("explain", catalogue()[name].code, "--json")
+    assert (by_name.code, by_number.code) == (0, 0)
+    assert catalogue()[name].hint in by_name.out
+    assert json.loads(by_number.out)["name"] == name
+
+
+def test_an_unknown_error_code_gets_a_suggestion(subject: CommandLine) -> None:
+    done = subject("explain", "arm_protective_stp")
+    assert done.code == 2
+    assert "ARM_PROTECTIVE_STOP" in done.err
+
+
+def test_init_writes_valid_toml_and_never_over_a_file(subject: CommandLine, tmp_path: Path) -> None:
+    path = tmp_path / "new.toml"
+    assert tomllib.loads(subject("init").out)["schema"] == 1
+    assert subject("init", "-o", path).code == 0
+    before = path.read_text()
+    done = subject("init", "-o", path)
+    assert (done.code, path.read_text()) == (2, before)
+    assert "not overwritten" in done.err
+    assert subject("init", "-o", tmp_path / "no" / "folder.toml").code == 2
+
+
+@pytest.mark.parametrize("command", ["status", "runs", "check", "run", "results"])
+def test_a_missing_configuration_says_how_to_make_one(
+    subject: CommandLine, tmp_path: Path, command: str
+) -> None:
+    done = subject(command, "--config", tmp_path / "absent.toml")
+    assert done.code == 2
+    assert "cellward init" in done.err
+
+
+@pytest.mark.parametrize("content", [b"not toml [", b"\xff\xfe"])
+def test_a_configuration_that_is_no_toml_is_named(
+    subject: CommandLine, tmp_path: Path, content: bytes
+) -> None:
+    path = tmp_path / "broken.toml"
+    path.write_bytes(content)
+    done = subject("status", "--config", path)
+    assert done.code == 2
+    assert str(path) in done.err
+
+
+def test_an_unforeseen_failure_is_one_line_and_a_file_with_the_details(
+    subject: CommandLine, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(failures.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(setup, "find_entry", lambda code: 1 / 0)
+    done = subject("explain", "3001")
+    assert (done.code, done.out) == (5, "")
+    assert "division by zero" in done.err
+    assert "Traceback" not in done.err
+    (log,) = tmp_path.glob("cellward-error-*.log")
+    assert str(log) in done.err
+    assert "Traceback" in log.read_text()
+
+
+def test_ctrl_c_is_no_failure_of_the_program(subject: CommandLine, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(code: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(setup, "find_entry", interrupted)
+    done = subject("explain", "3001")
+    assert done.code in (1, 130)
+    assert "Traceback" not in done.err
+
+
+@pytest.mark.wire
+def test_a_reader_that_goes_away_is_no_failure(tmp_path: Path) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    command = [Path(sys.executable).with_name("cellward"), "init"]
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, timeout=30)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_result_of_too_few_poses_to_leave_one_out_is_printed_without_that_line() -> None:
+    from daemon.cli.result_text import result_text
+
+    pose = [0.0, -0.08, 0.05, 0.0, 0.0, 0.0]
+    residuals = {"spread_mean": {"t": 1e-4, "r": 1e-4}, "loo_mean": {}, "reprojection_rms_px": 0.1}
+    text = result_text(
+        {"kind": "hand-eye", "verdict": "pass", "result": {"T_flange_camera": pose}, "residuals": residuals}
+    )
+    assert "0.100 mm" in text
+    assert "did not see it" not in text

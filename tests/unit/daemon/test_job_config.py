@@ -1,0 +1,44 @@
+"""Parameters of a start are refused in plain words that name the parameter, the job and the fix."""
+
+from pathlib import Path
+
+import pytest
+
+from cell.errors import CellError
+from daemon.job_config import make_procedure
+from procedures.hand_eye.cone_capture import ConeCapture
+from procedures.iso9283.procedure import Iso9283Test
+from procedures.laser.check import LaserCheck
+from tests.kit.object_cell import write_config
+
+
+def refusal(job: type, folder: Path, **params: str) -> CellError:
+    with pytest.raises(CellError) as caught:
+        make_procedure(job, write_config(folder), params)
+    return caught.value
+
+
+def test_an_unknown_parameter_gets_the_nearest_one_or_all(tmp_path: Path) -> None:
+    found = refusal(ConeCapture, tmp_path, placement="1")
+    assert (found.name, "did you mean 'placements'?" in str(found)) == ("ARGUMENT_INVALID", True)
+    listed = str(refusal(ConeCapture, tmp_path, zzz="1"))
+    assert "cone-capture has no parameter 'zzz'; it has " in listed
+    assert "placements" in listed
+
+
+def test_a_length_in_millimetres_is_refused_as_in_the_configuration(tmp_path: Path) -> None:
+    found = str(refusal(ConeCapture, tmp_path, distance_m="500"))
+    assert "distance_m: 500 m is probably millimetres; lengths are in metres" in found
+    assert "Input should" not in found
+
+
+def test_a_job_without_its_section_says_so(tmp_path: Path) -> None:
+    found = refusal(Iso9283Test, tmp_path)
+    assert found.name == "CONFIG_INVALID"
+    assert "[job.iso9283] is not configured; cell.toml needs that section, with " in str(found)
+    assert "reflector" in str(found)
+
+
+def test_a_job_that_needs_no_section_takes_its_parameters(tmp_path: Path) -> None:
+    made = make_procedure(LaserCheck, write_config(tmp_path), {"tolerance_m": "0.0005"})
+    assert made.config.tolerance_m == 0.0005  # type: ignore[attr-defined]

@@ -1,0 +1,140 @@
+"""What goes into /etc and /usr/lib: judged by systemd's own tools against a scratch root."""
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from cell import priority
+from daemon.cli.failures import BAD_INPUT, REFUSED
+
+DEPLOY = Path(__file__).parents[3] / "deploy"
+
+
+def needs(tool: str) -> pytest.MarkDecorator:
+    return pytest.mark.skipif(shutil.which(tool) is None, reason=f"{tool} is not installed (systemd)")
+
+
+def run(*command: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+
+@pytest.fixture
+def subject(tmp_path: Path) -> Path:
+    """The unit with a binary that exists here in place of the installed one."""
+    text = (DEPLOY / "cellward.service").read_text("utf-8")
+    unit = tmp_path / "cellward.service"
+    unit.write_text(re.sub(r"(?m)^ExecStart=\S+", "ExecStart=/bin/true", text))
+    return unit
+
+
+@needs("systemd-analyze")
+def test_systemd_finds_nothing_to_say_about_the_unit(subject: Path) -> None:
+    """Unknown keys are only warnings with exit code 0, so silence is asked for as well."""
+    done = run("systemd-analyze", "verify", "--man=no", str(subject))
+    assert (done.returncode, done.stderr, done.stdout) == (0, "", "")
+
+
+@needs("systemd-analyze")
+def test_the_exposure_is_at_most_2_of_10(subject: Path) -> None:
+    done = run("systemd-analyze", "security", "--offline=true", "--threshold=20", "--no-pager", str(subject))
+    assert done.returncode == 0, done.stdout[-200:]
+
+
+@needs("systemd-analyze")
+def test_the_exposure_check_can_fail(subject: Path) -> None:
+    lines = subject.read_text().splitlines()
+    subject.write_text("\n".join(line for line in lines if not line.startswith(("Protect", "Private"))))
+    done = run("systemd-analyze", "security", "--offline=true", "--threshold=20", "--no-pager", str(subject))
+    assert done.returncode != 0
+
+
+def test_the_unit_says_ready_by_itself_and_is_watched(subject: Path) -> None:
+    text = subject.read_text()
+    for line in ("Type=notify", "NotifyAccess=main", "WatchdogSec=5", "Restart=on-failure", "User=cellward"):
+        assert line in text.splitlines()
+
+
+@needs("systemd-sysusers")
+@needs("systemd-tmpfiles")
+def test_user_groups_and_folders_are_made_in_a_scratch_root(tmp_path: Path) -> None:
+    (tmp_path / "etc").mkdir()
+    done = run("systemd-sysusers", f"--root={tmp_path}", str(DEPLOY / "sysusers.d" / "cellward.conf"))
+    assert done.returncode == 0, done.stderr
+    user = next(line for line in (tmp_path / "etc/passwd").read_text().splitlines() if "cellward" in line)
+    assert user.endswith(":/usr/sbin/nologin")
+    groups = (tmp_path / "etc/group").read_text()
+    assert re.search(r"^dialout:x:\d+:cellward$", groups, re.MULTILINE)
+    assert re.search(r"^plugdev:x:\d+:cellward$", groups, re.MULTILINE)
+
+
+@needs("systemd-tmpfiles")
+def test_the_folders_have_the_modes_that_the_daemon_relies_on(tmp_path: Path) -> None:
+    (tmp_path / "etc").mkdir()
+    ids = "cellward:x:{0}:{0}::/:/bin/false\n".format
+    uid = (tmp_path / "x").parent.stat().st_uid
+    gid = (tmp_path / "x").parent.stat().st_gid
+    (tmp_path / "etc/passwd").write_text("root:x:0:0::/:/bin/sh\n" + ids(uid))
+    (tmp_path / "etc/group").write_text(f"root:x:0:\ncellward:x:{gid}:\n")
+    done = run(
+        "systemd-tmpfiles", f"--root={tmp_path}", "--create", str(DEPLOY / "tmpfiles.d" / "cellward.conf")
+    )
+    assert done.returncode == 0, done.stderr
+    modes = {p: (tmp_path / p).stat().st_mode & 0o777 for p in ("etc/cellward", "var/lib/cellward/runs")}
+    assert modes == {"etc/cellward": 0o755, "var/lib/cellward/runs": 0o750}
+
+
+def test_udev_rules_are_rows_of_comparisons_and_assignments() -> None:
+    item = re.compile(r'[A-Z]+(\{\w+\})?(==|=|\+=)"[^"]*"')
+    rules = [
+        line
+        for line in (DEPLOY / "udev" / "70-cellward.rules").read_text().splitlines()
+        if line and not line.startswith("#")
+    ]
+    assert rules
+    for rule in rules:
+        assert all(item.fullmatch(part.strip()) for part in rule.split(",")), rule
+        assert "==" in rule, "a rule without a comparison holds for every device"
+    oak = next(rule for rule in rules if "03e7" in rule)
+    assert "idProduct" not in oak, "the camera boots with another product id"
+
+
+@needs("systemd-analyze")
+def test_the_exposure_is_reported_item_by_item_for_the_manual(subject: Path) -> None:
+    done = run("systemd-analyze", "security", "--offline=true", "--json=short", "--no-pager", str(subject))
+    exposed = {row["name"] for row in json.loads(done.stdout) if float(row["exposure"] or 0) >= 0.3}
+    assert exposed <= {
+        "PrivateNetwork=",
+        "RestrictAddressFamilies=~AF_(INET|INET6)",
+        "RestrictAddressFamilies=~…",
+    }
+
+
+def test_a_wrong_configuration_is_not_started_again_and_again(subject: Path) -> None:
+    assert f"RestartPreventExitStatus={BAD_INPUT} {REFUSED}" in subject.read_text().splitlines()
+
+
+def test_the_unit_permits_the_priorities_and_the_devices_that_the_daemon_asks_for(subject: Path) -> None:
+    lines = subject.read_text().splitlines()
+    (limit,) = (int(line.partition("=")[2]) for line in lines if line.startswith("LimitRTPRIO="))
+    assert limit >= max(priority.LOOP, priority.SETPOINTS)
+    assert "RestrictRealtime=yes" not in lines
+    filters = [line for line in lines if line.startswith("SystemCallFilter=")]
+    assert "sched_setscheduler" in filters[-1], "allowed again after ~@resources took it away"
+    for device in ("usb_device", "ttyUSB", "ttyACM", "ttyS"):
+        assert f"DeviceAllow=char-{device} rw" in lines
+
+
+def test_the_readme_installs_every_file_that_a_host_needs() -> None:
+    text = (DEPLOY.parent / "README.md").read_text("utf-8")
+    for path in DEPLOY.rglob("*"):
+        if path.is_file() and path.name != "cell.toml":
+            assert f"install -D -m 644 {path.relative_to(DEPLOY.parent)} " in text, path
+    unit = (DEPLOY / "cellward.service").read_text("utf-8")
+    (documentation,) = re.findall(r"(?m)^Documentation=file://(\S+)$", unit)
+    folder, _, name = documentation.rpartition("/")
+    assert f"install -D -m 644 -t {folder} docs/*.md" in text
+    assert (DEPLOY.parent / "docs" / name).is_file()

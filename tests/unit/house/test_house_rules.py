@@ -1,0 +1,85 @@
+"""Rules of the house that hold for every file."""
+
+import importlib.metadata
+import re
+from pathlib import Path
+
+import pytest
+
+from cell.errors import Reaction, catalogue, error
+from procedures.registry import JOBS
+
+ROOT = Path(__file__).parents[3]
+PACKAGES = ("cell", "calibration", "procedures", "drivers", "fakes", "daemon")
+
+
+def test_no_other_distribution_owns_one_of_our_folder_names() -> None:
+    owners = importlib.metadata.packages_distributions()
+    foreign = {p: set(owners.get(p, [])) - {"cellward"} for p in PACKAGES}
+    assert not any(foreign.values()), f"import names taken by other distributions: {foreign}"
+
+
+def test_every_raised_error_name_is_in_the_catalogue() -> None:
+    used = {
+        (path, name)
+        for package in PACKAGES
+        for path in (ROOT / package).rglob("*.py")
+        for name in re.findall(r"\berror\(\s*\"([A-Z_]+)\"", path.read_text("utf-8"))
+    }
+    unknown = {(str(p), n) for p, n in used if n not in catalogue()}
+    assert used
+    assert not unknown
+
+
+def test_error_codes_are_unique_and_in_their_thousands() -> None:
+    codes = [e.code for e in catalogue().values()]
+    assert len(set(codes)) == len(codes)
+    first = {"6": Reaction.REFUSE, "9": Reaction.INTERNAL, "4": Reaction.INPUT}
+    for entry in catalogue().values():
+        expected = first.get(str(entry.code)[0])
+        assert expected is None or entry.reaction is expected, entry
+        assert entry.hint.endswith("."), entry
+
+
+@pytest.mark.parametrize("name", sorted(catalogue()))
+def test_an_error_keeps_its_class_and_detail_when_it_crosses_a_process(name: str) -> None:
+    import pickle
+
+    subject = error(name, "what was seen")
+    copy = pickle.loads(pickle.dumps(subject))
+    assert type(copy) is type(subject)
+    assert (copy.code, str(copy)) == (subject.code, str(subject))
+
+
+@pytest.mark.parametrize("job", sorted(JOBS))
+def test_every_transition_table_is_sound(job: str) -> None:
+    procedure = JOBS[job]
+    states = set(procedure.State)
+    table = procedure.TRANSITIONS
+    assert states >= procedure.CHECKPOINTS
+    assert set(table) == states | {None}, "every state has a row"
+    reached, frontier = set(), set(table[None])
+    while frontier:
+        reached |= frontier
+        frontier = set().union(*(table[s] for s in frontier)) - reached
+    assert reached == states, f"unreachable: {states - reached}"
+
+
+def test_whole_cells_are_where_make_test_looks_for_them() -> None:
+    marked = {path for path in (ROOT / "tests").rglob("test_*.py") if "mark.alone" in path.read_text("utf-8")}
+    assert {path.parent.name for path in marked - {Path(__file__)}} == {"integration"}
+
+
+def test_nothing_tracked_names_a_registry_host_or_a_home_folder() -> None:
+    # The words are put together here so that this file does not name them itself.
+    forbidden = ["python" + "hosted", "pypi." + "org", "registry.npm" + "js", "/ro" + "ot/", "/wo" + "rk/"]
+    hits = [
+        f"{path.relative_to(ROOT)}: {word}"
+        for path in ROOT.rglob("*")
+        if path.is_file()
+        and path.suffix in {".py", ".toml", ".md", ".txt", ".service", ".json", ".cfg"}
+        and not {".venv", ".git", "demo-out"} & set(path.relative_to(ROOT).parts)
+        for word in forbidden
+        if word in path.read_text("utf-8", errors="replace")
+    ]
+    assert not hits

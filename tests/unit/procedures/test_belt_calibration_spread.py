@@ -1,0 +1,156 @@
+"""Intervals of a belt's scale when sightings share errors: of a frame, or of a place in the picture."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from calibration.belt.scale import BeltScale, fit_scale
+from procedures.belt.calibrating.rows import counts_at, rounding_variance
+from procedures.belt.calibrating.slip import find_slip, part_at_slips
+from procedures.belt.calibrating.spread import spread, with_camera
+from tests.kit.belt_sightings import (
+    BESIDE,
+    FEW,
+    MANY,
+    NOISE,
+    SCALE,
+    USUAL,
+    Coverage,
+    Error,
+    Feed,
+    coverage,
+    nothing,
+    of_frames,
+    of_items,
+    of_the_picture,
+    seen,
+)  # fmt: skip
+
+RUNS = 150
+HELD = (0.90, 0.987)  # 95 % of so many runs, three standard deviations about it, and a little for the sure
+
+
+def assert_held(found: Coverage, most: float = HELD[1]) -> None:
+    assert HELD[0] <= found.scale <= most, found
+    assert found.angle >= HELD[0], found
+
+
+@pytest.mark.parametrize("feed", [USUAL, MANY, FEW], ids=["usual", "many", "few"])
+def test_independent_sightings_are_held_by_an_interval_close_to_what_their_noise_asks_for(feed: Feed) -> None:
+    found = coverage(RUNS, feed=feed)
+    assert_held(found)
+    assert found.width < 1.5
+
+
+def test_noise_that_is_larger_along_the_belt_is_not_averaged_with_that_across_it() -> None:
+    found = coverage(RUNS, along=3.0 * NOISE)
+    assert found.plain < 0.85
+    assert_held(found)
+
+
+@pytest.mark.parametrize("feed", [USUAL, MANY], ids=["usual", "many"])
+def test_an_error_that_a_whole_frame_shares_is_in_the_interval(feed: Feed) -> None:
+    found = coverage(RUNS, of_frames, feed)
+    assert found.plain < 0.7
+    assert_held(found)
+    assert found.width < 1.2
+
+
+@pytest.mark.parametrize("feed", [USUAL, MANY], ids=["usual", "many"])
+def test_what_the_camera_gets_wrong_about_an_item_is_in_the_interval(feed: Feed) -> None:
+    found = coverage(RUNS, of_items, feed)
+    assert found.plain < 0.7
+    assert_held(found)
+
+
+@pytest.mark.parametrize("feed", [USUAL, MANY], ids=["usual", "many"])
+def test_what_the_camera_gets_wrong_over_the_picture_is_in_the_interval(feed: Feed) -> None:
+    found = coverage(RUNS, of_the_picture, feed)
+    assert found.plain < 0.5
+    assert_held(found)
+
+
+def test_a_camera_that_is_turned_and_too_far_away_is_inside_the_interval_that_asks_for_it() -> None:
+    turn_95, share_95, inside = 5e-4, 6e-4, []
+    for seed in range(RUNS):
+        rng = np.random.default_rng(seed)
+        rows = seen(rng, feed=MANY)
+        turned = Rotation.from_rotvec(rng.normal(0.0, turn_95 / 1.96, 3)).apply(rows.points)
+        off = replace(rows, points=turned * (1.0 + rng.normal(0.0, share_95 / 1.96)))
+        answer = fit_scale(off.points, off.counts, off.items)
+        assert isinstance(answer, BeltScale)
+        alone = spread(answer, off)
+        assert alone is not None
+        sure = with_camera(alone, answer, turn_95, share_95)
+        inside.append(
+            [
+                abs(answer.m_per_count - SCALE) <= half.half_scale
+                and abs(answer.direction @ BESIDE) <= half.half_angle
+                for half in (sure, alone)
+            ]
+        )
+        d = answer.direction
+        assert np.sqrt(d @ sure.cov @ d) >= np.sqrt(d @ alone.cov @ d)
+    with_it, without = np.mean(inside, axis=0)
+    assert with_it > 0.85  # of both at once; 0.9 is right
+    assert without < 0.5
+
+
+def test_late_stamps_of_counts_are_smoothed_out() -> None:
+    rng = np.random.default_rng(3)
+    sent = np.arange(800) * 0.005
+    late = np.where(rng.random(800) < 0.1, rng.uniform(0.0, 0.012, 800), rng.uniform(0.0, 5e-4, 800))
+    stamps = np.maximum.accumulate(sent + late)
+    encoder = np.stack([stamps, np.floor(1500.0 * sent)], axis=1)
+    times = np.linspace(0.5, 3.5, 60)
+    off = (
+        np.array([c.count for c in counts_at(encoder, list(times), 0.005) if c is not None]) - 1500.0 * times
+    )
+    plain = np.interp(times, encoder[:, 0], encoder[:, 1]) - 1500.0 * times
+    assert len(off) == 60
+    assert np.std(off) < 0.4 * np.std(plain)
+
+
+def test_what_rounding_leaves_of_coarse_counts_is_known_where_it_drifts_with_the_belt() -> None:
+    times = 1.0 + 0.25 * np.arange(24)  # 37 counts and a little from look to look
+    off, told = [], []
+    for phase in np.linspace(0.0, 1.0, 12, endpoint=False):
+        stamps = np.arange(0.0, 8.0, 0.005)
+        encoder = np.stack([stamps, np.floor(148.075 * stamps + phase)], axis=1)
+        found = [counted for counted in counts_at(encoder, list(times), 0.005) if counted is not None]
+        counts, rounding = np.array([c.count for c in found]), np.array([c.rounding for c in found])
+        weight = counts - counts.mean()
+        weight /= weight @ weight
+        off.append(weight @ (counts - 148.075 * times))
+        told.append(rounding_variance(weight, rounding))
+    assert 0.3 < np.sqrt(np.mean(told)) / np.std(off) < 2.0
+
+
+@pytest.mark.parametrize("ahead_m", [0.0006, -0.003])
+def test_a_slip_of_the_wheel_is_found_and_taken_out_of_the_scale(ahead_m: float) -> None:
+    for seed in range(10):
+        rows = seen(np.random.default_rng(seed))
+        when = float(rows.t[len(rows.t) // 2]) - 0.01
+        slipped = replace(rows, counts=rows.counts + np.where(rows.t > when, ahead_m / SCALE, 0.0))
+        with_slip = fit_scale(slipped.points, slipped.counts, slipped.items)
+        assert isinstance(with_slip, BeltScale)
+        parted = part_at_slips(with_slip, slipped)
+        sure = spread(parted.answer, parted.rows)
+        assert sure is not None
+        assert abs(parted.answer.m_per_count - SCALE) < 2.0 * sure.half_scale
+        if with_slip.used.all():  # else the sightings of items that met the slip are left out
+            (slip,) = parted.slips
+            assert parted.left is None
+            assert slip.ahead_m == pytest.approx(ahead_m, abs=1.5e-4)
+            assert abs(slip.t - when) < 0.2
+
+
+@pytest.mark.parametrize("error", [nothing, of_frames, of_the_picture])
+def test_what_sightings_share_is_not_taken_for_a_slip(error: Error) -> None:
+    for seed in range(60):
+        rows = seen(np.random.default_rng([seed, 5]), error)
+        answer = fit_scale(rows.points, rows.counts, rows.items)
+        assert isinstance(answer, BeltScale)
+        assert find_slip(answer, rows) is None

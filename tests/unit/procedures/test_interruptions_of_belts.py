@@ -1,0 +1,74 @@
+"""Short silences beside a moving belt: counters stay true, no item is picked twice, scales stay right."""
+
+from pathlib import Path
+
+import pytest
+
+from fakes.object import run_virtual
+from tests.kit.interrupted import Struck, run_struck, silence_at
+from tests.kit.object_cell import no_report
+from tests.kit.picking_cell import picking_cell, picking_config
+from tests.kit.picking_truth import agrees_with_the_world, counted
+
+__all__ = ["no_report"]
+pytestmark = pytest.mark.usefixtures("no_report")
+
+SHORT, LONGER = 0.3, 1.5
+FEED = {"spacing_m": "0.8", "profile": "[{ speed_m_s = 0.25 }]"}  # so far apart that the arm waits
+
+
+@pytest.mark.parametrize(
+    ("device", "moment", "duration_s"),
+    [
+        ("arm", "grip", SHORT),
+        ("arm", "lift", LONGER),
+        ("arm", "approach", SHORT),
+        ("camera", "place", LONGER),
+        ("belt", "wait", SHORT),
+    ],
+)
+def test_a_silence_while_picking_leaves_the_counters_true(
+    device: str, moment: str, duration_s: float, tmp_path: Path
+) -> None:
+    config = picking_config(tmp_path, {"picks": 2, "max_duration_s": 60.0}, FEED)
+
+    async def main() -> None:
+        async with picking_cell(config) as cell:
+            subject = Struck(cell)
+            silence_at(subject, device, moment, duration_s)
+            await run_struck(subject)
+            assert subject.at == [moment]
+            subject.tells_the_same_everywhere()
+            assert counted(cell, 1)["picked"] == 2
+            agrees_with_the_world(cell, 1)
+            gripper = cell.plant.world.gripper
+            assert gripper is not None
+            assert gripper.holds(cell.clock.now()) is None, "it was put down"
+            if device == "arm":
+                assert subject.taken_again
+            if moment in ("grip", "lift", "place"):
+                assert counted(cell, 1)["lost"] == 0, "what was in the gripper was put down at the place"
+
+    run_virtual(main())
+
+
+@pytest.mark.parametrize("moment", ["prepare", "watch"])
+def test_a_camera_that_is_silent_costs_a_calibration_of_the_belt_nothing_but_time(
+    moment: str, tmp_path: Path
+) -> None:
+    plan = {"sightings": 60, "patience_s": 6.0, "max_duration_s": 90.0}
+    config = picking_config(tmp_path, world={"m_per_count": "1.013e-4"}, sections={"belt-calibration": plan})
+
+    async def main() -> None:
+        async with picking_cell(config) as cell:
+            cell.job = "belt-calibration"
+            subject = Struck(cell)
+            silence_at(subject, "camera", moment, LONGER, 0.0 if moment == "prepare" else 2.5)
+            await run_struck(subject)
+            subject.tells_the_same_everywhere()
+            found, belt = cell.result(1), cell.plant.world.belt
+            assert belt is not None
+            off = abs(found["result"]["m_per_count"]) - abs(belt.truth.m_per_count)
+            assert abs(off) <= 2.0 * found["uncertainty"]["half_m_per_count"]
+
+    run_virtual(main())

@@ -1,0 +1,167 @@
+"""Whether a check says that the tool has moved: by the odds that it states, in words, and with what to do."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.calibrations import laser_reference
+from cell.errors import CellError
+from cell.run_values import RunValues
+from daemon.cli.result_text import result_text
+from fakes.object import run_virtual
+from procedures.laser.check import known_of
+from procedures.laser.config import LaserCheckConfig
+from procedures.laser.judging import judge_check, judge_moved
+from procedures.laser.moved import FALSE_ALARM, FLOOR_M, tolerance, whether_moved
+from tests.kit.laser_cell import TOOL, laser_cell, laser_config, states_of_results
+from tests.kit.laser_made import T_TOOL, Solved, drawn_reference, solved
+from tests.kit.object_cell import WHO, no_report
+from tests.unit.procedures.test_laser_update import FINE, replayed
+
+__all__ = ["no_report", "solved"]
+
+BUMP = [0.0012, -0.0007, 0.0005]  # 1.48 mm: within the limits of a bent tool
+SIGMA_M, SIGMA_RAD = 0.0000129, 0.0006  # U of 0.036 mm
+COV = np.diag([SIGMA_M**2] * 3 + [SIGMA_RAD**2] * 2 + [0.0])
+CONFIG = LaserCheckConfig().model_dump()
+KNOWN = {"T_flange_tool_ref": T_TOOL, "T_flange_tool_last": T_TOOL, "offset_s": 0.0}
+
+
+def judged(
+    dp: list[float], drot: list[float] | None = None, known: dict[str, Any] = KNOWN, **config: Any
+) -> dict[str, Any]:
+    """The document of a check that measured ``dp`` and ``drot`` against the reference."""
+    document = Solved(dp=dp, drot=drot, U=0.000036).current()
+    document["result"]["cov"] = COV.tolist()
+    config = {**CONFIG, **config}
+    return judge_moved(judge_check(document, known, config), known, config)
+
+
+def test_a_tool_bumped_by_a_millimetre_and_a_half_fails_and_names_the_next_command() -> None:
+    subject = judged(BUMP)
+    assert subject["verdict"] == "fail"
+    assert subject["reasons"] == [
+        "tool moved: the tool's point has moved by 1.48 mm (uncertainty 0.036 mm, tolerance 0.10 mm): "
+        "run laser-update"
+    ]
+    assert subject["result"]["moved"]["moved"] is True
+
+
+def test_a_tool_that_has_not_moved_passes_and_the_test_is_shown() -> None:
+    subject = judged([0.00002, 0.0, 0.0], [0.0, 0.0, 0.0])
+    assert (subject["verdict"], subject["reasons"]) == ("pass", [])
+    text = result_text(subject)
+    assert "the tool has not moved against the tool frame in effect: point 0.02 mm (uncertainty" in text
+    assert "axis 0.00 deg (uncertainty 0.08 deg, tolerance 0.12 deg)" in text
+
+
+def test_an_axis_that_turned_has_moved_too() -> None:
+    subject = judged([0.0, 0.0, 0.0], [0.006, 0.0, 0.0])
+    assert subject["reasons"][0].startswith("tool moved: the tool's axis has turned by 0.34 deg")
+    assert "run laser-update" in subject["reasons"][0]
+
+
+def test_a_bent_tool_keeps_its_own_words() -> None:
+    subject = judged([0.004, 0.0, 0.0])
+    assert subject["verdict"] == "fail"
+    assert all(reason.startswith("bent tool") for reason in subject["reasons"])
+    assert subject["result"]["moved"]["moved"] is True
+
+
+def test_a_tool_that_was_corrected_since_the_reference_is_judged_by_its_frame_in_effect() -> None:
+    corrected = [t + d for t, d in zip(T_TOOL, BUMP, strict=False)] + T_TOOL[3:]
+    subject = judged(BUMP, known={**KNOWN, "T_flange_tool_last": corrected})
+    assert subject["verdict"] == "pass"
+    assert subject["result"]["moved"]["U_shift_m"] == pytest.approx(np.sqrt(2.0) * 0.000036, rel=0.02)
+
+
+def test_a_configured_tolerance_replaces_the_one_of_the_uncertainty() -> None:
+    assert judged([0.0005, 0.0, 0.0], tolerance_m=0.001)["verdict"] == "pass"
+    assert judged([0.00005, 0.0, 0.0], tolerance_m=0.00004)["verdict"] == "fail"
+
+
+@pytest.mark.parametrize(("key", "value"), [("tolerance_m", 0.0025), ("tolerance_rad", 0.025)])
+def test_a_tolerance_above_the_limit_of_a_bent_tool_is_refused(key: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"{key}, .* is above against_last.max_"):
+        LaserCheckConfig.model_validate({key: value})
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_a_good_tool_is_called_moved_in_at_most_one_of_three_hundred_checks(same: bool) -> None:
+    cov = 100.0 * COV  # far above the floors
+    draws = np.random.default_rng(4).multivariate_normal(np.zeros(6), cov if same else 2.0 * cov, 60_000)
+    shifts, turns = (np.linalg.norm(part, axis=1) for part in (draws[:, :3], draws[:, 3:]))
+    test = whether_moved({"shift": 0.0, "tilt_rad": 0.0}, cov, CONFIG, same, tilted=True)
+    share = np.mean((shifts > test["tolerance_m"]) | (turns > test["tolerance_rad"]))
+    assert 0.5 * FALSE_ALARM < share < 1.15 * FALSE_ALARM  # 200 expected, standard deviation 14
+
+
+def test_the_chance_of_a_false_alarm_is_a_key_and_sets_what_is_found() -> None:
+    cov, none = 100.0 * COV, {"shift": 0.0, "tilt_rad": 0.0}
+    often = whether_moved(none, cov, {**CONFIG, "false_alarm": 0.05}, True, tilted=True)
+    seldom = whether_moved(none, cov, CONFIG, True, tilted=True)
+    assert often["tolerance_m"] < seldom["tolerance_m"]
+    draws = np.random.default_rng(5).multivariate_normal(np.zeros(3), cov[:3, :3], 30_000)
+    for test in (often, seldom):
+        moved = (
+            np.linalg.norm(draws + np.array([0.0, test["detectable_m"], 0.0]), axis=1) > test["tolerance_m"]
+        )
+        assert np.mean(moved) >= 0.99
+
+
+@pytest.mark.parametrize("found", [{"shift": np.nan, "tilt_rad": 0.0}, {"shift": 0.0, "tilt_rad": np.inf}])
+def test_a_difference_that_is_no_number_is_refused_and_not_called_unmoved(found: dict[str, float]) -> None:
+    with pytest.raises(CellError, match="not a finite number") as caught:
+        whether_moved(found, COV, CONFIG, True, tilted=True)
+    assert caught.value.name == "SOLVE_REFUSED"
+
+
+def test_a_better_measurement_than_the_floor_does_not_call_repeatability_a_move() -> None:
+    assert tolerance(np.diag([1e-14] * 3), FLOOR_M) == FLOOR_M
+
+
+def test_a_run_that_was_made_without_a_test_replays_without_one() -> None:
+    config = {k: v for k, v in CONFIG.items() if not k.startswith("tolerance")}
+    document = judge_check(Solved(dp=BUMP).current(), KNOWN, config)
+    assert judge_moved(document, KNOWN, config) == document
+
+
+@pytest.mark.usefixtures("no_report")
+def test_the_job_itself_fails_for_a_tool_that_moved_and_replays_so(tmp_path: Path, solved: Solved) -> None:
+    config = laser_config(tmp_path)
+    solved.dp = BUMP
+
+    async def main() -> None:
+        async with laser_cell(config, "laser-check", drawn_reference(config)) as cell:
+            end = await cell.run_job()
+            assert (end["outcome"], end["verdict"]) == ("complete", "fail")
+            assert cell.engine.last is not None
+            assert cell.engine.last["result"]["reasons"][0].startswith("tool moved: ")
+            assert cell.notes(1, "tool moved")
+            assert states_of_results(cell) == [], "a check proposes nothing"
+            assert replayed(cell, 1) == []
+            assert set(known_of(RunValues.of(cell.folder(1).info["values"]))) == set(KNOWN)
+
+    run_virtual(main())
+
+
+@pytest.mark.usefixtures("no_report")
+def test_a_bump_in_the_cell_is_found_by_the_solver_itself_and_a_good_tool_passes(tmp_path: Path) -> None:
+    config = laser_config(tmp_path, reference=FINE, quick=False)
+
+    async def main() -> None:
+        async with laser_cell(config, "laser-reference") as cell:
+            await cell.run_job()
+            (row,) = cell.ledger.results(laser_reference(TOOL))
+            await cell.engine.accept(row["id"], WHO)
+            good = await cell.run_job(job="laser-check")
+            assert (good["outcome"], good["verdict"]) == ("complete", "pass"), cell.result(2)["reasons"]
+            cell.plant.world.tool.bend(cell.clock.now(), BUMP, [0.0, 0.0, 0.0])
+            found = await cell.run_job(job="laser-check")
+            assert (found["outcome"], found["verdict"]) == ("complete", "fail")
+            test = cell.result(3)["result"]["moved"]
+            assert test["shift_m"] == pytest.approx(float(np.linalg.norm(BUMP)), abs=test["U_shift_m"])
+
+    run_virtual(main())
