@@ -5,7 +5,6 @@ draw of its repeatability at each standstill and by a blend of the two around it
 """
 
 import asyncio
-import sys
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,8 +13,6 @@ from unittest.mock import patch
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "unit"))
 
 from cell.devices import InputsState, Speed
 from cell.poses import Array

@@ -1,7 +1,6 @@
 """The untouched files that ``bench.mutations`` damages, and the command that reads each."""
 
 import json
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,8 +8,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "unit"))
 
 from bench.intercept import make as intercept_scene
 from procedures.hand_eye.solve.solver import solve_hand_eye

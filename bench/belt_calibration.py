@@ -11,8 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 from calibration.belt.scale import BeltScale
 from procedures.belt.calibrating.rows import Rows
 from procedures.belt.calibrating.solving import by_touch

@@ -19,8 +19,6 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 from fakes.object import run_virtual
 from procedures.belt.item_tracking import BeltWatch
 from procedures.belt.motion.picker import STEP_S, Picker

@@ -12,7 +12,6 @@ time from the stop to the arm's true standstill, of pauses of half a second and 
 import argparse
 import os
 import signal
-import sys
 import tempfile
 import time
 from collections import defaultdict
@@ -23,8 +22,6 @@ from pathlib import Path
 from typing import Any
 
 import psutil
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from cell.errors import CellError
 from cell.store.ledger import Ledger

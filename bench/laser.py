@@ -11,12 +11,9 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "unit"))
 
 from calibration.tool_frame.classic import solve_classic
 from calibration.tool_frame.lateral import AVERAGING

@@ -15,8 +15,6 @@ from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 from bench._laser_fixture import scenario
 from bench._laser_tally import Tally
 from bench.lateness import busy_programs

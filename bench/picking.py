@@ -24,8 +24,6 @@ from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 from fakes.object import run_virtual
 from tests.kit.picking_cell import picking_cell, picking_config
 

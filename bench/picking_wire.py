@@ -19,8 +19,6 @@ from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 from cell.poses import Array
 from fakes.twin.control import ask
 from fakes.world.scenario import Scenario
