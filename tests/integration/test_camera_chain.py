@@ -404,9 +404,14 @@ def test_a_killed_child_is_a_device_that_dropped_and_a_new_open_works(own: OakCa
     opened(subject, body)
 
 
-def test_the_child_has_a_session_and_so_a_share_of_busy_cores_of_its_own(subject: OakCamera) -> None:
-    pid = subject.health()["child_pid"]
-    assert os.getsid(pid) == pid
+def test_the_child_has_a_session_and_so_a_share_of_busy_cores_of_its_own(own: OakCamera) -> None:
+    subject = own
+
+    async def body() -> None:
+        pid = subject.health()["child_pid"]
+        assert os.getsid(pid) == pid
+
+    opened(subject, body)
 
 
 def test_a_hung_child_is_a_loss_and_closing_ends_it(hasty: OakCamera) -> None:
