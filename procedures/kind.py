@@ -144,25 +144,41 @@ def kind_of(document: Mapping[str, Any], what: str = "result") -> Kind:
 
 
 def kind_named(name: str, what: str = "result") -> Kind:
-    """The kind called ``name``: a shipped one, or that of another package, ``"package.module:NAME"``.
+    """The kind called ``name``: a shipped one, or ``"package.module:NAME"`` of a job of another package.
 
-    ``KIND_UNKNOWN`` with the package that is missing, or with the kinds that there are.
+    ``KIND_UNKNOWN`` with the package that is missing, or with the kinds that there are. What a file says is
+    never imported: kinds of other packages come with jobs that an entry point or the configuration names.
     """
     if name in KINDS:
         return KINDS[name]
+    import procedures.registry  # noqa: F401, with it the jobs of installed packages bring their kinds
+
+    if name in _OUTSIDE:
+        return _OUTSIDE[name]
     said = f"the {what} is of kind '{name}'"
     if re.fullmatch(r"\w+(\.\w+)*:\w+", name) is None:
         raise error("KIND_UNKNOWN", f"{said}; known are {', '.join(KINDS)}")
     package = name.partition(":")[0].partition(".")[0]
+    raise error(
+        "KIND_UNKNOWN",
+        f"{said}; install the package '{package}', or name its job in [job.NAME] procedure of the cell.toml",
+    )
+
+
+_OUTSIDE: dict[str, Kind] = {}
+
+
+def add_outside(name: str) -> None:
+    """Make the kind ``"package.module:NAME"`` of a job known; ``LookupError`` when there is none such."""
+    if name in KINDS:
+        return
     try:
         found = load(name)
-    except ModuleNotFoundError as exc:
-        raise error("KIND_UNKNOWN", f"{said}; install the package '{package}' ({exc})") from exc
-    except Exception as exc:
-        raise error("KIND_UNKNOWN", f"{said}; the package '{package}' cannot be loaded: {exc}") from exc
+    except Exception as exc:  # whatever another package does while it is imported
+        raise LookupError(f"its kind '{name}' cannot be loaded: {exc}") from exc
     if not isinstance(found, Kind) or found.name != name:
-        raise error("KIND_UNKNOWN", f"{said}; that is no Kind whose name is '{name}'")
-    return found
+        raise LookupError(f"its kind '{name}' is no Kind whose name is '{name}'")
+    _OUTSIDE[name] = found
 
 
 def load(reference: str) -> Any:

@@ -8,9 +8,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from cell.errors import CellError
 from cell.procedure import Procedure
-from procedures.kind import kind_named
+from procedures.kind import add_outside
 
 GROUP = "cellward.procedures"
 HIGHEST_NUMBER = 65535  # a Modbus register holds it
@@ -44,9 +43,9 @@ def job_class(name: str, reference: str, jobs: Mapping[str, Any]) -> type[Proced
         raise LookupError(f"the job of '{reference}' is called '{found.name}'; write [job.{found.name}]")
     _check_number(found, reference, jobs)
     try:
-        kind_named(found.kind, "job")
-    except CellError as exc:
-        raise LookupError(f"job '{reference}': {exc.detail}") from exc
+        add_outside(found.kind)
+    except LookupError as exc:
+        raise LookupError(f"job '{reference}': {exc.args[0]}") from exc
     return found
 
 

@@ -84,7 +84,7 @@ def test_a_job_of_another_package_is_a_job_with_its_keys(tmp_path: Path) -> None
         ("acme-look", "3", "should be a string"),
         ("acme-look", f'"{HERE}:TakenNumber"', "has the number 1, which is that of"),
         ("acme-look", f'"{HERE}:OtherKind"', "no Kind whose name is"),
-        ("acme-look", f'"{HERE}:NoKind"', "install the package 'acme_not_installed'"),
+        ("acme-look", f'"{HERE}:NoKind"', "its kind 'acme_not_installed.job:KIND' cannot be loaded"),
         ("acme-watch", f'"{HERE}:Look"', "is called 'acme-look'"),
         ("cone-capture", f'"{HERE}:Look"', "is a shipped job"),
     ],
@@ -110,8 +110,16 @@ def test_a_result_of_a_kind_that_is_not_installed_names_the_package() -> None:
         kind_of({"kind": "acme_not_installed.job:KIND"})
 
 
-def test_a_result_of_an_outside_kind_is_of_that_kind() -> None:
+def test_a_result_of_the_kind_of_a_configured_job_is_of_that_kind(tmp_path: Path) -> None:
+    load(tmp_path, f'[job.acme-look]\nprocedure = "{HERE}:Look"')
     assert kind_of({"kind": KIND.name}) is KIND
+
+
+def test_a_result_never_makes_us_import_what_it_names(tmp_path: Path, monkeypatch: Any) -> None:
+    (tmp_path / "acme_trap.py").write_text("raise SystemExit('imported')\n", "utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(InputError, match="install the package 'acme_trap'"):
+        kind_of({"kind": "acme_trap:KIND"})
 
 
 def test_a_module_that_fails_while_it_is_imported_is_told(tmp_path: Path, monkeypatch: Any) -> None:
