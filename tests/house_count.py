@@ -1,0 +1,56 @@
+"""In how many folders a family of jobs lives, at any commit: ``python tests/house_count.py [REVISION]...``.
+
+A file belongs to a family when its path says so. Drivers and the twin are left out: they are of devices.
+``shared`` are other files of ``procedures/`` and ``daemon/`` that name a job, a kind or a module of it.
+"""
+
+import re
+import subprocess
+import sys
+
+PACKAGES = ("cell", "calibration", "procedures", "daemon")
+FAMILIES = {  # what the path of a family's file says, and what in another file names it
+    "hand_eye": (
+        r"hand_eye|cone_capture|(formats|solve)/capture|solve/(camera|images|other_orders)|verdict\.py$",
+        r"cone-capture|\bhand-eye\"|procedures\.(hand_eye|cone_capture)",
+    ),
+    "laser": (r"laser(?!_tracker)|tool_frame", r"laser-(reference|check|update)|procedures\.laser\b"),
+    "tracker": (
+        r"kincal|identification|procedures/tracker/|(predict|plan)_tracker|compare_arms|verdict_arm",
+        r"tracker-sampling|\bkincal\"|procedures\.tracker\b",
+    ),
+    "iso9283": (r"iso9283", r"iso9283"),
+    "belt": (r"belt|intercept|live_text|verdict_picks", r"belt-(tracking|calibration)|procedures\.belt\b"),
+    "latency": (r"latency", r"latency-calibration|procedures\.latency\b"),
+}
+_REPORT_VERDICT = "report/verdict.py"
+
+
+def git(*words: str) -> str:
+    return subprocess.run(["git", *words], capture_output=True, text=True, check=False).stdout
+
+
+def main(revisions: list[str]) -> None:
+    for revision in revisions or ["HEAD"]:
+        listed = git("ls-tree", "-r", "--name-only", revision, *PACKAGES).split()
+        files = [f for f in listed if f.endswith(".py") and not f.endswith(_REPORT_VERDICT)]
+        print(f"\n{git('log', '-1', '--format=%h %s', revision).strip()}")
+        print(f"{'family':10}{'files':>7}{'folders':>9}{'shared':>8}")
+        for name, (path, words) in FAMILIES.items():
+            own = {f for f in files if re.search(path, f)}
+            folders = {_family_folder(f) for f in own}
+            naming = {
+                line.partition(":")[2]
+                for line in git("grep", "-lP", words, revision, "--", "procedures", "daemon").splitlines()
+            }
+            shared = {f for f in naming if f not in own and f.endswith((".py", ".toml"))}
+            print(f"{name:10}{len(own):7}{len(folders):9}{len(shared):8}")
+
+
+def _family_folder(path: str) -> str:
+    """Two levels are a room: what stands below ``procedures/laser`` is one folder."""
+    return "/".join(path.split("/")[:2]) if path.count("/") > 1 else path.split("/")[0]
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
