@@ -116,7 +116,7 @@ class Cell(Protocol):
     async def add_item(
         self, run: "Run", item: int, t: float, outcome: str, detail: Mapping[str, Any]
     ) -> None:
-        """Keep what became of one item of a belt at ``t``, in the ledger."""
+        """Keep what became of one item that the job handled at ``t``, in the ledger."""
         ...
 
 
@@ -215,7 +215,7 @@ class Run:
         self.traces: dict[str, Trace] = {}
         self._notebook, self._publish = notebook, publish
         self._devices: dict[str, Device] = {}
-        self.picks_wanted = True  # no item is begun while they are not
+        self.work_wanted = True  # no new item is begun while it is not
         self._finish = False
         self._hold_wanted = False
         self._released = asyncio.Event()
@@ -422,11 +422,11 @@ class Run:
         if self.packml is PackML.HOLDING:
             self._set_packml(PackML.EXECUTE)
 
-    def want_picks(self, wanted: bool, who: str) -> None:
-        """``False``: a job that picks begins no new item, until somebody outside wants it again."""
-        if wanted != self.picks_wanted:
-            self.picks_wanted = wanted
-            self.note("operator", event="picks wanted" if wanted else "no new picks", who=who)
+    def want_work(self, wanted: bool, who: str) -> None:
+        """``False``: a job that goes item by item begins no new one until somebody wants it again."""
+        if wanted != self.work_wanted:
+            self.work_wanted = wanted
+            self.note("operator", event="work wanted" if wanted else "no new work", who=who)
 
     def _set_packml(self, state: PackML) -> None:
         self.packml = state

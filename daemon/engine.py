@@ -48,7 +48,7 @@ class Engine:
         self._task: asyncio.Task[None] | None = None  # the run with its beginning and end
         self._job: asyncio.Task[None] | None = None  # the procedure alone
         self._ending: PackML | None = None
-        self._picks_barred_by = ""  # who wants no new picks, of this run or the next
+        self._work_barred_by = ""  # who wants no new items begun, in this run or the next
         self._hold_by = ""  # who asked to hold the run that is still being made
         self._closing = False  # the end is being written: nothing can be asked of the run any more
         self._listeners: list[Callable[[], None]] = []
@@ -128,8 +128,8 @@ class Engine:
         if self._hold_by:
             run.note("operator", event="pause", who=self._hold_by)
             run.pause()
-        if self._picks_barred_by:
-            run.want_picks(False, self._picks_barred_by)
+        if self._work_barred_by:
+            run.want_work(False, self._work_barred_by)
 
     async def confirm(self, prompt_id: int, who: str) -> None:
         self._active().confirm(prompt_id, who)
@@ -157,12 +157,15 @@ class Engine:
         run.note("operator", event="pause", who=who)
         run.pause()
 
-    def want_picks(self, wanted: bool, who: str) -> None:
-        """``False``: a job that picks finishes the item in hand and waits. A level, like the bit of the PLC
-        that says it: it holds for runs that start meanwhile, too, and they tell it in their journal."""
-        self._picks_barred_by = "" if wanted else who
+    def want_work(self, wanted: bool, who: str) -> None:
+        """``False``: a job that goes item by item finishes the one in hand and waits.
+
+        A level, like the bit of the PLC that says it: it holds for runs that start meanwhile, too, and they
+        write it to their journal.
+        """
+        self._work_barred_by = "" if wanted else who
         if (run := self.running) is not None and not self._closing:
-            run.want_picks(wanted, who)
+            run.want_work(wanted, who)
 
     async def resume(self, who: str) -> None:
         run = self._active()

@@ -99,7 +99,7 @@ class PlcFace:
 
     def picks_wanted_changed(self, wanted: bool, client: str) -> None:
         """The PLC has set (``False``) or cleared its bit *no new picks*."""
-        self._engine.want_picks(wanted, f"PLC {client}")
+        self._engine.want_work(wanted, f"PLC {client}")
 
     def snapshot(self) -> dict[str, Any]:
         """The status block by register name.

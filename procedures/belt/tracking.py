@@ -217,9 +217,9 @@ class _Picking:
     async def _until_picks_are_wanted(self) -> None:
         """Somebody outside wants no new picks for now: suspended, at rest above the belt."""
         run = self.run
-        while not run.picks_wanted:
+        while not run.work_wanted:
             run.suspend("no new picks are wanted")
-            while not run.picks_wanted and not run.wants_rest:
+            while not run.work_wanted and not run.wants_rest:
                 await run.clock.sleep(LOOK_S)
             run.unsuspend()
             await run.enter(S.READY)

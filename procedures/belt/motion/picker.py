@@ -144,7 +144,7 @@ class Picker:
 
     @property
     def _rest_wanted(self) -> bool:
-        return self._run.wants_rest or not self._run.picks_wanted or self.standing or self.enough
+        return self._run.wants_rest or not self._run.work_wanted or self.standing or self.enough
 
     # -- phases: each decides about the leg from ``t`` on; False ends the stream
 

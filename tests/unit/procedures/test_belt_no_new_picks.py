@@ -46,7 +46,7 @@ def test_the_item_in_hand_is_finished_and_nothing_is_picked_until_the_bit_is_cle
             face.write_holding(CONTROL, [0], PLC)
             assert (await cell.finished(run_id))["outcome"] == "complete"
             assert counted(cell, run_id)["picked"] == 2
-            assert [line["who"] for line in cell.notes(run_id, "no new picks")] == [f"PLC {PLC}"]
+            assert [line["who"] for line in cell.notes(run_id, "no new work")] == [f"PLC {PLC}"]
             agrees_with_the_world(cell, run_id)
 
     run_virtual(scene())
@@ -63,7 +63,7 @@ def test_a_run_that_waits_for_the_bit_can_be_finished_and_the_next_one_waits_as_
             assert (await cell.finished(first))["outcome"] == "complete"
             second = await cell.start()
             await waits(cell)
-            assert cell.notes(second, "no new picks"), "the journal says why"
+            assert cell.notes(second, "no new work"), "the journal says why"
             face.write_holding(CONTROL, [0], PLC)
             assert (await cell.finished(second))["outcome"] == "complete"
             assert counted(cell, second)["picked"] == 1
