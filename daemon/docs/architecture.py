@@ -21,8 +21,8 @@ twice. A job is one folder in `procedures/`, and `procedures/kind.py` says what 
 solver, words, report, comparison and expectation. The mathematics in `calibration/` takes arrays and reads
 no file. `daemon/` puts all of it together.
 
-A run passes through them like this: a PLC's command comes to `daemon/modbus`, `daemon/plc` hands it to
-`daemon/engine`, which resolves the values of the run (`cell/run_values.py`) and starts the job's coroutine
+A run passes through them like this: a PLC's command comes to `daemon/modbus`, `daemon/plc.py` hands it to
+`daemon/engine.py`, which resolves the values of the run (`cell/run_values.py`) and starts the job's coroutine
 with a `Run` (`cell/procedure.py`). The job moves the arm through the motion lease (`cell/motion.py`),
 writes raw data to the run folder (`cell/store/`), and has its data set solved in a worker process. The
 engine enters what it proposes into the ledger, where a person or a policy accepts it.

@@ -2,6 +2,7 @@
 
 import asyncio
 from pathlib import Path
+from typing import Any
 
 from cell.errors import error
 from fakes.frames.faults import CameraFaults
@@ -25,11 +26,14 @@ class TwinCamera:
     async def start(self) -> None:
         """Start the process and wait until it listens."""
         self._begin()
-        async with asyncio.timeout(START_TIMEOUT_S):
-            while not self.socket.exists():
-                if not self._process.alive:
-                    raise error("CHILD_DIED", "the frame server ended while it started")
-                await asyncio.sleep(0.02)
+        loop = asyncio.get_running_loop()
+        give_up = loop.time() + START_TIMEOUT_S
+        while not self.socket.exists():
+            if not self._process.alive:
+                raise error("CHILD_DIED", "the frame server ended while it started")
+            if loop.time() > give_up:
+                raise error("CALL_TIMEOUT", f"the frame server did not listen in {START_TIMEOUT_S:g} s")
+            await asyncio.sleep(0.02)
 
     async def stop(self) -> None:
         """End the process."""
@@ -38,6 +42,18 @@ class TwinCamera:
         if self._process.alive:
             asyncio.get_running_loop().remove_reader(self._process.sentinel)
         await asyncio.to_thread(self._process.stop)
+
+    def addresses(self) -> dict[str, str]:
+        """What listens where, by name."""
+        return {"camera frames": f"frames+unix://{self.socket}"}
+
+    def device(self) -> dict[str, Any]:
+        """The table ``[device.camera]`` of a daemon's configuration.
+
+        Pictures are drawn on the cores that also look at them: ten may be missed.
+        """
+        timeout = max(2.5, 10.0 * self._world.camera.period_s)
+        return {"driver": "oak", "source": self.addresses()["camera frames"], "frame_timeout_s": timeout}
 
     def _new_process(self) -> FrameProcess:
         return FrameProcess(str(self.socket), self._scenario, self._world)

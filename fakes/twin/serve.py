@@ -16,6 +16,7 @@ from fakes.faults.vocabulary import Switchboard, parse_fault
 from fakes.twin.automatic_operator import AutomaticOperator
 from fakes.twin.camera import TwinCamera
 from fakes.twin.control import SOCKET_NAME, make_private, serve_control
+from fakes.twin.device import TwinDevice
 from fakes.twin.encoder import TwinEncoder
 from fakes.twin.inputs import TwinInputs
 from fakes.twin.palletizer import TwinObserved
@@ -59,26 +60,8 @@ class Twin:
         self._arm_faults = ControllerFaults(self.controller)
         self.switchboard = Switchboard()
         self.switchboard.devices["arm"] = self._arm_faults
-        self._camera: TwinCamera | None = None
-        self._inputs: TwinInputs | None = None
-        if self.scenario.world.camera is not None:
-            self._camera = TwinCamera(self.frames_socket, options.scenario, self.world)
-            self.switchboard.devices["camera"] = self._camera.faults
-        if self.world.inputs is not None:
-            self._inputs = TwinInputs(self.world.inputs, self.scenario.fakes, self.bind, self.folder)
-            self.switchboard.devices["beams"] = self._inputs.faults
-        self._encoder: TwinEncoder | None = None
-        if self.world.encoder is not None:
-            self._encoder = TwinEncoder(self.world.encoder, self.scenario.fakes, self.bind, self.folder)
-            self.switchboard.devices["belt"] = self._encoder.faults
-        self._observed: TwinObserved | None = None
-        if self.world.observed is not None:
-            self._observed = TwinObserved(self.world.observed, self.scenario.fakes, self.bind, self.folder)
-            self.switchboard.devices[OBSERVED] = self._observed.faults
-        self._tracker: TwinTracker | None = None
-        if self.world.tracker is not None:
-            self._tracker = TwinTracker(self.world.tracker, self.scenario.fakes, self.bind, self.folder)
-            self.switchboard.devices["tracker"] = self._tracker.faults
+        self._devices = self._make_devices(options.scenario)
+        self.switchboard.devices |= {name: device.faults for name, device in self._devices.items()}
         if options.automatic_operator or self.scenario.operator == "auto":
             self._operator = AutomaticOperator(self.controller.robot, self.world.operator)
         for fault in self.scenario.fault:
@@ -88,6 +71,22 @@ class Twin:
             parse_fault(fault.kind, device.offers(), fault.device)
         self._control: asyncio.Server | None = None
         self._timers: list[asyncio.TimerHandle] = []
+
+    def _make_devices(self, scenario: str) -> dict[str, TwinDevice]:
+        """The devices that this world has, in the order in which they start."""
+        world, where = self.world, (self.scenario.fakes, self.bind, self.folder)
+        devices: dict[str, TwinDevice] = {}
+        if world.inputs is not None:
+            devices["beams"] = TwinInputs(world.inputs, *where)
+        if world.encoder is not None:
+            devices["belt"] = TwinEncoder(world.encoder, *where)
+        if world.observed is not None:
+            devices[OBSERVED] = TwinObserved(world.observed, *where)
+        if world.tracker is not None:
+            devices["tracker"] = TwinTracker(world.tracker, *where)
+        if self.scenario.world.camera is not None:  # last: it draws as soon as it listens
+            devices["camera"] = TwinCamera(self.frames_socket, scenario, world)
+        return devices
 
     async def __aenter__(self) -> "Twin":
         make_private(self.folder)
@@ -110,16 +109,8 @@ class Twin:
         for timer in self._timers:
             timer.cancel()
         self._arm_faults.close()
-        if self._inputs is not None:
-            await self._inputs.stop()
-        if self._encoder is not None:
-            await self._encoder.stop()
-        if self._observed is not None:
-            await self._observed.stop()
-        if self._tracker is not None:
-            await self._tracker.stop()
-        if self._camera is not None:
-            await self._camera.stop()
+        for device in self._devices.values():
+            await device.stop()
         await self.controller.stop()
         if self._control is not None:
             self._control.close()
@@ -139,28 +130,9 @@ class Twin:
             "primary": primary.PORT,
         }
         found = {f"arm {name}": f"{self.bind}:{port}" for name, port in ports.items()}
-        if self._camera is not None:
-            found["camera frames"] = self._frames_url
-        if self._inputs is not None:
-            found |= self._inputs.addresses()
-        if self._encoder is not None:
-            found |= self._encoder.addresses()
-        if self._observed is not None:
-            found |= self._observed.addresses()
-        if self._tracker is not None:
-            found |= self._tracker.addresses()
+        for device in self._devices.values():
+            found |= device.addresses()
         return found
-
-    def _camera_table(self) -> dict[str, Any] | None:
-        """Pictures are drawn on the cores that also look at them: ten may be missed."""
-        if self._camera is None:
-            return None
-        timeout = max(2.5, 10.0 * self.world.camera.period_s)
-        return {"driver": "oak", "source": self._frames_url, "frame_timeout_s": timeout}
-
-    @property
-    def _frames_url(self) -> str:
-        return f"frames+unix://{self.frames_socket}"
 
     def truth(self) -> dict[str, Any]:
         """The world's truth and the arm's state now."""
@@ -174,18 +146,10 @@ class Twin:
     async def _start_devices(self) -> None:
         try:
             await self.controller.start()
-            if self._inputs is not None:
-                await self._inputs.start()
-            if self._encoder is not None:
-                await self._encoder.start()
-            if self._observed is not None:
-                await self._observed.start()
-            if self._tracker is not None:
-                await self._tracker.start()
+            for device in self._devices.values():
+                await device.start()
         except OSError as exc:
             raise error("DEVICE_UNREACHABLE", f"the twin cannot listen on {self.bind}: {exc}") from exc
-        if self._camera is not None:
-            await self._camera.start()
 
     # -- requests of the control socket
 
@@ -198,7 +162,7 @@ class Twin:
                 return {name: sorted(d.offers()) for name, d in self.switchboard.devices.items()}
             case {"do": "truth"}:
                 return self.truth()
-            case {"do": "operator"} if self._camera is None:
+            case {"do": "operator"} if "camera" not in self._devices:
                 raise error("ARGUMENT_INVALID", "this twin's scenario has no target that could be moved")
             case {"do": "operator", "place": int(number)}:
                 # People count placements from one.
@@ -219,9 +183,10 @@ class Twin:
                 self.world.tool.bend(self.controller.now(), values[:3], values[3:])
                 return to_pose6(self.world.T_flange_tool_at(self.controller.now())).tolist()
             case {"do": "tracker", "lock": str(reflector)}:
-                if self._tracker is None:
+                tracker = self._devices.get("tracker")
+                if not isinstance(tracker, TwinTracker):
                     raise error("ARGUMENT_INVALID", "this twin's scenario has no tracker")
-                self._tracker.lock(reflector)
+                tracker.lock(reflector)
                 return None
             case {"do": "tool", "straighten": True}:
                 self.world.tool.straighten(self.controller.now())
@@ -247,13 +212,9 @@ class Twin:
 
     def _config_text(self) -> str:
         return self.scenario.cell_toml(
-            arm={"driver": "ur", "host": self.bind},
-            camera=self._camera_table(),
-            beams=self._inputs.device() if self._inputs is not None else None,
-            belt=self._encoder.device() if self._encoder is not None else None,
-            gripper=self._gripper_device(),
-            observed=self._observed.device() if self._observed is not None else None,
-            tracker=self._tracker.device() if self._tracker is not None else None,
+            {"arm": {"driver": "ur", "host": self.bind}}
+            | {name: device.device() for name, device in self._devices.items()}
+            | self._gripper_device(),
             state_dir=str(self.folder / "state"),
             control_socket=str(self.folder / "cellward.sock"),
             modbus={
@@ -264,11 +225,13 @@ class Twin:
             },
         )
 
-    def _gripper_device(self) -> dict[str, Any] | None:
+    def _gripper_device(self) -> dict[str, dict[str, Any]]:
+        """It has no protocol of its own: an output of the arm closes it."""
         if self.world.gripper is None:
-            return None
+            return {}
         truth = self.world.gripper.truth
-        return {"driver": "arm-gripper", "arm": "arm", "output": truth.output, "confirm": truth.confirm}
+        table = {"driver": "arm-gripper", "arm": "arm", "output": truth.output, "confirm": truth.confirm}
+        return {"gripper": table}
 
 
 def _is_finite(value: Any) -> bool:

@@ -1,11 +1,13 @@
 """A scenario: what the twin's world truly is, where its fakes listen, and which faults happen when."""
 
 import difflib
+import inspect
 import json
 import tomllib
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -13,11 +15,11 @@ from cell.errors import error
 from fakes.world.arm.kinematics import MODELS, LinkDeltas
 from fakes.world.beams.truth import BeamTruth, CapsuleTruth, Channel, IoTruth, Three
 from fakes.world.belt.item_truth import GripperTruth, ItemsTruth
-from fakes.world.belt.truth import BeltTruth, PhaseTruth, RippleTruth, StopsTruth
-from fakes.world.palletizer.truth import ObservedTruth, PalletizerErrors, PalletizerTable
+from fakes.world.belt.truth import BeltTruth
+from fakes.world.palletizer.truth import ObservedTruth
 from fakes.world.toml_text import to_toml
 from fakes.world.tracker.lines_form import LinesForm
-from fakes.world.tracker.truth import BoxTruth, ReflectorTruth, TrackerTruth
+from fakes.world.tracker.truth import ReflectorTruth, TrackerTruth
 
 SCHEMA = "cellward.scenario/1"
 OBSERVED, OBSERVED_MODEL = "palletizer", "palletizer.json"
@@ -145,6 +147,18 @@ class WorldTruth(_Strict):
     reflectors: dict[str, ReflectorTruth] = Field(
         default={}, description="on an arm, or monuments on the base; all of them are there at once"
     )
+
+    def devices(self) -> dict[str, BaseModel | None]:
+        """The truth of each device by its name in a cell.toml; None for one that this world lacks."""
+        return {
+            "arm": self.arm,
+            "camera": self.camera,
+            "beams": self.io,
+            "tracker": self.tracker,
+            OBSERVED: self.observed,
+            "belt": self.belt,
+            "gripper": self.gripper,
+        }
 
     @property
     def eye_in_hand(self) -> bool:
@@ -288,51 +302,27 @@ class Scenario(_Strict):
 
     def cell_toml(
         self,
-        arm: dict[str, Any],
-        camera: dict[str, Any] | None,
+        devices: Mapping[str, Mapping[str, Any]],
         state_dir: str,
         control_socket: str,
         modbus: dict[str, Any] | None = None,
         overrides: dict[str, Any] | None = None,
         clock: str | None = None,
-        beams: dict[str, Any] | None = None,
-        tracker: dict[str, Any] | None = None,
-        observed: dict[str, Any] | None = None,
-        belt: dict[str, Any] | None = None,
-        gripper: dict[str, Any] | None = None,
     ) -> str:
         """A ready cell.toml for this twin, as docs/config.md describes it.
 
-        ``arm``, ``camera``, ``beams``, ``tracker``, ``observed``, ``belt`` and ``gripper`` are the device
-        tables, driver and address included; those of devices that the scenario lacks are left out. The file
-        that ``observed_model`` names is written by :meth:`write_observed_model`. ``modbus`` is its section;
-        ``overrides`` are further top-level tables that replace generated ones of the same name; ``clock``
-        names the virtual clock of the object face.
+        ``devices`` are the device tables by name, driver and address included; those of devices that the
+        scenario lacks are left out. The file that ``observed_model`` names is written by
+        :meth:`write_observed_model`. ``modbus`` is its section; ``overrides`` are further top-level tables
+        that replace generated ones of the same name; ``clock`` names the virtual clock of the object face.
         """
-        world = self.world
-        robot: dict[str, Any] = {"arm": "arm"}
-        devices = {"arm": {**arm, "expect_serial": world.arm.serial}}
-        if world.camera is not None and camera is not None:
-            mount = "flange" if world.eye_in_hand else "base"
-            robot["flange_camera" if world.eye_in_hand else "fixed_camera"] = "camera"
-            robot[f"T_{mount}_camera_nominal"] = world.camera.nominal
-            devices["camera"] = {**camera, "expect_serial": world.camera.serial}
-        if world.io is not None and beams is not None:
-            robot["beams"] = "beams"
-            devices["beams"] = {**beams, "expect_serial": world.io.serial}
-        if world.tracker is not None and tracker is not None:
-            robot["tracker"] = "tracker"
-            devices["tracker"] = {**tracker, "expect_serial": world.tracker.serial}
-        if world.observed is not None and observed is not None:
-            robot["observed_arm"] = OBSERVED
-            robot["observed_model"] = OBSERVED_MODEL
-            devices[OBSERVED] = {**observed, "expect_serial": world.observed.serial}
-        if world.belt is not None and belt is not None:
-            robot["belt"] = "belt"
-            devices["belt"] = {**belt, "expect_serial": world.belt.serial}
-        if world.gripper is not None and gripper is not None:
-            robot["gripper"] = "gripper"
-            devices["gripper"] = gripper
+        world, robot, tables_of_devices = self.world, dict[str, Any](), dict[str, dict[str, Any]]()
+        for name, truth in world.devices().items():
+            if truth is None or name not in devices:
+                continue
+            serial = getattr(truth, "serial", None)
+            tables_of_devices[name] = {**devices[name], **({"expect_serial": serial} if serial else {})}
+            robot |= self._robot_keys(name)
         robot |= {
             "T_flange_target_nominal": self.cell.T_flange_target_nominal,
             "model": world.arm.model,
@@ -351,7 +341,7 @@ class Scenario(_Strict):
             "robot": robot,
             "limits": self.cell.limits,
             "poses": self.cell.poses or {"home": world.arm.q_start},
-            "device": devices,
+            "device": tables_of_devices,
         }
         if world.target is not None:
             tables["target"] = {"board": world.target}
@@ -360,6 +350,16 @@ class Scenario(_Strict):
         if self.cell.job:
             tables["job"] = self.cell.job
         return to_toml({**tables, **(overrides or {})})
+
+    def _robot_keys(self, name: str) -> dict[str, Any]:
+        """What ``[robot]`` says of the device: its role, and what is known of it from the drawing."""
+        world = self.world
+        if name == OBSERVED:
+            return {"observed_arm": OBSERVED, "observed_model": OBSERVED_MODEL}
+        if name != "camera" or world.camera is None:
+            return {name: name}
+        role, mount = ("flange_camera", "flange") if world.eye_in_hand else ("fixed_camera", "base")
+        return {role: "camera", f"T_{mount}_camera_nominal": world.camera.nominal}
 
     def write_observed_model(self, folder: Path) -> None:
         """Write the ROBOT that the observed arm's controller believes in beside the cell.toml."""
@@ -381,10 +381,16 @@ def _findings(exc: ValidationError) -> list[str]:
 
 
 def _known_keys() -> set[str]:
-    models: list[type[BaseModel]] = [
-        *_Strict.__subclasses__(), BeamTruth, CapsuleTruth, IoTruth, TrackerTruth, ReflectorTruth, LinesForm,
-        BoxTruth,
-        ObservedTruth, PalletizerTable, PalletizerErrors, BeltTruth, PhaseTruth, StopsTruth, RippleTruth,
-        ItemsTruth, GripperTruth,
-    ]  # fmt: skip
-    return {info.alias or name for model in models for name, info in model.model_fields.items()}
+    """The keys of all tables of a scenario, at every depth."""
+    keys, seen = set[str](), set[Any]()
+    todo: list[Any] = [Scenario]
+    while todo:
+        kind: Any = todo.pop()
+        todo += get_args(kind)
+        if not inspect.isclass(kind) or not issubclass(kind, BaseModel) or kind in seen:
+            continue
+        seen.add(kind)
+        for name, info in kind.model_fields.items():
+            keys.add(info.alias or name)
+            todo.append(info.annotation)
+    return keys

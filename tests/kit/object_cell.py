@@ -25,7 +25,7 @@ from daemon.supervisor import Supervisor
 from daemon.worker import InlineWorker
 from fakes.object import ObjectCell as Plant
 from fakes.object import VirtualClock, cell_of
-from fakes.world.scenario import Scenario
+from fakes.world.scenario import OBSERVED, Scenario
 from procedures.registry import JOBS
 
 R = TypeVar("R")
@@ -58,21 +58,21 @@ def write_config(
     if JOB in sections:
         sections[JOB] |= {**SMALL, **(job or {})}
     text = loaded.cell_toml(
-        arm={"driver": "fakes.object:ObjectArm", "scenario": scenario, **(arm_keys or {})},
-        camera={"driver": "fakes.object:ObjectCamera", "scenario": scenario},
+        {
+            name: {"driver": f"fakes.object:{driver}", "scenario": scenario, **(keys or {})}
+            for name, driver, keys in (
+                ("arm", "ObjectArm", arm_keys),
+                ("camera", "ObjectCamera", None),
+                ("beams", "ObjectInputs", beams_keys),
+                ("tracker", "ObjectTracker", tracker_keys),
+                (OBSERVED, "ObjectObservedArm", {"allow_requests": True, **(observed_keys or {})}),
+                ("belt", "ObjectEncoder", None),
+                ("gripper", "ObjectGripper", None),
+            )
+        },
         state_dir=str(folder / "state"),
         control_socket=str(folder / "control.sock"),
         clock="fakes.object:VirtualClock",
-        beams={"driver": "fakes.object:ObjectInputs", "scenario": scenario, **(beams_keys or {})},
-        tracker={"driver": "fakes.object:ObjectTracker", "scenario": scenario, **(tracker_keys or {})},
-        observed={
-            "driver": "fakes.object:ObjectObservedArm",
-            "scenario": scenario,
-            "allow_requests": True,
-            **(observed_keys or {}),
-        },
-        belt={"driver": "fakes.object:ObjectEncoder", "scenario": scenario},
-        gripper={"driver": "fakes.object:ObjectGripper", "scenario": scenario},
         overrides={"job": sections, **overrides},
     )
     loaded.write_observed_model(folder)

@@ -236,7 +236,11 @@ def test_the_fast_demo_has_the_cell_that_the_twin_would_write(scene: Scene, tmp_
     scenario = Scenario.load(scene.prepare(tmp_path))
     subject = tomllib.loads(write_config(scene, tmp_path).read_text("utf-8"))
     assert {d["scenario"] for d in subject["device"].values()} == {scene.prepare(tmp_path)}
-    written = tomllib.loads(scenario.cell_toml({}, {}, "", "", beams={}, tracker={}, belt={}, gripper={}))
+    written = tomllib.loads(
+        scenario.cell_toml(
+            {name: {} for name in ("arm", "camera", "beams", "tracker", "belt", "gripper")}, "", ""
+        )
+    )
     for section in ("robot", "limits", "poses", "target", "job"):
         assert subject.get(section) == written.get(section)
     assert subject["device"].keys() == written["device"].keys()

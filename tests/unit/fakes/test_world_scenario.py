@@ -79,7 +79,9 @@ def test_faults_have_a_device_a_kind_and_a_time() -> None:
 def test_the_generated_cell_is_toml_that_says_twin_and_names_the_serials(subject: Scenario) -> None:
     arm = {"driver": "ur", "host": "127.0.0.2"}
     camera = {"driver": "oak", "source": 'frames+unix:///tmp/a b\\c".sock'}
-    text = subject.cell_toml(arm, camera, "/tmp/state", "/tmp/c.sock", modbus={"bind": "127.0.0.1:5020"})
+    text = subject.cell_toml(
+        {"arm": arm, "camera": camera}, "/tmp/state", "/tmp/c.sock", modbus={"bind": "127.0.0.1:5020"}
+    )
     cell = tomllib.loads(text)
     assert cell["cell"]["twin"] is True
     assert cell["device"]["camera"]["source"] == camera["source"]
@@ -93,7 +95,9 @@ def test_the_generated_cell_is_toml_that_says_twin_and_names_the_serials(subject
 
 def test_overrides_replace_generated_tables(subject: Scenario) -> None:
     own = {"poses": {"other": [0.0] * 6}, "http": {"bind": "x"}}
-    text = subject.cell_toml({}, {}, "a", "b", overrides=own, clock="fakes.object:VirtualClock")
+    text = subject.cell_toml(
+        {"arm": {}, "camera": {}}, "a", "b", overrides=own, clock="fakes.object:VirtualClock"
+    )
     cell = tomllib.loads(text)
     assert cell["poses"] == {"other": [0.0] * 6}
     assert cell["http"] == {"bind": "x"}
@@ -153,15 +157,17 @@ def beamed(request: pytest.FixtureRequest) -> Scenario:
 
 def test_the_generated_cell_has_a_role_and_a_table_for_the_input_module(beamed: Scenario) -> None:
     device = {"driver": "fakes.object:ObjectInputs", "scenario": "laser"}
-    cell = tomllib.loads(beamed.cell_toml({}, {}, "a", "b", beams=device))
+    cell = tomllib.loads(beamed.cell_toml({"arm": {}, "camera": {}, "beams": device}, "a", "b"))
     assert cell["robot"]["beams"] == "beams"
     assert cell["device"]["beams"] == {**device, "expect_serial": "99993300001"}
     assert cell["job"]["laser-reference"]["xs"]["aux"] == "aux_xs"
-    assert "beams" not in tomllib.loads(beamed.cell_toml({}, {}, "a", "b"))["device"]
+    assert "beams" not in tomllib.loads(beamed.cell_toml({"arm": {}, "camera": {}}, "a", "b"))["device"]
 
 
 def test_a_scenario_without_a_camera_makes_a_cell_without_one() -> None:
-    cell = tomllib.loads(Scenario.load("laser").cell_toml({}, {"driver": "oak"}, "a", "b", beams={}))
+    cell = tomllib.loads(
+        Scenario.load("laser").cell_toml({"arm": {}, "camera": {"driver": "oak"}, "beams": {}}, "a", "b")
+    )
     assert sorted(cell["device"]) == ["arm", "beams"]
     assert not {"flange_camera", "fixed_camera", "T_base_camera_nominal"} & set(cell["robot"])
     assert "target" not in cell
