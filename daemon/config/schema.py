@@ -53,7 +53,11 @@ def json_schema(jobs: Mapping[str, Any], drivers: Mapping[str, str] = DRIVERS) -
         "type": "object",
         "title": "Job",
         "properties": {name: ref(model) for name, model in configs.items()},
-        "additionalProperties": False,
+        "additionalProperties": {  # of another package
+            "type": "object",
+            "properties": {"procedure": {"type": "string", "pattern": ":"}},
+            "required": ["procedure"],
+        },
     }
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

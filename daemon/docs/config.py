@@ -21,6 +21,12 @@ everything that is wrong with one. Unknown keys are errors. The program never wr
 
 A key without a default is **required** where its section or table is there; "none" is optional and absent.
 
+A driver and a job may come from another package: `driver = "package.module:Class"` in `[device.NAME]`,
+and `procedure = "package.module:Class"` in `[job.NAME]`; the further keys are those of its class. An
+installed package that offers them as entry points (`cellward.drivers`, `cellward.procedures`) makes
+short names of them; `cellward check --drivers --jobs` lists what is there; [an
+example](examples/acme/README.md).
+
 Lengths are in metres, angles in radians. A pose is `[x, y, z, rx, ry, rz]`: translation and rotation vector.
 """
 
