@@ -9,7 +9,6 @@ import copy
 import json
 import logging
 import random
-import shutil
 import struct
 import tempfile
 import time
@@ -131,16 +130,15 @@ async def _control(folder: Path) -> AsyncIterator[Ask]:
     ledger = Ledger(folder / "state" / "ledger.sqlite")
     supervisor = Supervisor(supervised_devices(config, clock, Beats(clock)))
     context = CellContext(config, clock, InlineWorker(), supervisor, MotionBroker(clock), ledger)
-    # A unix socket's path holds 107 bytes, and the caller's folder may be deeper than that.
-    at = Path(tempfile.mkdtemp(prefix="requests-"))
-    server = ControlServer(
-        at / "control.sock",
-        Engine(context, JOBS, runs),
-        lambda who, what, accepted, detail: ledger.audit("control", who, what, accepted, detail),
-    )
     async with AsyncExitStack() as stack:
-        stack.callback(shutil.rmtree, at)
         stack.callback(ledger.close)
+        # A unix socket's path holds 107 bytes, and the caller's folder may be deeper than that.
+        at = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="requests-")))
+        server = ControlServer(
+            at / "control.sock",
+            Engine(context, JOBS, runs),
+            lambda who, what, accepted, detail: ledger.audit("control", who, what, accepted, detail),
+        )
         await server.start()
         stack.push_async_callback(server.stop)
 

@@ -5,6 +5,7 @@ import logging
 import math
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import cache
 from typing import Any
 
 from cell.errors import CellError, RefusedError, error
@@ -157,7 +158,7 @@ class PlcFace:
             usable.discard("arm")
         names = {name for name, on in bits.items() if on}
         names |= {bit for role in usable if (bit := ROLES[role].status_bit) is not None}
-        return sum(register_table().bit("status", name) for name in names)
+        return sum(map(_mask, names))
 
     def _live_registers(self, status: Mapping[str, Any], last: Mapping[str, Any] | None) -> dict[str, float]:
         """What a job at work says of now; of one that ends or has ended, in whatever way, its counters."""
@@ -176,6 +177,12 @@ class PlcFace:
         """Whether the device says that an input has not changed for longer than it should."""
         name = self._config.robot.roles()[role]
         return bool(self._supervisor.devices[name].device.health().get("stuck_s"))
+
+
+@cache
+def _mask(name: str) -> int:
+    """Of a bit of the status; looked up once, for the status is made again for every PLC that polls."""
+    return register_table().bit("status", name)
 
 
 def _stands(last: Mapping[str, Any]) -> bool:

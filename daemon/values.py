@@ -27,7 +27,7 @@ CALIBRATIONS = {
 
 
 def configured_values(config: CellConfig) -> RunValues:
-    """Arms, tool, payload, limits and poses as the configuration alone has them."""
+    """Arms, tool, payload, limits, poses and targets as the configuration alone has them."""
     robot = config.robot
     return RunValues(
         robot=robot.robot_spec(),
@@ -38,6 +38,7 @@ def configured_values(config: CellConfig) -> RunValues:
         centre_of_mass_m=list(robot.centre_of_mass_m),
         limits=config.limits.model_dump(mode="json"),
         poses={name: list(q) for name, q in config.poses.items()},
+        targets={name: dict(spec) for name, spec in config.target.items()},
     )
 
 
@@ -50,7 +51,6 @@ def resolve_values(config: CellConfig, ledger: Ledger, supervisor: Supervisor) -
         values,
         robot=robot_spec(config, supervisor),
         tool={**values.tool, "T_flange_tool": pose},
-        targets={name: dict(spec) for name, spec in config.target.items()},
         calibration={setup: _hand_eye(config, effect, setup) for setup in CALIBRATIONS},
         laser_reference=effect.value(laser_reference(tool.name), None),
         laser_floor_m=config.job_section("laser-reference").get("floor_m"),

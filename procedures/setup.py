@@ -12,7 +12,7 @@ class Setup:
     """A cell as configured; the ledger and the devices may know better when a job starts.
 
     ``roles``: role -> device; ``devices``: device -> its section, as its driver defines it. ``values``: arm,
-    tool, payload, limits and poses as a run has them. ``nominal``: poses of
+    tool, payload, limits, poses and targets as a run has them. ``nominal``: poses of
     cameras and target from the drawing, (6,) m and rad, by the key of ``[robot]``. ``job``: the section of a
     job as written, empty without one. ``calibrations``: what the ledger has, newest first; a ``CellError``
     when it cannot be read.
@@ -22,7 +22,6 @@ class Setup:
     devices: Mapping[str, Any]
     values: RunValues
     nominal: Mapping[str, Sequence[float] | None]
-    targets: Mapping[str, Mapping[str, Any]]
     job: Callable[[str], dict[str, Any]]
     calibrations: Callable[[], list[dict[str, Any]]]
 

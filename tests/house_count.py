@@ -32,6 +32,8 @@ def git(*words: str) -> str:
 
 def main(revisions: list[str]) -> None:
     for revision in revisions or ["HEAD"]:
+        if not git("rev-parse", "--verify", "--quiet", f"{revision}^{{commit}}"):
+            sys.exit(f"'{revision}' is no commit of this repository; a shallow clone lacks the older ones")
         listed = git("ls-tree", "-r", "--name-only", revision, *PACKAGES).split()
         files = [f for f in listed if f.endswith(".py") and not f.endswith(_REPORT_VERDICT)]
         print(f"\n{git('log', '-1', '--format=%h %s', revision).strip()}")

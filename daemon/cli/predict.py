@@ -43,7 +43,6 @@ def setup_of(config: CellConfig) -> Setup:
         config.device,
         configured_values(config),
         {key: getattr(config.robot, key) for key in NOMINAL},
-        config.target,
         config.job_section,
         lambda: ledger_rows(config),
     )

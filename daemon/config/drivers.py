@@ -44,7 +44,9 @@ def driver_class(name: str, drivers: Mapping[str, str] = DRIVERS) -> Any:
     ``LookupError`` with a sentence when there is no such driver, when it cannot be imported, or when the
     class carries no ``Config`` model.
     """
-    target = drivers.get(name) or installed_drivers().get(name, name)
+    target = drivers.get(name, name)
+    if ":" not in target:  # only then: to look through all installed packages takes milliseconds
+        target = installed_drivers().get(name, name)
     module, colon, attribute = target.partition(":")
     if not colon:
         known = sorted({*drivers, *installed_drivers()})
@@ -53,8 +55,8 @@ def driver_class(name: str, drivers: Mapping[str, str] = DRIVERS) -> Any:
         raise LookupError(f"there is no driver '{name}', {hint}")
     try:
         found = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as exc:
-        raise LookupError(f"driver '{name}' cannot be loaded: {exc}") from exc
+    except Exception as exc:  # whatever a driver's package does while it is imported
+        raise LookupError(f"driver '{name}' cannot be loaded: {str(exc) or type(exc).__name__}") from exc
     if not (isinstance(getattr(found, "Config", None), type) and issubclass(found.Config, BaseModel)):
         raise LookupError(f"driver '{name}' has no Config model, so it is no driver")
     return found

@@ -125,7 +125,7 @@ class OakCamera:
             "frames": self.frames.received,
             "gaps": self.frames.gaps,
             "repeated": self._repeated,
-            "age_s": None if last is None else self._clock.now() - last.t,
+            "age_s": None if last is None else self._age_s(last),
             "corners": None if board is None else len(board.ids),
             "items": None if last is None or last.value.items is None else len(last.value.items),
             "mean_grey": self._mean_grey,
@@ -211,7 +211,7 @@ class OakCamera:
         limit = self.config.frame_timeout_s
         while not link.lost.done():
             last = self.frames.last()
-            if last is not None and self._clock.now() - last.t - self.config.time_offset_s > limit:
+            if last is not None and self._age_s(last) > limit:
                 link.lose(
                     error("DEVICE_LOST", f"{self.name}: no new frame for {limit:.1f} s{self._newest()}")
                 )
@@ -221,8 +221,12 @@ class OakCamera:
         last = self.frames.last()
         if last is None:
             return ", none since the connection"
-        now = self._clock.now()
-        return f", the newest is number {last.seq}, {now - last.t:.1f} s old{busy_words(now)}"
+        words = busy_words(self._clock.now())
+        return f", the newest is number {last.seq}, {self._age_s(last):.1f} s old{words}"
+
+    def _age_s(self, sample: Sample[Frame]) -> float:
+        """By the stamp without the offset, which says when something was and not whether the link is good."""
+        return self._clock.now() - sample.t - self.config.time_offset_s
 
 
 async def _first_of(*futures: asyncio.Future[Any], timeout: float | None = None) -> None:

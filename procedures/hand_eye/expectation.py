@@ -66,7 +66,7 @@ def _beyond_acceptance(job: ConeCaptureConfig, predicted: Mapping[str, Any]) -> 
 
 
 def _request(setup: Setup, job: ConeCaptureConfig, calibration: dict[str, Any], q: Array) -> PlanRequest:
-    target = dict(setup.targets[job.target])
+    target = dict(setup.values.targets[job.target])
     flange = robot_from_spec(setup.values.robot).forward(q)
     return PlanRequest(
         setup=job.setup,

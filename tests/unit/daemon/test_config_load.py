@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from cell.devices import DepthCamera, DigitalInputs
 from cell.errors import InputError
 from daemon.config import CellConfig, ConfigInvalid, DeviceSection, init_text, load_config
+from daemon.config.drivers import driver_class
 from daemon.config.findings import Findings
 
 
@@ -455,3 +456,12 @@ def test_a_key_that_is_missing_is_not_said_of_another_whose_name_the_sentence_ha
         Sampling.model_validate(data)
     subject.add_validation(("job", "x"), data, Sampling, refused.value)
     assert [text.split(": ")[1] for text in subject.plain] == ["job.x"]
+
+
+def test_a_driver_whose_module_fails_while_it_is_imported_is_a_finding(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "acme_broken.py").write_text("raise RuntimeError('no licence for this sensor')\n", "utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(LookupError, match="cannot be loaded: no licence for this sensor"):
+        driver_class("acme_broken:Sensor")
