@@ -1,15 +1,20 @@
 """What a pause of a process costs: each is stopped for a while in every state of every job, on the wire.
 
-``python -m bench.hiccups [JOB]... [--pauses 0.05,0.15,0.5,1.5,5] [--minutes 20] [--bind 127.0.53.3]``. Twin,
-daemon, motion child and vision child are stopped with SIGSTOP and go on with SIGCONT. Several pauses strike
-one run, some seconds apart, until every state has met every process and pause, or the minutes are over. The
-row ``none`` is a run that nothing struck. ``right``: of the complete runs those whose answer agrees with the
-twin's truth within its stated uncertainty, where the job has a truth to compare with. ``rest``: the longest
-time from the stop to the arm's true standstill, of pauses of half a second and more that found the arm moving
-(not asked of a twin that is stopped itself).
+``python -m bench.hiccups [JOB]... [--pauses 0.05,0.15,0.5,1.5,5] [--minutes 20] [--bind 127.0.53.3]
+[--record FILE]``. Twin, daemon, motion child and vision child are stopped with SIGSTOP and go on with
+SIGCONT. All limits are the product's own. Several pauses strike one run, each after a step that the one
+before did not touch has ended, until every state has met every process and pause, or the minutes are over.
+What struck is added to FILE, and what is in FILE is not done again: the table may be made in several goes.
+``went on``: pauses after which the run ended a step again, or was complete. Any other one is the last of its
+run. ``right``: of those in runs that were complete in the end, those whose answer agrees with the twin's
+truth within its stated uncertainty. ``rest``: the longest time from the stop to the arm's true standstill, of
+pauses of half a second and more that found the arm moving. It is asked of the daemon and the motion child:
+pictures that do not come stop no move, and a twin that is stopped tells nothing. The row ``none`` is a run
+that nothing struck.
 """
 
 import argparse
+import json
 import os
 import signal
 import tempfile
@@ -17,7 +22,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +39,10 @@ from tests.kit.wire_cell import WireCell, calibrate_camera, pause, shipped, wire
 
 PAUSES_S = (0.05, 0.15, 0.5, 1.5, 5.0)
 PROCESSES = ("daemon", "arm child", "vision child", "twin")
-APART_S = 4.0  # between two pauses in one run
-PER_RUN = 6
+MOVERS = ("daemon", "arm child")  # without these the arm must stop
+APART_S = 1.0  # between two pauses in one run, after the run has gone on
+PER_RUN = 8
+TAKEN_AGAIN = 6  # no more pauses after so many steps: ten end a run, and one pause may cost two
 LONG_S = 0.5
 RUN_LIMIT_S = 300.0
 MOTION, VISION = "drivers.ur.motion_child", "daemon.vision_child"
@@ -73,25 +80,32 @@ class Strike:
     pause_s: float
     state: str
     rest_s: float | None = None
+    went_on: bool = False
     end: str = ""
     right: bool | None = None  # does the answer agree with the truth? None: no answer, or no truth for it
+
+    @property
+    def what(self) -> tuple[str, float, str]:
+        return self.process, self.pause_s, self.state
 
 
 class Bench:
     """All pauses of one job in one cell."""
 
-    def __init__(self, cell: WireCell, job: str, pauses: tuple[float, ...], until: float) -> None:
-        self.cell, self.job, self.scene, self.until = cell, job, SCENES[job], until
+    def __init__(
+        self, cell: WireCell, job: str, pauses: tuple[float, ...], until: float, record: Path | None
+    ) -> None:
+        self.cell, self.job, self.scene, self.until, self.record = cell, job, SCENES[job], until, record
+        self.done = recorded(record, job)
+        done = {strike.what for strike in self.done}
         states = [s.value for s in JOBS[job].State]
         self.pending = [
             Strike(process, seconds, state)
             for seconds in pauses
             for process in PROCESSES
             for state in states
-            if process != "vision child" or self.scene.camera
+            if (process != "vision child" or self.scene.camera) and (process, seconds, state) not in done
         ]
-        self.done: list[Strike] = []
-        self.again: dict[float, int] = defaultdict(int)
         self.runs = 0
 
     def run(self) -> None:
@@ -135,16 +149,20 @@ class Bench:
                 finished = True
                 with suppress(CellError):
                     cell.call("finish")
-            if strike and now >= free and len(mine) < PER_RUN and (due := self._due(status["state"])):
+            settled = now >= free and status["packml"] == "EXECUTE" and not status["silences_in_a_row"]
+            if settled and mine:
+                mine[-1].went_on = True
+            spent = len(mine) >= PER_RUN or status["steps_taken_again"] > TAKEN_AGAIN
+            if strike and settled and not spent and (due := self._due(status["state"])):
                 mine.append(due)
                 self._strike(due)
                 free = time.monotonic() + APART_S
-                if due.pause_s > 2.0:
-                    free += RUN_LIMIT_S
             pause(0.02)
         end = self._status()["last_run"]
         self.runs += 1
-        outcome = end["outcome"] + (f" {end['error']['name']}" if end["error"] else f" {end['verdict']}")
+        outcome = end["outcome"] + (
+            f" {end['error']['name']}: {end['error']['text']}" if end["error"] else f" {end['verdict']}"
+        )
         run = load_run(Path(cell.config()["cell"]["state_dir"]) / "runs", run_id)
         again = [line for line in run.read_journal() if line.get("event") == "step taken again"]
         judged = self._judged(run, met) if end["outcome"] == "complete" else None
@@ -152,12 +170,18 @@ class Bench:
         answer = f" ({judged.off}; stated {judged.stated})" if judged else ""
         wrong = " NOT AS STATED" if judged and not judged.good else ""
         print(
-            f"  run {run_id}: {outcome}{wrong}{answer}; {len(again)} steps again; struck: {told}", flush=True
+            f"  run {run_id}: {outcome}{wrong}{answer}; {len(again)} steps again; struck: {told}",
+            flush=True,
         )
+        if mine and end["outcome"] == "complete":
+            mine[-1].went_on = True
         for each in mine:
             each.end = outcome
             each.right = judged.good if judged else None
             self.done.append(each)
+            if self.record is not None:
+                with self.record.open("a", encoding="utf-8") as out:
+                    out.write(json.dumps({"job": self.job, **asdict(each)}) + "\n")
 
     def _judged(self, run: RunFolder, met: int) -> Judged | None:
         """The answer beside the truth; of the twin's contacts those after the first ``met``."""
@@ -182,7 +206,7 @@ class Bench:
 
     def _strike(self, strike: Strike) -> None:
         pids = self._pids(strike.process)
-        moving = strike.process != "twin" and strike.pause_s >= LONG_S and self.cell.moving()
+        moving = strike.process in MOVERS and strike.pause_s >= LONG_S and self.cell.moving()
         for pid in pids:
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGSTOP)
@@ -234,10 +258,16 @@ class Bench:
         raise TimeoutError(f"the cell did not get ready: {self.cell.status()}")
 
 
+def recorded(record: Path | None, job: str) -> list[Strike]:
+    """What struck ``job`` according to ``record``, which need not exist yet."""
+    if record is None or not record.exists():
+        return []
+    lines = [json.loads(line) for line in record.read_text("utf-8").splitlines()]
+    return [Strike(**{k: v for k, v in line.items() if k != "job"}) for line in lines if line["job"] == job]
+
+
 def table(benches: list[Bench]) -> None:
-    print(
-        f"\n{'job':20} {'process':13} {'pause':>7} {'struck':>7} {'completed':>10} {'right':>9} {'rest':>8}"
-    )
+    print(f"\n{'job':20} {'process':13} {'pause':>7} {'struck':>7} {'went on':>9} {'right':>9} {'rest':>8}")
     for bench in benches:
         groups: dict[tuple[str, float], list[Strike]] = defaultdict(list)
         for strike in bench.done:
@@ -245,15 +275,20 @@ def table(benches: list[Bench]) -> None:
         for (process, seconds), strikes in sorted(groups.items(), key=lambda g: (g[0][1], g[0][0])):
             rests = [s.rest_s for s in strikes if s.rest_s is not None]
             rest = f"{max(rests):.2f} s" if rests else "-"
-            good = sum(s.end.startswith("complete") for s in strikes)
+            good = sum(s.went_on for s in strikes)
             compared = [s.right for s in strikes if s.right is not None]
             right = f"{sum(compared)}/{len(compared)}" if compared else "-"
             print(
-                f"{bench.job:20} {process:13} {seconds:5g} s {len(strikes):7d} {good:6d}/{len(strikes):<3d} "
+                f"{bench.job:20} {process:13} {seconds:5g} s {len(strikes):7d} {good:5d}/{len(strikes):<3d} "
                 f"{right:>9} {rest:>8}"
             )
         left = len(bench.pending)
-        print(f"{bench.job:20} {bench.runs} runs; {left} of {left + len(bench.done)} pauses were not reached")
+        met = {strike.state for strike in bench.done}
+        never = ", ".join(s.value for s in JOBS[bench.job].State if s.value not in met) or "none"
+        print(
+            f"{bench.job:20} {bench.runs} runs; {left} of {left + len(bench.done)} pauses were not reached; "
+            f"states that did not come: {never}"
+        )
 
 
 def main() -> None:
@@ -262,6 +297,7 @@ def main() -> None:
     parser.add_argument("--pauses", default=",".join(f"{p:g}" for p in PAUSES_S))
     parser.add_argument("--minutes", type=float, default=20.0, help="for each job")
     parser.add_argument("--bind", default="127.0.53.3")
+    parser.add_argument("--record", type=Path, metavar="FILE", help="JSON lines, one a pause")
     options = parser.parse_args()
     if unknown := sorted(set(options.jobs) - set(SCENES)):
         parser.error(f"no job '{unknown[0]}'; there is {', '.join(SCENES)}")
@@ -272,8 +308,9 @@ def main() -> None:
         print(f"{job}: scenario {scene.scenario}", flush=True)
         with tempfile.TemporaryDirectory(prefix="cellward-hiccups-") as folder:
             scenario = shipped(scene.scenario, **scene.keys)
-            with wire_cell(Path(folder), options.bind, scenario, scene.first) as cell:
-                bench = Bench(cell, job, pauses, time.monotonic() + 60.0 * options.minutes)
+            with wire_cell(Path(folder), options.bind, scenario, scene.first, limits={}) as cell:
+                until = time.monotonic() + 60.0 * options.minutes
+                bench = Bench(cell, job, pauses, until, options.record)
                 benches.append(bench)
                 try:
                     bench.run()

@@ -47,7 +47,7 @@ def one_run(job: str, bind: str) -> tuple[str, dict[str, Any]]:
     scene = SCENES[job]
     with (
         tempfile.TemporaryDirectory(prefix="cellward-lateness-") as folder,
-        wire_cell(Path(folder), bind, shipped(scene.scenario, **scene.keys), scene.first) as cell,
+        wire_cell(Path(folder), bind, shipped(scene.scenario, **scene.keys), scene.first, limits={}) as cell,
     ):
         for before in scene.before:
             cell.start_job(before)

@@ -116,6 +116,11 @@ class Interruptions:
                 return result
             await self._recover_whole(what, cause, began)
 
+    @property
+    def in_a_row(self) -> int:
+        """Interruptions since a step, or a part of one, was last done."""
+        return self._in_a_row
+
     def part_done(self) -> None:
         """A part of a long step is done for good: an interruption of the next part begins a new row."""
         self._in_a_row = 0

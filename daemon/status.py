@@ -49,6 +49,7 @@ def status_of(engine: Shown) -> dict[str, Any]:
         "step": run.step if run else 0,
         "steps": run.steps if run else 0,
         "steps_taken_again": len(run.steps_taken.taken_again) if run else 0,
+        "silences_in_a_row": run.steps_taken.in_a_row if run else 0,
         "live": dict(run.live) if run else {},
         "prompt": {"id": run.prompt[0], "text": run.prompt[1]} if run and run.prompt else None,
         "error": engine.error.as_dict() if engine.error else None,

@@ -9,7 +9,7 @@ import pytest
 from cell.poses import from_pose6, to_pose6
 from cell.store.ledger import Ledger
 from fakes.twin.control import ask
-from tests.kit.wire_cell import WireCell, shipped, wait_for, wire_cell
+from tests.kit.wire_cell import PATIENT_DEVICES, WireCell, shipped, wait_for, wire_cell
 
 pytestmark = [pytest.mark.wire, pytest.mark.alone]
 
@@ -39,7 +39,7 @@ accept = { auto = true }
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireCell]:
     scenario = shipped("laser", **QUICK) + MORE
-    with wire_cell(tmp_path_factory.mktemp("laser"), "127.0.0.62", scenario, patient=False) as made:
+    with wire_cell(tmp_path_factory.mktemp("laser"), "127.0.0.62", scenario, limits=PATIENT_DEVICES) as made:
         yield made
 
 

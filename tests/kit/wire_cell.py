@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from importlib.resources import files
 from pathlib import Path
@@ -25,22 +25,27 @@ from tests.kit.pauses import Pauses
 
 BIN = Path(sys.executable).parent
 SPEED_AT_REST_RAD_S = 0.002
-# For a machine that pauses: what a silence does to a run is shown on virtual time. How often a run may be
-# interrupted here is judged by the pauses of this machine, and one scene keeps the limits of the product.
-PATIENT: dict[str, dict[str, Any]] = {
-    "supervisor": {"silences_in_a_row": 30, "silences_in_all": 1000},
+# By driver, for a machine that pauses: what a silence does to a run is shown on virtual time.
+PATIENT_DEVICES: dict[str, dict[str, Any]] = {
     "ur": {"stale_after_s": 0.2, "silent_after_s": 0.5, "lost_after_s": 1.5, "watchdog_min_hz": 5.0},
     "oak": {"frame_timeout_s": 5.0},
     "canopen-encoder": {"lost_after_s": 1.0},
     "modbus-inputs": {"timeout_s": 0.5},
 }
+# How often a run may be interrupted here is judged by the pauses of this machine; one scene keeps the limits.
+PATIENT = PATIENT_DEVICES | {"supervisor": {"silences_in_a_row": 30, "silences_in_all": 1000}}
 
 
 class WireCell:
-    """Twin and daemon; the daemon can be killed, stopped and started again."""
+    """Twin and daemon; the daemon can be killed, stopped and started again.
 
-    def __init__(self, folder: Path, bind: str, scenario: str, patient: bool = True) -> None:
-        self.folder, self.bind, self.patient = folder, bind, patient
+    ``limits``: other values of keys than the twin's cell.toml has, by driver or section; {} is the product.
+    """
+
+    def __init__(
+        self, folder: Path, bind: str, scenario: str, limits: Mapping[str, dict[str, Any]] = PATIENT
+    ) -> None:
+        self.folder, self.bind, self.limits = folder, bind, limits
         self.pauses = Pauses()
         self.scenario = folder / "scenario.toml"
         self.scenario.write_text(scenario, "utf-8")
@@ -53,13 +58,17 @@ class WireCell:
         command = [BIN / "cellward-twin", "--scenario", self.scenario, "--bind", self.bind]
         self.twin = self._spawn([*command, "--out", self.folder, "--with-parent"], "twin.log")
         wait_for((self.folder / "cell.toml").exists, "the twin's cell.toml", 120.0)
-        self._widen_limits()
+        self._set_limits()
 
-    def _widen_limits(self) -> None:
-        """In the cell.toml that the twin wrote; how often a run may be interrupted only if ``patient``."""
-        tables = self.config() | ({"supervisor": PATIENT["supervisor"]} if self.patient else {})
+    def _set_limits(self) -> None:
+        """In the cell.toml that the twin wrote."""
+        if not self.limits:
+            return
+        tables = self.config()
+        if "supervisor" in self.limits:
+            tables["supervisor"] = self.limits["supervisor"]
         for device in tables["device"].values():
-            device |= PATIENT.get(device["driver"], {})
+            device |= self.limits.get(device["driver"], {})
         (self.folder / "cell.toml").write_text(to_toml(tables), "utf-8")
 
     def start_daemon(self) -> None:
@@ -238,14 +247,13 @@ def wire_cell(
     bind: str,
     scenario: str,
     first: Callable[[WireCell], None] = lambda cell: None,
-    patient: bool = True,
+    limits: Mapping[str, dict[str, Any]] = PATIENT,
 ) -> Iterator[WireCell]:
     """Twin and daemon, both ready; ended whatever happens, their logs shown when the test fails.
 
-    ``first`` is done between the two starts. Unless ``patient``, a run may be interrupted no more often than
-    the product's own limits say.
+    ``first`` is done between the two starts; ``limits`` as :class:`WireCell` takes them.
     """
-    cell = WireCell(folder, bind, scenario, patient)
+    cell = WireCell(folder, bind, scenario, limits)
     try:
         cell.pauses.start()
         cell.start_twin()
