@@ -10,8 +10,10 @@ from importlib import import_module
 from typing import Any
 
 from cell.errors import error
+from cell.formats.result import Envelope, Result, read_as
 
 GENERAL_PLAN = "procedures.plan_words:plan_lines"
+PLAIN_RESULT = "cell.formats.result:Result"
 PLAIN_REPORT = "procedures.report.plain:PLAIN"
 
 
@@ -19,7 +21,8 @@ PLAIN_REPORT = "procedures.report.plain:PLAIN"
 class Kind:
     """One kind of result document and of plan; an empty reference: there is no such thing for this kind.
 
-    ``words``: ``(result, answer) -> lines``; ``plan``: ``plan -> lines``; ``report``: a ``Layout``;
+    ``result`` is the model of its documents with an answer, a subclass of ``cell.formats.result.Envelope``.
+    ``words``: ``result -> lines``, of an answer; ``plan``: ``plan -> lines``; ``report``: a ``Layout``;
     ``solve``: ``(path, *, method, progress, **asked) -> result``, for a data set without its run, where
     ``asked`` are the further options that it takes; ``compare``: ``(first, second) -> Comparison``.
     ``expectation``: ``(setup, config) -> figures`` of what a configured job can reach, with ``text``,
@@ -30,6 +33,7 @@ class Kind:
 
     name: str
     words: str
+    result: str = PLAIN_RESULT
     data_file: str = ""
     jobs: tuple[str, ...] = ()  # their classes
     plan: str = GENERAL_PLAN
@@ -124,6 +128,7 @@ _ALL = (
     Kind(
         name="iso9283",
         words="procedures.iso9283.words:iso9283_lines",
+        result="procedures.iso9283.result:Iso9283Result",
         data_file="iso9283.json",
         jobs=("procedures.iso9283.procedure:Iso9283Test",),
         plan="procedures.iso9283.words:iso9283_plan_lines",
@@ -141,6 +146,16 @@ def kind_of(document: Mapping[str, Any], what: str = "result") -> Kind:
     if isinstance(name, str):
         return kind_named(name, what)
     raise error("KIND_UNKNOWN", f"the {what} does not say its kind; known are {', '.join(KINDS)}")
+
+
+def read_result(document: Mapping[str, Any], where: str = "the result") -> Envelope:
+    """A result document as the model of its kind, as a plain ``Result`` when it has no answer.
+
+    ``KIND_UNKNOWN``; ``RESULT_INVALID`` names the field that does not fit, and ``where``.
+    """
+    kind = kind_of(document)
+    model: type[Envelope] = Result if document.get("result") is None else load(kind.result)
+    return read_as(model, document, where)
 
 
 def kind_named(name: str, what: str = "result") -> Kind:

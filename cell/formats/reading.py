@@ -88,7 +88,7 @@ def _sentence(exc: ValidationError, model: type[BaseModel]) -> str:
     findings = exc.errors(include_url=False)
     first = min(findings, key=lambda e: e["type"] != "extra_forbidden")
     more = f" (and {len(findings) - 1} more findings)" if len(findings) > 1 else ""
-    loc, kind, value = _path(first["loc"], model), first["type"], first.get("input")
+    loc, kind, value = path_in(first["loc"], model), first["type"], first.get("input")
     name = str(first["loc"][-1]) if first["loc"] else ""
     if kind == "extra_forbidden":
         near = difflib.get_close_matches(name, _field_names(model), 1, 0.6)
@@ -112,7 +112,7 @@ def _short(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _path(loc: Iterable[str | int], model: type[BaseModel]) -> str:
+def path_in(loc: Iterable[str | int], model: type[BaseModel]) -> str:
     """``observations[3].T_base_flange``; the tags that pydantic adds for unions are left out."""
     names = _field_names(model)
     parts = list(loc)

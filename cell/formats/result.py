@@ -1,31 +1,141 @@
-"""``cellward.result/1``: what every solver answers with."""
+"""``cellward.result/1``: what every solver answers with, and the parts that the kinds of results share.
 
-from typing import Annotated, Any, Literal
+A result is read as the model of its kind. What the model has is required where every stored result has it;
+keys that it does not know are kept, so that a result of a later version can be read. A result without an
+answer is read as a plain ``Result`` whatever its kind.
+"""
 
-from pydantic import Field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, TypeVar
 
-from cell.formats.reading import Strict
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+)
+
+from cell.errors import error
+from cell.formats.reading import path_in
 
 SCHEMA = "cellward.result/1"
 
 Verdict = Literal["pass", "warn", "fail"]
 
 
-class Warning_(Strict):
-    """A finding that does not stop the solver; ``code`` is fixed, ``text`` is for people."""
+@dataclass(frozen=True)
+class Unit:
+    """Of a figure, in the annotation of its field; the manual shows it."""
 
-    code: str
-    text: str
+    symbol: str
 
 
-class Result(Strict):
-    """One result. ``result`` is null when the data cannot determine the answer; ``reasons`` says why."""
+Metres = Annotated[float, Unit("m")]
+MetresPerSecond = Annotated[float, Unit("m/s")]
+Radians = Annotated[float, Unit("rad")]
+Seconds = Annotated[float, Unit("s")]
+Pixels = Annotated[float, Unit("px")]
+Kilograms = Annotated[float, Unit("kg")]
+Vector = Annotated[list[float], Field(min_length=3, max_length=3), Unit("m")]
+Turn = Annotated[list[float], Field(min_length=3, max_length=3), Unit("rad")]
+Pose = Annotated[list[float], Field(min_length=6, max_length=6), Unit("m, rad")]
+Interval = Annotated[list[float], Field(min_length=2, max_length=2)]
+Covariance = list[list[float]]
+M = TypeVar("M", bound="Envelope")
 
-    schema_: Annotated[str, Field(alias="schema")] = SCHEMA
-    kind: str
-    verdict: Verdict
-    reasons: list[str] = Field(default_factory=list)
-    warnings: list[Warning_] = Field(default_factory=list)
+
+class Part(BaseModel):
+    """A table of a result. It dumps as it was read: what is absent and None stays absent."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True, allow_inf_nan=False)
+
+    @model_serializer(mode="wrap")
+    def _as_stored(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        found: dict[str, Any] = dump(self)
+        return {k: v for k, v in found.items() if v is not None or k in self.model_fields_set}
+
+
+class Explained(Part):
+    """A table that says in words what it holds."""
+
+    meaning: str = Field(description="What the figures mean, in words.")
+
+
+class Warning_(Part):
+    """A finding that does not stop the solver."""
+
+    code: str = Field(description="Fixed name.")
+    text: str = Field(description="The finding in words.")
+
+
+class ArmModel(Part):
+    """Which model of the arm a run worked with."""
+
+    name: str = Field(description="`controller`, or the calibration of the kinematics.")
+    version: int | None = Field(default=None, description="Of that calibration.")
+
+
+class StepTakenAgain(Part):
+    """A step that the run took again after a short silence of a device."""
+
+    step: str = Field(description="What was being done.")
+    cause: str = Field(description="Code of what interrupted it.")
+    why: str = Field(description="What interrupted it, in words.")
+    after_s: Seconds = Field(description="Time from the beginning of the step to the interruption.")
+    lost_s: Seconds = Field(description="Time that it cost.")
+
+
+class Inputs(Part):
+    """What a result was made from, in what the kinds share."""
+
+    solve_seconds: Seconds | None = Field(default=None, description="Wall time of the solver alone.")
+    arm_model: ArmModel | None = Field(default=None, description="Model of the arm that the run worked with.")
+    steps_taken_again: list[StepTakenAgain] | None = Field(
+        default=None, description="Steps that short silences of devices interrupted."
+    )
+    trend: dict[str, Any] | None = Field(
+        default=None, description="Figures that a trend follows from run to run."
+    )
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What the registers of a PLC and the status bits show of a result; 0 for what its kind does not have."""
+
+    spread_within_m: float = 0.0
+    spread_across_m: float = 0.0
+    tool_offset_m: Sequence[float] = (0.0, 0.0, 0.0)
+    tool_tilt_rad: float = 0.0
+    kinematic_rms_m: float = 0.0
+    predicted_95_m: float = 0.0
+    tool_moved: bool = False
+    stands: bool = False  # there is an answer, and what was to be put into effect is
+
+
+class Envelope(Part):
+    """What every result begins with. A kind adds its own ``result``, ``uncertainty`` and so on."""
+
+    schema_: Annotated[str, Field(alias="schema", description=f"`{SCHEMA}`.")] = SCHEMA
+    kind: str = Field(description="Kind of the result.")
+    verdict: Verdict = Field(description="`pass`, `warn` or `fail`.")
+    reasons: list[str] = Field(default_factory=list, description="Why the verdict is not `pass`, in words.")
+    warnings: list[Warning_] = Field(default_factory=list, description="Findings with fixed codes.")
+
+    def figures(self) -> Figures:
+        """What registers show of it."""
+        return Figures(stands=True)
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values with the names of the format."""
+        return self.model_dump(mode="json", by_alias=True)
+
+
+class Result(Envelope):
+    """A result of whatever kind. ``result`` is null when the data cannot determine it; see ``reasons``."""
+
     result: dict[str, Any] | None
     uncertainty: dict[str, Any] = Field(default_factory=dict)
     residuals: dict[str, Any] = Field(default_factory=dict)
@@ -33,6 +143,16 @@ class Result(Strict):
     observability: dict[str, Any] = Field(default_factory=dict)
     inputs: dict[str, Any] = Field(default_factory=dict)
 
-    def as_json(self) -> dict[str, Any]:
-        """Plain values with the names of the format."""
-        return self.model_dump(mode="json", by_alias=True)
+    def figures(self) -> Figures:
+        return Figures(stands=self.result is not None)
+
+
+def read_as(model: type[M], document: Mapping[str, Any], where: str = "the result") -> M:
+    """``document`` as ``model``; ``RESULT_INVALID`` names ``where`` and the first field that does not fit."""
+    try:
+        return model.model_validate(document)
+    except ValidationError as exc:
+        first, *more = exc.errors(include_url=False)
+        said = "is missing" if first["type"] == "missing" else f"does not fit: {first['msg']}"
+        others = f" (and {len(more)} more findings)" if more else ""
+        raise error("RESULT_INVALID", f"{where}: {path_in(first['loc'], model)} {said}{others}") from exc

@@ -1,12 +1,14 @@
 """Following a run to its end from outside the daemon."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import typer
 
 from cell.errors import CellError, catalogue, error
 from daemon.cli.failures import FAILED, exit_code_of, tell
+from daemon.cli.history import load
 from daemon.cli.next_step import next_commands
 from daemon.cli.output import out, out_json, say
 from daemon.cli.progress import ProgressBar
@@ -47,15 +49,21 @@ def prompt_text(prompt: Mapping[str, Any]) -> str:
     return f"{prompt['text']}\n  then, in another terminal: cellward confirm {prompt['id']}"
 
 
-def finished(end: Mapping[str, Any], as_json: bool) -> None:
-    """Print how a run ended; leaves with the exit code that this end has."""
+def finished(end: Mapping[str, Any], as_json: bool, config: Path | None) -> None:
+    """Print how a run ended; leaves with the exit code that this end has.
+
+    The result comes from the run's folder: a status has it without its long tables.
+    """
+    run = end["run_id"]
     if as_json:
         out_json(end)
     elif end.get("result"):
         from daemon.cli.result_text import result_text
 
-        out(result_text(end["result"]))
-    run = end["run_id"]
+        try:
+            out(result_text(load(config, run).read_result()))
+        except CellError as exc:
+            tell(exc)
     more = f"report {run}' has the report" if end.get("result") else f"show {run}' tells how"
     say(f"Run {run} ended: {end['outcome']}. 'cellward {more}.")
     for text in next_commands(end, end.get("waiting", [])):

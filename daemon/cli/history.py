@@ -108,7 +108,7 @@ def _show(folder: Any, as_json: bool) -> None:
         out(line)
     out(timeline(journal))
     if result is not None:
-        out(result_text(result))
+        out(result_text(result, str(folder.path / "result.json")))
     if end is None:
         out("no end: the run goes on, or it was interrupted (the next start of the daemon says which)")
     else:

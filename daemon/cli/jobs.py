@@ -105,7 +105,7 @@ def _start(config: Path | None, wait: bool, as_json: bool, request: dict[str, An
 
     with connect(config) as daemon:
         end = follow(daemon, run_id)
-    finished(end, as_json)
+    finished(end, as_json, config)
 
 
 def _pair(text: str) -> tuple[str, str]:

@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
-from procedures.kind import kind_of, load
+from procedures.kind import PLAIN_RESULT, kind_of, load, read_result
 
 
-def result_text(result: Mapping[str, Any]) -> str:
-    """The summary of a result document; ``KIND_UNKNOWN`` when its kind is not known."""
+def result_text(result: Mapping[str, Any], where: str = "the result") -> str:
+    """The summary of a whole result document, found ``where``; ``KIND_UNKNOWN``, ``RESULT_INVALID``."""
     kind = kind_of(result)
     lines = [f"{kind.name}: verdict {result.get('verdict')}"]
     warnings = result.get("warnings") or []
@@ -17,7 +17,8 @@ def result_text(result: Mapping[str, Any]) -> str:
     if answer is None:
         lines.append("  no answer: the data cannot determine it")
     else:
-        lines += load(kind.words)(result, answer)
+        typed = (result, answer) if kind.result == PLAIN_RESULT else (read_result(result, where),)
+        lines += load(kind.words)(*typed)
     lines += [f"  warning {w['code']}: {w['text']}" for w in warnings]
     if again := (result.get("inputs") or {}).get("steps_taken_again"):
         lines.append(f"  steps taken again after a short silence of a device: {len(again)}")

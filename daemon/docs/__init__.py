@@ -11,6 +11,7 @@ from daemon.docs.config import config_page
 from daemon.docs.errors import errors_page
 from daemon.docs.jobs import jobs_page
 from daemon.docs.registers import registers_page
+from daemon.docs.results import results_page
 from daemon.modbus import register_table
 
 ROOT = Path(__file__).parents[2]
@@ -22,6 +23,7 @@ def generated(jobs: Mapping[str, Any]) -> dict[str, str]:
     return {
         "docs/registers.md": registers_page(register_table()),
         "docs/errors.md": errors_page(),
+        "docs/results.md": results_page(),
         "docs/config.md": config_page(jobs),
         "docs/jobs.md": jobs_page(jobs),
         "docs/architecture.md": architecture_page(ROOT),

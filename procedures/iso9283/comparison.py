@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from cell.errors import error
+from procedures.iso9283.result import Iso9283Answer, Iso9283Result
 from procedures.words import mm, table
 
-_SAME = ("speed_share", "reflector")
 _NEAR_M, _SAME_KG = 0.001, 1e-3
 
 
@@ -38,41 +38,41 @@ class IsoComparison:
         return "\n".join(lines)
 
 
-def compare_iso9283(first: Mapping[str, Any], second: Mapping[str, Any]) -> IsoComparison:
+def compare_iso9283(first: Iso9283Result, second: Iso9283Result) -> IsoComparison:
     """``PAYLOAD_DIFFERS`` for other loads; ``ARGUMENT_INVALID`` for other poses, reflector or speed."""
-    a, b = first["result"], second["result"]
-    if abs(a["payload_kg"] - b["payload_kg"]) > _SAME_KG:
+    a, b = first.result, second.result
+    if abs(a.payload_kg - b.payload_kg) > _SAME_KG:
         raise error(
             "PAYLOAD_DIFFERS",
-            f"one test was made with {a['payload_kg']:g} kg, the other with {b['payload_kg']:g} kg",
+            f"one test was made with {a.payload_kg:g} kg, the other with {b.payload_kg:g} kg",
         )
-    for key in _SAME:
-        if a[key] != b[key]:
+    same = (("speed_share", a.speed_share, b.speed_share), ("reflector", a.reflector, b.reflector))
+    for key, one, other in same:
+        if one != other:
             raise error(
                 "ARGUMENT_INVALID",
-                f"one test has {key} {a[key]}, the other {b[key]}; only tests alike in it are compared",
+                f"one test has {key} {one}, the other {other}; only tests alike in it are compared",
             )
     rows = []
-    for p, q in zip(a["poses"], b["poses"], strict=True):
-        apart = sum((x - y) ** 2 for x, y in zip(p["commanded"], q["commanded"], strict=True)) ** 0.5
+    for p, q in zip(a.poses, b.poses, strict=True):
+        apart = sum((x - y) ** 2 for x, y in zip(p.commanded, q.commanded, strict=True)) ** 0.5
         if apart > _NEAR_M:
             raise error(
-                "ARGUMENT_INVALID", f"pose {p['name']} of the tests is {mm(apart)} apart; test the same poses"
+                "ARGUMENT_INVALID", f"pose {p.name} of the tests is {mm(apart)} apart; test the same poses"
             )
-        row: dict[str, Any] = {"pose": p["name"]}
-        for key in ("AP", "RP"):
-            row[key] = [p[key], q[key]]
-            row[f"{key}_resolved"] = [p[f"{key}_resolved"], q[f"{key}_resolved"]]
+        row: dict[str, Any] = {"pose": p.name}
+        row |= {"AP": [p.AP, q.AP], "AP_resolved": [p.AP_resolved, q.AP_resolved]}
+        row |= {"RP": [p.RP, q.RP], "RP_resolved": [p.RP_resolved, q.RP_resolved]}
         rows.append(row)
     return IsoComparison(rows, (_how(a), _how(b)), (_place(a), _place(b)))
 
 
-def _how(answer: Mapping[str, Any]) -> str:
-    return "through its calibrated kinematics" if answer["corrected"] else "as its controller believes it"
+def _how(answer: Iso9283Answer) -> str:
+    return "through its calibrated kinematics" if answer.corrected else "as its controller believes it"
 
 
-def _place(answer: Mapping[str, Any]) -> str:
-    return "fitted" if answer["registration"]["how"] == "fit" else "taken from the calibration"
+def _place(answer: Iso9283Answer) -> str:
+    return "fitted" if answer.registration.how == "fit" else "taken from the calibration"
 
 
 def _shown(row: Mapping[str, Any], key: str, k: int) -> str:
