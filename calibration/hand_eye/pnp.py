@@ -153,6 +153,11 @@ def _refine(everything: _Stack, sizes: Indices, C: Array, give_up: Array | None 
     return Poses(C, cov, sse, sizes)
 
 
+def refine_poses(views: Sequence[View], camera: Intrinsics, C: Array) -> Poses:
+    """The pose of each view from ``C`` (n, 4, 4), which is near it: no second pose is looked for."""
+    return _refine(_stack(views, camera), np.array([len(v.points) for v in views]), C)
+
+
 def solve_pnp(views: Sequence[View], camera: Intrinsics) -> tuple[Poses, Indices]:
     """Every pose that explains a view, and the view (k,) that each belongs to, best one of each first.
 

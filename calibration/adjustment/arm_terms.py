@@ -1,0 +1,121 @@
+"""What an arm differs from its model in: geometry, gears and sag, as small motions of the flange.
+
+A term is a column of twists: the motion of the flange, in its own frame, for a unit of one number. Numbers
+that move base or flange as a whole say nothing of the arm: their part is taken out, so that a camera's or a
+target's pose keeps its meaning, the one that serves best with the arm's model over all its joints.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats.qmc import Sobol
+
+from calibration.kinematics.parametric import ParametricArm
+from calibration.kinematics.serial import SerialChain
+from cell.poses import Array, adjoint
+
+REFERENCE = 10  # two to this power joint vectors stand for all that the arm can reach
+_LEVER_M = 0.3  # at which a turn counts as much as a shift
+_SEED = 20
+
+
+@dataclass(frozen=True)
+class ArmTerms:
+    """Terms of one block: ``names`` (p,), prior ``sigma`` (p,), and twists ``columns`` (n, 6, p)."""
+
+    names: tuple[str, ...]
+    sigma: Array
+    columns: Array
+
+
+@dataclass(frozen=True)
+class ArmPrior:
+    """Standard deviations of an arm's numbers: lengths (m), angles (rad), gears and sag (rad)."""
+
+    length: float = 2e-4
+    angle: float = 3e-4
+    gear: float = 2e-5
+    sag: float = 1e-4
+
+
+def geometry(arm: ParametricArm, Q: Array, prior: ArmPrior) -> ArmTerms:
+    """Deviations of the numbers of the chain at joints ``Q`` (n, j) in rad."""
+    kinds = np.array(arm.kinds)
+    sigma = np.where(kinds == "length", prior.length, prior.angle)
+    return ArmTerms(arm.names, sigma, twists(arm, Q))
+
+
+def gears_and_sag(chain: SerialChain, Q: Array, prior: ArmPrior) -> ArmTerms:
+    """Errors of the joints' angles once and twice a turn, and the loaded joints giving way to gravity.
+
+    Joints 2 and 3 of an upright arm carry its weight: their torque goes with the cosines of the links'
+    angles to the horizontal.
+    """
+    J = chain.jacobians(Q)
+    at_flange = _into_flange(chain.flange(Q), J)
+    names, sigma, columns = [], [], []
+    for j in range(chain.joints):
+        for times in (1, 2):
+            for wave, of in (("sin", np.sin), ("cos", np.cos)):
+                names.append(f"gear{j + 1}.{wave}{times}")
+                sigma.append(prior.gear)
+                columns.append(at_flange[:, :, j] * of(times * Q[:, j])[:, None])
+    upper = np.cos(Q[:, 1])
+    fore = np.cos(Q[:, 1] + Q[:, 2])
+    for name, j, load in (("sag2.upper", 1, upper), ("sag2.fore", 1, fore), ("sag3.fore", 2, fore)):
+        names.append(name)
+        sigma.append(prior.sag)
+        columns.append(at_flange[:, :, j] * load[:, None])
+    return ArmTerms(tuple(names), np.array(sigma), np.stack(columns, axis=2))
+
+
+def twists(arm: ParametricArm, Q: Array) -> Array:
+    """(n, 6, p): motion of the flange in its own frame for a unit of each number of ``arm``."""
+    walk = arm.base.walk(Q)
+    origin = arm.columns(Q, walk, walk.o[-1])
+    tips = [arm.columns(Q, walk, walk.o[-1] + axis[-1]) for axis in (walk.x, walk.y, walk.z)]
+    axes = (walk.x[-1], walk.y[-1], walk.z[-1])
+    # a turn w moves the tip of axis k by w x k: two of its three parts along the other axes give w
+    turn = [
+        np.sum((tips[1] - origin) * axes[2], axis=1),
+        np.sum((tips[2] - origin) * axes[0], axis=1),
+        np.sum((tips[0] - origin) * axes[1], axis=1),
+    ]
+    shift = [np.sum(origin * axis, axis=1) for axis in axes]
+    return np.stack([*shift, *turn], axis=0).transpose(2, 0, 1)
+
+
+def without_gauge(terms: ArmTerms, flange: Array, over: ArmTerms, over_flange: Array) -> ArmTerms:
+    """``terms`` at poses ``flange`` (n, 4, 4) less what moves base and flange as a whole.
+
+    That part is the best fit over the reference: ``over`` are the same terms there, ``over_flange`` the
+    poses (k, 4, 4).
+    """
+    scale = np.array([1.0] * 3 + [_LEVER_M] * 3)
+    base = adjoint(_inverse(over_flange)) * scale[:, None]
+    own = np.broadcast_to(np.diag(scale), base.shape)
+    A = np.concatenate([base, own], axis=2).reshape(-1, 12)
+    b = (over.columns * scale[:, None]).reshape(len(A), -1)
+    fit = np.linalg.lstsq(A, b, rcond=None)[0]
+    columns = terms.columns - adjoint(_inverse(flange)) @ fit[:6] - fit[6:]
+    return ArmTerms(terms.names, terms.sigma, columns)
+
+
+def reference_joints(limits: Array, power: int = REFERENCE, seed: int = _SEED) -> Array:
+    """(2 ** power, j) joints spread evenly over the ``limits`` (j, 2) rad, at most half a turn either way."""
+    low, high = np.maximum(limits[:, 0], -np.pi), np.minimum(limits[:, 1], np.pi)
+    even = Sobol(len(limits), seed=seed).random_base2(power)
+    return np.asarray(low + (high - low) * even)
+
+
+def _into_flange(T: Array, J: Array) -> Array:
+    """Velocities (n, 6, j) of the flange's origin in the base, in the flange's frame instead."""
+    R = np.swapaxes(T[:, :3, :3], 1, 2)
+    return np.concatenate([R @ J[:, :3], R @ J[:, 3:]], axis=1)
+
+
+def _inverse(T: Array) -> Array:
+    out = np.zeros_like(T)
+    Rt = np.swapaxes(T[:, :3, :3], 1, 2)
+    out[:, :3, :3], out[:, :3, 3:], out[:, 3, 3] = Rt, -Rt @ T[:, :3, 3:], 1.0
+    return out

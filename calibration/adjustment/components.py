@@ -1,0 +1,125 @@
+"""Scales that the same data tell: noise levels by restricted maximum likelihood, a prior's by evidence.
+
+Both are variance components. The score of a noise level compares its residuals with what the fit leaves of
+them, the score of a prior's scale compares the estimates with what the prior lets them be; a component that
+was given, or that has no degree of freedom, does not move. A scale by evidence keeps a wide prior of its
+own, so that a few weak unknowns do not decide that there is nothing wrong.
+Source: Patterson and Thompson 1971; Searle, Casella and McCulloch, Variance Components, ch. 6; MacKay 1992.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.adjustment.equations import Equations, Observations, Prior, equations
+from cell.poses import Array
+
+SCALE_FACTOR = 3.0  # a scale by evidence lies within this factor of one at one standard deviation
+_LONGEST = 1.5  # of a step in the logarithm of a variance
+_FLOOR = {"sigma_px": 1e-3}
+_SMALLEST = 1e-7
+_SMALLEST_SCALE = 1e-2
+
+
+@dataclass(frozen=True)
+class Components:
+    """``sigma``: noise levels by name, in the order of the observations' parts; ``scale`` of the blocks.
+
+    ``free`` names those that the data decide.
+    """
+
+    sigma: Mapping[str, float]
+    scale: Mapping[str, float]
+    free: frozenset[str]
+
+    def variances(self, parts: Array) -> Array:
+        """V (n, d, d)."""
+        return np.tensordot(np.array([s**2 for s in self.sigma.values()]), parts, axes=1)
+
+    @property
+    def px2(self) -> float:
+        return self.sigma.get("sigma_px", 1.0) ** 2
+
+    def equations(self, obs: Observations, prior: Prior, at: Array) -> Equations:
+        return equations(obs, self.variances(obs.parts), self.px2, prior.scaled(dict(self.scale)), at)
+
+
+def estimated(
+    obs: Observations, prior: Prior, at: Array, start: Components, iterations: int = 30
+) -> Components:
+    """The free components at the maximum of their restricted likelihood, from ``start``.
+
+    ``obs`` must be linearised near the solution: the problem is taken as linear around it.
+    """
+    names = [*start.sigma, *start.scale]
+    free = np.array([name in start.free for name in names])
+    if not free.any():
+        return start
+    theta = np.log([v**2 for v in (*start.sigma.values(), *start.scale.values())])
+    floor = np.log(
+        [_FLOOR.get(k, _SMALLEST) ** 2 for k in start.sigma] + [_SMALLEST_SCALE**2 for _ in start.scale]
+    )
+    found = start
+    for _ in range(iterations):
+        score, metric = _score(obs, prior, at, found)
+        active = free & ~((theta <= floor + 1e-9) & (score < 0.0))
+        if not active.any():
+            break
+        block = metric[np.ix_(active, active)]
+        ridge = 1e-6 * np.eye(len(block)) * (1e-3 + np.trace(block))
+        step = np.zeros(len(names))
+        step[active] = np.clip(np.linalg.solve(block + ridge, score[active]), -_LONGEST, _LONGEST)
+        theta = np.maximum(theta + step, floor)
+        values = np.exp(0.5 * theta)
+        found = Components(
+            dict(zip(start.sigma, map(float, values), strict=False)),
+            dict(zip(start.scale, map(float, values[len(start.sigma) :]), strict=True)),
+            start.free,
+        )
+        if abs(float(step @ score)) < 1e-3:
+            break
+    return found
+
+
+def _score(obs: Observations, prior: Prior, at: Array, now: Components) -> tuple[Array, Array]:
+    """Derivative of the restricted log-likelihood by the logarithms of the variances, and its metric.
+
+    The metric leaves out what couples different observations: it steers the steps, the zero of the score is
+    exact.
+    """
+    eq = now.equations(obs, prior, at)
+    cov = np.where(np.isfinite(eq.covariance), eq.covariance, 0.0)
+    x, w = eq.step()
+    Pr = (
+        eq.weight
+        @ (obs.r + obs.of_global @ x + np.einsum("nij,nj->ni", obs.of_local, w[obs.group]))[..., None]
+    )
+    follows = obs.of_global - obs.of_local @ eq.carry[obs.group]
+    fitted = follows @ cov @ np.swapaxes(follows, 1, 2)
+    fitted += obs.of_local @ eq.inverse[obs.group] @ np.swapaxes(obs.of_local, 1, 2)
+    R = eq.weight - eq.weight @ fitted @ eq.weight
+    square = np.array([s**2 for s in now.sigma.values()])
+    V = obs.parts * square[:, None, None, None]
+    RV = R @ V
+    k, every = len(square), len(square) + len(now.scale)
+    score, metric = np.zeros(every), np.zeros((every, every))
+    quadratic = np.einsum("nix,knij,njx->k", Pr, V, Pr, optimize=True)
+    score[:k] = 0.5 * (quadratic - np.einsum("knii->k", RV))
+    metric[:k, :k] = 0.5 * (RV.reshape(k, -1) @ np.swapaxes(RV, 2, 3).reshape(k, -1).T)
+    if "sigma_px" in now.sigma:
+        i = list(now.sigma).index("sigma_px")
+        info = obs.info.sum(axis=0)
+        left = float(obs.sse.sum() + 2.0 * obs.pull.sum(axis=0) @ x + x @ info @ x) / now.px2
+        dof = float(obs.dof.sum()) - float(np.sum(info * cov)) / now.px2
+        score[i] += 0.5 * (left - dof)
+        metric[i, i] += 0.5 * max(dof, 1.0)
+    precision = prior.scaled(dict(now.scale)).precision
+    away = at + x - prior.mean
+    for j, (name, scale) in enumerate(now.scale.items()):
+        part = prior.blocks[name]
+        told = 1.0 - precision[part] * np.diag(cov)[part]  # share of each unknown that the data decide
+        of_scale = np.log(scale**2) / (2.0 * np.log(SCALE_FACTOR)) ** 2
+        score[k + j] = 0.5 * float(np.sum(precision[part] * away[part] ** 2 - told)) - of_scale
+        metric[k + j, k + j] = 0.5 * float(np.sum(told**2)) + (2.0 * np.log(SCALE_FACTOR)) ** -2.0
+    return score, metric

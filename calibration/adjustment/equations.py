@@ -1,0 +1,154 @@
+"""Normal equations of a weighted adjustment with global unknowns, one local pose a group, and priors.
+
+Minimised is ``sum r^T V^-1 r`` over the observations, plus what images say of the global unknowns by
+themselves, plus ``x^T S^-1 x`` of the priors. An observation touches the global unknowns and the pose of its
+own group, so every local pose is eliminated by itself (Schur complement) and no matrix grows with the
+number of groups.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.poses import Array
+
+_NOTHING = 1e-100  # information below this would overflow when it is scaled to one
+
+
+@dataclass(frozen=True)
+class Observations:
+    """n linearised observations of d numbers, over m global unknowns and a local pose each.
+
+    ``r`` (n, d) are the residuals, ``of_global`` (n, d, m) and ``of_local`` (n, d, 6) their derivatives,
+    ``group`` (n,) counts the local poses from 0. ``parts`` (k, n, d, d): covariance of a residual for a unit
+    of each kind of noise. ``info`` (n, m, m) and ``pull`` (n, m) are curvature and gradient of half the
+    squared pixel residuals ``sse`` (n,) inside an image, by the global unknowns and at its best pose;
+    ``dof`` (n,) is how many pixel residuals are left over by the pose.
+    """
+
+    r: Array
+    of_global: Array
+    of_local: Array
+    group: NDArray[np.int64]
+    parts: Array
+    info: Array
+    pull: Array
+    sse: Array
+    dof: Array
+
+    @property
+    def n(self) -> int:
+        return len(self.r)
+
+    @property
+    def groups(self) -> int:
+        return int(self.group.max()) + 1 if self.n else 0
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Standard deviations ``sigma`` (m,) of the global unknowns about ``mean`` (m,), inf where there is none.
+
+    ``blocks`` names slices of unknowns that share a scale.
+    """
+
+    mean: Array
+    sigma: Array
+    blocks: dict[str, slice]
+
+    def scaled(self, scale: dict[str, float]) -> "Prior":
+        """With the standard deviations of some blocks times a factor."""
+        sigma = self.sigma.copy()
+        for name, factor in scale.items():
+            sigma[self.blocks[name]] *= factor
+        return replace(self, sigma=sigma)
+
+    @cached_property
+    def precision(self) -> Array:
+        """(m,), zero where there is no prior."""
+        return np.asarray(np.where(np.isfinite(self.sigma), self.sigma**-2.0, 0.0))
+
+
+@dataclass(frozen=True)
+class Equations:
+    """The equations with every local pose eliminated.
+
+    ``N`` (m, m) and ``g`` (m,) are those of the global unknowns, prior included. ``inverse`` (g, 6, 6) is
+    that of the local blocks, ``carry`` (g, 6, m) takes a global change to the local one that follows it, and
+    ``local`` (g, 6) is the local change when no global unknown moves. ``weight`` (n, d, d) is V^-1.
+    """
+
+    N: Array
+    g: Array
+    inverse: Array
+    carry: Array
+    local: Array
+    weight: Array
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(m, m) of the global unknowns. Directions without any information have an infinite variance."""
+        return inverse_or_open(self.N)
+
+    def step(self) -> tuple[Array, Array]:
+        """The change that minimises the linear problem: global (m,) and local (g, 6)."""
+        x = -solve_scaled(self.N, self.g)
+        return x, -self.local - self.carry @ x
+
+    def local_covariance(self) -> Array:
+        """(g, 6, 6) of the local poses."""
+        out: Array = self.inverse + self.carry @ self.covariance @ np.swapaxes(self.carry, 1, 2)
+        return out
+
+
+def equations(obs: Observations, V: Array, px2: float, prior: Prior, at: Array) -> Equations:
+    """Of ``obs`` with covariances ``V`` (n, d, d) and a pixel variance ``px2``, at global values ``at``."""
+    weight = inverse_spd(V)
+    PG, PL = weight @ obs.of_global, weight @ obs.of_local
+    order = np.argsort(obs.group, kind="stable")
+    first = np.flatnonzero(np.diff(obs.group[order], prepend=-1))
+    LL = np.add.reduceat((np.swapaxes(obs.of_local, 1, 2) @ PL)[order], first, axis=0)
+    LG = np.add.reduceat((np.swapaxes(obs.of_local, 1, 2) @ PG)[order], first, axis=0)
+    gl = np.add.reduceat(np.einsum("nij,ni->nj", PL, obs.r)[order], first, axis=0)
+    inverse = inverse_spd(LL)
+    carry = inverse @ LG
+    local = (inverse @ gl[..., None])[..., 0]
+    m = obs.of_global.shape[2]
+    flat = obs.of_global.reshape(-1, m)
+    N = flat.T @ PG.reshape(-1, m) - np.einsum("gim,gik->mk", LG, carry, optimize=True)
+    g = flat.T @ (weight @ obs.r[..., None]).reshape(-1) - np.einsum("gim,gi->m", LG, local)
+    N += obs.info.sum(axis=0) / px2 + np.diag(prior.precision)
+    g += obs.pull.sum(axis=0) / px2 + prior.precision * (at - prior.mean)
+    return Equations(0.5 * (N + N.T), g, inverse, carry, local, weight)
+
+
+def inverse_spd(V: Array) -> Array:
+    """Inverses of symmetric matrices (n, k, k) that mix metres and radians."""
+    s = 1.0 / np.sqrt(np.einsum("nii->ni", V))
+    scale = s[:, :, None] * s[:, None, :]
+    return np.asarray(np.linalg.inv(V * scale + 1e-13 * np.eye(V.shape[1])) * scale)
+
+
+def solve_scaled(N: Array, g: Array) -> Array:
+    """``N^-1 g``; a direction without information does not move."""
+    s = _scale(N)
+    return np.asarray(s * (np.linalg.pinv(N * s[:, None] * s, rcond=1e-13, hermitian=True) @ (s * g)))
+
+
+def inverse_or_open(N: Array) -> Array:
+    """``N^-1``; what ``N`` says nothing of gets an infinite variance, and never none."""
+    s = _scale(N)
+    values, vectors = np.linalg.eigh(N * s[:, None] * s)
+    known = values > 1e-13 * max(float(values[-1]), _NOTHING)
+    part = vectors[:, known]
+    out = s[:, None] * ((part / values[known]) @ part.T) * s
+    is_open = (s == 0.0) | (np.sum(vectors[:, ~known] ** 2, axis=1) > 1e-6)
+    out[is_open, is_open] = np.inf
+    return np.asarray(out)
+
+
+def _scale(N: Array) -> Array:
+    diagonal = np.diag(N)
+    return np.asarray(np.where(diagonal > _NOTHING, 1.0 / np.sqrt(np.maximum(diagonal, _NOTHING)), 0.0))

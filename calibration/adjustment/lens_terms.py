@@ -1,0 +1,140 @@
+"""What a lens and a printed target differ from their models in, as seen by every image.
+
+A number that is off moves the pose that the image gives, and leaves a pattern in the image that the pose
+cannot take up. The pattern is what the image says of the number by itself; the motion is what makes the
+number matter for a hand-eye result.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from calibration.hand_eye import se3
+from calibration.hand_eye.views import View
+from cell.devices import Intrinsics
+from cell.poses import Array
+
+LENS = ("focal", "aspect", "cx", "cy", "k1", "k2", "p1", "p2")
+TARGET = ("scale_x", "scale_y", "bow_xx", "bow_xy", "bow_yy")
+NUMBERS = len(LENS) + len(TARGET)
+
+
+@dataclass(frozen=True)
+class LensPrior:
+    """Standard deviations: focal length and aspect as shares, principal point in px, distortion."""
+
+    focal: float = 3e-3
+    aspect: float = 5e-4
+    centre_px: float = 5.0
+    radial: float = 1e-2
+    tangential: float = 1e-3
+
+    def sigma(self) -> Array:
+        """(8,) in the order of ``LENS``."""
+        c, k, p = self.centre_px, self.radial, self.tangential
+        return np.array([self.focal, self.aspect, c, c, k, 2.0 * k, p, p])
+
+
+@dataclass(frozen=True)
+class TargetPrior:
+    """Standard deviations: the print's scale as a share, and its bow in metres at the target's edge."""
+
+    scale: float = 1e-3
+    bow: float = 2e-4
+
+    def sigma(self) -> Array:
+        """(5,) in the order of ``TARGET``."""
+        return np.array([self.scale] * 2 + [self.bow] * 3)
+
+
+@dataclass(frozen=True)
+class ImageTerms:
+    """Of n images, over c numbers: ``moves`` (n, 6, c) the pose from the left, ``info`` (n, c, c) and
+    ``pull`` (n, c) curvature and gradient of half the squared pixel residuals at the best pose."""
+
+    moves: Array
+    info: Array
+    pull: Array
+
+
+def image_terms(views: Sequence[View], C: Array, camera: Intrinsics, shape: "TargetShape") -> ImageTerms:
+    """At the images' own best poses ``C`` (n, 4, 4)."""
+    gram = np.empty((len(views), 6 + NUMBERS + 1, 6 + NUMBERS + 1))
+    sizes = np.array([len(v.points) for v in views])
+    rows = _derivatives(views, np.repeat(C, sizes, axis=0), camera, shape)
+    starts = 2 * np.concatenate([[0], np.cumsum(sizes)])
+    for size in np.unique(sizes):  # views of one size together
+        of = np.flatnonzero(sizes == size)
+        A = rows[(starts[of, None] + np.arange(2 * size)).ravel()].reshape(len(of), 2 * size, -1)
+        gram[of] = np.swapaxes(A, 1, 2) @ A
+    moves = np.asarray(-np.linalg.solve(gram[:, :6, :6], gram[:, :6, 6:-1]), dtype=float)
+    info = gram[:, 6:-1, 6:-1] + gram[:, 6:-1, :6] @ moves
+    pull = -gram[:, 6:-1, -1] - (np.swapaxes(moves, 1, 2) @ gram[:, :6, -1:])[..., 0]
+    return ImageTerms(moves, 0.5 * (info + np.swapaxes(info, 1, 2)), pull)
+
+
+@dataclass(frozen=True)
+class TargetShape:
+    """Where the bow of a target is measured from: ``centre`` (2,) m, and its edge ``edge`` m from there."""
+
+    centre: Array
+    edge: float
+
+    def columns(self, points: Array) -> Array:
+        """(m, 3, 5): how far each point (m, 3) of the target moves for a unit of each number."""
+        out = np.zeros((len(points), 3, len(TARGET)))
+        off = points[:, :2] - self.centre
+        out[:, 0, 0], out[:, 1, 1] = off[:, 0], off[:, 1]
+        u, v = (off / self.edge).T
+        out[:, 2, 2], out[:, 2, 3], out[:, 2, 4] = u * u, u * v, v * v
+        return out
+
+    def moved(self, points: Array, numbers: Array) -> Array:
+        """The points (m, 3) with ``numbers`` (5,) of ``TARGET``."""
+        out: Array = points + self.columns(points) @ numbers
+        return out
+
+
+def target_shape(views: Sequence[View]) -> TargetShape:
+    """Of the target that all ``views`` see parts of."""
+    points = np.unique(np.concatenate([v.points for v in views]).round(9), axis=0)[:, :2]
+    low, high = points.min(axis=0), points.max(axis=0)
+    return TargetShape(0.5 * (low + high), float(np.linalg.norm(high - low)) / 2.0)
+
+
+def moved_camera(camera: Intrinsics, numbers: Array) -> Intrinsics:
+    """``camera`` with ``numbers`` (8,) of ``LENS`` added."""
+    fx, fy, cx, cy = camera.K
+    focal, aspect, dx, dy, k1, k2, p1, p2 = map(float, numbers)
+    dist = np.zeros(max(len(camera.dist), 5))
+    dist[: len(camera.dist)] = camera.dist
+    dist[:4] += (k1, k2, p1, p2)
+    K = (fx * (1.0 + focal), fy * (1.0 + focal) * (1.0 + aspect), cx + dx, cy + dy)
+    return Intrinsics(camera.width, camera.height, K, tuple(map(float, dist)))
+
+
+def _derivatives(views: Sequence[View], C: Array, camera: Intrinsics, shape: TargetShape) -> Array:
+    """(2m, 6 + 13 + 1) for all corners: derivatives of the predicted pixels by the pose from the left and by
+    the numbers, and the residuals, whitened. ``C`` (m, 4, 4) is the pose of each corner's view."""
+    points = np.concatenate([v.points for v in views])
+    corners = np.concatenate([v.corners for v in views])
+    fx, fy, _, _ = camera.K
+    dist = np.zeros(max(len(camera.dist), 5))
+    dist[: len(camera.dist)] = camera.dist
+    p = (C[:, :3, :3] @ points[..., None])[..., 0] + C[:, :3, 3]
+    predicted, J = cv2.projectPoints(p, np.zeros(3), np.zeros(3), camera.matrix, dist)
+    J = J.reshape(len(p), 2, -1)
+    by_point = J[:, :, 3:6]
+    out = np.empty((len(p), 2, 6 + NUMBERS + 1))
+    out[:, :, :3] = by_point
+    out[:, :, 3:6] = -by_point @ se3.hat(p)
+    out[:, :, 6] = J[:, :, 6] * fx + J[:, :, 7] * fy
+    out[:, :, 7] = J[:, :, 7] * fy
+    out[:, :, 8:10] = J[:, :, 8:10]
+    out[:, :, 10:14] = J[:, :, 10:14]
+    out[:, :, 14:-1] = by_point @ C[:, :3, :3] @ shape.columns(points)
+    out[:, :, -1] = corners - predicted.reshape(-1, 2)
+    out *= np.sqrt(np.concatenate([v.count for v in views]))[:, None, None]
+    return out.reshape(2 * len(p), -1)

@@ -1,0 +1,178 @@
+"""Simulated captures of a UR10e, its lens and its board that are not as their models.
+
+The true arm has deviations of its chain, errors of its gears and sag; the controller reports the flange of
+the nominal arm. The true X is the one that serves best with the nominal arm over all its joints.
+"""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from calibration.adjustment.arm_terms import reference_joints
+from calibration.hand_eye import se3
+from calibration.hand_eye.solution import Measurements
+from calibration.hand_eye.views import View
+from calibration.kinematics.families import arm_spec
+from calibration.kinematics.serial import SerialChain
+from calibration.kinematics.ur import UrArm
+from cell.devices import Intrinsics
+from cell.formats.robot import parse_robot
+from cell.poses import Array, adjoint
+
+CAMERA = Intrinsics(1280, 800, (1800.0, 1800.0, 640.0, 400.0), (0.0, 0.0, 0.0, 0.0, 0.0))
+POINTS = np.array([[0.025 * x, 0.025 * y, 0.0] for y in range(1, 7) for x in range(1, 10)])
+X_NOMINAL = RigidTransform.from_components([0.02, -0.08, 0.05], Rotation.from_rotvec([0.1, -0.2, 0.3]))
+ARM = UrArm("ur10e")
+MODEL = arm_spec(parse_robot({"model": "ur10e"}, "robot"), "robot").arm
+PX, FLANGE_T, FLANGE_R = 0.2, 3e-5, 5e-5
+PLANS = {"cone": (3, 20), "diverse": (10, 20), "branches": (3, 40)}
+
+
+@dataclass(frozen=True)
+class World:
+    """One cell: its true arm (chain and joint errors), camera and board points.
+
+    The true flange is about ``base @ nominal @ flange``: (4, 4) that serve best over all joints.
+    """
+
+    chain: SerialChain
+    gear: Array
+    camera: Intrinsics
+    points: Array
+    base: Array
+    flange: Array
+
+    @property
+    def X(self) -> Array:
+        """The camera on the flange, for the nominal arm."""
+        return self.flange @ X_NOMINAL.as_matrix()
+
+    def true_flange(self, Q: Array) -> Array:
+        """(n, 4, 4) at joints (n, 6)."""
+        return self.chain.flange(Q + _joint_error(Q, self.gear))
+
+
+def _joint_error(Q: Array, gear: Array) -> Array:
+    waves = np.stack([np.sin(Q), np.cos(Q), np.sin(2 * Q), np.cos(2 * Q)], axis=-1)
+    error = np.sum(waves * gear[:24].reshape(6, 4), axis=-1)
+    error[:, 1] += gear[24] * np.cos(Q[:, 1]) + gear[25] * np.cos(Q[:, 1] + Q[:, 2])
+    error[:, 2] += gear[26] * np.cos(Q[:, 1] + Q[:, 2])
+    return np.asarray(error)
+
+
+def world(rng: np.random.Generator, arm_m: float, lens: str, board: str) -> World:
+    kinds = np.array(MODEL.kinds)
+    sigma = np.where(kinds == "length", arm_m, 1.5 * arm_m)
+    chain = MODEL.chain(MODEL.nominal + rng.normal(size=len(sigma)) * sigma)
+    gear = rng.normal(size=27) * np.array([2e-5] * 24 + [1e-4] * 3) * (arm_m > 0.0)
+    camera = CAMERA
+    if lens == "off":
+        f = 1800.0 * (1.0 + rng.choice([-1.0, 1.0]) * 3e-3)
+        camera = replace(CAMERA, K=(f, f, 640.0 + 3 * rng.normal(), 400.0 + 3 * rng.normal()))
+    points = POINTS.copy()
+    if board == "scale":
+        points *= 1.0 + rng.choice([-1.0, 1.0]) * 5e-4
+    if board == "bow":
+        off = (POINTS - POINTS.mean(axis=0))[:, :2]
+        turn = rng.uniform(0, np.pi)
+        across = off @ (np.cos(turn), np.sin(turn))
+        points[:, 2] += rng.choice([-1.0, 1.0]) * 2e-4 * (across / np.abs(across).max()) ** 2
+    return World(chain, gear, camera, points, *_serving(chain, gear))
+
+
+def _serving(chain: SerialChain, gear: Array) -> tuple[Array, Array]:
+    """Base and flange (4, 4) with which the nominal arm is nearest to the true one."""
+    Q = reference_joints(ARM.joint_limits, 13, seed=77)
+    nominal = MODEL.base.flange(Q)
+    true = chain.flange(Q + _joint_error(Q, gear))
+    base = flange = np.eye(4)
+    for _ in range(3):  # exp(b) F_nominal exp(f) is the true flange; linear in b and f
+        r = se3.log(se3.inverse(nominal @ flange) @ true)
+        A = np.concatenate([adjoint(se3.inverse(nominal @ flange)), np.tile(np.eye(6), (len(Q), 1, 1))], 2)
+        D = np.array([1.0] * 3 + [0.3] * 3)
+        x = np.linalg.lstsq((A * D[:, None]).reshape(-1, 12), (r * D).ravel(), rcond=None)[0]
+        flange = flange @ se3.exp(x[6:])
+        base, nominal = se3.exp(x[:6]) @ base, se3.exp(x[:6]) @ nominal
+    return base, flange
+
+
+def capture(rng: np.random.Generator, cell: World, plan: str) -> tuple[Measurements, Array]:
+    """Views and joints; the flange as the controller has it, from the nominal arm."""
+    places, each = PLANS[plan]
+    F, Q, views, group = [], [], [], []
+    for g in range(places):
+        own: list[tuple[Array, Array, View]] = []
+        while len(own) < each:  # a place where some pose is out of reach is another one
+            own = _placement(rng, cell, plan, each)
+        F += [f for f, _, _ in own]
+        Q += [q for _, q, _ in own]
+        views += [v for _, _, v in own]
+        group += [g] * each
+    none = np.tile(np.eye(4), (len(F), 1, 1))
+    return Measurements("eye-in-hand", np.array(F), np.array(group), views, none, np.eye(4)[None]), np.array(
+        Q
+    )
+
+
+def capture_eye_to_hand(rng: np.random.Generator, cell: World) -> tuple[Measurements, Array, Array]:
+    """One cone with camera and board changed over: the camera stands in the base where the board was.
+
+    Views, joints, and the true T_base_camera (4, 4) for the nominal arm.
+    """
+    measured, Q = capture(rng, cell, "cone")
+    rows = np.flatnonzero(measured.group == 0)
+    first = measured.views[rows[0]]
+    if first is None or first.start is None:
+        raise ValueError("the capture has no start poses")
+    centre = RigidTransform.from_translation(POINTS.mean(axis=0)).as_matrix()
+    camera = measured.F[rows[0]] @ X_NOMINAL.as_matrix() @ first.start @ centre
+    views: list[View | None] = []
+    for i in rows:
+        off = se3.exp(rng.normal(size=6) * np.array([FLANGE_T] * 3 + [FLANGE_R] * 3))
+        on_flange = X_NOMINAL.as_matrix() @ se3.inverse(centre)
+        C = se3.inverse(camera) @ cell.true_flange(Q[i : i + 1])[0] @ off @ on_flange
+        views.append(_view(rng, cell, C, C))
+    F, none = measured.F[rows], np.tile(np.eye(4), (len(rows), 1, 1))
+    group = np.zeros(len(rows), dtype=np.int64)
+    captured = Measurements("eye-to-hand", F, group, views, none, np.eye(4)[None])
+    return captured, Q[rows], se3.inverse(cell.base) @ camera
+
+
+def _view(rng: np.random.Generator, cell: World, C: Array, start: Array) -> View:
+    uv, _ = cv2.projectPoints(
+        cell.points, cv2.Rodrigues(C[:3, :3])[0], C[:3, 3], cell.camera.matrix, np.array(cell.camera.dist)
+    )
+    uv = uv.reshape(-1, 2) + rng.normal(size=(len(POINTS), 2)) * PX
+    return View(POINTS, uv, np.ones(len(POINTS)), start)
+
+
+def _placement(
+    rng: np.random.Generator, cell: World, plan: str, each: int
+) -> list[tuple[Array, Array, View]]:
+    """Flange, joints and view of each pose about a board somewhere; fewer where one is out of reach."""
+    a, reach = rng.uniform(-np.pi, np.pi), rng.uniform(0.5, 0.8)
+    W = RigidTransform.from_components(
+        [reach * np.cos(a), reach * np.sin(a), rng.uniform(-0.3, 0.2)],
+        Rotation.from_rotvec(rng.normal(size=3) * 0.2),
+    )
+    down = Rotation.from_rotvec([np.pi, 0.0, 0.0])
+    out = []
+    for k in range(each):
+        wide = 0.44 if plan == "cone" else rng.uniform(0.0, 0.7)
+        f = 2 * np.pi * k / each if plan == "cone" else rng.uniform(0, 2 * np.pi)
+        about = 0.3 * rng.normal() if plan == "cone" else rng.uniform(-3.0, 3.0)
+        R = Rotation.from_rotvec([wide * np.sin(f), -wide * np.cos(f), 0.0])
+        R = Rotation.from_rotvec([0.0, 0.0, about]) * R * down
+        C = RigidTransform.from_components([0, 0, (0.40, 0.60)[k % 2]] - R.apply(POINTS.mean(axis=0)), R)
+        found = ARM.inverse_all(W * C.inv() * X_NOMINAL.inv())
+        if not found:
+            break
+        order = sorted(found, key=lambda q: (q[4] < 0, q[2] < 0, abs(q[0] - a)))
+        q = order[rng.integers(len(order))] if plan == "branches" else order[0]
+        noise = rng.normal(size=6) * np.array([FLANGE_T] * 3 + [FLANGE_R] * 3)
+        true = cell.true_flange(q[None])[0] @ se3.exp(noise)
+        T = se3.inverse(true @ X_NOMINAL.as_matrix()) @ W.as_matrix()
+        out.append((MODEL.base.flange(q[None])[0], q, _view(rng, cell, T, C.as_matrix())))
+    return out

@@ -1,0 +1,116 @@
+"""Derivatives of the adjustment's terms, held against differences of the models that they stand for."""
+
+import cv2
+import numpy as np
+import pytest
+
+from calibration.adjustment.arm_terms import (
+    ArmPrior,
+    gears_and_sag,
+    geometry,
+    reference_joints,
+    twists,
+    without_gauge,
+)
+from calibration.adjustment.lens_terms import (
+    LENS,
+    NUMBERS,
+    TARGET,
+    image_terms,
+    moved_camera,
+    target_shape,
+)
+from calibration.hand_eye import se3
+from calibration.hand_eye.pnp import solve_pnp
+from calibration.hand_eye.views import View
+from calibration.kinematics.families import arm_spec
+from calibration.kinematics.ur import UrArm
+from cell.devices import Intrinsics
+from cell.formats.robot import parse_robot
+from cell.poses import Array
+
+MODEL = arm_spec(parse_robot({"model": "ur10e"}, "robot"), "robot").arm
+JOINTS = reference_joints(UrArm("ur10e").joint_limits, 2, seed=3)
+CAMERA = Intrinsics(1280, 800, (900.0, 910.0, 640.0, 400.0), (-0.1, 0.05, 0.001, -0.0005, 0.01))
+POINTS = np.array([[0.025 * x, 0.025 * y, 0.0] for y in range(6) for x in range(9)])
+
+
+def difference(a: Array, b: Array, step: float) -> Array:
+    """(n, 6): motion from poses ``a`` to ``b`` in the frame of ``a``, over ``step``."""
+    return np.asarray(se3.log(se3.inverse(a) @ b) / step)
+
+
+def test_twists_are_the_flanges_motions_for_each_number_of_the_chain() -> None:
+    step, subject = 1e-6, twists(MODEL, JOINTS)
+    for k, name in enumerate(MODEL.names):
+        values = MODEL.nominal.copy()
+        values[k] += step
+        moved = difference(MODEL.base.flange(JOINTS), MODEL.chain(values).flange(JOINTS), step)
+        np.testing.assert_allclose(subject[:, :, k], moved, atol=1e-5, err_msg=name)
+
+
+def test_gears_and_sag_are_the_flanges_motions_for_errors_of_the_joints() -> None:
+    subject, step = gears_and_sag(MODEL.base, JOINTS, ArmPrior()), 1e-6
+    off = {"gear4.cos2": (3, np.cos(2 * JOINTS[:, 3])), "sag2.fore": (1, np.cos(JOINTS[:, 1] + JOINTS[:, 2]))}
+    for name, (joint, wave) in off.items():
+        Q = JOINTS.copy()
+        Q[:, joint] += step * wave
+        moved = difference(MODEL.base.flange(JOINTS), MODEL.base.flange(Q), step)
+        np.testing.assert_allclose(subject.columns[:, :, subject.names.index(name)], moved, atol=1e-5)
+
+
+def test_a_number_that_only_moves_base_or_flange_has_no_term_left() -> None:
+    over = reference_joints(UrArm("ur10e").joint_limits)
+    terms = [geometry(MODEL, Q, ArmPrior()) for Q in (JOINTS, over)]
+    subject = without_gauge(terms[0], MODEL.base.flange(JOINTS), terms[1], MODEL.base.flange(over))
+    for name in ("theta1", "d1", "d6", "theta6"):
+        assert np.abs(subject.columns[:, :, subject.names.index(name)]).max() < 1e-9, name
+    assert np.abs(subject.columns[:, :, subject.names.index("a2")]).max() > 0.1
+
+
+@pytest.fixture
+def views() -> list[View]:
+    """Three views of a board, the second of fewer corners, with 0.1 px of noise."""
+    rng, out = np.random.default_rng(4), []
+    for k in range(3):
+        pose = (np.array([0.3, -0.4 + 0.3 * k, 0.2]), np.array([-0.1, -0.05, 0.4 + 0.1 * k]))
+        uv, _ = cv2.projectPoints(POINTS, *pose, CAMERA.matrix, np.array(CAMERA.dist))
+        uv = uv.reshape(-1, 2) + rng.normal(size=(len(POINTS), 2)) * 0.1
+        some = slice(0, 40 if k == 1 else None)
+        out.append(View(POINTS[some], uv[some], np.full(len(POINTS[some]), 1.0 + k)))
+    return out
+
+
+def solved(views: list[View], numbers: Array) -> tuple[Array, Array]:
+    """Poses and squared residuals of the views for a lens and a target that differ by ``numbers`` (13,)."""
+    shape = target_shape(views)
+    moved = [View(shape.moved(v.points, numbers[len(LENS) :]), v.corners, v.count, v.start) for v in views]
+    poses, owner = solve_pnp(moved, moved_camera(CAMERA, numbers[: len(LENS)]))
+    first = np.unique(owner, return_index=True)[1]
+    return poses.C[first], poses.sse[first]
+
+
+STEPS = np.array([1e-4, 1e-4, 0.1, 0.1, 1e-3, 1e-3, 1e-4, 1e-4, 1e-4, 1e-4, 1e-5, 1e-5, 1e-5])
+
+
+def test_numbers_of_lens_and_target_move_the_images_poses_as_a_new_solution_does(views: list[View]) -> None:
+    C, _ = solved(views, np.zeros(NUMBERS))
+    subject = image_terms(views, C, CAMERA, target_shape(views))
+    for k, name in enumerate((*LENS, *TARGET)):
+        numbers = np.zeros(NUMBERS)
+        numbers[k] = STEPS[k]
+        found, _ = solved(views, numbers)
+        moved = se3.log(found @ se3.inverse(C)) / STEPS[k]
+        wide = np.abs(moved).max()
+        np.testing.assert_allclose(subject.moves[:, :, k], moved, atol=0.03 * wide, err_msg=name)
+
+
+def test_the_squared_residuals_follow_pull_and_info(views: list[View]) -> None:
+    C, sse = solved(views, np.zeros(NUMBERS))
+    subject = image_terms(views, C, CAMERA, target_shape(views))
+    for k, name in enumerate((*LENS, *TARGET)):
+        numbers = np.zeros(NUMBERS)
+        numbers[k] = 3.0 * STEPS[k]
+        _, found = solved(views, numbers)
+        predicted = sse + 2.0 * subject.pull[:, k] * numbers[k] + subject.info[:, k, k] * numbers[k] ** 2
+        np.testing.assert_allclose(found, predicted, rtol=1e-3, atol=1e-3, err_msg=name)
