@@ -8,7 +8,7 @@ Source: Patterson and Thompson 1971; Searle, Casella and McCulloch, Variance Com
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -26,12 +26,13 @@ _SMALLEST_SCALE = 1e-2
 class Components:
     """``sigma``: noise levels by name, in the order of the observations' parts; ``scale`` of the blocks.
 
-    ``free`` names those that the data decide.
+    ``free`` names those that the data decide, ``most`` holds the largest plausible ones of them.
     """
 
     sigma: Mapping[str, float]
     scale: Mapping[str, float]
     free: frozenset[str]
+    most: Mapping[str, float] = field(default_factory=dict)
 
     def variances(self, parts: Array) -> Array:
         """V (n, d, d)."""
@@ -60,22 +61,24 @@ def estimated(
     floor = np.log(
         [_FLOOR.get(k, _SMALLEST) ** 2 for k in start.sigma] + [_SMALLEST_SCALE**2 for _ in start.scale]
     )
+    ceiling = np.log([start.most.get(name, np.inf) ** 2 for name in names])
     found = start
     for _ in range(iterations):
         score, metric = _score(obs, prior, at, found)
         active = free & ~((theta <= floor + 1e-9) & (score < 0.0))
+        active &= ~((theta >= ceiling - 1e-9) & (score > 0.0))
         if not active.any():
             break
         block = metric[np.ix_(active, active)]
         ridge = 1e-6 * np.eye(len(block)) * (1e-3 + np.trace(block))
         step = np.zeros(len(names))
         step[active] = np.clip(np.linalg.solve(block + ridge, score[active]), -_LONGEST, _LONGEST)
-        theta = np.maximum(theta + step, floor)
+        theta = np.clip(theta + step, floor, ceiling)
         values = np.exp(0.5 * theta)
-        found = Components(
-            dict(zip(start.sigma, map(float, values), strict=False)),
-            dict(zip(start.scale, map(float, values[len(start.sigma) :]), strict=True)),
-            start.free,
+        found = replace(
+            start,
+            sigma=dict(zip(start.sigma, map(float, values), strict=False)),
+            scale=dict(zip(start.scale, map(float, values[len(start.sigma) :]), strict=True)),
         )
         if abs(float(step @ score)) < 1e-3:
             break

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from calibration.adjustment.arm_terms import (
     ArmPrior,
@@ -20,7 +21,7 @@ from calibration.adjustment.arm_terms import (
     without_gauge,
 )
 from calibration.adjustment.components import Components, estimated
-from calibration.adjustment.equations import Equations, Observations, Prior
+from calibration.adjustment.equations import Equations, Observations, Prior, inverse_spd
 from calibration.adjustment.lens_terms import (
     LENS,
     TARGET,
@@ -33,7 +34,7 @@ from calibration.adjustment.lens_terms import (
     target_shape,
 )
 from calibration.hand_eye import se3
-from calibration.hand_eye.noise import shapes
+from calibration.hand_eye.noise import MOST, shapes
 from calibration.hand_eye.normal import Linearised, linearise
 from calibration.hand_eye.pnp import refine_poses
 from calibration.hand_eye.problem import Estimate, Problem, flange_adjoint
@@ -47,6 +48,7 @@ GEOMETRY, GEARS, LENS_BLOCK, TARGET_BLOCK = "geometry", "gears", "lens", "target
 _ROUNDS = 4  # images solved again with the lens and the target found
 _STEPS = 4
 _SETTLED = 0.01  # of a standard deviation of X
+_CHANCE = 1e-3
 _LINEAR = 0.3  # of these the images' poses follow a change of lens and target linearly enough
 _LINEAR_SIGMA = np.concatenate([LensPrior().sigma(), TargetPrior().sigma()])
 
@@ -70,8 +72,9 @@ class Adjusted:
     """``X`` (4, 4) and ``cov`` (6, 6) in its own frame, target poses ``W`` (g, 4, 4), and the rest.
 
     ``numbers`` and ``sigma`` (p,): what was found of the unknowns ``names``, and how well. ``budget``: the
-    variances of X, (6,), by block; they add up. ``components`` are noise levels and scales, ``camera`` is
-    the lens that was found, ``problem`` the used observations as that lens, target and arm have them.
+    variances of X, (6,), by block; they add up. ``excess`` is the square of the factor by which the residuals
+    exceed the noise levels; the covariances carry it. ``components`` are noise levels and scales, ``camera``
+    is the lens that was found, ``problem`` the used observations as that lens, target and arm have them.
     """
 
     X: Array
@@ -83,6 +86,7 @@ class Adjusted:
     sigma: Array
     blocks: Mapping[str, slice]
     budget: Mapping[str, Array]
+    excess: float
     components: Components
     camera: Intrinsics
     problem: Problem
@@ -117,6 +121,7 @@ def adjust(
             {k: v for k, v in solution.noise.sigma.items() if "pose" not in k},
             dict.fromkeys(free, 1.0),
             frozenset([*solution.noise.estimated, *free]),
+            MOST,
         ),
     )
     now, seen = camera, views
@@ -131,19 +136,22 @@ def adjust(
         solved = replace(state.problem, C=poses.C, cov_px=poses.cov, sse=poses.sse)
         state = replace(state, problem=solved, base=state.numbers)
     cov = eq.covariance
+    images = image_terms(seen, state.problem.C, now, shape)
+    excess = _excess(cell, state, images)
     return Adjusted(
         X=state.at.X,
-        cov=cov[:6, :6],
+        cov=excess * cov[:6, :6],
         W=state.at.W,
-        cov_W=eq.local_covariance(),
+        cov_W=excess * eq.local_covariance(),
+        excess=excess,
         names=cell.names,
         numbers=state.numbers,
         sigma=np.sqrt(np.diag(cov)[6:]),
         blocks=cell.blocks,
-        budget=_budget(eq, cell.blocks),
+        budget={name: excess * part for name, part in _budget(eq, cell.blocks).items()},
         components=state.components,
         camera=moved_camera(camera, state.numbers[cell.blocks[LENS_BLOCK]]),
-        problem=_moved(cell, state, image_terms(seen, state.problem.C, now, shape).moves),
+        problem=_moved(cell, state, images.moves),
     )
 
 
@@ -272,6 +280,16 @@ def _observations(cell: _Cell, state: _State, images: ImageTerms, lin: Linearise
         sse=lin.problem.sse + (2.0 * images.pull + images.info @ away) @ away,
         dof=lin.problem.dof,
     )
+
+
+def _excess(cell: _Cell, state: _State, images: ImageTerms) -> float:
+    """By which the squared residuals exceed what the noise explains, one where they do not beyond chance."""
+    lin = linearise(_moved(cell, state, images.moves), state.at)
+    obs = _observations(cell, state, images, lin)
+    weight = inverse_spd(state.components.variances(obs.parts))
+    squared = float(np.einsum("ni,nij,nj->", lin.r, weight, lin.r))
+    left = 6 * lin.problem.n - 6 - 6 * lin.problem.groups
+    return squared / left if left > 0 and squared > chdtri(left, _CHANCE) else 1.0
 
 
 def _numbered_alike(views: Sequence[View], C: Array, camera: Intrinsics, motions: Array) -> list[View]:

@@ -23,7 +23,7 @@ _FLOOR = {"sigma_px": 1e-3, "sigma_flange_t": 1e-7, "sigma_flange_r": 1e-7}
 _SMALLEST = 1e-7
 # A factory-calibrated arm is good to about 1 mm at 1 m of reach. Where the data ask for more, something else
 # is wrong with them (a bending bracket, a lens), and an attitude that explains every shift makes X worse.
-_MOST = {"sigma_flange_r": 1e-3}
+MOST = {"sigma_flange_r": 1e-3}
 REML_POSES = 200  # noise levels from this many poses are good to a few per cent, which is enough to weight
 _OF_PLACEMENT = 6  # poses of a placement that are kept together, or all where it has fewer
 
@@ -38,7 +38,7 @@ class Noise:
     @property
     def at_limit(self) -> tuple[str, ...]:
         """Estimated levels that the data would raise beyond what is plausible."""
-        return tuple(k for k in self.estimated if self.sigma[k] >= 0.999 * _MOST.get(k, np.inf))
+        return tuple(k for k in self.estimated if self.sigma[k] >= 0.999 * MOST.get(k, np.inf))
 
     def as_dict(self) -> dict[str, object]:
         """For the result."""
@@ -121,7 +121,7 @@ def reml(lin: Linearised, noise: Noise, most: int | None = REML_POSES, iteration
     free = np.array([k in noise.estimated for k in names])
     theta = np.log(np.array([noise.sigma[k] ** 2 for k in names]))
     floor = np.log(np.array([_FLOOR.get(k, _SMALLEST) ** 2 for k in names]))
-    ceiling = np.log(np.array([_MOST.get(k, np.inf) ** 2 for k in names]))
+    ceiling = np.log(np.array([MOST.get(k, np.inf) ** 2 for k in names]))
     for _ in range(iterations):
         score, info = _score(lin, parts, np.exp(theta), names)
         active = free & ~((theta <= floor + 1e-9) & (score < 0.0))

@@ -25,6 +25,17 @@ _MANY_REJECTED = 0.25
 
 
 @dataclass(frozen=True)
+class Adjustment:
+    """What method ``adjustment`` found: ``unknowns`` by block, each with value and sigma; ``scale`` of the
+    arm's blocks; ``budget``, the standard deviation of X by cause; and what the uncertainty covers."""
+
+    unknowns: dict[str, dict[str, dict[str, float]]]
+    scale: dict[str, float]
+    budget: dict[str, dict[str, float]]
+    covers: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Solved:
     """Everything that the result is written from. ``rows`` are the usable observations."""
 
@@ -37,6 +48,7 @@ class Solved:
     method: str
     warnings: list[tuple[str, str]]
     inputs: dict[str, object]
+    adjustment: Adjustment | None = None
 
 
 def fill_result(solved: Solved) -> Result:
@@ -99,6 +111,9 @@ def _answer(solved: Solved, lin: Linearised, P: Array) -> dict[str, object]:
     }
     if solved.camera.estimated is not None:
         answer["intrinsics"] = solved.camera.estimated
+    if solved.adjustment is not None:
+        answer["unknowns"] = solved.adjustment.unknowns
+        answer["scale"] = solved.adjustment.scale
     return answer
 
 
@@ -131,6 +146,8 @@ def _uncertainty(solved: Solved) -> dict[str, object]:
     sigma = np.sqrt(np.maximum(np.diag(cov), 0.0))
     labels = _labels(solved)
     solution = solved.solution
+    more = solved.adjustment
+    causes = {} if more is None else {"budget": more.budget, "covers": list(more.covers)}
     return {
         "cov": cov.tolist(),
         "sigma_t": sigma[:3].tolist(),
@@ -141,6 +158,7 @@ def _uncertainty(solved: Solved) -> dict[str, object]:
             labels[int(g)]: c.tolist() for g, c in zip(solution.groups, solution.cov_W, strict=True)
         },
         "excess": solution.excess,
+        **causes,
         "meaning": "covariance of a perturbation on the right, translation (m) first, one standard deviation",
     }
 

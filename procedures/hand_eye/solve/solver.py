@@ -20,10 +20,12 @@ from calibration.hand_eye.solution import Measurements, Solution, solve
 from cell.devices import Intrinsics
 from cell.errors import error
 from cell.formats.result import Result, Warning_
+from procedures.hand_eye.solve.adjustment import METHOD as ADJUSTMENT
+from procedures.hand_eye.solve.adjustment import by_adjustment
 from procedures.hand_eye.solve.camera import CameraChoice, check_views, choose_camera
 from procedures.hand_eye.solve.capture import FAR_T, UNITS_T, CaptureSet, load_capture
 from procedures.hand_eye.solve.order_check import order_warnings
-from procedures.hand_eye.solve.result import Solved, fill_result
+from procedures.hand_eye.solve.result import Adjustment, Solved, fill_result
 from procedures.solving import LONG_S, Progress, within_limits
 
 ML = "ml"
@@ -39,15 +41,15 @@ def solve_hand_eye(
 ) -> dict[str, object]:
     """The result (``cellward.result/1``) of a capture data set: its folder or its ``capture.json``.
 
-    ``method`` is ``ml`` (weighted maximum likelihood, the default) or one of OpenCV's ``tsai``, ``park``,
-    ``horaud``, ``daniilidis``. ``progress(stage, done, total)`` is called now and then. Bad input raises an
-    ``InputError``; data that cannot determine the answer give a result with verdict ``fail``.
+    ``method`` is ``ml`` (weighted maximum likelihood, the default), ``adjustment`` (the same with arm, lens
+    and target as unknowns) or one of OpenCV's ``tsai``, ``park``, ``horaud``, ``daniilidis``.
+    ``progress(stage, done, total)`` is called now and then. Bad input raises an ``InputError``; data that
+    cannot determine the answer give a result with verdict ``fail``.
     """
     chosen = method or ML
-    if chosen not in (ML, *METHODS):
-        raise error(
-            "ARGUMENT_INVALID", f"method is {method!r}; it must be one of {', '.join((ML, *METHODS))}"
-        )
+    if chosen not in (ML, ADJUSTMENT, *METHODS):
+        known = ", ".join((ML, ADJUSTMENT, *METHODS))
+        raise error("ARGUMENT_INVALID", f"method is {method!r}; it must be one of {known}")
     with _one_thread():
         loaded = load_capture(Path(path), progress)
         camera = choose_camera(loaded)
@@ -104,9 +106,13 @@ def _solve(loaded: CaptureSet, camera: CameraChoice, method: str) -> Result:
     if not _timed(loaded):
         warnings += order_warnings(solution)
     cov: np.ndarray | None = solution.cov
-    if method != ML:
+    told: Adjustment | None = None
+    if method == ADJUSTMENT:
+        solution, camera, told, more = by_adjustment(loaded, rows, measured, camera, solution)
+        cov, warnings = solution.cov, [*warnings, *more]
+    elif method != ML:
         solution, cov = _by_classic(solution, method)
-    solved = Solved(loaded, rows, measured, camera, solution, cov, method, warnings, inputs)
+    solved = Solved(loaded, rows, measured, camera, solution, cov, method, warnings, inputs, told)
     return fill_result(solved)
 
 

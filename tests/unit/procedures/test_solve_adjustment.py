@@ -1,0 +1,102 @@
+"""``solve hand-eye --method adjustment`` on data sets of a cell that is not as its model."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calibration.hand_eye import se3
+from cell.errors import InputError
+from cell.poses import from_pose6, to_pose6
+from procedures.hand_eye.solve.solver import solve_hand_eye
+from tests.kit.hand_eye_scene import BOARD, make_scene
+from tests.kit.imperfect_cell import CAMERA, World, capture, world
+
+
+@pytest.fixture(scope="module")
+def imperfect() -> tuple[World, dict[str, Any]]:
+    """An arm good to 0.2 mm, a focal length off by 0.3 %, and a bowed board."""
+    rng = np.random.default_rng(8)
+    cell = world(rng, 2e-4, "off", "bow")
+    measured, Q = capture(rng, cell, "cone")
+    observations = []
+    for i, view in enumerate(measured.views):
+        assert view is not None
+        observations.append(
+            {
+                "index": i,
+                "group": int(measured.group[i]),
+                "corners": view.corners.tolist(),
+                "T_base_flange": to_pose6(se3.transforms(measured.F[i])).tolist(),
+                "q": Q[i].tolist(),
+            }
+        )
+    return cell, {
+        "schema": "cellward.capture/1",
+        "setup": "eye-in-hand",
+        "camera": {"width": 1280, "height": 800, "K": list(CAMERA.K), "dist": list(CAMERA.dist)},
+        "target": BOARD,
+        "robot": {"model": "ur10e"},
+        "observations": observations,
+    }
+
+
+def solved(folder: Path, document: dict[str, Any], method: str) -> dict[str, Any]:
+    path = folder / "capture.json"
+    path.write_text(json.dumps(document), "utf-8")
+    result: dict[str, Any] = solve_hand_eye(path, method=method)
+    return result
+
+
+def off(result: dict[str, Any], cell: World) -> tuple[float, float]:
+    """Distance from the truth and its standard deviation, both of the translation in m."""
+    X = from_pose6(np.array(result["result"]["T_flange_camera"])).as_matrix()
+    return float(np.linalg.norm((X - cell.X)[:3, 3])), result["uncertainty"]["sigma_t_norm"]
+
+
+def test_the_answer_is_true_within_what_it_states(
+    imperfect: tuple[World, dict[str, Any]], tmp_path: Path
+) -> None:
+    cell, document = imperfect
+    distance, sigma = off(solved(tmp_path, document, "adjustment"), cell)
+    assert distance < 3.0 * sigma < 5e-4
+    plain, stated = off(solved(tmp_path, document, "ml"), cell)
+    assert plain > 5.0 * stated, "with noise alone the same data state too little"
+
+
+def test_the_result_says_what_was_found_and_where_the_uncertainty_comes_from(
+    imperfect: tuple[World, dict[str, Any]], tmp_path: Path
+) -> None:
+    cell, document = imperfect
+    subject = solved(tmp_path, document, "adjustment")
+    focal = subject["result"]["unknowns"]["lens"]["focal"]
+    assert abs(focal["value"] - (cell.camera.K[0] / CAMERA.K[0] - 1.0)) < 3.0 * focal["sigma"]
+    budget = subject["uncertainty"]["budget"]
+    assert set(budget) == {"geometry", "gears", "lens", "target", "noise"}
+    whole = np.sqrt(sum(part["t"] ** 2 for part in budget.values()))
+    assert whole == pytest.approx(subject["uncertainty"]["sigma_t_norm"])
+    assert subject["uncertainty"]["covers"] == ["arm", "gears", "sag", "lens", "target"]
+
+
+def test_without_joints_the_result_says_that_the_arm_is_taken_as_exact(
+    imperfect: tuple[World, dict[str, Any]], tmp_path: Path
+) -> None:
+    _, document = imperfect
+    bare = [{k: v for k, v in o.items() if k != "q"} for o in document["observations"]]
+    subject = solved(tmp_path, document | {"observations": bare}, "adjustment")
+    assert subject["uncertainty"]["covers"] == ["lens", "target"]
+    (warning,) = [w for w in subject["warnings"] if w["code"] == "adjustment.no-arm"]
+    assert "no q of every observation" in warning["text"]
+    assert subject["verdict"] == "warn"
+
+
+def test_bare_poses_are_refused_by_name(tmp_path: Path) -> None:
+    scene = make_scene(1)
+    document = scene.data_set()
+    for observation, C in zip(document["observations"], scene.camera_target, strict=True):
+        del observation["corners"]
+        observation["T_camera_target"] = to_pose6(C).tolist()
+    with pytest.raises(InputError, match="needs the corners of every observation, and 0 gives a bare"):
+        solved(tmp_path, document, "adjustment")
