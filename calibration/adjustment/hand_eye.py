@@ -71,7 +71,7 @@ class ArmKnown:
 class Adjusted:
     """``X`` (4, 4) and ``cov`` (6, 6) in its own frame, target poses ``W`` (g, 4, 4), and the rest.
 
-    ``numbers`` and ``sigma`` (p,): what was found of the unknowns ``names``, and how well. ``budget``: the
+    ``numbers`` (p,) and ``cov_numbers`` (p, p): what was found of the unknowns ``names``. ``budget``: the
     variances of X, (6,), by block; they add up. ``excess`` is the square of the factor by which the residuals
     exceed the noise levels; the covariances carry it. ``components`` are noise levels and scales, ``camera``
     is the lens that was found, ``problem`` the used observations as that lens, target and arm have them.
@@ -83,13 +83,18 @@ class Adjusted:
     cov_W: Array
     names: tuple[str, ...]
     numbers: Array
-    sigma: Array
+    cov_numbers: Array
     blocks: Mapping[str, slice]
     budget: Mapping[str, Array]
     excess: float
     components: Components
     camera: Intrinsics
     problem: Problem
+
+    @property
+    def sigma(self) -> Array:
+        """(p,) standard deviations of the numbers."""
+        return np.asarray(np.sqrt(np.diag(self.cov_numbers)))
 
 
 def adjust(
@@ -146,7 +151,7 @@ def adjust(
         excess=excess,
         names=cell.names,
         numbers=state.numbers,
-        sigma=np.sqrt(np.diag(cov)[6:]),
+        cov_numbers=excess * cov[6:, 6:],
         blocks=cell.blocks,
         budget={name: excess * part for name, part in _budget(eq, cell.blocks).items()},
         components=state.components,
@@ -191,7 +196,7 @@ class _State:
 def _cell(
     problem: Problem, rows: NDArray[np.int64], arm: ArmKnown | None, lens: LensPrior, target: TargetPrior
 ) -> _Cell:
-    terms = {} if arm is None else _arm_terms(arm, arm.Q[rows])
+    terms = {} if arm is None else arm_terms(arm, arm.Q[rows])
     parts = [(name, t.names, t.sigma) for name, t in terms.items()]
     parts += [(LENS_BLOCK, LENS, lens.sigma()), (TARGET_BLOCK, TARGET, target.sigma())]
     names: list[str] = []
@@ -208,7 +213,8 @@ def _cell(
     return _Cell(tuple(names), blocks, prior, flange)
 
 
-def _arm_terms(arm: ArmKnown, Q: Array) -> dict[str, ArmTerms]:
+def arm_terms(arm: ArmKnown, Q: Array) -> dict[str, ArmTerms]:
+    """The terms of the arm's blocks at joints ``Q`` (n, 6), without what moves base or flange as a whole."""
     over, chain = reference_joints(arm.limits), arm.model.base
     flange, over_flange = chain.flange(Q), chain.flange(over)
     return {

@@ -1,10 +1,11 @@
 """Method ``adjustment``: the solution with arm, gears, lens and target as unknowns beside X."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.adjustment.arm_accuracy import arm_accuracy
 from calibration.adjustment.hand_eye import Adjusted, ArmKnown, adjust
 from calibration.adjustment.lens_terms import LensPrior
 from calibration.hand_eye.noise import Noise
@@ -52,7 +53,7 @@ def by_adjustment(
     return (
         _solution(solution, found),
         replace(camera, camera=found.camera),
-        _told(found, arm is not None),
+        _told(found, arm),
         warnings,
     )
 
@@ -91,7 +92,7 @@ def _solution(first: Solution, found: Adjusted) -> Solution:
     )
 
 
-def _told(found: Adjusted, with_arm: bool) -> Adjustment:
+def _told(found: Adjusted, arm: ArmKnown | None) -> Adjustment:
     unknowns: dict[str, dict[str, dict[str, float]]] = {}
     for block, part in found.blocks.items():
         unknowns[block] = {
@@ -104,7 +105,8 @@ def _told(found: Adjusted, with_arm: bool) -> Adjustment:
         unknowns,
         {k: float(v) for k, v in found.components.scale.items()},
         {name: _lengths(part) for name, part in found.budget.items()},
-        ("arm", "gears", "sag", "lens", "target") if with_arm else ("lens", "target"),
+        ("lens", "target") if arm is None else ("arm", "gears", "sag", "lens", "target"),
+        None if arm is None else asdict(arm_accuracy(found, arm)),
     )
 
 

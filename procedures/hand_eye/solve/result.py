@@ -27,12 +27,14 @@ _MANY_REJECTED = 0.25
 @dataclass(frozen=True)
 class Adjustment:
     """What method ``adjustment`` found: ``unknowns`` by block, each with value and sigma; ``scale`` of the
-    arm's blocks; ``budget``, the standard deviation of X by cause; and what the uncertainty covers."""
+    arm's blocks; ``budget``, the standard deviation of X by cause; what the uncertainty covers; and how far
+    the arm is from its model, over all its joints."""
 
     unknowns: dict[str, dict[str, dict[str, float]]]
     scale: dict[str, float]
     budget: dict[str, dict[str, float]]
     covers: tuple[str, ...]
+    arm: dict[str, dict[str, float]] | None
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,7 @@ def _answer(solved: Solved, lin: Linearised, P: Array) -> dict[str, object]:
     if solved.adjustment is not None:
         answer["unknowns"] = solved.adjustment.unknowns
         answer["scale"] = solved.adjustment.scale
+        answer["arm"] = solved.adjustment.arm
     return answer
 
 

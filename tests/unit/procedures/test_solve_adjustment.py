@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from calibration.adjustment.arm_terms import reference_joints
 from calibration.hand_eye import se3
 from cell.errors import InputError
 from cell.poses import from_pose6, to_pose6
 from procedures.hand_eye.solve.solver import solve_hand_eye
 from tests.kit.hand_eye_scene import BOARD, make_scene
-from tests.kit.imperfect_cell import CAMERA, World, capture, world
+from tests.kit.imperfect_cell import ARM, CAMERA, MODEL, World, capture, world
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +79,19 @@ def test_the_result_says_what_was_found_and_where_the_uncertainty_comes_from(
     whole = np.sqrt(sum(part["t"] ** 2 for part in budget.values()))
     assert whole == pytest.approx(subject["uncertainty"]["sigma_t_norm"])
     assert subject["uncertainty"]["covers"] == ["arm", "gears", "sag", "lens", "target"]
+
+
+def test_the_arms_accuracy_is_told_from_the_board_alone(
+    imperfect: tuple[World, dict[str, Any]], tmp_path: Path
+) -> None:
+    cell, document = imperfect
+    subject = solved(tmp_path, document, "adjustment")["result"]["arm"]
+    Q = reference_joints(ARM.joint_limits, 9, seed=5)
+    nominal = cell.base @ MODEL.base.flange(Q) @ cell.flange
+    off = se3.log(se3.inverse(nominal) @ cell.true_flange(Q))
+    true = float(np.sqrt(np.mean(np.sum(off[:, :3] ** 2, axis=1))))
+    assert 0.7 * true < subject["configured"]["t"] < 1.4 * true
+    assert subject["corrected"]["t"] < 0.6 * subject["configured"]["t"]
 
 
 def test_without_joints_the_result_says_that_the_arm_is_taken_as_exact(
