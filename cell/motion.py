@@ -338,11 +338,13 @@ class MotionLease:
         """Go on after an interruption: the arm rests where it was left, and nobody else has it.
 
         A port of ours that ended is opened again. ``ARM_MOVED`` when the arm was moved meanwhile,
-        ``MOTION_NOT_STOPPED`` when it does not rest, else the errors of
-        :meth:`~cell.devices.Arm.open_motion`.
+        ``MOTION_NOT_STOPPED`` when it does not rest, ``STALE_DATA`` when its states do not tell, else the
+        errors of :meth:`~cell.devices.Arm.open_motion`.
         """
         if not await measured_standstill(self._arm, TAKE_UP_REST_S):
-            self._arm.state.latest(MAX_STATE_AGE_S)  # an arm that is silent again is another interruption
+            newest = self._arm.state.latest(MAX_STATE_AGE_S)  # silent again: another interruption
+            if newest.value.at_rest:  # and so are states that came back too late to show rest for long enough
+                raise error("STALE_DATA", f"{self._arm.name} was silent while it was seen to be at rest")
             raise error("MOTION_NOT_STOPPED", f"{self._arm.name} after a short silence")
         resting = self._arm.state.latest(MAX_STATE_AGE_S)
         here = resting.value.q

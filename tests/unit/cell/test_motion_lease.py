@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform
 from cell.devices import ArmState, ToolSettings, TrajectoryPiece
 from cell.errors import CellError, error
 from cell.interruptions import Interruptions
-from cell.motion import measured_standstill
+from cell.motion import TAKE_UP_REST_S, measured_standstill
 from cell.samples import Sample
 from fakes.object.loop import run_virtual
 from tests.kit.motion_bench import (
@@ -341,6 +341,27 @@ def test_who_may_have_ended_the_script_unseen_is_asked_about_though_the_link_was
                 await lease.take_up()
         assert arm.asked.count("open") == 2
         assert len(asked) == unseen
+
+    run_virtual(main())
+
+
+@pytest.mark.parametrize(
+    ("moving", "name"), [(False, "STALE_DATA"), (True, "MOTION_NOT_STOPPED")], ids=["at rest", "moving"]
+)
+def test_states_that_come_back_at_the_end_of_the_wait_are_another_silence_unless_they_show_motion(
+    moving: bool, name: str
+) -> None:
+    async def main() -> None:
+        arm = ScriptedArm()
+        async with bench_with(arm) as bench, bench.lease() as lease:
+            await lease.rest()
+            arm.silent, arm.moving = True, moving
+            task = asyncio.create_task(lease.take_up())
+            await asyncio.sleep(TAKE_UP_REST_S - 0.025)
+            arm.silent = False
+            with pytest.raises(CellError) as caught:
+                await task
+            assert caught.value.name == name
 
     run_virtual(main())
 
