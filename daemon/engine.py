@@ -9,6 +9,7 @@ from typing import Any
 
 from cell.devices import Arm
 from cell.errors import CellError, LatchError, error
+from cell.formats.result import NO_FIGURES
 from cell.kinds import as_kind
 from cell.procedure import PackML, Procedure, Run
 from cell.store.runs import RunFolder, load_run
@@ -16,7 +17,7 @@ from daemon.cell_context import CellContext
 from daemon.decisions import check_confirmed, check_decidable, require_read, use_of
 from daemon.job_config import make_procedure
 from daemon.losses import Losses
-from daemon.results import note_arm_model, propose_results
+from daemon.results import figures_of, note_arm_model, propose_results
 from daemon.run_making import make_run, withdraw_run
 from daemon.run_timing import RunTiming
 from daemon.state_folder import folder_lost
@@ -38,6 +39,7 @@ class Engine:
         self.idle_state = PackML.IDLE
         self.run: Run | None = None
         self.last: dict[str, Any] | None = None
+        self.figures = NO_FIGURES  # of the last result, for registers
         self.error: CellError | None = None
         self.interrupted: list[int] = []
         self.waiting: list[dict[str, Any]] = []  # results that somebody has to decide about
@@ -375,6 +377,7 @@ class Engine:
             if coded.name == "RUN_FOLDER_LOST":  # there is nothing left that a start could find
                 with suppress(CellError):
                     await asyncio.to_thread(self.ledger.end_run, run.id, outcome, verdict)
+        figures = await asyncio.to_thread(figures_of, run)
         self.last = {
             "run_id": run.id,
             "job": run.procedure.name,
@@ -382,6 +385,7 @@ class Engine:
             "steps_taken_again": len(run.steps_taken.taken_again),
             **end,
         }
+        self.figures = figures
         self.error, self.idle_state = failure, final
         self._task = self._job = self._ending = None
         self._closing = False

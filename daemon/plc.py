@@ -2,13 +2,13 @@
 
 import asyncio
 import logging
-import math
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import cache
 from typing import Any
 
 from cell.errors import CellError, RefusedError, error
+from cell.formats.result import NO_FIGURES, Figures
 from cell.procedure import PackML
 from daemon.config import CellConfig
 from daemon.config.roles import ROLES
@@ -111,11 +111,10 @@ class PlcFace:
         last = engine.last if engine.packml in WAITING else None
         if last is not None and last["run_id"] == self._acknowledged_run:
             last = None
-        answer = (last or {}).get("result") or {}
-        found = answer.get("result") or {}
+        shown = engine.figures if last else NO_FIGURES
         prompt = status["prompt"]
         return {
-            "status": self._bits(status, last, found),
+            "status": self._bits(status, last, shown),
             "packml_state": int(engine.packml),
             "active_job": status["job_number"],
             "error_code": engine.error.code if engine.error else 0,
@@ -128,15 +127,16 @@ class PlcFace:
             "steps_taken_again": status["steps_taken_again"] or (last or {}).get("steps_taken_again", 0),
             "prompt_id": prompt["id"] if prompt else 0,
             "uptime_s": int(self._clock.now() - self._started),
-            "spread_within_m": (found.get("spread_within") or {}).get("t_norm") or 0.0,
-            "spread_across_m": (found.get("spread_across") or {}).get("t_norm") or 0.0,
-            **_tool_registers(found),
-            "kinematic_rms_m": _kinematic_rms(found),
-            "predicted_95_m": _predicted_95(answer),
+            "spread_within_m": shown.spread_within_m,
+            "spread_across_m": shown.spread_across_m,
+            **{f"tool_offset_{axis}_m": v for axis, v in zip("xyz", shown.tool_offset_m, strict=True)},
+            "tool_tilt_rad": shown.tool_tilt_rad,
+            "kinematic_rms_m": shown.kinematic_rms_m,
+            "predicted_95_m": shown.predicted_95_m,
             **self._live_registers(status, last),
         }
 
-    def _bits(self, status: dict[str, Any], last: dict[str, Any] | None, found: Mapping[str, Any]) -> int:
+    def _bits(self, status: dict[str, Any], last: dict[str, Any] | None, figures: Figures) -> int:
         engine = self._engine
         waiting = engine.packml in WAITING
         fault = engine.error is not None or status["latched"]
@@ -149,7 +149,7 @@ class PlcFace:
             "done": last is not None and engine.packml is PackML.COMPLETE,
             "fault": fault,
             "warning": bool(last and last.get("verdict") == "warn"),
-            "result valid": bool(found and last and last["verdict"] != "fail" and _stands(last)),
+            "result valid": bool(figures.stands and last and last["verdict"] != "fail"),
             "protective or emergency stop": stopped,
             "twin": self._config.cell.twin,
         }
@@ -183,36 +183,3 @@ class PlcFace:
 def _mask(name: str) -> int:
     """Of a bit of the status; looked up once, for the status is made again for every PLC that polls."""
     return register_table().bit("status", name)
-
-
-def _stands(last: Mapping[str, Any]) -> bool:
-    """False for a tool update that measured well and was not committed: the old frame is still in effect."""
-    update = (last.get("result") or {}).get("update") or {}
-    return not update or update.get("committed") is True
-
-
-def _tool_registers(found: Mapping[str, Any]) -> dict[str, float]:
-    """Displacement of the tool's point in the flange, and its tilt; 0 where it was not measured."""
-    moved, turned = found.get("dp_flange") or (0.0, 0.0, 0.0), found.get("drot_flange") or (0.0,)
-    return {
-        **{f"tool_offset_{axis}_m": float(v) for axis, v in zip("xyz", moved, strict=True)},
-        "tool_tilt_rad": math.hypot(*turned),
-    }
-
-
-def _kinematic_rms(found: Mapping[str, Any]) -> float:
-    """Of a sampled arm: on the poses that were set aside, else on those held out in turn."""
-    if "rms_calibrated" not in found:
-        return 0.0
-    accuracy = found.get("absolute_accuracy") or {}
-    return accuracy.get("after") or found["rms_calibrated"] or 0.0
-
-
-def _predicted_95(answer: Mapping[str, Any]) -> float:
-    """The arm's absolute accuracy where it was estimated, else the 95 % error of the calibration itself.
-
-    That of a tool check is the uncertainty of the tool's point.
-    """
-    accuracy = (answer.get("result") or {}).get("absolute_accuracy") or {}
-    own = answer.get("uncertainty") or {}
-    return accuracy.get("predicted_95") or own.get("error95_t_m") or own.get("U_point_m") or 0.0

@@ -7,25 +7,48 @@ from pathlib import Path
 from typing import Any
 
 from cell.calibrations import rests_on_kinematics
+from cell.errors import CellError
+from cell.formats.result import NO_FIGURES, Envelope, Figures
 from cell.procedure import Procedure, Proposal, Run
+from cell.store.files import plain
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder
+from procedures.kind import read_result
 from procedures.kinematics_in_use import in_words, misfits, with_model
 
 log = logging.getLogger("cellward.results")
 
 
 async def propose_results(run: Run, folder: RunFolder, ledger: Ledger) -> None:
-    """Write ``result.json`` and the report, propose the calibration, and accept it if a policy says so."""
+    """Write ``result.json`` and the report, propose the calibration, and accept it if a policy says so.
+
+    ``RESULT_INVALID`` for a result that does not fit its kind: it is kept on disk, and nothing is proposed.
+    """
     if run.result is None:
         return
     proposal = None if run.result["verdict"] == "fail" else run.procedure.proposal(run)
     renewed = run.proposed | ({proposal.name} if proposal else set())
     run.result = with_interruptions(with_model(run.result, run.values, renewed), run)
     await asyncio.to_thread(folder.write_result, run.result)
+    await asyncio.to_thread(_read, run.result, str(folder.path / "result.json"))
     if proposal is not None:  # before the report, which names the result and the command that decides
         await asyncio.to_thread(_propose, run, ledger, proposal)
     await _write_report(run)
+
+
+def _read(result: Mapping[str, Any], where: str) -> Envelope:
+    return read_result(plain(result), where)
+
+
+def figures_of(run: Run) -> Figures:
+    """What the registers show of a run's result; nothing of one that does not fit its kind."""
+    if run.result is None:
+        return NO_FIGURES
+    try:
+        return _read(run.result, f"the result of run {run.id}").figures()
+    except CellError as exc:
+        log.error("registers show nothing of the result: %s", exc)
+        return NO_FIGURES
 
 
 def with_interruptions(result: Mapping[str, Any], run: Run) -> dict[str, Any]:

@@ -47,8 +47,7 @@ def _interrupted(cell: Shown) -> bool:
 
 
 def _tool_moved(cell: Shown) -> bool:
-    answer = ((cell.last or {}).get("result") or {}).get("result") or {}
-    return bool((answer.get("moved") or {}).get("moved"))
+    return cell.last is not None and cell.engine.figures.tool_moved
 
 
 def _ledger_damaged(cell: Shown) -> bool:

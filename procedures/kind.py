@@ -51,6 +51,7 @@ _ALL = (
     Kind(
         name="hand-eye",
         words="procedures.hand_eye.words:hand_eye_lines",
+        result="procedures.hand_eye.result:HandEyeResult",
         data_file="capture.json",
         jobs=("procedures.hand_eye.cone_capture:ConeCapture",),
         plan="procedures.hand_eye.words:cone_plan_lines",
@@ -63,6 +64,7 @@ _ALL = (
     Kind(
         name="laser-reference",
         words="procedures.laser.words:reference_lines",
+        result="procedures.laser.result:ReferenceResult",
         data_file="laser.json",
         jobs=("procedures.laser.reference:LaserReference",),
         plan="procedures.laser.plan_words:sweep_plan_lines",
@@ -73,6 +75,7 @@ _ALL = (
     Kind(
         name="laser",
         words="procedures.laser.words:laser_lines",
+        result="procedures.laser.result:LaserResult",
         data_file="laser.json",
         jobs=("procedures.laser.check:LaserCheck", "procedures.laser.update:LaserUpdate"),
         plan="procedures.laser.plan_words:sweep_plan_lines",
@@ -84,6 +87,7 @@ _ALL = (
     Kind(
         name="kincal",
         words="procedures.tracker.words:kincal_lines",
+        result="procedures.tracker.result:KincalResult",
         data_file="kincal.json",
         jobs=("procedures.tracker.procedure:TrackerSampling",),
         plan="procedures.tracker.plan_words:tracker_plan_lines",
@@ -97,6 +101,7 @@ _ALL = (
     Kind(
         name="belt-calibration",
         words="procedures.belt.words:belt_calibration_lines",
+        result="procedures.belt.result:BeltCalibrationResult",
         data_file="belt.json",
         jobs=("procedures.belt.calibrating.procedure:BeltCalibration",),
         report="procedures.belt.report.calibration:BELT_CALIBRATION",
@@ -104,6 +109,7 @@ _ALL = (
     Kind(
         name="belt-tracking",
         words="procedures.belt.words:belt_tracking_lines",
+        result="procedures.belt.result:BeltTrackingResult",
         data_file="intercept.json",
         jobs=("procedures.belt.tracking:BeltTracking",),
         report="procedures.belt.report.layout:BELT_TRACKING",
@@ -115,12 +121,14 @@ _ALL = (
     Kind(
         name="intercept",
         words="procedures.belt.intercept_words:intercept_lines",
+        result="procedures.belt.result:InterceptResult",
         data_file="intercept.json",
         solve="procedures.belt.solve.solver:solve_intercept",
     ),
     Kind(
         name="latency",
         words="procedures.latency.words:latency_lines",
+        result="procedures.latency.result:LatencyResult",
         data_file="latency.json",
         jobs=("procedures.latency.procedure:LatencyCalibration",),
         plan="procedures.laser.plan_words:sweep_plan_lines",

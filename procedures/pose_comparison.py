@@ -1,6 +1,5 @@
 """Do two poses differ by more than their covariances explain?"""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +7,7 @@ import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from cell.errors import error
+from cell.formats.result import Covariance
 from cell.poses import Array
 from procedures.words import deg, mm, sigma_text
 
@@ -68,10 +68,11 @@ class PoseComparison:
         )
 
 
-def require_covariances(*results: Mapping[str, Any]) -> None:
-    """``ARGUMENT_INVALID`` when one of the answers has none."""
-    if any(result["result"].get("cov") is None for result in results):
+def require_covariances(first: Covariance | None, second: Covariance | None) -> tuple[Array, Array]:
+    """Both (6, 6); ``ARGUMENT_INVALID`` when one of the answers has none."""
+    if first is None or second is None:
         raise error("ARGUMENT_INVALID", "one of the results has no covariance, so nothing can be weighed")
+    return np.array(first), np.array(second)
 
 
 def weighed(name: str, frame: str, xi: Array, cov: Array, seen: Array) -> PoseComparison:

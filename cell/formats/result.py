@@ -58,10 +58,23 @@ class Part(BaseModel):
         return {k: v for k, v in found.items() if v is not None or k in self.model_fields_set}
 
 
+class Empty(Part):
+    """A table without figures."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
 class Explained(Part):
     """A table that says in words what it holds."""
 
     meaning: str = Field(description="What the figures mean, in words.")
+
+
+class Rejected(Part):
+    """An entry of a data set that was not used."""
+
+    index: int = Field(description="Its number in the data set.")
+    reason: str = Field(description="Why it was not used.")
 
 
 class Warning_(Part):
@@ -112,7 +125,10 @@ class Figures:
     kinematic_rms_m: float = 0.0
     predicted_95_m: float = 0.0
     tool_moved: bool = False
-    stands: bool = False  # there is an answer, and what was to be put into effect is
+    stands: bool = True  # there is an answer, and what was to be put into effect is
+
+
+NO_FIGURES = Figures(stands=False)
 
 
 class Envelope(Part):
@@ -126,7 +142,7 @@ class Envelope(Part):
 
     def figures(self) -> Figures:
         """What registers show of it."""
-        return Figures(stands=True)
+        return Figures()
 
     def as_json(self) -> dict[str, Any]:
         """Plain values with the names of the format."""
@@ -144,7 +160,7 @@ class Result(Envelope):
     inputs: dict[str, Any] = Field(default_factory=dict)
 
     def figures(self) -> Figures:
-        return Figures(stands=self.result is not None)
+        return NO_FIGURES if self.result is None else Figures()
 
 
 def read_as(model: type[M], document: Mapping[str, Any], where: str = "the result") -> M:

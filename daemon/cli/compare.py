@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 from cell.errors import error
-from procedures.kind import KINDS, PLAIN_RESULT, kind_of, load, read_result
+from procedures.kind import KINDS, kind_of, load, read_result
 
 
 class Comparison(Protocol):
@@ -24,6 +24,5 @@ def compare_results(first: Mapping[str, Any], second: Mapping[str, Any]) -> Comp
     if not kind.compare or not (first.get("result") and second.get("result")):
         compared = " and ".join(k.name for k in KINDS.values() if k.compare)
         raise error("ARGUMENT_INVALID", f"only {compared} results with an answer are compared")
-    both = (first, second) if kind.result == PLAIN_RESULT else (read_result(first), read_result(second))
-    found: Comparison = load(kind.compare)(*both)
+    found: Comparison = load(kind.compare)(read_result(first), read_result(second))
     return found

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from procedures.kind import PLAIN_RESULT, kind_of, load, read_result
+from procedures.kind import kind_of, load, read_result
 
 
 def result_text(result: Mapping[str, Any], where: str = "the result") -> str:
@@ -13,12 +13,10 @@ def result_text(result: Mapping[str, Any], where: str = "the result") -> str:
     warnings = result.get("warnings") or []
     told = {warning["text"] for warning in warnings}
     lines += [f"  because: {reason}" for reason in result.get("reasons") or [] if reason not in told]
-    answer = result.get("result")
-    if answer is None:
+    if result.get("result") is None:
         lines.append("  no answer: the data cannot determine it")
     else:
-        typed = (result, answer) if kind.result == PLAIN_RESULT else (read_result(result, where),)
-        lines += load(kind.words)(*typed)
+        lines += load(kind.words)(read_result(result, where))
     lines += [f"  warning {w['code']}: {w['text']}" for w in warnings]
     if again := (result.get("inputs") or {}).get("steps_taken_again"):
         lines.append(f"  steps taken again after a short silence of a device: {len(again)}")

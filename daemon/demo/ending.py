@@ -10,7 +10,7 @@ from daemon.cli.output import out, say
 from daemon.cli.result_text import result_text
 from daemon.demo.closing import Row
 from procedures.beside_truth import Judged
-from procedures.kind import kind_of, load
+from procedures.kind import kind_of, load, read_result
 
 
 def conclude(runs: Path, run_id: int, truth: Mapping[str, Any]) -> Row:
@@ -41,5 +41,5 @@ def conclude(runs: Path, run_id: int, truth: Mapping[str, Any]) -> Row:
 
 def beside_truth(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path) -> Judged:
     """The answer of the run in ``folder`` beside the twin's truth, for a kind that can be judged by it."""
-    judged: Judged = load(kind_of(result).truth)(result, truth, folder)
+    judged: Judged = load(kind_of(result).truth)(read_result(result), truth, folder)
     return judged

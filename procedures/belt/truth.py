@@ -6,20 +6,21 @@ from typing import Any
 
 import numpy as np
 
+from procedures.belt.result import BeltTrackingResult
 from procedures.beside_truth import Judged
 from procedures.words import table
 
 WANTED_M = 0.001  # RMS of the contacts, horizontal
 
 
-def judge_picks(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path) -> Judged:
+def judge_picks(result: BeltTrackingResult, truth: Mapping[str, Any], folder: Path) -> Judged:
     """How far the tool's point was beside the item at each first contact, and how fast the item slid then.
 
     Good when every pick that the job counts was one, and the contacts are within ``WANTED_M``.
     """
     met = [c for c in truth["gripper"]["contacts"] if c["off_m"] is not None]
     taken = sum(bool(c["taken"]) for c in met)
-    picks = result["result"]["picks"]
+    picks = result.result.picks
     off = np.array([c["off_m"] for c in met]).reshape(-1, 2)
     slide = np.array([c["slide_m_s"] or 0.0 for c in met])
     direction = np.array(truth["belt"]["dir"][:2])

@@ -11,7 +11,8 @@ import numpy as np
 from cell.errors import error
 from cell.poses import Array, from_pose6, log_xi
 from procedures.beside_truth import Judged
-from procedures.hand_eye.words import SETUPS, calibration_name, spread_text
+from procedures.hand_eye.result import HandEyeAnswer, HandEyeResult
+from procedures.hand_eye.words import SETUPS, spread_lines
 from procedures.words import table
 
 M2_LIMIT = 20.1  # 3 sigma: 99.73 % of a chi-square with 6 degrees of freedom lie below
@@ -34,25 +35,25 @@ class Judgement:
         return self.m2 <= M2_LIMIT
 
 
-def judge(result: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
-    """Compare an answer with the truth; ``SOLVE_REFUSED`` when there is no answer."""
-    answer = result.get("result")
-    name = calibration_name(answer) if answer else None
-    if answer is None or name is None:
-        raise error("SOLVE_REFUSED", "; ".join(result.get("reasons") or ["there is no answer"]))
-    found, true, cov = np.array(answer[name]), np.array(truth[name]), np.array(answer["cov"])
+def judge(result: HandEyeResult, truth: Mapping[str, Any]) -> Judgement:
+    """Compare an answer with the truth; ``SOLVE_REFUSED`` when it holds no pose."""
+    held = result.result.pose()
+    if held is None:
+        raise error("SOLVE_REFUSED", "; ".join(result.reasons or ["there is no answer"]))
+    name, pose = held
+    found, true, cov = np.array(pose), np.array(truth[name]), np.array(result.result.cov)
     xi = log_xi(from_pose6(found).inv() * from_pose6(true))
     m2 = float(xi @ np.linalg.solve(cov, xi))
     return Judgement(name, found, true, xi, np.sqrt(np.diag(cov)), m2)
 
 
-def judge_camera(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path) -> Judged:
+def judge_camera(result: HandEyeResult, truth: Mapping[str, Any], folder: Path) -> Judged:
     """Whether a hand-eye answer agrees with the true pose, and the table that shows it."""
     judgement = judge(result, truth)
     sigma, off = judgement.sigma, judgement.xi
     return Judged(
         judgement.good,
-        judgement_text(judgement, result["result"]),
+        judgement_text(judgement, result.result),
         f"standard uncertainty {_size_text(sigma)}",
         _size_text(off),
     )
@@ -63,7 +64,7 @@ def _size_text(xi: Array) -> str:
     return f"{1e3 * t:.3f} mm, {degrees(r):.4f} deg"
 
 
-def judgement_text(judgement: Judgement, answer: Mapping[str, Any]) -> str:
+def judgement_text(judgement: Judgement, answer: HandEyeAnswer) -> str:
     """The table of the six components, the distance, and the two consistency figures."""
     scale = [1e3] * 3 + [degrees(1.0)] * 3
     rows = [
@@ -80,11 +81,7 @@ def judgement_text(judgement: Judgement, answer: Mapping[str, Any]) -> str:
             f"squared Mahalanobis distance of the error under its own covariance: {judgement.m2:.1f} "
             f"(6 expected, limit {M2_LIMIT}; {sqrt(judgement.m2):.1f} sigma): {answer_word} the stated "
             "uncertainty",
-            *(
-                f"spread {where} placements: {spread_text(answer[key])}"
-                for key, where in (("spread_within", "within"), ("spread_across", "across"))
-                if answer.get(key)
-            ),
+            *spread_lines(answer),
             "The spreads tell how consistent single estimates are; they are not the error above.",
         ]
     )

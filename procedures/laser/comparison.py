@@ -1,26 +1,23 @@
 """Two measurements of a tool against each other."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from cell.errors import error
+from procedures.laser.result import LaserResult
 from procedures.pose_comparison import PoseComparison, require_covariances, weighed
 
 
-def compare_laser(first: Mapping[str, Any], second: Mapping[str, Any]) -> PoseComparison:
+def compare_laser(first: LaserResult, second: LaserResult) -> PoseComparison:
     """Tilts are small, so that their rotation vectors are subtracted; without both, only the point counts."""
-    require_covariances(first, second)
-    tools = [(document.get("inputs") or {}).get("tool") for document in (first, second)]
+    cov_a, cov_b = require_covariances(first.result.cov, second.result.cov)
+    tools = first.inputs.tool, second.inputs.tool
     if tools[0] != tools[1]:
         raise error("ARGUMENT_INVALID", f"one run measured tool '{tools[0]}', the other '{tools[1]}'")
-    answers = first["result"], second["result"]
-    turned = [answer.get("drot_flange") for answer in answers]
-    xi, cov = np.zeros(6), np.sum([np.array(answer["cov"]) for answer in answers], axis=0)
-    xi[:3] = np.subtract(answers[1]["dp_flange"], answers[0]["dp_flange"])
+    turned = first.result.drot_flange, second.result.drot_flange
+    xi, cov = np.zeros(6), cov_a + cov_b
+    xi[:3] = np.subtract(second.result.dp_flange, first.result.dp_flange)
     seen = np.eye(6)[:, :3]
-    if None in turned:
+    if turned[0] is None or turned[1] is None:
         cov[3:, :] = cov[:, 3:] = 0.0
     else:
         xi[3:] = np.subtract(turned[1], turned[0])

@@ -7,21 +7,24 @@ from typing import Any
 
 import numpy as np
 
+from cell.errors import error
 from cell.poses import Array, from_pose6
 from procedures.beside_truth import SURE_POINT, SURE_TILT, Judged
+from procedures.laser.result import LaserResult, ReferenceResult
 from procedures.words import table
 
 
-def judge_tool(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path) -> Judged:
+def judge_tool(result: LaserResult, truth: Mapping[str, Any], folder: Path) -> Judged:
     """The committed tool frame against the true one: where its point is, and which way its axis goes."""
-    answer, sure = result["result"], result["uncertainty"]
-    found, true = from_pose6(answer["T_flange_tool"]), from_pose6(truth["T_flange_tool"])
+    held, U, U_tilt = result.result.T_flange_tool, result.uncertainty.U_point_m, result.uncertainty.U_tilt_rad
+    if held is None or U is None or U_tilt is None:
+        raise error("SOLVE_REFUSED", "the result has no tool frame with its uncertainty")
+    found, true = from_pose6(held), from_pose6(truth["T_flange_tool"])
     off = found.translation - true.translation
     apart = float(np.linalg.norm(off))
     tilt = _angle(_axis(found), _axis(true))
-    accepted = bool(result["inputs"].get("update", {}).get("committed", False))
-    limit, tilt_limit = SURE_POINT * sure["U_point_m"], SURE_TILT * sure["U_tilt_rad"]
-    good = accepted and apart <= limit and tilt <= tilt_limit
+    accepted = bool(result.inputs.update and result.inputs.update.committed)
+    good = accepted and apart <= SURE_POINT * U and tilt <= SURE_TILT * U_tilt
     rows = [
         (f"point {axis}, mm", *(f"{1e3 * v[i]:.4f}" for v in (found.translation, true.translation, off)))
         for i, axis in enumerate("xyz")
@@ -30,33 +33,32 @@ def judge_tool(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path
     text = [
         "T_flange_tool after the correction",
         table(("", "found", "truth", "error"), rows),
-        f"the point is {1e3 * apart:.4f} mm off (U95 {1e3 * sure['U_point_m']:.4f} mm), "
-        f"the axis {degrees(tilt):.4f} deg (U95 {degrees(sure['U_tilt_rad']):.4f} deg)",
-        f"{words} the stated uncertainty{_beyond(apart, tilt, sure) if good else ''}",
+        f"the point is {1e3 * apart:.4f} mm off (U95 {1e3 * U:.4f} mm), "
+        f"the axis {degrees(tilt):.4f} deg (U95 {degrees(U_tilt):.4f} deg)",
+        f"{words} the stated uncertainty{_beyond(apart > U or tilt > U_tilt) if good else ''}",
         "the second scan met the reference and the new frame is in effect"
         if accepted
         else "the new frame was NOT put into effect",
     ]
-    stated = f"U95 {1e3 * sure['U_point_m']:.3f} mm, {degrees(sure['U_tilt_rad']):.3f} deg"
+    stated = f"U95 {1e3 * U:.3f} mm, {degrees(U_tilt):.3f} deg"
     return Judged(good, "\n".join(text), stated, f"{1e3 * apart:.3f} mm, {degrees(tilt):.3f} deg")
 
 
-def _beyond(apart: float, tilt: float, sure: Mapping[str, Any]) -> str:
+def _beyond(beyond: bool) -> str:
     """An error beyond its 95 % bound is said to be: 1 of 20 is, and the test is made at 99.73 %."""
-    beyond = apart > sure["U_point_m"] or tilt > sure["U_tilt_rad"]
     return ": beyond the 95 % bound, as 1 of 20 is, and within the 99.73 % bound" if beyond else ""
 
 
-def judge_beams(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path) -> Judged:
+def judge_beams(result: ReferenceResult, truth: Mapping[str, Any], folder: Path) -> Judged:
     """The beams of a reference against the true ones: how far apart where they are crossed, and the angle.
 
     The point of the tool breaks a beam of light when it is within the beam's radius, so the line that it
     meets lies that much above the middle of the light.
     """
-    limit = SURE_POINT * result["uncertainty"]["U_point_m"]
+    limit = SURE_POINT * result.uncertainty.U_point_m
     good, worst, rows = True, 0.0, []
-    for name, beam in result["result"]["beams"].items():
-        point, line = np.array(beam["point"]), np.array(beam["dir"])
+    for name, beam in result.result.beams.items():
+        point, line = np.array(beam.point), np.array(beam.dir)
         true = truth["beams"][name]
         upper = np.array([0.0, 0.0, true["radius_m"] - 0.5 * true["hysteresis_m"]])
         apart = _distance(point, np.array(true["point"]) + upper, _unit(np.array(true["dir"])))

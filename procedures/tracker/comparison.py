@@ -5,7 +5,6 @@ second arm's places are brought to the first's by the rigid motion that suits th
 the difference.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +13,7 @@ import numpy as np
 from calibration.identification.registration import register
 from cell.errors import error
 from procedures.tracker.judging import places
+from procedures.tracker.result import KincalResult
 from procedures.words import mm
 
 _SAME_KG = 1e-3
@@ -65,27 +65,26 @@ class ArmComparison:
         )
 
 
-def compare_arms(first: Mapping[str, Any], second: Mapping[str, Any]) -> ArmComparison:
+def compare_arms(first: KincalResult, second: KincalResult) -> ArmComparison:
     """``PAYLOAD_DIFFERS`` for different loads; ``ARGUMENT_INVALID`` for arms that cannot be compared."""
-    loads = [document["inputs"].get("payload_kg") for document in (first, second)]
-    if None not in loads and abs(loads[0] - loads[1]) > _SAME_KG:
-        raise error(
-            "PAYLOAD_DIFFERS", f"one run was made with {loads[0]:g} kg, the other with {loads[1]:g} kg"
-        )
-    if (None in loads) and loads != [None, None]:
+    load, other = first.inputs.payload_kg, second.inputs.payload_kg
+    if load is not None and other is not None and abs(load - other) > _SAME_KG:
+        raise error("PAYLOAD_DIFFERS", f"one run was made with {load:g} kg, the other with {other:g} kg")
+    if (load is None) != (other is None):
         raise error("ARGUMENT_INVALID", "one of the results does not say its payload_kg, so it may differ")
-    robots = [document["result"]["robot"] for document in (first, second)]
-    names = [set(document["inputs"]["targets"]) for document in (first, second)]
-    common = sorted(names[0] & names[1])
+    robots = first.result.robot, second.result.robot
+    common = sorted({*first.inputs.targets} & {*second.inputs.targets})
     if not common:
         raise error("ARGUMENT_INVALID", "the two runs have no reflector in common")
-    spread = [document["uncertainty"]["predicted_95"]["workspace"] for document in (first, second)]
-    samples = [{"q": place["q"], "target": common[0]} for place in spread[0]["places"]]
+    sure_a, sure_b = first.uncertainty.predicted_95, second.uncertainty.predicted_95
+    if sure_a is None or sure_b is None:
+        raise error("ARGUMENT_INVALID", "one of the results has no uncertainty, so nothing can be weighed")
+    samples = [{"q": place.q, "target": common[0]} for place in sure_a.workspace.places]
     try:
         p, q = (places(robot, samples) for robot in robots)
     except ValueError as exc:
         raise error("ARGUMENT_INVALID", "the two runs are of arms with different joints") from exc
     best = register(p.T, q.T, np.ones(len(p)))
     off = np.linalg.norm(best.to_tracker(q.T).T - p, axis=1)
-    explained = _RMS_OF_95 * float(np.hypot(*(s["median"] for s in spread)))
+    explained = _RMS_OF_95 * float(np.hypot(sure_a.workspace.median, sure_b.workspace.median))
     return ArmComparison(common[0], len(off), float(np.sqrt(np.mean(off**2))), float(off.max()), explained)

@@ -6,17 +6,19 @@ from typing import Any
 
 import numpy as np
 
+from cell.errors import error
 from cell.poses import Array, from_pose6
 from cell.store.files import read_json
 from procedures.beside_truth import SURE_POINT, Judged
 from procedures.tracker.judging import places
 from procedures.tracker.record import DATA_FILE, HELD_OUT_FILE
+from procedures.tracker.result import KincalAnswer, KincalResult
 from procedures.words import table
 
 ELSEWHERE = 200
 
 
-def judge_arm(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path) -> Judged:
+def judge_arm(result: KincalResult, truth: Mapping[str, Any], folder: Path) -> Judged:
     """Predictions at the joints that were set aside, and at joints all over the sampled ranges.
 
     Good when 95 % of those elsewhere are within the promised 95 % limit at the worst place, widened as the
@@ -26,21 +28,24 @@ def judge_arm(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path)
     Q = np.array([s["q"] for s in solved])
     sampled = np.random.default_rng(0).uniform(Q.min(axis=0), Q.max(axis=0), (ELSEWHERE, Q.shape[1]))
     elsewhere = [{"q": q.tolist(), "target": solved[0]["target"]} for q in sampled]
-    answer, tracker = result["result"], truth["tracker"]
-    facts, promised = result["inputs"]["sampling"], answer["absolute_accuracy"]["predicted_95"]
+    answer, tracker = result.result, truth["tracker"]
+    facts, accuracy, held_out = result.inputs.sampling, answer.absolute_accuracy, result.heldout.set_aside
+    if facts is None or facts.stored is None or accuracy is None or held_out is None:
+        raise error("SOLVE_REFUSED", "the result is not of a sampling with a stored set and poses set aside")
+    promised = accuracy.predicted_95
     off, off_aside = (_errors(answer, truth, samples) for samples in (elsewhere, aside))
     good = float(np.percentile(off, 95)) <= SURE_POINT * promised
     ranges = np.linalg.norm([s["p_tracker"] for s in aside], axis=1)
     sigma = tracker["sigma0_m"] + tracker["sigma_per_m"] * float(np.mean(ranges))
-    nominal_off = result["heldout"]["set_aside"]["rms"]["registration_only"]
+    nominal_off = held_out.rms.registration_only or 0.0
     rows = [
         (name, str(len(e)), _mm(np.sqrt(np.mean(e**2))), _mm(np.percentile(e, 95)), _mm(e.max()))
         for name, e in (("set aside", off_aside), ("elsewhere", off))
     ]
     words = "consistent with" if good else "NOT consistent with"
     text = [
-        f"{facts['measured']} poses of this run, {facts['set_aside']} of them set aside, solved together "
-        f"with a stored set of {facts['stored']['samples']} poses that this twin's tracker measured earlier",
+        f"{facts.measured} poses of this run, {facts.set_aside} of them set aside, solved together "
+        f"with a stored set of {facts.stored.samples} poses that this twin's tracker measured earlier",
         "errors of predicted reflector positions against the twin's own arm, without noise; mm",
         table(("joints", "number", "RMS", "95 % below", "largest"), rows),
         f"the nominal arm in its best place is {_mm(nominal_off)} mm off (RMS); one reading of the tracker "
@@ -51,7 +56,7 @@ def judge_arm(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path)
     return Judged(good, "\n".join(text), stated, f"95 % below {1e3 * float(np.percentile(off, 95)):.3f} mm")
 
 
-def _errors(answer: Mapping[str, Any], truth: Mapping[str, Any], samples: list[Any]) -> Array:
+def _errors(answer: KincalAnswer, truth: Mapping[str, Any], samples: list[Any]) -> Array:
     """(n,) m between where the answer and where the truth has the reflectors, in the tracker's frame."""
     robot, tracker = truth["robot"], truth["tracker"]
     deltas = {
@@ -61,7 +66,7 @@ def _errors(answer: Mapping[str, Any], truth: Mapping[str, Any], samples: list[A
     tools = {name: r["point"] for name, r in tracker["reflectors"].items() if r["on"] == "arm"}
     true_arm = {"model": robot["model"], "calibration": deltas, "tool": tools}
     true = from_pose6(tracker["T_base_tracker"]).inv().apply(places(true_arm, samples))
-    predicted = from_pose6(answer["T_tracker_base"]).apply(places(answer["robot"], samples))
+    predicted = from_pose6(answer.T_tracker_base).apply(places(answer.robot, samples))
     out: Array = np.linalg.norm(predicted - true, axis=1)
     return out
 

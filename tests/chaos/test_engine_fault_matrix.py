@@ -13,6 +13,7 @@ from fakes.object import run_virtual
 from procedures.hand_eye.cone_capture import State
 from tests.chaos.matrix import Kind, assert_aborted, covering, inject_at, kind, put_right, short
 from tests.kit.object_cell import ObjectCell, no_report, open_cell, write_config
+from tests.kit.whole_results import whole
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report", "quick_solver")
@@ -32,14 +33,16 @@ PLAN = {
     "max_duration_s": 25.0,
     "accept": {"auto": True},
 }
-ANSWER = {
-    "schema": "cellward.result/1",
-    "kind": "hand-eye",
-    "verdict": "pass",
-    "reasons": [],
-    "result": {"T_flange_camera": [0.0, -0.08, 0.05, 0.0, 0.0, 0.0]},
-    "uncertainty": {},
-}
+ANSWER = whole(
+    {
+        "schema": "cellward.result/1",
+        "kind": "hand-eye",
+        "verdict": "pass",
+        "reasons": [],
+        "result": {"T_flange_camera": [0.0, -0.08, 0.05, 0.0, 0.0, 0.0]},
+        "uncertainty": {},
+    }
+)
 
 # When a fault comes. The prompt is where the job asks for the second placement.
 PROMPT = "prompt"

@@ -20,6 +20,7 @@ from cell.store.runs import RunFolder
 from daemon.config import ModbusSection
 from daemon.modbus import Command, ModbusFace
 
+STORED = Path(__file__).parents[1] / "kit" / "stored_results" / "hand-eye-01.json"
 TRUTH = {"T_flange_camera": [0.006, -0.0864, 0.0548, 0.0, 0.0, 0.0]}
 PROMPT = 0x70001
 BUSY_BIT, READY_BITS = 2, 1 | 1 << 7 | 1 << 8
@@ -87,7 +88,8 @@ class Daemon:
         pose = np.array(TRUTH["T_flange_camera"]) + np.array([off, 0, 0, 0, 0, 0])
         cov = np.diag([1e-8] * 6).tolist()
         answer = {"T_flange_camera": pose.tolist(), "cov": cov, "rejected": []}
-        self.run.write_result({"kind": "hand-eye", "verdict": "pass", "reasons": [], "result": answer})
+        result = json.loads(STORED.read_text("utf-8"))
+        self.run.write_result({**result, "result": {**result["result"], **answer}})
         (self.run.path / "report.html").write_text("<html>")
         self.run.finish({"outcome": "complete", "verdict": "pass", "error": None})
 

@@ -9,6 +9,7 @@ import pytest
 from cell.clock import MonotonicClock
 from cell.store.runs import RunFolder
 from daemon.cli import main
+from tests.kit.whole_results import whole
 
 
 @dataclass
@@ -69,7 +70,7 @@ class CellOnDisk:
 def hand_eye_result(x_mm: float = 0.0, verdict: str = "pass") -> dict[str, Any]:
     """A result document whose camera is ``x_mm`` away from the flange, with 0.1 mm and 0.1 mrad."""
     cov = [[1e-8 * (i == j) for j in range(6)] for i in range(6)]
-    return {
+    named = {
         "schema": "cellward.result/1",
         "kind": "hand-eye",
         "verdict": verdict,
@@ -90,3 +91,4 @@ def hand_eye_result(x_mm: float = 0.0, verdict: str = "pass") -> dict[str, Any]:
         "observability": {},
         "inputs": {"solve_seconds": 0.01},
     }  # fmt: skip
+    return whole(named)

@@ -9,6 +9,7 @@ import pytest
 from daemon.config import CellConfig
 from procedures.laser.config import LaserReferenceConfig, Search
 from tests.kit.laser_cell import TOOL
+from tests.kit.whole_results import whole
 
 T_TOOL = [0.0, 0.0, 0.18, 0.0, 0.0, 0.0]
 
@@ -66,15 +67,16 @@ class Solved:
         }
 
     def result(self, kind: str, answer: dict[str, Any]) -> dict[str, Any]:
-        return {
-            "schema": "cellward.result/1",
-            "kind": kind,
-            "verdict": self.verdict,
-            "reasons": [],
-            "warnings": [],
-            "result": answer,
-            "uncertainty": {"U_point_m": self.U},
-        }
+        return whole(
+            {
+                "kind": kind,
+                "verdict": self.verdict,
+                "reasons": [],
+                "warnings": [],
+                "result": answer,
+                "uncertainty": {"U_point_m": self.U},
+            }
+        )
 
 
 def answer_at_once(patch: pytest.MonkeyPatch) -> Solved:

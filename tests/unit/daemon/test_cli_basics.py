@@ -122,11 +122,11 @@ def test_a_reader_that_goes_away_is_no_failure(tmp_path: Path) -> None:
 
 def test_a_result_of_too_few_poses_to_leave_one_out_is_printed_without_that_line() -> None:
     from daemon.cli.result_text import result_text
+    from tests.kit.whole_results import whole
 
     pose = [0.0, -0.08, 0.05, 0.0, 0.0, 0.0]
     residuals = {"spread_mean": {"t": 1e-4, "r": 1e-4}, "loo_mean": {}, "reprojection_rms_px": 0.1}
-    text = result_text(
-        {"kind": "hand-eye", "verdict": "pass", "result": {"T_flange_camera": pose}, "residuals": residuals}
-    )
+    named = {"kind": "hand-eye", "verdict": "pass", "result": {"T_flange_camera": pose}}
+    text = result_text(whole(named | {"residuals": residuals}))
     assert "0.100 mm" in text
     assert "did not see it" not in text

@@ -19,6 +19,7 @@ import pytest
 
 from cell.clock import MonotonicClock
 from cell.errors import CellError, catalogue
+from cell.formats.result import read_as
 from cell.poses import exp_xi, from_pose6, to_pose6
 from cell.store.files import read_json
 from daemon.config import ModbusSection, load_config
@@ -33,11 +34,15 @@ from daemon.demo.wire import _no_socket_left
 from daemon.modbus import Command, ModbusFace
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
+from procedures.belt.result import BeltTrackingResult
 from procedures.belt.truth import judge_picks
+from procedures.hand_eye.result import HandEyeResult
 from procedures.hand_eye.truth import M2_LIMIT, judge, judgement_text
 from procedures.registry import JOBS
+from procedures.tracker.result import KincalResult
 from procedures.tracker.truth import judge_arm
 from tests.kit.cli_harness import hand_eye_result
+from tests.kit.whole_results import whole
 
 
 class StandIn:
@@ -204,28 +209,30 @@ def test_what_an_earlier_demo_left_is_kept_under_another_name(tmp_path: Path) ->
 
 
 def test_the_judgement_weighs_the_error_with_the_stated_covariance() -> None:
-    result = hand_eye_result()
+    document = hand_eye_result()
     sigma = np.array([1e-4, 2e-4, 3e-4, 1e-4, 2e-4, 3e-4])
-    result["result"]["cov"] = np.diag(sigma**2).tolist()
-    result["result"]["T_flange_camera"] = [0.01, -0.08, 0.05, 0.3, -0.2, 0.9]
+    document["result"]["cov"] = np.diag(sigma**2).tolist()
+    document["result"]["T_flange_camera"] = [0.01, -0.08, 0.05, 0.3, -0.2, 0.9]
+    result = read_as(HandEyeResult, document)
     xi = sigma * [1.0, -2.0, 0.5, 1.5, 0.0, -1.0]
-    found = from_pose6(result["result"]["T_flange_camera"])
+    found = from_pose6(document["result"]["T_flange_camera"])
     truth = {"T_flange_camera": to_pose6(found * exp_xi(xi)).tolist()}
     subject = judge(result, truth)
     assert subject.m2 == pytest.approx(1 + 4 + 0.25 + 2.25 + 1, rel=1e-6)
     assert subject.good
-    text = judgement_text(subject, result["result"])
+    text = judgement_text(subject, result.result)
     assert "NOT" not in text
     assert "not resolved" in text
     far = {"T_flange_camera": to_pose6(found * exp_xi(sigma * [5.0, 0, 0, 0, 0, 0])).tolist()}
     assert judge(result, far).m2 > M2_LIMIT
-    assert "NOT consistent" in judgement_text(judge(result, far), result["result"])
+    assert "NOT consistent" in judgement_text(judge(result, far), result.result)
 
 
-def test_a_refused_answer_cannot_be_judged() -> None:
-    refused = hand_eye_result() | {"result": None, "reasons": ["parallel-axes: all rotations share one axis"]}
+def test_an_answer_without_a_pose_cannot_be_judged() -> None:
+    document = hand_eye_result() | {"reasons": ["parallel-axes: all rotations share one axis"]}
+    del document["result"]["T_flange_camera"]
     with pytest.raises(CellError, match="parallel-axes"):
-        judge(refused, {})
+        judge(read_as(HandEyeResult, document), {})
 
 
 SCENES = scenes_of(steps_of(list(STEPS)))
@@ -270,16 +277,21 @@ def test_every_step_is_of_a_job_that_there_is_with_its_number() -> None:
         assert JOBS[step.job].number == step.number
 
 
+def picked(count: int) -> BeltTrackingResult:
+    document = {"kind": "belt-tracking", "verdict": "pass", "result": {"picks": count}}
+    return read_as(BeltTrackingResult, whole(document))
+
+
 def test_picks_are_good_where_the_gripper_truly_met_every_item() -> None:
     contact = {"off_m": [0.0003, 0.0004], "slide_m_s": 0.001, "taken": True}
     truth = {"belt": {"dir": [1.0, 0.0, 0.0]}, "gripper": {"contacts": [contact] * 10}}
-    subject = judge_picks({"result": {"picks": 10}}, truth, Path())
+    subject = judge_picks(picked(10), truth, Path())
     assert subject.good
     assert "0.500" in subject.text
-    assert not judge_picks({"result": {"picks": 11}}, truth, Path()).good
+    assert not judge_picks(picked(11), truth, Path()).good
     far = {**truth, "gripper": {"contacts": [{**contact, "off_m": [0.002, 0.0]}] * 10}}
-    assert not judge_picks({"result": {"picks": 10}}, far, Path()).good
-    assert not judge_picks({"result": {"picks": 0}}, {**truth, "gripper": {"contacts": []}}, Path()).good
+    assert not judge_picks(picked(10), far, Path()).good
+    assert not judge_picks(picked(0), {**truth, "gripper": {"contacts": []}}, Path()).good
 
 
 def test_an_arm_is_good_where_it_keeps_its_promise_about_the_truth(tmp_path: Path) -> None:
@@ -306,9 +318,10 @@ def test_an_arm_is_good_where_it_keeps_its_promise_about_the_truth(tmp_path: Pat
         "T_tracker_base": to_pose6(from_pose6(place).inv()).tolist(),
         "absolute_accuracy": {"predicted_95": 3e-5},
     }
-    facts = {"measured": 15, "set_aside": 3, "stored": {"samples": 40}}
+    facts = {"measured": 15, "set_aside": 3, "stored": {"path": "stored.json", "samples": 40}}
     aside = {"set_aside": {"rms": {"registration_only": 0.002}}}
-    result = {"result": answer, "inputs": {"sampling": facts}, "heldout": aside}
+    named = {"kind": "kincal", "verdict": "pass", "result": answer}
+    result = read_as(KincalResult, whole({**named, "inputs": {"sampling": facts}, "heldout": aside}))
     subject = judge_arm(result, truth, tmp_path)
     assert subject.good, subject.text
     told = "15 poses of this run, 3 of them set aside, solved together with a stored set of 40"

@@ -9,6 +9,7 @@ import pytest
 from cell.store.ledger import Ledger
 from daemon.cli.plan_text import plan_text
 from tests.kit.cli_harness import CellOnDisk, CommandLine
+from tests.kit.whole_results import whole
 
 REFERENCE: dict[str, Any] = {
     "schema": "cellward.laser-reference/1",
@@ -42,7 +43,7 @@ def laser_result(x_mm: float = 1.2, tool: str = "pin", **parts: Any) -> dict[str
         "T_flange_tool": [0.0012, -0.0007, 0.1805, 0.006, 0.008, 0.0],
         "against_last": {"shift_m": [0.0, 0.0, 0.0], "shift": 0.0002, "tilt_rad": 0.001},
     }
-    whole = {
+    named = {
         "schema": "cellward.result/1",
         "kind": "laser",
         "verdict": "pass",
@@ -55,7 +56,7 @@ def laser_result(x_mm: float = 1.2, tool: str = "pin", **parts: Any) -> dict[str
         "observability": {},
         "inputs": {"tool": tool},
     }
-    return whole | parts
+    return whole(named | parts)
 
 
 @pytest.fixture
@@ -204,8 +205,8 @@ def test_results_as_json_keep_documents_for_who_asks_for_one(cell: CellOnDisk, s
     assert reference["value"]["schema"] == REFERENCE["schema"]
     assert "32 passes" in reference["value"]["summary"]
     for which in ("laser_reference.pin", number):
-        (whole,) = json.loads(subject("results", which, "--json").out)
-        assert whole["value"] == REFERENCE
+        (entry,) = json.loads(subject("results", which, "--json").out)
+        assert entry["value"] == REFERENCE
     assert "32 passes" in subject("results", number).out
     unknown = subject("results", 99)
     assert unknown.code == 2

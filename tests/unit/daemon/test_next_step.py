@@ -1,21 +1,19 @@
 """What a person is told to do next: after a run, in the status, and in the report."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from daemon.cli.next_step import next_commands, possible
+from daemon.cli.result_text import result_text
 from daemon.cli.status_text import change_line, status_text, without_state
 from daemon.cli.value_text import value_text
 from daemon.status import summary_of
-from procedures.belt.intercept_words import intercept_lines
-from procedures.belt.words import belt_calibration_lines, belt_tracking_lines
 from procedures.report.source import Source
 from procedures.report.verdict import banner
-from procedures.tracker.words import kincal_lines
+from tests.kit.whole_results import whole
 
 END: dict[str, Any] = {"run_id": 5, "job": "cone-capture", "outcome": "complete", "verdict": "pass"}
 WAITS = [{"id": 2, "name": "T_flange_camera", "run_id": 5}]
@@ -64,18 +62,11 @@ def test_the_status_names_the_commands_that_are_possible(state: dict[str, Any], 
     assert words in possible({**STATUS, **state})
 
 
-def test_unknown_figures_of_a_sampled_arm_are_left_out_and_never_none() -> None:
-    answer = {"parameters": {"a1": 1.0}, "nominal": {"a1": 1.0}, "T_tracker_base": [0.0] * 6, "rank": 24}
-    known = {"kind": "kincal", "observability": {"parameters": 32, "jacobian": [0.0] * 9}, "result": answer}
+def test_a_status_has_the_count_of_a_sampled_arms_parameters_and_no_table() -> None:
+    known = {"kind": "kincal", "observability": {"parameters": 32, "jacobian": [0.0] * 9}, "result": {}}
     live = summary_of(known)
     assert live is not None
     assert live["observability"] == {"parameters": 32}
-    assert "  32 parameters, rank 24 with the tracker's place free; not determined alone:" in kincal_lines(
-        live, answer
-    )
-    text = "\n".join(kincal_lines({}, answer))
-    assert "  rank 24 with" in text
-    assert "None" not in text
 
 
 def test_a_watch_tells_a_job_that_goes_to_and_fro_once_a_step() -> None:
@@ -103,15 +94,20 @@ def test_the_report_names_the_commands_that_decide(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "text",
+    "named",
     [
-        lambda: belt_calibration_lines({}, {"m_per_count": 1e-5, "dir": [1.0, 0.0, 0.0]}),
-        lambda: belt_tracking_lines({}, {"picks_per_minute": 3.0}),
-        lambda: intercept_lines({}, {}),
-        lambda: [value_text("kinematics.arm", {"schema": "cellward.kinematics/1"})],
+        {"kind": "belt-calibration", "result": {"m_per_count_95": None, "dir_95_rad": None}},
+        {"kind": "belt-tracking", "result": {"success": None, "picks_per_minute": None}},
+        {"kind": "kincal", "result": {"rms_nominal": None, "rms_calibrated": None}},
+        {"kind": "laser", "result": {"drot_flange": None, "tau": None, "cov": None}, "uncertainty": {}},
     ],
+    ids=lambda named: str(named["kind"]),
 )
-def test_what_a_document_does_not_say_is_unknown_and_never_none(text: Callable[[], list[str]]) -> None:
-    lines = "\n".join(text())
+def test_what_was_not_measured_is_left_out_or_unknown_and_never_none(named: dict[str, Any]) -> None:
+    assert "None" not in result_text(whole({"verdict": "pass", **named}))
+
+
+def test_a_value_that_does_not_say_something_is_unknown_and_never_none() -> None:
+    lines = value_text("kinematics.arm", {"schema": "cellward.kinematics/1"})
     assert "unknown" in lines
     assert "None" not in lines

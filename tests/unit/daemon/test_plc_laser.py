@@ -12,7 +12,9 @@ from daemon.modbus.table import register_table
 from daemon.plc import PlcFace
 from daemon.status import summary_of
 from fakes.object import run_virtual
+from procedures.kind import read_result
 from tests.kit.object_cell import ObjectCell, open_cell, write_config
+from tests.kit.whole_results import whole
 
 RESULT: dict[str, Any] = {
     "kind": "laser",
@@ -54,6 +56,7 @@ def registers(tmp_path: Path, result: dict[str, Any] | None, beams: Beams | None
                     "result": summary_of(result),
                     "verdict": verdict,
                 }
+                cell.engine.figures = read_result(whole(result)).figures()
             table = register_table()
             words = table.status_words(subject.snapshot(), low_first=False)
             for r in table.status:

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from cell.formats.result import Figures
 from daemon.modbus import register_table
 from daemon.warning_bits import WARNING_BITS, Shown, warning_bits, warnings_shown
 
@@ -17,16 +18,16 @@ QUIET: dict[str, Any] = {
 }
 
 
-def shown(last: dict[str, Any] | None = None, **status: Any) -> list[str]:
-    engine: Any = SimpleNamespace(status=lambda: QUIET)
+def shown(last: dict[str, Any] | None = None, moved: bool = False, **status: Any) -> list[str]:
+    engine: Any = SimpleNamespace(status=lambda: QUIET, figures=Figures(tool_moved=moved))
     return warnings_shown(warning_bits(Shown(engine, QUIET | status, last)))
 
 
 def test_nothing_to_warn_of_is_0() -> None:
     assert shown() == []
     assert shown({"verdict": "pass", "steps_taken_again": 0}) == []
-    assert shown({"verdict": "pass", "result": {"result": {"moved": {"moved": False}}}}) == []
-    assert shown({"verdict": "fail", "result": {"result": None}}) == []
+    assert shown({"verdict": "fail"}) == []
+    assert shown(None, moved=True) == []
 
 
 @pytest.mark.parametrize(
@@ -36,7 +37,7 @@ def test_nothing_to_warn_of_is_0() -> None:
         ("steps_taken_again", None, {"steps_taken_again": 2}),
         ("steps_taken_again", {"verdict": "pass", "steps_taken_again": 1}, {}),
         ("device_not_ready", None, {"devices": {"arm": {"state": "LOST"}}}),
-        ("tool_moved", {"verdict": "fail", "result": {"result": {"moved": {"moved": True}}}}, {}),
+        ("tool_moved", {"verdict": "fail"}, {"moved": True}),
         ("run_interrupted", None, {"interrupted": [7]}),
         ("disk_low", None, {"disk": {"warning": "1.2 GB are free"}}),
         ("ledger_damaged", None, {"ledger_damage": {"restored": {}}}),

@@ -5,8 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cell.formats.result import read_as
 from procedures.belt.report.live import speed_axis
+from procedures.laser.result import LaserResult
 from procedures.laser.truth import judge_tool
+from tests.kit.whole_results import whole
 
 
 def test_the_axis_of_the_belts_speed_follows_what_was_believed() -> None:
@@ -28,6 +31,7 @@ def test_an_error_between_the_bounds_is_said_to_be_as_one_of_twenty_is(tilt: flo
         "uncertainty": {"U_point_m": 0.00003, "U_tilt_rad": 0.00257},
         "inputs": {"update": {"committed": True}},
     }
-    found = judge_tool(result, {"T_flange_tool": [0.0, 0.0, 0.18, 0.0, 0.0, 0.0]}, Path())
+    measured = read_as(LaserResult, whole({"kind": "laser", "verdict": "pass", **result}))
+    found = judge_tool(measured, {"T_flange_tool": [0.0, 0.0, 0.18, 0.0, 0.0, 0.0]}, Path())
     assert found.good
     assert ("beyond the 95 % bound, as 1 of 20 is" in found.text) is told

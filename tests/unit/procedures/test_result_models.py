@@ -1,6 +1,5 @@
 """Results as the models of their kinds: stored ones are read and written unchanged, damaged ones are told."""
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,13 +12,7 @@ from cell.store.ledger import Ledger
 from daemon.docs.results import results_page
 from procedures.kind import KINDS, load, read_result
 from tests.kit.cli_harness import CellOnDisk, CommandLine
-
-STORED = sorted((Path(__file__).parents[2] / "kit" / "stored_results").glob("*.json"))
-
-
-def stored(path: Path) -> dict[str, Any]:
-    document: dict[str, Any] = json.loads(path.read_text("utf-8"))
-    return document
+from tests.kit.whole_results import STORED, stored
 
 
 def unknown(part: object, where: str = "") -> Iterator[str]:

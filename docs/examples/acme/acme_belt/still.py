@@ -1,12 +1,12 @@
 """Job ``acme-still``: does the belt stand still?"""
 
-from collections.abc import Mapping
 from enum import StrEnum
 from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from cell.devices import Encoder
+from cell.formats.result import Envelope, Part
 from cell.procedure import Procedure, Run
 from procedures.kind import Kind
 
@@ -22,12 +22,24 @@ class State(StrEnum):
     WATCH = "watch"
 
 
-def lines(result: Mapping[str, Any], answer: Mapping[str, Any]) -> list[str]:
+class Answer(Part):
+    """What was found."""
+
+    counts: int = Field(description="counts of the encoder while the belt was watched")
+
+
+class StillResult(Envelope):
+    """The result of a run."""
+
+    result: Answer
+
+
+def lines(found: StillResult) -> list[str]:
     """The result for people."""
-    return [f"  the belt moved by {answer['counts']} counts"]
+    return [f"  the belt moved by {found.result.counts} counts"]
 
 
-KIND = Kind(name="acme_belt.still:KIND", words="acme_belt.still:lines")
+KIND = Kind(name="acme_belt.still:KIND", words="acme_belt.still:lines", result="acme_belt.still:StillResult")
 
 
 class BeltStill(Procedure):

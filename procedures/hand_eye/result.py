@@ -1,0 +1,221 @@
+"""The result of a hand-eye calibration, field by field."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from cell.formats.result import (
+    Covariance,
+    Envelope,
+    Explained,
+    Figures,
+    Inputs,
+    Metres,
+    Part,
+    Pixels,
+    Pose,
+    Radians,
+    Rejected,
+    Turn,
+    Unit,
+    Vector,
+)
+
+Eigenvalues = Annotated[list[float], Unit("rad")]
+
+
+class Distance(Part):
+    """A distance between poses."""
+
+    t: Metres = Field(description="Of the translation.")
+    r: Radians = Field(description="Of the rotation.")
+
+
+class LeftOut(Part):
+    """A distance between poses; empty when leaving some out leaves too few."""
+
+    t: Metres | None = Field(default=None, description="Of the translation.")
+    r: Radians | None = Field(default=None, description="Of the rotation.")
+
+
+class Spread(Part):
+    """How consistent the estimates of simple solvers are. That is no accuracy."""
+
+    t: Vector = Field(description="Along the axes.")
+    t_norm: Metres = Field(description="Its length.")
+    r: Radians = Field(description="Of the rotation.")
+    floor_t: Metres | None = Field(description="What noise alone gives.")
+    floor_r: Radians | None = Field(description="What noise alone gives.")
+    resolved: bool = Field(description="Whether the spread stands out from noise.")
+
+
+class Estimates(Part):
+    """What simple solvers find in one placement."""
+
+    mean: Pose | None = Field(description="Mean of the estimates from three poses each.")
+    least_squares: Pose | None = Field(description="Of all poses of the placement.")
+    triples: int = Field(description="How many sets of three poses there are.")
+    skipped: int = Field(description="How many of them were too alike.")
+
+
+class NoiseInUse(Part):
+    """Standard deviations that the solution was weighted by."""
+
+    sigma_px: Pixels | None = Field(default=None, description="Of a corner, along one axis.")
+    sigma_flange_t: Metres | None = Field(default=None, description="Of the flange's place, along one axis.")
+    sigma_flange_r: Radians | None = Field(default=None, description="Of its rotation, about one axis.")
+    sigma_pose_t: Metres | None = Field(default=None, description="Of a measured pose of the target.")
+    sigma_pose_r: Radians | None = Field(default=None, description="Of its rotation.")
+    estimated: list[str] = Field(description="Which of them come from the data.")
+
+
+class Intrinsics(Part):
+    """The camera as it was estimated from the images."""
+
+    width: int = Field(description="Of an image (px).")
+    height: int = Field(description="Of an image (px).")
+    K: list[float] = Field(description="`[fx, fy, cx, cy]` (px).")
+    dist: list[float] = Field(description="Distortion in OpenCV's order.")
+    sigma_K: list[float] | None = Field(default=None, description="Standard deviations of `K` (px).")
+    rms_px: Pixels | None = Field(default=None, description="RMS reprojection.")
+    why: str | None = Field(default=None, description="Why the intrinsics were estimated.")
+
+
+class HandEyeAnswer(Part):
+    """Where the camera is, and what that rests on."""
+
+    T_flange_camera: Pose | None = Field(default=None, description="Eye-in-hand: the camera in the flange.")
+    T_base_camera: Pose | None = Field(default=None, description="Eye-to-hand: the camera in the base.")
+    direction: str = Field(description="The same in words.")
+    T_base_target: dict[str, Pose] | None = Field(
+        default=None, description="Eye-in-hand: the target in the base, by placement."
+    )
+    T_flange_target: dict[str, Pose] | None = Field(
+        default=None, description="Eye-to-hand: the target in the flange, by placement."
+    )
+    cov: Covariance | None = Field(description="Of the camera's pose, in the axes of the camera.")
+    rejected: list[Rejected] = Field(description="Every observation that was not used.")
+    spread_within: Spread | None = Field(description="Of the estimates within placements.")
+    spread_across: Spread | None = Field(description="Of the estimates of several placements.")
+    estimates: dict[str, Estimates] = Field(description="Of simple solvers, by placement.")
+    noise: NoiseInUse = Field(description="Noise levels in use.")
+    intrinsics: Intrinsics | None = Field(default=None, description="Only when they were estimated.")
+
+    def pose(self) -> tuple[str, list[float]] | None:
+        """Name and pose6 of the camera; None for an answer that holds neither."""
+        found = {"T_flange_camera": self.T_flange_camera, "T_base_camera": self.T_base_camera}
+        return next(((name, pose) for name, pose in found.items() if pose is not None), None)
+
+
+class HandEyeUncertainty(Explained):
+    """Of the answer. Without a covariance only `meaning` is there."""
+
+    cov: Covariance | None = Field(default=None, description="As in `result`.")
+    sigma_t: Vector | None = Field(default=None, description="Standard deviations of the camera's place.")
+    sigma_r: Turn | None = Field(default=None, description="Standard deviations of its rotation.")
+    sigma_t_norm: Metres | None = Field(default=None, description="Length of `sigma_t`.")
+    sigma_r_norm: Radians | None = Field(default=None, description="Length of `sigma_r`.")
+    cov_targets: dict[str, Covariance] | None = Field(
+        default=None, description="Of the target's pose, by placement."
+    )
+    excess: float | None = Field(
+        default=None, description="Factor of the covariance, as the residuals exceed the noise."
+    )
+    error95_t_m: Metres | None = Field(
+        default=None, description="Of a run: 95 % of the errors of the place stay below this."
+    )
+    error95_r_rad: Radians | None = Field(
+        default=None, description="Of a run: 95 % of the errors of the rotation stay below this."
+    )
+
+
+class ObservationResidual(Part):
+    """One usable observation."""
+
+    index: int = Field(description="Its number in the data set.")
+    group: int = Field(description="Its placement.")
+    used: bool = Field(description="Whether the solution used it.")
+    t: Metres = Field(description="Distance of its target's pose from the mean.")
+    r: Radians = Field(description="Angle from the mean.")
+    reprojection_px: Pixels | None = Field(description="RMS, the image with a pose of its own.")
+    through_arm_px: Pixels | None = Field(description="RMS, with the pose that arm and answer predict.")
+    corners: int | None = Field(description="How many corners it shows.")
+    distance: float | None = Field(description="Distance from the solution in units of its noise (1).")
+
+
+class CrossCheck(Part):
+    """The answer of one of OpenCV's solvers."""
+
+    pose: Pose = Field(description="Of the camera.")
+    from_ours: Distance = Field(description="Distance from the answer.")
+    spread_mean: Distance = Field(description="Mean distance of the target's poses from their mean.")
+
+
+class HandEyeResiduals(Part):
+    """How well the data agree with each other. That is no accuracy."""
+
+    spread_mean_all: Distance = Field(
+        description="Mean distance of the target's poses from their mean, of all usable observations."
+    )
+    spread_mean: Distance = Field(description="The same, of those used.")
+    loo_mean: LeftOut = Field(description="The same, each judged by a solution that did not see it.")
+    reprojection_rms_px: Pixels | None = Field(description="Each image with a pose of its own.")
+    reprojection_through_arm_rms_px: Pixels | None = Field(
+        default=None, description="With the poses that arm and answer predict."
+    )
+    per_observation: list[ObservationResidual] = Field(description="Every usable observation.")
+    cross_check: dict[str, CrossCheck | None] = Field(description="Other solvers on the same poses, by name.")
+
+
+class HandEyeHeldOut(Explained):
+    """The target's pose by observations that the solution did not use."""
+
+    folds: int = Field(description="Parts that the observations were divided into.")
+    observations: int = Field(description="Observations that were judged.")
+    mean: LeftOut = Field(description="Mean distance.")
+    rms: LeftOut = Field(description="RMS distance.")
+
+
+class HandEyeObservability(Part):
+    """How far the arm turned, and what is known least."""
+
+    rotation_rms_rad: Eigenvalues = Field(description="How far the arm turned, about three axes.")
+    rotation_axes: list[list[float]] = Field(description="Those axes (1).")
+    axes_frame: str = Field(description="Frame of the axes.")
+    unobservable: list[str] = Field(description="What is not determined.")
+    weakest: str = Field(description="What is known least, in words.")
+    ambiguity: str | None = Field(description="What a symmetry of the target leaves open.")
+
+
+class HandEyeInputs(Inputs):
+    """What was solved."""
+
+    setup: Literal["eye-in-hand", "eye-to-hand"] = Field(description="Where the camera is.")
+    method: str = Field(description="Solver.")
+    observations: int = Field(description="Observations in the data set.")
+    usable: int = Field(description="Those that show the target.")
+    used: int = Field(description="Those that the solution used.")
+    groups: int = Field(description="Placements.")
+    target: dict[str, Any] = Field(description="As in the data set.")
+    noise_given: dict[str, float] = Field(description="As in the data set.")
+
+
+class HandEyeResult(Envelope):
+    """The pose of a camera on the flange, or beside the arm."""
+
+    kind: Literal["hand-eye"] = "hand-eye"
+    result: HandEyeAnswer
+    uncertainty: HandEyeUncertainty
+    residuals: HandEyeResiduals
+    heldout: HandEyeHeldOut
+    observability: HandEyeObservability
+    inputs: HandEyeInputs
+
+    def figures(self) -> Figures:
+        """The two spreads, and the length that 95 % of the errors stay below."""
+        within, across = self.result.spread_within, self.result.spread_across
+        return Figures(
+            spread_within_m=0.0 if within is None else within.t_norm,
+            spread_across_m=0.0 if across is None else across.t_norm,
+            predicted_95_m=self.uncertainty.error95_t_m or 0.0,
+        )
