@@ -290,5 +290,7 @@ def _warnings(solved: Solved) -> list[tuple[str, str]]:
         out.append(("observations.rejected", f"{total - used} of {total} observations were not used"))
     if solved.solution.excess > 1.0 and not solved.solution.noise.at_limit:
         factor = float(np.sqrt(solved.solution.excess))
-        out.append(("noise.too-small", f"the residuals are {factor:.1f} times what the given noise explains"))
+        given = len(solved.solution.noise.estimated) < len(solved.solution.noise.sigma)
+        what = "the given noise" if given else "noise"
+        out.append(("noise.too-small", f"the residuals are {factor:.1f} times what {what} explains"))
     return out

@@ -210,15 +210,23 @@ def _check_match(loaded: CaptureSet, solution: Solution) -> None:
 
 
 def _check_units(loaded: CaptureSet, X: np.ndarray) -> None:
-    """Refuse a data set all in millimetres: it agrees with itself, and only its size gives it away."""
+    """Refuse lengths in millimetres: the data agree with themselves, and only their size gives it away."""
     length = float(np.linalg.norm(X[:3, 3]))
-    if length > _FAR_X and any(code == UNITS_T for code, _ in loaded.warnings):
+    if length <= _FAR_X:
+        return
+    if not any(code == UNITS_T for code, _ in loaded.warnings):
         raise error(
             "DATA_INVALID",
-            f"{loaded.path}: T_base_flange is more than {FAR_T:.0f} m from the base and the answer would be "
-            f"{length:.3g} m long, so the lengths are in millimetres; divide the translations of "
-            "T_base_flange and the lengths of target by 1000",
+            f"{loaded.path}: the answer would be {length:.3g} m long, and no camera is mounted more than "
+            f"{_FAR_X:g} m from flange or base; look whether the lengths of target or T_camera_target are in "
+            "millimetres, and divide them by 1000",
         )
+    raise error(
+        "DATA_INVALID",
+        f"{loaded.path}: T_base_flange is more than {FAR_T:.0f} m from the base and the answer would be "
+        f"{length:.3g} m long, so the lengths are in millimetres; divide the translations of "
+        "T_base_flange and the lengths of target by 1000",
+    )
 
 
 def _apart(problem: Problem, X: np.ndarray) -> tuple[float, float]:

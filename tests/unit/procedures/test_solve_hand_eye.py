@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from cell.errors import CellError, InputError
 from cell.formats.result import Result
@@ -186,7 +186,7 @@ def test_other_methods_can_be_asked_for(tmp_path: Path, method: str) -> None:
 
 
 def test_a_method_that_does_not_exist_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="it must be one of ml, tsai"):
+    with pytest.raises(InputError, match="it must be one of ml, adjustment, tsai"):
         solve_hand_eye(make_scene().write(tmp_path), method="magic")
 
 
@@ -341,6 +341,26 @@ def test_a_data_set_all_in_millimetres_is_refused(tmp_path: Path, setup: str) ->
         observation["T_base_flange"] = [1000 * v for v in pose[:3]] + pose[3:]
     (tmp_path / "capture.json").write_text(json.dumps(data))
     with pytest.raises(InputError, match=r"T_base_flange .* and the lengths of target by 1000$") as caught:
+        solve_hand_eye(tmp_path)
+    assert caught.value.name == "DATA_INVALID"
+
+
+def test_target_poses_in_millimetres_are_refused_though_the_arm_is_in_metres(tmp_path: Path) -> None:
+    """On a cone about one axis at one distance such a set agrees with itself."""
+    turns = [
+        Rotation.from_rotvec([0.44 * np.sin(f), 0.44 * np.cos(f), 0.0]) for f in np.arange(12) * np.pi / 6
+    ]
+    views = [RigidTransform.from_components([0.0, 0.0, 0.5], R) for R in turns]
+    scene = make_scene(10, count=12, px=0.01, flange_t=0.0, flange_r=0.0, views=views)
+    data = scene.data_set()
+    for observation, C in zip(data["observations"], scene.camera_target, strict=True):
+        del observation["corners"]
+        pose = to_pose6(C).tolist()
+        observation["T_camera_target"] = [1000 * v for v in pose[:3]] + pose[3:]
+    (tmp_path / "capture.json").write_text(json.dumps(data))
+    with pytest.raises(
+        InputError, match=r"no camera is mounted more than 5 m .* are in millimetres"
+    ) as caught:
         solve_hand_eye(tmp_path)
     assert caught.value.name == "DATA_INVALID"
 
