@@ -81,6 +81,28 @@ class Intrinsics(Part):
     why: str | None = Field(default=None, description="Why the intrinsics were estimated.")
 
 
+class Unknown(Part):
+    """What was found of a number that is never exactly as its model has it."""
+
+    value: float = Field(description="Deviation from the model, in the number's own unit (m, rad, px or 1).")
+    sigma: float = Field(description="Its standard deviation.")
+
+
+class ArmError(Part):
+    """How far the flange is from where a model has it, over all joints of the arm."""
+
+    t: Metres = Field(description="RMS of the place.")
+    r: Radians = Field(description="RMS of the rotation.")
+    t95: Metres = Field(description="95 % of the joints have a smaller expected error of the place.")
+
+
+class ArmFromBoard(Part):
+    """The arm's accuracy as the board tells it; a shift of base or flange as a whole is left out."""
+
+    configured: ArmError = Field(description="By the model in use.")
+    corrected: ArmError = Field(description="With all that was found taken off.")
+
+
 class HandEyeAnswer(Part):
     """Where the camera is, and what that rests on."""
 
@@ -100,6 +122,16 @@ class HandEyeAnswer(Part):
     estimates: dict[str, Estimates] = Field(description="Of simple solvers, by placement.")
     noise: NoiseInUse = Field(description="Noise levels in use.")
     intrinsics: Intrinsics | None = Field(default=None, description="Only when they were estimated.")
+    unknowns: dict[str, dict[str, Unknown]] | None = Field(
+        default=None,
+        description="With method `adjustment`: what was found of arm, lens and target, by block.",
+    )
+    scale: dict[str, float] | None = Field(
+        default=None, description="With method `adjustment`: how good the arm is, in units of its prior (1)."
+    )
+    arm: ArmFromBoard | None = Field(
+        default=None, description="With method `adjustment`, robot and joints: the arm's accuracy."
+    )
 
     def pose(self) -> tuple[str, list[float]] | None:
         """Name and pose6 of the camera; None for an answer that holds neither."""
@@ -120,6 +152,12 @@ class HandEyeUncertainty(Explained):
     )
     excess: float | None = Field(
         default=None, description="Factor of the covariance, as the residuals exceed the noise."
+    )
+    budget: dict[str, Distance] | None = Field(
+        default=None, description="With method `adjustment`: standard deviations of the pose by cause."
+    )
+    covers: list[str] | None = Field(
+        default=None, description="With method `adjustment`: what it covers beside noise. Else noise alone."
     )
     error95_t_m: Metres | None = Field(
         default=None, description="Of a run: 95 % of the errors of the place stay below this."

@@ -4,7 +4,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from cell.formats.result import Rejected
-from procedures.hand_eye.result import HandEyeAnswer, HandEyeResiduals, HandEyeResult, Spread
+from procedures.hand_eye.result import (
+    HandEyeAnswer,
+    HandEyeResiduals,
+    HandEyeResult,
+    HandEyeUncertainty,
+    Spread,
+)
 from procedures.plan_words import plan_lines
 from procedures.words import deg, mm, pose_text, sigma_text
 
@@ -17,17 +23,30 @@ MOST_REJECTED_SHOWN = 10
 
 def hand_eye_lines(found: HandEyeResult) -> list[str]:
     """The pose, its uncertainty, the residuals, and which observations were not used."""
-    return [*_answer(found.result), *_residuals(found.residuals), *_rejected(found.result.rejected)]
+    return [
+        *_answer(found.result, found.uncertainty),
+        *_residuals(found.residuals),
+        *_rejected(found.result.rejected),
+    ]
 
 
-def _answer(answer: HandEyeAnswer) -> list[str]:
+def _answer(answer: HandEyeAnswer, uncertainty: HandEyeUncertainty) -> list[str]:
     held = answer.pose()
     if held is None:
         return []
     name, pose = held
     lines = [f"  {SETUPS[name]}", f"  {name} = {pose_text(pose)}"]
     if answer.cov:
-        lines.append(f"  standard uncertainty {sigma_text(answer.cov)}")
+        lines.append(f"  standard uncertainty {sigma_text(answer.cov)}; it covers {_covered(uncertainty)}")
+    if uncertainty.budget:
+        parts = [f"{cause} {mm(part.t)}, {deg(part.r)}" for cause, part in uncertainty.budget.items()]
+        lines.append(f"  by cause: {'; '.join(parts)}")
+    if answer.arm:
+        now, then = answer.arm.configured, answer.arm.corrected
+        lines.append(
+            f"  the arm is {mm(now.t)}, {deg(now.r)} off its model (RMS over its joints; 95 % below "
+            f"{mm(now.t95)}); {mm(then.t)}, {deg(then.r)} would be left with what was found taken off"
+        )
     spreads = spread_lines(answer)
     lines += [f"  {line}" for line in spreads]
     if spreads:
@@ -35,6 +54,15 @@ def _answer(answer: HandEyeAnswer) -> list[str]:
     if answer.intrinsics:
         lines.append("  the camera's intrinsics were estimated from the images")
     return lines
+
+
+def _covered(uncertainty: HandEyeUncertainty) -> str:
+    """What the uncertainty covers and what it takes as exact."""
+    if not uncertainty.covers:
+        return "noise alone: arm, lens and target are taken as exact"
+    if "arm" not in uncertainty.covers:
+        return f"noise, {' and '.join(uncertainty.covers)}: the arm is taken as exact"
+    return f"noise, {', '.join(uncertainty.covers)}"
 
 
 def spread_lines(answer: HandEyeAnswer) -> list[str]:
