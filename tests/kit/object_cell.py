@@ -26,6 +26,7 @@ from daemon.worker import InlineWorker
 from fakes.object import ObjectCell as Plant
 from fakes.object import VirtualClock, cell_of
 from fakes.world.scenario import OBSERVED, Scenario
+from procedures.kind import read_result
 from procedures.registry import JOBS
 
 R = TypeVar("R")
@@ -228,6 +229,7 @@ class ObjectCell:
     def result(self, run_id: int) -> dict[str, Any]:
         result = self.folder(run_id).read_result()
         assert result is not None, "the run has no result.json"
+        assert read_result(result).as_json() == result
         return result
 
     def poses(self, run_id: int) -> list[dict[str, Any]]:

@@ -44,16 +44,7 @@ def test_complete_example_gives_the_stated_answer(tmp_path: Path) -> None:
     assert np.abs(log_xi(stated.inv() * answer)).max() < 1e-5
 
 
-def test_keys_of_a_result_are_explained(tmp_path: Path) -> None:
-    example = next(e for e in EXAMPLES if e["target"]["type"] == "points")
-    (tmp_path / "capture.json").write_text(json.dumps(example))
-    result = solve_hand_eye(tmp_path)
-    for part in (result, result["result"], result["residuals"]):
-        assert isinstance(part, dict)
-        assert [key for key in part if key not in ("schema", "kind") and f"`{key}`" not in MANUAL] == []
-
-
-def test_the_laser_example_gives_the_stated_answer_and_its_keys_are_explained(tmp_path: Path) -> None:
+def test_the_laser_example_gives_the_stated_answer(tmp_path: Path) -> None:
     (example,) = [e for e in ALL if e["schema"] == laser.SCHEMA]
     (tmp_path / "laser.json").write_text(json.dumps(example))
     stated = re.search(r"^dp_flange = (\[.*\]), 95 % of errors below ([0-9.]+) m$", MANUAL, re.M)
@@ -61,12 +52,9 @@ def test_the_laser_example_gives_the_stated_answer_and_its_keys_are_explained(tm
     result = solve_laser(tmp_path)
     assert result["result"]["dp_flange"] == pytest.approx(json.loads(stated[1]), abs=5e-5)
     assert result["uncertainty"]["U_point_m"] == pytest.approx(float(stated[2]), rel=0.1)
-    classic = solve_laser(tmp_path, method="classic")
-    for part in (result, result["result"], classic["result"]):
-        assert [key for key in part if key not in ("schema", "kind") and f"`{key}`" not in MANUAL] == []
 
 
-def test_the_example_of_an_arm_gives_the_stated_figures_and_its_keys_are_explained(tmp_path: Path) -> None:
+def test_the_example_of_an_arm_gives_the_stated_figures(tmp_path: Path) -> None:
     (example,) = [e for e in ALL if e["schema"] == kincal.SCHEMA]
     (tmp_path / "kincal.json").write_text(json.dumps(example))
     result: Any = solve_kincal(tmp_path)
@@ -74,5 +62,3 @@ def test_the_example_of_an_arm_gives_the_stated_figures_and_its_keys_are_explain
         stated = re.search(rf"{key} = ([0-9.]+) m", MANUAL)
         assert stated is not None
         assert result["result"][key] == pytest.approx(float(stated[1]), abs=1e-5)
-    for part in (result, result["result"]):
-        assert [key for key in part if key not in ("schema", "kind") and f"`{key}`" not in MANUAL] == []

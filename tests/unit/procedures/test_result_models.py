@@ -1,5 +1,7 @@
 """Results as the models of their kinds: stored ones are read and written unchanged, damaged ones are told."""
 
+import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -34,6 +36,33 @@ def test_a_stored_result_is_read_and_written_unchanged(path: Path) -> None:
     subject = read_result(stored(path))
     assert subject.as_json() == stored(path)
     assert list(unknown(subject)) == []
+
+
+def solved_examples(folder: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    """What the solvers say of the complete examples in the manual."""
+    manual = (Path(__file__).parents[3] / "docs" / "data-sets.md").read_text("utf-8")
+    solvers = {"capture": "hand-eye", "laser": "laser", "kincal": "kincal"}
+    for number, block in enumerate(re.findall(r"```json\n(.*?)```", manual, re.S)):
+        example = json.loads(block)
+        kind = solvers.get(example["schema"].removeprefix("cellward.").removesuffix("/1"))
+        complete = example.get("target", {}).get("type") == "points" if kind == "hand-eye" else True
+        if kind is not None and complete:
+            (folder / str(number)).mkdir()
+            path = folder / str(number) / KINDS[kind].data_file
+            path.write_text(block)
+            yield kind, load(KINDS[kind].solve)(path)
+            if kind == "laser":
+                yield kind, load(KINDS[kind].solve)(path, method="classic")
+
+
+def test_what_the_solvers_say_of_the_manuals_examples_has_no_key_beyond_the_models(tmp_path: Path) -> None:
+    found = list(solved_examples(tmp_path))
+    assert [kind for kind, _ in found] == ["hand-eye", "laser", "laser", "kincal"]
+    for kind, document in found:
+        subject = read_result(document)
+        assert subject.as_json() == document, kind
+        assert list(unknown(subject)) == [], kind
+        assert type(subject) is load(KINDS[kind].result)
 
 
 def test_there_is_a_stored_result_with_an_answer_of_every_kind() -> None:

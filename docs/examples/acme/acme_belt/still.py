@@ -59,8 +59,10 @@ class BeltStill(Procedure):
         before = belt.counts.latest(1.0).value.count
         await run.clock.sleep(self.config.seconds)
         moved = belt.counts.latest(1.0).value.count - before
-        verdict = "pass" if moved == 0 else "fail"
-        run.result = {"kind": self.kind, "verdict": verdict, "result": {"counts": moved}}
+        found = StillResult(
+            kind=self.kind, verdict="pass" if moved == 0 else "fail", result=Answer(counts=moved)
+        )
+        run.result = found.as_json()
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
         return {"kind": self.kind, "seconds": self.config.seconds}
