@@ -4,23 +4,21 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
-from wire_faces import Face, Rig
+from wire_faces import Face
 
 from cell.clock import MonotonicClock
-from cell.devices import Encoder, EncoderState
-from cell.samples import Sample
+from cell.devices import Identity
+from cell.testing import EncoderRig
 from drivers.can_encoder import CanopenEncoder, CanopenEncoderConfig
 from fakes.can import CanFaults, CanWires
 from fakes.faults.belt import BeltFaults
 from fakes.object import ObjectEncoder, VirtualClock, run_virtual
 from fakes.wire.listening import TcpPlace
-from fakes.world.belt.belt import Belt
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
 
@@ -28,20 +26,7 @@ SCENARIO = "belt"
 HOST = "127.0.51.2"
 
 
-@dataclass
-class EncoderRig(Rig[Encoder]):
-    """``belt`` is the one that the encoder turns with; it stops and runs as a test says."""
-
-    belt: Belt
-
-    def samples(self) -> list[Sample[EncoderState]]:
-        """All samples of this epoch."""
-        return self.device.counts.between(0.0, self.clock.now() + 1.0)
-
-    async def fresh(self) -> Sample[EncoderState]:
-        """A sample that was taken after the call."""
-        await self.device.wait_fresh(10.0)
-        return self.device.counts.latest(10.0)
+IDENTITY = Identity("", "999966001")
 
 
 @asynccontextmanager
@@ -57,7 +42,7 @@ async def _object(_: None) -> AsyncIterator[EncoderRig]:
     await device.open()
     assert device.world.belt is not None
     try:
-        yield EncoderRig(device, clock, inject, device.world.belt)
+        yield EncoderRig(device, clock, inject=inject, identity=IDENTITY, belt=device.world.belt)
     finally:
         await device.close()
 
@@ -98,7 +83,7 @@ def _wire(interface: str) -> Callable[[None], AbstractAsyncContextManager[Encode
 
             try:
                 await device.open()
-                yield EncoderRig(device, clock, inject, belt)
+                yield EncoderRig(device, clock, inject=inject, identity=IDENTITY, belt=belt)
             finally:
                 await device.close()
                 faults.close()

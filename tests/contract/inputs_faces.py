@@ -3,19 +3,18 @@
 import asyncio
 import importlib.util
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
-from wire_faces import Face, Rig
+from wire_faces import Face
 
 from cell.clock import MonotonicClock
-from cell.devices import DigitalInputs, InputsState
-from cell.samples import Sample
+from cell.devices import Identity as DeviceIdentity
+from cell.testing import InputsRig
 from drivers.modbus_inputs import InputsConfig, ModbusInputs
 from fakes.faults.inputs import InputFaults
 from fakes.modbus_io import Identity, Module, ModuleFaults, ModuleWires, TcpPlace, register_map
@@ -29,31 +28,7 @@ PERIOD = {"tcp": 0.005, "rtu": 0.02}
 FAULTS_OF_LINKS = {"refuse", "drop", "reset"}
 
 
-@dataclass
-class InputsRig(Rig[DigitalInputs]):
-    """``lose_polls`` makes the next few polls fail to come, without ending the link."""
-
-    lose_polls: Callable[[], Awaitable[None]]
-    period_s: float
-
-    async def switch(self, name: str, on: bool) -> None:
-        """Set the contact of an input; the level of ``laser`` is not inverted."""
-        await self.inject("stuck", input=name, level="on" if on else "off")
-
-    async def pulse(self, name: str) -> None:
-        """On and off, so fast that no poll is likely to see it."""
-        await self.switch(name, True)
-        await self.clock.sleep(0.0003)
-        await self.switch(name, False)
-
-    async def fresh(self) -> Sample[InputsState]:
-        """A poll that was made after the call."""
-        await self.device.wait_fresh(2.0)
-        return self.device.inputs.latest(1.0)
-
-    def polls(self) -> list[Sample[InputsState]]:
-        """All polls of this epoch."""
-        return self.device.inputs.between(0.0, self.clock.now() + 1.0)
+IDENTITY = DeviceIdentity("ioLogik-E1210", "99993300001")
 
 
 @asynccontextmanager
@@ -69,7 +44,14 @@ async def _object(_: None) -> AsyncIterator[InputsRig]:
 
     await device.open()
     try:
-        yield InputsRig(device, clock, inject, lose_polls, device.config.poll_period_s)
+        yield InputsRig(
+            device,
+            clock,
+            inject=inject,
+            identity=IDENTITY,
+            lose_polls=lose_polls,
+            period_s=device.config.poll_period_s,
+        )
     finally:
         await device.close()
 
@@ -114,7 +96,14 @@ def _wire(scheme: str) -> Callable[[None], AbstractAsyncContextManager[InputsRig
 
             try:
                 await device.open()
-                yield InputsRig(device, clock, inject, lose_polls, PERIOD[scheme])
+                yield InputsRig(
+                    device,
+                    clock,
+                    inject=inject,
+                    identity=IDENTITY,
+                    lose_polls=lose_polls,
+                    period_s=PERIOD[scheme],
+                )
             finally:
                 await device.close()
                 faults.close()

@@ -4,18 +4,18 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import pytest
-from wire_faces import Face, Rig
+from wire_faces import Face
 
 from cell.clock import MonotonicClock
-from cell.devices import LaserTracker
+from cell.devices import Identity
 from cell.poses import Array
+from cell.testing import TrackerRig
 from drivers.tracker import GeocomConfig, GeocomTracker
 from fakes.faults.tracker import TrackerFaults
 from fakes.geocom import Instrument, StationFaults, StationWires
@@ -37,15 +37,11 @@ DRIVER: dict[str, Any] = {
 }
 
 
-@dataclass
-class TrackerRig(Rig[LaserTracker]):
-    """``tracker`` is the instrument in the world, for the truth."""
+IDENTITY = Identity("", "99994400001")
 
-    tracker: Tracker
 
-    def true(self, reflector: str) -> Array:
-        """Where a reflector is now, tracker frame (3,)."""
-        return np.array(self.tracker.sight.local(reflector, self.clock.now()))
+def _where(tracker: Tracker) -> Callable[[str, float], Array]:
+    return lambda reflector, t: np.array(tracker.sight.local(reflector, t))
 
 
 @asynccontextmanager
@@ -58,7 +54,9 @@ async def _object(_: None) -> AsyncIterator[TrackerRig]:
 
     await device.open()
     try:
-        yield TrackerRig(device, clock, inject, device.tracker_plant.tracker)
+        yield TrackerRig(
+            device, clock, inject=inject, identity=IDENTITY, where=_where(device.tracker_plant.tracker)
+        )
     finally:
         await device.close()
 
@@ -92,7 +90,7 @@ def _wire(scheme: str) -> Callable[[None], AbstractAsyncContextManager[TrackerRi
 
             try:
                 await device.open()
-                yield TrackerRig(device, clock, inject, tracker)
+                yield TrackerRig(device, clock, inject=inject, identity=IDENTITY, where=_where(tracker))
             finally:
                 await device.close()
                 faults.close()

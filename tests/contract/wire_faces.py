@@ -1,7 +1,7 @@
 """The faces on which the contract suite runs: what makes an arm or a camera, and what breaks it.
 
-The suite (``test_arm_contract.py``, ``test_camera_contract.py``) knows nothing but an :class:`ArmRig` or a
-:class:`CameraRig`. Another face is added with :func:`add_arm_face` or :func:`add_camera_face` at the end of
+The suite (``cell.testing``) knows nothing but an :class:`ArmRig` or a :class:`CameraRig`.
+Another face is added with :func:`add_arm_face` or :func:`add_camera_face` at the end of
 this file; see :class:`Face` for what it consists of. A face on real sockets or children gets ``wire=True``,
 which marks its tests. ``lacks`` names the faults that it cannot show.
 """
@@ -9,7 +9,7 @@ which marks its tests. ``lacks`` names the faults that it cannot show.
 import asyncio
 import tempfile
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import (
     AbstractAsyncContextManager,
     AbstractContextManager,
@@ -25,9 +25,10 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 import pytest
 
-from cell.clock import Clock, MonotonicClock
-from cell.devices import Arm, DepthCamera
+from cell.clock import MonotonicClock
+from cell.devices import Identity
 from cell.poses import Array
+from cell.testing import ArmRig, Bench, CameraRig, Rig
 from drivers.oak import OakCamera
 from drivers.ur import UrArm
 from fakes.faults.vocabulary import Switchboard
@@ -38,34 +39,7 @@ from fakes.ur.process import ControllerHandle, running_controller
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
 
-D = TypeVar("D")
-R = TypeVar("R", bound="Rig[Any]")
-
-
-@dataclass
-class Rig(Generic[D]):
-    """One open device of the ``hand_eye`` scenario.
-
-    ``inject(kind, **arguments)`` begins a fault of the common vocabulary, ``inject("clear")`` puts all right.
-    """
-
-    device: D
-    clock: Clock
-    inject: Callable[..., Awaitable[None]]
-
-
-@dataclass
-class ArmRig(Rig[Arm]):
-    """``truth()`` gives the arm's true joints (6,) rad, and whether any of them turns, past the driver."""
-
-    truth: Callable[[], Awaitable[tuple[Array, bool]]]
-
-
-@dataclass
-class CameraRig(Rig[DepthCamera]):
-    """``world`` is the one that the camera looks at; its operator moves the board."""
-
-    world: World
+R = TypeVar("R", bound=Rig[Any])
 
 
 @dataclass(frozen=True)
@@ -83,6 +57,10 @@ class Face(Generic[R]):
     serve: Callable[[], AbstractContextManager[Any]] = nullcontext
     wire: bool = False
     lacks: frozenset[str] = frozenset()
+
+    def bench(self, served: Any = None, retried: bool = False) -> Bench[R]:
+        """What a suite plays its scenes on."""
+        return Bench(lambda: self.rig(served), self.run, self.lacks, retried)
 
 
 _arm_faces: list[Face[ArmRig]] = []
@@ -117,6 +95,13 @@ def _parameter(face: Face[Any]) -> Any:
 # -- the object face
 
 SCENARIO = "hand_eye"
+HOME = np.array([0.0, -1.8, 1.8, -1.57, -1.57, 0.0])
+AWAY = HOME + np.array([0.5, -0.2, 0.3, 0.2, -0.4, 0.6])
+OF_THE_ARM: dict[str, Any] = {"identity": Identity("ur10e", "99991100001"), "home": HOME, "away": AWAY}
+
+
+def _camera_of(world: World) -> Identity:
+    return Identity("", world.config.camera.serial)
 
 
 @asynccontextmanager
@@ -133,7 +118,7 @@ async def _object_arm(_: None) -> AsyncIterator[ArmRig]:
 
     await arm.open()
     try:
-        yield ArmRig(arm, clock, inject, truth)
+        yield ArmRig(arm, clock, inject=inject, truth=truth, **OF_THE_ARM)
     finally:
         await arm.close()
 
@@ -148,7 +133,7 @@ async def _object_camera(_: None) -> AsyncIterator[CameraRig]:
 
     await camera.open()
     try:
-        yield CameraRig(camera, clock, inject, camera.world)
+        yield CameraRig(camera, clock, inject=inject, identity=_camera_of(camera.world), world=camera.world)
     finally:
         await camera.close()
 
@@ -178,7 +163,7 @@ async def _wire_arm(controller: ControllerHandle) -> AsyncIterator[ArmRig]:
 
     await arm.open()
     try:
-        yield ArmRig(arm, clock, inject, truth)
+        yield ArmRig(arm, clock, inject=inject, truth=truth, **OF_THE_ARM)
     finally:
         await arm.close()
         await inject("clear")
@@ -248,7 +233,7 @@ async def _wire_camera(served: FrameServing) -> AsyncIterator[CameraRig]:
 
     try:
         await camera.open()
-        yield CameraRig(camera, clock, inject, served.world)
+        yield CameraRig(camera, clock, inject=inject, identity=_camera_of(served.world), world=served.world)
     finally:
         await camera.close()
         await inject("clear")

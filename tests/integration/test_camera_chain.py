@@ -24,13 +24,13 @@ from numpy.typing import NDArray
 from cell.clock import MonotonicClock
 from cell.devices import Frame, Intrinsics
 from cell.errors import CellError
+from cell.testing import taken_again
 from drivers.oak import OakCamera
 from fakes.faults.vocabulary import Fault
 from fakes.frames.faults import CameraFaults
 from fakes.frames.server import serve_frames
 from fakes.world.scenario import Scenario
 from fakes.world.world import Message, World
-from tests.kit import taken_again
 
 pytestmark = pytest.mark.wire
 

@@ -11,10 +11,10 @@ from ur_driver_rig import Rig, until
 
 from cell.clock import MonotonicClock
 from cell.errors import CellError
+from cell.testing.taken_again import play
 from drivers.ur.gripper import ArmGripper
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
-from tests.kit.taken_again import play
 
 pytestmark = pytest.mark.wire
 CLOSES, HOLDS = 0, 7  # output and confirm input of the scenario

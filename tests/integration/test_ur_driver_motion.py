@@ -20,9 +20,9 @@ from cell.errors import CellError, error
 from cell.motion import MotionBroker
 from cell.poses import from_pose6
 from cell.samples import Sample
+from cell.testing.taken_again import ends_by
 from drivers.ur import UrArm
 from fakes.world.scenario import Scenario
-from tests.kit.taken_again import ends_by
 
 SPEED = Speed(tcp_m_s=0.25, tcp_m_s2=1.0, joint_rad_s=1.0, joint_rad_s2=4.0)
 SLOW = Speed(tcp_m_s=0.02, tcp_m_s2=0.5, joint_rad_s=0.05, joint_rad_s2=0.5)

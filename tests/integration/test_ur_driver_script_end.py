@@ -11,10 +11,10 @@ import pytest
 from ur_driver_rig import Rig, rests, start
 
 from cell.devices import Speed, TrajectoryPiece
+from cell.testing.taken_again import ends_by
 from drivers.ur import UrArm
 from drivers.ur.dashboard import dashboard
 from drivers.ur.motion import UrMotion
-from tests.kit.taken_again import ends_by
 
 SLOW = Speed(tcp_m_s=0.02, tcp_m_s2=0.5, joint_rad_s=0.05, joint_rad_s2=0.5)
 PAUSED_S = 0.4

@@ -15,10 +15,10 @@ from cell.devices import ToolSettings
 from cell.errors import error
 from cell.motion import measured_standstill
 from cell.poses import from_pose6
+from cell.testing.taken_again import play
 from drivers.ur import UrArm
 from drivers.ur.motion import UrMotion
 from fakes.ur.process import ControllerHandle, running_controller
-from tests.kit.taken_again import play
 
 TOOL = ToolSettings(from_pose6([0.0, 0.0, 0.18, 0.0, 0.0, 0.0]), 1.2)
 

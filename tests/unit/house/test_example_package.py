@@ -41,6 +41,30 @@ def test_the_driver_and_the_job_are_found_by_their_short_names() -> None:
     assert installed_jobs()["acme-still"] == "acme_belt.still:BeltStill"
 
 
+def test_its_driver_keeps_the_contract_of_encoders(installed: Path) -> None:
+    path = f"{installed}:{EXAMPLE.parents[2]}"
+    command = [sys.executable, "-m", "pytest", "-rs", "-p", "no:cacheprovider", "--pyargs", "acme_belt"]
+    subject = subprocess.run(command, env={"PYTHONPATH": path}, cwd=installed, capture_output=True, text=True)
+    assert subject.returncode == 0, subject.stdout + subject.stderr
+    assert "4 passed" in subject.stdout
+    assert "this bench has no unplug" in subject.stdout
+
+
+def test_a_driver_that_breaks_the_contract_fails_its_suite(installed: Path, tmp_path: Path) -> None:
+    suite = (installed / "acme_belt/test_encoder.py").read_text("utf-8")
+    broken = (
+        "class Broken(AcmeEncoder):\n    async def wait_fresh(self, timeout):\n        pass\n\n\nclass Test"
+    )
+    suite = suite.replace("class Test", broken).replace("EncoderRig, AcmeEncoder", "EncoderRig, Broken")
+    (tmp_path / "test_broken.py").write_text(suite, "utf-8")
+    path = f"{installed}:{EXAMPLE.parents[2]}"
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", str(tmp_path)]
+    subject = subprocess.run(command, env={"PYTHONPATH": path}, cwd=tmp_path, capture_output=True, text=True)
+    assert subject.returncode == 1, subject.stdout + subject.stderr
+    assert "2 failed" in subject.stdout
+    assert "FAILED test_broken.py::TestAcmeEncoder::test_a_closed_device_says_so" in subject.stdout
+
+
 def test_a_new_process_lists_both(installed: Path) -> None:
     code = "from daemon.cli.installed import list_installed as f; f(True, True, False)"
     path = f"{installed}:{EXAMPLE.parents[2]}"
