@@ -164,7 +164,8 @@ class Bench:
             f" {end['error']['name']}: {end['error']['text']}" if end["error"] else f" {end['verdict']}"
         )
         run = load_run(Path(cell.config()["cell"]["state_dir"]) / "runs", run_id)
-        again = [line for line in run.read_journal() if line.get("event") == "step taken again"]
+        journal = run.read_journal()
+        again = [line for line in journal if line.get("event") == "step taken again"]
         judged = self._judged(run, met) if end["outcome"] == "complete" else None
         told = ", ".join(f"{s.process} {s.pause_s:g} s at {s.state}" for s in mine) or "none"
         answer = f" ({judged.off}; stated {judged.stated})" if judged else ""
@@ -173,6 +174,10 @@ class Bench:
             f"  run {run_id}: {outcome}{wrong}{answer}; {len(again)} steps again; struck: {told}",
             flush=True,
         )
+        if end["error"]:
+            lines = [line for line in journal if line.get("kind") in ("device", "error") or line.get("cause")]
+            for line in lines[-6:]:
+                print(f"    {line}", flush=True)
         if mine and end["outcome"] == "complete":
             mine[-1].went_on = True
         for each in mine:
