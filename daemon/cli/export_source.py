@@ -206,7 +206,10 @@ def _of_arm(result: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
     names = {"predicted_error_95_m": predicted, "held_out_rms_m": rms, "tracker_sigma_3d_m": tracker}
     words = []
     if predicted is not None:
-        words.append(f"95 % of prediction errors below {1e3 * predicted:.4f} mm in the sampled joint ranges")
+        words.append(
+            f"95 % of prediction errors through noise of the readings below {1e3 * predicted:.4f} mm in the "
+            "sampled joint ranges; what the arm's model lacks is not in it"
+        )
     if rms is not None:
         words.append(f"{1e3 * rms:.4f} mm RMS on held-out poses")
     if tracker is not None:

@@ -203,6 +203,10 @@ class KincalHeldOut(Explained):
     samples: int = Field(description="Samples that were judged.")
     rms: Off = Field(description="RMS distances.")
     max: Off = Field(description="Largest distances.")
+    rejected: int | None = Field(default=None, description="Samples that the solution left out.")
+    rms_with_rejected: Metres | None = Field(
+        default=None, description="RMS distance from the calibrated arm with those counted as well."
+    )
     tracker_3d: Metres = Field(description="The tracker's own noise in them, RMS.")
     set_aside: SetAside | None = Field(default=None, description="Of a run.")
 

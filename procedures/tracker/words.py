@@ -18,6 +18,11 @@ def kincal_lines(found: KincalResult) -> list[str]:
         f"calibrated {mm(answer.rms_calibrated, 4)}",
         f"    {_noise(answer)} {mm(held.tracker_3d, 4)} (sqrt(3) sigma)",
     ]
+    if held.rejected and held.rms_with_rejected is not None:
+        lines.append(
+            f"    with the {held.rejected} rejected samples counted as well, calibrated "
+            f"{mm(held.rms_with_rejected, 4)}"
+        )
     if aside := held.set_aside:
         off = aside.rms
         lines.append(
@@ -35,8 +40,9 @@ def kincal_lines(found: KincalResult) -> list[str]:
         )
     if predicted := found.uncertainty.predicted_95:
         lines.append(
-            f"  95 % of prediction errors stay below {mm(predicted.samples.median, 4)} at the samples, "
-            f"{mm(predicted.workspace.max, 4)} at the worst place in their range"
+            "  through noise of the readings alone 95 % of prediction errors stay below "
+            f"{mm(predicted.samples.median, 4)} at the samples, {mm(predicted.workspace.max, 4)} at the "
+            "worst place in their range; what the arm's model lacks (gears, sag) is not in it"
         )
     lines += [
         f"  T_tracker_base = {pose_text(answer.T_tracker_base)}",

@@ -50,7 +50,8 @@ def verdict_section(source: KincalSource) -> Html:
                 (gain, "better than the nominal arm, on poses that the solution did not see"),
                 (
                     mm(dig(predicted, "max")),
-                    f"95 % of prediction errors stay below this at the worst of {places} places",
+                    "95 % of prediction errors through noise of the readings stay below this at the worst of "
+                    f"{places} places; what the arm's model lacks is not in it",
                 ),
             )
         )

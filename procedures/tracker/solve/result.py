@@ -216,11 +216,14 @@ def _residuals(solved: Solved, judged: HeldOut) -> dict[str, object]:
 def _held_out(solution: Solution, judged: HeldOut) -> dict[str, object]:
     figures = (judged.nominal, judged.registration, judged.calibrated)
     names = ("nominal", "registration_only", "calibrated")
+    rejected = np.linalg.norm(solution.e[:, ~solution.used], axis=0)  # no solution saw these
     return {
         "folds": judged.folds,
         "samples": len(judged.rows),
         "rms": {name: rms(d) for name, d in zip(names, figures, strict=True)},
         "max": {name: float(d.max()) if len(d) else None for name, d in zip(names, figures, strict=True)},
+        "rejected": int(np.count_nonzero(~solution.used)),
+        "rms_with_rejected": rms(np.concatenate([judged.calibrated, rejected])),
         "tracker_3d": _tracker(solution)["sigma_3d"],
         "meaning": "distance (m) of tracker readings from their prediction by an arm that did not see them; "
         "the tracker's own noise is in it. nominal: the drawing, in the place of the tracker that the "

@@ -59,6 +59,10 @@ def test_a_data_set_gives_a_result_in_the_format(kind: str, tmp_path: Path) -> N
     assert result["inputs"]["used"] == 58
     assert result["heldout"]["samples"] == 58
     assert result["heldout"]["rms"]["calibrated"] == answer["rms_calibrated"]
+    off = [s["distance"] for s in result["residuals"]["per_sample"] if not s["used"]]
+    squares = 58 * answer["rms_calibrated"] ** 2 + np.sum(np.square(off))
+    assert result["heldout"]["rejected"] == 2
+    assert result["heldout"]["rms_with_rejected"] == pytest.approx(np.sqrt(squares / 60))
     tracker = result["uncertainty"]["tracker"]
     assert tracker["sigma_3d"] == pytest.approx(np.sqrt(3) * (15e-6 + 6e-6 * tracker["range_m"]), rel=0.15)
     assert answer["rms_calibrated"] == pytest.approx(tracker["sigma_3d"], rel=0.4)
