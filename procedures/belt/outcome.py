@@ -2,12 +2,13 @@
 
 from typing import Any
 
-from cell.formats.result import Result, Warning_
+from cell.formats.result import Empty, Warning_
 from cell.run_values import RunValues
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.encoder_alarms import emergency_warnings
 from procedures.belt.item_tracking import LOOK_BACK_S, BeltWatch
 from procedures.belt.items import Outcome
+from procedures.belt.result import BeltTrackingResult, CameraStalls, PickingAnswer, PickingInputs, Slip
 
 
 def result_of(
@@ -39,24 +40,29 @@ def result_of(
     warnings += emergency_warnings(watch.emergencies.told)
     if "belt" in values.configured and "belt" not in values.versions:
         warnings.append(Warning_(code="belt.nominal", text="m_per_count is the configured one"))
-    return Result(
-        kind="belt-tracking",
+    return BeltTrackingResult(
         verdict="warn" if warnings else "pass",
         reasons=[f"{n} missed: {cause}" for cause, n in misses.items()],
         warnings=warnings,
-        result={
-            "picks": picks,
-            "misses": misses,
-            "seen": watch.queue.seen,
-            "success": picks / tried if tried else None,
-            "duration_s": duration_s,
-            "picks_per_minute": 60.0 * picks / duration_s if duration_s > 0 else None,
-            "counters": watch.queue.live(),
-            "slips": [{"t": slip.t, "along_m": slip.by, "sigma_m": slip.sigma} for slip in watch.slips],
-            "jumps_m": list(watch.jumps),
-            "camera_stalls": {"count": stall.count, "longest_s": stall.longest_s},
-            "follow": config.follow,
-            "method": config.method,
-        },
-        inputs={"belt": values.belt, "versions": dict(values.versions)},
+        result=PickingAnswer(
+            picks=picks,
+            misses=misses,
+            seen=watch.queue.seen,
+            success=picks / tried if tried else None,
+            duration_s=duration_s,
+            picks_per_minute=60.0 * picks / duration_s if duration_s > 0 else None,
+            counters=watch.queue.live(),
+            slips=[Slip(t=slip.t, along_m=slip.by, sigma_m=slip.sigma) for slip in watch.slips],
+            jumps_m=list(watch.jumps),
+            camera_stalls=CameraStalls(count=stall.count, longest_s=stall.longest_s),
+            follow=config.follow,
+            method=config.method,
+        ),
+        uncertainty=Empty(),
+        residuals=Empty(),
+        heldout=Empty(),
+        observability=Empty(),
+        inputs=PickingInputs(
+            belt=None if values.belt is None else dict(values.belt), versions=dict(values.versions)
+        ),
     ).as_json()

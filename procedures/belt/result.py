@@ -52,7 +52,7 @@ class SightingResidual(Part):
     count: float = Field(description="Unwrapped count.")
     item: int = Field(description="Number of the item.")
     used: bool = Field(description="Whether the solution used it.")
-    off_m: list[float | None] = Field(description="From the motion of its item (m).")
+    off_m: list[float] = Field(description="From the motion of its item (m).")
 
 
 class BeltResiduals(Part):
@@ -171,7 +171,7 @@ class PickingAnswer(Part):
     success: float | None = Field(description="Share of those tried that were picked (1).")
     duration_s: Seconds = Field(description="Time of picking.")
     picks_per_minute: float | None = Field(description="Rate (1/min).")
-    counters: dict[str, float] = Field(description="As the registers show them.")
+    counters: dict[str, int] = Field(description="As the registers show them.")
     slips: list[Slip] = Field(description="Of the encoder's wheel.")
     jumps_m: Annotated[list[float], Unit("m")] = Field(description="Of the encoder's position.")
     camera_stalls: CameraStalls = Field(description="Times without pictures.")
@@ -182,7 +182,7 @@ class PickingAnswer(Part):
 class PickingInputs(Inputs):
     """What it was picked with."""
 
-    belt: dict[str, Any] = Field(description="The calibration of the belt.")
+    belt: dict[str, Any] | None = Field(description="The calibration of the belt.")
     versions: dict[str, int] = Field(description="Of the calibrations in use.")
 
 

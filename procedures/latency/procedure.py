@@ -20,6 +20,7 @@ from cell.store.files import to_json, write_atomic
 from procedures.laser.plan import note_plan
 from procedures.latency.beams import Beams
 from procedures.latency.config import LatencyCalibrationConfig
+from procedures.latency.result import LatencyResult
 from procedures.latency.solver import DATA_FILE, SCHEMA, solve_latency
 from procedures.latency.source import Source
 
@@ -137,19 +138,19 @@ class LatencyCalibration(Procedure):
 def solve_within_limits(path: Path, limits: Mapping[str, Any]) -> dict[str, Any]:
     """The result held against the limits of the job; for the worker process."""
     result = solve_latency(path)
-    answer = result["result"]
-    if answer is None:
-        return result
-    low, high = answer["interval95_s"]
+    if not isinstance(result, LatencyResult):
+        return result.as_json()
+    low, high = result.result.interval95_s
     reasons = []
     if high - low > limits["max_interval_s"]:
         reasons.append(
             f"max_interval_s: the 95 % interval is {1e3 * (high - low):.2f} ms wide, the limit is "
             f"{1e3 * limits['max_interval_s']:g} ms; take more passes or poll faster"
         )
-    if abs(answer["time_offset_s"]) > limits["max_offset_s"]:
+    if abs(result.result.time_offset_s) > limits["max_offset_s"]:
         reasons.append(
-            f"max_offset_s: the delay is {1e3 * answer['time_offset_s']:.1f} ms, the limit is "
+            f"max_offset_s: the delay is {1e3 * result.result.time_offset_s:.1f} ms, the limit is "
             f"{1e3 * limits['max_offset_s']:g} ms"
         )
-    return {**result, "verdict": "fail", "reasons": reasons} if reasons else result
+    changed = {"verdict": "fail", "reasons": reasons} if reasons else {}
+    return result.model_copy(update=changed).as_json()

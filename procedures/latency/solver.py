@@ -11,6 +11,15 @@ import numpy as np
 from calibration.latency import Crossing, solve_delay, undetermined
 from cell.errors import error
 from cell.formats.result import Result
+from procedures.latency.result import (
+    LatencyAnswer,
+    LatencyHeldOut,
+    LatencyInputs,
+    LatencyObservability,
+    LatencyResiduals,
+    LatencyResult,
+    LatencyUncertainty,
+)
 from procedures.solving import within_limits
 
 DATA_FILE = "latency.json"
@@ -20,7 +29,7 @@ SPEED_WINDOW_S = 0.03
 
 
 @within_limits
-def solve_latency(path: Path) -> dict[str, Any]:
+def solve_latency(path: Path) -> LatencyResult | Result:
     """``cellward.result/1`` of kind ``latency`` from a run's folder or its ``latency.json``.
 
     ``time_offset_s`` is what is to be subtracted from the source's own stamps: ``applied_s``, which the
@@ -31,36 +40,40 @@ def solve_latency(path: Path) -> dict[str, Any]:
     crossings = SIGNALS[data["signal"]](data)
     inputs = {"path": str(file), "passes": len(data["passes"]), "source": data["source"]}
     if (why := undetermined(crossings)) is not None:
-        return Result(kind="latency", verdict="fail", reasons=[why], result=None, inputs=inputs).as_json()
+        return Result(kind="latency", verdict="fail", reasons=[why], result=None, inputs=inputs)
     began = time.perf_counter()
     found = solve_delay(crossings)
     low, high = (data["applied_s"] + t for t in found.interval95)
     held_out = found.heldout[np.isfinite(found.heldout)]
-    return Result(
-        kind="latency",
+    return LatencyResult(
         verdict="pass",
-        result={
-            "source": data["source"],
-            "time_offset_s": data["applied_s"] + found.tau,
-            "interval95_s": [low, high],
-            "tau": found.tau,
-            "applied_s": data["applied_s"],
-            "hysteresis_m": found.hysteresis,
-        },
-        uncertainty={"sigma_s": found.sigma_tau, "sigma_hysteresis_m": found.sigma_hysteresis},
-        residuals={
-            "rms_m": float(np.sqrt(np.mean(found.residuals**2))),
-            "over_bracket": found.scatter,
-            "edges": len(crossings),
-        },
-        heldout={"rms_m": float(np.sqrt(np.mean(held_out**2))) if len(held_out) else None},
-        observability={
-            "undetermined": []
+        result=LatencyAnswer(
+            source=data["source"],
+            time_offset_s=data["applied_s"] + found.tau,
+            interval95_s=[low, high],
+            tau=found.tau,
+            applied_s=data["applied_s"],
+            hysteresis_m=found.hysteresis,
+        ),
+        uncertainty=LatencyUncertainty(sigma_s=found.sigma_tau, sigma_hysteresis_m=found.sigma_hysteresis),
+        residuals=LatencyResiduals(
+            rms_m=float(np.sqrt(np.mean(found.residuals**2))),
+            over_bracket=found.scatter,
+            edges=len(crossings),
+        ),
+        heldout=LatencyHeldOut(rms_m=float(np.sqrt(np.mean(held_out**2))) if len(held_out) else None),
+        observability=LatencyObservability(
+            undetermined=[]
             if found.hysteresis is not None
             else ["the hysteresis: with one speed it is part of the delay"]
-        },
-        inputs={**inputs, "solve_seconds": time.perf_counter() - began},
-    ).as_json()
+        ),
+        inputs=LatencyInputs(
+            path=str(file),
+            passes=len(data["passes"]),
+            source=data["source"],
+            solve_seconds=time.perf_counter() - began,
+        ),
+    )
 
 
 def beam_edges(data: Mapping[str, Any]) -> list[Crossing]:

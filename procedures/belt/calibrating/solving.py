@@ -16,6 +16,16 @@ from procedures.belt.calibrating.rows import Rows, rows_of
 from procedures.belt.calibrating.slip import Parted, WheelSlip, part_at_slips
 from procedures.belt.calibrating.spread import spread, with_camera
 from procedures.belt.encoder_alarms import emergency_warnings
+from procedures.belt.result import (
+    BeltAnswer,
+    BeltCalibrationResult,
+    BeltHeldOut,
+    BeltInputs,
+    BeltObservability,
+    BeltResiduals,
+    BeltUncertainty,
+    SightingResidual,
+)
 from procedures.solving import within_limits
 
 KIND = "belt-calibration"
@@ -33,17 +43,18 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> dict[str, Any]
     began = time.perf_counter()
     rows = rows_of(data)
     answer = _answer(data, rows, float(config["touch_sigma_m"]))
-    inputs = {
-        "path": str(path),
-        "source": data["source"],
-        "device": data["device"],
-        "sightings": len(rows.t),
-        "items": len(np.unique(rows.items)),
-        "counts": len(data["encoder"]),
-        "solve_seconds": time.perf_counter() - began,
-    }
+    inputs = BeltInputs(
+        path=str(path),
+        source=data["source"],
+        device=data["device"],
+        sightings=len(rows.t),
+        items=len(np.unique(rows.items)),
+        counts=len(data["encoder"]),
+        solve_seconds=time.perf_counter() - began,
+    )
     if isinstance(answer, Refusal):
-        return Result(kind=KIND, verdict="fail", reasons=[str(answer)], result=None, inputs=inputs).as_json()
+        why, told = [str(answer)], inputs.model_dump()
+        return Result(kind=KIND, verdict="fail", reasons=why, result=None, inputs=told).as_json()
     items = len(np.unique(rows.items[answer.used]))
     parted = Parted(answer, rows, [], None)
     if data["source"] == "camera":
@@ -70,25 +81,20 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> dict[str, Any]
             f"slips: {_slip_words(parted.left, sense)}, and that is in m_per_count; repair the wheel"
         )
     verdict: Verdict = "fail" if reasons else "warn" if warnings else "pass"
-    return Result(
-        kind=KIND,
+    return BeltCalibrationResult(
         verdict=verdict,
         reasons=reasons or [w.text for w in warnings],
         warnings=warnings,
         result=_result(answer, sense, way, items),
-        uncertainty={
-            "half_m_per_count": answer.half_scale,
-            "half_dir_rad": answer.half_angle,
-            "cov": None if answer.cov is None else answer.cov.tolist(),
-            "mostly_from": None if sure is None else sure.by,
-        },
-        residuals={
-            "sigma_m": answer.sigma,
-            "rejected": answer.as_dict()["rejected"],
-            **_residuals(answer, rows),
-        },
-        heldout={"rms_m": answer.heldout},
-        observability={"undetermined": _open(data, answer)},
+        uncertainty=BeltUncertainty(
+            half_m_per_count=answer.half_scale,
+            half_dir_rad=answer.half_angle,
+            cov=None if answer.cov is None else answer.cov.tolist(),
+            mostly_from=None if sure is None else sure.by,
+        ),
+        residuals=_residuals(answer, rows),
+        heldout=BeltHeldOut(rms_m=answer.heldout),
+        observability=BeltObservability(undetermined=_open(data, answer)),
         inputs=inputs,
     ).as_json()
 
@@ -164,17 +170,17 @@ def _ways(rows: Rows) -> tuple[float, float]:
     return float(steps[steps > 0.0].sum()), float(-steps[steps < 0.0].sum())
 
 
-def _result(answer: BeltScale, sense: float, way: Any, items: int) -> dict[str, Any]:
+def _result(answer: BeltScale, sense: float, way: Any, items: int) -> BeltAnswer:
     m, half = sense * answer.m_per_count, answer.half_scale
-    return {
-        "m_per_count": m,
-        "dir": way.tolist(),
-        "m_per_count_95": None if half is None else [m - half, m + half],
-        "dir_95_rad": answer.half_angle,
-        "travel_m": answer.travel,
-        "sightings": int(answer.used.sum()),
-        "items": items,
-    }
+    return BeltAnswer(
+        m_per_count=m,
+        dir=way.tolist(),
+        m_per_count_95=None if half is None else [m - half, m + half],
+        dir_95_rad=answer.half_angle,
+        travel_m=answer.travel,
+        sightings=int(answer.used.sum()),
+        items=items,
+    )
 
 
 def _beyond(answer: BeltScale, limits: Mapping[str, Any]) -> list[str]:
@@ -232,7 +238,7 @@ def _slip_words(slip: WheelSlip, sense: float) -> str:
     return f"the encoder's wheel slipped {1e3 * abs(slip.ahead_m):.1f} mm {where} the belt at {slip.t:.1f} s"
 
 
-def _residuals(answer: BeltScale, rows: Rows) -> dict[str, Any]:
+def _residuals(answer: BeltScale, rows: Rows) -> BeltResiduals:
     """Each sighting beside the motion of its own item: along the belt, across it in the plane, and up (m)."""
     along = answer.direction
     up = np.array([0.0, 0.0, 1.0])
@@ -248,20 +254,17 @@ def _residuals(answer: BeltScale, rows: Rows) -> dict[str, Any]:
         r = origin - origin[own & answer.used].mean(axis=0)
         for k in np.flatnonzero(own):
             off = [float(r[k] @ axis) for axis in (along, across, np.cross(along, across))]
+            t, count = float(rows.t[k]), float(rows.counts[k])
             per_sighting.append(
-                {
-                    "t": rows.t[k],
-                    "count": rows.counts[k],
-                    "item": int(i),
-                    "used": bool(answer.used[k]),
-                    "off_m": off,
-                }
+                SightingResidual(t=t, count=count, item=int(i), used=bool(answer.used[k]), off_m=off)
             )
-    used = np.array([row["off_m"] for row in per_sighting if row["used"]])
-    return {
-        "rms_m": float(np.sqrt(np.mean(np.sum(used**2, axis=1)))) if len(used) else None,
-        "per_sighting": sorted(per_sighting, key=lambda row: row["t"]),
-    }
+    used = np.array([row.off_m for row in per_sighting if row.used])
+    return BeltResiduals(
+        sigma_m=answer.sigma,
+        rejected=[int(k) for k in np.flatnonzero(~answer.used)],
+        rms_m=float(np.sqrt(np.mean(np.sum(used**2, axis=1)))) if len(used) else None,
+        per_sighting=sorted(per_sighting, key=lambda row: row.t),
+    )
 
 
 def _open(data: Mapping[str, Any], answer: BeltScale) -> list[str]:
