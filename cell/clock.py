@@ -3,7 +3,11 @@
 import asyncio
 import time
 from collections import deque
+from collections.abc import Sequence
 from typing import Protocol
+
+MOST_DRIFT = 3e-4  # between two clocks; quartz is good to 1e-4, and most to a tenth of that
+_LEAST_BINS = 5
 
 
 class Clock(Protocol):
@@ -72,15 +76,26 @@ class ClockModel:
         return self._line[0] + self._line[1] * (source - self._origin)
 
     def _fit(self) -> None:
-        """Line through the minima, shifted down to touch the lowest; the newest bin is still filling."""
+        """Line through the minima, shifted down to touch the lowest; the newest bin is still filling.
+
+        A slope that no two clocks have comes of bins in which everything was late, the highest of all: they
+        are left out, or the line would put all later stamps too early for as long as they count.
+        """
         points = list(self._minima)
         settled = points[:-1]
         slope = 0.0
-        if len(settled) >= 5:
-            n = len(settled)
-            mx = sum(s for s, _ in settled) / n
-            my = sum(o for _, o in settled) / n
-            sxx = sum((s - mx) ** 2 for s, _ in settled)
-            slope = sum((s - mx) * (o - my) for s, o in settled) / sxx
+        while len(settled) >= _LEAST_BINS:
+            slope = _slope(settled)
+            if abs(slope) <= MOST_DRIFT:
+                break
+            settled.remove(max(settled, key=lambda point: point[1]))
+            slope = 0.0
         level = min(o - slope * (s - self._origin) for s, o in points)
         self._line = (level, slope)
+
+
+def _slope(points: Sequence[tuple[float, float]]) -> float:
+    """Of the least-squares line through points (x, y)."""
+    n = len(points)
+    mx, my = sum(x for x, _ in points) / n, sum(y for _, y in points) / n
+    return sum((x - mx) * (y - my) for x, y in points) / sum((x - mx) ** 2 for x, _ in points)

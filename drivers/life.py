@@ -10,6 +10,7 @@ from typing import Any
 from cell.clock import Clock
 from cell.devices import Identity
 from cell.errors import CellError, error
+from cell.own_delay import busy_words
 from cell.samples import Sample, Stream
 
 # The meaning of ``time_offset_s``, the same for every device.
@@ -84,13 +85,18 @@ class Life:
             return error("DEVICE_LOST", f"{self._name} was never opened")
         return await asyncio.shield(self._lost)
 
+    async def wait_for(self, awaited: asyncio.Future[Any], timeout: float | None = None) -> None:
+        """Return when ``awaited`` is done or the time (s) is over; raise what breaks the link before."""
+        self.require()
+        either = [awaited] if self._lost is None else [awaited, self._lost]
+        await asyncio.wait(either, timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
+        self.require()
+
     async def wait_fresh(self, stream: Stream[Any], timeout: float, offset_s: float = 0.0) -> None:
         """Return when a sample taken wholly after the call has arrived, else ``DEVICE_LOST``.
 
         ``offset_s`` was subtracted from the stamps, for what happens before a sample is taken.
         """
-        self.require()
-        assert self._lost is not None
         asked = self._clock.now()
         fresh: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
@@ -98,19 +104,20 @@ class Life:
             if sample.t + offset_s - sample.dt >= asked and not fresh.done():
                 fresh.set_result(None)
 
-        either: list[asyncio.Future[Any]] = [fresh, self._lost]
         undo = stream.subscribe(look)
         try:
-            await asyncio.wait(either, timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
+            await self.wait_for(fresh, timeout)
         finally:
             undo()
-        self.require()
         if not fresh.done():
-            last = stream.last()
+            last, now = stream.last(), self._clock.now()
             newest = (
-                "there is none yet" if last is None else f"the last is {self._clock.now() - last.t:.3f} s old"
+                "there is none yet" if last is None else f"the last is {now - last.t - offset_s:.3f} s old"
             )
-            raise error("DEVICE_LOST", f"{self._name} gave no fresh sample in {timeout:g} s; {newest}")
+            raise error(
+                "DEVICE_LOST",
+                f"{self._name} gave no fresh sample in {timeout:g} s; {newest}{busy_words(now)}",
+            )
 
 
 class LinkedDevice:

@@ -10,6 +10,7 @@ from cell.devices import DepthCamera, Frame, Identity
 from cell.errors import error
 from cell.own_delay import busy_words
 from cell.samples import Sample, Stream
+from drivers.life import LinkedDevice
 from drivers.oak.config import OakConfig
 from drivers.oak.link import ChildLink, identity_fields
 from drivers.oak.protocol import Message, frame_from_json
@@ -21,7 +22,7 @@ _FUTURE_S = 0.05  # a stamp further ahead than this is not of our clock
 _WATCH_PERIOD_S = 0.05
 
 
-class OakCamera:
+class OakCamera(LinkedDevice):
     """An OAK, or a frame server in its place, behind a supervised child process.
 
     The child holds depthai and the detectors, and dies with the daemon. A child that dies is a camera that
@@ -35,12 +36,11 @@ class OakCamera:
     def __init__(
         self, name: str, config: OakConfig, clock: Clock, child_module: str = "daemon.vision_child"
     ) -> None:
-        self.name, self.config = name, config
+        self.config = config
         self.frames: Stream[Frame] = Stream(name, clock, keep=256)
-        self._clock, self._child_module = clock, child_module
+        super().__init__(name, clock, self.frames, config.time_offset_s)
+        self._child_module = child_module
         self._link: ChildLink | None = None
-        self._identity: asyncio.Future[Identity] | None = None
-        self._watch: asyncio.Task[None] | None = None
         self._target: dict[str, Any] | None = None
         self._items: dict[str, Any] | None = None
         self._mean_grey: float | None = None
@@ -56,15 +56,17 @@ class OakCamera:
         """
         await self.close()
         self.frames.new_epoch()
-        self._identity = asyncio.get_running_loop().create_future()
-        self._link = ChildLink(self.name, self._take)
+        self._life.begin()
+        self._identity = None
+        self._ready: asyncio.Future[Identity] = asyncio.get_running_loop().create_future()
+        self._link = ChildLink(self.name, self._life, self._take)
         try:
             async with asyncio.timeout(self.config.open_timeout_s):
                 await self._link.start(self._child_module)
                 config = self.config.model_dump()
                 chosen = {"target": self._target, "items": self._items}
                 self._link.send({"type": "configure", "config": config, **chosen})
-                await self._first_frame(self._link)
+                await self._first_frame()
         except TimeoutError:
             await self.close()
             raise error(
@@ -74,48 +76,14 @@ class OakCamera:
         except BaseException:
             await self.close()
             raise
-        self._watch = asyncio.create_task(self._watch_frames(self._link), name=f"{self.name} watch")
+        self._life.keep_going(self._watch_frames(self._link), "watch")
 
     async def close(self) -> None:
         """End the child; harmless when there is none."""
-        watch, self._watch = self._watch, None
         link, self._link = self._link, None
-        if watch is not None:
-            watch.cancel()
-            await asyncio.wait([watch])
+        await self._life.end()
         if link is not None:
             await link.close()
-
-    async def identify(self) -> Identity:
-        """Model and serial number as the device gave them; a twin's serial begins with 9999."""
-        self._connected()
-        assert self._identity is not None
-        return self._identity.result()
-
-    async def wait_fresh(self, timeout: float) -> None:
-        """Return when a frame whose exposure began after the call has arrived."""
-        link = self._connected()
-        called = self._clock.now()
-        fresh: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-
-        def look(sample: Sample[Frame]) -> None:
-            if sample.t + self.config.time_offset_s - sample.dt >= called and not fresh.done():
-                fresh.set_result(None)
-
-        unsubscribe = self.frames.subscribe(look)
-        try:
-            await _first_of(fresh, link.lost, timeout=timeout)
-        finally:
-            unsubscribe()
-        link.check()
-        if not fresh.done():
-            raise error("DEVICE_LOST", f"{self.name}: no new frame within {timeout:.1f} s{self._newest()}")
-
-    async def wait_lost(self) -> Exception:
-        """Block while frames arrive; ``CHILD_DIED``, ``DEVICE_LOST`` or what the child reported."""
-        if self._link is None:
-            return error("DEVICE_LOST", f"{self.name} is not open")
-        return await asyncio.shield(self._link.lost)
 
     def health(self) -> dict[str, Any]:
         """Frames received and missed; age (s), corners, items, brightness of the newest; the child's pid."""
@@ -179,19 +147,18 @@ class OakCamera:
     def _connected(self) -> ChildLink:
         if self._link is None:
             raise error("DEVICE_LOST", f"{self.name} is not open")
-        self._link.check()
+        self._life.require()
         return self._link
 
-    async def _first_frame(self, link: ChildLink) -> None:
-        assert self._identity is not None
-        await _first_of(self._identity, link.lost)
-        link.check()
+    async def _first_frame(self) -> None:
+        await self._life.wait_for(self._ready)
+        self._identity = self._ready.result()
         await self.wait_fresh(self.config.open_timeout_s)
 
     def _take(self, message: Message) -> None:
         """A message of the child that is no answer."""
-        if message["type"] == "ready" and self._identity is not None and not self._identity.done():
-            self._identity.set_result(Identity(**identity_fields(message)))
+        if message["type"] == "ready" and not self._ready.done():
+            self._ready.set_result(Identity(**identity_fields(message)))
         elif message["type"] == "frame":
             self._mean_grey = float(message["mean_grey"])
             self._push(frame_from_json(message["frame"]))
@@ -209,7 +176,7 @@ class OakCamera:
     async def _watch_frames(self, link: ChildLink) -> None:
         """End the link when the newest exposure is too old: silence, a frozen picture and delay alike."""
         limit = self.config.frame_timeout_s
-        while not link.lost.done():
+        while self._life.good:
             last = self.frames.last()
             if last is not None and self._age_s(last) > limit:
                 link.lose(
@@ -227,7 +194,3 @@ class OakCamera:
     def _age_s(self, sample: Sample[Frame]) -> float:
         """By the stamp without the offset, which says when something was and not whether the link is good."""
         return self._clock.now() - sample.t - self.config.time_offset_s
-
-
-async def _first_of(*futures: asyncio.Future[Any], timeout: float | None = None) -> None:
-    await asyncio.wait(futures, timeout=timeout, return_when=asyncio.FIRST_COMPLETED)

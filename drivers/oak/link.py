@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from cell.errors import CellError, error
+from drivers.life import Life
 from drivers.oak.protocol import LENGTH, Message, body_length, error_from_json, pack, unpack
 
 _EXIT_TIMEOUT_S = 1.5
@@ -20,12 +21,12 @@ _KEPT_LINES = 5
 class ChildLink:
     """One child from start to end; never used again after it was lost.
 
-    ``on_message`` gets everything that is not an answer. ``lost`` holds the error that ended the link.
+    ``on_message`` gets everything that is not an answer. What ends the child ends ``life``.
     """
 
-    def __init__(self, name: str, on_message: Callable[[Message], None]) -> None:
+    def __init__(self, name: str, life: Life, on_message: Callable[[Message], None]) -> None:
         self.name = name
-        self.lost: asyncio.Future[Exception] = asyncio.get_running_loop().create_future()
+        self._life = life
         self._on_message = on_message
         self._process: asyncio.subprocess.Process | None = None
         self._writer: asyncio.StreamWriter | None = None
@@ -66,7 +67,7 @@ class ChildLink:
         finally:
             theirs.close()
         self._tasks = [
-            asyncio.create_task(self._listen(reader), name=f"{self.name} child"),
+            asyncio.create_task(self._listen(reader, self._process), name=f"{self.name} child"),
             asyncio.create_task(self._collect(self._process), name=f"{self.name} child stderr"),
         ]
 
@@ -77,7 +78,7 @@ class ChildLink:
 
     async def request(self, message: Message, timeout: float) -> Message:
         """Send ``message`` and return the answer; its error, the loss of the link, or ``CALL_TIMEOUT``."""
-        self.check()
+        self._life.require()
         self._number += 1
         number = self._number
         answer: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
@@ -96,19 +97,12 @@ class ChildLink:
             raise error_from_json(reply["error"])
         return reply
 
-    def check(self) -> None:
-        """Raise what ended the link, if anything did."""
-        if self.lost.done():
-            raise self.lost.result()
-
-    def lose(self, exc: Exception) -> None:
-        """End the link with ``exc``; the first error stays."""
-        if self.lost.done():
-            return
-        self.lost.set_result(exc)
+    def lose(self, failure: CellError) -> None:
+        """End the link with ``failure``; the first error stays, and is that of every request."""
+        self._life.lose(failure)
         for answer in self._requests.values():
             if not answer.done():
-                answer.set_exception(exc)
+                answer.set_exception(self._life.failure or failure)
 
     async def close(self) -> None:
         """End the child; a child that does not go soon is killed."""
@@ -131,13 +125,13 @@ class ChildLink:
             await process.wait()
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
-    async def _listen(self, reader: asyncio.StreamReader) -> None:
+    async def _listen(self, reader: asyncio.StreamReader, process: asyncio.subprocess.Process) -> None:
         try:
             while True:
                 prefix = await reader.readexactly(LENGTH.size)
                 self._dispatch(unpack(await reader.readexactly(body_length(prefix))))
         except (asyncio.IncompleteReadError, OSError):
-            self.lose(await self._death())
+            self.lose(await self._death(process))
         except CellError as exc:
             self.lose(exc)
         except (KeyError, TypeError, ValueError) as exc:
@@ -153,12 +147,11 @@ class ChildLink:
         else:
             self._on_message(message)
 
-    async def _death(self) -> Exception:
+    async def _death(self, process: asyncio.subprocess.Process) -> CellError:
         """Why the child is gone, as its exit status and its last words tell."""
-        assert self._process is not None
         try:
             async with asyncio.timeout(_EXIT_TIMEOUT_S):
-                code = await self._process.wait()
+                code = await process.wait()
         except TimeoutError:
             return error("CHILD_DIED", f"{self.name}: the vision child closed its pipe and hangs")
         if len(self._tasks) > 1:

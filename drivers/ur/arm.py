@@ -10,7 +10,8 @@ from cell.errors import CellError, error
 from cell.motion import run_to_its_end
 from cell.own_delay import busy_words
 from cell.poses import Array
-from cell.samples import Sample, Stream
+from cell.samples import Stream
+from drivers.life import LinkedDevice
 from drivers.ur.config import UrConfig
 from drivers.ur.dashboard import Dashboard, dashboard
 from drivers.ur.feed import NAMES, STOPPED, StateFeed, available
@@ -30,19 +31,18 @@ DASHBOARD_DEADLINE_S = 1.0
 TCP_SETTLE_S = 0.5
 
 
-class UrArm:
+class UrArm(LinkedDevice):
     """One arm. Reconnecting is the supervisor's business: after an error ``close`` and ``open`` again."""
 
     Config = UrConfig
     PLAYS = (Arm,)
 
     def __init__(self, name: str, config: UrConfig, clock: Clock) -> None:
-        self.name = name
         self.state: Stream[ArmState] = Stream(name, clock)
+        super().__init__(name, clock, self.state, config.time_offset_s)
         self.feed = StateFeed(self.state, clock, config.time_offset_s)
-        self._failure: CellError | None = error("DEVICE_LOST", f"{name} is not connected")
         self.lost_at = clock.now()
-        self._config, self._clock = config, clock
+        self._config = config
         self._link: RtdeLink | None = None
         self._primary: PrimaryLink | None = None
         self._port: UrMotion | None = None
@@ -52,7 +52,6 @@ class UrArm:
         self._version = ""
         self._tcp_set_at = -1e9
         self._tcp_in_packages = False
-        self._lost_future: asyncio.Future[CellError] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
 
     @property
@@ -63,8 +62,7 @@ class UrArm:
     async def open(self) -> None:
         """Connect the state stream, the primary port and the dashboard; the robot's program is untouched."""
         await self.close()
-        self._failure = None
-        self._lost_future = asyncio.get_running_loop().create_future()
+        self._life.begin()
         try:
             await self._connect()
         except BaseException:
@@ -99,7 +97,7 @@ class UrArm:
         ``extra["kinematics"]``: the arm's own DH rows, their check sums and, as ``calibration``, the deltas
         to the drawing of the model.
         """
-        self._require_link()
+        self._life.require()
         async with dashboard(self._config.host, self._config.connect_timeout_s) as link:
             facts = await link.facts(DASHBOARD_DEADLINE_S)
         if self._primary is None:
@@ -117,43 +115,14 @@ class UrArm:
         extra = {"kinematics": describe(facts.model, found), "urcontrol": self._version}
         return Identity(facts.model, facts.serial, facts.version, extra)
 
-    async def wait_fresh(self, timeout: float) -> None:
-        """Return when a sample taken after the call has arrived, else ``DEVICE_LOST``."""
-        self._require_link()
-        assert self._lost_future is not None
-        asked = self._clock.now()
-        fresh: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-
-        def look(sample: Sample[ArmState]) -> None:
-            if sample.t + self._config.time_offset_s > asked and not fresh.done():
-                fresh.set_result(None)
-
-        either: list[asyncio.Future[Any]] = [fresh, self._lost_future]
-        undo = self.state.subscribe(look)
-        try:
-            await asyncio.wait(either, timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            undo()
-        self._require_link()
-        if not fresh.done():
-            raise error(
-                "DEVICE_LOST", f"{self.name} gave no fresh state in {timeout:g} s; the last is {self._age()}"
-            )
-
-    async def wait_lost(self) -> Exception:
-        """Block while the link is good; return what broke it."""
-        if self._lost_future is None:
-            return self._require_error()
-        return await asyncio.shield(self._lost_future)
-
     def health(self) -> dict[str, Any]:
         """Plain numbers and texts for status pages."""
         fault = self.fault()
         silence = self.feed.silence()
         return {
-            "connected": self._failure is None,
+            "connected": self._life.good,
             "stale": silence > self._config.stale_after_s,
-            "age_s": silence if self._failure is None else None,
+            "age_s": silence if self._life.good else None,
             "packages": self.state.received,
             "gaps": self.state.gaps,
             "repeated": self.feed.repeated,
@@ -168,12 +137,12 @@ class UrArm:
 
     def check_movable(self) -> None:
         """Raise the coded error that forbids motion now (stale, safety, local mode, foreign program)."""
-        self._require_link()
+        self._life.require()
         if self._link is None:
             raise error("DEVICE_LOST", f"{self.name} is still connecting")
         # What the kernel holds already is not silence, however late the loop comes to it.
         self._link.drain()
-        self._require_link()
+        self._life.require()
         if self.feed.silence() > self._config.stale_after_s:
             raise error("STALE_DATA", f"{self.name}: the newest state is {self._age()}")
         fault = self.fault()
@@ -192,11 +161,11 @@ class UrArm:
     @property
     def lost(self) -> CellError | None:
         """What ended the link, or None while it is good; a new error each time, as it may be raised often."""
-        return None if self._failure is None else error(self._failure.name, self._failure.detail)
+        return self._life.failure
 
     def fault(self) -> CellError | None:
         """The coded error that the newest package shows, or None."""
-        if self._failure is not None:
+        if not self._life.good:
             return self.lost
         finding = self.feed.finding
         if finding is not None:
@@ -290,8 +259,7 @@ class UrArm:
             self._remote = await link.in_remote_control(DASHBOARD_DEADLINE_S)
 
     async def _watch_silence(self) -> None:
-        while self._failure is None:
-            assert self._link is not None
+        while self._life.good and self._link is not None:
             self._link.drain()
             silence = self.feed.silence()
             if silence > self._config.silent_after_s and self._port is not None:
@@ -304,7 +272,7 @@ class UrArm:
         """Ask for the mode switch ten times a second; a deaf dashboard forbids motion, but not reading."""
         link: Dashboard | None = None
         try:
-            while self._failure is None:
+            while self._life.good:
                 try:
                     if link is None:
                         link = await Dashboard.connect(self._config.host, DASHBOARD_DEADLINE_S)
@@ -324,22 +292,13 @@ class UrArm:
 
     def _lose(self, failure: CellError) -> None:
         """The link is gone: say so once, and end motion, which nobody can watch any more."""
-        if self._failure is not None:
+        if not self._life.lose(failure):
             return
-        self._failure, self.lost_at = failure, self._clock.now()
-        if self._lost_future is not None and not self._lost_future.done():
-            self._lost_future.set_result(failure)
+        self.lost_at = self._clock.now()
         if self._link is not None:
             self._link.close()
         if self._port is not None:
             self._port.client.kill()
-
-    def _require_link(self) -> None:
-        if (failure := self.lost) is not None:
-            raise failure
-
-    def _require_error(self) -> CellError:
-        return self.lost or error("DEVICE_LOST", f"{self.name} was never opened")
 
     def _age(self) -> str:
         return f"{self.feed.silence():.3f} s old{busy_words(self._clock.now())}"

@@ -32,10 +32,14 @@ if __name__ == "__main__":
 
 VISION = """
 import asyncio
+from cell.clock import MonotonicClock
+from drivers.life import Life
 from drivers.oak.link import ChildLink
 
 async def ask():
-    link = ChildLink("vision", lambda message: None)
+    life = Life("vision", MonotonicClock())
+    life.begin()
+    link = ChildLink("vision", life, lambda message: None)
     await link.start("daemon.vision_child")
     await asyncio.sleep(0.5)
     await link.close()
