@@ -105,7 +105,9 @@ class ArmGripper:
 
     async def wait_fresh(self, timeout: float) -> None:
         """Return when the arm has sent a state after the call, else ``DEVICE_LOST``."""
-        await self._life.wait_fresh(self._arm.state, timeout)
+        self._life.require()
+        await self._arm.wait_fresh(timeout)
+        self._life.require()
 
     async def wait_lost(self) -> Exception:
         """Block while link and arm are good; return what broke them."""

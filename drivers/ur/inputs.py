@@ -103,6 +103,15 @@ class ArmInputs(LinkedDevice):
             await asyncio.wait([watch])
         self._life.lose(error("DEVICE_LOST", f"{self.name} was closed"))
 
+    async def wait_fresh(self, timeout: float) -> None:
+        """Return when the arm has sent a state after the call, else ``DEVICE_LOST``.
+
+        The arm judges, as it knows its ``time_offset_s``, which is in the stamps of the inputs too.
+        """
+        self._life.require()
+        await self._arm.wait_fresh(timeout)
+        self._life.require()
+
     def health(self) -> dict[str, Any]:
         """Samples and gaps; age (s) of the newest; levels; how long (s) what is stuck has not changed."""
         last, now = self.inputs.last(), self._clock.now()

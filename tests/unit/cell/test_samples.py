@@ -133,6 +133,22 @@ def test_the_clock_model_follows_drift_from_below_the_jitter(drift: float, origi
     assert max(abs(e) for e in errors) < 1e-3
 
 
+@pytest.mark.parametrize("late_bins", [1, 2, 3, 4, 8])
+@pytest.mark.parametrize("late_s", [0.002, 0.05, 0.3, 0.45])
+def test_a_time_in_which_everything_came_late_does_not_shift_the_stamps_after_it(
+    late_bins: int, late_s: float
+) -> None:
+    """Seconds of load after a connection: the stamps of what comes in time afterwards are right."""
+    subject, drift = ClockModel(), 2e-5
+    for i in range(100 * (late_bins + 20)):
+        source = 0.01 * i
+        truth = 50.0 + source * (1.0 + drift)
+        late = late_s if source < late_bins + 0.5 else 1e-4
+        estimate = subject.observe(source, truth + late)
+        if source > late_bins + 0.6:
+            assert abs(estimate - truth) < 2.5e-3, source
+
+
 def test_the_clock_model_starts_afresh_when_the_source_jumps() -> None:
     subject = ClockModel()
     for i in range(100):
