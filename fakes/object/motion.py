@@ -4,18 +4,19 @@ import asyncio
 import weakref
 from collections.abc import AsyncIterator, Awaitable
 from math import inf
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from cell.devices import Speed, ToolSettings, TrajectoryPiece
+from cell.clock import Clock
+from cell.devices import ArmState, Speed, ToolSettings, TrajectoryPiece
 from cell.errors import CellError, error
 from cell.poses import Array, log_xi
+from cell.samples import Readings
+from fakes.object.controller import Controller
 from fakes.world.arm.kinematics import UnreachableError
-
-if TYPE_CHECKING:
-    from fakes.object.arm import ObjectArm
+from fakes.world.world import World
 
 T = TypeVar("T")
 
@@ -25,10 +26,41 @@ MAX_STREAM_STEP_RAD = 0.05
 LATE_S = 0.01
 
 
+class Settings(Protocol):
+    """Keys of the arm's driver that its motion goes by."""
+
+    @property
+    def state_period_s(self) -> float: ...
+    @property
+    def stale_after_s(self) -> float: ...
+    @property
+    def joint_tolerance_rad(self) -> float: ...
+
+
+class MovedArm(Protocol):
+    """What a port needs of its arm."""
+
+    name: str
+    controller: Controller
+    world: World
+    lost: CellError | None
+    connections: int
+
+    @property
+    def clock(self) -> Clock: ...
+    @property
+    def config(self) -> Settings: ...
+    @property
+    def state(self) -> Readings[ArmState]: ...
+    async def take_tool(self, tool: ToolSettings) -> None: ...
+    def next_change(self) -> asyncio.Future[None]: ...
+    async def wait_change(self, timeout: float = inf) -> None: ...
+
+
 class ObjectMotionPort:
     """One run of our control script. After any fault it is dead; the next lease opens another."""
 
-    def __init__(self, arm: "ObjectArm", run: int) -> None:
+    def __init__(self, arm: MovedArm, run: int) -> None:
         self._arm, self._run = arm, run
         self._controller, self._world, self._clock = arm.controller, arm.world, arm.clock
         self._dead: CellError | None = None
