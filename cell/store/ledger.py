@@ -1,4 +1,4 @@
-"""The ledger: run numbers, calibration versions, audit, trends and small state, in one SQLite file.
+"""The ledger: run numbers and calibration versions, beside the records, in one SQLite file.
 
 A calibration is *proposed*, *accepted* by someone, *committed* as a new version, and can be rolled back. The
 effective value is the committed version, else the configured value. A version remembers the configured value
@@ -6,28 +6,24 @@ it replaced; if that was edited since, the two contradict each other until someo
 """
 
 import json
-import sqlite3
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from threading import RLock
 from typing import Any
 
 from cell.errors import CellError, error
-from cell.store._database import disk_error, open_database, open_for_reading
+from cell.store._database import open_database, open_for_reading
 from cell.store.calibration_copy import COLUMNS, FILE, STATES, holds_rows, is_current, write_copy
 from cell.store.files import to_json
+from cell.store.records import Records
 from cell.store.recovery import bring_back
 from cell.store.runs import highest_run_id
 from cell.store.summary import summary
 
 DAMAGE_KEY = "ledger_damaged"
 MAX_RUN_ID = 2**32 - 1
-MAX_AUDIT_REFUSED, MAX_AUDIT_ACCEPTED = 20_000, 1_000_000
-MAX_ITEMS, MAX_TREND_POINTS = 500_000, 100_000
-ROTATE_EVERY = 1000  # lines; the search for the oldest one reads the table
 OPEN_STATES = ("proposed", "accepted")
 _JSON = ("value", "result", "config_value", "arm_model")
 
@@ -47,7 +43,7 @@ class Effective:
     arm_model: dict[str, Any] | None = None
 
 
-class Ledger:
+class Ledger(Records):
     """Every method is one durable transaction and may be called from any thread."""
 
     def __init__(self, path: Path, wall: Callable[[], float] = time.time, *, read_only: bool = False) -> None:
@@ -57,14 +53,12 @@ class Ledger:
         on numbering behind the folders in ``runs`` beside it. With ``read_only`` nothing is made or set
         aside: ``FILE_UNREADABLE`` instead.
         """
-        self.path, self._wall = path, wall
-        self._lock = RLock()
         self._configured: dict[str, Any] = {}
-        self._in_transaction = self._versions_changed = False
         if read_only:
-            self._db, new, self.aside = open_for_reading(path), False, None
+            db, new, self.aside = open_for_reading(path), False, None
         else:
-            self._db, new, self.aside = open_database(path)
+            db, new, self.aside = open_database(path)
+        super().__init__(path, wall, db)
         if new and (highest := highest_run_id(path.parent / "runs")):
             self.set_state("run_id", highest)
         if not read_only:
@@ -73,10 +67,6 @@ class Ledger:
             elif not new:
                 self._renew_copy()
         self._damage: dict[str, Any] | None = self.get_state(DAMAGE_KEY)
-
-    def close(self) -> None:
-        with self._lock:
-            self._db.close()
 
     # -- after damage
 
@@ -341,117 +331,10 @@ class Ledger:
         """One calibration with the summary of its result; ``NOT_FOUND``. ``whole_result`` reads all of it."""
         return self._result(result_id)
 
-    # -- audit, state, trends, items
-
-    def audit(self, channel: str, who: str, what: str, accepted: bool, detail: str = "") -> None:
-        """One line for a write from outside that was carried out or refused.
-
-        The newest ``MAX_AUDIT_REFUSED`` and ``MAX_AUDIT_ACCEPTED`` lines are kept, each kind on its own.
-        """
-        with self._transaction() as db:
-            cursor = db.execute(
-                "INSERT INTO audit (at, channel, who, what, accepted, detail) VALUES (?, ?, ?, ?, ?, ?)",
-                (self._wall(), channel, who, what, int(accepted), detail),
-            )
-            if (cursor.lastrowid or 0) % ROTATE_EVERY == 0:
-                for kind, most in ((0, MAX_AUDIT_REFUSED), (1, MAX_AUDIT_ACCEPTED)):
-                    db.execute(
-                        "DELETE FROM audit WHERE accepted = ? AND id <= (SELECT id FROM audit"
-                        " WHERE accepted = ? ORDER BY id DESC LIMIT 1 OFFSET ?)",
-                        (kind, kind, most),
-                    )
-
-    def audit_lines(
-        self, limit: int = 100, *, channel: str | None = None, who: str | None = None, refused: bool = False
-    ) -> list[dict[str, Any]]:
-        """The newest audit lines first; ``who`` is a part of the name, in any case."""
-        rows = self._rows(
-            "SELECT * FROM audit WHERE (? IS NULL OR channel = ?)"
-            " AND (? IS NULL OR instr(lower(who), lower(?))) AND NOT (? AND accepted)"
-            " ORDER BY id DESC LIMIT ?",
-            channel,
-            channel,
-            who,
-            who,
-            refused,
-            limit,
-        )
-        return [{**row, "accepted": bool(row["accepted"])} for row in rows]
-
-    def get_state(self, key: str, default: Any = None) -> Any:
-        """A small value that survives a restart, such as a channel's acknowledged sequence."""
-        rows = self._rows("SELECT value FROM state WHERE key = ?", key)
-        return json.loads(rows[0]["value"]) if rows else default
-
-    def set_state(self, key: str, value: Any) -> None:
-        with self._transaction() as db:
-            db.execute(
-                "INSERT INTO state (key, value) VALUES (?, ?)"
-                " ON CONFLICT (key) DO UPDATE SET value = excluded.value",
-                (key, to_json(value)),
-            )
-
-    def add_trend(self, name: str, value: float) -> None:
-        """One point of a health number, now; in wall time, for it spans restarts.
-
-        The newest ``MAX_TREND_POINTS`` of all numbers together are kept.
-        """
-        with self._transaction() as db:
-            point = name, self._wall(), value
-            cursor = db.execute("INSERT INTO trends (name, t, value) VALUES (?, ?, ?)", point)
-            _forget_old(db, "trends", cursor.lastrowid, MAX_TREND_POINTS)
-
-    def trend(self, name: str, limit: int = 1000) -> list[tuple[float, float]]:
-        """The newest ``limit`` points of a health number, oldest first."""
-        rows = self._rows("SELECT t, value FROM trends WHERE name = ? ORDER BY t DESC LIMIT ?", name, limit)
-        return [(row["t"], row["value"]) for row in reversed(rows)]
-
-    def add_item(self, run_id: int, item: int, t: float, outcome: str, detail: Mapping[str, Any]) -> None:
-        """What became of one item on the belt; ``t`` in cell time. The newest ``MAX_ITEMS`` are kept here,
-        and those of a run in its journal."""
-        with self._transaction() as db:
-            cursor = db.execute(
-                "INSERT INTO items (run_id, item, t, outcome, detail) VALUES (?, ?, ?, ?, ?)",
-                (run_id, item, t, outcome, to_json(detail)),
-            )
-            _forget_old(db, "items", cursor.lastrowid, MAX_ITEMS)
-
-    def items(self, run_id: int) -> list[dict[str, Any]]:
-        """The items of a run in the order they were written."""
-        rows = self._rows("SELECT item, t, outcome, detail FROM items WHERE run_id = ? ORDER BY id", run_id)
-        return [{**row, "detail": json.loads(row["detail"])} for row in rows]
-
     # -- inside
 
-    @contextmanager
-    def _transaction(self) -> Iterator[sqlite3.Connection]:
-        """All or nothing; a method called inside another one's transaction joins it."""
-        with self._lock:
-            if self._in_transaction:
-                yield self._db
-                return
-            self._in_transaction = True  # ours, and not the database's: that of a failed rollback stays open
-            try:
-                self._db.execute("BEGIN IMMEDIATE")
-                self._versions_changed = False
-                yield self._db
-                if self._versions_changed:
-                    write_copy(self.path.parent, self._for_copy())
-                self._db.execute("COMMIT")
-            except sqlite3.Error as exc:
-                raise disk_error(self.path, exc) from exc
-            finally:
-                self._in_transaction = False
-                with suppress(sqlite3.Error):  # what ended the transaction is told, not what followed
-                    if self._db.in_transaction:
-                        self._db.execute("ROLLBACK")
-
-    def _rows(self, query: str, *values: Any) -> list[dict[str, Any]]:
-        with self._lock:
-            try:
-                return [dict(row) for row in self._db.execute(query, values).fetchall()]
-            except sqlite3.Error as exc:
-                raise disk_error(self.path, exc) from exc
+    def _copy_versions(self) -> None:
+        write_copy(self.path.parent, self._for_copy())
 
     def _result(self, result_id: int) -> dict[str, Any]:
         rows = self._rows("SELECT * FROM calibrations WHERE id = ?", result_id)
@@ -472,12 +355,6 @@ class Ledger:
             "UPDATE calibrations SET state = 'rolled-back', who = ?, decided = ? WHERE id = ?",
             (who, self._wall(), result_id),
         )
-
-
-def _forget_old(db: sqlite3.Connection, table: str, newest: int | None, most: int) -> None:
-    """Rows never come back to a table, so their numbers tell which are old."""
-    if newest is not None and newest % ROTATE_EVERY == 0:
-        db.execute(f"DELETE FROM {table} WHERE rowid <= ?", (newest - most,))
 
 
 def _decoded(row: Mapping[str, Any]) -> dict[str, Any]:

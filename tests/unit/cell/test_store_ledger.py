@@ -348,7 +348,7 @@ def test_items_and_trends_keep_the_newest_and_no_more(
     subject: Ledger, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name, value in {"ROTATE_EVERY": 10, "MAX_ITEMS": 25, "MAX_TREND_POINTS": 15}.items():
-        monkeypatch.setattr(f"cell.store.ledger.{name}", value)
+        monkeypatch.setattr(f"cell.store.records.{name}", value)
     for number in range(100):
         subject.add_item(1, number, 0.0, "picked", {})
         subject.add_trend("lag", float(number))

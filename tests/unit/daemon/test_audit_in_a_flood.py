@@ -44,8 +44,8 @@ def test_accepted_writes_survive_a_flood_of_refused_ones_on_a_slow_disk() -> Non
 def test_the_audit_keeps_the_newest_refusals_and_every_accepted_write(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cell.store.ledger.MAX_AUDIT_REFUSED", 10)
-    monkeypatch.setattr("cell.store.ledger.ROTATE_EVERY", 20)
+    monkeypatch.setattr("cell.store.records.MAX_AUDIT_REFUSED", 10)
+    monkeypatch.setattr("cell.store.records.ROTATE_EVERY", 20)
     subject = Ledger(tmp_path / "ledger.sqlite")
     for i in range(100):
         subject.audit("modbus", "127.0.0.9", f"write {i}", i % 10 == 0)
