@@ -165,7 +165,7 @@ def robot_spec(config: CellConfig, supervisor: Supervisor) -> dict[str, Any]:
     """The ROBOT that is configured, with the factory calibration that the controller reports."""
     arm = supervisor.devices.get(config.robot.roles().get("arm", ""))
     spec = dict(config.robot.robot_spec())
-    if arm is not None and arm.identity is not None and "calibration" not in spec:
+    if arm is not None and arm.identity is not None and not {"calibration", "family"} & spec.keys():
         factory = arm.identity.extra.get("kinematics", {}).get("calibration")
         if factory is not None:
             spec["calibration"] = factory

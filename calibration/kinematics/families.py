@@ -11,7 +11,7 @@ from calibration.kinematics.parametric import Kind, ParametricArm
 from calibration.kinematics.serial import SerialChain
 from calibration.kinematics.ur_models import ALPHA, UR_MODELS
 from cell.errors import error
-from cell.formats.robot import NamedRobot, PalletizerRobot, Prior, Robot, SerialRobot
+from cell.formats.robot import NamedRobot, PalletizerRobot, Prior, Robot, Serial6Robot, SerialRobot
 from cell.poses import Array
 
 NEAR_PARALLEL = 0.0175  # rad; closer axes need Hayati's form
@@ -42,6 +42,8 @@ def arm_spec(robot: Robot, where: str = "robot") -> ArmSpec:
         tools["smr1"] = np.array([robot.parameters.tx, robot.parameters.ty, robot.parameters.tz])
     elif isinstance(robot, SerialRobot):
         arm = _serial(robot)
+    elif isinstance(robot, Serial6Robot):
+        arm = _serial6(robot)
     else:
         arm = _named(robot, where)
     return ArmSpec(robot, arm, tools, prior)
@@ -186,3 +188,12 @@ def _serial(robot: SerialRobot) -> ParametricArm:
     stated = robot.prior is not None and robot.prior.ratio is not None and robot.coupling is not None
     ratios = [(int(i), int(j)) for i, j in np.argwhere(coupling)] if stated else []
     return chain_parameters(chain, betas, ratios, "serial")
+
+
+def _serial6(robot: Serial6Robot) -> ParametricArm:
+    theta, d, a, alpha = (
+        np.array([getattr(link, key) for link in robot.links]) for key in ("theta", "d", "a", "alpha")
+    )
+    chain = SerialChain(theta, d, a, alpha, np.zeros(6), np.zeros(6, dtype=bool), np.eye(6))
+    straight = [i for i in range(5) if abs(np.sin(alpha[i])) < NEAR_PARALLEL]
+    return chain_parameters(chain, straight, [], "serial6")

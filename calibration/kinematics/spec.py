@@ -6,12 +6,14 @@ from typing import Any
 import numpy as np
 
 from calibration.kinematics.chain import DhChain
+from calibration.kinematics.chain_arm import ChainArm
 from calibration.kinematics.families import arm_spec
+from calibration.kinematics.serial6 import Serial6Arm
 from calibration.kinematics.ur import DhDeltas, UrArm
 from calibration.kinematics.ur_models import UR_MODELS
 from cell.arm_model import ArmModel
 from cell.errors import error
-from cell.formats.robot import parse_robot
+from cell.formats.robot import Serial6Robot, parse_robot
 from cell.poses import Array
 
 _DELTAS = ("delta_theta", "delta_d", "delta_a", "delta_alpha")
@@ -20,12 +22,25 @@ _SAME_ARM_M = 0.05  # of the flange; arms differ from their drawing by millimetr
 
 
 def robot_from_spec(spec: Mapping[str, Any]) -> ArmModel:
-    """The arm that ``{"model": "ur10e", "calibration": {...}}`` names; ``DATA_INVALID`` for anything else."""
+    """The arm that ``{"model": "ur10e", "calibration": {...}}`` names, or one of family ``serial6``.
+
+    ``DATA_INVALID`` for anything else.
+    """
+    return _chain_arm(spec)
+
+
+def _chain_arm(spec: Mapping[str, Any]) -> ChainArm:
     supported = ", ".join(UR_MODELS)
+    if spec.get("family") == "serial6":
+        robot = parse_robot(spec, "robot")
+        if not isinstance(robot, Serial6Robot):
+            raise error("INTERNAL", "family serial6 was read as another one")
+        return Serial6Arm(robot)
     if "family" in spec:
         raise error(
             "DATA_INVALID",
-            f"robot: family {spec['family']!r} cannot be moved or planned for; use a model of {supported}",
+            f"robot: family {spec['family']!r} cannot be moved or planned for; use family 'serial6', "
+            f"or a model of {supported}",
         )
     if unknown := sorted(set(spec) - _KEYS):
         raise error(
@@ -44,13 +59,13 @@ def measured_arm(believed: Mapping[str, Any], measured: Mapping[str, Any]) -> Ar
     ``measured`` is what a tracker found of the same arm: six joints in series, or a model with deltas.
     ``DATA_INVALID`` when it is no such chain, or that of another arm.
     """
-    nominal = robot_from_spec(believed)
+    nominal = _chain_arm(believed)
     chain = arm_spec(parse_robot(measured, "kinematics.robot"), "kinematics.robot").arm.base
     if chain.coupling.shape != (6, 6) or not np.array_equal(chain.coupling, np.eye(6)) or chain.sliding.any():
         raise error(
             "DATA_INVALID", "kinematics.robot: an arm that is moved has six joints, each with its own link"
         )
-    arm = UrArm(nominal.name, measured=DhChain(chain.theta, chain.d, chain.a, chain.alpha, chain.beta))
+    arm = nominal.measured(DhChain(chain.theta, chain.d, chain.a, chain.alpha, chain.beta))
     Q = np.array([np.full(6, 0.3), np.full(6, -1.2)])
     apart = np.linalg.norm(arm.forward_many(Q).translation - nominal.forward_many(Q).translation, axis=1)
     if float(apart.max()) > _SAME_ARM_M:

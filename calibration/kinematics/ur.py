@@ -1,22 +1,17 @@
 """A UR arm: published or factory-calibrated kinematics behind the ``ArmModel`` Protocol."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
 
-from calibration.kinematics.chain import DhChain, pose_gap
-from calibration.kinematics.inverse import converge, distinct, nearest_turns, polish
+from calibration.kinematics.chain import DhChain
+from calibration.kinematics.chain_arm import ChainArm, rows
+from calibration.kinematics.inverse import distinct, polish
 from calibration.kinematics.ur_inverse import branches
 from calibration.kinematics.ur_models import ALPHA, JOINT_LIMITS, UR_MODELS, LinkRadii, UrModel
-from cell.arm_model import Capsule, LinkShape
+from cell.arm_model import LinkShape
 from cell.poses import Array
-
-_ALMOST_M, _ALMOST_RAD = 0.05, 0.3  # joints whose pose is this close may be continued to the goal
-_SAME_BRANCH_RAD = 0.1
-_SAME_LINE_RAD = 0.5  # between neighbours on a line; more would be another branch
 
 
 def _zeros() -> Array:
@@ -37,7 +32,7 @@ class DhDeltas:
     delta_alpha: Array = field(default_factory=_zeros)
 
 
-class UrArm:
+class UrArm(ChainArm):
     """One arm of Universal Robots. ``name`` is a key of ``UR_MODELS``; ``deltas`` None is the drawing.
 
     ``measured`` is the chain that a tracker found, deltas and all. The metal stays where the drawing has it.
@@ -45,46 +40,14 @@ class UrArm:
 
     def __init__(self, name: str, deltas: DhDeltas | None = None, measured: DhChain | None = None) -> None:
         model = UR_MODELS[name]
-        self._name, self._model = name, model
-        self._nominal = DhChain(np.zeros(6), model.d, model.a, ALPHA)
+        nominal = DhChain(np.zeros(6), model.d, model.a, ALPHA)
+        chain = measured or (nominal if deltas is None else _shifted(nominal, deltas))
+        super().__init__(name, nominal, chain, JOINT_LIMITS, _link_shapes(model.radii), _reach_after(model))
+        self._model = model
         self.calibrated = deltas is not None or measured is not None
-        self._chain = measured or (self._nominal if deltas is None else _shifted(self._nominal, deltas))
-        self._links = _link_shapes(model.radii)
-        self._reach = _reach_after(model)
 
-    @property
-    def name(self) -> str:
-        return self._name
-
-    @property
-    def chain(self) -> DhChain:
-        """The DH chain in use, factory deltas or what was measured included."""
-        return self._chain
-
-    @property
-    def joint_limits(self) -> Array:
-        return JOINT_LIMITS.copy()
-
-    @property
-    def links(self) -> Sequence[LinkShape]:
-        return self._links
-
-    @property
-    def reach_after(self) -> Array:
-        return self._reach.copy()
-
-    def forward(self, q: Array) -> RigidTransform:
-        return RigidTransform(self._chain.frames(_rows(q))[0, -1], normalize=False)
-
-    def forward_many(self, Q: Array) -> RigidTransform:
-        return RigidTransform(self._chain.frames(_rows(Q))[:, -1], normalize=False)
-
-    def jacobian(self, q: Array) -> Array:
-        J: Array = self.jacobian_many(_rows(q))[0]
-        return J
-
-    def jacobian_many(self, Q: Array) -> Array:
-        return self._chain.jacobians(self._chain.frames(_rows(Q)))
+    def measured(self, chain: DhChain) -> "UrArm":
+        return UrArm(self._name, measured=chain)
 
     def link_ends(self, Q: Array) -> Array:
         """Capsule ends from the *published* lengths.
@@ -93,7 +56,7 @@ class UrArm:
         is where the drawing has it, within a few millimetres.
         """
         model = self._model
-        frames = self._nominal.frames(_rows(Q))
+        frames = self._nominal.frames(rows(Q))
         origin, z1 = frames[..., :3, 3], frames[:, 1, :3, 2]
         upper, fore = model.shoulder_offset * z1, model.elbow_offset * z1
         points = [
@@ -109,64 +72,10 @@ class UrArm:
         ]
         return np.stack([np.stack(pair, axis=1) for pair in pairwise(points)], axis=1)
 
-    def capsules(self, q: Array) -> list[Capsule]:
-        ends = self.link_ends(_rows(q))[0]
-        return [Capsule(p[0], p[1], s.radius_m, s.name) for p, s in zip(ends, self._links, strict=True)]
-
-    def inverse(self, T_base_flange: RigidTransform, q_near: Array) -> Array | None:
-        near = np.asarray(q_near, dtype=float)
-        goal = T_base_flange.as_matrix()
-        continued = self._continue(goal, near)
-        if len(continued) and np.max(np.abs(continued[0] - near)) < _SAME_BRANCH_RAD:
-            turned = nearest_turns(continued[0], near, JOINT_LIMITS)
-            if turned is not None:
-                return turned
-        found = (nearest_turns(q, near, JOINT_LIMITS) for q in (*continued, *self._branches(goal)))
-        candidates = [q for q in found if q is not None]
-        return min(candidates, key=lambda q: float(np.linalg.norm(q - near)), default=None)
-
-    def inverse_line(self, T_base_flange: Array, q_near: Array) -> Array | None:
-        near = np.asarray(q_near, dtype=float)
-        starts = np.broadcast_to(near, (len(T_base_flange), 6))
-        together, reached = converge(self._chain, T_base_flange, starts)
-        near = starts[0]
-        low, high = JOINT_LIMITS.T
-        steps = np.diff(together, axis=0, prepend=near[None])
-        within = np.all((together >= low) & (together <= high))
-        if within and reached.all() and np.abs(steps).max() < _SAME_LINE_RAD:
-            return together
-        line = []
-        for T in T_base_flange:  # one after the other: nothing is nearer to a pose than the one before
-            q = self.inverse(RigidTransform.from_matrix(T), near)
-            if q is None:
-                return None
-            line.append(q)
-            near = q
-        return np.array(line)
-
-    def inverse_all(self, T_base_flange: RigidTransform) -> list[Array]:
-        found = self._branches(T_base_flange.as_matrix())
-        turned = (nearest_turns(q, np.zeros(6), JOINT_LIMITS) for q in found)
-        return [q for q in turned if q is not None]
-
-    def _continue(self, goal: Array, near: Array) -> Array:
-        """(0 or 1, 6): from joints that almost reach ``goal`` (4, 4).
-
-        Follows a line cheaply, and through poses where the closed form picks an arbitrary wrist angle.
-        """
-        gap = np.abs(pose_gap(goal[None], self._chain.frames(near[None])[:, -1]))[0]
-        if np.max(gap[:3]) > _ALMOST_M or np.max(gap[3:]) > _ALMOST_RAD:
-            return np.empty((0, 6))
-        return polish(self._chain, goal, near[None])
-
     def _branches(self, goal: Array) -> list[Array]:
         """Closed form for the published arm, refined on this one."""
         starts = branches(self._model, goal)
         return distinct(list(polish(self._chain, goal, starts))) if len(starts) else []
-
-
-def _rows(q: Array) -> Array:
-    return np.asarray(q, dtype=float).reshape(-1, 6)
 
 
 def _shifted(nominal: DhChain, deltas: DhDeltas) -> DhChain:

@@ -137,10 +137,62 @@ class SerialRobot(_Robot):
         return self
 
 
-Robot = NamedRobot | PalletizerRobot | SerialRobot
-_FAMILIES: dict[str, type[PalletizerRobot] | type[SerialRobot]] = {
+class DhLink(Strict):
+    """``Rz(q + theta) Tz(d) Tx(a) Rx(alpha)``: the joint turns about z of the frame before."""
+
+    theta: Angle = 0.0
+    d: Length = 0.0
+    a: Length = 0.0
+    alpha: Angle = 0.0
+
+
+class LinkCapsule(Strict):
+    """All points within ``radius_m`` of the line from ``p0`` to ``p1``, in the frame after some joints."""
+
+    name: Annotated[str, Field(min_length=1, max_length=40)]
+    joints: Annotated[int, Field(ge=0, le=6)]
+    p0: Point
+    p1: Point
+    radius_m: Annotated[float, Field(gt=0.0, le=1.0)]
+
+
+JointRange = Annotated[list[Angle], Field(min_length=2, max_length=2)]
+
+
+class Serial6Robot(_Robot):
+    """A six-axis arm that can be moved: chain, joint ranges, top speeds and the shape of its links."""
+
+    family: Literal["serial6"]
+    name: Annotated[str, Field(min_length=1, max_length=40)]
+    links: Annotated[list[DhLink], Field(min_length=6, max_length=6)]
+    joint_limits: Annotated[list[JointRange], Field(min_length=6, max_length=6)]
+    joint_speeds_rad_s: Annotated[
+        list[Annotated[float, Field(gt=0.0, le=50.0)]], Field(min_length=6, max_length=6)
+    ]
+    capsules: Annotated[list[LinkCapsule], Field(min_length=1, max_length=20)]
+
+    @property
+    def joints(self) -> int:
+        """How many numbers a joint vector has."""
+        return 6
+
+    @model_validator(mode="after")
+    def _limits_leave_room(self) -> "Serial6Robot":
+        for k, (low, high) in enumerate(self.joint_limits):
+            if low >= high:
+                raise ValueError(
+                    f"(joint_limits) joint {k + 1}: {low:g} is not below {high:g}; write [low, high]"
+                )
+        if [c.joints for c in self.capsules] != sorted(c.joints for c in self.capsules):
+            raise ValueError("(capsules) must stand from the base to the flange, 'joints' rising")
+        return self
+
+
+Robot = NamedRobot | PalletizerRobot | SerialRobot | Serial6Robot
+_FAMILIES: dict[str, type[PalletizerRobot] | type[SerialRobot] | type[Serial6Robot]] = {
     "palletizer4": PalletizerRobot,
     "serial": SerialRobot,
+    "serial6": Serial6Robot,
 }
 
 

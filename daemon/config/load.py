@@ -337,7 +337,34 @@ def _robot_spec(raw: Mapping[str, Any], findings: Findings, path: Path) -> dict[
     """The ROBOT that ``robot.model`` names: a known arm, or a JSON file beside the configuration."""
     section = raw.get("robot")
     model = section.get("model", "ur10e") if isinstance(section, dict) else "ur10e"
-    return _named_robot(model, ("robot", "model"), findings, path)
+    place = ("robot", "model")
+    spec = _named_robot(model, place, findings, path)
+    if "family" not in spec:
+        return spec
+    from calibration.kinematics import robot_from_spec  # SciPy, which most configurations need not wait for
+
+    try:
+        parse_robot(spec, str(model))
+        robot_from_spec(spec)
+    except CellError as exc:
+        findings.add(place, with_detail(exc))
+        return {}
+    _check_joint_speed(raw, spec["joint_speeds_rad_s"], str(model), findings)
+    return spec
+
+
+def _check_joint_speed(raw: Mapping[str, Any], fastest: list[float], model: str, findings: Findings) -> None:
+    """The cell's limit is one for all joints, so it is that of the slowest at most."""
+    section = raw.get("limits")
+    allowed = section.get("joint_speed_rad_s") if isinstance(section, dict) else None
+    wanted = LimitsSection().joint_speed_rad_s if allowed is None else allowed
+    slowest = min(range(6), key=lambda k: fastest[k])
+    if isinstance(wanted, int | float) and wanted > fastest[slowest]:
+        place = ("limits",) if allowed is None else ("limits", "joint_speed_rad_s")
+        text = (
+            f"joint_speed_rad_s of {wanted:g} is above {fastest[slowest]:g} of joint {slowest + 1} in {model}"
+        )
+        findings.add(place, f"{text}; lower it")
 
 
 def _observed_spec(

@@ -70,7 +70,7 @@ class ObjectArm(ObjectDevice):
         if expected is not None and serial != expected:
             raise error("DEVICE_IDENTITY", f"{self.name} has serial {serial}, expected {expected}")
         calibration = {k: list(v) for k, v in arm.factory.model_dump().items()}
-        return Identity(arm.model, serial, arm.version, {"kinematics": {"calibration": calibration}})
+        return Identity(arm.name, serial, arm.version, {"kinematics": {"calibration": calibration}})
 
     def fault(self) -> Exception | None:
         """The coded error that the newest package shows, or None."""

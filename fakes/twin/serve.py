@@ -205,7 +205,7 @@ class Twin:
         return arm.go(now, q) - now
 
     def _write_cell_toml(self) -> None:
-        self.scenario.write_observed_model(self.folder)
+        self.scenario.write_robots(self.folder)
         draft = self.cell_toml.with_suffix(".new")
         draft.write_text(self._config_text(), "utf-8")
         draft.rename(self.cell_toml)

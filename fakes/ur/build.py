@@ -4,6 +4,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
+from cell.errors import error
 from fakes.ur.controller import Controller
 from fakes.ur.robot import Identity
 from fakes.world.scenario import Scenario
@@ -22,6 +23,12 @@ def parse_version(text: str) -> tuple[int, int, int, int]:
 def controller_for(world: World, bind: str) -> Controller:
     """The controller of the arm in ``world``."""
     arm = world.config.arm
+    if arm.robot is not None:
+        raise error(
+            "CONFIG_INVALID",
+            f"world.arm.robot: {arm.name} is no arm of UR, and the twin on real protocols speaks as one; "
+            "its world runs on the object face, without protocols",
+        )
     identity = Identity(arm.model, arm.serial, parse_version(arm.version), arm.factory.deltas())
     made = Controller(
         bind, identity, world.track, world.believed, world.contact_force, digital_in=world.arm_digital_in

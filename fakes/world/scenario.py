@@ -9,10 +9,13 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from cell.errors import error
-from fakes.world.arm.kinematics import MODELS, LinkDeltas
+from cell.errors import CellError, error
+from cell.formats.robot import Serial6Robot, parse_robot
+from cell.poses import Array
+from fakes.world.arm.kinematics import MODELS, LinkDeltas, dh_parameters
 from fakes.world.beams.truth import BeamTruth, CapsuleTruth, Channel, IoTruth, Three
 from fakes.world.belt.item_truth import GripperTruth, ItemsTruth
 from fakes.world.belt.truth import BeltTruth
@@ -23,6 +26,7 @@ from fakes.world.tracker.truth import ReflectorTruth, TrackerTruth
 
 SCHEMA = "cellward.scenario/1"
 OBSERVED, OBSERVED_MODEL = "palletizer", "palletizer.json"
+ROBOT_FILE = "robot.json"
 
 Six = Annotated[list[float], Field(min_length=6, max_length=6)]
 
@@ -46,7 +50,10 @@ class Links(_Strict):
 class ArmTruth(_Strict):
     """The robot: what its controller believes, and how far the true one is from that."""
 
-    model: str
+    model: str = ""
+    robot: dict[str, Any] | None = Field(
+        default=None, description="a ROBOT of family serial6, for an arm of another maker than UR"
+    )
     serial: str = Field(
         default="99991100001", pattern=r"^9999\d+$", description="twin serials begin with 9999"
     )
@@ -61,9 +68,41 @@ class ArmTruth(_Strict):
 
     @model_validator(mode="after")
     def _known_model(self) -> Self:
-        if self.model not in MODELS:
+        if self.robot is not None:
+            if self.model:
+                raise ValueError("give model or robot, not both")
+            self.serial6()
+        elif self.model not in MODELS:
             raise ValueError(f"model {self.model!r} is not known; known are {', '.join(MODELS)}")
         return self
+
+    def serial6(self) -> Serial6Robot | None:
+        """The arm as its ROBOT has it; None for an arm of UR."""
+        if self.robot is None:
+            return None
+        try:
+            found = parse_robot(self.robot, "robot")
+        except CellError as exc:
+            raise ValueError(exc.detail) from exc
+        if not isinstance(found, Serial6Robot):
+            raise ValueError(f"robot is of family {self.robot.get('family')!r}, and a twin moves serial6")
+        return found
+
+    @property
+    def name(self) -> str:
+        """Of the model, as the controller tells it."""
+        return self.model if self.robot is None else str(self.robot["name"])
+
+    def drawing(self, deltas: LinkDeltas) -> tuple[Array, Array, Array, Array]:
+        """Denavit-Hartenberg ``theta, d, a, alpha`` (6,), rad and m, with ``deltas`` added."""
+        robot = self.serial6()
+        if robot is None:
+            return dh_parameters(self.model, deltas)
+        theta, d, a, alpha = (
+            np.array([getattr(link, key) for link in robot.links]) + getattr(deltas, f"delta_{key}")
+            for key in ("theta", "d", "a", "alpha")
+        )
+        return theta, d, a, alpha
 
 
 def _pin() -> list[CapsuleTruth]:
@@ -312,8 +351,8 @@ class Scenario(_Strict):
         """A ready cell.toml for this twin, as docs/config.md describes it.
 
         ``devices`` are the device tables by name, driver and address included; those of devices that the
-        scenario lacks are left out. The file that ``observed_model`` names is written by
-        :meth:`write_observed_model`. ``modbus`` is its section; ``overrides`` are further top-level tables
+        scenario lacks are left out. The files that ``model`` and ``observed_model`` may name are written by
+        :meth:`write_robots`. ``modbus`` is its section; ``overrides`` are further top-level tables
         that replace generated ones of the same name; ``clock`` names the virtual clock of the object face.
         """
         world, robot, tables_of_devices = self.world, dict[str, Any](), dict[str, dict[str, Any]]()
@@ -325,7 +364,7 @@ class Scenario(_Strict):
             robot |= self._robot_keys(name)
         robot |= {
             "T_flange_target_nominal": self.cell.T_flange_target_nominal,
-            "model": world.arm.model,
+            "model": world.arm.model if world.arm.robot is None else ROBOT_FILE,
             "payload_kg": world.tool.payload_kg,
             "tool": world.tool.model_dump(include={"name", "T_flange_tool", "radius_m"}),
         }
@@ -361,8 +400,10 @@ class Scenario(_Strict):
         role, mount = ("flange_camera", "flange") if world.eye_in_hand else ("fixed_camera", "base")
         return {role: "camera", f"T_{mount}_camera_nominal": world.camera.nominal}
 
-    def write_observed_model(self, folder: Path) -> None:
-        """Write the ROBOT that the observed arm's controller believes in beside the cell.toml."""
+    def write_robots(self, folder: Path) -> None:
+        """Write the ROBOTs that the cell.toml names as files beside it."""
+        if self.world.arm.robot is not None:
+            (folder / ROBOT_FILE).write_text(json.dumps(self.world.arm.robot, indent=1), "utf-8")
         if self.world.observed is not None:
             (folder / OBSERVED_MODEL).write_text(json.dumps(self.world.observed.robot, indent=1), "utf-8")
 

@@ -16,10 +16,10 @@ from scipy.spatial.transform import RigidTransform
 from cell.devices import Intrinsics
 from cell.errors import error
 from cell.poses import Array, compose, from_pose6, to_pose6
-from fakes.world.arm.kinematics import chain
+from fakes.world.arm.kinematics import LinkDeltas, chain_of, frames_at_zero
 from fakes.world.arm.repeatability import Repeatability
 from fakes.world.arm.segments import Segment
-from fakes.world.arm.shape import ArmShape
+from fakes.world.arm.shape import capsule_shape, ur_shape
 from fakes.world.arm.tool_motion import ToolMotion
 from fakes.world.arm.tool_shape import ToolShape
 from fakes.world.arm.track import Track
@@ -106,9 +106,14 @@ class World:
     def __init__(self, truth: WorldTruth, t0: float) -> None:
         self.config, self.t0 = truth, t0
         factory = truth.arm.factory.deltas()
-        self.believed = chain(truth.arm.model, factory)
-        self.true = chain(truth.arm.model, factory + truth.arm.error.deltas())
-        self.shape = ArmShape(truth.arm.model, self.true)
+        self.believed = chain_of(*truth.arm.drawing(factory))
+        self.true = chain_of(*truth.arm.drawing(factory + truth.arm.error.deltas()))
+        robot = truth.arm.serial6()
+        if robot is None:
+            self.shape = ur_shape(truth.arm.model, self.true)
+        else:
+            at_zero = frames_at_zero(*truth.arm.drawing(LinkDeltas()))
+            self.shape = capsule_shape(robot, at_zero, self.true)
         self.track = Track(t0, truth.arm.q_start)
         self.T_flange_tool = from_pose6(truth.tool.T_flange_tool)  # nominal
         self.tool = ToolShape(t0, truth.tool)
@@ -315,7 +320,7 @@ class World:
             **({} if self.tracker is None else {"tracker": self.tracker.told(t)}),
             **self._belt_truth(t),
             "robot": {
-                "model": self.config.arm.model,
+                "model": self.config.arm.name,
                 "serial": self.config.arm.serial,
                 "factory": self.config.arm.factory.model_dump(),
                 "error": self.config.arm.error.model_dump(),

@@ -76,7 +76,7 @@ def write_config(
         clock="fakes.object:VirtualClock",
         overrides={"job": sections, **overrides},
     )
-    loaded.write_observed_model(folder)
+    loaded.write_robots(folder)
     path = folder / "cell.toml"
     path.write_text(text, "utf-8")
     path.chmod(0o600)

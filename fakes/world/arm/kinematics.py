@@ -203,19 +203,27 @@ def chain(model: str, deltas: LinkDeltas | None = None) -> Chain:
 
     The deltas are folded into where the axes lie at zero; joint angles keep their meaning.
     """
-    deltas = deltas or LinkDeltas()
-    _, d, a, alpha = dh_parameters(model, deltas)
+    return chain_of(*dh_parameters(model, deltas))
+
+
+def chain_of(theta: Array, d: Array, a: Array, alpha: Array) -> Chain:
+    """The arm with these Denavit-Hartenberg parameters, (6,) each, rad and m."""
+    frames = frames_at_zero(theta, d, a, alpha)
     screws = np.empty((JOINTS, 6))
-    here = RigidTransform.identity()
-    for i in range(JOINTS):
+    for i, here in enumerate(frames[:-1]):
         axis = here.rotation.as_matrix()[:, 2]
         screws[i] = [*np.cross(here.translation, axis), *axis]
-        turn = RigidTransform.from_components(
-            [0.0, 0.0, d[i]], Rotation.from_rotvec([0, 0, deltas.delta_theta[i]])
-        )
+    return Chain(screws, frames[-1].as_matrix())
+
+
+def frames_at_zero(theta: Array, d: Array, a: Array, alpha: Array) -> list[RigidTransform]:
+    """The base and the frame after every joint with all joints at zero."""
+    frames = [RigidTransform.identity()]
+    for i in range(JOINTS):
+        turn = RigidTransform.from_components([0.0, 0.0, d[i]], Rotation.from_rotvec([0, 0, theta[i]]))
         reach = RigidTransform.from_components([a[i], 0.0, 0.0], Rotation.from_rotvec([alpha[i], 0, 0]))
-        here = here * turn * reach
-    return Chain(screws, here.as_matrix())
+        frames.append(frames[-1] * turn * reach)
+    return frames
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -1,0 +1,136 @@
+"""An arm as a chain of six turning joints: what every model does alike behind the ``ArmModel`` Protocol."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Self
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from calibration.kinematics.chain import DhChain, pose_gap
+from calibration.kinematics.inverse import converge, nearest_turns, polish
+from cell.arm_model import Capsule, LinkShape
+from cell.poses import Array
+
+_ALMOST_M, _ALMOST_RAD = 0.05, 0.3  # joints whose pose is this close may be continued to the goal
+_SAME_BRANCH_RAD = 0.1
+_SAME_LINE_RAD = 0.5  # between neighbours on a line; more would be another branch
+
+
+class ChainArm(ABC):
+    """``chain`` is in use; ``nominal`` has the metal, and is where the links' capsules are.
+
+    A model says where its links are and which branches reach a pose.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        nominal: DhChain,
+        chain: DhChain,
+        limits: Array,
+        links: Sequence[LinkShape],
+        reach_after: Array,
+    ) -> None:
+        self._name, self._nominal, self._chain = name, nominal, chain
+        self._limits, self._links, self._reach = limits, tuple(links), reach_after
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    @property
+    def chain(self) -> DhChain:
+        """The DH chain in use, factory deltas or what was measured included."""
+        return self._chain
+
+    @property
+    def joint_limits(self) -> Array:
+        return self._limits.copy()
+
+    @property
+    def links(self) -> Sequence[LinkShape]:
+        return self._links
+
+    @property
+    def reach_after(self) -> Array:
+        return self._reach.copy()
+
+    @abstractmethod
+    def measured(self, chain: DhChain) -> Self:
+        """This arm with its flange where ``chain``, as it was measured, has it."""
+
+    @abstractmethod
+    def link_ends(self, Q: Array) -> Array: ...
+
+    @abstractmethod
+    def _branches(self, goal: Array) -> list[Array]:
+        """Joints (6,) of every branch that reaches ``goal`` (4, 4), any of their turns."""
+
+    def forward(self, q: Array) -> RigidTransform:
+        return RigidTransform(self._chain.frames(rows(q))[0, -1], normalize=False)
+
+    def forward_many(self, Q: Array) -> RigidTransform:
+        return RigidTransform(self._chain.frames(rows(Q))[:, -1], normalize=False)
+
+    def jacobian(self, q: Array) -> Array:
+        J: Array = self.jacobian_many(rows(q))[0]
+        return J
+
+    def jacobian_many(self, Q: Array) -> Array:
+        return self._chain.jacobians(self._chain.frames(rows(Q)))
+
+    def capsules(self, q: Array) -> list[Capsule]:
+        ends = self.link_ends(rows(q))[0]
+        return [Capsule(p[0], p[1], s.radius_m, s.name) for p, s in zip(ends, self._links, strict=True)]
+
+    def inverse(self, T_base_flange: RigidTransform, q_near: Array) -> Array | None:
+        near = np.asarray(q_near, dtype=float)
+        goal = T_base_flange.as_matrix()
+        continued = self._continue(goal, near)
+        if len(continued) and np.max(np.abs(continued[0] - near)) < _SAME_BRANCH_RAD:
+            turned = nearest_turns(continued[0], near, self._limits)
+            if turned is not None:
+                return turned
+        found = (nearest_turns(q, near, self._limits) for q in (*continued, *self._branches(goal)))
+        candidates = [q for q in found if q is not None]
+        return min(candidates, key=lambda q: float(np.linalg.norm(q - near)), default=None)
+
+    def inverse_line(self, T_base_flange: Array, q_near: Array) -> Array | None:
+        near = np.asarray(q_near, dtype=float)
+        starts = np.broadcast_to(near, (len(T_base_flange), 6))
+        together, reached = converge(self._chain, T_base_flange, starts)
+        near = starts[0]
+        low, high = self._limits.T
+        steps = np.diff(together, axis=0, prepend=near[None])
+        within = np.all((together >= low) & (together <= high))
+        if within and reached.all() and np.abs(steps).max() < _SAME_LINE_RAD:
+            return together
+        line = []
+        for T in T_base_flange:  # one after the other: nothing is nearer to a pose than the one before
+            q = self.inverse(RigidTransform.from_matrix(T), near)
+            if q is None:
+                return None
+            line.append(q)
+            near = q
+        return np.array(line)
+
+    def inverse_all(self, T_base_flange: RigidTransform) -> list[Array]:
+        found = self._branches(T_base_flange.as_matrix())
+        turned = (nearest_turns(q, np.zeros(6), self._limits) for q in found)
+        return [q for q in turned if q is not None]
+
+    def _continue(self, goal: Array, near: Array) -> Array:
+        """(0 or 1, 6): from joints that almost reach ``goal`` (4, 4).
+
+        Follows a line cheaply, and through poses where the closed form picks an arbitrary wrist angle.
+        """
+        gap = np.abs(pose_gap(goal[None], self._chain.frames(near[None])[:, -1]))[0]
+        if np.max(gap[:3]) > _ALMOST_M or np.max(gap[3:]) > _ALMOST_RAD:
+            return np.empty((0, 6))
+        return polish(self._chain, goal, near[None])
+
+
+def rows(q: Array) -> Array:
+    """(n, 6) of joints (6,) or (n, 6)."""
+    return np.asarray(q, dtype=float).reshape(-1, 6)
