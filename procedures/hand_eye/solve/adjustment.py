@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from calibration.adjustment.arm_accuracy import arm_accuracy
 from calibration.adjustment.hand_eye import Adjusted, ArmKnown, adjust
 from calibration.adjustment.lens_terms import LensPrior
+from calibration.hand_eye import se3
 from calibration.hand_eye.noise import Noise
 from calibration.hand_eye.solution import Measurements, Solution
 from calibration.kinematics.families import arm_spec
@@ -19,6 +20,8 @@ from procedures.hand_eye.solve.capture import CaptureSet
 from procedures.hand_eye.solve.result import Adjustment
 
 METHOD = "adjustment"
+JOINTS = 6
+_NEAR_M, _NEAR_RAD = 0.01, 0.02  # an arm differs from its model by millimetres
 # Of intrinsics that were found from the same images: those images are in the adjustment, so nothing else is.
 _FROM_IMAGES = LensPrior(focal=0.05, aspect=0.01, centre_px=50.0, radial=0.2, tangential=0.01)
 
@@ -66,8 +69,42 @@ def _arm(loaded: CaptureSet, rows: NDArray[np.int64], solution: Solution) -> Arm
     if capture.robot is None or any(joints[k] is None for k in used):
         return None
     model = arm_spec(parse_robot(capture.robot, "robot"), "robot").arm
-    Q = np.array([np.zeros(model.joints) if q is None else q for q in joints], dtype=float)
-    return ArmKnown(model, Q, np.tile([-np.pi, np.pi], (model.joints, 1)))
+    if model.joints != JOINTS:
+        raise error(
+            "DATA_INVALID",
+            f"{loaded.path}: method {METHOD!r} knows arms of {JOINTS} turning joints, and robot has "
+            f"{model.joints}; use 'ml'",
+        )
+    for k in used:
+        if (q := joints[k]) is not None and len(q) != JOINTS:
+            raise error(
+                "DATA_INVALID",
+                f"{loaded.path}: observation {loaded.indices[int(rows[k])]}: q has {len(q)} numbers, and "
+                f"robot has {JOINTS} joints",
+            )
+    Q = np.array([np.zeros(JOINTS) if q is None else q for q in joints], dtype=float)
+    _check_flange(loaded, rows[used], model.base.flange(Q[used]))
+    return ArmKnown(model, Q, np.tile([-np.pi, np.pi], (JOINTS, 1)))
+
+
+def _check_flange(loaded: CaptureSet, rows: NDArray[np.int64], flange: Array) -> None:
+    """Refuse poses that are not those of the robot's flange at ``q``, with the likely cause."""
+    off = se3.inverse(flange) @ loaded.F[rows]
+    far = float(np.median(np.linalg.norm(off[:, :3, 3], axis=1)))
+    turned = float(np.median(np.linalg.norm(se3.rotation_vectors(off[:, :3, :3]), axis=1)))
+    if far < _NEAR_M and turned < _NEAR_RAD:
+        return
+    mean = se3.mean_pose(off)
+    apart = np.linalg.norm((off - mean)[:, :3, 3], axis=1)
+    cause = "look at the order of the joints, their unit (rad), and the model of robot"
+    if float(np.median(apart)) < 0.1 * far:
+        x, y, z = 1e3 * mean[:3, 3]
+        cause = f"they carry a tool: a TCP of [{x:.1f}, {y:.1f}, {z:.1f}] mm; give the flange's poses"
+    raise error(
+        "DATA_INVALID",
+        f"{loaded.path}: T_base_flange is not where robot has its flange at q: {1e3 * far:.1f} mm and "
+        f"{np.degrees(turned):.1f} deg off (median); {cause}",
+    )
 
 
 def _solution(first: Solution, found: Adjusted) -> Solution:

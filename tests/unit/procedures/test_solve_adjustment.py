@@ -1,11 +1,13 @@
 """``solve hand-eye --method adjustment`` on data sets of a cell that is not as its model."""
 
 import json
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform
 
 from calibration.adjustment.arm_terms import reference_joints
 from calibration.hand_eye import se3
@@ -104,6 +106,44 @@ def test_without_joints_the_result_says_that_the_arm_is_taken_as_exact(
     (warning,) = [w for w in subject["warnings"] if w["code"] == "adjustment.no-arm"]
     assert "no q of every observation" in warning["text"]
     assert subject["verdict"] == "warn"
+
+
+def five_joints(o: dict[str, Any]) -> None:
+    o["q"] = o["q"][:5]
+
+
+def degrees(o: dict[str, Any]) -> None:
+    o["q"] = np.degrees(o["q"]).tolist()
+
+
+def tool(o: dict[str, Any]) -> None:
+    flange = from_pose6(np.array(o["T_base_flange"]))
+    o["T_base_flange"] = to_pose6(flange * RigidTransform.from_translation([0.0, 0.0, 0.15])).tolist()
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (five_joints, "observation 0: q has 5 numbers, and robot has 6 joints"),
+        (degrees, "look at the order of the joints, their unit"),
+        (tool, r"they carry a tool: a TCP of \[-?0.0, -?0.0, 150.0\] mm"),
+    ],
+)
+def test_joints_that_do_not_belong_to_the_poses_are_refused_with_the_cause(
+    imperfect: tuple[World, dict[str, Any]], tmp_path: Path, change: Any, told: str
+) -> None:
+    document = deepcopy(imperfect[1])
+    for observation in document["observations"]:
+        change(observation)
+    with pytest.raises(InputError, match=told):
+        solved(tmp_path, document, "adjustment")
+
+
+def test_an_arm_of_four_joints_is_refused(imperfect: tuple[World, dict[str, Any]], tmp_path: Path) -> None:
+    keys = [*(f"{kind}{k}" for kind in "akt" for k in (1, 2, 3, 5)), "a4", "d1", "d5", "tx", "ty", "tz"]
+    palletizer = {"family": "palletizer4", "parameters": dict.fromkeys(keys, 0.1)}
+    with pytest.raises(InputError, match="knows arms of 6 turning joints, and robot has 4"):
+        solved(tmp_path, imperfect[1] | {"robot": palletizer}, "adjustment")
 
 
 def test_bare_poses_are_refused_by_name(tmp_path: Path) -> None:
