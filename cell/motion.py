@@ -15,6 +15,7 @@ from cell.devices import Arm, ArmState, MotionPort, Speed, ToolSettings, Traject
 from cell.errors import CellError, RefusedError, error
 from cell.interruptions import SILENCES, Interruptions
 from cell.poses import Array, to_pose6
+from cell.program_end import program_ended
 from cell.samples import Sample
 from cell.where_left import STAYED_RAD, WhereLeft
 
@@ -27,6 +28,7 @@ STANDSTILL_SAMPLES = 5
 STANDSTILL_SPAN_S = 0.04
 TOOL_BACK, TOOL_BACK_S = "tool given back", 3.0
 TAKE_UP_REST_S = 1.0
+OWN_SCRIPT_OVER_S = 1.0
 
 
 class Guard(Protocol):
@@ -354,6 +356,8 @@ class MotionLease:
             unseen = self._arm.state.epoch != self._epoch_left or (port is not None and port.ended_unseen)
             if port is not None:
                 await self._close(port)
+            # Ours ends by its watchdog after the last kick; one that goes on is another's, and is refused.
+            await program_ended(self._arm, OWN_SCRIPT_OVER_S)
             self._port = await self._arm.open_motion(self._tool)
             self._recorder.note("motion", event="opened again", arm=self._arm.name)
             if self._steps is not None and unseen:

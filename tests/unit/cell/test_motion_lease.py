@@ -366,6 +366,37 @@ def test_states_that_come_back_at_the_end_of_the_wait_are_another_silence_unless
     run_virtual(main())
 
 
+@pytest.mark.parametrize("ours", [True, False])
+def test_a_script_of_ours_that_has_still_to_end_is_waited_for_and_one_of_others_is_refused(
+    ours: bool,
+) -> None:
+    class Strict(ScriptedArm):
+        async def open_motion(self, tool: ToolSettings) -> ScriptedArm:
+            if "open" in self.asked and self.program_running:
+                raise error("ARM_PROGRAM_RUNNING", "arm has runtime state 2")
+            return await super().open_motion(tool)
+
+    async def end_later(arm: ScriptedArm) -> None:
+        await asyncio.sleep(0.4)
+        arm.program_running = False
+
+    async def main() -> None:
+        arm = Strict(usable=False)
+        async with bench_with(arm) as bench, bench.lease() as lease:
+            await lease.rest()
+            ending = asyncio.create_task(end_later(arm)) if ours else None
+            if ours:
+                await lease.take_up()
+            else:
+                with pytest.raises(CellError, match="runtime state 2"):
+                    await lease.take_up()
+            if ending is not None:
+                await ending
+            assert arm.asked.count("open") == 1 + ours
+
+    run_virtual(main())
+
+
 @pytest.mark.parametrize("moment", ["rest", "take_up"])
 def test_a_cancel_while_a_motion_client_is_closed_does_not_leave_it_half_closed(moment: str) -> None:
     closed: list[str] = []
