@@ -24,6 +24,7 @@ from drivers.ur.script_end import ScriptEnd, ScriptRecord
 from drivers.ur.watch import REST_SAMPLES, ArmView, Judge, Watch, joints_judge, pose_judge
 
 OPEN_DEADLINE_S = 8.0  # the client itself waits 5 s for its script to start
+START_SEEN_S = 3.0  # and another process may pause meanwhile
 CALL_DEADLINE_S = 1.0
 TOOL_DEADLINE_S = 2.0  # three commands to the script, at rest
 STOP_DEADLINE_S = 0.3
@@ -89,8 +90,21 @@ class UrMotion:
             )
         except CellError as exc:
             raise open_failure(exc) from exc
-        await self._until(lambda: self.owns_program, 1.0, "the control script's start")
+        await self._until_script_runs()
         await self._set_tool()
+
+    async def _until_script_runs(self) -> None:
+        """Wait for the script's start, or for its end: a client that pauses right after it lets it end."""
+
+        def seen() -> bool:
+            return self.owns_program or self.script.end is not ScriptEnd.NONE
+
+        await self._until(seen, START_SEEN_S, "the control script's start")
+        if self.owns_program:
+            return
+        if self.script.end is ScriptEnd.OURS:
+            raise error("MOTION_WATCHDOG", "the motion client was late right after the script's start")
+        raise error("ARM_SCRIPT_DIED", f"right after its start: {self.script.end.value}")
 
     async def set_tool(self, tool: ToolSettings) -> None:
         """Set another TCP and payload while at rest, and see them in force."""
