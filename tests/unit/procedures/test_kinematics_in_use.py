@@ -13,6 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from calibration.identification.registration import register
 from calibration.kinematics import robot_from_spec
 from cell.calibrations import kinematics, laser_reference
+from cell.formats.result import Result
 from cell.poses import Array, exp_xi, to_pose6
 from cell.procedure import Procedure, Proposal, Run
 from cell.run_values import RunValues
@@ -21,6 +22,7 @@ from daemon.config import CellConfig, load_config
 from fakes.object import run_virtual
 from fakes.world.scenario import Scenario
 from procedures.arm_setup import arm_model
+from procedures.kind import Kind, add_outside
 from procedures.registry import JOBS
 from procedures.tracker.solve.solver import solve_kincal
 from tests.kit.laser_cell import TOOL, laser_config
@@ -47,6 +49,9 @@ STEP = exp_xi([0.08, -0.05, 0.06, 0.1, -0.05, 0.15])  # from each of them on a l
 NESTS = {"smr1": [0.06, 0.0, 0.05], "smr2": [-0.05, 0.06, 0.03], "smr3": [-0.02, -0.07, 0.07]}
 
 
+KIND = Kind(name=f"{__name__}:KIND", words="procedures.plan_words:plan_lines")  # of the job below
+
+
 class State(StrEnum):
     """Of the job below."""
 
@@ -63,6 +68,7 @@ class GoThere(Procedure):
     """Goes to wanted flange poses, by joints and on lines; what it saw and where it stood is kept."""
 
     name: ClassVar[str] = "go-there"
+    kind: ClassVar[str] = KIND.name
     number: ClassVar[int] = 99
     Config = Keys
     State = State
@@ -92,7 +98,7 @@ class GoThere(Procedure):
                 self._keep(run, T)
                 await lease.move_linear(T * STEP)
                 self._keep(run, T * STEP)
-        run.result = {"verdict": "pass", "reasons": [], "result": {"poses": len(self.went)}}
+        run.result = Result(kind=self.kind, verdict="pass", result={"poses": len(self.went)}).as_json()
 
     def _keep(self, run: Run, wanted: RigidTransform) -> None:
         state = run.arm().state.latest(0.1).value
@@ -115,6 +121,7 @@ def switched(folder: Path, use: bool) -> CellConfig:
 
 
 def with_job(cell: ObjectCell) -> ObjectCell:
+    add_outside(KIND.name)
     cell.engine.jobs = {**JOBS, GoThere.name: GoThere}
     cell.job = GoThere.name
     return cell
