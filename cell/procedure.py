@@ -151,6 +151,8 @@ class Procedure(ABC):
     TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]]
     CHECKPOINTS: ClassVar[frozenset[Any]]
     decides: ClassVar[bool] = False  # about what it proposed, itself and before it ends
+    # Keys that a section takes from those of other jobs when it does not give them itself.
+    inherits: ClassVar[Mapping[type["Procedure"], tuple[str, ...]]] = {}
     judges_arm: ClassVar[bool] = False  # it looks at the arm as its controller believes it, calibrated or not
 
     def __init__(self, config: Any) -> None:

@@ -36,7 +36,6 @@ class RunValues:
     targets: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     calibration: Mapping[str, dict[str, Any] | None] = field(default_factory=dict)
     laser_reference: Mapping[str, Any] | None = None
-    laser_floor_m: float | None = None
     belt: Mapping[str, Any] | None = None
     time_offset_s: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     kinematics: Mapping[str, Mapping[str, Any] | None] = field(default_factory=dict)

@@ -88,7 +88,9 @@ class Engine:
         context = self.context
         if context.broker.latched is not None and not dry_run:
             raise error("MOTION_LATCHED", f"the last fault was: {context.broker.latched}")
-        values = await asyncio.to_thread(resolve_values, context.config, self.ledger, context.supervisor)
+        values = await asyncio.to_thread(
+            resolve_values, context.config, self.ledger, context.supervisor, procedure.uses()
+        )
         own_limits = getattr(procedure.config, "limits", None)
         values = with_job_limits(values, own_limits)
         values = with_arm_model(values, procedure, context.config, context.supervisor)

@@ -19,7 +19,7 @@ def make_procedure(cls: type[Procedure], config: CellConfig, params: Mapping[str
     if unknown := sorted(set(params) - set(fields)):
         hint = did_you_mean(unknown[0], fields) or f"; it has {', '.join(sorted(fields)) or 'none'}"
         raise error("ARGUMENT_INVALID", f"{job} has no parameter '{unknown[0]}'{hint}")
-    given: dict[str, Any] = {**config.job_section(job), **params}
+    given: dict[str, Any] = {**_inherited(cls, config), **config.job_section(job), **params}
     try:
         return cls(cls.Config.model_validate(given))
     except ValidationError as exc:
@@ -32,6 +32,12 @@ def make_procedure(cls: type[Procedure], config: CellConfig, params: Mapping[str
         check_units({key: _number(value) for key, value in params.items()}, findings)
         findings.add_validation((), given, cls.Config, exc)
         raise error("ARGUMENT_INVALID", "; ".join(findings.plain)) from exc
+
+
+def _inherited(cls: type[Procedure], config: CellConfig) -> dict[str, Any]:
+    """What the job takes from the sections of other jobs."""
+    sections = [(config.job_section(other.name), keys) for other, keys in cls.inherits.items()]
+    return {key: section[key] for section, keys in sections for key in keys if key in section}
 
 
 def _number(text: Any) -> Any:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.calibrations import rests_on_kinematics
-from cell.errors import CellError
+from cell.errors import CellError, error
 from cell.formats.result import NO_FIGURES, Envelope, Figures
 from cell.procedure import Procedure, Proposal, Run
 from cell.store.files import plain
@@ -87,7 +87,10 @@ def enter_proposal(run: Run, ledger: Ledger, proposal: Proposal, result: Mapping
     Where its meaning rests on the arm's kinematics, the ledger notes the model that the run worked with.
     """
     run.check_record()
-    configured = run.values.configured.get(proposal.name)
+    if proposal.name not in run.values.configured:
+        job = run.procedure.name
+        raise error("INTERNAL", f"{job} proposes {proposal.name}, and uses no role that this belongs to")
+    configured = run.values.configured[proposal.name]
     model = run.values.arm_model if rests_on_kinematics(proposal.name) else None
     run.proposed.add(proposal.name)
     told = with_model(result, run.values, run.proposed)

@@ -4,7 +4,7 @@ The effective value of a calibration is the committed version, else the configur
 procedures never read the ledger; what is here is also what ``run.json`` keeps.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -20,9 +20,13 @@ from procedures.kinematics_in_use import choose_model
 INPUT_ROLES = ("beams",)  # whose time offset a job can measure
 ARM_ROLES = ("arm", "observed_arm")  # whose kinematics a job can measure
 CALIBRATIONS = {
-    # setup of a capture: (ledger name, keys of [robot] with the nominal poses)
-    "eye-in-hand": ("T_flange_camera", {"X": "T_flange_camera_nominal"}),
-    "eye-to-hand": ("T_base_camera", {"X": "T_base_camera_nominal", "W": "T_flange_target_nominal"}),
+    # role of a camera: (ledger name, setup of its captures, keys of [robot] with the nominal poses)
+    "flange_camera": ("T_flange_camera", "eye-in-hand", {"X": "T_flange_camera_nominal"}),
+    "fixed_camera": (
+        "T_base_camera",
+        "eye-to-hand",
+        {"X": "T_base_camera_nominal", "W": "T_flange_target_nominal"},
+    ),
 }
 
 
@@ -39,22 +43,30 @@ def configured_values(config: CellConfig) -> RunValues:
         limits=config.limits.model_dump(mode="json"),
         poses={name: list(q) for name, q in config.poses.items()},
         targets={name: dict(spec) for name, spec in config.target.items()},
+        belt=_nominal_belt(config),
     )
 
 
-def resolve_values(config: CellConfig, ledger: Ledger, supervisor: Supervisor) -> RunValues:
-    """``RESULT_CONFLICT`` when a configured value was edited under a committed one."""
-    effect, tool, roles = _InEffect(ledger), config.robot.tool, config.robot.roles()
+def resolve_values(
+    config: CellConfig, ledger: Ledger, supervisor: Supervisor, uses: Collection[str]
+) -> RunValues:
+    """The values of a run that uses these roles: the tool, the arm, and what is calibrated of the roles.
+
+    ``RESULT_CONFLICT`` when a configured value of those was edited under a committed one.
+    """
+    effect, tool = _InEffect(ledger), config.robot.tool
+    roles = {role: name for role, name in config.robot.roles().items() if role in {"arm", *uses}}
     values = configured_values(config)
     pose = effect.value(tool_calibration(tool.name), list(tool.T_flange_tool))
     return replace(
         values,
         robot=robot_spec(config, supervisor),
         tool={**values.tool, "T_flange_tool": pose},
-        calibration={setup: _hand_eye(config, effect, setup) for setup in CALIBRATIONS},
-        laser_reference=effect.value(laser_reference(tool.name), None),
-        laser_floor_m=config.job_section("laser-reference").get("floor_m"),
-        belt=_belt(config, effect),
+        calibration=dict(
+            _hand_eye(config, effect, *known) for role, known in CALIBRATIONS.items() if role in roles
+        ),
+        laser_reference=effect.value(laser_reference(tool.name), None) if "beams" in roles else None,
+        belt=effect.value(belt_scale(roles["belt"]), values.belt) if "belt" in roles else None,
         time_offset_s={role: _offset(config, effect, roles[role]) for role in INPUT_ROLES if role in roles},
         # Where the true flange is; a run goes by it when ``use_kinematics`` says so.
         kinematics={role: effect.value(kinematics(roles[role]), None) for role in ARM_ROLES if role in roles},
@@ -90,23 +102,18 @@ class _InEffect:
         return found.value
 
 
-def _hand_eye(config: CellConfig, effect: _InEffect, setup: str) -> dict[str, Any] | None:
+def _hand_eye(
+    config: CellConfig, effect: _InEffect, name: str, setup: str, keys: dict[str, str]
+) -> tuple[str, dict[str, Any] | None]:
     """What is known of a camera: its pose in effect as ``X``, beside the nominal pose of the target."""
-    name, keys = CALIBRATIONS[setup]
     poses = _nominal(config, keys)
     X = effect.value(name, poses.get("X"), keys["X"])
-    return {**poses, "X": X} if X is not None else poses or None
+    return setup, {**poses, "X": X} if X is not None else poses or None
 
 
-def _belt(config: CellConfig, effect: _InEffect) -> dict[str, Any] | None:
-    """Metres per count and direction of the belt, as calibrated, else as configured."""
-    device = config.robot.roles().get("belt")
-    if device is None:
-        return None
-    value: dict[str, Any] | None = effect.value(
-        belt_scale(device), config.job_section("belt-tracking").get("belt")
-    )
-    return value
+def _nominal_belt(config: CellConfig) -> dict[str, Any] | None:
+    nominal = config.robot.belt_nominal
+    return None if nominal is None else nominal.model_dump()
 
 
 def _offset(config: CellConfig, effect: _InEffect, device: str) -> dict[str, float]:
@@ -140,13 +147,13 @@ def recorded(values: RunValues) -> dict[str, Any]:
 
 def tell_configured(config: CellConfig, ledger: Ledger) -> None:
     """Let the ledger know the configured values of today, against which it judges a decision."""
-    for name, nominal_keys in CALIBRATIONS.values():
+    for name, _, nominal_keys in CALIBRATIONS.values():
         ledger.effective(name, _nominal(config, nominal_keys).get("X"))
     tool = config.robot.tool
     ledger.effective(tool_calibration(tool.name), list(tool.T_flange_tool))
     ledger.effective(laser_reference(tool.name), None)
     if (belt := config.robot.roles().get("belt")) is not None:
-        ledger.effective(belt_scale(belt), config.job_section("belt-tracking").get("belt"))
+        ledger.effective(belt_scale(belt), _nominal_belt(config))
     for role in ARM_ROLES:
         if (device := config.robot.roles().get(role)) is not None:
             ledger.effective(kinematics(device), None)

@@ -2,9 +2,13 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
+
+from pydantic import BaseModel
 
 from cell.run_values import RunValues
+
+M = TypeVar("M", bound=BaseModel)
 
 
 @dataclass(frozen=True)
@@ -12,23 +16,26 @@ class Setup:
     """A cell as configured; the ledger and the devices may know better when a job starts.
 
     ``roles``: role -> device; ``devices``: device -> its section, as its driver defines it. ``values``: arm,
-    tool, payload, limits, poses and targets as a run has them. ``nominal``: poses of
-    cameras and target from the drawing, (6,) m and rad, by the key of ``[robot]``. ``job``: the section of a
-    job as written, empty without one. ``calibrations``: what the ledger has, newest first; a ``CellError``
-    when it cannot be read.
+    tool, payload, limits, poses, targets and the nominal belt. ``nominal``: poses of cameras and target from
+    the drawing, (6,) m and rad, by the key of ``[robot]``. ``jobs``: the sections of all configured jobs.
+    ``calibrations``: what the ledger has, newest first; a ``CellError`` when it cannot be read.
     """
 
     roles: Mapping[str, str]
     devices: Mapping[str, Any]
     values: RunValues
     nominal: Mapping[str, Sequence[float] | None]
-    job: Callable[[str], dict[str, Any]]
+    jobs: Sequence[BaseModel]
     calibrations: Callable[[], list[dict[str, Any]]]
 
     @property
     def poses(self) -> Mapping[str, Sequence[float]]:
         """Taught joint angles by name, rad."""
         return self.values.poses
+
+    def job(self, section: type[M]) -> M | None:
+        """The configured job whose section is of this model, None without one."""
+        return next((job for job in self.jobs if isinstance(job, section)), None)
 
     def missing(self, *roles: str) -> list[str]:
         """One sentence for each of these roles that no device plays."""

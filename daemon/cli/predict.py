@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
+
 from cell.errors import CellError
 from daemon.config import CellConfig
 from daemon.values import configured_values
@@ -19,12 +21,11 @@ def predictions(config: CellConfig) -> list[dict[str, Any]]:
     ``problems`` keep the job from succeeding, ``cautions`` do not; each is a sentence with its fix.
     """
     setup, found = setup_of(config), []
-    for name, job in JOBS.items():
-        expectation = kind_named(job.kind).expectation
-        if not expectation or not (section := config.job_section(name)):
+    for name, section in _sections(config).items():
+        if not (expectation := kind_named(JOBS[name].kind).expectation):
             continue
         try:
-            expected = load(expectation)(setup, job.Config.model_validate(section))
+            expected = load(expectation)(setup, section)
         except CellError as exc:  # one job that cannot be predicted hides nothing of the others
             expected = {"text": "no prediction", "problems": [f"{exc}. {exc.hint}"]}
         found.append({"job": name, **expected})
@@ -43,9 +44,18 @@ def setup_of(config: CellConfig) -> Setup:
         config.device,
         configured_values(config),
         {key: getattr(config.robot, key) for key in NOMINAL},
-        config.job_section,
+        list(_sections(config).values()),
         lambda: ledger_rows(config),
     )
+
+
+def _sections(config: CellConfig) -> dict[str, BaseModel]:
+    """The configured jobs with their sections, in the order of the jobs."""
+    return {
+        name: job.Config.model_validate(section)
+        for name, job in JOBS.items()
+        if (section := config.job_section(name))
+    }
 
 
 def ledger_rows(config: CellConfig) -> list[dict[str, Any]]:

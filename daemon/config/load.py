@@ -28,6 +28,7 @@ from daemon.config.models import (
     RobotSection,
     SupervisorSection,
 )
+from daemon.config.moved import put_in_place
 from daemon.config.not_in_version import take_out
 from daemon.config.plausible import check_plausible
 from daemon.config.roles import ROLES, devices_by_role, kind_of
@@ -113,7 +114,7 @@ def check_config(
     path: Path,
 ) -> CellConfig:
     """Check parsed TOML; ``path`` resolves relative file names."""
-    raw = take_out(raw, findings)
+    raw = put_in_place(take_out(raw, findings), findings)
     check_units(raw, findings)
     check_names(raw, findings)
     check_contradictions(raw, findings)

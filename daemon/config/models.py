@@ -156,6 +156,19 @@ class ToolSection(Section):
     )
 
 
+class NominalBelt(Section):
+    """The belt from the drawing."""
+
+    m_per_count: float = Field(ge=-0.1, le=0.1, description="way of the belt for one count of its encoder, m")
+    dir: Point = Field(description="direction in which the belt runs, in the base")
+
+    @model_validator(mode="after")
+    def _makes_sense(self) -> Self:
+        if self.m_per_count == 0.0 or not 0.99 < sum(v * v for v in self.dir) < 1.01:
+            raise ValueError("m_per_count must not be 0, and dir must be a unit vector")
+        return self
+
+
 class RobotSection(Section):
     """Which device plays which role, and what is mounted on the arm."""
 
@@ -173,6 +186,9 @@ class RobotSection(Section):
     )
     T_flange_target_nominal: Pose6 | None = Field(
         default=None, description="target on the flange, from the drawing"
+    )
+    belt_nominal: NominalBelt | None = Field(
+        default=None, description="scale and direction of the belt until belt-calibration has measured them"
     )
     model: str = Field(
         default="ur10e", min_length=1, description=f"{', '.join(UR_MODELS)}, or a ROBOT file (JSON)"

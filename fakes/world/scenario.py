@@ -296,6 +296,9 @@ class CellSettings(_Strict):
     T_flange_target_nominal: Six | None = Field(
         default=None, description="eye-to-hand: the first mounting of the target, from the drawing"
     )
+    belt_nominal: dict[str, Any] | None = Field(
+        default=None, description="scale and direction of the belt, from the drawing"
+    )
     poses: dict[str, Six] = {}
     limits: dict[str, Any] = {
         "speed_m_s": 0.25,
@@ -364,6 +367,7 @@ class Scenario(_Strict):
             robot |= self._robot_keys(name)
         robot |= {
             "T_flange_target_nominal": self.cell.T_flange_target_nominal,
+            "belt_nominal": self.cell.belt_nominal,
             "model": world.arm.model if world.arm.robot is None else ROBOT_FILE,
             "payload_kg": world.tool.payload_kg,
             "tool": world.tool.model_dump(include={"name", "T_flange_tool", "radius_m"}),

@@ -51,27 +51,8 @@ class JobLimits(_Strict):
     joint_speed_rad_s: float = Field(default=2.0, gt=0, le=10, description="highest speed of each joint")
 
 
-class NominalBelt(_Strict):
-    """The belt from the drawing, until belt-calibration has measured it."""
-
-    m_per_count: float = Field(ge=-0.1, le=0.1, description="way of the belt for one count of its encoder, m")
-    dir: Annotated[list[float], Field(min_length=3, max_length=3)] = Field(
-        description="direction in which the belt runs, in the base"
-    )
-
-    @model_validator(mode="after")
-    def _makes_sense(self) -> Self:
-        if self.m_per_count == 0.0 or not 0.99 < sum(v * v for v in self.dir) < 1.01:
-            raise ValueError("m_per_count must not be 0, and dir must be a unit vector")
-        return self
-
-
 class BeltTrackingConfig(_Strict):
     """``[job.belt-tracking]``."""
-
-    belt: NominalBelt | None = Field(
-        default=None, description="scale and direction until belt-calibration has measured them"
-    )
 
     wait_pose: str = Field(description="of [poses]: the tool points down, above the belt")
     place_pose: str = Field(description="of [poses]: the tool's point is where an item is put down")

@@ -39,13 +39,13 @@ def belt_expectation(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
     tool = ToolJoints(model, from_pose6(values.tool["T_flange_tool"]), q_wait)
     problems = list(_leans(job, tool, q_wait, q_place))
     slide, mistaken = _slide_words(job), list(belt_setup(setup, job))
-    if job.belt is None:
-        text = f"{slide}; no prediction of the zone without [job.belt-tracking] belt"
+    if values.belt is None:
+        text = f"{slide}; no prediction of the zone without [robot] belt_nominal"
         return {"text": text, "problems": problems, "cautions": mistaken}
     if problems:
         return {"text": slide, "problems": problems, "cautions": mistaken}
     guard = MotionGuard(model, GuardLimits.from_mapping(values.limits), Tool.from_mapping(values.tool))
-    expectation = Expectation(job, tool, q_wait, q_place, np.array(job.belt.dir))
+    expectation = Expectation(job, tool, q_wait, q_place, np.array(values.belt["dir"]))
     problems = expectation.unreachable(guard)
     if problems:
         return {"text": slide, "problems": problems, "cautions": mistaken}

@@ -38,7 +38,7 @@ def result_of(
         text = f"{watch.late} pictures came more than {LOOK_BACK_S:g} s after exposure and were not used"
         warnings.append(Warning_(code="belt.late-pictures", text=text))
     warnings += emergency_warnings(watch.emergencies.told)
-    if "belt" in values.configured and "belt" not in values.versions:
+    if not any(name.startswith("belt.") for name in values.versions):
         warnings.append(Warning_(code="belt.nominal", text="m_per_count is the configured one"))
     return BeltTrackingResult(
         verdict="warn" if warnings else "pass",

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from cell.poses import Array, from_pose6
+from procedures.belt.calibrating.config import BeltCalibrationConfig
 from procedures.belt.config import BeltTrackingConfig
 from procedures.setup import Setup
 
@@ -15,17 +16,18 @@ _OTHER_M = 0.002  # between heights of one belt
 
 def belt_setup(setup: Setup, job: BeltTrackingConfig) -> Iterator[str]:
     """One sentence, with what to do, for each."""
-    if job.belt is not None:
-        if (rounding := abs(job.belt.m_per_count) / np.sqrt(12.0)) > _COARSE_M:
+    if (belt := setup.values.belt) is not None:
+        if (rounding := abs(belt["m_per_count"]) / np.sqrt(12.0)) > _COARSE_M:
             yield (
-                f"belt.m_per_count = {job.belt.m_per_count:g} m: the rounding of a count alone is "
+                f"belt_nominal.m_per_count = {belt['m_per_count']:g} m: the rounding of a count alone is "
                 f"{1e3 * rounding:.1f} mm RMS of every place; it is metres of belt for one count"
             )
-        yield from _camera(setup, job, np.array(job.belt.dir, dtype=float))
-    other = setup.job("belt-calibration").get("belt_z_m")
-    if other is not None and abs(float(other) - job.belt_z_m) > _OTHER_M:
+        yield from _camera(setup, job, np.array(belt["dir"], dtype=float))
+    other = setup.job(BeltCalibrationConfig)
+    z = None if other is None else other.belt_z_m
+    if z is not None and abs(z - job.belt_z_m) > _OTHER_M:
         yield (
-            f"belt_z_m is {job.belt_z_m:g} m here and {other:g} m in [job.belt-calibration]; it is the "
+            f"belt_z_m is {job.belt_z_m:g} m here and {z:g} m in [job.belt-calibration]; it is the "
             "height of one belt in the base"
         )
 
@@ -47,6 +49,6 @@ def _camera(setup: Setup, job: BeltTrackingConfig, way: Array) -> Iterator[str]:
     if along > job.zone.max_m:
         yield (
             f"by its drawing the camera looks at the belt at {along:.2f} m along dir, behind the end of the "
-            f"zone at {job.zone.max_m:g} m: items are seen when they have passed the arm; belt.dir is the "
-            "way that the belt runs, and zone is counted along it"
+            f"zone at {job.zone.max_m:g} m: items are seen when they have passed the arm; belt_nominal.dir "
+            "is the way that the belt runs, and zone is counted along it"
         )

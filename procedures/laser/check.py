@@ -20,6 +20,7 @@ from procedures.laser.measurement import (
     reference_of,
 )
 from procedures.laser.record import PassRecord
+from procedures.laser.reference import LaserReference
 from procedures.laser.solving import solve_current
 from procedures.laser.states import CHECKPOINTS, SCAN, ScanState
 
@@ -34,6 +35,7 @@ class LaserCheck(Procedure):
     number: ClassVar[int] = 3
     kind: ClassVar[str] = "laser"
     Config = LaserCheckConfig
+    inherits: ClassVar[Mapping[type[Procedure], tuple[str, ...]]] = {LaserReference: ("floor_m",)}
     State = ScanState
     TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = SCAN
     CHECKPOINTS: ClassVar[frozenset[Any]] = CHECKPOINTS
@@ -65,7 +67,7 @@ def measurement_of(run: Run, config: LaserCheckConfig | LaserUpdateConfig) -> Me
     """The measurement that the reference of this tool defines."""
     reference = reference_of(run.values)
     p_ref = [float(v) for v in reference["tool"]["p_ref"]]
-    search = Search.from_reference(reference, run.values.laser_floor_m)
+    search = Search.from_reference(reference, config.floor_m)
     return Measurement(run, search, 1, p_ref, float(reference["time_offset_s"]), config.retract_pose)
 
 

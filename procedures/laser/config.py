@@ -184,6 +184,17 @@ class BentLimits(_Strict):
     )
 
 
+Floor = Annotated[
+    float | None,
+    Field(
+        ge=-5.0,
+        le=5.0,
+        description="lowest height in base that the tool's point may reach, m; by default that of "
+        "[job.laser-reference]. Where the reference was made with a higher one, that one holds",
+    ),
+]
+
+
 class _Measured(_Strict):
     """What a check and an update share. How the beams are crossed is what the reference keeps."""
 
@@ -206,6 +217,7 @@ class _Measured(_Strict):
         default=0.02, gt=0, le=1.0, description="a latency further from the configured one is warned of"
     )
     retract_pose: str | None = Field(default=None, description="name of a [poses] entry to end at")
+    floor_m: Floor = None
     max_duration_s: float = Field(
         default=3600.0, gt=0, description="the run is ended when it takes longer, s"
     )

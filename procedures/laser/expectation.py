@@ -77,7 +77,7 @@ def laser_expectation(setup: Setup, job: LaserReferenceConfig) -> dict[str, Any]
 def _gate(setup: Setup, expected: Prediction) -> dict[str, float]:
     """What ``laser-check`` will tell apart: its tolerance (m), its chance of a false alarm, and which shift
     of the tool's point (m) it finds with 99 %."""
-    check = LaserCheckConfig.model_validate(setup.job("laser-check"))
+    check = setup.job(LaserCheckConfig) or LaserCheckConfig()
     point = expected.cov[:3, :3]
     limit = check.tolerance_m or tolerance(point, FLOOR_M, check.false_alarm)
     return {
@@ -151,8 +151,8 @@ def _polls(device: str, period: float | None, job: LaserReferenceConfig) -> Iter
 def _uncertainty(setup: Setup, job: LaserReferenceConfig, U: float) -> Iterator[str]:
     """Limits that the expected uncertainty is beyond: such a run ends with the verdict fail."""
     expected: list[tuple[str, float, float]] = [("laser-reference", U / sqrt(2.0), job.max_U_m)]  # U has both
-    for name, model in (("laser-check", LaserCheckConfig), ("laser-update", LaserUpdateConfig)):
-        expected.append((name, U, model.model_validate(setup.job(name)).max_U_m))
+    expected.append(("laser-check", U, (setup.job(LaserCheckConfig) or LaserCheckConfig()).max_U_m))
+    expected.append(("laser-update", U, (setup.job(LaserUpdateConfig) or LaserUpdateConfig()).max_U_m))
     for name, found, limit in expected:
         if found > limit:
             yield (

@@ -31,6 +31,7 @@ from procedures.laser.measurement import (
     reference_of,
 )
 from procedures.laser.record import DATA_FILE, SECOND, THIRD, PassRecord
+from procedures.laser.reference import LaserReference
 from procedures.laser.scan import Scan
 from procedures.laser.solving import compare_second
 from procedures.laser.states import CHECKPOINTS, SCAN
@@ -67,6 +68,7 @@ class LaserUpdate(Procedure):
     number: ClassVar[int] = 4
     kind: ClassVar[str] = "laser"
     Config = LaserUpdateConfig
+    inherits: ClassVar[Mapping[type[Procedure], tuple[str, ...]]] = {LaserReference: ("floor_m",)}
     State = State
     TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = {
         **SCAN,

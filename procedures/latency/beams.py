@@ -34,7 +34,7 @@ class Beams:
         self.config, self.run = config, run
         self.inputs = run.inputs(self.role)
         reference = reference_of(run.values)
-        self.search = Search.from_reference(reference, run.values.laser_floor_m)
+        self.search = Search.from_reference(reference, config.floor_m)
         p_ref = [float(v) for v in reference["tool"]["p_ref"]]
         self.measurement = Measurement(run, self.search, 1, p_ref, 0.0, None)
         self.measurement.check_fixture()

@@ -4,6 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from procedures.laser.config import Floor
+
 
 class Acceptance(BaseModel):
     """Limits on the result; within them it may be accepted without a person when ``auto`` is set."""
@@ -31,6 +33,7 @@ class LatencyCalibrationConfig(BaseModel):
         description="speeds of crossing; two that differ separate the delay from the hysteresis",
     )
     passes: int = Field(default=4, ge=2, le=64, description="there and back, at each speed")
+    floor_m: Floor = None
     max_duration_s: float = Field(
         default=1800.0, gt=0, description="the run is ended when it takes longer, s"
     )

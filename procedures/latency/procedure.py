@@ -18,6 +18,7 @@ from cell.procedure import FinishRequested, Procedure, Proposal, Run
 from cell.run_values import RunValues
 from cell.store.files import to_json, write_atomic
 from procedures.laser.plan import note_plan
+from procedures.laser.reference import LaserReference
 from procedures.latency.beams import Beams
 from procedures.latency.config import LatencyCalibrationConfig
 from procedures.latency.result import LatencyResult
@@ -46,6 +47,7 @@ class LatencyCalibration(Procedure):
     number: ClassVar[int] = 10
     kind: ClassVar[str] = "latency"
     Config = LatencyCalibrationConfig
+    inherits: ClassVar[Mapping[type[Procedure], tuple[str, ...]]] = {LaserReference: ("floor_m",)}
     State = State
     TRANSITIONS: ClassVar[dict[Any, frozenset[Any]]] = {
         None: frozenset({S.PREPARE}),

@@ -5,10 +5,13 @@ from pathlib import Path
 import pytest
 
 from cell.errors import CellError
+from cell.procedure import Procedure
 from daemon.job_config import make_procedure
 from procedures.hand_eye.cone_capture import ConeCapture
 from procedures.iso9283.procedure import Iso9283Test
 from procedures.laser.check import LaserCheck
+from procedures.laser.update import LaserUpdate
+from procedures.latency.procedure import LatencyCalibration
 from tests.kit.object_cell import write_config
 
 
@@ -30,6 +33,15 @@ def test_a_length_in_millimetres_is_refused_as_in_the_configuration(tmp_path: Pa
     found = str(refusal(ConeCapture, tmp_path, distance_m="500"))
     assert "distance_m: 500 m is probably millimetres; lengths are in metres" in found
     assert "Input should" not in found
+
+
+@pytest.mark.parametrize("job", [LaserCheck, LaserUpdate, LatencyCalibration])
+def test_what_the_section_does_not_give_is_taken_from_that_of_the_reference(
+    job: type[Procedure], tmp_path: Path
+) -> None:
+    config = write_config(tmp_path, "laser", jobs={"laser-reference": {"floor_m": 0.21}})
+    assert make_procedure(job, config, {}).config.floor_m == 0.21
+    assert make_procedure(job, config, {"floor_m": "0.25"}).config.floor_m == 0.25
 
 
 def test_a_job_without_its_section_says_so(tmp_path: Path) -> None:

@@ -123,8 +123,13 @@ def test_an_item_that_falls_out_on_the_way_is_lost_by_name_and_the_job_goes_on(
 
 
 def test_an_encoder_that_counts_down_while_the_belt_goes_on_is_as_good(tmp_path: Path) -> None:
-    job = {"picks": 4, "belt": {"m_per_count": -0.0001, "dir": [0.9998, -0.02, 0.0]}}
-    world = {"m_per_count": "-0.0001", "count_at_start": "4000"}  # and wraps on the way
+    job = {"picks": 4}
+    nominal = "{ m_per_count = -0.0001, dir = [0.9998, -0.02, 0.0] }"
+    world = {
+        "m_per_count": "-0.0001",
+        "belt_nominal": nominal,
+        "count_at_start": "4000",
+    }  # and wraps on the way
 
     async def scene() -> None:
         async with picking_cell(picking_config(tmp_path, job, world)) as cell:

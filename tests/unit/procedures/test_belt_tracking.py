@@ -166,8 +166,9 @@ def test_an_encoder_that_restarts_loses_the_items_on_their_way_and_the_job_goes_
 
 
 def test_counts_of_a_whole_millimetre_are_fine_enough_to_come_down_on_an_item(tmp_path: Path) -> None:
-    job = {"picks": 2, "belt": {"m_per_count": 0.001, "dir": [0.9998, -0.02, 0.0]}}
+    job = {"picks": 2}
     world = {
+        "belt_nominal": "{ m_per_count = 0.001, dir = [0.9998, -0.02, 0.0] }",
         "m_per_count": "0.001",
         "profile": "[{ speed_m_s = 0.2 }]\nripple = [{ amplitude = 0.03, hz = 1 }]",
     }
