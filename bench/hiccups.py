@@ -34,6 +34,7 @@ from cell.store.runs import RunFolder, load_run
 from daemon.demo.ending import beside_truth
 from fakes.twin.control import ask
 from procedures.beside_truth import Judged
+from procedures.kind import kind_of
 from procedures.registry import JOBS
 from tests.kit.wire_cell import WireCell, calibrate_camera, pause, shipped, wire_cell
 
@@ -193,10 +194,8 @@ class Bench:
         truth, result = self._truth(), run.read_result()
         if met:
             del truth["gripper"]["contacts"][:met]
-        try:
-            return beside_truth(result, truth, run.path) if result and result["result"] else None
-        except LookupError:
-            return None
+        judged = result and result["result"] and kind_of(result).truth
+        return beside_truth(result, truth, run.path) if judged else None
 
     def _truth(self) -> dict[str, Any]:
         truth: dict[str, Any] = ask(self.cell.folder, {"do": "truth"})

@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass
 
-# 95 % limits of a length in space or of a direction, widened to 99.73 %: quantiles of chi-square with 3 and
-# with 2 degrees of freedom.
+# 95 % limits of a length in space, of a direction and of one number, widened to 99.73 %: quantiles of
+# chi-square with 3, 2 and 1 degrees of freedom.
 SURE_POINT = 1.346
 SURE_TILT = 1.405
+SURE_SCALAR = 1.531
 
 
 @dataclass(frozen=True)

@@ -105,6 +105,7 @@ _ALL = (
         data_file="belt.json",
         jobs=("procedures.belt.calibrating.procedure:BeltCalibration",),
         report="procedures.belt.report.calibration:BELT_CALIBRATION",
+        truth="procedures.belt.truth:judge_belt",
     ),
     Kind(
         name="belt-tracking",
@@ -132,6 +133,7 @@ _ALL = (
         data_file="latency.json",
         jobs=("procedures.latency.procedure:LatencyCalibration",),
         plan="procedures.laser.plan_words:sweep_plan_lines",
+        truth="procedures.latency.truth:judge_delay",
     ),
     Kind(
         name="iso9283",

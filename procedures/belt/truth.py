@@ -1,16 +1,35 @@
-"""Picks beside the twin's truth: where the tool's point truly met each item."""
+"""A belt and picks from it beside the twin's truth: its motion, and where the tool truly met each item."""
 
 from collections.abc import Mapping
+from math import asin, degrees
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from procedures.belt.result import BeltTrackingResult
-from procedures.beside_truth import Judged
+from cell.errors import error
+from procedures.belt.result import BeltCalibrationResult, BeltTrackingResult
+from procedures.beside_truth import SURE_SCALAR, SURE_TILT, Judged
 from procedures.words import table
 
 WANTED_M = 0.001  # RMS of the contacts, horizontal
+
+
+def judge_belt(result: BeltCalibrationResult, truth: Mapping[str, Any], folder: Path) -> Judged:
+    """Travel of one count and direction against the true ones, within their stated 95 % limits."""
+    found, true = result.result, truth["belt"]
+    half, turn95 = result.uncertainty.half_m_per_count, found.dir_95_rad
+    if half is None or turn95 is None:
+        raise error("SOLVE_REFUSED", "the result has no uncertainty")
+    off = abs(found.m_per_count - true["m_per_count"]) / abs(true["m_per_count"])
+    share = half / abs(true["m_per_count"])
+    turn = asin(min(float(np.linalg.norm(np.cross(found.dir, true["dir"]))), 1.0))
+    good = off <= SURE_SCALAR * share and turn <= SURE_TILT * turn95
+    stated = f"{100 * share:.3f} %, {degrees(turn95):.3f} deg"
+    apart = f"{100 * off:.3f} %, {degrees(turn):.3f} deg"
+    words = "consistent with" if good else "NOT consistent with"
+    text = f"travel of one count and direction are off by {apart}\n{words} the stated 95 % limits, {stated}"
+    return Judged(good, text, stated, apart)
 
 
 def judge_picks(result: BeltTrackingResult, truth: Mapping[str, Any], folder: Path) -> Judged:

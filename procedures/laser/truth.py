@@ -15,7 +15,10 @@ from procedures.words import table
 
 
 def judge_tool(result: LaserResult, truth: Mapping[str, Any], folder: Path) -> Judged:
-    """The committed tool frame against the true one: where its point is, and which way its axis goes."""
+    """The tool frame against the true one: where its point is, and which way its axis goes.
+
+    That of an update must have been put into effect too; a check only measures.
+    """
     held, U, U_tilt = result.result.T_flange_tool, result.uncertainty.U_point_m, result.uncertainty.U_tilt_rad
     if held is None or U is None or U_tilt is None:
         raise error("SOLVE_REFUSED", "the result has no tool frame with its uncertainty")
@@ -23,23 +26,24 @@ def judge_tool(result: LaserResult, truth: Mapping[str, Any], folder: Path) -> J
     off = found.translation - true.translation
     apart = float(np.linalg.norm(off))
     tilt = _angle(_axis(found), _axis(true))
-    accepted = bool(result.inputs.update and result.inputs.update.committed)
-    good = accepted and apart <= SURE_POINT * U and tilt <= SURE_TILT * U_tilt
+    update = result.inputs.update
+    accepted = update is not None and bool(update.committed)
+    good = (accepted or update is None) and apart <= SURE_POINT * U and tilt <= SURE_TILT * U_tilt
     rows = [
         (f"point {axis}, mm", *(f"{1e3 * v[i]:.4f}" for v in (found.translation, true.translation, off)))
         for i, axis in enumerate("xyz")
     ]
     words = "consistent with" if good else "NOT consistent with"
     text = [
-        "T_flange_tool after the correction",
+        f"T_flange_tool {'as measured' if update is None else 'after the correction'}",
         table(("", "found", "truth", "error"), rows),
         f"the point is {1e3 * apart:.4f} mm off (U95 {1e3 * U:.4f} mm), "
         f"the axis {degrees(tilt):.4f} deg (U95 {degrees(U_tilt):.4f} deg)",
         f"{words} the stated uncertainty{_beyond(apart > U or tilt > U_tilt) if good else ''}",
-        "the second scan met the reference and the new frame is in effect"
-        if accepted
-        else "the new frame was NOT put into effect",
     ]
+    if update is not None:
+        effect = "the second scan met the reference and the new frame is in effect"
+        text.append(effect if accepted else "the new frame was NOT put into effect")
     stated = f"U95 {1e3 * U:.3f} mm, {degrees(U_tilt):.3f} deg"
     return Judged(good, "\n".join(text), stated, f"{1e3 * apart:.3f} mm, {degrees(tilt):.3f} deg")
 

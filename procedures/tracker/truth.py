@@ -30,8 +30,14 @@ def judge_arm(result: KincalResult, truth: Mapping[str, Any], folder: Path) -> J
     elsewhere = [{"q": q.tolist(), "target": solved[0]["target"]} for q in sampled]
     answer, tracker = result.result, truth["tracker"]
     facts, accuracy, held_out = result.inputs.sampling, answer.absolute_accuracy, result.heldout.set_aside
-    if facts is None or facts.stored is None or accuracy is None or held_out is None:
-        raise error("SOLVE_REFUSED", "the result is not of a sampling with a stored set and poses set aside")
+    if facts is None or accuracy is None or held_out is None:
+        raise error("SOLVE_REFUSED", "the result is not of a sampling with poses set aside")
+    together = "solved alone"
+    if facts.stored is not None:
+        together = (
+            f"solved together with a stored set of {facts.stored.samples} poses that this twin's tracker "
+            "measured earlier"
+        )
     promised = accuracy.predicted_95
     off, off_aside = (_errors(answer, truth, samples) for samples in (elsewhere, aside))
     good = float(np.percentile(off, 95)) <= SURE_POINT * promised
@@ -44,8 +50,7 @@ def judge_arm(result: KincalResult, truth: Mapping[str, Any], folder: Path) -> J
     ]
     words = "consistent with" if good else "NOT consistent with"
     text = [
-        f"{facts.measured} poses of this run, {facts.set_aside} of them set aside, solved together "
-        f"with a stored set of {facts.stored.samples} poses that this twin's tracker measured earlier",
+        f"{facts.measured} poses of this run, {facts.set_aside} of them set aside, {together}",
         "errors of predicted reflector positions against the twin's own arm, without noise; mm",
         table(("joints", "number", "RMS", "95 % below", "largest"), rows),
         f"the nominal arm in its best place is {_mm(nominal_off)} mm off (RMS); one reading of the tracker "

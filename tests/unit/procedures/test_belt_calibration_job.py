@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from daemon.cli.replay import differences
+from daemon.demo.ending import beside_truth
 from fakes.object import run_virtual
 from procedures.belt.calibrating.rows import Follower
 from procedures.replay import solve_again
@@ -47,6 +48,10 @@ def assert_true(cell: ObjectCell, result: Mapping[str, Any]) -> None:
     turned = np.linalg.norm(np.cross(found["dir"], belt.direction))
     assert turned <= 1.5 * found["dir_95_rad"]  # the interval is for each of two planes
     assert float(np.dot(found["dir"], belt.direction)) > 0.99
+    told = cell.plant.world.truth(cell.clock.now())
+    assert beside_truth(result, told, cell.runs).good
+    told["belt"]["m_per_count"] += high - low
+    assert not beside_truth(result, told, cell.runs).good
 
 
 @pytest.mark.parametrize("m_per_count", [1.013e-4, -0.991e-4])

@@ -16,6 +16,7 @@ from cell.motion import MotionLease
 from cell.poses import from_pose6
 from cell.procedure import Run
 from daemon.cli.replay import differences
+from daemon.demo.ending import beside_truth
 from fakes.object import run_virtual
 from fakes.world.scenario import Scenario
 from procedures.arm_setup import lease_settings
@@ -83,6 +84,10 @@ def test_the_delay_is_found_within_its_interval_and_takes_effect(tmp_path: Path)
             assert 0.0 < high - low < 0.002
             assert abs(answer["time_offset_s"] - truth.latency_s) < high - low
             assert abs(answer["hysteresis_m"] - truth.hysteresis_m) < 3e-4
+            told = cell.plant.world.truth(cell.clock.now())
+            assert beside_truth(cell.result(1), told, cell.folder(1).path).good
+            told["beams"]["xs"]["latency_s"] += high - low
+            assert not beside_truth(cell.result(1), told, cell.folder(1).path).good
             assert cell.ledger.effective(time_offset("beams"), 0.0).value == answer["time_offset_s"]
             assert cell.at_rest()
             again = await cell.run_job()
