@@ -118,7 +118,7 @@ class PlcFace:
             "packml_state": int(engine.packml),
             "active_job": status["job_number"],
             "error_code": engine.error.code if engine.error else 0,
-            "warning_bits": warning_bits(Shown(engine, status, last)),
+            "warning_bits": warning_bits(Shown(status, last, engine.figures)),
             "protocol_version": PROTOCOL_VERSION,
             "config_checksum": self._config.checksum,
             "run_id": status["run_id"] or (last["run_id"] if last else 0),

@@ -6,19 +6,19 @@ A warning stops nothing. What stops a job is an error, with its code in ``error_
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from daemon.engine import Engine
+from cell.formats.result import Figures
 
 
 @dataclass(frozen=True)
 class Shown:
-    """What a warning may look at; ``last`` is the last run, None while a job runs or once acknowledged."""
+    """What a warning may look at; ``last`` is the last run, None while a job runs or once acknowledged, and
+    ``figures`` those of the last result, also then."""
 
-    engine: "Engine"
     status: Mapping[str, Any]
     last: Mapping[str, Any] | None
+    figures: Figures
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def _interrupted(cell: Shown) -> bool:
 
 
 def _tool_moved(cell: Shown) -> bool:
-    return cell.last is not None and cell.engine.figures.tool_moved
+    return cell.last is not None and cell.figures.tool_moved
 
 
 def _ledger_damaged(cell: Shown) -> bool:

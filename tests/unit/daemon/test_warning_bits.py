@@ -1,6 +1,5 @@
 """The register of warnings: each bit has a meaning, and shows what the engine says."""
 
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -19,8 +18,7 @@ QUIET: dict[str, Any] = {
 
 
 def shown(last: dict[str, Any] | None = None, moved: bool = False, **status: Any) -> list[str]:
-    engine: Any = SimpleNamespace(status=lambda: QUIET, figures=Figures(tool_moved=moved))
-    return warnings_shown(warning_bits(Shown(engine, QUIET | status, last)))
+    return warnings_shown(warning_bits(Shown(QUIET | status, last, Figures(tool_moved=moved))))
 
 
 def test_nothing_to_warn_of_is_0() -> None:
