@@ -380,10 +380,11 @@ class Engine:
                 with suppress(CellError):
                     await asyncio.to_thread(self.ledger.end_run, run.id, outcome, verdict)
         figures = await asyncio.to_thread(figures_of, run)
+        shown = await asyncio.to_thread(summary_of, run.result)
         self.last = {
             "run_id": run.id,
             "job": run.procedure.name,
-            "result": summary_of(run.result),
+            "result": shown,
             "steps_taken_again": len(run.steps_taken.taken_again),
             **end,
         }

@@ -6,14 +6,10 @@ from typing import Any, Protocol
 from cell.errors import CellError
 from cell.procedure import PackML, Run
 from cell.store.ledger import Ledger
+from cell.store.summary import summary
 from daemon.cell_context import CellContext
 
 LIVE_ROWS = 250  # of a trace in one answer: more would hold up a loop that decides every 20 ms
-TABLES = (  # of a result, one entry a sample or a place: too much for a status
-    ("uncertainty", "cov"),
-    ("uncertainty", "predicted_95", "workspace", "places"),
-    ("residuals", "per_sample"),
-)
 
 
 class Shown(Protocol):
@@ -81,25 +77,11 @@ def live_of(engine: Shown, since: Mapping[str, int]) -> dict[str, Any]:
     }
 
 
-def _without(part: Any, path: list[str], key: str) -> Any:
-    """``part`` without what ``key`` holds at the end of ``path``; what is not there changes nothing."""
-    if not isinstance(part, Mapping):
-        return part
-    if not path:
-        return {k: v for k, v in part.items() if k != key}
-    first, *rest = path
-    return {**part, first: _without(part[first], rest, key)} if first in part else dict(part)
-
-
 def summary_of(result: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """The part of a result that a status page shows; the passes of a reference are megabytes."""
+    """The part of a result that a status shows: without what is long, as the ledger keeps it."""
     if result is None:
         return None
     kept = {k: result.get(k) for k in ("kind", "verdict", "reasons", "result", "uncertainty", "residuals")}
-    if isinstance(answer := kept["result"], Mapping) and "passes" in answer:
-        kept["result"] = {k: v for k, v in answer.items() if k != "passes"}
     kept["observability"] = {"parameters": (result.get("observability") or {}).get("parameters")}
     kept["update"] = (result.get("inputs") or {}).get("update")
-    for part, *path, table in TABLES:
-        kept[part] = _without(kept[part], path, table)
-    return kept
+    return summary(kept)
