@@ -21,6 +21,7 @@ from typing import Any, Protocol
 
 from cell.errors import CellError, error
 from daemon.auditor import Audit, Auditor
+from daemon.start_request import StartRequest
 
 log = logging.getLogger("cellward.control")
 
@@ -41,16 +42,7 @@ class Engine(Protocol):
 
     def status(self) -> dict[str, Any]: ...
     def live(self, since: Mapping[str, int]) -> dict[str, Any]: ...
-    async def start(
-        self,
-        job: str,
-        params: Mapping[str, str],
-        *,
-        dry_run: bool = False,
-        adopt: int | None = None,
-        who: str,
-        channel: str,
-    ) -> dict[str, Any]: ...
+    async def start(self, request: StartRequest) -> dict[str, Any]: ...
     async def confirm(self, prompt_id: int, who: str) -> None: ...
     async def finish(self, who: str) -> None: ...
     async def abort(self, who: str) -> None: ...
@@ -268,14 +260,15 @@ def _numbers(raw: dict[str, Any]) -> dict[str, int]:
 
 async def _start(engine: Engine, params: _Params, who: str) -> dict[str, Any]:
     adopt = params.get("adopt", int, 0)
-    return await engine.start(
+    request = StartRequest(
         params.get("job", str),
         {str(k): str(v) for k, v in params.get("params", dict, {}).items()},
-        dry_run=params.get("dry_run", bool, False),
-        adopt=adopt or None,
-        who=who,
-        channel="control",
+        who,
+        "control",
+        params.get("dry_run", bool, False),
+        adopt or None,
     )
+    return await engine.start(request)
 
 
 _WRITES: dict[str, Callable[[Engine, _Params, str], Awaitable[Any]]] = {

@@ -20,6 +20,7 @@ from daemon.losses import Losses
 from daemon.results import figures_of, note_arm_model, propose_results
 from daemon.run_making import make_run, withdraw_run
 from daemon.run_timing import RunTiming
+from daemon.start_request import StartRequest
 from daemon.state_folder import folder_lost
 from daemon.status import live_of, status_of, summary_of
 from daemon.values import recorded, resolve_values, tell_configured, with_arm_model
@@ -57,36 +58,25 @@ class Engine:
 
     # -- what outside asks for
 
-    async def start(
-        self,
-        job: str,
-        params: Mapping[str, str],
-        *,
-        dry_run: bool = False,
-        adopt: int | None = None,
-        who: str,
-        channel: str,
-    ) -> dict[str, Any]:
+    async def start(self, request: StartRequest) -> dict[str, Any]:
         """Start a job, or list its plan without moving. Refused with a code, never queued."""
         if (run := self.running) is not None:
             raise error("BUSY", f"{run.procedure.name}, run {run.id}")
         if self._starting:
             raise error("BUSY", f"{self._starting} is being started")
-        self._starting, self._ending, self._hold_by = job, None, ""
+        self._starting, self._ending, self._hold_by = request.job, None, ""
         try:
-            return await self._start(job, params, dry_run, adopt, who, channel)
+            return await self._start(request)
         finally:
             self._starting = ""
             if self._task is None:
                 self._ending = None
 
-    async def _start(
-        self, job: str, params: Mapping[str, str], dry_run: bool, adopt: int | None, who: str, channel: str
-    ) -> dict[str, Any]:
-        procedure = self._make_procedure(job, params)
+    async def _start(self, request: StartRequest) -> dict[str, Any]:
+        procedure = self._make_procedure(request.job, request.params)
         devices = await self._devices_of(procedure)
         context = self.context
-        if context.broker.latched is not None and not dry_run:
+        if context.broker.latched is not None and not request.dry_run:
             raise error("MOTION_LATCHED", f"the last fault was: {context.broker.latched}")
         values = await asyncio.to_thread(
             resolve_values, context.config, self.ledger, context.supervisor, procedure.uses()
@@ -98,24 +88,23 @@ class Engine:
         models = await asyncio.to_thread(arm_models, values)
         conditions = {
             "config": context.config.model_dump(mode="json"),
-            "parameters": dict(params),
+            "parameters": dict(request.params),
             "job_config": procedure.config.model_dump(mode="json"),
             "values": recorded(values),
             "identities": self._identities(devices),
         }
-        adopted = self._adoptable(adopt, procedure, conditions) if adopt is not None else None
-        folder = await make_run(
-            self.runs, self.ledger, job, conditions, context.clock, None if dry_run else (who, channel)
-        )
+        adopted = self._adoptable(request.adopt, procedure, conditions)
+        started_by = None if request.dry_run else (request.who, request.channel)
+        folder = await make_run(self.runs, self.ledger, request.job, conditions, context.clock, started_by)
         try:
             run = Run(
                 folder.run_id, procedure, context, folder.path, folder, values, self._publish, adopted, models
             )
-            if dry_run:
+            if request.dry_run:
                 return await self._dry_run(run, folder)
-            self._begin(run, who, channel)
+            self._begin(run, request)
         except BaseException:
-            if not dry_run:
+            if not request.dry_run:
                 await withdraw_run(folder, self.ledger)
             raise
         self.run, self.error = run, None
@@ -123,9 +112,9 @@ class Engine:
         self._publish()
         return {"run_id": run.id, "folder": folder.path.name}
 
-    def _begin(self, run: Run, who: str, channel: str) -> None:
+    def _begin(self, run: Run, request: StartRequest) -> None:
         """The first lines of its journal, and what was asked of the run while it was made."""
-        run.note("operator", event="start", who=who, channel=channel)
+        run.note("operator", event="start", who=request.who, channel=request.channel)
         note_arm_model(run)
         if self._ending is not None:
             run.note("operator", event="stopped before it began")
@@ -282,8 +271,12 @@ class Engine:
         entries = ((name, self.context.supervisor.devices[name].identity) for name in devices)
         return {name: {"model": i.model, "serial": i.serial} for name, i in entries if i is not None}
 
-    def _adoptable(self, run_id: int, procedure: Procedure, conditions: Mapping[str, Any]) -> Path:
-        """The folder of an earlier run whose finished poses may be taken over."""
+    def _adoptable(
+        self, run_id: int | None, procedure: Procedure, conditions: Mapping[str, Any]
+    ) -> Path | None:
+        """The folder of an earlier run whose finished poses may be taken over; None when none is wanted."""
+        if run_id is None:
+            return None
         old = load_run(self.runs, run_id)
         if old.job != procedure.name:
             raise error("IDENTITY_DIFFERS", f"run {run_id} was a {old.job}, not a {procedure.name}")

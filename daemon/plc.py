@@ -14,6 +14,7 @@ from daemon.config import CellConfig
 from daemon.config.roles import ROLES
 from daemon.engine import WAITING, Engine
 from daemon.modbus import Command, register_table
+from daemon.start_request import StartRequest
 from daemon.warning_bits import Shown, warning_bits
 
 log = logging.getLogger("cellward.plc")
@@ -56,7 +57,7 @@ class PlcFace:
                 names = {job.number: name for name, job in engine.jobs.items()}
                 if command.job not in names:
                     raise error("UNKNOWN_JOB", f"number {command.job}")
-                await engine.start(names[command.job], {}, who=who, channel=command.channel)
+                await engine.start(StartRequest(names[command.job], {}, who, command.channel))
             case 2:
                 await engine.finish(who)
             case 3:

@@ -31,6 +31,7 @@ from daemon.demo.scenes import Scene, give_camera, scenes_of
 from daemon.demo.steps import Step
 from daemon.engine import Engine
 from daemon.health import Beats
+from daemon.start_request import StartRequest
 from daemon.supervisor import Supervisor
 from daemon.worker import InlineWorker
 from procedures.registry import JOBS
@@ -111,7 +112,7 @@ async def _run_step(engine: Engine, step: Step, world: Any, clock: Clock) -> int
     if step.bump is not None:
         world.tool.bend(clock.now(), step.bump.shift_m, (*step.bump.tilt_rad, 0.0))
         say("the tool was bumped")
-    run_id: int = (await engine.start(step.job, {}, who=WHO, channel="demo"))["run_id"]
+    run_id: int = (await engine.start(StartRequest(step.job, {}, WHO, "demo")))["run_id"]
     placement, finished = 0, False
     with ProgressBar() as bar:
         while (status := engine.status())["run_id"] == run_id:

@@ -9,6 +9,7 @@ from typing import Any
 
 from cell.errors import CellError
 from daemon.control import ControlServer
+from daemon.start_request import StartRequest
 
 
 class RecordingEngine:
@@ -27,18 +28,9 @@ class RecordingEngine:
     def live(self, since: Mapping[str, int]) -> dict[str, Any]:
         return {"since": dict(since)}
 
-    async def start(
-        self,
-        job: str,
-        params: Mapping[str, str],
-        *,
-        dry_run: bool = False,
-        adopt: int | None = None,
-        who: str,
-        channel: str,
-    ) -> dict[str, Any]:
-        await self._ask("start", job, dict(params), dry_run, adopt, who, channel)
-        return {"plan": self.plan} if dry_run else {"run_id": 7}
+    async def start(self, request: StartRequest) -> dict[str, Any]:
+        await self._ask("start", request)
+        return {"plan": self.plan} if request.dry_run else {"run_id": 7}
 
     async def _ask(self, *what: Any) -> None:
         if self.refuse is not None:

@@ -21,6 +21,7 @@ from daemon.config import CellConfig, load_config
 from daemon.engine import Engine
 from daemon.health import Beats
 from daemon.results import reject_left_open
+from daemon.start_request import StartRequest
 from daemon.supervisor import Supervisor
 from daemon.worker import InlineWorker
 from fakes.object import ObjectCell as Plant
@@ -158,8 +159,12 @@ class ObjectCell:
     async def start(self, **how: Any) -> int:
         """Start the cell's job, or ``job``; returns the run's number."""
         params, job = how.pop("params", {}), how.pop("job", self.job)
-        begun = await self.engine.start(job, params, who=WHO, channel="test", **how)
+        begun = await self.engine.start(StartRequest(job, params, WHO, "test", **how))
         return int(begun["run_id"])
+
+    async def dry_run(self) -> dict[str, Any]:
+        """``run_id`` and ``plan`` of the cell's job, listed without a move."""
+        return await self.engine.start(StartRequest(self.job, {}, WHO, "test", dry_run=True))
 
     async def run_job(self, **how: Any) -> dict[str, Any]:
         """Start a job, be its operator, and return its ``end.json``."""

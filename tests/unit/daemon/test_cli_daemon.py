@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from cell.errors import error
+from daemon.start_request import StartRequest
 from tests.kit.cli_harness import CellOnDisk, CommandLine, hand_eye_result
 from tests.kit.control_harness import RecordingEngine, served
 
@@ -36,9 +37,9 @@ class TalkingEngine(RecordingEngine):
     def status(self) -> dict[str, Any]:
         return self.now
 
-    async def start(self, job: str, params: Any, **options: Any) -> dict[str, Any]:
-        answer = await super().start(job, params, **options)
-        if not options["dry_run"]:
+    async def start(self, request: StartRequest) -> dict[str, Any]:
+        answer = await super().start(request)
+        if not request.dry_run:
             self.now = RUNNING
         return answer
 
@@ -109,7 +110,9 @@ def test_start_prints_the_run_and_hands_over_the_parameters(
     with served(cell.socket, engine):
         done = subject("start", "cone-capture", "-p", "settle_s=0.5", "-p", "placements=1")
     assert (done.code, done.out) == (0, "7\n")
-    assert engine.asked[0][1:4] == ("cone-capture", {"settle_s": "0.5", "placements": "1"}, False)
+    request = engine.asked[0][1]
+    assert (request.job, request.dry_run) == ("cone-capture", False)
+    assert request.params == {"settle_s": "0.5", "placements": "1"}
 
 
 def test_adopt_starts_the_same_job_with_the_same_parameters(
@@ -118,7 +121,9 @@ def test_adopt_starts_the_same_job_with_the_same_parameters(
     cell.add_run(4)
     with served(cell.socket, engine):
         assert subject("adopt", 4).code == 0
-    assert engine.asked[0][1:5] == ("cone-capture", {"settle_s": "0.5"}, False, 4)
+    request = engine.asked[0][1]
+    assert (request.job, request.adopt, request.dry_run) == ("cone-capture", 4, False)
+    assert request.params == {"settle_s": "0.5"}
 
 
 def test_a_dry_run_lists_the_plan_and_its_checks(
@@ -148,7 +153,7 @@ def test_a_dry_run_lists_the_plan_and_its_checks(
     ):  # fmt: skip
         assert told in done.out
     assert json.loads(as_json.out) == engine.plan
-    assert engine.asked[0][3] is True
+    assert engine.asked[0][1].dry_run is True
 
 
 @pytest.mark.parametrize(

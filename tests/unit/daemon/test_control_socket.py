@@ -13,6 +13,7 @@ import pytest
 from cell.errors import CellError, error
 from daemon.control import ControlServer
 from daemon.control_client import ControlClient
+from daemon.start_request import StartRequest
 from tests.kit.control_harness import RecordingEngine
 from tests.kit.control_serving import engine, path, serving, until
 
@@ -37,8 +38,8 @@ def test_every_method_reaches_the_engine_with_the_name_of_who_asked(
 
     started, accepted, rejected, rolled_back = serving(path, engine, use)
     who = f"(uid {os.getuid()})"
-    assert engine.asked[0][:5] == ("start", "cone-capture", {"settle_s": "0.5"}, False, 3)
-    assert engine.asked[0][6] == "control"
+    request = engine.asked[0][1]
+    assert request == StartRequest("cone-capture", {"settle_s": "0.5"}, request.who, "control", adopt=3)
     assert all(who in str(call) for call in engine.asked)
     assert [call[0] for call in engine.asked[1:]] == [
         "finish", "abort", "halt", "pause", "resume", "reset", "confirm",

@@ -78,11 +78,11 @@ def test_a_stop_while_the_run_is_being_made_ends_it_before_it_begins(
 ) -> None:
     async def main() -> None:
         async with open_cell(write_config(tmp_path)) as cell:
-            start = asyncio.create_task(cell.engine.start(JOB, {}, who=WHO, channel="test"))
+            start = asyncio.create_task(cell.start())
             await asyncio.sleep(0)  # the start now waits for the ledger
             assert not start.done()
             await getattr(cell.engine, verb)("another channel")
-            run_id = (await start)["run_id"]
+            run_id = await start
             assert (await cell.finished(run_id))["outcome"] == outcome
             assert cell.notes(run_id, "lease") == []
             assert (await cell.run_job())["outcome"] == "complete"  # the stop was that run's alone
@@ -264,7 +264,7 @@ def test_a_wrong_start_is_refused_and_leaves_no_run(
 ) -> None:
     async def main() -> None:
         async with open_cell(write_config(tmp_path)) as cell:
-            refusal = await refused(cell.engine.start(job, params, who=WHO, channel="test"))
+            refusal = await refused(cell.start(job=job, params=params))
             assert refusal.name == name
             assert list(cell.runs.iterdir()) == []
             assert not cell.engine.active

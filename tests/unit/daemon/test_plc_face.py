@@ -14,7 +14,7 @@ from daemon.modbus import Command
 from daemon.plc import PlcFace
 from daemon.warning_bits import warnings_shown
 from fakes.object import run_virtual
-from tests.kit.object_cell import JOB, WHO, ObjectCell, no_report, open_cell, write_config
+from tests.kit.object_cell import WHO, ObjectCell, no_report, open_cell, write_config
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -307,7 +307,7 @@ def test_a_heartbeat_lost_while_the_run_is_being_made_holds_that_run_alone(tmp_p
 
 def test_a_heartbeat_lost_while_a_start_is_refused_leaves_the_next_run_alone(tmp_path: Path) -> None:
     async def script(cell: ObjectCell, panel: Panel) -> None:
-        adopting = asyncio.create_task(cell.engine.start(JOB, {}, adopt=7, who=WHO, channel="test"))
+        adopting = asyncio.create_task(cell.start(adopt=7))
         await asyncio.sleep(0)
         assert not adopting.done()
         panel.subject.heartbeat_changed(False)

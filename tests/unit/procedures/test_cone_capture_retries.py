@@ -182,7 +182,7 @@ def test_six_small_moves_find_a_first_estimate_when_none_is_configured(scenario:
 
     async def main() -> None:
         async with open_cell(config.model_copy(update={"robot": bare})) as cell:
-            shown = await cell.engine.start("cone-capture", {}, dry_run=True, who="test", channel="test")
+            shown = await cell.dry_run()
             assert "six small moves" in shown["plan"]["note"]
             run_id = await cell.start()
             end = await cell.finished(run_id)

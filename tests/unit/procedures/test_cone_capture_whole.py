@@ -64,7 +64,7 @@ def test_a_dry_run_lists_the_plan_without_a_move_and_takes_no_lease(tmp_path: Pa
     async def main() -> None:
         async with open_cell(write_config(tmp_path)) as cell:
             before = cell.plant.world.track.at(cell.clock.now())[0]
-            shown = await cell.engine.start("cone-capture", {}, dry_run=True, who="test", channel="test")
+            shown = await cell.dry_run()
             plan = shown["plan"]
             assert len(plan["poses"]) == 4
             assert all(pose["checks"] for pose in plan["poses"])

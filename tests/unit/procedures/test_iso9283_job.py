@@ -336,7 +336,7 @@ def test_a_dry_run_lists_poses_order_and_margins_and_moves_nothing(tmp_path: Pat
     async def main() -> None:
         async with open_cell(iso_config(tmp_path), job=JOB) as cell:
             before = cell.plant.world.track.at(cell.clock.now())[0]
-            shown = await cell.engine.start(JOB, {}, dry_run=True, who="test", channel="test")
+            shown = await cell.dry_run()
             plan = shown["plan"]
             names = [*(f"R{k}" for k in range(1, 5)), *(f"P{k}" for k in range(1, 6))]
             assert [p["pose"] for p in plan["poses"]] == names

@@ -212,7 +212,7 @@ def test_an_auxiliary_point_too_low_leaves_no_room(tmp_path: Path) -> None:
     async def main() -> None:
         config = laser_config(tmp_path, reference={"floor_m": 0.255})
         async with laser_cell(config, "laser-reference") as cell:
-            shown = await cell.engine.start("laser-reference", {}, dry_run=True, who="test", channel="test")
+            shown = await cell.dry_run()
             assert "no room to search: the point is 3.0 mm above the floor" in shown["plan"]["problems"][0]
             end = await cell.run_job()
             assert end["error"]["name"] == "LASER_PLAN_REFUSED"
@@ -225,7 +225,7 @@ def test_a_dry_run_lists_the_sweeps_and_moves_nothing(tmp_path: Path) -> None:
     async def main() -> None:
         async with laser_cell(laser_config(tmp_path), "laser-reference") as cell:
             before = cell.plant.world.track.at(cell.clock.now())[0]
-            shown = await cell.engine.start("laser-reference", {}, dry_run=True, who="test", channel="test")
+            shown = await cell.dry_run()
             assert {row["index"] for row in shown["plan"]["sweeps"]} >= {
                 "xs approach",
                 "xs 1 at 0.0 mm",

@@ -223,7 +223,7 @@ def test_the_dry_run_of_an_update_lists_the_first_scan_and_moves_nothing(tmp_pat
 
     async def main() -> None:
         async with laser_cell(config, JOB, drawn_reference(config)) as cell:
-            shown = await cell.engine.start(JOB, {}, dry_run=True, who=WHO, channel="test")
+            shown = await cell.dry_run()
             assert {row.get("place") for row in shown["plan"]["sweeps"]} == {None, 0}
             assert shown["plan"]["problems"] == []
             assert not [n for n in cell.journal(shown["run_id"]) if n["kind"] == "motion"]

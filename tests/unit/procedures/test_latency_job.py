@@ -256,7 +256,7 @@ def test_the_plan_is_shown_without_moving(tmp_path: Path) -> None:
         async with open_cell(config, job=JOB) as cell:
             with_reference(cell)
             before = cell.plant.world.track.at(cell.clock.now())[0]
-            shown = await cell.engine.start(JOB, {}, dry_run=True, who=WHO, channel="test")
+            shown = await cell.dry_run()
             names = [row["index"] for row in shown["plan"]["sweeps"]]
             assert [name.split(" mm")[0] for name in names] == ["xs approach", "xs 1 at 14.0", "xs 1 lift"]
             assert [row["sweeps"] for row in shown["plan"]["sweeps"]] == [0, 12, 0]

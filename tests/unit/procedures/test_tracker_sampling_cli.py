@@ -84,7 +84,7 @@ def test_a_section_that_cannot_be_right_is_told_with_the_fix(
 def test_a_dry_run_shows_every_pose_with_its_margins_and_what_stays_open(tmp_path: Path) -> None:
     async def main() -> str:
         async with open_cell(tracker_config(tmp_path), job=JOB) as cell:
-            shown = await cell.engine.start(JOB, {}, dry_run=True, who="test", channel="test")
+            shown = await cell.dry_run()
             return plan_text(shown["plan"])
 
     text = run_virtual(main())

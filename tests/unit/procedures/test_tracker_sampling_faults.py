@@ -239,7 +239,7 @@ def test_another_payload_than_the_controller_is_told_is_refused_before_a_run(tmp
 def test_a_dry_run_lists_the_plan_with_its_checks_and_moves_nothing(tmp_path: Path) -> None:
     async def main() -> None:
         async with open_cell(tracker_config(tmp_path), job=JOB) as cell:
-            shown = await cell.engine.start(JOB, {}, dry_run=True, who="test", channel="test")
+            shown = await cell.dry_run()
             plan = shown["plan"]
             assert len(plan["poses"]) == 12
             assert all(pose["checks"]["self_m"] > 0.0 for pose in plan["poses"])
