@@ -15,7 +15,7 @@ def test_a_camera_in_conflict_does_not_refuse_a_job_without_a_camera(tmp_path: P
             other = [0.0, -0.07, 0.05, 0.0, 0.0, 0.0]
             value = [0.001, -0.08, 0.05, 0.0, 0.0, 0.0]
             on_disk(cell.ledger.accept, cell.ledger.propose("T_flange_camera", value, {}, 0, other), "test")
-            assert (await refused(cell.start())).name == "RESULT_CONFLICT"
+            assert (await refused(cell.start(job="cone-capture"))).name == "RESULT_CONFLICT"
             run_id = await cell.start()
             used = cell.folder(run_id).info["values"]
             assert sorted(used["versions"]) == []
