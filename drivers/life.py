@@ -5,13 +5,15 @@ What keeps it going, a task that polls or reads, lives and ends with it.
 
 import asyncio
 from collections.abc import Coroutine
-from typing import Any
+from typing import Any, TypeVar
 
 from cell.clock import Clock
 from cell.devices import Identity
 from cell.errors import CellError, error
 from cell.own_delay import busy_words
 from cell.samples import Sample, Stream
+
+T = TypeVar("T")
 
 # The meaning of ``time_offset_s``, the same for every device.
 TIME_OFFSET = "Subtracted from every stamp, s: positive when samples are stamped later than they were taken"
@@ -121,30 +123,41 @@ class Life:
 
 
 class LinkedDevice:
-    """What every device with a :class:`Life` does alike.
+    """What every device with a :class:`Life` does alike."""
+
+    def __init__(self, name: str, clock: Clock) -> None:
+        self.name = name
+        self._clock = clock
+        self._life = Life(name, clock)
+        self._identity: Identity | None = None
+
+    async def identify(self) -> Identity:
+        """Who the device said it is when it was opened; a twin's serial begins with 9999."""
+        return self._opened(self._identity)
+
+    async def wait_lost(self) -> Exception:
+        """Block while the link is good; return what broke it."""
+        return await self._life.wait_lost()
+
+    def _opened(self, part: T | None) -> T:
+        """``part``, which :meth:`open` sets; raises what broke the link, and while it is still connecting."""
+        self._life.require()
+        if part is None:
+            raise error("DEVICE_LOST", f"{self.name} is still connecting")
+        return part
+
+
+class SampledDevice(LinkedDevice):
+    """A device that sends samples.
 
     ``samples`` are those that tell whether the device is fresh, ``offset_s`` what is subtracted from their
     stamps.
     """
 
     def __init__(self, name: str, clock: Clock, samples: Stream[Any], offset_s: float = 0.0) -> None:
-        self.name = name
-        self._clock = clock
-        self._life = Life(name, clock)
-        self._identity: Identity | None = None
+        super().__init__(name, clock)
         self._samples, self._offset_s = samples, offset_s
-
-    async def identify(self) -> Identity:
-        """Who the device said it is when it was opened; a twin's serial begins with 9999."""
-        self._life.require()
-        if self._identity is None:
-            raise error("DEVICE_LOST", f"{self.name} is still connecting")
-        return self._identity
 
     async def wait_fresh(self, timeout: float) -> None:
         """Return when a sample taken after the call has arrived, else ``DEVICE_LOST``."""
         await self._life.wait_fresh(self._samples, timeout, self._offset_s)
-
-    async def wait_lost(self) -> Exception:
-        """Block while the link is good; return what broke it."""
-        return await self._life.wait_lost()

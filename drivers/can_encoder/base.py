@@ -16,14 +16,14 @@ from drivers.can_encoder.config import BusConfig
 from drivers.can_encoder.counts import Missing, Unwrap
 from drivers.can_encoder.link import CanLink
 from drivers.can_encoder.stamps import Stamps, stamps_for
-from drivers.life import LinkedDevice
+from drivers.life import SampledDevice
 
 log = logging.getLogger("cellward.devices")
 
 _LOOKS_BEFORE_LOST = 5  # the watch looks so often within lost_after_s
 
 
-class CanEncoder(LinkedDevice, ABC):
+class CanEncoder(SampledDevice, ABC):
     """``cell.devices.Encoder`` without the words of a particular encoder.
 
     Reconnecting is the supervisor's business: after an error ``close`` and ``open`` again. A sample's number

@@ -9,7 +9,7 @@ from cell.devices import DigitalInputs, InputsState
 from cell.errors import CellError, error
 from cell.samples import Quality, Sample, Stream
 from drivers.digital import StuckWatch
-from drivers.life import LinkedDevice
+from drivers.life import SampledDevice
 from drivers.modbus.identify import identify, read_number
 from drivers.modbus.link import ModbusLink, NoAnswer
 from drivers.modbus.ticker import Ticker
@@ -24,7 +24,7 @@ UPTIME_EVERY_S = 1.0
 MOST_UNSEEN = 2
 
 
-class ModbusInputs(LinkedDevice):
+class ModbusInputs(SampledDevice):
     """Reconnecting is the supervisor's business: after an error ``close`` and ``open`` again.
 
     A sample's number is that of its tick, so ``inputs.gaps`` counts the ticks without a poll, be it because

@@ -10,7 +10,7 @@ from cell.devices import DepthCamera, Frame, Identity
 from cell.errors import error
 from cell.own_delay import busy_words
 from cell.samples import Sample, Stream
-from drivers.life import LinkedDevice
+from drivers.life import SampledDevice
 from drivers.oak.config import OakConfig
 from drivers.oak.link import ChildLink, identity_fields
 from drivers.oak.protocol import Message, frame_from_json
@@ -22,7 +22,7 @@ _FUTURE_S = 0.05  # a stamp further ahead than this is not of our clock
 _WATCH_PERIOD_S = 0.05
 
 
-class OakCamera(LinkedDevice):
+class OakCamera(SampledDevice):
     """An OAK, or a frame server in its place, behind a supervised child process.
 
     The child holds depthai and the detectors, and dies with the daemon. A child that dies is a camera that

@@ -19,7 +19,7 @@ from cell.devices import JointState, ObservedArm
 from cell.errors import CellError, error
 from cell.poses import Array
 from cell.samples import Sample, Stream
-from drivers.life import LinkedDevice
+from drivers.life import SampledDevice
 from drivers.modbus.link import NoAnswer
 from drivers.modbus.ticker import Ticker
 from drivers.observed_arm.config import ObservedArmConfig
@@ -33,7 +33,7 @@ log = logging.getLogger("cellward.devices")
 PROBABLY_DEGREES = 4.0 * pi
 
 
-class ObservedArmReader(LinkedDevice):
+class ObservedArmReader(SampledDevice):
     """Reconnecting is the supervisor's business: after an error ``close`` and ``open`` again.
 
     From registers every poll is a sample. From a file every new row is one, with the arm at rest; between

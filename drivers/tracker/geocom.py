@@ -10,7 +10,7 @@ from cell.devices import LaserTracker, StablePoint, TrackerNoise, TrackerState
 from cell.errors import CellError, error
 from cell.poses import Array
 from cell.samples import Quality, Sample, Stream
-from drivers.life import LinkedDevice
+from drivers.life import SampledDevice
 from drivers.tracker.geocom_config import GeocomConfig
 from drivers.tracker.geocom_session import NoAnswer, Session
 from drivers.tracker.geocom_station import NO_POINT, Reading, Station
@@ -28,7 +28,7 @@ _CLOSE_S = 0.02  # a loop's timer may be early by its resolution
 _MOST_MISSES = 2  # distances in a row that fail before the beam counts as broken
 
 
-class GeocomTracker(LinkedDevice):
+class GeocomTracker(SampledDevice):
     """Points are in the frame of ``drivers.tracker.frames``: right-handed, z up, y at the circle's zero.
 
     ``readings`` has a point only while the instrument is locked and tracks distances, and all of

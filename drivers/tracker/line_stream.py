@@ -11,7 +11,7 @@ from cell.devices import Identity, LaserTracker, StablePoint, TrackerNoise, Trac
 from cell.errors import CellError, error
 from cell.poses import Array
 from cell.samples import Quality, Sample, Stream
-from drivers.life import LinkedDevice
+from drivers.life import SampledDevice
 from drivers.tracker.line_config import LineStreamConfig
 from drivers.tracker.line_parser import BadLine, LineParser, Parsed
 from drivers.tracker.newcomers import Newcomers
@@ -24,7 +24,7 @@ log = logging.getLogger("cellward.devices")
 _LOOKS_PER_SILENCE = 4
 
 
-class LineStreamTracker(LinkedDevice):
+class LineStreamTracker(SampledDevice):
     """Whatever steers the instrument is the sender: ``find`` waits for the point to be where it is expected.
 
     Lines that cannot be read are counted, the first of a row is logged with its reason, and too many in a row

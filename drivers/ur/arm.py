@@ -11,7 +11,7 @@ from cell.motion import run_to_its_end
 from cell.own_delay import busy_words
 from cell.poses import Array
 from cell.samples import Stream
-from drivers.life import LinkedDevice
+from drivers.life import SampledDevice
 from drivers.ur.config import UrConfig
 from drivers.ur.dashboard import Dashboard, dashboard
 from drivers.ur.feed import NAMES, STOPPED, StateFeed, available
@@ -31,7 +31,7 @@ DASHBOARD_DEADLINE_S = 1.0
 TCP_SETTLE_S = 0.5
 
 
-class UrArm(LinkedDevice):
+class UrArm(SampledDevice):
     """One arm. Reconnecting is the supervisor's business: after an error ``close`` and ``open`` again."""
 
     Config = UrConfig

@@ -1,15 +1,15 @@
 """A gripper on an output of the arm with a confirm input, written by an input recipe of our own RTDE link."""
 
 import asyncio
-from typing import Any, ClassVar
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from cell.clock import Clock
-from cell.devices import Arm, ArmState, Device, Gripper, Identity
+from cell.devices import ArmState, Gripper
 from cell.errors import CellError, error
 from cell.samples import GAP_S, Sample
-from drivers.life import Life
+from drivers.ur.arm_part import ArmPart
 from drivers.ur.inputs import DIGITAL_INPUTS
 from drivers.ur.rtde import Recipe
 from drivers.ur.rtde_link import RtdeLink
@@ -37,29 +37,20 @@ class ArmGripperConfig(BaseModel):
     )
 
 
-class ArmGripper:
+class ArmGripper(ArmPart):
     """``cell.devices.Gripper``. It changes its output in :meth:`grip` and :meth:`release` only, so neither
     opening nor losing the link lets a held part fall; an output keeps its level when nobody writes it."""
 
     Config = ArmGripperConfig
     PLAYS = (Gripper,)
-    BINDS: ClassVar[dict[str, type]] = {"arm": Arm}
 
     def __init__(self, name: str, config: ArmGripperConfig, clock: Clock) -> None:
-        self.name = name
-        self._config, self._clock = config, clock
-        self._life = Life(name, clock)
-        self._arm: Any = None
-        self._identity: Identity | None = None
+        super().__init__(name, clock)
+        self._config = config
         self._link: RtdeLink | None = None
         self._recipe: Recipe | None = None
-        self._watch: asyncio.Task[None] | None = None
         self._bank, first = [b for b in _BANKS if b[1] <= config.output][-1]
         self._bit = 1 << (config.output - first)
-
-    def bind(self, arm: Device) -> None:
-        """The arm that the config names."""
-        self._arm = arm
 
     async def open(self) -> None:
         """Claim the output; ``ARM_REGISTER_CONFLICT`` when another RTDE client has it."""
@@ -81,37 +72,18 @@ class ArmGripper:
                     "ARM_REGISTER_CONFLICT", f"{self.name}: {', '.join(names)}: {', '.join(recipe.types)}"
                 )
             self._recipe = recipe
-            self._watch = asyncio.create_task(self._watch_arm(), name=f"{self.name} watch")
+            self._watch_arm()
         except BaseException:
             await self.close()
             raise
 
     async def close(self) -> None:
         """Give the output back as it is."""
-        watch, self._watch = self._watch, None
-        if watch is not None:
-            watch.cancel()
-            await asyncio.wait([watch])
+        await self._stop_watching()
         link, self._link, self._recipe = self._link, None, None
         if link is not None:
             link.close()
         self._life.lose(error("DEVICE_LOST", f"{self.name} was closed"))
-
-    async def identify(self) -> Identity:
-        """That of the arm."""
-        self._life.require()
-        assert self._identity is not None
-        return self._identity
-
-    async def wait_fresh(self, timeout: float) -> None:
-        """Return when the arm has sent a state after the call, else ``DEVICE_LOST``."""
-        self._life.require()
-        await self._arm.wait_fresh(timeout)
-        self._life.require()
-
-    async def wait_lost(self) -> Exception:
-        """Block while link and arm are good; return what broke them."""
-        return await self._life.wait_lost()
 
     def health(self) -> dict[str, Any]:
         """Whether the fingers are told to close, and whether something is held; None while unknown."""
@@ -139,12 +111,10 @@ class ArmGripper:
 
     async def _write(self, close: bool) -> None:
         """Set the output and see it set; ``CALL_TIMEOUT`` when the arm's own state does not show it."""
-        self._life.require()
-        assert self._link is not None
-        assert self._recipe is not None
+        link, recipe = self._opened(self._link), self._opened(self._recipe)
         level = self._bit if close is not self._config.invert_output else 0
         for mask in (self._bit, 0):  # the controller keeps the last mask, so the bit is let go again
-            await self._link.send(self._recipe.pack({f"{self._bank}_mask": mask, self._bank: level}))
+            await link.send(recipe.pack({f"{self._bank}_mask": mask, self._bank: level}))
         if not await self._becomes(self._is_closed, close, _READ_BACK_S):
             raise error(
                 "CALL_TIMEOUT",
@@ -192,7 +162,3 @@ class ArmGripper:
 
     def _lose(self, failure: CellError) -> None:
         self._life.lose(failure)
-
-    async def _watch_arm(self) -> None:
-        cause = await self._arm.wait_lost()
-        self._life.lose(error("DEVICE_LOST", f"{self.name}: {self._arm.name} is lost: {cause}"))

@@ -1,16 +1,16 @@
 """The arm's own digital inputs: they share packet, and so stamp, with the joints."""
 
 import asyncio
-from typing import Any, ClassVar
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from cell.clock import Clock
-from cell.devices import Arm, ArmState, Device, DigitalInputs, InputsState
+from cell.devices import ArmState, DigitalInputs, InputsState
 from cell.errors import error
 from cell.samples import Quality, Sample, Stream
 from drivers.digital import InputConfig, StuckWatch
-from drivers.life import LinkedDevice
+from drivers.ur.arm_part import ArmPart
 
 # 0-7 standard, 8-15 configurable, 16-17 in the tool's connector
 DIGITAL_INPUTS = 18
@@ -38,31 +38,24 @@ class ArmInputsConfig(BaseModel):
         return self
 
 
-class ArmInputs(LinkedDevice):
+class ArmInputs(ArmPart):
     """``cell.devices.DigitalInputs`` of an arm that another section of the config names.
 
-    It has no link of its own: it is up while the arm gives states, and lost when the arm is. What changed and
-    changed back between two packages is not seen, as the controller tells levels only.
+    It has no link of its own. What changed and changed back between two packages is not seen, as the
+    controller tells levels only.
     """
 
     Config = ArmInputsConfig
     PLAYS = (DigitalInputs,)
-    BINDS: ClassVar[dict[str, type]] = {"arm": Arm}
 
     def __init__(self, name: str, config: ArmInputsConfig, clock: Clock) -> None:
         self.names = tuple(config.inputs)
         self.inputs: Stream[InputsState] = Stream(name, clock)
-        super().__init__(name, clock, self.inputs)
+        super().__init__(name, clock)
         self._config = config
         self._places = tuple((1 << c.address, c.invert) for c in config.inputs.values())
         self._stuck = StuckWatch(name, config.inputs)
-        self._arm: Any = None
         self._undo: Any = None
-        self._watch: asyncio.Task[None] | None = None
-
-    def bind(self, arm: Device) -> None:
-        """The arm that the config names."""
-        self._arm = arm
 
     async def open(self) -> None:
         """Wait for the arm's next state; ``DEVICE_UNREACHABLE`` when there is none."""
@@ -80,7 +73,7 @@ class ArmInputs(LinkedDevice):
         try:
             async with asyncio.timeout(self._config.connect_timeout_s):
                 await first
-            self._watch = asyncio.create_task(self._watch_arm(), name=f"{self.name} watch")
+            self._watch_arm()
             self._identity = await self._arm.identify()
         except TimeoutError:
             await self.close()
@@ -97,20 +90,8 @@ class ArmInputs(LinkedDevice):
         undo, self._undo = self._undo, None
         if undo is not None:
             undo()
-        watch, self._watch = self._watch, None
-        if watch is not None:
-            watch.cancel()
-            await asyncio.wait([watch])
+        await self._stop_watching()
         self._life.lose(error("DEVICE_LOST", f"{self.name} was closed"))
-
-    async def wait_fresh(self, timeout: float) -> None:
-        """Return when the arm has sent a state after the call, else ``DEVICE_LOST``.
-
-        The arm judges, as it knows its ``time_offset_s``, which is in the stamps of the inputs too.
-        """
-        self._life.require()
-        await self._arm.wait_fresh(timeout)
-        self._life.require()
 
     def health(self) -> dict[str, Any]:
         """Samples and gaps; age (s) of the newest; levels; how long (s) what is stuck has not changed."""
@@ -144,7 +125,3 @@ class ArmInputs(LinkedDevice):
         stuck = self._stuck.take(sample.t, levels, changes)
         quality = Quality.DEGRADED if stuck else sample.quality
         self.inputs.push(Sample(InputsState(levels, changes), sample.t, sample.dt, sample.seq, quality))
-
-    async def _watch_arm(self) -> None:
-        cause = await self._arm.wait_lost()
-        self._life.lose(error("DEVICE_LOST", f"{self.name}: {self._arm.name} is lost: {cause}"))
