@@ -50,8 +50,8 @@ ENDS = [
     kind("belt", "node-stop", "ENCODER_NOT_OPERATIONAL", EVERYWHERE),
     kind("belt", "reboot", "DEVICE_LOST DEVICE_IDENTITY", EVERYWHERE, serial="999966002"),
     short("camera", "reboot", EVERYWHERE),
-    kind("belt", "reboot", "DEVICE_LOST", NOT_AT_THE_END),
-    kind("belt", "drop", "DEVICE_LOST", NOT_AT_THE_END),
+    short("belt", "reboot", EVERYWHERE),
+    short("belt", "drop", EVERYWHERE),
 ]
 BORNE = [
     kind("belt", "wrap", "", set(), before=20),

@@ -25,6 +25,7 @@ class CalibrationRecord:
         self.counts: list[tuple[float, int, int]] = []
         self.sightings: list[dict[str, Any]] = []
         self.touches: list[dict[str, Any]] = []
+        self.begins: list[float] = []  # times from which the encoder counted anew, s
         self._written = {COUNTS_FILE: 0, SIGHTINGS_FILE: 0, TOUCHES_FILE: 0}
 
     def flush(self) -> None:
@@ -52,6 +53,7 @@ class CalibrationRecord:
             "schema": SCHEMA,
             **header,
             "encoder": [[t, count] for t, count, _ in self.counts],
+            "begins": self.begins,
             "sightings": self.sightings,
             "touches": self.touches,
         }

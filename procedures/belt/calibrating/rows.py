@@ -79,6 +79,16 @@ class Follower:
         self._open: list[_Chain] = []
         self._found: list[tuple[float, Array, float, int]] = []
         self._frames = self._made = 0
+        self._way = 0.0  # of the belt, counts, of what was counted before the encoder began anew
+        self._begun: float | None = None  # the first count since then
+
+    def begin(self) -> None:
+        """The encoder counts anew: what was counted before says nothing of where an item is now."""
+        self._way, self._begun = self._counted(), None
+        self._open, self._count = [], -np.inf
+
+    def _counted(self) -> float:
+        return self._way + (0.0 if self._begun is None else abs(self._count - self._begun))
 
     def add(self, t: float, count: float, points: Array) -> None:
         """One more frame with the items at ``points`` (k, 3) m in the base, exposed at ``t``.
@@ -88,6 +98,8 @@ class Follower:
         if abs(count - self._count) < self._step_counts:
             return
         self._count = count
+        if len(points) and self._begun is None:
+            self._begun = count
         self._frames += 1
         if len(points) > 1:
             self._apart = min(self._apart, float(pdist(points).min()))
@@ -121,8 +133,7 @@ class Follower:
     @property
     def way_m(self) -> float:
         """How far the belt has moved between the first sighting and the last, as the items show it."""
-        counted = self._found[-1][2] - self._found[0][2] if self._found else 0.0
-        return float(np.linalg.norm(self._usual)) * abs(counted)
+        return float(np.linalg.norm(self._usual)) * self._counted()
 
     def rows(self) -> Rows:
         """Every sighting with its item."""
@@ -146,13 +157,27 @@ def rows_of(data: Mapping[str, Any], step_counts: float = STEP_COUNTS) -> Rows:
     encoder = np.array(data["encoder"], dtype=float).reshape(-1, 2)
     follower = Follower(motion_of(data.get("configured")), step_counts)
     times = [float(seen["t"]) for seen in data["sightings"]]
-    found = counts_at(encoder, times, float(data["period_s"]))
-    for seen, at, counted in zip(data["sightings"], times, found, strict=True):
+    found, epoch = list[Counted | None](), 0
+    parts = parts_of(encoder, data)
+    starts = np.array([part[0, 0] for part in parts[1:]])
+    in_part = np.searchsorted(starts, times, side="right")
+    for k, part in enumerate(parts):
+        found += counts_at(part, [t for t, i in zip(times, in_part, strict=True) if i == k], data["period_s"])
+    for seen, at, counted, part_of in zip(data["sightings"], times, found, in_part, strict=True):
+        if part_of != epoch:
+            follower.begin()
+            epoch = part_of
         if counted is not None:
             follower.add(at, counted.count, T.apply(np.array(seen["points"])))
     rows = follower.rows()
     left = {at: counted.rounding for at, counted in zip(times, found, strict=True) if counted is not None}
     return replace(rows, rounding=np.array([left[at] for at in rows.t]).reshape(-1, len(_WAVES)))
+
+
+def parts_of(encoder: Array, data: Mapping[str, Any]) -> list[Array]:
+    """The counts (k, 2: s, counts) parted where the encoder began to count anew, at ``begins`` (s)."""
+    cuts = np.searchsorted(encoder[:, 0], [float(t) for t in data.get("begins", ())])
+    return [part for k, part in enumerate(np.split(encoder, cuts)) if k == 0 or len(part)]
 
 
 def counts_at(encoder: Array, times: Sequence[float], period_s: float) -> list[Counted | None]:

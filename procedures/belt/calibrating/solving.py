@@ -12,7 +12,7 @@ from calibration.belt.scale import BeltScale, Refusal, fit_scale, two_points
 from cell.formats.result import Result, Verdict, Warning_
 from cell.poses import Array
 from procedures.belt.calibrating.record import read_data_set
-from procedures.belt.calibrating.rows import Rows, rows_of
+from procedures.belt.calibrating.rows import Rows, parts_of, rows_of
 from procedures.belt.calibrating.slip import Parted, WheelSlip, part_at_slips
 from procedures.belt.calibrating.spread import spread, with_camera
 from procedures.belt.encoder_alarms import emergency_warnings
@@ -103,7 +103,8 @@ def _answer(data: Mapping[str, Any], rows: Rows, touch_sigma_m: float) -> BeltSc
     if data["source"] == "touch":
         return by_touch(rows, touch_sigma_m)
     encoder = np.array(data["encoder"], dtype=float).reshape(-1, 2)
-    if len(encoder) == 0 or np.ptp(encoder[:, 1]) <= _STANDS_COUNTS:
+    counted = max((np.ptp(part[:, 1]) for part in parts_of(encoder, data) if len(part)), default=0.0)
+    if counted <= _STANDS_COUNTS:
         span = 0.0 if len(encoder) == 0 else float(np.ptp(encoder[:, 0]))
         if (moved := _moved(rows_of(data, step_counts=0.0))) > _MOVED_M:
             words = f"items moved by {1e3 * moved:.0f} mm while the encoder did not count"

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cell.store.files import read_json, to_json, write_atomic
 from daemon.cli.replay import differences
 from daemon.demo.ending import beside_truth
 from fakes.object import run_virtual
 from procedures.belt.calibrating.rows import Follower
+from procedures.belt.calibrating.solving import solve_within_limits
 from procedures.replay import solve_again
 from tests.kit.belt_teacher import Teacher
 from tests.kit.object_cell import ObjectCell, no_report, refused
@@ -185,17 +187,20 @@ def test_finished_early_it_solves_what_it_has_and_says_so(tmp_path: Path) -> Non
     run_virtual(scene())
 
 
-def test_an_encoder_that_drops_ends_the_job_and_the_data_stay(tmp_path: Path) -> None:
+def test_touches_before_and_after_a_lost_encoder_are_never_compared(tmp_path: Path) -> None:
     async def scene() -> None:
         async with belt_cell(tmp_path) as cell:
-            run_id = await cell.start()
-            await cell.until(lambda: cell.engine.run and cell.engine.run.step > 60, "sightings")
+            teacher = Teacher(cell)
+            run_id = await cell.start(params=TOUCH)
+            await cell.until(lambda: cell.engine.run and cell.engine.run.prompt, "a prompt")
+            await teacher.touch()
             cell.plant.plant("belt").inject("drop")
+            await cell.until(cell.all_ready, "ready devices", 120.0)
+            await teacher.touch()
             end = await cell.finished(run_id)
             assert (end["outcome"], end["error"]["name"]) == ("aborted", "DEVICE_LOST")
-            folder = cell.folder(run_id).path
-            assert len((folder / "counts.jsonl").read_text("utf-8").splitlines()) > 100
-            assert (folder / "sightings.jsonl").exists()
+            assert "began to count anew" in end["error"]["text"]
+            assert len((cell.folder(run_id).path / "counts.jsonl").read_text("utf-8").splitlines()) > 100
 
     run_virtual(scene())
 
@@ -204,7 +209,6 @@ def test_an_encoder_that_drops_ends_the_job_and_the_data_stay(tmp_path: Path) ->
     ("device", "kind", "name"),
     [
         ("belt", "silence", "DEVICE_LOST"),
-        ("belt", "reboot", "DEVICE_LOST"),
         ("belt", "bus-off", "CAN_BUS_OFF"),
         ("camera", "silence", "DEVICE_LOST"),
     ],
@@ -244,6 +248,33 @@ def test_a_camera_that_drops_and_comes_back_costs_neither_the_run_nor_its_truth(
             assert_true(cell, result)
 
     run_virtual(scene())
+
+
+def test_an_encoder_that_drops_and_counts_anew_parts_the_items_and_the_answer_is_as_true(
+    tmp_path: Path,
+) -> None:
+    async def scene() -> tuple[Any, Any, Any]:
+        async with belt_cell(tmp_path) as cell:
+            run_id = await cell.start()
+            await cell.until(lambda: cell.engine.run and cell.engine.run.step > 10, "sightings")
+            cell.plant.plant("belt").inject("drop")
+            end = await cell.finished(run_id)
+            assert end["outcome"] == "complete", end["error"]
+            assert len(cell.notes(run_id, "counts begin anew")) == 1
+            data = read_json(cell.folder(run_id).path / "belt.json")
+            (begun,) = data["begins"]
+            (before, after) = (
+                np.array([n for t, n in data["encoder"] if (t >= begun) == k]) for k in (False, True)
+            )
+            assert before[-1] - after[0] > 500, "the counter began at another place"
+            assert_true(cell, answer(cell, run_id))
+            return data, read_json(cell.folder(run_id).path / "run.json")["job_config"], cell.result(run_id)
+
+    data, config, result = run_virtual(scene())
+    data["begins"] = []
+    write_atomic(tmp_path / "belt.json", to_json(data))
+    wrong = solve_within_limits(tmp_path / "belt.json", config)
+    assert wrong["result"] != result["result"], "the time of the new count matters"
 
 
 def test_an_arm_that_says_nothing_at_a_touch_ends_the_job_by_name(tmp_path: Path) -> None:
