@@ -42,7 +42,7 @@ class Levels:
 
 
 @dataclass(frozen=True)
-class Place:
+class BeltPlace:
     """An item on the belt: ``along`` and ``across`` (m) where travel is zero; variances of both (m^2).
 
     ``at`` is the exposure from which its travel is counted for the uncertainty (that of the newest
@@ -114,7 +114,9 @@ def facing(yaws: Sequence[float]) -> float:
     return float(axes[np.argmin(off.sum(axis=1))])
 
 
-def place(along: Array, across: Array, sightings: Sequence[Sighting], speed: Array, levels: Levels) -> Place:
+def place(
+    along: Array, across: Array, sightings: Sequence[Sighting], speed: Array, levels: Levels
+) -> BeltPlace:
     """One item from its sightings: ``along`` and ``across`` (k,) in the belt's frame (travel taken off).
 
     ``speed`` (k,) is the belt's at each exposure: a derived exposure is uncertain by speed times latency.
@@ -132,7 +134,7 @@ def place(along: Array, across: Array, sightings: Sequence[Sighting], speed: Arr
             used[:] = True
     w = 1.0 / var_along[used]
     newest = max(s.t for s, u in zip(sightings, used, strict=True) if u)
-    return Place(
+    return BeltPlace(
         along=float(np.sum(w * along[used]) / np.sum(w)),
         across=float(np.mean(across[used])),
         var_along=float(1.0 / np.sum(w)),

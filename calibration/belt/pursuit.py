@@ -53,7 +53,7 @@ class Origin(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class FixedPoint:
     """A place (4,) that does not move."""
 
     p: Array

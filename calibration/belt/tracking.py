@@ -11,8 +11,8 @@ from calibration.belt.estimator import BeltEstimator
 from calibration.belt.forecast import Forecast
 from calibration.belt.items import (
     NEWEST,
+    BeltPlace,
     Levels,
-    Place,
     Scatter,
     Sighting,
     camera_sigma,
@@ -59,7 +59,7 @@ class Track:
 
     direction: Array
     forecast: Forecast
-    place: Place
+    place: BeltPlace
     height: float
     sightings: tuple[Sighting, ...]
     origins: Array

@@ -37,7 +37,7 @@ class CanEncoder(SampledDevice, ABC):
         super().__init__(name, clock, self.counts, config.time_offset_s)
         self._bus_config = config
         self._link: CanLink | None = None
-        self._stamps: Stamps = stamps_for(config.place, config.period_s, clock)
+        self._stamps: Stamps = stamps_for(config.address, config.period_s, clock)
         self._unwrap, self._missing = Unwrap(modulus), Missing(config.period_s)
         self._seq = 0
         self._running = False  # positions are believed

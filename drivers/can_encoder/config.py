@@ -4,7 +4,7 @@ from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from drivers.can_encoder.place import Place, parse_place
+from drivers.can_encoder.bus_address import BusAddress, parse_bus
 from drivers.life import TIME_OFFSET
 
 
@@ -35,7 +35,7 @@ class BusConfig(BaseModel):
     @field_validator("bus")
     @classmethod
     def _is_a_place(cls, value: str) -> str:
-        parse_place(value)
+        parse_bus(value)
         return value
 
     @model_validator(mode="after")
@@ -45,9 +45,9 @@ class BusConfig(BaseModel):
         return self
 
     @property
-    def place(self) -> Place:
+    def address(self) -> BusAddress:
         """Where the bus is."""
-        return parse_place(self.bus)
+        return parse_bus(self.bus)
 
 
 class CanopenEncoderConfig(BusConfig):

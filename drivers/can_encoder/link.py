@@ -13,7 +13,7 @@ import can
 
 from cell.clock import Clock
 from cell.errors import CellError, error
-from drivers.can_encoder.place import Place, parse_place
+from drivers.can_encoder.bus_address import BusAddress, parse_bus
 from drivers.can_encoder.slcan import SerialBus
 from drivers.can_encoder.socketcand import GatewayBus
 
@@ -35,20 +35,20 @@ _FLAG_WORDS = {
 Take = Callable[[Sequence[can.Message], float, float], None]
 
 
-def open_bus(place: Place, timeout: float, ids: Sequence[tuple[int, bool]] = ()) -> can.BusABC:
+def open_bus(address: BusAddress, timeout: float, ids: Sequence[tuple[int, bool]] = ()) -> can.BusABC:
     """Open the bus, in at most about ``timeout`` seconds; blocks.
 
     ``ids`` (identifier, extended) are all that will be looked at: the kernel keeps the rest away.
     """
-    if place.interface == "slcan":
-        return SerialBus(place, SEND_TIMEOUT_S)
-    if place.interface == "socketcand":
-        return GatewayBus(place, timeout)
+    if address.interface == "slcan":
+        return SerialBus(address, SEND_TIMEOUT_S)
+    if address.interface == "socketcand":
+        return GatewayBus(address, timeout)
     filters: Any = [
         {"can_id": i, "can_mask": 0x1FFFFFFF if extended else 0x7FF, "extended": extended}
         for i, extended in ids
     ]
-    return can.Bus(interface="socketcan", channel=place.channel, can_filters=filters or None)
+    return can.Bus(interface="socketcan", channel=address.channel, can_filters=filters or None)
 
 
 class CanLink:
@@ -66,7 +66,7 @@ class CanLink:
         lost: Callable[[CellError], Any],
         clock: Clock,
     ) -> None:
-        self._name, self._where, self._place, self._ids = name, bus, parse_place(bus), ids
+        self._name, self._where, self._address, self._ids = name, bus, parse_bus(bus), ids
         self._take, self._lost, self._clock = take, lost, clock
         self._bus: can.BusABC | None = None
         self._reading: int | None = None
@@ -76,7 +76,7 @@ class CanLink:
 
     async def open(self, timeout: float) -> None:
         """Open the bus and begin to read; ``DEVICE_UNREACHABLE`` with what the system said."""
-        opening = asyncio.create_task(asyncio.to_thread(open_bus, self._place, timeout, self._ids))
+        opening = asyncio.create_task(asyncio.to_thread(open_bus, self._address, timeout, self._ids))
         try:
             async with asyncio.timeout(timeout + 1.0):
                 self._bus = await asyncio.shield(opening)

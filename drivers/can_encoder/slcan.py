@@ -13,7 +13,7 @@ import can
 from can.interfaces.slcan import slcanBus
 
 from drivers.can_encoder.arrivals import Arrivals
-from drivers.can_encoder.place import Place
+from drivers.can_encoder.bus_address import BusAddress
 
 _LONGEST_LINE = 64
 _FRAME = re.compile(r"[tTrR]")
@@ -24,16 +24,16 @@ _REFUSED = "\a"
 class SerialBus(slcanBus):
     """``recv`` raises ``CanOperationError`` once when the adapter is gone; never sleeps."""
 
-    def __init__(self, place: Place, timeout: float) -> None:
+    def __init__(self, address: BusAddress, timeout: float) -> None:
         self.malformed = 0
         self.flags: int | None = None  # the adapter's answer to :meth:`ask_flags`
         self._raw = bytearray()
         self._lines: deque[tuple[float, str]] = deque()
         self._arrivals: Arrivals | None = None
         super().__init__(
-            place.channel,
-            tty_baudrate=place.baudrate,
-            bitrate=place.bit_rate,
+            address.channel,
+            tty_baudrate=address.baudrate,
+            bitrate=address.bit_rate,
             sleep_after_open=0.0,
             timeout=0.0,
         )

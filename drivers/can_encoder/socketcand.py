@@ -17,7 +17,7 @@ from can.interfaces.socketcand.socketcand import (
     convert_can_message_to_ascii_message,
 )
 
-from drivers.can_encoder.place import Place
+from drivers.can_encoder.bus_address import BusAddress
 
 _CHUNK = 16384
 _LONGEST = 200
@@ -27,26 +27,26 @@ _TOKEN = re.compile(r"<[^<>]*>")
 class GatewayBus(can.BusABC):
     """``recv`` raises ``CanOperationError`` once when the gateway is gone; stamps are the gateway's."""
 
-    def __init__(self, place: Place, timeout: float) -> None:
+    def __init__(self, address: BusAddress, timeout: float) -> None:
         self.malformed = 0
         self._text = ""
         self._tokens: deque[str] = deque()
         self._write_timeout = timeout
         deadline = time.monotonic() + timeout
-        self._socket = socket.create_connection((place.host, place.port), timeout)
+        self._socket = socket.create_connection((address.host, address.port), timeout)
         try:
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._socket.setblocking(False)
             self._expect("< hi >", deadline)
-            self._say(f"< open {place.channel} >")
+            self._say(f"< open {address.channel} >")
             self._expect("< ok >", deadline)
             self._say("< rawmode >")
             self._expect("< ok >", deadline)
         except BaseException:
             self._socket.close()
             raise
-        self.channel_info = f"socketcand {place.channel} at {place.host}:{place.port}"
-        super().__init__(channel=place.channel)
+        self.channel_info = f"socketcand {address.channel} at {address.host}:{address.port}"
+        super().__init__(channel=address.channel)
 
     def fileno(self) -> int:
         return self._socket.fileno()

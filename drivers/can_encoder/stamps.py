@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 import can
 
 from cell.clock import Clock, ClockModel
-from drivers.can_encoder.place import Place
+from drivers.can_encoder.bus_address import BusAddress
 
 _KERNEL_DT_S = 50e-6
 _KERNEL_SLACK_S = 0.05  # a stamp further outside its bracket is not believed
@@ -36,11 +36,11 @@ class Stamps(Protocol):
     def take(self, messages: Sequence[can.Message], looked: float, now: float) -> list[Stamp]: ...
 
 
-def stamps_for(place: Place, period_s: float, clock: Clock) -> Stamps:
+def stamps_for(address: BusAddress, period_s: float, clock: Clock) -> Stamps:
     """The best that the interface offers."""
-    if place.interface == "socketcan":
+    if address.interface == "socketcan":
         return KernelStamps(clock)
-    return GatewayStamps() if place.interface == "socketcand" else HostStamps(period_s)
+    return GatewayStamps() if address.interface == "socketcand" else HostStamps(period_s)
 
 
 class KernelStamps:

@@ -12,7 +12,7 @@ from pymodbus.transport import CommParams, CommType
 
 from cell.clock import Clock
 from cell.errors import CellError, error
-from drivers.modbus.place import Place
+from drivers.modbus.address import ModbusAddress
 from drivers.modbus.registers import Span, Table
 
 # More than pymodbus would take before it closes the connection; when a link is lost is our decision.
@@ -55,7 +55,7 @@ class LinkSettings:
     """Where a device is and how long to wait; ``keys`` of its section are named when it refuses a request."""
 
     url: str
-    place: Place
+    address: ModbusAddress
     unit: int
     timeout_s: float
     connect_timeout_s: float
@@ -107,7 +107,7 @@ class ModbusLink:
         client, self._client = self._client, None
         if client is None:
             return
-        if client.ctx.transport is not None and self._config.place.scheme != "rtu":
+        if client.ctx.transport is not None and self._config.address.scheme != "rtu":
             client.ctx.transport.abort()  # a close of TLS would wait for the other end
         client.close()
 
@@ -155,7 +155,7 @@ class ModbusLink:
 
     async def _let_late_replies_pass(self) -> None:
         """Replies on a serial line carry no number: a late one must not answer the next request."""
-        if self._config.place.scheme == "rtu":
+        if self._config.address.scheme == "rtu":
             await self._clock.sleep(self._config.timeout_s)
 
     def _refused(self, what: str, reply: Any) -> CellError:
@@ -171,7 +171,7 @@ class ModbusLink:
         return error("DEVICE_UNREACHABLE", f"{self._name} at {self._config.url}: {reason}")
 
     def _make_client(self) -> Any:
-        config, place = self._config, self._config.place
+        config, address = self._config, self._config.address
         common: dict[str, Any] = {
             "name": self._name,
             "reconnect_delay": 0,  # the supervisor reconnects
@@ -179,12 +179,12 @@ class ModbusLink:
             "retries": 0,
             "trace_connect": self._note_connection,
         }
-        if place.scheme == "rtu":
-            serial = {"baudrate": place.baudrate, "parity": place.parity, "stopbits": place.stopbits}
-            return AsyncModbusSerialClient(place.host, **serial, **common)
-        if place.scheme == "tls":
-            return _TlsClient(place.host, place.port, _tls_context(config.tls), **common)
-        return AsyncModbusTcpClient(place.host, port=place.port, **common)
+        if address.scheme == "rtu":
+            serial = {"baudrate": address.baudrate, "parity": address.parity, "stopbits": address.stopbits}
+            return AsyncModbusSerialClient(address.host, **serial, **common)
+        if address.scheme == "tls":
+            return _TlsClient(address.host, address.port, _tls_context(config.tls), **common)
+        return AsyncModbusTcpClient(address.host, port=address.port, **common)
 
     def _note_connection(self, connected: bool) -> None:
         if not connected and self._client is not None:

@@ -7,8 +7,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from drivers.digital import InputConfig
 from drivers.life import TIME_OFFSET
+from drivers.modbus.address import ModbusAddress, parse_url
 from drivers.modbus.link import LinkSettings, TlsFiles
-from drivers.modbus.place import Place, parse_url
 from drivers.modbus.registers import NumberConfig, RegisterTable, SerialConfig, Table, WordOrder
 from drivers.modbus_inputs.models import GENERIC, MODELS, CounterPlace, LevelPlace, ModuleModel
 from drivers.modbus_inputs.plan import ReadPlan
@@ -91,12 +91,12 @@ class InputsConfig(_Section):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        place = parse_url(self.url)
-        self._check_tls(place)
+        address = parse_url(self.url)
+        self._check_tls(address)
         if self.module != "generic" and (self.levels or self.counters):
             raise ValueError(f"levels and counters are for module = 'generic'; {self.module} has its own")
         self._check_channels()
-        self._check_line(place)
+        self._check_line(address)
         return self
 
     @property
@@ -104,7 +104,7 @@ class InputsConfig(_Section):
         """How to connect."""
         return LinkSettings(
             url=self.url,
-            place=parse_url(self.url),
+            address=parse_url(self.url),
             unit=self.unit,
             timeout_s=self.timeout_s,
             connect_timeout_s=self.connect_timeout_s,
@@ -128,8 +128,8 @@ class InputsConfig(_Section):
         """What a poll reads; ``ValueError`` when no request can."""
         return ReadPlan(self.model, [c.address for c in self.inputs.values()])
 
-    def _check_tls(self, place: Place) -> None:
-        if place.scheme != "tls":
+    def _check_tls(self, address: ModbusAddress) -> None:
+        if address.scheme != "tls":
             for key in ("tls_ca", "tls_certificate", "tls_key", "tls_server_name"):
                 if getattr(self, key) is not None:
                     raise ValueError(f"{key} is for a tls:// url, not for {self.url}")
@@ -149,14 +149,14 @@ class InputsConfig(_Section):
                 )
         self.plan  # noqa: B018 -- its sentence says which span is too wide
 
-    def _check_line(self, place: Place) -> None:
-        if place.scheme != "rtu":
+    def _check_line(self, address: ModbusAddress) -> None:
+        if address.scheme != "rtu":
             return
         if not 1 <= self.unit <= 247:
             raise ValueError(f"unit {self.unit} is not possible on a serial line; it has 1 to 247")
-        needed = self.plan.bytes_per_poll * _BITS_PER_BYTE / place.baudrate
+        needed = self.plan.bytes_per_poll * _BITS_PER_BYTE / address.baudrate
         if needed > self.poll_period_s:
             raise ValueError(
                 f"poll_period_s = {self.poll_period_s:g} is too short: the bytes of a poll alone take"
-                f" {needed:.4f} s at {place.baudrate} baud"
+                f" {needed:.4f} s at {address.baudrate} baud"
             )

@@ -209,7 +209,7 @@ class ModbusInputs(SampledDevice):
         what = f"unit {self._config.unit} gives {exc}"
         if not self._life.good:
             what = "the other end closes the connection"
-            if self._config.link.place.scheme == "tls" and self._config.tls_certificate is None:
+            if self._config.link.address.scheme == "tls" and self._config.tls_certificate is None:
                 what += "; it may want a certificate of ours (tls_certificate, tls_key)"
         return error("DEVICE_UNREACHABLE", f"{self.name} at {self._config.url} connects, but {what}")
 

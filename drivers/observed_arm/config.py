@@ -7,8 +7,8 @@ from urllib.parse import urlsplit
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from drivers.life import TIME_OFFSET
+from drivers.modbus.address import parse_url
 from drivers.modbus.link import LinkSettings
-from drivers.modbus.place import parse_url
 from drivers.modbus.registers import RegisterTable, SerialConfig, WordOrder
 from drivers.observed_arm.numbers import WORDS, Encoding, NumberType, Unit
 
@@ -156,7 +156,7 @@ class ObservedArmConfig(_Section):
         """How to connect."""
         return LinkSettings(
             url=self.url,
-            place=parse_url(self.url),
+            address=parse_url(self.url),
             unit=self.unit,
             timeout_s=self.timeout_s,
             connect_timeout_s=self.connect_timeout_s,

@@ -70,7 +70,7 @@ class GeocomTracker(SampledDevice):
         self._station = station = Station(self.name, self._config, session, self._clock)
         try:
             self._link = await connect(
-                self._config.place, session.received, self._dropped, self._config.connect_timeout_s
+                self._config.address, session.received, self._dropped, self._config.connect_timeout_s
             )
             await station.wake()
             self._identity = await station.identify()

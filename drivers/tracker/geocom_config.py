@@ -5,8 +5,8 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
+from drivers.tracker.address import TrackerAddress, parse_address
 from drivers.tracker.config import TrackerConfig, TrackerSection
-from drivers.tracker.place import Place, parse_place
 
 
 class ReflectorConfig(TrackerSection):
@@ -97,13 +97,13 @@ class GeocomConfig(TrackerConfig):
     )
 
     @property
-    def place(self) -> Place:
+    def address(self) -> TrackerAddress:
         """Where the instrument is."""
-        return parse_place(self.url)
+        return parse_address(self.url)
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        parse_place(self.url)
+        parse_address(self.url)
         if self.measure_with == "tracking" and self.tracking == "off":
             raise ValueError("measure_with = 'tracking' needs tracking = 'rapid' or 'standard'")
         if self.measure_with == "tracking" and self.reading == "simple":

@@ -5,8 +5,8 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
+from drivers.tracker.address import NetAddress, TrackerAddress, parse_address
 from drivers.tracker.config import TrackerConfig, TrackerSection
-from drivers.tracker.place import NetPlace, Place, parse_place
 
 CARTESIAN, POLAR = ("x", "y", "z"), ("hz", "v", "range")
 FIELDS = (*CARTESIAN, *POLAR, "valid", "temperature_c", "pressure_pa", "serial")
@@ -101,15 +101,15 @@ class LineStreamConfig(TrackerConfig):
     only_from: str | None = Field(default=None, description="Address whose datagrams are taken; absent: any")
 
     @property
-    def place(self) -> Place:
+    def address(self) -> TrackerAddress:
         """Where the lines come from."""
-        return parse_place(self.url, udp=True)
+        return parse_address(self.url, udp=True)
 
     @property
     def listens(self) -> bool:
         """Whether datagrams come to us unasked."""
-        place = self.place
-        return isinstance(place, NetPlace) and place.scheme == "udp" and self.request is None
+        address = self.address
+        return isinstance(address, NetAddress) and address.scheme == "udp" and self.request is None
 
     @property
     def fields(self) -> frozenset[str]:
@@ -120,7 +120,7 @@ class LineStreamConfig(TrackerConfig):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        parse_place(self.url, udp=True)
+        parse_address(self.url, udp=True)
         if self.only_from is not None and not self.listens:
             raise ValueError("only_from is for a udp:// url without a request")
         if (self.pattern is None) == (self.columns is None):

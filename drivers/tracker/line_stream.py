@@ -12,10 +12,10 @@ from cell.errors import CellError, error
 from cell.poses import Array
 from cell.samples import Quality, Sample, Stream
 from drivers.life import SampledDevice
+from drivers.tracker.address import NetAddress
 from drivers.tracker.line_config import LineStreamConfig
 from drivers.tracker.line_parser import BadLine, LineParser, Parsed
 from drivers.tracker.newcomers import Newcomers
-from drivers.tracker.place import NetPlace
 from drivers.tracker.stable import StableWindow
 from drivers.tracker.wire import Lines, Link, connect, listen
 
@@ -171,10 +171,10 @@ class LineStreamTracker(SampledDevice):
     # -- lines
 
     async def _connect(self) -> Link:
-        config, place = self._config, self._config.place
-        if config.listens and isinstance(place, NetPlace):
-            return await listen(place, self._received, self._dropped, config.only_from)
-        return await connect(place, self._received, self._dropped, config.connect_timeout_s)
+        config, address = self._config, self._config.address
+        if config.listens and isinstance(address, NetAddress):
+            return await listen(address, self._received, self._dropped, config.only_from)
+        return await connect(address, self._received, self._dropped, config.connect_timeout_s)
 
     async def _run(self) -> None:
         """Ask, if there is something to ask with; and see that lines come."""

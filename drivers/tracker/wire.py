@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import serial
 
 from drivers.serial_url import SerialLine
-from drivers.tracker.place import NetPlace, Place
+from drivers.tracker.address import NetAddress, TrackerAddress
 
 Received = Callable[[bytes], None]
 Lost = Callable[[str], None]
@@ -22,24 +22,24 @@ class Link(Protocol):
     def close(self) -> None: ...
 
 
-async def connect(place: Place, received: Received, lost: Lost, timeout: float) -> Link:
+async def connect(address: TrackerAddress, received: Received, lost: Lost, timeout: float) -> Link:
     """Connect once; ``OSError`` with the reason. ``lost`` is called once when the other end goes away."""
-    if isinstance(place, SerialLine):
-        return _SerialLink(place, received, lost)
+    if isinstance(address, SerialLine):
+        return _SerialLink(address, received, lost)
     link = _NetLink(received, lost)
     try:
         async with asyncio.timeout(timeout):
-            await _create(place, link)
+            await _create(address, link)
     except TimeoutError as exc:
         raise OSError(f"no connection in {timeout:g} s") from exc
     return link
 
 
-async def listen(place: NetPlace, received: Received, lost: Lost, only_from: str | None) -> Link:
-    """Take datagrams that arrive at ``place``, of one sender if ``only_from`` names it; ``OSError``."""
+async def listen(address: NetAddress, received: Received, lost: Lost, only_from: str | None) -> Link:
+    """Take datagrams that arrive at ``address``, of one sender if ``only_from`` names it; ``OSError``."""
     link = _NetLink(received, lost, only_from)
     loop = asyncio.get_running_loop()
-    await loop.create_datagram_endpoint(lambda: link, local_addr=(place.host, place.port))
+    await loop.create_datagram_endpoint(lambda: link, local_addr=(address.host, address.port))
     return link
 
 
@@ -103,12 +103,12 @@ class _NetLink(asyncio.Protocol, asyncio.DatagramProtocol):
             transport.abort()
 
 
-async def _create(place: NetPlace, link: _NetLink) -> None:
+async def _create(address: NetAddress, link: _NetLink) -> None:
     loop = asyncio.get_running_loop()
-    if place.scheme == "tcp":
-        await loop.create_connection(lambda: link, place.host, place.port)
+    if address.scheme == "tcp":
+        await loop.create_connection(lambda: link, address.host, address.port)
     else:
-        await loop.create_datagram_endpoint(lambda: link, remote_addr=(place.host, place.port))
+        await loop.create_datagram_endpoint(lambda: link, remote_addr=(address.host, address.port))
 
 
 class _SerialLink:

@@ -24,7 +24,7 @@ from procedures.tracker.record import SampleRecord
 from procedures.tracker.run_facts import facts
 from procedures.tracker.states import State as S
 from procedures.tracker.stored import StoredSet, load_stored
-from procedures.tracker.tracker_pose import Place
+from procedures.tracker.tracker_pose import TrackerPose
 from procedures.tracker.visiting import Visitor
 from procedures.tracker.watch import MonumentWatch
 
@@ -48,7 +48,7 @@ class Sampling:
             "sigma_per_m": noise.sigma_per_m,
             KEY: config.constant_sigma_m,
         }
-        self.place = Place(config, run.values, self.noise)
+        self.place = TrackerPose(config, run.values, self.noise)
         self.visitor = Visitor(
             run,
             config,

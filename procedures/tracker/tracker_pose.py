@@ -16,7 +16,7 @@ from procedures.tracker.feasible_poses import Space, make_space
 ELSEWHERE_M, ELSEWHERE_RAD = 0.03, 0.01  # a plan holds where the tracker stands no further off than this
 
 
-class Place:
+class TrackerPose:
     """Begins with what the config says, if anything; poses that are measured make it better."""
 
     def __init__(self, config: TrackerSamplingConfig, values: RunValues, noise: Mapping[str, float]) -> None:

@@ -18,7 +18,7 @@ from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.plan import Visit
 from procedures.tracker.record import SampleRecord
 from procedures.tracker.states import State as S
-from procedures.tracker.tracker_pose import Place
+from procedures.tracker.tracker_pose import TrackerPose
 from procedures.tracker.visit_order import blocked
 
 SKIPPED = ("MOTION_LIMIT", "MOTION_COLLISION", "MOTION_UNREACHABLE", "OBSERVED_ARM_NOT_THERE")
@@ -39,7 +39,7 @@ class Visitor:
         config: TrackerSamplingConfig,
         arm: SampledArm,
         eye: Eye,
-        place: Place,
+        place: TrackerPose,
         record: SampleRecord,
         stored: Known,
     ) -> None:

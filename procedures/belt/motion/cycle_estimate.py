@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.belt.pursuit import Leg, Origin, Place, State, plan
+from calibration.belt.pursuit import FixedPoint, Leg, Origin, State, plan
 from cell.errors import CellError
 from cell.guard import MotionGuard
 from cell.poses import Array
@@ -157,7 +157,7 @@ class Expectation:
     def _cycle(self, speed_m_s: float, along_m: float) -> float:
         """From leaving the place to leaving it again, s, with contact at ``along_m``."""
         met = self.grip_point(along_m)
-        put = Place(self._place.p)
+        put = FixedPoint(self._place.p)
         clear = self._corner.clear_m
         left = np.array([0.0, 0.0, min(clear, self._config.above_m), 0.0])
         t, state, contact = 0.0, State.still(self._place.p + left), 1.0

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from calibration.belt.pursuit import Place, Ride
+from calibration.belt.pursuit import FixedPoint, Ride
 from calibration.belt.tracking import Track
 from cell.poses import Array
 from procedures.belt.config import BeltTrackingConfig
@@ -77,7 +77,7 @@ class Choice:
         zone = self._config.zone
         return zone.min_m <= float(self._watch.tracker.direction @ point) <= zone.max_m
 
-    def coming(self, t: float) -> Iterator[tuple[Item, Place]]:
+    def coming(self, t: float) -> Iterator[tuple[Item, FixedPoint]]:
         """The next items that are not in the zone yet, and the place above its edge where each will come in.
 
         That is where the belt carries it to, however fast; a forecast over half a minute would be a guess.
@@ -92,7 +92,7 @@ class Choice:
             left_over -= 1
             at = np.array([t])
             here = np.array([*track.xy(at)[0], track.z(at)[0]])
-            yield item, Place(np.array([*here + left * track.direction, self.yaw(item)]))
+            yield item, FixedPoint(np.array([*here + left * track.direction, self.yaw(item)]))
 
 
 def _along(track: Track, t: float) -> float:

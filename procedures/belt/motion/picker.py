@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from calibration.belt.arm_time import MotionLimits, rest_to_rest
-from calibration.belt.pursuit import Leg, Place, Ride, State
+from calibration.belt.pursuit import FixedPoint, Leg, Ride, State
 from cell.devices import Gripper, TrajectoryPiece
 from cell.errors import CellError, error
 from cell.guard import MotionGuard
@@ -55,7 +55,7 @@ class Picker:
         place: State,
     ) -> None:
         self._run, self._config, self._watch, self._upkeep, self._tool = run, config, watch, upkeep, tool
-        self._wait, self._place = Place(wait.p), Place(place.p)
+        self._wait, self._place = FixedPoint(wait.p), FixedPoint(place.p)
         limits = config.limits
         axis = MotionLimits(limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3)
         self._descent_s = float(rest_to_rest(np.array(config.down_m), axis))
@@ -186,7 +186,7 @@ class Picker:
         self._awaited = None
         self._way.go(t, self._wait, np.zeros(4))
 
-    def _tried(self, t: float, item: Item, origin: Ride | Place) -> tuple[Leg, float] | None:
+    def _tried(self, t: float, item: Item, origin: Ride | FixedPoint) -> tuple[Leg, float] | None:
         """The way above ``item`` at ``origin``, if guard and joints allow it and the grip at its end.
 
         An item that lies badly is nothing to end the job for; its life says why it was let pass.
@@ -284,7 +284,7 @@ class Picker:
             await self._close(t)
         return True
 
-    def _aim_improved(self, t: float) -> Place | None:
+    def _aim_improved(self, t: float) -> FixedPoint | None:
         """Where the item in hand will be at the agreed contact; None when it cannot be met there any more."""
         assert self._item is not None
         assert self._aim is not None
@@ -293,8 +293,8 @@ class Picker:
         lost = self.standing or self._watch.track(self._item) is None
         return None if lost or not self._choice.holds(place.p[:3]) else place
 
-    def _aimed(self, item: Item, aim: Aim) -> Place:
-        return Place(np.array([*aim.xy, aim.height, self._choice.yaw(item)]))
+    def _aimed(self, item: Item, aim: Aim) -> FixedPoint:
+        return FixedPoint(np.array([*aim.xy, aim.height, self._choice.yaw(item)]))
 
     def _meets(self, t: float, ride: Ride) -> bool:
         """Whether the tool is on the item and moves with it: a forecast that shakes is never met exactly."""

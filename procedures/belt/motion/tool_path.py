@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from calibration.belt.descent import descend
-from calibration.belt.pursuit import Leg, Origin, Place, PursuitLimits, Ride, State, plan
+from calibration.belt.pursuit import FixedPoint, Leg, Origin, PursuitLimits, Ride, State, plan
 from cell.devices import TrajectoryPiece
 from cell.guard import MotionGuard
 from cell.poses import Array
@@ -48,7 +48,7 @@ class Way:
     def __init__(self, tool: ToolJoints, limits: JobLimits, guard: MotionGuard, at: State) -> None:
         self._tool, self._guard = tool, guard
         self._job, self._limits = limits, pursuit_limits(limits)
-        self._leg = plan(0.0, at, Place(at.p), np.zeros(4), self._limits)
+        self._leg = plan(0.0, at, FixedPoint(at.p), np.zeros(4), self._limits)
         self._share = 1.0  # of the full speed, on the present way
         self._q: Array = np.zeros(6)
 
@@ -63,7 +63,7 @@ class Way:
 
     # -- where to
 
-    def start(self, t: float, q: Array, place: Place) -> None:
+    def start(self, t: float, q: Array, place: FixedPoint) -> None:
         """From rest at joints ``q`` (6,)."""
         self._q, self._share = q, 1.0
         self._leg = plan(t, self._tool.state(q), place, np.zeros(4), self._limits)
@@ -100,8 +100,8 @@ class Way:
         """From where the tool is at ``t`` to rest at ``offset`` from ``origin``; a way to a place is kept."""
         old = self._leg
         if (
-            isinstance(origin, Place)
-            and isinstance(old.origin, Place)
+            isinstance(origin, FixedPoint)
+            and isinstance(old.origin, FixedPoint)
             and np.array_equal(origin.p, old.origin.p)
             and np.array_equal(offset, old.offset)
         ):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.belt.pursuit import Leg, Place, PursuitLimits, State, plan
+from calibration.belt.pursuit import FixedPoint, Leg, PursuitLimits, State, plan
 
 LIMITS = PursuitLimits(v=1.0, a=6.0, j=80.0)
 SPEED = np.array([0.2, -0.05, 0.0, 0.0])
@@ -73,7 +73,7 @@ def test_a_plan_changed_on_the_way_goes_on_without_a_jump() -> None:
 
 
 def test_a_place_that_stands_is_reached_as_fast_as_the_limits_let() -> None:
-    goal = Place(START.p + np.array([0.1, 0.0, 0.0, 0.0]))
+    goal = FixedPoint(START.p + np.array([0.1, 0.0, 0.0, 0.0]))
     leg = plan(0.0, START, goal, np.zeros(4), LIMITS)
     # Constant jerk, acceleration and speed phases of a rest-to-rest move (closed form).
     d, v, a, j = 0.1, LIMITS.v, LIMITS.a, LIMITS.j  # the speed is not reached on so short a way
@@ -89,7 +89,7 @@ def test_a_state_without_a_common_duration_is_planned_axis_by_axis() -> None:
         np.array([-0.09301268428926319, -0.1246457800190425, -0.08292760196288534, 0.0]),
         np.array([1.284193082562771, 4.465794979961217, 0.8120548444329234, 0.0]),
     )
-    leg = plan(0.0, state, Place(np.zeros(4)), np.zeros(4), LIMITS)
+    leg = plan(0.0, state, FixedPoint(np.zeros(4)), np.zeros(4), LIMITS)
     assert leg.at(leg.t1).p == pytest.approx(0.0, abs=1e-9)
 
 
@@ -103,7 +103,7 @@ def test_what_is_beside_is_over_before_a_tool_that_comes_down_apart_is_there() -
 
 
 def test_a_tool_that_has_to_rise_does_so_before_it_has_gone_far() -> None:
-    goal = Place(START.p + np.array([0.4, 0.2, 0.05, 0.0]))
+    goal = FixedPoint(START.p + np.array([0.4, 0.2, 0.05, 0.0]))
     leg = plan(0.0, START, goal, np.zeros(4), LIMITS)
     half = 0.5 * leg.t1
     assert leg.at(half).p[2] - goal.p[2] == pytest.approx(0.0, abs=1e-6)
@@ -117,7 +117,7 @@ def test_against_the_belt_the_tool_has_its_whole_speed_in_the_base() -> None:
 
 
 def test_a_tool_that_has_to_get_slower_brakes_as_hard_as_ever() -> None:
-    goal = Place(START.p + np.array([0.6, 0.0, 0.0, 0.0]))
+    goal = FixedPoint(START.p + np.array([0.6, 0.0, 0.0, 0.0]))
     quick = plan(0.0, START, goal, np.zeros(4), LIMITS)
     now = 0.2
     slow = plan(now, quick.at(now), goal, np.zeros(4), LIMITS.slower(0.3))

@@ -17,9 +17,9 @@ from cell.devices import EncoderState
 from cell.errors import CellError
 from cell.samples import Sample
 from drivers.can_encoder import RawCanEncoder
+from drivers.can_encoder.bus_address import BusAddress, parse_bus
 from drivers.can_encoder.config import CanopenEncoderConfig, RawCanEncoderConfig
 from drivers.can_encoder.counts import Missing, Unwrap
-from drivers.can_encoder.place import Place, parse_place
 from drivers.can_encoder.sdo import SdoAbort, SdoClient
 from drivers.can_encoder.stamps import GatewayStamps, HostStamps, KernelStamps
 from drivers.can_encoder.words import abort_words, emergency_words
@@ -33,19 +33,19 @@ PERIOD = 0.005
 @pytest.mark.parametrize(
     ("bus", "place"),
     [
-        ("socketcan:can0", Place("socketcan", "can0")),
-        ("slcan:/dev/ttyACM0@250000", Place("slcan", "/dev/ttyACM0", bit_rate=250_000)),
+        ("socketcan:can0", BusAddress("socketcan", "can0")),
+        ("slcan:/dev/ttyACM0@250000", BusAddress("slcan", "/dev/ttyACM0", bit_rate=250_000)),
         (
             "slcan:/dev/serial/by-id/x@500000?baudrate=2000000",
-            Place("slcan", "/dev/serial/by-id/x", bit_rate=500_000, baudrate=2_000_000),
+            BusAddress("slcan", "/dev/serial/by-id/x", bit_rate=500_000, baudrate=2_000_000),
         ),
-        ("socketcand:127.0.0.2:29537/vcan0", Place("socketcand", "vcan0", "127.0.0.2", 29537)),
-        ("socketcand:gateway/can0", Place("socketcand", "can0", "gateway", 29536)),
-        ("socketcand:[::1]:29536/can0", Place("socketcand", "can0", "::1", 29536)),
+        ("socketcand:127.0.0.2:29537/vcan0", BusAddress("socketcand", "vcan0", "127.0.0.2", 29537)),
+        ("socketcand:gateway/can0", BusAddress("socketcand", "can0", "gateway", 29536)),
+        ("socketcand:[::1]:29536/can0", BusAddress("socketcand", "can0", "::1", 29536)),
     ],
 )
-def test_a_bus_is_found_by_its_text(bus: str, place: Place) -> None:
-    assert parse_place(bus) == place
+def test_a_bus_is_found_by_its_text(bus: str, place: BusAddress) -> None:
+    assert parse_bus(bus) == place
 
 
 @pytest.mark.parametrize(

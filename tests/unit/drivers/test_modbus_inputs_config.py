@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from drivers.modbus.place import Place, parse_url
+from drivers.modbus.address import ModbusAddress, parse_url
 from drivers.modbus.registers import words_to_int
 from drivers.modbus_inputs.config import InputsConfig
 
@@ -26,15 +26,18 @@ def spans(subject: InputsConfig) -> list[tuple[int, int, int]]:
 @pytest.mark.parametrize(
     ("url", "place"),
     [
-        ("tcp://192.168.10.30", Place("tcp", "192.168.10.30", 502)),
-        ("tcp://io-1.cell:1502", Place("tcp", "io-1.cell", 1502)),
-        ("tcp://[fe80::1]:502", Place("tcp", "fe80::1", 502)),
-        ("tls://io-1.cell", Place("tls", "io-1.cell", 802)),
-        ("rtu:///dev/ttyUSB0", Place("rtu", "/dev/ttyUSB0", 0, 115200, "N", 1)),
-        ("rtu:///dev/ttyS1?baudrate=9600&parity=E&stopbits=2", Place("rtu", "/dev/ttyS1", 0, 9600, "E", 2)),
+        ("tcp://192.168.10.30", ModbusAddress("tcp", "192.168.10.30", 502)),
+        ("tcp://io-1.cell:1502", ModbusAddress("tcp", "io-1.cell", 1502)),
+        ("tcp://[fe80::1]:502", ModbusAddress("tcp", "fe80::1", 502)),
+        ("tls://io-1.cell", ModbusAddress("tls", "io-1.cell", 802)),
+        ("rtu:///dev/ttyUSB0", ModbusAddress("rtu", "/dev/ttyUSB0", 0, 115200, "N", 1)),
+        (
+            "rtu:///dev/ttyS1?baudrate=9600&parity=E&stopbits=2",
+            ModbusAddress("rtu", "/dev/ttyS1", 0, 9600, "E", 2),
+        ),
     ],
 )
-def test_a_url_names_the_place(url: str, place: Place) -> None:
+def test_a_url_names_the_place(url: str, place: ModbusAddress) -> None:
     assert parse_url(url) == place
 
 

@@ -278,7 +278,7 @@ def test_a_section_that_cannot_be_meant_is_refused_in_words(keys: dict[str, Any]
 
 def test_a_right_section_is_taken() -> None:
     subject = section(handshake=HANDSHAKE, allow_requests=True, moving={"address": 8, "bit": 3})
-    assert subject.link.place.host == "192.168.10.40"
+    assert subject.link.address.host == "192.168.10.40"
     file = ObservedArmConfig(url="file:///var/joints.csv", joints=[{}, {"column": "wrist"}])  # type: ignore[list-item]
     assert file.columns == ["q1", "wrist"]
     assert file.path == "/var/joints.csv"

@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from drivers.serial_url import SerialLine
 from drivers.tracker import GeocomConfig, LineStreamConfig
-from drivers.tracker.place import NetPlace, parse_place
+from drivers.tracker.address import NetAddress, parse_address
 
 GEOCOM: dict[str, Any] = {"url": "tcp://127.0.41.1:1212", "reflectors": {"smr1": {"constant_m": 0.0}}}
 STREAM: dict[str, Any] = {
@@ -30,13 +30,13 @@ POLAR: dict[str, Any] = {
 @pytest.mark.parametrize(
     ("url", "place"),
     [
-        ("tcp://10.0.0.7:1212", NetPlace("tcp", "10.0.0.7", 1212)),
-        ("udp://0.0.0.0:5555", NetPlace("udp", "0.0.0.0", 5555)),
+        ("tcp://10.0.0.7:1212", NetAddress("tcp", "10.0.0.7", 1212)),
+        ("udp://0.0.0.0:5555", NetAddress("udp", "0.0.0.0", 5555)),
         ("serial:///dev/ttyUSB1?baudrate=57600&parity=E", SerialLine("/dev/ttyUSB1", 57600, "E")),
     ],
 )
-def test_a_url_says_where_the_instrument_is(url: str, place: NetPlace | SerialLine) -> None:
-    assert parse_place(url, udp=True) == place
+def test_a_url_says_where_the_instrument_is(url: str, place: NetAddress | SerialLine) -> None:
+    assert parse_address(url, udp=True) == place
 
 
 @pytest.mark.parametrize(

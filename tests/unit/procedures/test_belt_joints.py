@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.belt.pursuit import Place, PursuitLimits, State, plan
+from calibration.belt.pursuit import FixedPoint, PursuitLimits, State, plan
 from calibration.kinematics import robot_from_spec
 from cell.errors import CellError
 from procedures.belt.config import BeltTrackingConfig
@@ -47,7 +47,7 @@ def test_joint_speeds_are_the_derivative_of_the_joints(subject: ToolJoints) -> N
 
 def test_a_line_of_states_gives_what_each_alone_gives(subject: ToolJoints) -> None:
     goal = subject.state(WAIT).p + np.array([0.2, 0.3, -0.01, 0.5])
-    leg = plan(0.0, subject.state(WAIT), Place(goal), np.zeros(4), LIMITS)
+    leg = plan(0.0, subject.state(WAIT), FixedPoint(goal), np.zeros(4), LIMITS)
     states = [leg.at(float(t)) for t in np.linspace(0.0, leg.t1, 9)]
     Q, Qd = subject.line(states, WAIT)
     near = WAIT
@@ -77,7 +77,7 @@ def test_a_piece_is_what_it_was_made_of_and_stands_at_its_end(subject: ToolJoint
 def test_a_tool_that_goes_round_the_corner_is_beside_the_item_before_the_straight_part() -> None:
     config = BeltTrackingConfig.model_validate(CONFIG)
     round_it = corner(config, LIMITS)
-    start, goal = State.still(np.array([0.4, 0.3, 0.05, 0.0])), Place(np.zeros(4))
+    start, goal = State.still(np.array([0.4, 0.3, 0.05, 0.0])), FixedPoint(np.zeros(4))
     level = plan(0.0, start, goal, np.array([0.0, 0.0, 0.05, 0.0]), LIMITS)
     turn = level.t1 - round_it.lead_s
     down = plan(turn, level.at(turn), goal, np.zeros(4), LIMITS, apart=True)

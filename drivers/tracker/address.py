@@ -8,7 +8,7 @@ from drivers.serial_url import SerialLine, parse_serial
 
 
 @dataclass(frozen=True)
-class NetPlace:
+class NetAddress:
     """A TCP server that is connected to, or an address of UDP."""
 
     scheme: Literal["tcp", "udp"]
@@ -16,18 +16,18 @@ class NetPlace:
     port: int
 
 
-Place = NetPlace | SerialLine
+TrackerAddress = NetAddress | SerialLine
 
 
-def parse_place(url: str, *, udp: bool = False) -> Place:
-    """``ValueError`` with a sentence for anything that is no place; ``udp`` allows datagrams."""
+def parse_address(url: str, *, udp: bool = False) -> TrackerAddress:
+    """``ValueError`` with a sentence for anything that is no address; ``udp`` allows datagrams."""
     scheme = urlsplit(url).scheme
     if scheme == "serial":
         return parse_serial(url)
     if scheme == "tcp":
-        return NetPlace("tcp", *_host_port(url))
+        return NetAddress("tcp", *_host_port(url))
     if udp and scheme == "udp":
-        return NetPlace("udp", *_host_port(url))
+        return NetAddress("udp", *_host_port(url))
     known = "tcp://, serial:// or udp://" if udp else "tcp:// or serial://"
     raise ValueError(f"url '{url}' should begin with {known}")
 

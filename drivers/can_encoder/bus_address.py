@@ -23,7 +23,7 @@ _FORMS = {
 
 
 @dataclass(frozen=True)
-class Place:
+class BusAddress:
     """A parsed ``bus``; ``channel`` is the interface's name, or the path of a serial adapter."""
 
     interface: Literal["socketcan", "slcan", "socketcand"]
@@ -34,8 +34,8 @@ class Place:
     baudrate: int = 115200  # of the serial line; USB adapters do not care
 
 
-def parse_place(bus: str) -> Place:
-    """``ValueError`` with a sentence for anything that is not the place of a bus."""
+def parse_bus(bus: str) -> BusAddress:
+    """``ValueError`` with a sentence for anything that is not the address of a bus."""
     interface, _, rest = bus.partition(":")
     if interface not in _FORMS:
         raise ValueError(f"bus '{bus}' should begin with socketcan:, slcan: or socketcand:")
@@ -45,14 +45,14 @@ def parse_place(bus: str) -> Place:
         raise ValueError(f"bus '{bus}' should be like {example}")
     parts = found.groupdict()
     if interface == "socketcan":
-        return Place("socketcan", parts["channel"])
+        return BusAddress("socketcan", parts["channel"])
     if interface == "slcan":
         rate = int(parts["bit_rate"])
         if rate not in SLCAN_BIT_RATES:
             known = ", ".join(map(str, SLCAN_BIT_RATES))
             raise ValueError(f"bus '{bus}': serial adapters have no bit rate {rate}; they have {known}")
-        return Place("slcan", parts["channel"], bit_rate=rate, baudrate=int(parts["baudrate"] or 115200))
+        return BusAddress("slcan", parts["channel"], bit_rate=rate, baudrate=int(parts["baudrate"] or 115200))
     port = int(parts["port"] or SOCKETCAND_PORT)
     if not 1 <= port <= 65535:
         raise ValueError(f"bus '{bus}' has a port that is no number from 1 to 65535")
-    return Place("socketcand", parts["channel"], parts["host"].strip("[]"), port)
+    return BusAddress("socketcand", parts["channel"], parts["host"].strip("[]"), port)

@@ -10,7 +10,7 @@ _PORTS = {"tcp": 502, "tls": 802}
 
 
 @dataclass(frozen=True)
-class Place:
+class ModbusAddress:
     """A parsed ``url``: ``host`` and ``port`` of tcp and tls, or ``host`` as the path of a serial line."""
 
     scheme: Literal["tcp", "tls", "rtu"]
@@ -21,12 +21,12 @@ class Place:
     stopbits: int = 1
 
 
-def parse_url(url: str) -> Place:
-    """``ValueError`` with a sentence for anything that is not a place of a module."""
+def parse_url(url: str) -> ModbusAddress:
+    """``ValueError`` with a sentence for anything that is not the address of a module."""
     parts = urlsplit(url)
     if parts.scheme == "rtu":
         line = parse_serial(url)
-        return Place("rtu", line.path, 0, line.baudrate, line.parity, line.stopbits)
+        return ModbusAddress("rtu", line.path, 0, line.baudrate, line.parity, line.stopbits)
     if parts.scheme not in ("tcp", "tls"):
         raise ValueError(f"url '{url}' should begin with tcp://, tls:// or rtu://")
     if parts.query or parts.path.strip("/") or not parts.hostname or parts.username is not None:
@@ -35,4 +35,4 @@ def parse_url(url: str) -> Place:
         port = parts.port or _PORTS[parts.scheme]
     except ValueError:
         raise ValueError(f"url '{url}' has a port that is no number from 1 to 65535") from None
-    return Place("tcp" if parts.scheme == "tcp" else "tls", parts.hostname, port)
+    return ModbusAddress("tcp" if parts.scheme == "tcp" else "tls", parts.hostname, port)
