@@ -73,11 +73,11 @@ class Inputs:
         """Watchdogs belong to the program that set them."""
         self._watchdog = None
 
-    def excuse(self, seconds: float) -> None:
-        """The twin stood still for so long: what clients wrote meanwhile has not been read yet. A controller,
-        which has a computer of its own, would have read it."""
-        if self._watchdog is not None:
-            self._watchdog.last += seconds
+    def excuse(self, seconds: float, t: float) -> None:
+        """The twin stood still for so long, until ``t``: what clients wrote meanwhile may not have been read
+        yet. A controller, which has a computer of its own, would have read it."""
+        if self._watchdog is not None:  # what has been read since then is no later than now
+            self._watchdog.last = min(self._watchdog.last + seconds, t)
 
     def watchdog_expired(self, t: float) -> bool:
         """True when the watched input is late."""

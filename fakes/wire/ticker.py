@@ -36,9 +36,9 @@ class Ticker:
         rate: float,
         cycle: Callable[[float], None],
         now: Callable[[], float],
-        stood_still: Callable[[float], None] = lambda seconds: None,
+        stood_still: Callable[[float, float], None] = lambda seconds, now: None,
     ) -> None:
-        """``stood_still``: told before the next cycle for how long this process did not get a core."""
+        """``stood_still``: told before the next cycle for how long this process got no core, and when it is."""
         self._period, self._cycle, self._now, self._stood_still = 1.0 / rate, cycle, now, stood_still
         self._origin, self._count = 0.0, 0
         self._fd = -1
@@ -74,7 +74,7 @@ class Ticker:
         os.read(self._fd, 8)
         now = self._now()
         if now - self._due > LATE_S:
-            self._stood_still(now - self._due)
+            self._stood_still(now - self._due, now)
         behind = int((now - self._due) / self._period)
         if behind > MOST_CATCH_UP:
             self.lost += behind

@@ -18,6 +18,13 @@ def test_a_client_that_is_silent_for_the_period_lets_the_watchdog_expire(subject
 
 
 def test_the_time_that_the_twin_itself_stood_still_does_not_count(subject: Inputs) -> None:
-    subject.excuse(0.5)
+    subject.excuse(0.5, 0.52)
     assert not subject.watchdog_expired(0.55)
     assert subject.watchdog_expired(0.61)
+
+
+def test_a_kick_that_was_read_right_after_it_does_not_hide_that_no_other_follows(subject: Inputs) -> None:
+    subject.write({"input_int_register_0": 1}, 1.5)
+    subject.excuse(1.5, 1.501)
+    assert not subject.watchdog_expired(1.59)
+    assert subject.watchdog_expired(1.61)
