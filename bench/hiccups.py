@@ -59,15 +59,32 @@ class Scene:
     first: Callable[[WireCell], None] = lambda cell: None
     finish_after_s: float | None = None
     keys: dict[str, Any] = field(default_factory=dict)
+    more: str = ""
+
+    @property
+    def text(self) -> str:
+        """The scenario's own text."""
+        return shipped(self.scenario, **self.keys) + self.more
 
 
+ISO9283 = """
+[cell.job.iso9283]
+reflector = "smr1"
+point = [-0.05, 0.0, 0.06]
+cube = { centre = [-0.6, -0.5, 0.7], edge_m = 0.3, R_base_flange = [1.3818, -0.7395, -0.7817] }
+cycles = 3
+settle_s = 0.3
+window_s = 0.4
+T_base_tracker_nominal = [-2.385, -1.715, 1.11, 0.004, -0.006, -0.943]
+"""
 SCENES = {
     "cone-capture": Scene("bay", camera=True, keys={"placements": 1, "poses_per_placement": 8}),
     "laser-reference": Scene("bay"),
     "laser-check": Scene("bay", before=("laser-reference",)),
     "laser-update": Scene("bay", before=("laser-reference",)),
     "latency-calibration": Scene("bay", before=("laser-reference",)),
-    "tracker-sampling": Scene("tracker"),
+    "tracker-sampling": Scene("tracker", keys={"poses": 16}),
+    "iso9283": Scene("tracker", more=ISO9283),
     "belt-calibration": Scene("picking", camera=True, first=calibrate_camera),
     "belt-tracking": Scene("picking", camera=True, first=calibrate_camera, finish_after_s=45.0),
 }
@@ -310,16 +327,17 @@ def main() -> None:
     for job in options.jobs or SCENES:
         scene = SCENES[job]
         print(f"{job}: scenario {scene.scenario}", flush=True)
-        with tempfile.TemporaryDirectory(prefix="cellward-hiccups-") as folder:
-            scenario = shipped(scene.scenario, **scene.keys)
-            with wire_cell(Path(folder), options.bind, scenario, scene.first, limits={}) as cell:
-                until = time.monotonic() + 60.0 * options.minutes
-                bench = Bench(cell, job, pauses, until, options.record)
-                benches.append(bench)
-                try:
-                    bench.run()
-                except (TimeoutError, CellError) as exc:
-                    print(f"  {job} was left: {exc}", flush=True)
+        with (
+            tempfile.TemporaryDirectory(prefix="cellward-hiccups-") as folder,
+            wire_cell(Path(folder), options.bind, scene.text, scene.first, limits={}) as cell,
+        ):
+            until = time.monotonic() + 60.0 * options.minutes
+            bench = Bench(cell, job, pauses, until, options.record)
+            benches.append(bench)
+            try:
+                bench.run()
+            except (TimeoutError, CellError) as exc:
+                print(f"  {job} was left: {exc}", flush=True)
     table(benches)
 
 

@@ -18,7 +18,7 @@ from typing import Any
 from bench.hiccups import RUN_LIMIT_S, SCENES
 from cell.errors import CellError
 from cell.store.runs import load_run
-from tests.kit.wire_cell import WireCell, pause, shipped, wire_cell
+from tests.kit.wire_cell import WireCell, pause, wire_cell
 
 BUSY = "while True: pass"
 
@@ -47,7 +47,7 @@ def one_run(job: str, bind: str) -> tuple[str, dict[str, Any]]:
     scene = SCENES[job]
     with (
         tempfile.TemporaryDirectory(prefix="cellward-lateness-") as folder,
-        wire_cell(Path(folder), bind, shipped(scene.scenario, **scene.keys), scene.first, limits={}) as cell,
+        wire_cell(Path(folder), bind, scene.text, scene.first, limits={}) as cell,
     ):
         for before in scene.before:
             cell.start_job(before)

@@ -38,7 +38,7 @@ class Ticker:
         now: Callable[[], float],
         stood_still: Callable[[float, float], None] = lambda seconds, now: None,
     ) -> None:
-        """``stood_still``: told before the next cycle for how long this process got no core, and when it is."""
+        """``stood_still``: told before the next cycle how long this process got no core, and the time now."""
         self._period, self._cycle, self._now, self._stood_still = 1.0 / rate, cycle, now, stood_still
         self._origin, self._count = 0.0, 0
         self._fd = -1
