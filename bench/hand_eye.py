@@ -18,7 +18,7 @@ from calibration.hand_eye import se3
 from calibration.hand_eye.classic import METHODS, solve_classic
 from calibration.hand_eye.problem import Problem, Setup
 from calibration.hand_eye.solution import Measurements, Solution, prepare, solve
-from calibration.hand_eye.views import View
+from calibration.hand_eye.views import CornerSet
 from cell.devices import Intrinsics
 from cell.poses import Array
 
@@ -82,7 +82,7 @@ def simulate(case: Case, seed: int, start: bool = False) -> Measurements:
             )
             uv = uv.reshape(-1, 2) + rng.normal(size=(len(POINTS), 2)) * case.px
             F.append((true * off).as_matrix())
-            views.append(View(POINTS, uv, np.ones(len(POINTS)), C.as_matrix() if start else None))
+            views.append(CornerSet(POINTS, uv, np.ones(len(POINTS)), C.as_matrix() if start else None))
             group.append(g)
     C0 = np.tile(np.eye(4), (len(F), 1, 1))
     return Measurements(case.setup, np.array(F), np.array(group), views, C0, np.eye(4)[None])

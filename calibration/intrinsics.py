@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.hand_eye.pnp import solve_pnp
-from calibration.hand_eye.views import View
+from calibration.hand_eye.views import CornerSet
 from cell.devices import Intrinsics
 from cell.poses import Array
 
@@ -61,19 +61,19 @@ class IntrinsicsCheck:
     left_out: tuple[int, ...] = ()
 
 
-def select_views(views: Sequence[View]) -> list[View]:
+def select_views(views: Sequence[CornerSet]) -> list[CornerSet]:
     """At most 30 views that see enough corners, spread evenly over the set."""
     return [views[k] for k in _select_rows(views)]
 
 
-def _select_rows(views: Sequence[View]) -> list[int]:
+def _select_rows(views: Sequence[CornerSet]) -> list[int]:
     rich = [k for k, v in enumerate(views) if len(v.points) >= MIN_CORNERS]
     if len(rich) <= _MOST_VIEWS:
         return rich
     return [rich[i] for i in np.linspace(0, len(rich) - 1, _MOST_VIEWS).round().astype(int)]
 
 
-def check_intrinsics(views: Sequence[View], given: Intrinsics) -> IntrinsicsCheck | None:
+def check_intrinsics(views: Sequence[CornerSet], given: Intrinsics) -> IntrinsicsCheck | None:
     """Compare ``given`` with the camera that the views ask for; None when they are too few to tell.
 
     Given intrinsics do not fit when the free camera lowers the reprojection error by a fifth, or moves a
@@ -102,7 +102,7 @@ def check_intrinsics(views: Sequence[View], given: Intrinsics) -> IntrinsicsChec
     return replace(again, left_out=left_out)
 
 
-def _compare(chosen: Sequence[View], given: Intrinsics) -> IntrinsicsCheck | None:
+def _compare(chosen: Sequence[CornerSet], given: Intrinsics) -> IntrinsicsCheck | None:
     free = estimate_intrinsics(chosen, given.width, given.height, given)
     if free is None:
         return None
@@ -115,7 +115,7 @@ def _compare(chosen: Sequence[View], given: Intrinsics) -> IntrinsicsCheck | Non
     return IntrinsicsCheck(not (worse or bool(moved and worse_than_noise(rms, free.rms_px))), rms, free)
 
 
-def standing_out(views: Sequence[View], camera: Intrinsics) -> NDArray[np.bool_]:
+def standing_out(views: Sequence[CornerSet], camera: Intrinsics) -> NDArray[np.bool_]:
     """Which views (n,) have a reprojection error far above the others'; none when they are no minority."""
     rms = view_rms(views, camera)
     known = np.isfinite(rms)
@@ -132,13 +132,13 @@ def worse_than_noise(rms_given: float, rms_free: float) -> bool:
     return rms_given > 1.02 * rms_free
 
 
-def reprojection_rms(views: Sequence[View], camera: Intrinsics) -> float:
+def reprojection_rms(views: Sequence[CornerSet], camera: Intrinsics) -> float:
     """RMS distance in pixels over all corners, each view with its own best pose."""
     count = np.array([v.count.sum() for v in views])
     return float(np.sqrt(np.average(view_rms(views, camera) ** 2, weights=count)))
 
 
-def view_rms(views: Sequence[View], camera: Intrinsics) -> Array:
+def view_rms(views: Sequence[CornerSet], camera: Intrinsics) -> Array:
     """RMS distance (n,) in pixels over the corners of each view with its own best pose."""
     poses, owner = solve_pnp(views, camera)
     best = poses.take(np.unique(owner, return_index=True)[1])
@@ -146,7 +146,7 @@ def view_rms(views: Sequence[View], camera: Intrinsics) -> Array:
 
 
 def estimate_robustly(
-    views: Sequence[View], width: int, height: int
+    views: Sequence[CornerSet], width: int, height: int
 ) -> tuple[EstimatedIntrinsics | None, tuple[int, ...]]:
     """The intrinsics without the few views that stand out, and the rows of those; None when it fails."""
     rows = _select_rows(views)
@@ -166,7 +166,7 @@ def estimate_robustly(
 
 
 def estimate_intrinsics(
-    views: Sequence[View], width: int, height: int, guess: Intrinsics | None = None
+    views: Sequence[CornerSet], width: int, height: int, guess: Intrinsics | None = None
 ) -> EstimatedIntrinsics | None:
     """K and five distortion coefficients from at least five views of a target; None when it fails.
 
@@ -192,7 +192,7 @@ def estimate_intrinsics(
 
 
 def _calibrate(
-    views: Sequence[View], width: int, height: int, guess: Intrinsics | None, flags: int
+    views: Sequence[CornerSet], width: int, height: int, guess: Intrinsics | None, flags: int
 ) -> EstimatedIntrinsics | None:
     K = np.eye(3)  # its ratio fx : fy is the one that a fixed aspect keeps
     if guess is not None:

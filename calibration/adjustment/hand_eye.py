@@ -39,7 +39,7 @@ from calibration.hand_eye.normal import Linearised, linearise
 from calibration.hand_eye.pnp import refine_poses
 from calibration.hand_eye.problem import Estimate, Problem, flange_adjoint
 from calibration.hand_eye.solution import Measurements, Solution
-from calibration.hand_eye.views import View, undistort
+from calibration.hand_eye.views import CornerSet, undistort
 from calibration.kinematics.parametric import ParametricArm
 from cell.devices import Intrinsics
 from cell.poses import Array
@@ -298,7 +298,9 @@ def _excess(cell: _Cell, state: _State, images: ImageTerms) -> float:
     return squared / left if left > 0 and squared > chdtri(left, _CHANCE) else 1.0
 
 
-def _numbered_alike(views: Sequence[View], C: Array, camera: Intrinsics, motions: Array) -> list[View]:
+def _numbered_alike(
+    views: Sequence[CornerSet], C: Array, camera: Intrinsics, motions: Array
+) -> list[CornerSet]:
     """Views with their points as the poses ``C`` (n, 4, 4) have them: ``motions`` turn a target onto itself,
     and an image may have numbered it in any of these ways."""
     if len(motions) == 1:
@@ -312,7 +314,7 @@ def _numbered_alike(views: Sequence[View], C: Array, camera: Intrinsics, motions
     return out
 
 
-def _printed(views: Sequence[View], shape: TargetShape, numbers: Array) -> list[View]:
+def _printed(views: Sequence[CornerSet], shape: TargetShape, numbers: Array) -> list[CornerSet]:
     return [replace(view, points=shape.moved(view.points, numbers)) for view in views]
 
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from calibration.hand_eye import se3
-from calibration.hand_eye.views import View
+from calibration.hand_eye.views import CornerSet
 from cell.devices import Intrinsics
 from cell.poses import Array
 
@@ -59,7 +59,7 @@ class ImageTerms:
     pull: Array
 
 
-def image_terms(views: Sequence[View], C: Array, camera: Intrinsics, shape: "TargetShape") -> ImageTerms:
+def image_terms(views: Sequence[CornerSet], C: Array, camera: Intrinsics, shape: "TargetShape") -> ImageTerms:
     """At the images' own best poses ``C`` (n, 4, 4)."""
     gram = np.empty((len(views), 6 + NUMBERS + 1, 6 + NUMBERS + 1))
     sizes = np.array([len(v.points) for v in views])
@@ -97,7 +97,7 @@ class TargetShape:
         return out
 
 
-def target_shape(views: Sequence[View]) -> TargetShape:
+def target_shape(views: Sequence[CornerSet]) -> TargetShape:
     """Of the target that all ``views`` see parts of."""
     points = np.unique(np.concatenate([v.points for v in views]).round(9), axis=0)[:, :2]
     low, high = points.min(axis=0), points.max(axis=0)
@@ -115,7 +115,7 @@ def moved_camera(camera: Intrinsics, numbers: Array) -> Intrinsics:
     return Intrinsics(camera.width, camera.height, K, tuple(map(float, dist)))
 
 
-def _derivatives(views: Sequence[View], C: Array, camera: Intrinsics, shape: TargetShape) -> Array:
+def _derivatives(views: Sequence[CornerSet], C: Array, camera: Intrinsics, shape: TargetShape) -> Array:
     """(2m, 6 + 13 + 1) for all corners: derivatives of the predicted pixels by the pose from the left and by
     the numbers, and the residuals, whitened. ``C`` (m, 4, 4) is the pose of each corner's view."""
     points = np.concatenate([v.points for v in views])

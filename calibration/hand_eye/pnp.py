@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.hand_eye import se3
 from calibration.hand_eye.pnp_start import mirrored, start_poses
-from calibration.hand_eye.views import View, distortion_jacobian, undistort
+from calibration.hand_eye.views import CornerSet, distortion_jacobian, undistort
 from cell.devices import Intrinsics
 from cell.poses import Array
 
@@ -65,7 +65,7 @@ class _Stack:
         return _Stack(self.points[rows], self.ideal[rows], whiten)
 
 
-def _stack(views: Sequence[View], camera: Intrinsics) -> _Stack:
+def _stack(views: Sequence[CornerSet], camera: Intrinsics) -> _Stack:
     n = len(views)
     sizes = np.array([len(v.points) for v in views])
     m = int(sizes.max())
@@ -153,12 +153,12 @@ def _refine(everything: _Stack, sizes: Indices, C: Array, give_up: Array | None 
     return Poses(C, cov, sse, sizes)
 
 
-def refine_poses(views: Sequence[View], camera: Intrinsics, C: Array) -> Poses:
+def refine_poses(views: Sequence[CornerSet], camera: Intrinsics, C: Array) -> Poses:
     """The pose of each view from ``C`` (n, 4, 4), which is near it: no second pose is looked for."""
     return _refine(_stack(views, camera), np.array([len(v.points) for v in views]), C)
 
 
-def solve_pnp(views: Sequence[View], camera: Intrinsics) -> tuple[Poses, Indices]:
+def solve_pnp(views: Sequence[CornerSet], camera: Intrinsics) -> tuple[Poses, Indices]:
     """Every pose that explains a view, and the view (k,) that each belongs to, best one of each first.
 
     A planar target seen with little perspective has a second pose, mirrored in its line of sight, that fits

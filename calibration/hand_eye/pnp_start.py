@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.hand_eye import se3
-from calibration.hand_eye.views import View, undistort
+from calibration.hand_eye.views import CornerSet, undistort
 from cell.devices import Intrinsics
 from cell.poses import Array
 
 
-def start_poses(views: Sequence[View], camera: Intrinsics) -> Array:
+def start_poses(views: Sequence[CornerSet], camera: Intrinsics) -> Array:
     """A guess (n, 4, 4) of T_camera_target for each view, its own start if it has one.
 
     NaN where no pose before the camera explains the corners.

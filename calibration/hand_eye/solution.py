@@ -15,7 +15,7 @@ from calibration.hand_eye.observability import Refusal, refuse
 from calibration.hand_eye.pnp import solve_pnp
 from calibration.hand_eye.problem import Estimate, Groups, Problem, Setup
 from calibration.hand_eye.robust import robust_fit
-from calibration.hand_eye.views import View
+from calibration.hand_eye.views import CornerSet
 from cell.devices import Intrinsics
 from cell.poses import Array
 
@@ -34,7 +34,7 @@ class Measurements:
     setup: Setup
     F: Array
     group: Groups
-    views: Sequence[View | None]
+    views: Sequence[CornerSet | None]
     C: Array
     motions: Array
 

@@ -10,7 +10,7 @@ from cell.poses import Array
 
 
 @dataclass(frozen=True)
-class View:
+class CornerSet:
     """Corners of one observation: target points (m, 3), pixels (m, 2), frames averaged per corner (m,).
 
     ``start`` is a first guess of T_camera_target, (4, 4), or None.

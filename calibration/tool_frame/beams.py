@@ -10,7 +10,7 @@ from calibration.tool_frame.averaging import average, excess, robust
 from calibration.tool_frame.beam_lines import FoundBeam, beam_through, plane_gap, point_cov
 from calibration.tool_frame.bounds import At, Model, Rows, rows_of, several_speeds
 from calibration.tool_frame.centres import out_back
-from calibration.tool_frame.crossings import Crossing, Seen, see
+from calibration.tool_frame.crossings import Crossing, PassContents, see
 from calibration.tool_frame.geometry import BEAMS, BeamFrame
 from calibration.tool_frame.lateral import ROUGH_SPREAD
 from calibration.tool_frame.model_choice import TWO_HEIGHTS_M
@@ -55,7 +55,7 @@ class FoundBeams:
     chords: Mapping[str, float]
     scene: Scene
     frames: Mapping[str, BeamFrame]
-    seen: Seen
+    seen: PassContents
     selection: Selection
     rejected: Mapping[int, str]
     warnings: Sequence[tuple[str, str]]
@@ -183,7 +183,7 @@ def _from_the_first(places: Places, used: set[int], beam: str, first: int) -> tu
     return first, max(used, key=lambda j: abs(float(along[j] - along[first])))
 
 
-def _check_seen(seen: Seen) -> None:
+def _check_seen(seen: PassContents) -> None:
     shown = {c.source.beam for c in seen.crossings.values()}
     if not shown:
         raise Refusal("no-edges", "no pass shows the tool breaking a beam and clearing it again")

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.tool_frame.crossings import Crossing, Seen
+from calibration.tool_frame.crossings import Crossing, PassContents
 from calibration.tool_frame.geometry import BeamFrame
 from calibration.tool_frame.glimpse import Glimpse, glimpse, plain_hit
 from calibration.tool_frame.height import Density, first_contact
 from calibration.tool_frame.hits import Bracket
 from calibration.tool_frame.repeatability import Scatter
 from calibration.tool_frame.scene import Pass, Scene
-from calibration.tool_frame.tip import End, View
+from calibration.tool_frame.tip import End, ToolInBeam
 from cell.poses import Array
 
 _SAME_HEIGHT_M = 5e-6
@@ -25,13 +25,13 @@ class Looks:
     that the crossings were read with, ``lift`` (3,) up."""
 
     scene: Scene
-    seen: Seen
+    seen: PassContents
     frame: BeamFrame
     lift: Array
     tau: float
 
     def density(
-        self, places: Sequence[int], bracket: Bracket, view: View, ends: Sequence[End], scatter: Scatter
+        self, places: Sequence[int], bracket: Bracket, view: ToolInBeam, ends: Sequence[End], scatter: Scatter
     ) -> Density:
         """Where the end of the tool first meets the beam, m along the lift."""
         return first_contact(self.glimpses(places), view, ends, scatter, bracket.hit, bracket.miss)

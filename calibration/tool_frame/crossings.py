@@ -64,7 +64,7 @@ class Crossing:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class PassContents:
     """What the passes show, each by its place in the scene.
 
     ``crossings`` met the whole tool and ``partial`` a part of it, of several fingers the longest; ``missed``
@@ -77,7 +77,7 @@ class Seen:
     reasons: Mapping[int, str]
 
 
-def see(scene: Scene, frames: Mapping[str, BeamFrame], tau: float = 0.0) -> Seen:
+def see(scene: Scene, frames: Mapping[str, BeamFrame], tau: float = 0.0) -> PassContents:
     """All passes of ``scene``; positions are read ``tau`` s before the polls, where the arm truly was."""
     crossings: dict[int, Crossing] = {}
     missed: list[int] = []
@@ -91,7 +91,7 @@ def see(scene: Scene, frames: Mapping[str, BeamFrame], tau: float = 0.0) -> Seen
         else:
             crossings[place] = crossing(scene, frames[found.beam], found, edges, tau)
     partial = _take_bounce_out(scene, frames, crossings, reasons, tau)
-    return Seen(crossings, partial, missed, reasons)
+    return PassContents(crossings, partial, missed, reasons)
 
 
 def _take_bounce_out(

@@ -14,7 +14,7 @@ from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 from calibration.tool_frame.glimpse import LOST, Glimpse
 from calibration.tool_frame.repeatability import Scatter
 from calibration.tool_frame.standstills import SHARED
-from calibration.tool_frame.tip import End, View
+from calibration.tool_frame.tip import End, ToolInBeam
 from cell.poses import Array
 
 _GRID = 321
@@ -41,7 +41,7 @@ class Density:
 
 def first_contact(
     glimpses: Sequence[Glimpse],
-    view: View,
+    view: ToolInBeam,
     ends: Sequence[End],
     scatter: Scatter,
     below: float,
@@ -68,7 +68,7 @@ def first_contact(
 
 
 def _log_density(
-    glimpses: Sequence[Glimpse], view: View, ends: Sequence[End], scatter: Scatter, grid: Array
+    glimpses: Sequence[Glimpse], view: ToolInBeam, ends: Sequence[End], scatter: Scatter, grid: Array
 ) -> Array:
     """(E, S, n) logarithm of the likelihood of all passes for the heights ``grid`` (n,)."""
     found = np.zeros((len(ends), len(scatter.sigmas), len(grid)))

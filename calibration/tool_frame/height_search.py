@@ -15,7 +15,7 @@ from scipy.special import ndtr
 from calibration.tool_frame.glimpse import Glimpse
 from calibration.tool_frame.height import NEAR_M, first_contact, weights
 from calibration.tool_frame.repeatability import Scatter
-from calibration.tool_frame.tip import POINT, UPRIGHT, View
+from calibration.tool_frame.tip import POINT, UPRIGHT, ToolInBeam
 from cell.poses import Array
 
 POLLS_OF_A_BREAK = 4.0  # at least, at the speed that is chosen
@@ -75,7 +75,7 @@ class _Seeking:
         self.search, self.chord = search, search.chord
         up, along = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
         side = np.cross(up, along)
-        self.view = View(-up, side, up, side, 0.5 * self.chord, self.chord)
+        self.view = ToolInBeam(-up, side, up, side, 0.5 * self.chord, self.chord)
         ends = POINT if search.fingers else UPRIGHT
         found = first_contact(glimpses, self.view, ends, search.scatter, search.hit, search.clear)
         w = weights(found.evidence, ends, search.scatter)

@@ -7,7 +7,7 @@ import numpy as np
 
 from calibration.tool_frame.averaging import Fit, average, excess, robust
 from calibration.tool_frame.bounds import At, Model, Rows, rows_of
-from calibration.tool_frame.crossings import Crossing, Seen
+from calibration.tool_frame.crossings import Crossing, PassContents
 from calibration.tool_frame.geometry import BEAMS
 from calibration.tool_frame.model_choice import choose_model, groups_of
 from calibration.tool_frame.posterior import Noise, posterior
@@ -66,7 +66,7 @@ class Lateral:
         return found
 
 
-def rough_delay(seen: Seen, selection: Selection) -> float:
+def rough_delay(seen: PassContents, selection: Selection) -> float:
     """The input's delay (s) by averaging, to read the arm's positions where it was."""
     crossings = {k: seen.crossings[k] for k in selection.across}
     if not crossings:

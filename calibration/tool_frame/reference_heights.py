@@ -7,14 +7,14 @@ import numpy as np
 
 from calibration.tool_frame import geometry as geo
 from calibration.tool_frame.contacts import Looks
-from calibration.tool_frame.crossings import Seen
+from calibration.tool_frame.crossings import PassContents
 from calibration.tool_frame.geometry import BeamFrame
 from calibration.tool_frame.height import mixed
 from calibration.tool_frame.hits import Bracket, bracket
 from calibration.tool_frame.places import Places
 from calibration.tool_frame.repeatability import Scatter
 from calibration.tool_frame.scene import Refusal, Scene
-from calibration.tool_frame.tip import ENDS, POINT, View
+from calibration.tool_frame.tip import ENDS, POINT, ToolInBeam
 from cell.poses import Array
 
 Spot = tuple[str, int]
@@ -41,7 +41,9 @@ class SpotHeights:
 
 
 class _Spots:
-    def __init__(self, scene: Scene, frames: Mapping[str, BeamFrame], seen: Seen, places: Places) -> None:
+    def __init__(
+        self, scene: Scene, frames: Mapping[str, BeamFrame], seen: PassContents, places: Places
+    ) -> None:
         self.scene, self.frames, self.seen, self.places = scene, frames, seen, places
 
     def own(self, spot: Spot) -> list[int]:
@@ -68,7 +70,7 @@ class _Spots:
 
 
 def rough_heights(
-    scene: Scene, frames: Mapping[str, BeamFrame], seen: Seen, places: Places, spots: Sequence[Spot]
+    scene: Scene, frames: Mapping[str, BeamFrame], seen: PassContents, places: Places, spots: Sequence[Spot]
 ) -> SpotHeights:
     """From the middles of what hits and misses leave open."""
     found = _Spots(scene, frames, seen, places)
@@ -80,7 +82,7 @@ def rough_heights(
 def spot_heights(
     scene: Scene,
     frames: Mapping[str, BeamFrame],
-    seen: Seen,
+    seen: PassContents,
     places: Places,
     spots: Sequence[Spot],
     own_tilt: Mapping[str, float],
@@ -98,7 +100,9 @@ def spot_heights(
         beam = spot[0]
         frame, e = frames[beam], edges[beam]
         chord = float(e[1] - e[0])
-        view = View.of(axis, frame.normal(own_tilt[beam]), frame.line.direction, frame.w, 0.5 * chord, chord)
+        view = ToolInBeam.of(
+            axis, frame.normal(own_tilt[beam]), frame.line.direction, frame.w, 0.5 * chord, chord
+        )
         looks = Looks(scene, seen, frame, frame.w, tau)
         densities.append(looks.density(found.own(spot), found.bracket(spot), view, ends, scatter))
     mean, cov, _ = mixed(densities, ends, scatter)

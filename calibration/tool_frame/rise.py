@@ -17,7 +17,7 @@ from calibration.tool_frame.geometry import BEAMS
 from calibration.tool_frame.height import Density, weights
 from calibration.tool_frame.lateral import Lateral
 from calibration.tool_frame.repeatability import Scatter, scatter_of
-from calibration.tool_frame.tip import ENDS, POINT, End, View
+from calibration.tool_frame.tip import ENDS, POINT, End, ToolInBeam
 from calibration.tool_frame.vertical import Vertical
 from cell.poses import Array
 
@@ -178,7 +178,7 @@ class Rise:
         view = self._view(beam, current, self.at)
         return looks.density(own, bracket, view, self.ends, self.scatter)
 
-    def _view(self, beam: str, current: bool, at: At) -> View:
+    def _view(self, beam: str, current: bool, at: At) -> ToolInBeam:
         v = self.vertical
         turns: Mapping[str, float] = at.tilt if current else at.own_tilt
         turned = {b: turns.get(b, 0.0) for b in BEAMS}
@@ -186,4 +186,6 @@ class Rise:
         chord = float(edges[1] - edges[0] if self.fingers else edges[-1] - edges[0])
         axis = geo.turned_axis(v.frames, v.axis, turned)
         normal = v.frames[beam].normal(turned[beam])
-        return View.of(axis, normal, v.frames[beam].line.direction, v.lifts[beam], self.radius[beam], chord)
+        return ToolInBeam.of(
+            axis, normal, v.frames[beam].line.direction, v.lifts[beam], self.radius[beam], chord
+        )

@@ -8,7 +8,7 @@ import numpy as np
 from calibration.tool_frame import geometry as geo
 from calibration.tool_frame.apparent_width import even_widths, unlike_stated
 from calibration.tool_frame.bounds import At, Model
-from calibration.tool_frame.crossings import Crossing, Seen, see
+from calibration.tool_frame.crossings import Crossing, PassContents, see
 from calibration.tool_frame.geometry import BEAMS, BeamFrame
 from calibration.tool_frame.lateral import INTERVAL, Lateral, rough_delay, solve_lateral, without_blunders
 from calibration.tool_frame.out_and_back import UNSEEN_DELAY, compared_ways
@@ -43,7 +43,7 @@ class Solution:
     z_sigma: float | None
     lateral: Lateral
     frames: Mapping[str, BeamFrame]
-    seen: Seen
+    seen: PassContents
     selection: Selection
     rejected: Mapping[int, str]
     heights: Heights
@@ -151,7 +151,7 @@ class _Solving:
             lever=self._levers(vertical.seen, lateral),
         )
 
-    def _levers(self, seen: Seen, lateral: Lateral) -> dict[str, float]:
+    def _levers(self, seen: PassContents, lateral: Lateral) -> dict[str, float]:
         used = [seen.crossings[k] for k in sorted(set(lateral.rows.source.tolist()))]
         return {
             b: float(np.mean([-c.above - lateral.height.get(b, 0.0) for c in used if _is(c, b)]))

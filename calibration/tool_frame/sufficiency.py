@@ -3,13 +3,13 @@
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
-from calibration.tool_frame.crossings import Crossing, Seen
+from calibration.tool_frame.crossings import Crossing, PassContents
 from calibration.tool_frame.geometry import BEAMS
 from calibration.tool_frame.scene import Refusal, Scene
 from calibration.tool_frame.selection import Selection, select
 
 
-def selected(scene: Scene, seen: Seen) -> tuple[Selection, list[tuple[str, str]]]:
+def selected(scene: Scene, seen: PassContents) -> tuple[Selection, list[tuple[str, str]]]:
     """The passes to be used, with warnings; refused where a set does not show the tool in both beams."""
     if not seen.crossings:
         what = "no pass shows the tool breaking a beam and clearing it again"

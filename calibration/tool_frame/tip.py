@@ -51,7 +51,7 @@ POINT = (End("point", 1.0),)  # where widths tell nothing
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class ToolInBeam:
     """The tool as one beam sees it in one set.
 
     ``axis`` (3,) is in the base from the flange to the point, ``n`` (3,) normal to beam and axis, ``lift``
@@ -67,7 +67,7 @@ class View:
     chord: float
 
     @classmethod
-    def of(cls, axis: Array, n: Array, beam: Array, lift: Array, radius: float, chord: float) -> "View":
+    def of(cls, axis: Array, n: Array, beam: Array, lift: Array, radius: float, chord: float) -> "ToolInBeam":
         """``beam`` (3,) is the beam's direction."""
         side = np.cross(beam, lift)
         return cls(axis, n, lift, side / np.linalg.norm(side), radius, chord)

@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration.tool_frame import geometry as geo
 from calibration.tool_frame.bounds import At
-from calibration.tool_frame.crossings import Seen
+from calibration.tool_frame.crossings import PassContents
 from calibration.tool_frame.geometry import BEAMS, BeamFrame
 from calibration.tool_frame.hits import Bracket, bracket
 from calibration.tool_frame.scene import Scene
@@ -25,7 +25,7 @@ class Vertical:
     """
 
     def __init__(
-        self, scene: Scene, frames: Mapping[str, BeamFrame], seen: Seen, selection: Selection
+        self, scene: Scene, frames: Mapping[str, BeamFrame], seen: PassContents, selection: Selection
     ) -> None:
         self.scene, self.frames, self.seen, self.selection = scene, frames, seen, selection
         self.axis: Array = scene.R @ scene.tool.axis

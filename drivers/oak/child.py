@@ -30,7 +30,7 @@ from drivers.oak.config import OakConfig
 from drivers.oak.protocol import Message, error_to_json, frame_to_json, pack, read_message
 
 if TYPE_CHECKING:
-    from drivers.oak.pipeline import Shot, Source
+    from drivers.oak.pipeline import FrameSource, Shot
 
 _QUIET = {
     "DEPTHAI_TELEMETRY": "0",
@@ -161,7 +161,7 @@ class VisionChild:
             except Exception as exc:
                 self._link.fail(exc)
 
-    def _serve(self, source: "Source", time_offset_s: float) -> None:
+    def _serve(self, source: "FrameSource", time_offset_s: float) -> None:
         ready = False
         while not self._link.closed.is_set():
             self._obey()

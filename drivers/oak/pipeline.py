@@ -35,7 +35,7 @@ class Shot:
     depth: NDArray[np.uint16] | None  # (h, w) mm, 0 = invalid
 
 
-class Source:
+class FrameSource:
     """A running pipeline. ``fallback`` gives intrinsics where a frame does not carry valid ones."""
 
     def __init__(
@@ -104,7 +104,7 @@ def frame_intrinsics(frame: Any, fallback: Any = None) -> Intrinsics:
 
 
 @contextmanager
-def open_source(config: OakConfig) -> Iterator[Source]:
+def open_source(config: OakConfig) -> Iterator[FrameSource]:
     """A running source for ``config``; ``DEVICE_UNREACHABLE`` when there is no camera."""
     if config.socket_path is not None:
         with _frame_source(config.socket_path) as source:
@@ -118,7 +118,7 @@ def open_source(config: OakConfig) -> Iterator[Source]:
 
 
 @contextmanager
-def _oak_source(config: OakConfig) -> Iterator[Source]:
+def _oak_source(config: OakConfig) -> Iterator[FrameSource]:
     with _open_device(config) as device, dai.Pipeline(device) as pipeline:
         try:
             source = _start_oak(pipeline, device, config)
@@ -127,7 +127,7 @@ def _oak_source(config: OakConfig) -> Iterator[Source]:
         yield source
 
 
-def _start_oak(pipeline: Any, device: Any, config: OakConfig) -> Source:
+def _start_oak(pipeline: Any, device: Any, config: OakConfig) -> FrameSource:
     device.setMaxReconnectionAttempts(0)  # reconnecting is the supervisor's business
     device.setIrLaserDotProjectorIntensity(0.0)  # its dots disturb corners
     colour, depth = oak_nodes(pipeline, device, config)
@@ -139,7 +139,7 @@ def _start_oak(pipeline: Any, device: Any, config: OakConfig) -> Source:
         {"platform": device.getPlatformAsString()},
     )
     pipeline.start()
-    return Source(pipeline, queue, identity, device.readCalibration())
+    return FrameSource(pipeline, queue, identity, device.readCalibration())
 
 
 def _open_device(config: OakConfig) -> Any:
@@ -240,7 +240,7 @@ def _image(group: FrameGroup, pixels: NDArray[Any], kind: Any, end: timedelta) -
 
 
 @contextmanager
-def _frame_source(path: str) -> Iterator[Source]:
+def _frame_source(path: str) -> Iterator[FrameSource]:
     """A pipeline fed from the socket; returns when the first group says what there is."""
     socket = FrameSocket(path)
     try:
@@ -255,7 +255,7 @@ def _frame_source(path: str) -> Iterator[Source]:
             identity = Identity("OAK frame source", first.serial, f"depthai {dai.__version__}")
             pipeline.start()
             try:
-                yield Source(pipeline, queue, identity, node=node)
+                yield FrameSource(pipeline, queue, identity, node=node)
             finally:
                 pipeline.stop()
                 pipeline.wait()

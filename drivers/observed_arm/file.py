@@ -14,8 +14,8 @@ from cell.errors import CellError, error
 from cell.poses import Array
 from drivers.modbus.link import NoAnswer
 from drivers.observed_arm.config import ObservedArmConfig
+from drivers.observed_arm.joint_source import ObservedJoints
 from drivers.observed_arm.rows import MAX_BYTES, BadRow, JointTable, TableChanged, TableFormat
-from drivers.observed_arm.source import Seen
 
 log = logging.getLogger("cellward.devices")
 
@@ -56,7 +56,7 @@ class FileSource:
     async def close(self) -> None:
         """Nothing stays open between two looks."""
 
-    async def look(self, tick: int) -> list[Seen]:
+    async def look(self, tick: int) -> list[ObservedJoints]:
         begin = self._clock.now()
         self._stamp, data = await self._in_time(self._stamp)
         end = self._clock.now()
@@ -69,7 +69,7 @@ class FileSource:
             raise error(
                 "OBSERVED_FILE_CHANGED", f"{self._name}: rows of {self._path} that were read are not the same"
             ) from None
-        out: list[Seen] = []
+        out: list[ObservedJoints] = []
         middle = 0.5 * (since + end) - self._config.time_offset_s
         for row in rows:
             if isinstance(row, BadRow):
@@ -77,7 +77,7 @@ class FileSource:
             else:
                 q, seq = np.array(row.q), self._rows
                 self._rows += 1
-                out.append(Seen(q, middle, 0.5 * (end - since), seq, rests=True, pose=row.pose))
+                out.append(ObservedJoints(q, middle, 0.5 * (end - since), seq, rests=True, pose=row.pose))
         return out
 
     async def request(self, number: int, q: Array) -> bool:

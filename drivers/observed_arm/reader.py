@@ -24,9 +24,9 @@ from drivers.modbus.link import NoAnswer
 from drivers.modbus.ticker import Ticker
 from drivers.observed_arm.config import ObservedArmConfig
 from drivers.observed_arm.file import FileSource
+from drivers.observed_arm.joint_source import JointSource, ObservedJoints
 from drivers.observed_arm.registers import RegisterSource
 from drivers.observed_arm.rest import RestWatch
-from drivers.observed_arm.source import Seen, Source
 
 log = logging.getLogger("cellward.devices")
 
@@ -52,7 +52,7 @@ class ObservedArmReader(SampledDevice):
         super().__init__(name, clock, self._looks)
         self._config = config
         self._rest = RestWatch(config.rest_window_s, config.rest_spread_rad, config.poll_period_s)
-        self._source: Source | None = None
+        self._source: JointSource | None = None
         self._ticker: Ticker | None = None
         self._failures = self._failures_in_a_row = 0
 
@@ -129,12 +129,12 @@ class ObservedArmReader(SampledDevice):
 
     # -- looking
 
-    def _new_source(self) -> Source:
+    def _new_source(self) -> JointSource:
         if self._config.is_file:
             return FileSource(self.name, self._config, self._clock)
         return RegisterSource(self.name, self._config, self._clock, self._disconnected)
 
-    async def _first_look(self, source: Source) -> None:
+    async def _first_look(self, source: JointSource) -> None:
         for attempt in range(self._config.lost_after_failures):
             try:
                 await self._look(source, 0)
@@ -149,7 +149,7 @@ class ObservedArmReader(SampledDevice):
         for joint in far:
             log.warning("%s: joint %d is beyond two turns; compare its unit and scale", self.name, joint + 1)
 
-    async def _poll_on(self, ticker: Ticker, source: Source) -> None:
+    async def _poll_on(self, ticker: Ticker, source: JointSource) -> None:
         while self._life.good:
             tick = await ticker.wait()
             try:
@@ -163,7 +163,7 @@ class ObservedArmReader(SampledDevice):
                     return
                 self._failed(exc)
 
-    async def _look(self, source: Source, tick: int) -> None:
+    async def _look(self, source: JointSource, tick: int) -> None:
         begin = self._clock.now()
         found = await source.look(tick)
         end = self._clock.now()
@@ -171,7 +171,7 @@ class ObservedArmReader(SampledDevice):
             self.joints.push(self._sample(seen))
         self._looks.push(Sample(None, 0.5 * (begin + end), 0.5 * (end - begin), tick))
 
-    def _sample(self, seen: Seen) -> Sample[JointState]:
+    def _sample(self, seen: ObservedJoints) -> Sample[JointState]:
         rests = seen.rests
         if rests is None:
             rests = self._rest.take(seen.t, seen.q, seen.moving)

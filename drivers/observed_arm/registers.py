@@ -14,7 +14,7 @@ from drivers.modbus.identify import identify
 from drivers.modbus.link import ModbusLink, NoAnswer
 from drivers.modbus.registers import Span, Table
 from drivers.observed_arm.config import HandshakeConfig, ObservedArmConfig
-from drivers.observed_arm.source import Seen
+from drivers.observed_arm.joint_source import ObservedJoints
 
 LARGEST_NUMBER = 0xFFFF
 
@@ -49,7 +49,7 @@ class RegisterSource:
     async def close(self) -> None:
         await self._link.close()
 
-    async def look(self, tick: int) -> list[Seen]:
+    async def look(self, tick: int) -> list[ObservedJoints]:
         begin = self._clock.now()
         words: dict[Register, int] = {}
         for span in self._spans:
@@ -58,7 +58,7 @@ class RegisterSource:
         end = self._clock.now()
         self._round_trip_s = end - begin
         return [
-            Seen(
+            ObservedJoints(
                 self._joints(words),
                 t=0.5 * (begin + end) - self._config.time_offset_s,
                 dt=0.5 * (end - begin),

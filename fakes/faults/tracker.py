@@ -6,8 +6,8 @@ from typing import Any
 from cell.errors import error
 from fakes.faults.actions import Action, Actions
 from fakes.faults.vocabulary import Fault, number
-from fakes.world.tracker.sight import BROKEN, TURNED_AWAY
 from fakes.world.tracker.tracker import Tracker
+from fakes.world.tracker.visibility import BROKEN, TURNED_AWAY
 
 _FAR = -1e6
 
@@ -60,10 +60,10 @@ class TrackerFaults:
         if name is not None and name not in self._tracker.reflectors:
             known = ", ".join(self._tracker.reflectors)
             raise error("ARGUMENT_INVALID", f"reflector={name!r} does not exist; there are {known}")
-        self._tracker.sight.hinder(why, self._now(), name)
+        self._tracker.visibility.hinder(why, self._now(), name)
 
     def _show(self, why: str) -> None:
-        self._tracker.sight.free(self._now(), why)
+        self._tracker.visibility.free(self._now(), why)
 
     def _push(self, arguments: Mapping[str, Any]) -> None:
         shift = [number(arguments, key, 0.0, low=_FAR) for key in ("dx", "dy", "dz")]

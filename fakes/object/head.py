@@ -9,7 +9,7 @@ from cell.clock import Clock
 from cell.devices import BoardView, ItemView
 from cell.poses import Array
 from fakes.object._plant import Plant
-from fakes.object.item_sight import Look, items_seen
+from fakes.object.item_detection import Look, items_seen
 from fakes.world.targets import faces_away, target_points
 from fakes.world.world import World
 

@@ -17,7 +17,7 @@ from fakes.ur.urscript import (
     Do,
     If,
     Leave,
-    Source,
+    ParsedProgram,
     Statement,
     While,
     expressions,
@@ -238,7 +238,7 @@ class Interpreter:
         return (yield from self._evaluate(left.value, inner))
 
 
-def secondary_steps(robot: "Robot", source: Source) -> Steps:
+def secondary_steps(robot: "Robot", source: ParsedProgram) -> Steps:
     """A secondary program: it runs beside the main one and must not take physical time."""
     for statement in walk(source.statements):
         waits = isinstance(statement, While) or any(

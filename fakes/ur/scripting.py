@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from fakes.ur.control_script import ControlProgram, recognise
 from fakes.ur.interpreter import Interpreter, secondary_steps
 from fakes.ur.runtime import Program, ScriptError
-from fakes.ur.urscript import NotInSubsetError, Source, read_program
+from fakes.ur.urscript import NotInSubsetError, ParsedProgram, read_program
 
 if TYPE_CHECKING:
     from fakes.ur.robot import Robot
@@ -88,7 +88,7 @@ class ScriptPort:
             return
         self._take_source(read_program(text))
 
-    def _take_source(self, source: Source) -> None:
+    def _take_source(self, source: ParsedProgram) -> None:
         failure = self._unknown(source)
         if failure is not None:
             self._refuse(source.name, failure, source.secondary)
@@ -98,7 +98,7 @@ class ScriptPort:
             steps = Interpreter(self._robot).run(source.statements)
             self._robot.start(Program(source.name, steps, "script"))
 
-    def _unknown(self, source: Source) -> ScriptError | None:
+    def _unknown(self, source: ParsedProgram) -> ScriptError | None:
         """What keeps a program from being run, in the controller's words where it has some."""
         if source.unknown is not None:
             line, why = source.unknown

@@ -82,7 +82,7 @@ Statement = Do | Assign | If | While | Leave | Define
 
 
 @dataclass(frozen=True)
-class Source:
+class ParsedProgram:
     """A program as it was read. ``unknown`` is the first line that is outside the subset, and why."""
 
     name: str
@@ -121,7 +121,7 @@ class _Block:
         return If(self.line, (*self.branches, (self.condition, body)))
 
 
-def read_program(text: str) -> Source:
+def read_program(text: str) -> ParsedProgram:
     """Read a ``def`` or ``sec`` program, or bare lines as the controller wraps them."""
     lines = [(n, line) for n, line in enumerate(text.splitlines(), start=1) if _code(line)]
     header = _HEADER.match(_code(lines[0][1])) if lines else None
@@ -130,9 +130,9 @@ def read_program(text: str) -> Source:
         name, secondary = header.group(2), header.group(1) == "sec"
         lines = lines[1:-1]
     try:
-        return Source(name, secondary, read_statements(lines))
+        return ParsedProgram(name, secondary, read_statements(lines))
     except NotInSubsetError as exc:
-        return Source(name, secondary, (), (exc.line, exc.why))
+        return ParsedProgram(name, secondary, (), (exc.line, exc.why))
 
 
 def read_statements(lines: Iterable[tuple[int, str]]) -> tuple[Statement, ...]:

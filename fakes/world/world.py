@@ -234,7 +234,7 @@ class World:
         """The true centre (3,) of a reflector in the base, m; ``CONFIG_INVALID`` when there is none."""
         if self.tracker is None or name not in self.tracker.reflectors:
             raise error("CONFIG_INVALID", f"the scenario has no reflector {name}")
-        return self.tracker.sight.position(name, t)
+        return self.tracker.visibility.position(name, t)
 
     def _links(self, t: float) -> Array:
         """Of the arm that a tracker is there for: a UR beside an observed arm is parked out of the way."""

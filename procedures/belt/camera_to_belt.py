@@ -16,14 +16,14 @@ from procedures.kinematics_in_use import require_same_model
 
 
 @dataclass(frozen=True)
-class Seen:
+class SeenItem:
     """One item in one frame: its grasp point (3,) in the base, and the yaw of its longer side, rad."""
 
     point: Array
     yaw: float
 
 
-class Sight:
+class CameraToBelt:
     """A fixed camera above the belt: ``T_base_camera``, and the plane of the belt at height ``z_m``.
 
     ``BELT_NO_CAMERA`` without a calibrated one, ``KINEMATICS_DIFFER`` when it was made with another model of
@@ -53,11 +53,11 @@ class Sight:
             "size_m": [look.min_size_m, look.max_size_m],
         }
 
-    def seen(self, views: Sequence[ItemView]) -> list[Seen]:
+    def seen(self, views: Sequence[ItemView]) -> list[SeenItem]:
         """``views`` in the base, all at once: a picture of a full belt must not hold the stream."""
         if not views:
             return []
         points = self.T_base_camera.apply([view.point for view in views])
         axes = self.T_base_camera.rotation.apply([view.axis for view in views])
         yaws = np.arctan2(axes[:, 1], axes[:, 0])
-        return [Seen(point, float(yaw)) for point, yaw in zip(points, yaws, strict=True)]
+        return [SeenItem(point, float(yaw)) for point, yaw in zip(points, yaws, strict=True)]

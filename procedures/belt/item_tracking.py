@@ -17,7 +17,7 @@ from cell.errors import error
 from cell.poses import Array
 from cell.samples import Sample
 from procedures.belt.camera_stall import Stall
-from procedures.belt.camera_to_belt import Seen, Sight
+from procedures.belt.camera_to_belt import CameraToBelt, SeenItem
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.encoder_alarms import Emergencies
 from procedures.belt.items import Item, Outcome, Queue, as_sighting
@@ -38,7 +38,7 @@ class BeltWatch:
         self,
         encoder: Encoder,
         camera: DepthCamera,
-        sight: Sight,
+        camera_to_belt: CameraToBelt,
         belt: Mapping[str, Any],
         config: BeltTrackingConfig,
     ) -> None:
@@ -60,7 +60,12 @@ class BeltWatch:
         self._slip_watch, self._doubted = SlipWatch(config.spacing_m), list[_Look]()
         self.tell: Callable[..., None] = lambda event, **what: None  # hears of what an operator should know
         self.emergencies = Emergencies(encoder, lambda what: self.tell("encoder emergency", what=what))
-        self._encoder, self._camera, self._sight, self._config = encoder, camera, sight, config
+        self._encoder, self._camera, self._camera_to_belt, self._config = (
+            encoder,
+            camera,
+            camera_to_belt,
+            config,
+        )
         self._frames: deque[Sample[Frame]] = deque()
         self._undo: list[Any] = []
         self.record: PickRecord | None = None
@@ -191,7 +196,7 @@ class BeltWatch:
         """Hold the frame back while it is in doubt, and with it those that it makes credible."""
         if forecast.now - frame.t_exposure > LOOK_BACK_S or frame.t_exposure < self._since:
             return
-        look = _Look(frame, self._sight.seen(frame.items or ()))
+        look = _Look(frame, self._camera_to_belt.seen(frame.items or ()))
         travel = forecast.travel(frame.t_exposure)
         sigma = max((view.sigma_m for view in frame.items or ()), default=0.0)
         along = travel * self._flat_length
@@ -249,4 +254,4 @@ class _Look:
     """One frame, and what it shows in the base."""
 
     frame: Frame
-    seen: list[Seen]
+    seen: list[SeenItem]

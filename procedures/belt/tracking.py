@@ -18,7 +18,7 @@ from cell.poses import Array, from_pose6
 from cell.procedure import FinishRequested, Procedure, Run
 from cell.run_values import RunValues
 from procedures.arm_setup import arm_model, lease_settings
-from procedures.belt.camera_to_belt import Sight
+from procedures.belt.camera_to_belt import CameraToBelt
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.item_bookkeeping import Upkeep
 from procedures.belt.item_tracking import BeltWatch
@@ -65,7 +65,7 @@ class BeltTracking(Procedure):
         belt_of(values)
         for name in [name for name in values.versions if name.startswith("belt.")]:
             require_same_model(values, name)
-        Sight(values, self.config.belt_z_m, self.config.items)
+        CameraToBelt(values, self.config.belt_z_m, self.config.items)
 
     async def run(self, run: Run) -> None:
         await run.enter(S.PREPARE)
@@ -118,8 +118,8 @@ class _Picking:
     def __init__(self, config: BeltTrackingConfig, run: Run) -> None:
         self.config, self.run, values = config, run, run.values
         self.arm, self.camera = run.arm(), run.camera(CAMERA)
-        self.sight = Sight(values, config.belt_z_m, config.items)
-        self.watch = BeltWatch(run.encoder(), self.camera, self.sight, belt_of(values), config)
+        self.camera_to_belt = CameraToBelt(values, config.belt_z_m, config.items)
+        self.watch = BeltWatch(run.encoder(), self.camera, self.camera_to_belt, belt_of(values), config)
         self.watch.learnt = BeltLive(run).look
         self.watch.tell = lambda event, **what: run.note("decision", event=event, **what)
         self.upkeep = Upkeep(run, self.watch, config.picks)
@@ -163,7 +163,7 @@ class _Picking:
 
     async def look_for_items(self) -> None:
         """From now on the camera does."""
-        await self.camera.set_items(self.sight.spec())
+        await self.camera.set_items(self.camera_to_belt.spec())
 
     async def _require_empty(self) -> None:
         gripper = self.run.gripper()

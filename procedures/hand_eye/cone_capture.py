@@ -24,9 +24,9 @@ from procedures.arm_setup import arm_robot
 from procedures.hand_eye.config import ConeCaptureConfig
 from procedures.hand_eye.judging import fault_of, moved_since, repeats, shows_board
 from procedures.hand_eye.plan import (
+    BoardObservation,
     PlacementPlan,
     PlanRequest,
-    View,
     Visit,
     plan_placement,
     plan_search,
@@ -337,7 +337,7 @@ class _Capture:
         if self.calibration is None:
             return
         views = [
-            View.from_observation(o, self.record.header["camera"])
+            BoardObservation.from_observation(o, self.record.header["camera"])
             for o in self.record.observations
             if o["group"] == self.record.observations[-1]["group"]
         ]
@@ -383,10 +383,10 @@ class _Capture:
             await self.run.clock.sleep(0.02)
         return sample.value
 
-    async def _view(self, frame: Frame) -> View:
+    async def _view(self, frame: Frame) -> BoardObservation:
         state = await self.run.arm_state()
         assert frame.board is not None
-        return View(
+        return BoardObservation(
             q=[float(v) for v in state.q],
             T_base_flange=[float(v) for v in to_pose6(state.T_base_flange)],
             ids=[int(i) for i in frame.board.ids],

@@ -12,7 +12,7 @@ from calibration.targets import make_target
 from cell.errors import AbortError
 from cell.poses import Array, to_pose6
 from procedures.hand_eye.config import ConeCaptureConfig
-from procedures.hand_eye.plan import PlanRequest, View, plan_placement
+from procedures.hand_eye.plan import BoardObservation, PlanRequest, plan_placement
 from procedures.hand_eye.words import prediction_text
 from procedures.setup import Setup
 
@@ -83,7 +83,9 @@ def _request(setup: Setup, job: ConeCaptureConfig, calibration: dict[str, Any], 
     )
 
 
-def _assumed_view(target: dict[str, Any], q: Array, flange: RigidTransform, distance: float) -> View:
+def _assumed_view(
+    target: dict[str, Any], q: Array, flange: RigidTransform, distance: float
+) -> BoardObservation:
     """The target's points as seen along a sight line that meets its centre at right angles."""
     points = make_target(target).points
     # A marker's z points out of it, the other targets' z into them.
@@ -91,7 +93,7 @@ def _assumed_view(target: dict[str, Any], q: Array, flange: RigidTransform, dist
     in_camera = facing.apply(points - board_centre(points)) + np.array([0.0, 0.0, distance])
     fx, fy, cx, cy = ASSUMED_CAMERA["K"]
     u, v = fx * in_camera[:, 0] / in_camera[:, 2] + cx, fy * in_camera[:, 1] / in_camera[:, 2] + cy
-    return View(
+    return BoardObservation(
         q=[float(x) for x in q],
         T_base_flange=[float(x) for x in to_pose6(flange)],
         ids=list(range(len(points))),

@@ -11,7 +11,7 @@ from calibration.hand_eye import se3
 from calibration.hand_eye.closed_form import closed_form
 from calibration.hand_eye.pnp import solve_pnp
 from calibration.hand_eye.problem import Problem, Setup
-from calibration.hand_eye.views import View as CornerView
+from calibration.hand_eye.views import CornerSet
 from calibration.planning import (
     ConeRequest,
     ConeShape,
@@ -35,7 +35,7 @@ MIN_VIEWS = 4
 
 
 @dataclass(frozen=True)
-class View:
+class BoardObservation:
     """The board seen once: joints, flange pose, and corners ``ids`` (n,) with pixels (n, 2)."""
 
     q: list[float]
@@ -45,7 +45,9 @@ class View:
     camera: dict[str, Any]
 
     @classmethod
-    def from_observation(cls, observation: Mapping[str, Any], camera: Mapping[str, Any]) -> "View":
+    def from_observation(
+        cls, observation: Mapping[str, Any], camera: Mapping[str, Any]
+    ) -> "BoardObservation":
         """The first frame of a finished pose."""
         corners = observation["frames"][0]["corners"]
         seen = [(i, uv) for i, uv in enumerate(corners) if uv is not None]
@@ -74,7 +76,7 @@ class PlanRequest:
     values: RunValues
     target: dict[str, Any]
     calibration: dict[str, Any]
-    view: View
+    view: BoardObservation
     poses: int
     min_poses: int
     cone_half_angle_rad: float
@@ -141,7 +143,7 @@ def plan_placement(request: PlanRequest) -> PlacementPlan:
     return PlacementPlan([Visit(p.index, [float(v) for v in p.q]) for p in plan.poses], listing)
 
 
-def plan_search(values: RunValues, view: View) -> list[list[float]]:
+def plan_search(values: RunValues, view: BoardObservation) -> list[list[float]]:
     """Joints of up to six small checked moves about the present pose."""
     guard, _, _ = lease_settings(values)
     start = from_pose6(view.T_base_flange)
@@ -149,7 +151,9 @@ def plan_search(values: RunValues, view: View) -> list[list[float]]:
     return [[float(v) for v in move.q] for move in moves]
 
 
-def refine_calibration(setup: Setup, target: Mapping[str, Any], views: Sequence[View]) -> dict[str, Any]:
+def refine_calibration(
+    setup: Setup, target: Mapping[str, Any], views: Sequence[BoardObservation]
+) -> dict[str, Any]:
     """X from views of one placement by the closed form: good enough to plan with."""
     if len(views) < MIN_VIEWS:
         raise error("SOLVE_REFUSED", f"{len(views)} views of the board, {MIN_VIEWS} are needed to plan with")
@@ -170,9 +174,9 @@ def refine_calibration(setup: Setup, target: Mapping[str, Any], views: Sequence[
     return {"X": [float(v) for v in to_pose6(RigidTransform.from_matrix(closed_form(problem).X))]}
 
 
-def camera_to_target(view: View, points: Array) -> RigidTransform:
+def camera_to_target(view: BoardObservation, points: Array) -> RigidTransform:
     """``T_camera_target`` of one view; the better of the two poses that a plane allows."""
-    corner_view = CornerView(points[view.ids], np.array(view.corners), np.ones(len(view.ids)))
+    corner_view = CornerSet(points[view.ids], np.array(view.corners), np.ones(len(view.ids)))
     poses, _ = solve_pnp([corner_view], view.intrinsics())
     return RigidTransform.from_matrix(poses.C[0])
 

@@ -25,7 +25,7 @@ from procedures.latency.solver import BEAM_EDGES
 
 
 class Beams:
-    """One beam, crossed by the tool where it is as thick as it gets. A :class:`~.source.Source`."""
+    """One beam, crossed by the tool where it is as thick as it gets: a :class:`.DelayedDevice`."""
 
     role: ClassVar[str] = "beams"
     signal: ClassVar[str] = BEAM_EDGES

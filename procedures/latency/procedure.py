@@ -1,7 +1,7 @@
 """Job ``latency-calibration``: how late a source's stamps are against the arm's, as a versioned offset.
 
 What is done is the same for all: out and back at several speeds. What differs is in a class for each source,
-see :class:`procedures.latency.source.Source`; the beams are the first.
+see :class:`procedures.latency.delayed_device.DelayedDevice`; the beams are the first.
 """
 
 import asyncio
@@ -21,9 +21,9 @@ from procedures.laser.plan import note_plan
 from procedures.laser.reference import LaserReference
 from procedures.latency.beams import Beams
 from procedures.latency.config import LatencyCalibrationConfig
+from procedures.latency.delayed_device import DelayedDevice
 from procedures.latency.result import LatencyResult
 from procedures.latency.solver import DATA_FILE, SCHEMA, solve_latency
-from procedures.latency.source import Source
 
 
 class State(StrEnum):
@@ -59,7 +59,7 @@ class LatencyCalibration(Procedure):
         S.SOLVE: frozenset(),
     }
     CHECKPOINTS: ClassVar[frozenset[Any]] = frozenset({S.APPROACH, S.SWEEP})
-    SOURCES: ClassVar[dict[str, type[Source]]] = {Beams.role: Beams}
+    SOURCES: ClassVar[dict[str, type[DelayedDevice]]] = {Beams.role: Beams}
 
     config: LatencyCalibrationConfig
 
@@ -109,7 +109,7 @@ class LatencyCalibration(Procedure):
     def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
         return solve_within_limits(path, info["job_config"]["accept"])
 
-    async def _excite(self, run: Run, source: Source, lease: MotionLease) -> None:
+    async def _excite(self, run: Run, source: DelayedDevice, lease: MotionLease) -> None:
         await run.enter(S.APPROACH, source.device)
         await source.approach(lease)
         speeds, passes = self.config.speeds_m_s, self.config.passes
@@ -119,10 +119,10 @@ class LatencyCalibration(Procedure):
                 await source.excite(lease, speed, number)
                 run.progress(run.step + 1, run.steps)
 
-    def _source(self, run: Run) -> Source:
+    def _source(self, run: Run) -> DelayedDevice:
         return self.SOURCES[self.config.source](self.config, run)
 
-    def _write_data_set(self, run: Run, source: Source) -> Path:
+    def _write_data_set(self, run: Run, source: DelayedDevice) -> Path:
         """``latency.json`` of the usable passes."""
         data = {
             "schema": SCHEMA,

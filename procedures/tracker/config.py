@@ -41,7 +41,7 @@ class Monument(_Strict):
     point: Three = Field(description="m, in the base; to about 50 mm, its place is measured first")
 
 
-class Sight(_Strict):
+class SightLimits(_Strict):
     """Where the tracker can measure, and how far its beam has to stay from the arm."""
 
     range_m: Two = Field(default=[0.8, 30.0], description="least and greatest distance")
@@ -109,8 +109,9 @@ class TrackerSamplingConfig(_Strict):
         default=None,
         description="[low, high] of each joint; else half a turn each way",
     )
-    sight: Sight = Field(
-        default_factory=lambda: Sight(), description="where the tracker must be able to see the reflectors"
+    sight: SightLimits = Field(
+        default_factory=lambda: SightLimits(),
+        description="where the tracker must be able to see the reflectors",
     )
     settle_s: float = Field(default=0.5, ge=0, le=60, description="wait at rest before a measurement")
     window_s: float = Field(

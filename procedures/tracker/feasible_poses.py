@@ -18,8 +18,8 @@ from cell.poses import Array, from_pose6
 from cell.run_values import RunValues
 from procedures.arm_setup import lease_settings
 from procedures.tracker.config import TrackerSamplingConfig
+from procedures.tracker.line_of_sight import REASONS, LineOfSight
 from procedures.tracker.occlusion import Shape, shape_of
-from procedures.tracker.sight import REASONS, View
 
 ASSUMED_RANGE_M = 3.5  # while the tracker's place is unknown
 _BATCH = 4000
@@ -61,7 +61,7 @@ class Space:
     ranges: Array
     guard: MotionGuard | None
     shape: Shape | None
-    view: View | None
+    view: LineOfSight | None
     noise: Mapping[str, float]
     refused: Counter[str] = field(default_factory=Counter)
 
@@ -144,7 +144,7 @@ class Space:
             self.guard.check_path_joints(q0, q1, 0.5 * PLANNED_CLEAR_M)
 
     def link_ends(self, Q: Array) -> Array | None:
-        """(n, k, 2, 3): the links at joints (n, j), as :meth:`View.hidden` wants them; None of no shape."""
+        """(n, k, 2, 3): the links at joints (n, j), as :meth:`.LineOfSight.hidden` takes them, or None."""
         return None if self.shape is None else self.shape.ends(Q)
 
     def check_start(self, q: Array) -> None:
@@ -216,7 +216,7 @@ def make_space(
 
 def _view(
     place: RigidTransform, config: TrackerSamplingConfig, guard: MotionGuard | None, shape: Shape | None
-) -> View:
+) -> LineOfSight:
     boxes = [] if guard is None else [(box.low, box.high) for box in guard.limits.keep_out]
     radii = np.zeros(0) if shape is None else shape.radii
-    return View(place, config.sight, list(config.reflectors.values()), radii, boxes)
+    return LineOfSight(place, config.sight, list(config.reflectors.values()), radii, boxes)

@@ -41,7 +41,7 @@ IDENTITY = Identity("", "99994400001")
 
 
 def _where(tracker: Tracker) -> Callable[[str, float], Array]:
-    return lambda reflector, t: np.array(tracker.sight.local(reflector, t))
+    return lambda reflector, t: np.array(tracker.visibility.local(reflector, t))
 
 
 @asynccontextmanager

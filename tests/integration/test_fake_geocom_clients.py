@@ -72,7 +72,7 @@ def good(response: GeoComResponse[Any]) -> Any:
 
 
 def locked(station: GeoCom, tracker: Tracker, name: str = "smr1") -> None:
-    hz, v = polar(tracker.sight.local(name, time.monotonic()))
+    hz, v = polar(tracker.visibility.local(name, time.monotonic()))
     good(station.aut.turn_to(hz + 0.002, v - 0.002, "NORMAL", "POSITION"))
     good(station.aut.switch_atr(True))
     good(station.aut.fine_adjust(0.03, 0.03))
@@ -106,7 +106,7 @@ def test_geocompy_sets_up_aims_locks_and_measures(tmp_path: Path, wire: str, che
         assert good(station.mot.get_lockon_status()).name == "LOCK"
         assert good(station.aut.get_lock_status()) is True
 
-        true = tracker.sight.local("smr1", time.monotonic())
+        true = tracker.visibility.local("smr1", time.monotonic())
         good(station.tmc.do_measurement("DISTANCE"))
         coordinate = good(station.tmc.get_coordinate(2))[0]
         assert [*coordinate] == pytest.approx(true.tolist(), abs=2e-4)

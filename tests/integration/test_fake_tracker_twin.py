@@ -47,7 +47,7 @@ async def request(subject: Twin, what: dict[str, Any]) -> Any:
 def true_point(subject: Twin, name: str) -> np.ndarray[Any, Any]:
     tracker = subject.world.tracker
     assert tracker is not None
-    return tracker.sight.local(name, subject.controller.now())
+    return tracker.visibility.local(name, subject.controller.now())
 
 
 async def point_of(reader: asyncio.StreamReader) -> tuple[np.ndarray[Any, Any], str]:

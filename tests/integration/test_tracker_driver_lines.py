@@ -405,7 +405,7 @@ def test_the_twins_lines_are_read_as_the_points_they_are(form: str) -> None:
         device = LineStreamTracker("tracker", config, MonotonicClock())
         try:
             await device.open()
-            true = np.array(tracker.sight.local("m1", time.monotonic()))
+            true = np.array(tracker.visibility.local("m1", time.monotonic()))
             await device.select("smr1")
             await device.find(true, 2.0)
             value = (await device.measure(0.2, 1e-3, 3.0)).value

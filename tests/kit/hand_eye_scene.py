@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.hand_eye.solution import Measurements
-from calibration.hand_eye.views import View
+from calibration.hand_eye.views import CornerSet
 from cell.devices import Intrinsics
 from cell.poses import compose, exp_xi, from_pose6, to_pose6
 
@@ -47,7 +47,10 @@ class Scene:
             self.setup,  # type: ignore[arg-type]
             np.stack([T.as_matrix() for T in self.flange]),
             self.group,
-            [View(POINTS, uv, np.ones(54), C[i] if start else None) for i, uv in enumerate(self.corners)],
+            [
+                CornerSet(POINTS, uv, np.ones(54), C[i] if start else None)
+                for i, uv in enumerate(self.corners)
+            ],
             np.tile(np.eye(4), (n, 1, 1)),
             np.eye(4)[None],
         )

@@ -7,12 +7,12 @@ import numpy as np
 from calibration.tool_frame.glimpse import Glimpse, glimpse
 from calibration.tool_frame.height_search import HeightSearch, Sought, sought
 from calibration.tool_frame.repeatability import scatter_of
-from calibration.tool_frame.tip import End, View
+from calibration.tool_frame.tip import End, ToolInBeam
 
 CHORD_M = 0.007
 ROUND_END, FLAT_END = End("ball", 1.0, 1.0, 2e-5), End("point", 1.0)
 UP = np.array([0.0, 0.0, 1.0])
-VIEW = View(-UP, np.array([0.0, 1.0, 0.0]), UP, np.array([0.0, 1.0, 0.0]), 0.5 * CHORD_M, CHORD_M)
+VIEW = ToolInBeam(-UP, np.array([0.0, 1.0, 0.0]), UP, np.array([0.0, 1.0, 0.0]), 0.5 * CHORD_M, CHORD_M)
 FAST, SLOW, PERIOD_S = 0.05, 0.02, 0.005
 
 

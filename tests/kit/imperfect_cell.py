@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from calibration.adjustment.arm_terms import reference_joints
 from calibration.hand_eye import se3
 from calibration.hand_eye.solution import Measurements
-from calibration.hand_eye.views import View
+from calibration.hand_eye.views import CornerSet
 from calibration.kinematics.families import arm_spec
 from calibration.kinematics.serial import SerialChain
 from calibration.kinematics.ur import UrArm
@@ -103,7 +103,7 @@ def capture(rng: np.random.Generator, cell: World, plan: str) -> tuple[Measureme
     places, each = PLANS[plan]
     F, Q, views, group = [], [], [], []
     for g in range(places):
-        own: list[tuple[Array, Array, View]] = []
+        own: list[tuple[Array, Array, CornerSet]] = []
         while len(own) < each:  # a place where some pose is out of reach is another one
             own = _placement(rng, cell, plan, each)
         F += [f for f, _, _ in own]
@@ -128,7 +128,7 @@ def capture_eye_to_hand(rng: np.random.Generator, cell: World) -> tuple[Measurem
         raise ValueError("the capture has no start poses")
     centre = RigidTransform.from_translation(POINTS.mean(axis=0)).as_matrix()
     camera = measured.F[rows[0]] @ X_NOMINAL.as_matrix() @ first.start @ centre
-    views: list[View | None] = []
+    views: list[CornerSet | None] = []
     for i in rows:
         off = se3.exp(rng.normal(size=6) * np.array([FLANGE_T] * 3 + [FLANGE_R] * 3))
         on_flange = X_NOMINAL.as_matrix() @ se3.inverse(centre)
@@ -140,17 +140,17 @@ def capture_eye_to_hand(rng: np.random.Generator, cell: World) -> tuple[Measurem
     return captured, Q[rows], se3.inverse(cell.base) @ camera
 
 
-def _view(rng: np.random.Generator, cell: World, C: Array, start: Array) -> View:
+def _view(rng: np.random.Generator, cell: World, C: Array, start: Array) -> CornerSet:
     uv, _ = cv2.projectPoints(
         cell.points, cv2.Rodrigues(C[:3, :3])[0], C[:3, 3], cell.camera.matrix, np.array(cell.camera.dist)
     )
     uv = uv.reshape(-1, 2) + rng.normal(size=(len(POINTS), 2)) * PX
-    return View(POINTS, uv, np.ones(len(POINTS)), start)
+    return CornerSet(POINTS, uv, np.ones(len(POINTS)), start)
 
 
 def _placement(
     rng: np.random.Generator, cell: World, plan: str, each: int
-) -> list[tuple[Array, Array, View]]:
+) -> list[tuple[Array, Array, CornerSet]]:
     """Flange, joints and view of each pose about a board somewhere; fewer where one is out of reach."""
     a, reach = rng.uniform(-np.pi, np.pi), rng.uniform(0.5, 0.8)
     W = RigidTransform.from_components(

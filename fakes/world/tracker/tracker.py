@@ -10,9 +10,9 @@ from math import atan2, ceil, floor, hypot, tau
 import numpy as np
 
 from cell.poses import Array, to_pose6
-from fakes.world.tracker.sight import Carrier, Links, Sight, Still
 from fakes.world.tracker.stand import Stand
 from fakes.world.tracker.truth import ReflectorTruth, TrackerTruth
+from fakes.world.tracker.visibility import Carrier, Links, ReflectorVisibility, Still
 
 NOT_AIMED, MULTIPLE, NO_TARGET = "no reflector aimed at", "several reflectors", "no reflector found"
 _LOOK_S = 0.05  # so often it sees whether the light of a moving reflector still comes back
@@ -54,7 +54,7 @@ class Tracker:
     ) -> None:
         self.truth, self.reflectors = truth, reflectors
         self.stand = Stand(truth, t0)
-        self.sight = Sight(truth, reflectors, carrier, still, self.stand, links)
+        self.visibility = ReflectorVisibility(truth, reflectors, carrier, still, self.stand, links)
         self.constant_m = truth.constant_m
         self.doubtful = False
         self.shake: tuple[float, float] = (0.0, 0.0)  # amplitude (m) and frequency (Hz)
@@ -72,7 +72,7 @@ class Tracker:
         self.advance(t)
         if self.target is None:
             return Reading(t, *self._aim, None, self.status, self.doubtful)
-        true = self.sight.local(self.target, t)
+        true = self.visibility.local(self.target, t)
         distance = float(np.linalg.norm(true))
         error = self.constant_m - self.reflectors[self.target].constant_m
         point = true * (1.0 + error / distance) + self._noise(t, distance)
@@ -92,7 +92,7 @@ class Tracker:
             return
         for when in self._looks(since, t):
             if status := self._lost(self.target, when):
-                self._aim = polar(self.sight.local(self.target, when)) if self.follows else self._aim
+                self._aim = polar(self.visibility.local(self.target, when)) if self.follows else self._aim
                 self.target, self.status = None, status
                 return
 
@@ -126,9 +126,9 @@ class Tracker:
         self.release(t)
         centre, found = direction(hz, v), []
         for name in self.reflectors:
-            if self.sight.hindrance(name, t):
+            if self.visibility.hindrance(name, t):
                 continue
-            there = self.sight.local(name, t)
+            there = self.visibility.local(name, t)
             its_hz, its_v = polar(there)
             if abs(_wrap(its_hz - hz)) <= half_hz and abs(its_v - v) <= half_v:
                 found.append((_angle(centre, there), name, there))
@@ -146,7 +146,7 @@ class Tracker:
 
     def lock(self, t: float, reflector: str) -> str:
         """What somebody does by hand: aim at ``reflector`` and follow it; empty, or why that fails."""
-        self.turn_to(t, *polar(self.sight.local(reflector, t)))
+        self.turn_to(t, *polar(self.visibility.local(reflector, t)))
         self.follow(t, True)
         return self.search(t, self.truth.search_rad, self.truth.search_rad)
 
@@ -154,7 +154,7 @@ class Tracker:
         """Hz and V to which it points, rad."""
         self.advance(t)
         if self.target is not None and self.follows:
-            return polar(self.sight.local(self.target, t))
+            return polar(self.visibility.local(self.target, t))
         return self._aim
 
     def turning_s(self, t: float, hz: float, v: float) -> float:
@@ -177,8 +177,8 @@ class Tracker:
             "reflectors": {
                 name: {
                     **reflector.model_dump(),
-                    "p_base": self.sight.position(name, t).tolist(),
-                    "hindrance": self.sight.hindrance(name, t),
+                    "p_base": self.visibility.position(name, t).tolist(),
+                    "hindrance": self.visibility.hindrance(name, t),
                 }
                 for name, reflector in self.reflectors.items()
             },
@@ -189,17 +189,17 @@ class Tracker:
     def _looks(self, since: float, t: float) -> list[float]:
         """The times at which the target is looked at: on a grid, so that asking often changes nothing."""
         assert self.target is not None
-        looks = [*self.sight.hindered_between(since, t), t]
+        looks = [*self.visibility.hindered_between(since, t), t]
         if self._still(self.reflectors[self.target].on, since):
             return looks
         first, last = floor((since - self._t0) / _LOOK_S) + 1, ceil((t - self._t0) / _LOOK_S) - 1
         return sorted([*looks, *(self._t0 + k * _LOOK_S for k in range(first, last + 1))])
 
     def _lost(self, name: str, t: float) -> str:
-        hindrance = self.sight.hindrance(name, t)
+        hindrance = self.visibility.hindrance(name, t)
         if hindrance or self.follows:
             return hindrance
-        off = _angle(direction(*self._aim), self.sight.local(name, t))
+        off = _angle(direction(*self._aim), self.visibility.local(name, t))
         return NOT_AIMED if off > self.truth.aim_rad else ""
 
     def _noise(self, t: float, distance: float) -> Array:

@@ -25,7 +25,7 @@ from procedures.belt.calibrating.config import BeltCalibrationConfig
 from procedures.belt.calibrating.record import CalibrationRecord
 from procedures.belt.calibrating.rows import Follower, count_at, motion_of
 from procedures.belt.calibrating.solving import solve_within_limits
-from procedures.belt.camera_to_belt import Sight
+from procedures.belt.camera_to_belt import CameraToBelt
 from procedures.belt.encoder_alarms import Emergencies
 
 CAMERA = "fixed_camera"
@@ -77,7 +77,7 @@ class BeltCalibration(Procedure):
     def check(self, values: RunValues) -> None:
         if self.config.source == "camera":
             assert self.config.belt_z_m is not None
-            Sight(values, self.config.belt_z_m, self.config.items)
+            CameraToBelt(values, self.config.belt_z_m, self.config.items)
 
     def proposal(self, run: Run) -> Proposal | None:
         answer = (run.result or {}).get("result")
@@ -131,17 +131,17 @@ class _Session:
         )
         self._fresh: deque[Frame] = deque()
         self._follower = Follower(motion_of(self._configured))
-        self.sight: Sight | None = None
+        self.camera_to_belt: CameraToBelt | None = None
         self._epoch = self.encoder.counts.epoch
         self._begins: deque[float] = deque()  # times when it began anew, which no frame was after yet
         self._undo: list[Any] = []
         if config.source == "camera":
             assert config.belt_z_m is not None
-            self.sight = Sight(run.values, config.belt_z_m, config.items)
+            self.camera_to_belt = CameraToBelt(run.values, config.belt_z_m, config.items)
 
     def __enter__(self) -> "_Session":
         self._undo = [self.encoder.counts.subscribe(self._count)]
-        if self.sight is not None:
+        if self.camera_to_belt is not None:
             self._undo.append(self.run.camera(CAMERA).frames.subscribe(self._frame))
         return self
 
@@ -151,12 +151,14 @@ class _Session:
 
     def header(self) -> dict[str, Any]:
         """What the solver needs beside the rows."""
-        sight = self.sight
+        camera_to_belt = self.camera_to_belt
         return {
             "source": self.config.source,
             "device": self.encoder.name,
             "period_s": self.encoder.period_s,
-            "T_base_camera": None if sight is None else to_pose6(sight.T_base_camera).tolist(),
+            "T_base_camera": None
+            if camera_to_belt is None
+            else to_pose6(camera_to_belt.T_base_camera).tolist(),
             "configured": self._configured,
             "finished_early": self.early,
             "emergencies": self._emergencies.told,
@@ -164,7 +166,7 @@ class _Session:
 
     def progress(self) -> str:
         """How much there is, in words."""
-        if self.sight is None:
+        if self.camera_to_belt is None:
             return f"{len(self.record.touches)} touches"
         return f"{len(self._follower)} sightings"
 
@@ -178,8 +180,8 @@ class _Session:
     async def watch(self) -> None:
         """Until enough was seen over a way that is long enough, or patience ends."""
         run, config, camera = self.run, self.config, self.run.camera(CAMERA)
-        assert self.sight is not None
-        await run.take_step("prepare the camera", partial(camera.set_items, self.sight.spec()))
+        assert self.camera_to_belt is not None
+        await run.take_step("prepare the camera", partial(camera.set_items, self.camera_to_belt.spec()))
         try:
             await run.enter(S.WATCH)
             waited_since = run.clock.now()
@@ -223,7 +225,7 @@ class _Session:
         return True
 
     def _enough(self) -> bool:
-        assert self.sight is not None
+        assert self.camera_to_belt is not None
         while self._fresh and self.record.counts and self._fresh[0].t_exposure <= self.record.counts[-1][0]:
             frame = self._fresh.popleft()
             while self._begins and self._begins[0] <= frame.t_exposure:
@@ -233,7 +235,7 @@ class _Session:
             count = count_at(recent, frame.t_exposure)
             if count is not None:
                 points = np.array([view.point for view in frame.items or ()])
-                self._follower.add(frame.t_exposure, count, self.sight.T_base_camera.apply(points))
+                self._follower.add(frame.t_exposure, count, self.camera_to_belt.T_base_camera.apply(points))
         seen = len(self._follower)
         self.run.progress(min(seen, self.config.sightings), self.config.sightings)
         return seen >= self.config.sightings and self._follower.way_m >= self.config.travel_m
@@ -247,7 +249,7 @@ class _Session:
         return max(counts) - min(counts) <= STILL_COUNTS
 
     async def _keep(self) -> None:
-        if self.record.begins and self.sight is None:  # two touches are compared by their counts
+        if self.record.begins and self.camera_to_belt is None:  # two touches are compared by their counts
             raise error("DEVICE_LOST", f"{self.encoder.name} began to count anew")
         await asyncio.to_thread(self.record.flush)
 

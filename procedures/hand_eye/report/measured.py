@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calibration.hand_eye import se3
 from calibration.hand_eye.ambiguity import turns
-from calibration.hand_eye.views import View
+from calibration.hand_eye.views import CornerSet
 from cell.devices import Intrinsics
 from cell.poses import Array
 from procedures.hand_eye.solve.capture import CaptureSet, load_capture
@@ -91,7 +91,7 @@ def _camera(loaded: CaptureSet, result: Mapping[str, Any]) -> Intrinsics | None:
     return Intrinsics(int(used["width"]), int(used["height"]), (fx, fy, cx, cy), tuple(used["dist"]))
 
 
-def _pose(view: View, camera: Intrinsics, expected: Array, motions: Array) -> Array:
+def _pose(view: CornerSet, camera: Intrinsics, expected: Array, motions: Array) -> Array:
     """T_camera_target (4, 4) by OpenCV's iterative PnP from the best of the ``expected @ motions``.
 
     The motions (k, 4, 4) turn a symmetric target onto itself: one of them is how this image numbered it.

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.hand_eye.pnp_start import start_poses
-from calibration.hand_eye.views import View, undistort
+from calibration.hand_eye.views import CornerSet, undistort
 from calibration.intrinsics import (
     MIN_CORNERS,
     MIN_VIEWS,
@@ -76,7 +76,7 @@ def _misfits(loaded: CaptureSet, rows: list[int]) -> tuple[tuple[str, str], ...]
     return ((MISFIT, text),)
 
 
-def _without_intrinsics(loaded: CaptureSet, rows: list[int], views: list[View]) -> CameraChoice:
+def _without_intrinsics(loaded: CaptureSet, rows: list[int], views: list[CornerSet]) -> CameraChoice:
     if loaded.size is not None:
         width, height = loaded.size
     else:  # corners only: the image is at least as large as what was seen in it
@@ -119,7 +119,7 @@ def check_views(loaded: CaptureSet, camera: Intrinsics | None) -> None:
         if view is None:
             continue
         if view.start is not None and not _plausible(view, camera):
-            loaded.views[k] = View(view.points, view.corners, view.count)
+            loaded.views[k] = CornerSet(view.points, view.corners, view.count)
     rows = [k for k, v in enumerate(loaded.views) if v is not None]
     guesses = start_poses([v for v in loaded.views if v is not None], camera)
     for k, guess in zip(rows, guesses, strict=True):
@@ -128,7 +128,7 @@ def check_views(loaded: CaptureSet, camera: Intrinsics | None) -> None:
             loaded.unusable[k] = "no pose of the target before the camera explains the corners"
 
 
-def _plausible(view: View, camera: Intrinsics) -> bool:
+def _plausible(view: CornerSet, camera: Intrinsics) -> bool:
     assert view.start is not None
     p = view.points @ view.start[:3, :3].T + view.start[:3, 3]
     if np.any(p[:, 2] <= 0.0):

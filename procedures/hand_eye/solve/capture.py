@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.hand_eye import se3
-from calibration.hand_eye.views import View
+from calibration.hand_eye.views import CornerSet
 from calibration.targets import Target, make_target
 from cell.devices import Intrinsics
 from cell.errors import InputError, error
@@ -38,7 +38,7 @@ class CaptureSet:
     target: Target
     F: Array
     group: NDArray[np.int64]
-    views: list[View | None]
+    views: list[CornerSet | None]
     poses: list[Array | None]
     unusable: dict[int, str] = field(default_factory=dict)
     warnings: list[tuple[str, str]] = field(default_factory=list)
@@ -117,14 +117,14 @@ def _measure(loaded: CaptureSet, k: int, observation: Observation) -> None:
     view, reason = _view(loaded, k, observation)
     pose = None if observation.T_camera_target is None else _matrix(observation.T_camera_target)
     if view is not None and pose is not None:
-        view = View(view.points, view.corners, view.count, pose)
+        view = CornerSet(view.points, view.corners, view.count, pose)
     if view is None and (pose is None or reason):
         loaded.unusable[k] = reason or "there is nothing measured"
     loaded.views.append(view)
     loaded.poses.append(None if view is not None else pose)
 
 
-def _view(loaded: CaptureSet, k: int, observation: Observation) -> tuple[View | None, str]:
+def _view(loaded: CaptureSet, k: int, observation: Observation) -> tuple[CornerSet | None, str]:
     where = f"observations[{k}]"
     lists = []
     if observation.corners is not None:
@@ -174,7 +174,7 @@ def _detect(loaded: CaptureSet, where: str, name: str) -> Array:
     return out
 
 
-def _combine(points: Array, corners: Array) -> tuple[View | None, str]:
+def _combine(points: Array, corners: Array) -> tuple[CornerSet | None, str]:
     """Mean over frames (f, n, 2) of each corner, with the number of frames that saw it."""
     seen = ~np.isnan(corners[..., 0])
     count = seen.sum(axis=0)
@@ -188,4 +188,4 @@ def _combine(points: Array, corners: Array) -> tuple[View | None, str]:
     extent = np.linalg.svd(points[ids] - points[ids].mean(axis=0), compute_uv=False)
     if extent[1] < 1e-6 * extent[0]:
         return None, f"the {len(ids)} corners found lie on one line"
-    return View(points[ids], mean, count[ids].astype(float)), ""
+    return CornerSet(points[ids], mean, count[ids].astype(float)), ""

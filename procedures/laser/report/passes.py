@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.tool_frame.crossings import Crossing, Seen, see
+from calibration.tool_frame.crossings import Crossing, PassContents, see
 from calibration.tool_frame.geometry import BEAMS, frames, rotated, seen_turn, turned_axis
 from calibration.tool_frame.scene import Scene
 from calibration.tool_frame.selection import Selection, select
@@ -20,7 +20,7 @@ class Shown:
     """All passes, and what became of each; the places are those in ``scene.passes``."""
 
     scene: Scene
-    seen: Seen
+    seen: PassContents
     chosen: Selection
     heights: Array  # (n,) m of the reference's point above each pass's beam, mean over the way
     unused: Mapping[int, str]  # crossings that say nothing across the beam, with the reason

@@ -22,7 +22,7 @@ from calibration.adjustment.lens_terms import (
 )
 from calibration.hand_eye import se3
 from calibration.hand_eye.pnp import solve_pnp
-from calibration.hand_eye.views import View
+from calibration.hand_eye.views import CornerSet
 from calibration.kinematics.families import arm_spec
 from calibration.kinematics.ur import UrArm
 from cell.devices import Intrinsics
@@ -69,7 +69,7 @@ def test_a_number_that_only_moves_base_or_flange_has_no_term_left() -> None:
 
 
 @pytest.fixture
-def views() -> list[View]:
+def views() -> list[CornerSet]:
     """Three views of a board, the second of fewer corners, with 0.1 px of noise."""
     rng, out = np.random.default_rng(4), []
     for k in range(3):
@@ -77,14 +77,16 @@ def views() -> list[View]:
         uv, _ = cv2.projectPoints(POINTS, *pose, CAMERA.matrix, np.array(CAMERA.dist))
         uv = uv.reshape(-1, 2) + rng.normal(size=(len(POINTS), 2)) * 0.1
         some = slice(0, 40 if k == 1 else None)
-        out.append(View(POINTS[some], uv[some], np.full(len(POINTS[some]), 1.0 + k)))
+        out.append(CornerSet(POINTS[some], uv[some], np.full(len(POINTS[some]), 1.0 + k)))
     return out
 
 
-def solved(views: list[View], numbers: Array) -> tuple[Array, Array]:
+def solved(views: list[CornerSet], numbers: Array) -> tuple[Array, Array]:
     """Poses and squared residuals of the views for a lens and a target that differ by ``numbers`` (13,)."""
     shape = target_shape(views)
-    moved = [View(shape.moved(v.points, numbers[len(LENS) :]), v.corners, v.count, v.start) for v in views]
+    moved = [
+        CornerSet(shape.moved(v.points, numbers[len(LENS) :]), v.corners, v.count, v.start) for v in views
+    ]
     poses, owner = solve_pnp(moved, moved_camera(CAMERA, numbers[: len(LENS)]))
     first = np.unique(owner, return_index=True)[1]
     return poses.C[first], poses.sse[first]
@@ -93,7 +95,9 @@ def solved(views: list[View], numbers: Array) -> tuple[Array, Array]:
 STEPS = np.array([1e-4, 1e-4, 0.1, 0.1, 1e-3, 1e-3, 1e-4, 1e-4, 1e-4, 1e-4, 1e-5, 1e-5, 1e-5])
 
 
-def test_numbers_of_lens_and_target_move_the_images_poses_as_a_new_solution_does(views: list[View]) -> None:
+def test_numbers_of_lens_and_target_move_the_images_poses_as_a_new_solution_does(
+    views: list[CornerSet],
+) -> None:
     C, _ = solved(views, np.zeros(NUMBERS))
     subject = image_terms(views, C, CAMERA, target_shape(views))
     for k, name in enumerate((*LENS, *TARGET)):
@@ -105,7 +109,7 @@ def test_numbers_of_lens_and_target_move_the_images_poses_as_a_new_solution_does
         np.testing.assert_allclose(subject.moves[:, :, k], moved, atol=0.03 * wide, err_msg=name)
 
 
-def test_the_squared_residuals_follow_pull_and_info(views: list[View]) -> None:
+def test_the_squared_residuals_follow_pull_and_info(views: list[CornerSet]) -> None:
     C, sse = solved(views, np.zeros(NUMBERS))
     subject = image_terms(views, C, CAMERA, target_shape(views))
     for k, name in enumerate((*LENS, *TARGET)):

@@ -14,7 +14,7 @@ from calibration.hand_eye.normal import gauss_newton, linearise, normal
 from calibration.hand_eye.pnp import solve_pnp
 from calibration.hand_eye.problem import Estimate, residuals
 from calibration.hand_eye.solution import prepare
-from calibration.hand_eye.views import View, distortion_jacobian, project, undistort
+from calibration.hand_eye.views import CornerSet, distortion_jacobian, project, undistort
 from cell.poses import exp_xi, log_xi
 from tests.kit.hand_eye_scene import CAMERA, POINTS, X_TRUE, cone_views, make_scene
 
@@ -69,7 +69,7 @@ def test_jacobians_of_the_residual_agree_with_finite_differences(setup: str) -> 
 
 def test_pose_from_corners_agrees_with_opencv() -> None:
     scene = make_scene(count=8, px=0.3)
-    poses, owner = solve_pnp([View(POINTS, uv, np.ones(54)) for uv in scene.corners], CAMERA)
+    poses, owner = solve_pnp([CornerSet(POINTS, uv, np.ones(54)) for uv in scene.corners], CAMERA)
     for C, i in zip(poses.C, owner, strict=True):
         _, rvec, t = cv2.solvePnP(
             POINTS, scene.corners[i], CAMERA.matrix, np.array(CAMERA.dist), flags=cv2.SOLVEPNP_ITERATIVE
@@ -83,7 +83,8 @@ def test_covariance_of_a_pose_predicts_its_scatter() -> None:
     rng = np.random.default_rng(4)
     uv = make_scene(views=[C], count=1, px=0.0).corners[0]
     views = [
-        View(POINTS, uv + 0.2 * rng.normal(size=uv.shape), np.ones(54), C.as_matrix()) for _ in range(400)
+        CornerSet(POINTS, uv + 0.2 * rng.normal(size=uv.shape), np.ones(54), C.as_matrix())
+        for _ in range(400)
     ]
     poses, _ = solve_pnp(views, CAMERA)
     xi = se3.log(poses.C @ se3.inverse(C.as_matrix()))
@@ -96,7 +97,7 @@ def test_a_pose_that_is_mirrored_in_the_line_of_sight_is_kept_as_a_candidate() -
     C = cone_views(np.random.default_rng(1), 4)[1].as_matrix()
     p = small @ C[:3, :3].T + C[:3, 3]
     uv = project(p[:, :2] / p[:, 2:], CAMERA) + 0.3 * np.random.default_rng(2).normal(size=(54, 2))
-    poses, owner = solve_pnp([View(small, uv, np.ones(54))], CAMERA)
+    poses, owner = solve_pnp([CornerSet(small, uv, np.ones(54))], CAMERA)
     assert list(owner) == [0, 0]
     assert poses.sse[0] <= poses.sse[1]
     normals = poses.C[:, :3, 2]

@@ -15,8 +15,8 @@ from fakes.geocom.instrument import EVERY, Instrument
 from fakes.geocom.text import Receiver, Refusal, parse, reply
 from fakes.object import VirtualClock, run_virtual
 from fakes.world.scenario import Scenario
-from fakes.world.tracker.sight import BROKEN
 from fakes.world.tracker.tracker import polar
+from fakes.world.tracker.visibility import BROKEN
 from fakes.world.world import World
 
 Scene = Callable[[Instrument], Coroutine[Any, Any, Any]]
@@ -40,7 +40,7 @@ async def call(subject: Instrument, rpc: int, *parameters: float) -> tuple[int, 
 
 async def lock(subject: Instrument, name: str = "smr1") -> None:
     """Aim at a reflector from nearby and follow it."""
-    hz, v = polar(subject.tracker.sight.local(name, subject.now()))
+    hz, v = polar(subject.tracker.visibility.local(name, subject.now()))
     for rpc, parameters in (
         (9027, (hz + 0.003, v - 0.003, 0, 0, 0)),
         (9018, (1,)),
@@ -177,7 +177,7 @@ def test_settings_are_read_back_and_refused_beyond_their_range() -> None:
 def test_the_point_of_every_procedure_is_the_same_and_true() -> None:
     async def scene(subject: Instrument) -> None:
         await lock(subject)
-        true = subject.tracker.sight.local("smr1", subject.now())
+        true = subject.tracker.visibility.local("smr1", subject.now())
         assert (await call(subject, 2010, 10.0, 20.0, 30.0, 0.5))[0] == 0
         assert (await call(subject, 2012, 0.2))[0] == 0
         assert (await call(subject, 2008, 1, 1))[0] == 0
@@ -209,7 +209,7 @@ def test_without_noise_the_point_is_exact_to_the_digits_that_are_sent() -> None:
         quiet = {"sigma0_m": 0.0, "sigma_per_m": 0.0}
         subject.tracker.truth = subject.tracker.truth.model_copy(update=quiet)
         await lock(subject)
-        true = subject.tracker.sight.local("smr1", subject.now())
+        true = subject.tracker.visibility.local("smr1", subject.now())
         await call(subject, 2008, 1, 1)
         _, coordinate = await call(subject, 2116, 1000, 1)
         assert coordinate == pytest.approx(true, abs=1e-12)
@@ -258,7 +258,7 @@ def test_tracking_gives_new_distances_at_its_rate() -> None:
 def test_noise_of_many_tracked_distances_is_what_the_scenario_says() -> None:
     async def scene(subject: Instrument) -> None:
         await lock(subject, "m1")
-        true = subject.tracker.sight.local("m1", subject.now())
+        true = subject.tracker.visibility.local("m1", subject.now())
         await call(subject, 2008, 8, 1)
         points: dict[int, list[float]] = {}
         while len(points) < 2000:
@@ -295,8 +295,8 @@ def test_a_broken_beam_ends_the_lock_until_the_next_search() -> None:
     async def scene(subject: Instrument) -> None:
         await lock(subject)
         assert await call(subject, 6021) == (0, (1,))
-        subject.tracker.sight.hinder(BROKEN, subject.now())
-        subject.tracker.sight.free(subject.now() + 0.02)
+        subject.tracker.visibility.hinder(BROKEN, subject.now())
+        subject.tracker.visibility.free(subject.now() + 0.02)
         await asyncio.sleep(0.1)
         assert await call(subject, 6021) == (0, (0,))
         await call(subject, 2008, 8, 1)
@@ -313,7 +313,7 @@ def test_a_broken_beam_ends_the_lock_until_the_next_search() -> None:
 def test_two_reflectors_side_by_side_are_too_many() -> None:
     async def scene(subject: Instrument) -> None:
         subject.tracker.truth = subject.tracker.truth.model_copy(update={"separable_rad": 0.3})
-        hz, v = polar(subject.tracker.sight.local("m1", subject.now()))
+        hz, v = polar(subject.tracker.visibility.local("m1", subject.now()))
         await call(subject, 9027, hz, v, 0, 0, 0)
         await call(subject, 9018, 1)
         assert (await call(subject, 9037, 0.5, 0.5, 0))[0] == 8711

@@ -37,7 +37,7 @@ def expected(subject: ObjectTracker, name: str = "smr1", off: float = 0.0) -> Ar
     """Where the reflector is in the tracker frame, ``off`` m beside it along x."""
     tracker = subject.world.tracker
     assert tracker is not None
-    out: Array = tracker.sight.local(name, subject.clock.now()) + np.array([off, 0.0, 0.0])
+    out: Array = tracker.visibility.local(name, subject.clock.now()) + np.array([off, 0.0, 0.0])
     return out
 
 

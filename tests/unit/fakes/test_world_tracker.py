@@ -11,8 +11,8 @@ from cell.poses import from_pose6
 from fakes.world.arm.kinematics import chain
 from fakes.world.arm.shape import ur_shape
 from fakes.world.scenario import Scenario
-from fakes.world.tracker.sight import BROKEN, OUT_OF_RANGE, TURNED_AWAY
 from fakes.world.tracker.tracker import MULTIPLE, NO_TARGET, NOT_AIMED, Tracker, direction, polar
+from fakes.world.tracker.visibility import BROKEN, OUT_OF_RANGE, TURNED_AWAY
 from fakes.world.world import World
 
 T0 = 100.0
@@ -50,7 +50,7 @@ def world(tracker: str = "", reflectors: str | None = None) -> tuple[World, Trac
 
 
 def aim_at(subject: Tracker, name: str, t: float, half: float = 0.01) -> str:
-    subject.turn_to(t, *polar(subject.sight.local(name, t)))
+    subject.turn_to(t, *polar(subject.visibility.local(name, t)))
     return subject.search(t, half, half)
 
 
@@ -88,7 +88,7 @@ def test_noise_grows_with_the_range_and_is_the_same_along_each_axis() -> None:
         reflectors = f'[world.reflectors.far]\non = "base"\npoint = [2.0, {distance - 2.0}, 0.9]'
         subject, tracker = world("", reflectors)
         assert aim_at(tracker, "far", T0) == ""
-        true = tracker.sight.local("far", T0)
+        true = tracker.visibility.local("far", T0)
         assert np.linalg.norm(true) == pytest.approx(distance)
         errors = np.array([tracker.read(T0 + 0.02 * k).point - true for k in range(4000)])
         sigma[distance] = errors.std(axis=0)
@@ -115,7 +115,7 @@ def test_a_wrong_constant_makes_every_distance_wrong_by_the_same() -> None:
     reflectors = '[world.reflectors.p]\non = "base"\npoint = [0.0, 1.0, 0.4]\nconstant_m = -0.0169'
     _, tracker = world("sigma0_m = 0.0\nsigma_per_m = 0.0\nconstant_m = -0.0169", reflectors)
     aim_at(tracker, "p", T0)
-    true = np.linalg.norm(tracker.sight.local("p", T0))
+    true = np.linalg.norm(tracker.visibility.local("p", T0))
     assert tracker.read(T0).slope == pytest.approx(true, abs=1e-12)
     tracker.constant_m = 0.0
     assert tracker.read(T0).slope == pytest.approx(true + 0.0169, abs=1e-12)
@@ -142,8 +142,8 @@ def test_the_stand_creeps_and_jumps_when_it_is_pushed() -> None:
 def test_a_beam_broken_for_a_moment_is_lost_until_it_is_searched_again() -> None:
     _, tracker = world()
     aim_at(tracker, "smr1", T0)
-    tracker.sight.hinder(BROKEN, T0 + 1.0)
-    tracker.sight.free(T0 + 1.01)
+    tracker.visibility.hinder(BROKEN, T0 + 1.0)
+    tracker.visibility.free(T0 + 1.01)
     assert tracker.read(T0 + 0.99).status == ""
     lost = tracker.read(T0 + 5.0)
     assert lost.point is None
@@ -156,7 +156,7 @@ def test_a_beam_broken_for_a_moment_is_lost_until_it_is_searched_again() -> None
 def test_while_the_beam_is_broken_a_search_finds_nothing() -> None:
     _, tracker = world()
     aim_at(tracker, "m1", T0)
-    tracker.sight.hinder(BROKEN, T0 + 1.0, "m1")
+    tracker.visibility.hinder(BROKEN, T0 + 1.0, "m1")
     assert tracker.search(T0 + 1.5, 0.01, 0.01) == NO_TARGET
     assert aim_at(tracker, "smr1", T0 + 1.5) == "", "only the monument is hidden"
 
@@ -168,7 +168,7 @@ def test_a_reflector_is_seen_within_its_cone_and_not_beyond() -> None:
         point = (np.array(STAND[:3]) - to_tracker).tolist()
         reflectors = f'[world.reflectors.s]\non = "base"\npoint = {point}\nnormal = [0.0, 0.0, 2.0]'
         _, tracker = world("elevation_rad = [-1.5, 1.5]", reflectors)
-        assert tracker.sight.hindrance("s", T0) == seen
+        assert tracker.visibility.hindrance("s", T0) == seen
 
 
 def test_the_field_of_view_ends_above_below_and_far_away() -> None:
@@ -181,14 +181,14 @@ def test_the_field_of_view_ends_above_below_and_far_away() -> None:
     ):
         point = [float(a + b) for a, b in zip(STAND[:3], offset, strict=True)]
         _, tracker = world("", f'[world.reflectors.s]\non = "base"\npoint = {point}')
-        assert tracker.sight.hindrance("s", T0) == seen
+        assert tracker.visibility.hindrance("s", T0) == seen
 
 
 def test_a_box_hides_what_is_behind_it_and_nothing_before_or_beside_it() -> None:
     box = "opaque = [{ min = [-0.2, -2.1, 0.0], max = [0.2, -1.9, 2.0] }]"
     for x, y, seen in ((-1.0, -2.0, BROKEN), (1.0, -2.0, ""), (-1.0, -1.0, ""), (0.2, -2.0, BROKEN)):
         _, tracker = world(box, f'[world.reflectors.s]\non = "base"\npoint = [{x}, {y}, 0.9]')
-        assert tracker.sight.hindrance("s", T0) == seen
+        assert tracker.visibility.hindrance("s", T0) == seen
 
 
 @pytest.mark.parametrize(("model", "within_m"), [("ur10e", 0.005), ("ur5e", 0.02), ("ur20", 0.06)])
@@ -208,9 +208,9 @@ def test_the_arm_hides_what_is_behind_its_links_when_the_scenario_says_so() -> N
         tracker.stand.move(T0, np.array([3.0, -0.17, 0.5]) - STAND[:3])
         upright = [0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0, 0.0]
         subject.track.hold(T0 + 1.0, upright)
-        assert tracker.sight.hindrance("m", T0 + 1.0) == seen
+        assert tracker.visibility.hindrance("m", T0 + 1.0) == seen
         subject.track.hold(T0 + 2.0, [np.pi / 2, *upright[1:]])
-        assert tracker.sight.hindrance("m", T0 + 2.0) == "", "beside the arm"
+        assert tracker.visibility.hindrance("m", T0 + 2.0) == "", "beside the arm"
 
 
 # -- following
@@ -252,7 +252,7 @@ def test_it_loses_a_reflector_that_turned_away_during_the_move_even_if_it_faces_
     subject, tracker = narrow()
     back = turn_away_and_back(subject)
     assert tracker.read(back + 1.0).status == TURNED_AWAY
-    assert tracker.sight.hindrance("s", back + 1.0) == ""
+    assert tracker.visibility.hindrance("s", back + 1.0) == ""
 
 
 def test_nobody_has_to_ask_while_the_arm_still_remembers_what_it_did() -> None:
@@ -277,7 +277,7 @@ on = "base"
 point = [-0.02, 0.1, 0.9]
 """
     _, tracker = world("", reflectors)
-    hz, v = polar(tracker.sight.local("a", T0))
+    hz, v = polar(tracker.visibility.local("a", T0))
     tracker.turn_to(T0, hz - 0.01, v)
     assert tracker.search(T0, 0.005, 0.005) == NO_TARGET
     assert tracker.search(T0, 0.2, 0.2) == ""

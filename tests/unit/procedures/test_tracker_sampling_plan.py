@@ -18,8 +18,8 @@ from fakes.world.scenario import Scenario
 from fakes.world.world import World
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.feasible_poses import Space, make_space
+from procedures.tracker.line_of_sight import REASONS
 from procedures.tracker.plan import PlanRequest, SamplingPlan, plan_sampling
-from procedures.tracker.sight import REASONS
 from procedures.tracker.visit_order import blocked, shortest, tour
 from tests.kit.tracker_cell import BRISK, nominal_tracker, reflectors, rms
 

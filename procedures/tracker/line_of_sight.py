@@ -10,14 +10,14 @@ from scipy.spatial.transform import RigidTransform
 
 from cell.guard.geometry import segment_box_distance, segment_segment_distance
 from cell.poses import Array
-from procedures.tracker.config import Reflector, Sight
+from procedures.tracker.config import Reflector, SightLimits
 
 _NEST_M = 0.1  # what the beam meets so close to the reflector is its own nest and flange
 REASONS = ("too near or too far", "too high or too low", "the reflector looks away", "the beam is blocked")
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class LineOfSight:
     """The tracker at ``place`` (``T_base_tracker``), and what could stand in its beam.
 
     ``capsules`` are the radii (k,) of the links that :meth:`hidden` is given; ``boxes`` are lower and upper
@@ -25,7 +25,7 @@ class View:
     """
 
     place: RigidTransform
-    sight: Sight
+    sight: SightLimits
     reflectors: Sequence[Reflector]
     radii: Array
     boxes: Sequence[tuple[Array, Array]] = ()

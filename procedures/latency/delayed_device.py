@@ -8,7 +8,7 @@ from cell.run_values import RunValues
 from procedures.latency.config import LatencyCalibrationConfig
 
 
-class Source(Protocol):
+class DelayedDevice(Protocol):
     """A device whose stamps are late against the arm's, and a motion of the arm that shows by how much.
 
     The job moves the arm out and back at each speed, so that a delay ``tau`` shifts what the source sees by

@@ -11,7 +11,7 @@ from cell.poses import Array
 from cell.run_values import RunValues
 from fakes.world.palletizer.linkage import Palletizer
 from fakes.world.scenario import Scenario
-from fakes.world.tracker.sight import BROKEN
+from fakes.world.tracker.visibility import BROKEN
 from fakes.world.world import World
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.feasible_poses import make_space
@@ -86,7 +86,7 @@ def test_no_pose_that_is_offered_is_hidden_in_the_twin() -> None:
     broken = np.zeros(len(Q), dtype=bool)
     for k, q in enumerate(Q):
         world.observed.track.hold(float(k), q)
-        broken[k] = world.tracker.sight.hindrance("smr1", float(k)) == BROKEN
+        broken[k] = world.tracker.visibility.hindrance("smr1", float(k)) == BROKEN
     T = scenario.world.tracker.T_base_tracker  # type: ignore[union-attr]
     offered = {}
     for radius in (None, RADIUS_M):

@@ -8,7 +8,7 @@ from cell.poses import Array
 
 
 @dataclass(frozen=True)
-class Seen:
+class ObservedJoints:
     """Joints as a source found them at ``t`` give or take ``dt`` (s).
 
     ``rests`` is None when the source cannot tell, ``moving`` when the arm itself says that it moves.
@@ -23,12 +23,12 @@ class Seen:
     pose: int | None = None
 
 
-class Source(Protocol):
+class JointSource(Protocol):
     """One connection. ``look`` raises ``NoAnswer`` for what may pass, a coded error for what will not."""
 
     async def open(self) -> Identity: ...
     async def close(self) -> None: ...
-    async def look(self, tick: int) -> list[Seen]:
+    async def look(self, tick: int) -> list[ObservedJoints]:
         """What is new, oldest first."""
         ...
 

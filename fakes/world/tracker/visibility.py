@@ -29,7 +29,7 @@ class _Hindrance:
     reflector: str | None
 
 
-class Sight:
+class ReflectorVisibility:
     """Whether light comes back from a reflector, as a function of time."""
 
     def __init__(
