@@ -156,21 +156,29 @@ def write_report(result: Mapping[str, Any], folder: Path, path: Path) -> None:
 
 
 def replay(run: RunArgument, config: ConfigOption = None, as_json: JsonOption = False) -> None:
-    """Solve the data of a run again; exit code 1 when the answer differs by more than 1e-9 (relative)."""
+    """Solve the data of a run again; exit code 1 when the answer differs by more than 1e-9 (relative).
+
+    Figures that the version which ran it did not record yet are named, and are no difference.
+    """
     from daemon.cli.replay import TOLERANCE, differences
     from procedures.replay import solve_again
 
     folder = load(config, run)
     recorded = result_of(folder)
     with reading(folder.path):
-        found = differences(recorded, solve_again(folder.job, folder.path, folder.info, recorded))
+        everywhere = differences(recorded, solve_again(folder.job, folder.path, folder.info, recorded))
+    found = [d for d in everywhere if not d["added"]]
+    added = [d["where"] for d in everywhere if d["added"]]
     if as_json:
-        out_json({"run_id": run, "same": not found, "tolerance": TOLERANCE, "differences": found})
+        answer = {"run_id": run, "same": not found, "tolerance": TOLERANCE, "differences": found}
+        out_json({**answer, "not_recorded": added})
     elif found:
         out(f"run {run} does not replay:")
         out(table(("where", "recorded", "now"), ([d["where"], d["recorded"], d["now"]] for d in found)))
     else:
         out(f"run {run} replays: every figure is within {TOLERANCE:g} of what was recorded")
+    if added and not as_json:
+        say(f"An earlier version did not record these figures: {', '.join(added)}.")
     if found:
         raise typer.Exit(FAILED)
 

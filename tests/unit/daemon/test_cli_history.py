@@ -173,6 +173,25 @@ def test_replay_sees_what_is_missing_or_of_another_form(change: Any) -> None:
     assert len(differences(hand_eye_result(), other)) == 1
 
 
+def test_replay_tells_figures_that_were_not_recorded_from_those_that_differ(
+    cell: CellOnDisk, subject: CommandLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell.add_run(1, hand_eye_result(), outcome="complete")
+    now = hand_eye_result()
+    now["heldout"]["later_figure"] = 0.25
+    monkeypatch.setattr("procedures.replay.solve_again", lambda *_: now)
+    ran = subject("replay", 1)
+    assert (ran.code, ran.out) == (
+        0,
+        "run 1 replays: every figure is within 1e-09 of what was recorded\n",
+    )
+    assert "An earlier version did not record these figures: heldout.later_figure." in ran.err
+    said = json.loads(subject("replay", 1, "--json").out)
+    assert (said["same"], said["differences"], said["not_recorded"]) == (True, [], ["heldout.later_figure"])
+    now["residuals"]["reprojection_rms_px"] = 0.124
+    assert subject("replay", 1).code == 1
+
+
 def test_report_prints_the_path_of_the_report_that_is_there(cell: CellOnDisk, subject: CommandLine) -> None:
     run = cell.add_run(1, hand_eye_result(), outcome="complete")
     (run.path / "report.html").write_text("<html>")
