@@ -23,7 +23,7 @@ from procedures.laser import scan as job_scan
 from procedures.laser.config import BEAMS, Search
 from procedures.laser.path import Course, Station
 from procedures.laser.record import PassRecord
-from procedures.laser.sweep import Beam, Way
+from procedures.laser.sweep import Beam, BeamPass
 from tests.kit.laser_scene import Beam as TrueBeam
 from tests.kit.laser_scene import Part, _cylinder, _segments
 
@@ -83,7 +83,7 @@ class World:
         self.t += 0.3 + float(np.linalg.norm(to - self.at)) / SPEED.tcp_m_s
         self.at, self.off = np.array(to, dtype=float), self._draw()
 
-    def sweep(self, beam: Beam, direction: int, to: Array, speed: float, after_s: float) -> Way:
+    def sweep(self, beam: Beam, direction: int, to: Array, speed: float, after_s: float) -> BeamPass:
         """One way across at ``speed`` (m/s), and what the polls see."""
         step = to - self.at
         length = float(np.linalg.norm(step))
@@ -99,7 +99,7 @@ class World:
         times = np.round(np.arange(self.t, end, STATE_S), 7)
         xyz = self.at + ride.at(times - begin)[:, None] * step / length
         self.t, self.at, self.off = end + 0.05, np.array(to, dtype=float), after
-        return Way(beam, direction, times, xyz, polls, False)
+        return BeamPass(beam, direction, times, xyz, polls, False)
 
     def _draw(self) -> Array:
         found: Array = self.sigma * self.rng.standard_normal(3)
@@ -211,7 +211,7 @@ class _Sweeper:
 
     async def cross(
         self, beam: Beam, direction: int, to: RigidTransform, speed: Speed, after_poll_s: float = 0.0
-    ) -> Way:
+    ) -> BeamPass:
         return self.world.sweep(beam, direction, to.translation, speed.tcp_m_s, after_poll_s)
 
 
@@ -226,7 +226,7 @@ class Record(PassRecord):
 
     ways: int = 0
 
-    def add(self, ways: tuple[Way, ...], phase: str, place: int, why_not: str | None) -> None:
+    def add(self, ways: tuple[BeamPass, ...], phase: str, place: int, why_not: str | None) -> None:
         self.ways += len(ways)
         if why_not is None:
             self.passes += [{**w.as_pass(), "notes": {"phase": phase, "place": place}} for w in ways]

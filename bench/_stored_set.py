@@ -12,7 +12,7 @@ from pathlib import Path
 from cell.store.files import read_json, to_json
 from daemon.config import load_config
 from daemon.demo.fast import run_objects, write_config
-from daemon.demo.scenes import OWN, STORED_SET, Scene
+from daemon.demo.scenes import OWN, STORED_SET, DemoScene
 from daemon.demo.steps import TRACKER_SAMPLING
 from procedures.tracker.record import DATA_FILE
 
@@ -23,7 +23,7 @@ KEPT = ("q", "p_tracker", "target", "index")
 
 def main() -> int:
     """Write ``daemon/demo/stored.json``."""
-    scene = Scene(TRACKER_SAMPLING.twin, (TRACKER_SAMPLING,))
+    scene = DemoScene(TRACKER_SAMPLING.twin, (TRACKER_SAMPLING,))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / OWN).write_text((DEMO / f"{scene.twin}.toml").read_text("utf-8"), "utf-8")

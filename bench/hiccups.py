@@ -50,7 +50,7 @@ MOTION, VISION = "drivers.ur.motion_child", "daemon.vision_child"
 
 
 @dataclass(frozen=True)
-class Scene:
+class InterruptedJob:
     """A job, the scenario it runs in, the jobs before it, and whether it sees with a camera."""
 
     scenario: str
@@ -78,15 +78,15 @@ window_s = 0.4
 T_base_tracker_nominal = [-2.385, -1.715, 1.11, 0.004, -0.006, -0.943]
 """
 SCENES = {
-    "cone-capture": Scene("bay", camera=True, keys={"placements": 1, "poses_per_placement": 8}),
-    "laser-reference": Scene("bay"),
-    "laser-check": Scene("bay", before=("laser-reference",)),
-    "laser-update": Scene("bay", before=("laser-reference",)),
-    "latency-calibration": Scene("bay", before=("laser-reference",)),
-    "tracker-sampling": Scene("tracker", keys={"poses": 16}),
-    "iso9283": Scene("tracker", more=ISO9283),
-    "belt-calibration": Scene("picking", camera=True, first=calibrate_camera),
-    "belt-tracking": Scene("picking", camera=True, first=calibrate_camera, finish_after_s=45.0),
+    "cone-capture": InterruptedJob("bay", camera=True, keys={"placements": 1, "poses_per_placement": 8}),
+    "laser-reference": InterruptedJob("bay"),
+    "laser-check": InterruptedJob("bay", before=("laser-reference",)),
+    "laser-update": InterruptedJob("bay", before=("laser-reference",)),
+    "latency-calibration": InterruptedJob("bay", before=("laser-reference",)),
+    "tracker-sampling": InterruptedJob("tracker", keys={"poses": 16}),
+    "iso9283": InterruptedJob("tracker", more=ISO9283),
+    "belt-calibration": InterruptedJob("picking", camera=True, first=calibrate_camera),
+    "belt-tracking": InterruptedJob("picking", camera=True, first=calibrate_camera, finish_after_s=45.0),
 }
 
 

@@ -42,7 +42,7 @@ class Truth:
 
 
 @dataclass(frozen=True)
-class Scene:
+class SimulatedSet:
     """A data set as it is written, its truth, and the mean square bound per horizon (None: unpredictable)."""
 
     data: dict[str, Any]
@@ -98,7 +98,7 @@ def make(
     queries: int = 40,
     zone: dict[str, float] | None = None,
     direction: tuple[float, float] = (0.8, 0.6),
-) -> Scene:
+) -> SimulatedSet:
     """One data set; ``unknown`` is the share of sightings without exposure, ``lost`` that of lost frames."""
     rng = np.random.default_rng([seed, sum(map(ord, kind))])
     v = float(rng.uniform(0.1, 0.3)) if speed is None else speed
@@ -155,7 +155,7 @@ def make(
 
     known = kind in ("constant", "wrap", "creep") and camera > 0.0
     bound = _bound(kind, data, v, camera, instants) if known else None
-    return Scene(data, Truth(travel, xy_of), bound)
+    return SimulatedSet(data, Truth(travel, xy_of), bound)
 
 
 def _bound(kind: str, data: dict[str, Any], v: float, camera: float, instants: Array) -> Array:
@@ -185,7 +185,7 @@ def solve(data: dict[str, Any], method: str | None = None) -> dict[str, Any]:
         return solve_intercept(path, method=method)
 
 
-def squares(scene: Scene, result: dict[str, Any]) -> Array:
+def squares(scene: SimulatedSet, result: dict[str, Any]) -> Array:
     """Squared errors (queries, horizons), m^2."""
     out = []
     for answer in result["result"]["answers"]:
@@ -245,7 +245,7 @@ def run(case: Case) -> bool:
     return bool(good and (limit is None or case.ratio is None or rms["ours"][k] <= case.ratio * limit[k]))
 
 
-def _normalised(scene: Scene, result: dict[str, Any]) -> Array:
+def _normalised(scene: SimulatedSet, result: dict[str, Any]) -> Array:
     """Squared errors (queries, horizons) by the stated covariance."""
     out = []
     for answer, doubt in zip(result["result"]["answers"], result["uncertainty"]["answers"], strict=True):

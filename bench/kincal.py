@@ -69,7 +69,7 @@ UR10E = Family(
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class SimulatedSet:
     """A measured set, and the truth (3, 200) in the tracker frame at joints ``Qv``."""
 
     problem: Problem
@@ -79,7 +79,7 @@ class Scene:
     x: Array
 
 
-def simulate(family: Family, seed: int, poses: int, blunders: float = 0.0) -> Scene:
+def simulate(family: Family, seed: int, poses: int, blunders: float = 0.0) -> SimulatedSet:
     """A tracker 3.5 m from the base of an arm whose every parameter is a little off."""
     rng, model = np.random.default_rng(seed), family.model
     x = model.nominal + rng.normal(size=model.size) * np.array([ERRORS[k] for k in model.kinds])
@@ -94,10 +94,10 @@ def simulate(family: Family, seed: int, poses: int, blunders: float = 0.0) -> Sc
     direction = rng.normal(size=(3, len(rows)))
     measured[:, rows] += BLUNDER_M * direction / np.linalg.norm(direction, axis=0)
     problem = Problem(model, Q[:poses], measured[:, :poses].copy(), target[:poses])
-    return Scene(problem, sigma[:poses], p[:, poses:], Q[poses:], x)
+    return SimulatedSet(problem, sigma[:poses], p[:, poses:], Q[poses:], x)
 
 
-def bound(scene: Scene) -> float:
+def bound(scene: SimulatedSet) -> float:
     """Mean squared 3D error at the validation poses that no unbiased method undercuts, m^2."""
     model = scene.problem.model
     _, J = model.linearised(scene.x, scene.problem.Q, scene.problem.target)
@@ -110,7 +110,7 @@ def bound(scene: Scene) -> float:
     return float(np.sum(seen**2)) / VALIDATION
 
 
-def squared(scene: Scene, x: Array, place: Registration) -> float:
+def squared(scene: SimulatedSet, x: Array, place: Registration) -> float:
     p = place.to_tracker(scene.problem.model.points(x, scene.Qv, np.zeros(VALIDATION, dtype=np.int64)))
     return float(np.mean(np.sum((p - scene.truth) ** 2, axis=0)))
 

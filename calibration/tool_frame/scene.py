@@ -67,7 +67,7 @@ class Pass:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class LaserScene:
     """All passes in one attitude ``R`` = R_base_flange (3, 3). ``repeatability_m`` is the standard
     deviation of one axis by the arm's data sheet, None when the arm is not known."""
 
@@ -77,9 +77,9 @@ class Scene:
     passes: Sequence[Pass]
     repeatability_m: float | None = None
 
-    def take(self, keep: Sequence[int]) -> "Scene":
+    def take(self, keep: Sequence[int]) -> "LaserScene":
         """Only the passes at the places ``keep`` of the list."""
-        return Scene(self.R, self.beams, self.tool, [self.passes[k] for k in keep], self.repeatability_m)
+        return LaserScene(self.R, self.beams, self.tool, [self.passes[k] for k in keep], self.repeatability_m)
 
 
 class Refusal(Exception):

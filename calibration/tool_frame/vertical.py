@@ -9,7 +9,7 @@ from calibration.tool_frame.bounds import At
 from calibration.tool_frame.crossings import PassContents
 from calibration.tool_frame.geometry import BEAMS, BeamFrame
 from calibration.tool_frame.hits import Bracket, bracket
-from calibration.tool_frame.scene import Scene
+from calibration.tool_frame.scene import LaserScene
 from calibration.tool_frame.selection import Selection
 from cell.poses import Array
 
@@ -25,7 +25,7 @@ class Vertical:
     """
 
     def __init__(
-        self, scene: Scene, frames: Mapping[str, BeamFrame], seen: PassContents, selection: Selection
+        self, scene: LaserScene, frames: Mapping[str, BeamFrame], seen: PassContents, selection: Selection
     ) -> None:
         self.scene, self.frames, self.seen, self.selection = scene, frames, seen, selection
         self.axis: Array = scene.R @ scene.tool.axis

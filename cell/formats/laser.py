@@ -134,7 +134,7 @@ class PassEntry(Strict):
         return self
 
 
-class PassSet(Strict):
+class LaserScene(Strict):
     """Passes of one tool in one attitude; missed ones too."""
 
     passes: Annotated[list[PassEntry], Field(max_length=MAX_PASSES)]
@@ -148,8 +148,8 @@ class LaserData(Strict):
     R_base_flange: Rotation
     beams: BeamPair
     tool: ToolEntry
-    reference: PassSet
-    current: PassSet
+    reference: LaserScene
+    current: LaserScene
     repeatability_m: Annotated[float, Field(gt=0.0, le=0.01)] | None = None
     notes: Any = None
 

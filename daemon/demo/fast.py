@@ -27,7 +27,7 @@ from daemon.config import CellConfig, load_config
 from daemon.demo.closing import Row, closing_table
 from daemon.demo.ending import conclude
 from daemon.demo.folder import begin_in
-from daemon.demo.scenes import Scene, give_camera, scenes_of
+from daemon.demo.scenes import DemoScene, give_camera, scenes_of
 from daemon.demo.steps import Step
 from daemon.engine import Engine
 from daemon.health import Beats
@@ -48,7 +48,7 @@ def run_fast(folder: Path, steps: Sequence[Step]) -> int:
     return closing_table([row for scene in scenes_of(steps) for row in _play(scene, folder / scene.twin)])
 
 
-def _play(scene: Scene, folder: Path) -> list[Row]:
+def _play(scene: DemoScene, folder: Path) -> list[Row]:
     begin_in(folder, "fast-state")
     logging.basicConfig(filename=folder / "fast.log", level=logging.INFO, force=True)
     scene.prepare(folder)
@@ -72,7 +72,7 @@ def run_objects(config: CellConfig, steps: Sequence[Step]) -> tuple[list[tuple[i
     return done
 
 
-def write_config(scene: Scene, folder: Path) -> Path:
+def write_config(scene: DemoScene, folder: Path) -> Path:
     """The configuration of a scene's cell of objects, in ``folder``."""
     text = files("daemon.demo").joinpath(f"fast_{scene.twin}.toml").read_text("utf-8")
     path = folder / "fast.toml"

@@ -17,7 +17,7 @@ STORED_SET = "stored.json"
 
 
 @dataclass(frozen=True)
-class Scene:
+class DemoScene:
     """Runs in one twin: ``twin`` names a shipped scenario, or one of the demo's own, ``twin``.toml."""
 
     twin: str
@@ -40,9 +40,9 @@ class Scene:
         return str(scenario)
 
 
-def scenes_of(steps: Sequence[Step]) -> list[Scene]:
+def scenes_of(steps: Sequence[Step]) -> list[DemoScene]:
     """The steps in their order, those of one twin together."""
-    return [Scene(twin, tuple(group)) for twin, group in groupby(steps, key=lambda step: step.twin)]
+    return [DemoScene(twin, tuple(group)) for twin, group in groupby(steps, key=lambda step: step.twin)]
 
 
 def give_camera(ledger: Ledger, truth: Mapping[str, Any], drawn: Sequence[float] | None) -> None:

@@ -25,7 +25,7 @@ from daemon.demo.closing import Row, closing_table
 from daemon.demo.ending import conclude
 from daemon.demo.folder import begin_in
 from daemon.demo.plc import POLL_S, Plc
-from daemon.demo.scenes import Scene, give_camera, scenes_of
+from daemon.demo.scenes import DemoScene, give_camera, scenes_of
 from daemon.demo.steps import Bump, Step, eta_text
 
 NEEDED_PORTS = (29999, 30001, 30003, 30004, 5020, 5502, 1212)  # UR's four; Modbus servers; GeoCOM
@@ -67,7 +67,7 @@ Finished = tuple[Path, int, dict[str, Any]] | Row
 """The folder of runs, the number of the run and the truth after it; or why there is none."""
 
 
-def _play(scene: Scene, folder: Path, done: list[Finished]) -> None:
+def _play(scene: DemoScene, folder: Path, done: list[Finished]) -> None:
     """All steps in one twin with one daemon; what is done of them is appended to ``done``."""
     begin_in(folder, "state")
     config, failed = folder / "cell.toml", set[str]()

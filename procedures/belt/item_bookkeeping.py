@@ -1,4 +1,4 @@
-"""What a run of picking owes its items whatever it waits for: each is looked after, ends once, is told."""
+"""The bookkeeping of items in a run of picking: each is watched, ends once, and is written down."""
 
 import asyncio
 from collections.abc import Coroutine
@@ -15,7 +15,7 @@ LOOK_S = 0.05  # between looks while no stream runs
 PUBLISH_S = 0.2
 
 
-class Upkeep:
+class ItemBookkeeping:
     """Looks at the belt beside the job, and by the stream itself while :attr:`streaming`: it knows when it
     has the time, and which item is in hand. ``picks``: how many are wanted, 0 for no end. ``carried`` is what
     the gripper had when the stream ended: it is picked once it is put down, and lost otherwise."""
@@ -31,7 +31,7 @@ class Upkeep:
         """Do ``work`` and look meanwhile; what fails first ends both."""
         try:
             async with asyncio.TaskGroup() as group:
-                looking = group.create_task(self._look_on(), name="upkeep")
+                looking = group.create_task(self._look_on(), name="item bookkeeping")
                 await work
                 looking.cancel()
         except BaseExceptionGroup as failed:

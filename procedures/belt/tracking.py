@@ -20,7 +20,7 @@ from cell.run_values import RunValues
 from procedures.arm_setup import arm_model, lease_settings
 from procedures.belt.camera_to_belt import CameraToBelt
 from procedures.belt.config import BeltTrackingConfig
-from procedures.belt.item_bookkeeping import Upkeep
+from procedures.belt.item_bookkeeping import ItemBookkeeping
 from procedures.belt.item_tracking import BeltWatch
 from procedures.belt.items import Outcome
 from procedures.belt.live import BeltLive
@@ -88,9 +88,9 @@ class BeltTracking(Procedure):
             try:
                 try:
                     with suppress(FinishRequested):
-                        await picking.upkeep.beside(picking.go())
+                        await picking.bookkeeping.beside(picking.go())
                 finally:
-                    await asyncio.shield(picking.upkeep.close())
+                    await asyncio.shield(picking.bookkeeping.close())
             finally:
                 await asyncio.shield(picking.camera.set_items(None))
 
@@ -122,7 +122,7 @@ class _Picking:
         self.watch = BeltWatch(run.encoder(), self.camera, self.camera_to_belt, belt_of(values), config)
         self.watch.learnt = BeltLive(run).look
         self.watch.tell = lambda event, **what: run.note("decision", event=event, **what)
-        self.upkeep = Upkeep(run, self.watch, config.picks)
+        self.bookkeeping = ItemBookkeeping(run, self.watch, config.picks)
         self.q_wait: Array = np.array(values.poses[config.wait_pose])
         self.q_place: Array = np.array(values.poses[config.place_pose])
         self.model = arm_model(values)
@@ -197,7 +197,7 @@ class _Picking:
         if held := self.run.gripper().holding(HELD_S):
             await lease.move_joints(self.q_place)
         await self._open_gripper()
-        self.upkeep.end_carried(Outcome.PICKED if held else Outcome.LOST)
+        self.bookkeeping.end_carried(Outcome.PICKED if held else Outcome.LOST)
         if held:
             self.run.steps_taken.part_done()
 
@@ -205,7 +205,7 @@ class _Picking:
         """Stream until the belt stands (True) or enough is picked (False); pauses end in READY."""
         run = self.run
         wait, place = self.tool.state(self.q_wait), self._place()
-        picker = Picker(run, self.config, self.watch, self.upkeep, self.tool, self.guard, wait, place)
+        picker = Picker(run, self.config, self.watch, self.bookkeeping, self.tool, self.guard, wait, place)
         while not picker.enough:
             await self._until_picks_are_wanted()
             await lease.stream(picker.pieces(self.arm.state.latest(0.1).value.q))

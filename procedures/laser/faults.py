@@ -6,7 +6,7 @@ import numpy as np
 
 from cell.errors import CellError, error
 from procedures.laser.config import SearchSection
-from procedures.laser.sweep import Way
+from procedures.laser.sweep import BeamPass
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Fault:
         return error(self.name, f"{self.text}, in {attempts} attempts")
 
 
-def gap_of(ways: tuple[Way, ...], search: SearchSection) -> Fault | None:
+def gap_of(ways: tuple[BeamPass, ...], search: SearchSection) -> Fault | None:
     """Why the ways may have missed an edge, or None."""
     for way in ways:
         limit, text = search.max_poll_gap_s, ""
@@ -37,7 +37,7 @@ def gap_of(ways: tuple[Way, ...], search: SearchSection) -> Fault | None:
     return None
 
 
-def stuck_dark(out: Way, back: Way) -> Fault | None:
+def stuck_dark(out: BeamPass, back: BeamPass) -> Fault | None:
     """A beam that is broken where the tool is clear of it, or None."""
     if out.begins_dark or back.ends_dark:
         when = "before" if out.begins_dark else "after"
@@ -47,7 +47,7 @@ def stuck_dark(out: Way, back: Way) -> Fault | None:
     return None
 
 
-def one_sided(out: Way, back: Way) -> Fault | None:
+def one_sided(out: BeamPass, back: BeamPass) -> Fault | None:
     """A beam that showed the tool on one way only, or None."""
     if out.triggered == back.triggered:
         return None
@@ -57,7 +57,7 @@ def one_sided(out: Way, back: Way) -> Fault | None:
     )
 
 
-def crossing_fault(out: Way, back: Way, search: SearchSection) -> Fault | None:
+def crossing_fault(out: BeamPass, back: BeamPass, search: SearchSection) -> Fault | None:
     """Why a pair does not show the tool crossing, or None; gaps come first, as they explain the rest."""
     fault = gap_of((out, back), search) or stuck_dark(out, back) or one_sided(out, back)
     if fault is not None:
@@ -68,7 +68,7 @@ def crossing_fault(out: Way, back: Way, search: SearchSection) -> Fault | None:
     return None
 
 
-def fault_of(out: Way, back: Way, search: SearchSection) -> Fault | None:
+def fault_of(out: BeamPass, back: BeamPass, search: SearchSection) -> Fault | None:
     """Why a pair cannot be measured with, or None."""
     if (fault := crossing_fault(out, back, search)) is not None:
         return fault

@@ -13,11 +13,11 @@ from procedures.laser.faults import Fault, one_sided
 from procedures.laser.path import Station
 from procedures.laser.record import PassRecord
 from procedures.laser.states import ScanState as S
-from procedures.laser.sweep import Beam, Sweeper, Way
+from procedures.laser.sweep import Beam, BeamPass, Sweeper
 
-Pair = tuple[Way, Way]
-BackAt = Callable[[Way], Awaitable[float]]
-Judge = Callable[[Way, Way], Fault | None]
+Pair = tuple[BeamPass, BeamPass]
+BackAt = Callable[[BeamPass], Awaitable[float]]
+Judge = Callable[[BeamPass, BeamPass], Fault | None]
 LOCATE = "locate"
 HEIGHT = "bisect"
 
@@ -52,7 +52,7 @@ class Pairs:
         near, far = station.at(span[0], depth), station.at(span[1], depth)
         begun = False
 
-        async def turn(out: Way) -> RigidTransform:
+        async def turn(out: BeamPass) -> RigidTransform:
             """To where the way back begins, and where it ends."""
             if back_at is None:
                 return near
@@ -78,7 +78,7 @@ class Pairs:
         beam: Beam,
         near: RigidTransform,
         far: RigidTransform,
-        turn: Callable[[Way], Awaitable[RigidTransform]],
+        turn: Callable[[BeamPass], Awaitable[RigidTransform]],
         speed: Speed,
         judge: Judge,
         phase: str,

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.store.files import append_lines, disk_errors, to_json, write_atomic
-from procedures.laser.sweep import Way
+from procedures.laser.sweep import BeamPass
 
 PASSES_FILE = "passes.jsonl"
 DATA_FILE = "laser.json"
@@ -25,7 +25,7 @@ class PassRecord:
     folder: Path
     passes: list[dict[str, Any]] = field(default_factory=list)
 
-    def add(self, ways: tuple[Way, ...], phase: str, place: int, why_not: str | None) -> None:
+    def add(self, ways: tuple[BeamPass, ...], phase: str, place: int, why_not: str | None) -> None:
         """Ways that belong together; ``why_not`` says why they are not used. On disk when this returns."""
         entries = [{**way.as_pass(), "notes": {"phase": phase, "place": place}} for way in ways]
         about = {"used": why_not is None, "why": why_not}

@@ -21,7 +21,7 @@ from procedures.laser.path import Course, Station, deepest, heights_at, highest,
 from procedures.laser.record import PassRecord
 from procedures.laser.sought_height import SoughtHeight, period_of
 from procedures.laser.states import ScanState as S
-from procedures.laser.sweep import POLL_TIMEOUT_S, Sweeper, Way
+from procedures.laser.sweep import POLL_TIMEOUT_S, BeamPass, Sweeper
 
 SAME_M = 1e-6
 GOLDEN = 0.6180339887498949  # multiples of it, modulo 1, are spread evenly however many they are
@@ -49,7 +49,7 @@ class _Turn:
     def __init__(self, seek: SoughtHeight, out: float) -> None:
         self.seek, self.out, self.back = seek, out, out
 
-    async def depth(self, way: Way) -> float:
+    async def depth(self, way: BeamPass) -> float:
         """Of the way back (m), after this way out."""
         self.back = -(await self.seek.look((self.out, way))).next.height
         return self.back
@@ -79,7 +79,9 @@ class Scan:
         self._pairs: Pairs
         self._station: Station
         self._s, self._depth = 0.0, 0.0
-        self._tried: list[tuple[float, Way]] = []  # by their depths, m; at this station, near the tool's end
+        self._tried: list[
+            tuple[float, BeamPass]
+        ] = []  # by their depths, m; at this station, near the tool's end
         self._missing: dict[str, str] = {}
         self._taken, self._groups = 0, 0
 
@@ -279,7 +281,7 @@ class Scan:
         self._s, self._depth = s, depth
         await self.run.clock.sleep(self.search.settle_s)
 
-    def _span(self, out: Way, back: Way) -> tuple[float, float]:
+    def _span(self, out: BeamPass, back: BeamPass) -> tuple[float, float]:
         """From the first edge to the last of both ways, m from the auxiliary point."""
         s = self._station.s_of(np.concatenate([out.edge_positions(), back.edge_positions()]))
         return float(np.min(s)), float(np.max(s))

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.tool_frame.meeting import FALSE_ALARM, length95, tool_point_meets
 from calibration.tool_frame.places import at_current_places
-from calibration.tool_frame.scene import Refusal, Scene
+from calibration.tool_frame.scene import LaserScene, Refusal
 from calibration.tool_frame.solution import solve
 from cell.formats.laser import parse_laser
 from cell.poses import from_pose6
@@ -96,7 +96,9 @@ def _current(path: Path) -> list[Any]:
     return found
 
 
-def _against_first(data: Mapping[str, Any], passes: list[Any], first: Mapping[str, Any], path: Path) -> Scene:
+def _against_first(
+    data: Mapping[str, Any], passes: list[Any], first: Mapping[str, Any], path: Path
+) -> LaserScene:
     """``passes`` held against the current ones of ``data``, whose tool is as ``first`` has it.
 
     So the noise of the reference, which both scans have alike, is not in the answer. The axis of the first
@@ -110,5 +112,5 @@ def _against_first(data: Mapping[str, Any], passes: list[Any], first: Mapping[st
     return replace(scene, tool=replace(scene.tool, axis_known=False))
 
 
-def _scene(data: dict[str, Any], path: Path) -> Scene:
+def _scene(data: dict[str, Any], path: Path) -> LaserScene:
     return at_current_places(scene_of(parse_laser(data, str(path))))

@@ -8,7 +8,7 @@ from calibration.tool_frame.repeatability import scatter_of
 from cell.procedure import Worker
 from procedures.laser.config import Search
 from procedures.laser.path import Station
-from procedures.laser.sweep import Way
+from procedures.laser.sweep import BeamPass
 
 _CENTRE_M = 3e-4  # how far the middle of a break may be off that of the crossing further down
 
@@ -27,7 +27,7 @@ class SoughtHeight:
         sigma_m: float,
         hit: float,
         clear: float,
-        located: tuple[Way, Way],
+        located: tuple[BeamPass, BeamPass],
         station: Station,
     ) -> None:
         self._worker = worker
@@ -51,11 +51,11 @@ class SoughtHeight:
             period_of(located[0]),
         )
 
-    def add(self, depth: float, way: Way) -> None:
+    def add(self, depth: float, way: BeamPass) -> None:
         """A way at ``depth`` (m) that counts from now on."""
         self._glimpses += self._of(way, len(self._glimpses), depth)
 
-    async def look(self, *more: tuple[float, Way]) -> Sought:
+    async def look(self, *more: tuple[float, BeamPass]) -> Sought:
         """What all ways say, and ``more`` (depth in m and way) that may yet be taken again."""
         seen = [g for depth, way in more for g in self._of(way, len(self._glimpses), depth)]
         return await self._worker.call(sought, self._seek, [*self._glimpses, *seen])
@@ -71,7 +71,7 @@ class SoughtHeight:
         middle = self._centre + self._offset
         return middle - half, middle + half
 
-    def _of(self, way: Way, pair: int, depth: float) -> list[Glimpse]:
+    def _of(self, way: BeamPass, pair: int, depth: float) -> list[Glimpse]:
         if way.begins_dark or way.ends_dark:
             return []
         if self._fingers and way.triggered:
@@ -87,6 +87,6 @@ class SoughtHeight:
         return [glimpse(-depth, pair, places, dark, way.direction * self._centre, sigma, soft, pulse)]
 
 
-def period_of(way: Way) -> float:
+def period_of(way: BeamPass) -> float:
     """The usual time between two polls, s."""
     return float(np.median(np.diff([p.t for p in way.polls])))

@@ -34,7 +34,7 @@ class Beam:
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class BeamPass:
     """One way across a beam, out (``direction`` 1) or back (-1).
 
     ``t`` (n,) s and ``xyz`` (n, 3) m are the flange in the base; ``polls`` have stamps of the same time axis.
@@ -217,7 +217,7 @@ class Sweeper:
 
     async def cross(
         self, beam: Beam, direction: int, to: RigidTransform, speed: Speed, after_poll_s: float = 0.0
-    ) -> Way:
+    ) -> BeamPass:
         """Move the tool on a line until the flange is at ``to``; begins ``after_poll_s`` after a poll.
 
         ``STALE_DATA`` when there is no poll to begin with: nothing moves blindly across a beam.
@@ -240,11 +240,11 @@ def way_of(
     states: Sequence[Sample[ArmState]],
     polls: Sequence[Sample[InputsState]],
     restarted: bool = False,
-) -> Way:
+) -> BeamPass:
     """A way from its samples; at least one of each."""
     if not states:
         raise error("STALE_DATA", "the arm gave no state on a way across a beam")
     t = np.round([s.t for s in states], STAMP_DIGITS)
     new = np.flatnonzero(np.diff(t, prepend=-np.inf) > 0.0)  # stamps of a burst may be one
     flange = flange_poses([states[int(i)].value for i in new]).translation
-    return Way(beam, direction, t[new], flange, tuple(polls), restarted)
+    return BeamPass(beam, direction, t[new], flange, tuple(polls), restarted)

@@ -1,4 +1,4 @@
-"""Round the corner between a level way and the straight one onto an item or a place."""
+"""The blend between a level move and the straight one onto an item or a place."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ _LEVEL_M = 0.3  # a way long enough to end as all do
 
 
 @dataclass(frozen=True)
-class Corner:
+class Blend:
     """``reach_s`` the way down takes to the upper end of its straight part; ``last_s`` is what a level way
     has left when the tool is within 3 mm of its end. The tool may leave sideways ``clear_m`` above where it
     gripped or let go: what it has sunk into the item comes on top of the straight part.
@@ -30,12 +30,12 @@ class Corner:
         return self.reach_s + self.last_s
 
 
-def corner(config: BeltTrackingConfig, limits: PursuitLimits) -> Corner:
+def blend_for(config: BeltTrackingConfig, limits: PursuitLimits) -> Blend:
     """What ``config`` asks for, as the planner drives it within ``limits``."""
     down_m, straight = config.down_m, config.straight_m
     if straight is None:
         if config.method == "classic":
-            return Corner(0.0, 0.0, down_m)
+            return Blend(0.0, 0.0, down_m)
         straight = min(STRAIGHT_M, config.above_m)
     straight += config.sunk_m
     rest = State.still(np.zeros(4))
@@ -43,4 +43,4 @@ def corner(config: BeltTrackingConfig, limits: PursuitLimits) -> Corner:
     level = plan(0.0, rest, FixedPoint(rest.p), np.array([_LEVEL_M, 0.0, 0.0, 0.0]), limits)
     high = [t for t in np.arange(0.0, down.t1, _STEP_S) if -down.at(t).p[2] <= down_m - straight]
     off = [t for t in np.arange(0.0, level.t1, _STEP_S) if level.at(t).p[0] <= _LEVEL_M - BESIDE_M]
-    return Corner(float(high[-1]), float(level.t1 - off[-1]), straight)
+    return Blend(float(high[-1]), float(level.t1 - off[-1]), straight)

@@ -16,7 +16,7 @@ from cell.errors import CellError
 from cell.guard import MotionGuard
 from cell.poses import Array
 from procedures.belt.config import BeltTrackingConfig
-from procedures.belt.motion.blend import corner
+from procedures.belt.motion.blend import blend_for
 from procedures.belt.motion.tool_joints import ToolJoints
 from procedures.belt.motion.tool_path import pursuit_limits, within_joint_speed
 
@@ -79,7 +79,7 @@ class Expectation:
         self._gripper_s = config.grip_timeout_s / 3.0
         self._up = np.array([0.0, 0.0, config.down_m, 0.0])  # from the grip
         self._over_place = np.array([0.0, 0.0, config.above_m, 0.0])
-        self._corner = corner(config, self._limits)
+        self._blend = blend_for(config, self._limits)
 
     def grip_point(self, along_m: float) -> Array:
         """Where an item of the least height is gripped (4,), at ``along_m`` (dot(p, dir)).
@@ -158,7 +158,7 @@ class Expectation:
         """From leaving the place to leaving it again, s, with contact at ``along_m``."""
         met = self.grip_point(along_m)
         put = FixedPoint(self._place.p)
-        clear = self._corner.clear_m
+        clear = self._blend.clear_m
         left = np.array([0.0, 0.0, min(clear, self._config.above_m), 0.0])
         t, state, contact = 0.0, State.still(self._place.p + left), 1.0
         took = 0.0
@@ -178,9 +178,9 @@ class Expectation:
         return took
 
     def _down_to(self, t: float, state: State, origin: Origin, up: Array) -> Leg:
-        """The way to ``up`` (4,) over ``origin`` and, round the corner, down to it."""
+        """The way to ``up`` (4,) over ``origin`` and, with a blend, down to it."""
         level = self._way_to(t, state, origin, up)
-        turn = max(level.t1 - self._corner.lead_s, t)
+        turn = max(level.t1 - self._blend.lead_s, t)
         return plan(turn, level.at(turn), origin, np.zeros(4), self._limits, apart=True)
 
     def _way_to(self, t: float, state: State, origin: Origin, offset: Array) -> Leg:

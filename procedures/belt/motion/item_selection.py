@@ -11,7 +11,7 @@ from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.item_tracking import BeltWatch
 from procedures.belt.items import Item
 from procedures.belt.motion.tool_joints import ToolJoints
-from procedures.belt.motion.tool_path import Way
+from procedures.belt.motion.tool_path import ToolPath
 
 CHOICES = 3
 EDGE_M = 0.002  # inside the zone's first edge, for a belt that slows down
@@ -41,13 +41,13 @@ class Choice:
         item.turn += float((turn - item.turn + np.pi / 2) % np.pi - np.pi / 2)
         return item.turn
 
-    def reachable(self, t: float, way: Way, above: Array) -> list[tuple[Item, Ride]]:
+    def reachable(self, t: float, path: ToolPath, above: Array) -> list[tuple[Item, Ride]]:
         """Who can be met in the zone when the tool goes ``above`` (4,) it now, in the config's order."""
         found: list[tuple[float, Item, Ride]] = []
         for item in self._watch.queue.waiting(self._config.min_sightings):
             if (ride := self.ride(item)) is None:
                 continue
-            arrival = way.soonest(t, ride, above)
+            arrival = path.soonest(t, ride, above)
             if not self.has_come_in(ride.track, arrival + self._descent_s):
                 break  # and those behind it are still farther upstream
             if self.can_be_met(ride.track, arrival):

@@ -1,7 +1,7 @@
 """One stream of set-points from item to item: approach, descend, grip, lift, place, and back.
 
 The picker decides every 20 ms, from what is known then, where the tool goes next; each plan begins in the
-state that the one before is in, so a forecast that changes bends the way and never breaks it.
+state that the one before is in, so a forecast that changes bends the path and never breaks it.
 """
 
 import asyncio
@@ -18,15 +18,15 @@ from cell.guard import MotionGuard
 from cell.poses import Array
 from cell.procedure import Run
 from procedures.belt.config import BeltTrackingConfig
-from procedures.belt.item_bookkeeping import Upkeep
+from procedures.belt.item_bookkeeping import ItemBookkeeping
 from procedures.belt.item_tracking import BeltWatch
 from procedures.belt.items import CONTACT, Item, Outcome
-from procedures.belt.motion.blend import corner
+from procedures.belt.motion.blend import blend_for
 from procedures.belt.motion.item_selection import Choice
 from procedures.belt.motion.meeting import Aim, strategy
 from procedures.belt.motion.servo_lag import Lag
 from procedures.belt.motion.tool_joints import ToolJoints, on_piece
-from procedures.belt.motion.tool_path import AHEAD_S, Way, pursuit_limits
+from procedures.belt.motion.tool_path import AHEAD_S, ToolPath, pursuit_limits
 from procedures.belt.states import PickState as S
 
 STEP_S = 0.02  # between decisions
@@ -48,13 +48,19 @@ class Picker:
         run: Run,
         config: BeltTrackingConfig,
         watch: BeltWatch,
-        upkeep: Upkeep,
+        bookkeeping: ItemBookkeeping,
         tool: ToolJoints,
         guard: MotionGuard,
         wait: State,
         place: State,
     ) -> None:
-        self._run, self._config, self._watch, self._upkeep, self._tool = run, config, watch, upkeep, tool
+        self._run, self._config, self._watch, self._bookkeeping, self._tool = (
+            run,
+            config,
+            watch,
+            bookkeeping,
+            tool,
+        )
         self._wait, self._place = FixedPoint(wait.p), FixedPoint(place.p)
         limits = config.limits
         axis = MotionLimits(limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3)
@@ -62,7 +68,7 @@ class Picker:
         self._above = np.array([0.0, 0.0, config.above_m, 0.0])  # of an item's upper face, and of the place
         self._at_grip = np.array([0.0, 0.0, config.grip_m, 0.0])
         classic = config.method == "classic"
-        self._corner = corner(config, pursuit_limits(limits))
+        self._blend = blend_for(config, pursuit_limits(limits))
         self._aim: Aim | None = None
         self._meets_only = classic or not config.follow
         self._strategy = strategy(config, watch, wait.p[:3], self._descent_s)
@@ -76,7 +82,7 @@ class Picker:
         self._awaited: Item | None = None  # on its way to the zone
         self._t_contact, self._tries = 0.0, 0
         self._phase: Callable[[float], Coroutine[Any, Any, bool]] = self._ready
-        self._way = Way(tool, limits, guard, wait)
+        self._path = ToolPath(tool, limits, guard, wait)
         self._choice = Choice(config, watch, tool, float(wait.p[3]), self._descent_s)
         self._learnt = -np.inf
         self._standing_since: float | None = None
@@ -86,16 +92,16 @@ class Picker:
         """Set-points from rest at ``q`` (6,) on, until :attr:`standing`, a wish for rest, or enough picks."""
         clock = self._run.clock
         t = clock.now() + LEAD_S
-        self._way.start(t, q, self._wait)
+        self._path.start(t, q, self._wait)
         self._phase, self.standing, self._standing_since = self._ready, False, None
         here = q, np.zeros(6)
-        self._upkeep.streaming = True
+        self._bookkeeping.streaming = True
         try:
             while True:
                 await self._learn()
                 if not await self._phase(t):
                     return
-                piece = self._way.piece(t, here)
+                piece = self._path.piece(t, here)
                 self._keep(t)
                 if clock.now() < t + AHEAD_S:  # a piece that is over would only end the one in use
                     yield self._lag.ahead(piece)
@@ -105,14 +111,14 @@ class Picker:
         finally:
             await self._end_task()
             if self._item is not None and self._item.touched:  # in the gripper, or where the arm stopped
-                self._upkeep.carried, self._item = self._item, None
-            self._upkeep.streaming = False
+                self._bookkeeping.carried, self._item = self._item, None
+            self._bookkeeping.streaming = False
 
     def _keep(self, t: float) -> None:
         """This set-point, for whoever looks at the run later."""
         if (record := self._watch.record) is not None:
             number = 0 if self._item is None else self._item.number
-            record.goes(t, self._way.at(t), self._watch.speed(), number)
+            record.goes(t, self._path.at(t), self._watch.speed(), number)
 
     # -- what is known
 
@@ -123,7 +129,7 @@ class Picker:
         if self._run.state not in CLOSE and now - self._learnt < LEARN_S - 0.5 * STEP_S:
             return
         self._learnt = now
-        self._upkeep.look(self._item)
+        self._bookkeeping.look(self._item)
         self._judge_belt(now)
 
     def _judge_belt(self, now: float) -> None:
@@ -153,14 +159,14 @@ class Picker:
         if self._rest_wanted:
             if self._run.state is S.WAIT:
                 await self._run.enter(S.RETURN, "rest is wanted")
-            self._way.go(t, self._wait, np.zeros(4))
-            return t < self._way.t1
+            self._path.go(t, self._wait, np.zeros(4))
+            return t < self._path.t1
         if self._meets_only:
             return await self._agree(t)
-        for item, ride in self._choice.reachable(t, self._way, self._above):
+        for item, ride in self._choice.reachable(t, self._path, self._above):
             tried = self._tried(t, item, ride)
             if tried is not None and self._choice.can_be_met(ride.track, tried[0].t1):
-                self._way.take(tried)
+                self._path.take(tried)
                 self._item = item
                 item.note(t, "approach")
                 await self._run.enter(S.APPROACH, f"item {item.number}")
@@ -174,17 +180,17 @@ class Picker:
         the waiting point."""
         for item, above in self._choice.coming(t):
             if self._awaited is item:
-                self._way.go(t, above, self._above)
+                self._path.go(t, above, self._above)
             elif (tried := self._tried(t, item, above)) is not None:
                 self._awaited = item
-                self._way.take(tried)
+                self._path.take(tried)
             else:
                 continue
             if self._run.state is not S.WAIT:
                 await self._run.enter(S.WAIT, f"item {item.number}")
             return
         self._awaited = None
-        self._way.go(t, self._wait, np.zeros(4))
+        self._path.go(t, self._wait, np.zeros(4))
 
     def _tried(self, t: float, item: Item, origin: Ride | FixedPoint) -> tuple[Leg, float] | None:
         """The way above ``item`` at ``origin``, if guard and joints allow it and the grip at its end.
@@ -194,10 +200,10 @@ class Picker:
         if t < item.refused_until:
             return None
         try:
-            tried = self._way.tried(t, origin, self._above)
+            tried = self._path.tried(t, origin, self._above)
             contact = tried[0].t1 + self._descent_s
             grips = [origin.at(at) for at in (contact, contact + self._config.dwell_s)]
-            self._way.check(tried, [state + State.still(self._at_grip) for state in grips])
+            self._path.check(tried, [state + State.still(self._at_grip) for state in grips])
         except CellError as why:
             if not item.refused_until:
                 item.note(t, f"out of reach: {why}")
@@ -209,12 +215,12 @@ class Picker:
         ride = self._ride()
         if ride is None or self.standing:
             return await self._give_up(t)
-        self._way.go(t, ride, self._above)
-        if not self._choice.can_be_met(ride.track, self._way.t1):
+        self._path.go(t, ride, self._above)
+        if not self._choice.can_be_met(ride.track, self._path.t1):
             return await self._give_up(t)
-        turns = self._way.t1 - t <= self._corner.lead_s
+        turns = self._path.t1 - t <= self._blend.lead_s
         if turns and self._choice.has_come_in(ride.track, t + self._descent_s):
-            self._way.at_full_speed()
+            self._path.at_full_speed()
             await self._run.enter(S.DESCEND)
             self._is_cautious = self._watch.doubt(DOUBT_S) > DOUBT_M
             self._phase = self._descend
@@ -224,8 +230,8 @@ class Picker:
         ride = self._ride()
         if ride is None or self.standing:
             return await self._give_up(t)
-        self._way.descend(t, ride, self._at_grip, self._is_cautious)
-        if not self._choice.inside(ride.track, self._way.t1, self._way.t1 + self._config.dwell_s):
+        self._path.descend(t, ride, self._at_grip, self._is_cautious)
+        if not self._choice.inside(ride.track, self._path.t1, self._path.t1 + self._config.dwell_s):
             return await self._give_up(t)
         if self._meets(t, ride):
             await self._close(t)
@@ -244,8 +250,8 @@ class Picker:
 
     async def _agree(self, t: float) -> bool:
         """At rest at the waiting point: agree on a contact that the arm can keep."""
-        self._way.go(t, self._wait, np.zeros(4))
-        if self._way.t1 > t:
+        self._path.go(t, self._wait, np.zeros(4))
+        if self._path.t1 > t:
             return True
         if self._run.state is not S.WAIT:
             await self._run.enter(S.WAIT)
@@ -256,7 +262,7 @@ class Picker:
                     break
                 late = tried[0].t1 + self._descent_s - aim.contact
                 if late <= STEP_S:
-                    self._way.take(tried)
+                    self._path.take(tried)
                     self._item, self._aim, self._phase = item, aim, self._go_above
                     item.note(t, "approach")
                     await self._run.enter(S.APPROACH, f"item {item.number}")
@@ -269,9 +275,9 @@ class Picker:
         assert self._aim is not None
         if (place := self._aim_improved(t)) is None:
             return await self._give_up(t)
-        self._way.go(t, place, self._above)
+        self._path.go(t, place, self._above)
         if t >= self._aim.contact - self._descent_s - 0.5 * STEP_S:
-            self._way.at_full_speed()
+            self._path.at_full_speed()
             await self._run.enter(S.DESCEND)
             self._phase = self._go_down
         return True
@@ -279,8 +285,8 @@ class Picker:
     async def _go_down(self, t: float) -> bool:
         if (place := self._aim_improved(t)) is None:
             return await self._give_up(t)
-        self._way.go(t, place, self._at_grip)
-        if self._way.t1 - t <= 0.5 * STEP_S:
+        self._path.go(t, place, self._at_grip)
+        if self._path.t1 - t <= 0.5 * STEP_S:
             await self._close(t)
         return True
 
@@ -298,7 +304,7 @@ class Picker:
 
     def _meets(self, t: float, ride: Ride) -> bool:
         """Whether the tool is on the item and moves with it: a forecast that shakes is never met exactly."""
-        gap = self._way.at(t) - ride.at(t)
+        gap = self._path.at(t) - ride.at(t)
         off = float(np.linalg.norm(gap.p[:3] - self._at_grip[:3]))
         met = off < MET_M and abs(gap.p[3]) < MET_RAD
         return met and float(np.linalg.norm(gap.v[:3])) < MET_M_S
@@ -326,8 +332,8 @@ class Picker:
         if not held:
             self._begin(self._gripper.release(self._config.grip_timeout_s))
             await self._end_item(Outcome.GRIP_FAILED)
-        self._foot_m = float(self._way.at(t).p[2])
-        self._way.rise(t, self._above)
+        self._foot_m = float(self._path.at(t).p[2])
+        self._path.rise(t, self._above)
         self._phase = self._lift
         return True
 
@@ -345,7 +351,7 @@ class Picker:
         """On with the item in the grip; whether it is about to leave the zone."""
         if self._meets_only or (ride := self._ride()) is None:
             return False
-        self._way.go(t, ride, self._at_grip, apart=True)
+        self._path.go(t, ride, self._at_grip, apart=True)
         return not self._choice.inside(ride.track, t, t + RISE_S)
 
     async def _lift(self, t: float) -> bool:
@@ -354,7 +360,7 @@ class Picker:
             return True
         if self._held:
             await self._run.enter(S.PLACE)
-            self._way.begin(t, self._place, self._above)
+            self._path.begin(t, self._place, self._above)
             self._phase = self._to_place
         elif self._opened():
             await self._run.enter(S.RETURN)
@@ -362,15 +368,15 @@ class Picker:
         return True
 
     async def _to_place(self, t: float) -> bool:
-        self._way.go(t, self._place, self._above)
-        if self._way.t1 - t <= self._corner.lead_s:
-            self._way.at_full_speed()
+        self._path.go(t, self._place, self._above)
+        if self._path.t1 - t <= self._blend.lead_s:
+            self._path.at_full_speed()
             self._phase = self._put_down
         return True
 
     async def _put_down(self, t: float) -> bool:
-        self._way.go(t, self._place, np.zeros(4), apart=True)
-        if self._way.t1 - t <= 0.5 * STEP_S:
+        self._path.go(t, self._place, np.zeros(4), apart=True)
+        if self._path.t1 - t <= 0.5 * STEP_S:
             if not self._gripper.holding(0.1):
                 await self._end_item(Outcome.LOST)
             self._begin(self._gripper.release(self._config.grip_timeout_s))
@@ -387,10 +393,10 @@ class Picker:
         return True
 
     async def _leave_place(self, t: float) -> bool:
-        self._way.go(t, self._place, self._above)
+        self._path.go(t, self._place, self._above)
         if self._clear(t, float(self._place.p[2])):
             await self._run.enter(S.RETURN)
-            self._way.begin(t, self._wait, np.zeros(4))
+            self._path.begin(t, self._wait, np.zeros(4))
             self._phase = self._ready
         return True
 
@@ -398,7 +404,7 @@ class Picker:
 
     def _clear(self, t: float, foot_m: float) -> bool:
         """Whether the tool has risen so far from ``foot_m`` that it may go sideways."""
-        return t >= self._way.t1 or float(self._way.at(t).p[2]) - foot_m >= self._corner.clear_m
+        return t >= self._path.t1 or float(self._path.at(t).p[2]) - foot_m >= self._blend.clear_m
 
     def _ride(self) -> Ride | None:
         """The item in hand, as it is predicted now."""
@@ -411,25 +417,25 @@ class Picker:
             self._item = None
         await self._run.enter(S.RETURN)
         if self._phase in (self._descend, self._go_down):
-            self._foot_m = float(self._way.at(t).p[2])
-            self._way.rise(t, self._above)
+            self._foot_m = float(self._path.at(t).p[2])
+            self._path.rise(t, self._above)
             self._phase = self._rise
         else:
             self._phase = self._ready
-            self._way.go(t, self._wait, np.zeros(4))
+            self._path.go(t, self._wait, np.zeros(4))
         return True
 
     async def _rise(self, t: float) -> bool:
         """Straight up beside an item that was given up."""
         if self._clear(t, self._foot_m):
             self._phase = self._ready
-            self._way.begin(t, self._wait, np.zeros(4))
+            self._path.begin(t, self._wait, np.zeros(4))
         return True
 
     async def _end_item(self, outcome: Outcome) -> None:
         item, self._item = self._item, None
         if item is not None:
-            self._upkeep.end(item, outcome)
+            self._bookkeeping.end(item, outcome)
 
     # -- the gripper works beside the stream
 

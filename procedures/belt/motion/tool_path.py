@@ -41,7 +41,7 @@ def within_joint_speed(
     return leg, share
 
 
-class Way:
+class ToolPath:
     """One leg after the other, each from the state that the one before is in. Times in s of the cell's clock,
     offsets (4,) from an origin: x, y, z in the base (m) and yaw (rad)."""
 

@@ -5,10 +5,10 @@ from procedures.laser.report.checks import figures_section, held_out_section, op
 from procedures.laser.report.edges import edges_section, residuals_section
 from procedures.laser.report.heights import heights_section
 from procedures.laser.report.limits import limits_section
+from procedures.laser.report.out_and_back import out_and_back_section
 from procedures.laser.report.second import second_section
 from procedures.laser.report.source import LaserSource
 from procedures.laser.report.tool import tool_section
-from procedures.laser.report.ways import ways_section
 from procedures.laser.solve.data import FILE_NAME
 from procedures.report.html import Html
 from procedures.report.layout import Layout, Page
@@ -40,7 +40,7 @@ def _page(source: LaserSource) -> Page[LaserSource]:
             edges_section,
             residuals_section,
             heights_section,
-            ways_section,
+            out_and_back_section,
             trend_section,
             open_section,
             timeline_section,

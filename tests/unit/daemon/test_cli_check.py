@@ -12,7 +12,7 @@ from cell.store.ledger import Ledger
 from daemon.cli import machine
 from daemon.config import init_text, load_config
 from daemon.demo.fast import write_config as write_demo_config
-from daemon.demo.scenes import Scene
+from daemon.demo.scenes import DemoScene
 from tests.kit.cli_harness import CellOnDisk, CommandLine
 from tests.kit.laser_cell import remembered
 from tests.kit.object_cell import write_config
@@ -37,7 +37,7 @@ def _predicted_once(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def objects(tmp_path: Path) -> Path:
     """A valid configuration whose devices are the twin's objects."""
-    return write_demo_config(Scene("bay", ()), tmp_path)
+    return write_demo_config(DemoScene("bay", ()), tmp_path)
 
 
 def test_a_valid_file_is_said_to_be_valid_with_what_can_be_expected(

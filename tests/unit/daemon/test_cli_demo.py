@@ -28,7 +28,7 @@ from daemon.demo.children import Child
 from daemon.demo.fast import write_config
 from daemon.demo.folder import begin_in
 from daemon.demo.plc import Plc
-from daemon.demo.scenes import STORED_SET, Scene, scenes_of
+from daemon.demo.scenes import STORED_SET, DemoScene, scenes_of
 from daemon.demo.steps import STEPS, steps_of
 from daemon.demo.wire import _no_socket_left
 from daemon.modbus import Command, ModbusFace
@@ -239,7 +239,7 @@ SCENES = scenes_of(steps_of(list(STEPS)))
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.twin)
-def test_the_fast_demo_has_the_cell_that_the_twin_would_write(scene: Scene, tmp_path: Path) -> None:
+def test_the_fast_demo_has_the_cell_that_the_twin_would_write(scene: DemoScene, tmp_path: Path) -> None:
     scenario = Scenario.load(scene.prepare(tmp_path))
     subject = tomllib.loads(write_config(scene, tmp_path).read_text("utf-8"))
     assert {d["scenario"] for d in subject["device"].values()} == {scene.prepare(tmp_path)}

@@ -8,7 +8,7 @@ from calibration.belt.pursuit import FixedPoint, PursuitLimits, State, plan
 from calibration.kinematics import robot_from_spec
 from cell.errors import CellError
 from procedures.belt.config import BeltTrackingConfig
-from procedures.belt.motion.blend import BESIDE_M, corner
+from procedures.belt.motion.blend import BESIDE_M, blend_for
 from procedures.belt.motion.tool_joints import ToolJoints, on_piece
 
 MODEL = robot_from_spec({"model": "ur10e"})
@@ -76,7 +76,7 @@ def test_a_piece_is_what_it_was_made_of_and_stands_at_its_end(subject: ToolJoint
 
 def test_a_tool_that_goes_round_the_corner_is_beside_the_item_before_the_straight_part() -> None:
     config = BeltTrackingConfig.model_validate(CONFIG)
-    round_it = corner(config, LIMITS)
+    round_it = blend_for(config, LIMITS)
     start, goal = State.still(np.array([0.4, 0.3, 0.05, 0.0])), FixedPoint(np.zeros(4))
     level = plan(0.0, start, goal, np.array([0.0, 0.0, 0.05, 0.0]), LIMITS)
     turn = level.t1 - round_it.lead_s
@@ -91,7 +91,7 @@ def test_a_tool_that_goes_round_the_corner_is_beside_the_item_before_the_straigh
 
 def test_the_sources_moves_begin_and_end_at_rest_unless_told_otherwise() -> None:
     classic = BeltTrackingConfig.model_validate({**CONFIG, "method": "classic"})
-    assert corner(classic, LIMITS).lead_s == 0.0
-    assert corner(classic, LIMITS).clear_m == classic.above_m
+    assert blend_for(classic, LIMITS).lead_s == 0.0
+    assert blend_for(classic, LIMITS).clear_m == classic.above_m
     told = BeltTrackingConfig.model_validate({**CONFIG, "method": "classic", "straight_m": 0.02})
-    assert corner(told, LIMITS).lead_s > 0.1
+    assert blend_for(told, LIMITS).lead_s > 0.1

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.intercept import HORIZONS, M_PER_COUNT, Scene, make, squares
+from bench.intercept import HORIZONS, M_PER_COUNT, SimulatedSet, make, squares
 from calibration.belt.arm_time import MotionLimits, rest_to_rest
 from cell.errors import InputError
 from daemon.cli.result_text import result_text
@@ -28,7 +28,7 @@ def solve(tmp_path: Path) -> Any:
 
 
 @pytest.fixture(scope="module")
-def steady() -> Scene:
+def steady() -> SimulatedSet:
     return make("wrap", 3, seconds=9.0, queries=30)
 
 
@@ -36,11 +36,11 @@ def codes(result: dict[str, Any]) -> list[str]:
     return [w["code"] for w in result["warnings"]]
 
 
-def rms(scene: Scene, result: dict[str, Any]) -> np.ndarray:
+def rms(scene: SimulatedSet, result: dict[str, Any]) -> np.ndarray:
     return np.sqrt(np.mean(squares(scene, result), axis=0))
 
 
-def test_predictions_across_a_wrap_are_near_the_bound(solve: Any, steady: Scene) -> None:
+def test_predictions_across_a_wrap_are_near_the_bound(solve: Any, steady: SimulatedSet) -> None:
     result = solve(steady.data)
     assert steady.bound is not None
     # 30 queries scatter by 10 % about what many would show; the benchmark holds the mean to 1.05.
@@ -54,7 +54,7 @@ def test_the_belts_own_part_is_small_beside_the_camera(solve: Any) -> None:
     assert np.all(rms(scene, solve(scene.data)) < 1e-4)
 
 
-def test_covariances_are_those_of_the_errors(solve: Any, steady: Scene) -> None:
+def test_covariances_are_those_of_the_errors(solve: Any, steady: SimulatedSet) -> None:
     result = solve(steady.data)
     squared = []
     for a, u in zip(result["result"]["answers"], result["uncertainty"]["answers"], strict=True):
@@ -78,7 +78,7 @@ def test_the_future_changes_nothing_bit_by_bit(solve: Any, kind: str) -> None:
         assert alone["uncertainty"]["answers"] == [uncertainty]
 
 
-def test_the_classic_method_is_causal_too_and_far_behind(solve: Any, steady: Scene) -> None:
+def test_the_classic_method_is_causal_too_and_far_behind(solve: Any, steady: SimulatedSet) -> None:
     whole = solve(steady.data, "classic")
     assert whole["inputs"]["method"] == "classic"
     assert np.all(rms(steady, whole) > 2.0 * rms(steady, solve(steady.data)))

@@ -15,7 +15,7 @@ from procedures.report.html import Html, absent, note, section
 from procedures.report.numbers import dig, number
 
 
-def ways_section(source: LaserSource) -> Html | None:
+def out_and_back_section(source: LaserSource) -> Html | None:
     """Out less back of each pair, with the delay taken off, and delay and hysteresis in words."""
     found = source.shown
     if found is None:
