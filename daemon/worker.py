@@ -4,9 +4,10 @@ import asyncio
 import ctypes
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
@@ -17,14 +18,29 @@ R = TypeVar("R")
 _PR_SET_PDEATHSIG = 1
 
 
-def _warm_up() -> None:
-    """Die with the parent, leave signals to it, and import what jobs compute with before it is needed."""
+def _warm_up(configured: Mapping[str, str]) -> None:
+    """Die with the parent, leave signals to it, and import what jobs compute with before it is needed.
+
+    ``configured`` are the jobs that only a configuration names: their results are of kinds of their own.
+    """
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     yield_to_others(COMPUTING)  # the loop, which watches the arm, comes first
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ[name] = "1"  # one BLAS thread: the same data give the same bits
-    import procedures.registry  # noqa: F401, after the lines above, which numpy reads once
+    from procedures.registry import add_configured  # after the lines above, which numpy reads once
+
+    for name, reference in configured.items():
+        with suppress(LookupError):  # a result of its kind then says what is missing
+            add_configured(name, reference)
+
+
+def _new_pool() -> ProcessPoolExecutor:
+    from procedures.registry import CONFIGURED
+
+    return ProcessPoolExecutor(
+        1, mp_context=get_context("spawn"), initializer=_warm_up, initargs=(dict(CONFIGURED),)
+    )
 
 
 def _ready() -> int:
@@ -47,9 +63,7 @@ class ProcessWorker:
         A call that is cancelled ends the process: nobody wants its answer, and the next call must not wait
         for it.
         """
-        pool = self._pool = self._pool or ProcessPoolExecutor(
-            1, mp_context=get_context("spawn"), initializer=_warm_up
-        )
+        pool = self._pool = self._pool or _new_pool()
         work: Future[R] | None = None
         try:
             work = pool.submit(fn, *args, **kwargs)

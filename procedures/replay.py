@@ -17,8 +17,14 @@ def solve_again(
     ``NOT_FOUND`` when the run has no data set, or its job none at all.
     """
     if job not in JOBS:
-        raise error("NOT_FOUND", f"a {job} has nothing to solve again")
+        raise error(
+            "NOT_FOUND",
+            f"{folder.name}: there is no job '{job}' here; install its package, or name the job in "
+            f"[job.{job}] procedure of the cell.toml",
+        )
     name = kind_named(JOBS[job].kind).data_file
+    if not name:
+        raise error("NOT_FOUND", f"{folder.name}: the job {job} keeps no data set, so it cannot be replayed")
     if not (folder / name).exists():
         raise error("NOT_FOUND", f"{folder.name} ({job}) has no {name} to solve")
     return JOBS[job].solve_again(folder / name, info, recorded)

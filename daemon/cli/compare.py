@@ -21,8 +21,13 @@ def compare_results(first: Mapping[str, Any], second: Mapping[str, Any]) -> Comp
         raise error(
             "ARGUMENT_INVALID", f"one run holds a {kind.name} result, the other a {other.name} result"
         )
-    if not kind.compare or not (first.get("result") and second.get("result")):
-        compared = " and ".join(k.name for k in KINDS.values() if k.compare)
-        raise error("ARGUMENT_INVALID", f"only {compared} results with an answer are compared")
+    if not kind.compare:
+        compared = ", ".join(k.name for k in KINDS.values() if k.compare)
+        raise error(
+            "ARGUMENT_INVALID",
+            f"results of kind {kind.name} have no comparison; of the shipped kinds {compared} have one",
+        )
+    if not (first.get("result") and second.get("result")):
+        raise error("ARGUMENT_INVALID", f"a {kind.name} result without an answer cannot be compared")
     found: Comparison = load(kind.compare)(read_result(first), read_result(second))
     return found

@@ -9,7 +9,7 @@ import typer
 from cell.errors import error
 from daemon.cli.damaged import reading
 from daemon.cli.failures import FAILED
-from daemon.cli.options import ConfigOption, JsonOption, cell_paths
+from daemon.cli.options import ConfigOption, JsonOption, cell_paths, know_configured_jobs
 from daemon.cli.output import out, out_json, say
 from procedures.words import local_time, table
 
@@ -22,6 +22,7 @@ def load(config: Path | None, run_id: int) -> Any:
     from cell.store.runs import load_run
 
     runs = cell_paths(config).runs
+    know_configured_jobs(config)
     try:
         return load_run(runs, run_id)
     except CellError as exc:

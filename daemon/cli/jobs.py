@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from cell.errors import error
-from daemon.cli.options import ConfigOption, JsonOption, WaitOption, cell_paths
+from daemon.cli.options import ConfigOption, JsonOption, WaitOption, cell_paths, know_configured_jobs
 from daemon.cli.output import out, out_json, say
 from daemon.control_client import ControlClient
 
@@ -72,6 +72,7 @@ def start(
         from daemon.cli.plan_text import plan_text
 
         with connect(config) as daemon:
+            know_configured_jobs(config)
             made = daemon.call("start", DRY_RUN_TIMEOUT_S, job=job, params=parameters, dry_run=True)
         out_json(made["plan"]) if as_json else out(plan_text(made["plan"]))
         if (number := made.get("run_id")) is not None:

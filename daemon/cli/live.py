@@ -8,7 +8,7 @@ import typer
 
 from cell.errors import error
 from daemon.cli.jobs import connect
-from daemon.cli.options import ConfigOption, JsonOption
+from daemon.cli.options import ConfigOption, JsonOption, know_configured_jobs
 from daemon.cli.output import out, say
 from daemon.control_client import ControlClient
 from procedures.kind import Kind, kind_named, load
@@ -36,6 +36,7 @@ def live(
 ) -> None:
     """The numbers of a running job, live: picking from a belt shows counts, items, picks and misses."""
     with connect(config) as daemon:
+        know_configured_jobs(config)
         following = Following(daemon)
         following.look()
         if following.job is None:

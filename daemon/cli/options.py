@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from cell.errors import error
+from daemon.cli.output import say
 
 DEFAULT_CONFIG = Path("/etc/cellward/cell.toml")
 
@@ -63,7 +64,7 @@ def cell_paths(option: Path | None) -> CellPaths:
     somebody edits the file of a running daemon. What ``[cell]`` leaves out comes from the full check.
     """
     path = config_path(option)
-    section = _cell_section(path)
+    section = _section(path, "cell")
     state, control = section.get("state_dir"), section.get("control_socket")
     if not all(isinstance(p, str) and p.startswith("/") for p in (state, control)):
         from daemon.config import load_config
@@ -73,9 +74,31 @@ def cell_paths(option: Path | None) -> CellPaths:
     return CellPaths(path, Path(str(state)), Path(str(control)))
 
 
-def _cell_section(path: Path) -> dict[str, Any]:
+def know_configured_jobs(option: Path | None) -> None:
+    """Make the jobs that ``[job.NAME] procedure`` names known here, so that their runs are read.
+
+    The rest of the file is not checked. One that cannot be loaded is said: runs of others are read anyway.
+    """
+    path = config_path(option)
+    sections = _section(path, "job").items()
+    named = {
+        name: keys["procedure"] for name, keys in sections if isinstance(keys, dict) and "procedure" in keys
+    }
+    if not named:
+        return
+    from procedures.registry import SHIPPED, add_configured
+
+    for name, reference in named.items():
+        try:
+            if name not in SHIPPED:
+                add_configured(name, str(reference))
+        except LookupError as exc:
+            say(f"{path}: job.{name}.procedure: {exc.args[0]}")
+
+
+def _section(path: Path, name: str) -> dict[str, Any]:
     try:
-        section = tomllib.loads(path.read_text("utf-8")).get("cell", {})
+        section = tomllib.loads(path.read_text("utf-8")).get(name, {})
     except OSError as exc:
         raise error("FILE_UNREADABLE", f"{path}: {exc.strerror or exc}") from exc
     except ValueError as exc:  # not TOML, or not UTF-8

@@ -314,8 +314,7 @@ def _check_job(
 
 def _outside_job(name: str, reference: Any, findings: Findings, jobs: Mapping[str, Any]) -> Any:
     """The class that ``procedure`` names, made a job of this process; None with a finding."""
-    from procedures.outside import job_class
-    from procedures.registry import JOBS, SHIPPED
+    from procedures.registry import SHIPPED, add_configured
 
     place = ("job", name, "procedure")
     if name in SHIPPED:
@@ -323,14 +322,10 @@ def _outside_job(name: str, reference: Any, findings: Findings, jobs: Mapping[st
     elif not isinstance(reference, str):
         findings.add(place, 'should be a string, "package.module:Class"')
     else:
-        others = {key: one for key, one in {**JOBS, **jobs}.items() if key != name}
         try:
-            job = job_class(name, reference, others)
+            return add_configured(name, reference, jobs)
         except LookupError as exc:
             findings.add(place, str(exc.args[0]))
-        else:
-            JOBS[name] = job
-            return job
     return None
 
 

@@ -59,6 +59,7 @@ class NoKind(Look):
 @pytest.fixture(autouse=True)
 def _jobs_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "JOBS", dict(registry.JOBS))
+    monkeypatch.setattr(registry, "CONFIGURED", {})
 
 
 def load(folder: Path, section: str) -> CellConfig:

@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import shutil
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -10,6 +11,8 @@ import pytest
 
 from cell.errors import CellError
 from daemon.worker import ProcessWorker
+from procedures import registry
+from procedures.kind import kind_named
 
 pytestmark = pytest.mark.wire
 
@@ -66,5 +69,20 @@ def test_a_worker_that_dies_is_told_and_replaced(tmp_path: Path) -> None:
         with pytest.raises(CellError, match="_exit"):
             await subject.call(os._exit, 3)
         assert await subject.call(os.getpid) != first
+
+    with_worker(use)
+
+
+def test_it_knows_the_kind_of_a_job_that_only_a_configuration_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(Path(__file__).parents[3] / "docs/examples/acme/acme_belt", tmp_path / "acme_belt")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(registry.CONFIGURED, "acme-still", "acme_belt.still:BeltStill")
+    monkeypatch.setitem(registry.CONFIGURED, "acme-gone", "acme_not_installed.job:Gone")
+
+    async def use(subject: ProcessWorker) -> None:
+        kind = await subject.call(kind_named, "acme_belt.still:KIND")
+        assert kind.words == "acme_belt.still:lines"
 
     with_worker(use)
