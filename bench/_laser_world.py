@@ -21,7 +21,7 @@ from cell.samples import Sample
 from daemon.worker import InlineWorker
 from procedures.laser import scan as job_scan
 from procedures.laser.config import BEAMS, Search
-from procedures.laser.path import Course, Station
+from procedures.laser.path import BeamStation, Course
 from procedures.laser.record import PassRecord
 from procedures.laser.sweep import Beam, BeamPass
 from tests.kit.laser_scene import Beam as TrueBeam
@@ -260,7 +260,7 @@ def take(world: World, folder: Path, plan: Search, places: int, stated_m: float,
 async def _nothing(*_: object) -> None: ...
 
 
-def _stations(plan: Search, places: int, tool: Array) -> list[Station]:
+def _stations(plan: Search, places: int, tool: Array) -> list[BeamStation]:
     found = []
     for name in BEAMS:
         beam = plan.beam(name)
@@ -269,5 +269,5 @@ def _stations(plan: Search, places: int, tool: Array) -> list[Station]:
         for place in range(places):
             flange = start + place * beam.along_m * beam.along_unit - DOWN.apply(tool)
             T = RigidTransform.from_components(flange, DOWN)
-            found.append(Station(name, place, np.zeros(6), T, beam.across_unit, beam.distance_m, False))
+            found.append(BeamStation(name, place, np.zeros(6), T, beam.across_unit, beam.distance_m, False))
     return found

@@ -11,7 +11,7 @@ from typing import Generic, Protocol, TypeVar
 from cell.clock import Clock
 from cell.errors import error
 from cell.own_delay import busy_words
-from cell.spread import Spread
+from cell.time_histogram import TimeHistogram
 
 T = TypeVar("T")
 
@@ -68,7 +68,7 @@ class Stream(Generic[T]):
         self.received = 0
         self.gaps = 0
         self.last_gap: tuple[float, float] | None = None
-        self.ages: Spread | None = None
+        self.ages: TimeHistogram | None = None
         self._newest_t: float | None = None  # of all epochs
         self._samples: deque[Sample[T]] = deque(maxlen=keep)
         self._listeners: list[Callable[[Sample[T]], None]] = []

@@ -14,8 +14,8 @@ from cell.interruptions import InterruptionLimits, Interruptions
 from cell.kinds import as_kind
 from cell.motion import MotionBroker, MotionLease
 from cell.procedure import Proposal, Run, Worker
-from cell.spread import Spread
 from cell.store.ledger import Ledger
+from cell.time_histogram import TimeHistogram
 from daemon.config import CellConfig
 from daemon.results import enter_proposal
 from daemon.supervisor import Supervisor
@@ -37,7 +37,9 @@ class CellContext:
     broker: MotionBroker
     ledger: Ledger
     paused_since: Callable[[float], float] = lambda since: 0.0  # the loop's longest lag since then, s
-    lag_into: Callable[[Spread | None], None] = lambda spread: None  # counts every lag of the loop there
+    lag_into: Callable[[TimeHistogram | None], None] = lambda spread: (
+        None
+    )  # counts every lag of the loop there
 
     def device(self, role: str) -> Device:
         return self.supervisor.ready(self._named(role))

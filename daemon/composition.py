@@ -7,7 +7,7 @@ from cell.clock import Clock
 from cell.devices import Device
 from daemon.config import CellConfig, bindings, driver_class
 from daemon.health import Beats
-from daemon.supervisor import Expectation, SupervisedDevice
+from daemon.supervisor import ExpectedIdentity, SupervisedDevice
 
 
 def supervised_devices(config: CellConfig, clock: Clock, beats: Beats) -> list[SupervisedDevice]:
@@ -17,7 +17,7 @@ def supervised_devices(config: CellConfig, clock: Clock, beats: Beats) -> list[S
         driver = driver_class(section.driver)
         own = driver.Config.model_validate(section.model_dump(exclude={"driver"}))
         device: Device = driver(name, own, clock)
-        expect = Expectation(config.cell.twin, getattr(section, "expect_serial", None))
+        expect = ExpectedIdentity(config.cell.twin, getattr(section, "expect_serial", None))
         made.append(SupervisedDevice(device, expect, clock, beats))
     _bind(config, {entry.device.name: entry.device for entry in made})
     return made

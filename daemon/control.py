@@ -37,7 +37,7 @@ MAX_DEPTH = 16
 MAX_NUMBER = 2**63 - 1  # as the ledger's columns hold it
 
 
-class Engine(Protocol):
+class EngineControl(Protocol):
     """What the socket needs of the job engine. All refusals are ``CellError``."""
 
     def status(self) -> dict[str, Any]: ...
@@ -63,7 +63,7 @@ class ControlServer:
     ``audit(who, what, accepted, detail)`` hears of every write, carried out or refused; it may block.
     """
 
-    def __init__(self, path: Path, engine: Engine, audit: Audit | None = None) -> None:
+    def __init__(self, path: Path, engine: EngineControl, audit: Audit | None = None) -> None:
         self.path = path
         self._engine, self._auditor = engine, Auditor(audit)
         self._server: asyncio.Server | None = None
@@ -137,7 +137,7 @@ class _Connection:
 
     def __init__(
         self,
-        engine: Engine,
+        engine: EngineControl,
         auditor: Auditor,
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
@@ -258,7 +258,7 @@ def _numbers(raw: dict[str, Any]) -> dict[str, int]:
     return raw
 
 
-async def _start(engine: Engine, params: _Params, who: str) -> dict[str, Any]:
+async def _start(engine: EngineControl, params: _Params, who: str) -> dict[str, Any]:
     adopt = params.get("adopt", int, 0)
     request = StartRequest(
         params.get("job", str),
@@ -271,7 +271,7 @@ async def _start(engine: Engine, params: _Params, who: str) -> dict[str, Any]:
     return await engine.start(request)
 
 
-_WRITES: dict[str, Callable[[Engine, _Params, str], Awaitable[Any]]] = {
+_WRITES: dict[str, Callable[[EngineControl, _Params, str], Awaitable[Any]]] = {
     "start": _start,
     "confirm": lambda engine, params, who: engine.confirm(params.get("prompt_id", int), who),
     "finish": lambda engine, params, who: engine.finish(who),

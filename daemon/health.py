@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from cell import own_delay
 from cell.clock import Clock
-from cell.spread import Spread
+from cell.time_histogram import TimeHistogram
 
 log = logging.getLogger("cellward.health")
 
@@ -45,7 +45,7 @@ class LoopLag:
     last_s: float = 0.0
     recent: deque[float] = field(default_factory=lambda: deque(maxlen=1200))
     _ends: deque[float] = field(default_factory=lambda: deque(maxlen=1200))
-    _into: Spread | None = None
+    _into: TimeHistogram | None = None
 
     async def watch(self, beats: Beats, warn_s: float) -> None:
         """Measure for ever; the first lag past ``warn_s`` is one log line, those after it are summed up."""
@@ -71,7 +71,7 @@ class LoopLag:
         finally:
             own_delay.forget()
 
-    def count_into(self, spread: Spread | None) -> None:
+    def count_into(self, spread: TimeHistogram | None) -> None:
         """Count every lag from now on in ``spread`` as well; None ends that."""
         self._into = spread
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from cell.devices import Arm
 from cell.samples import Stream
-from cell.spread import Spread
+from cell.time_histogram import TimeHistogram
 
 
 class RunTiming:
@@ -14,9 +14,9 @@ class RunTiming:
     arm's state counts when a sample is judged as it comes, and whenever the newest one is asked for.
     """
 
-    def __init__(self, lag_into: Callable[[Spread | None], None], arm: Arm | None) -> None:
+    def __init__(self, lag_into: Callable[[TimeHistogram | None], None], arm: Arm | None) -> None:
         self._lag_into = lag_into
-        self._lags, self._ages = Spread(), Spread()
+        self._lags, self._ages = TimeHistogram(), TimeHistogram()
         state = arm.state if arm is not None else None
         self._state = state if isinstance(state, Stream) else None
         lag_into(self._lags)
@@ -24,7 +24,7 @@ class RunTiming:
             self._state.ages = self._ages
 
     def end(self) -> dict[str, dict[str, float]]:
-        """Stop counting; ``loop_lag`` and, with an arm, ``state_age``, as ``Spread.summary`` gives them."""
+        """Stop counting; ``loop_lag`` and, with an arm, ``state_age``: each a ``TimeHistogram.summary``."""
         self._lag_into(None)
         if self._state is None:
             return {"loop_lag": self._lags.summary()}

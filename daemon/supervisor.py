@@ -26,7 +26,7 @@ SOON_S = 3.0  # after a loss: who waits for a device that was silent for a momen
 
 
 @dataclass(frozen=True)
-class Expectation:
+class ExpectedIdentity:
     """What the configuration says about a device's identity."""
 
     twin: bool
@@ -48,7 +48,7 @@ class Expectation:
 class SupervisedDevice:
     """One device through its life: CONNECTING, READY, and RETRYING with capped back-off and jitter."""
 
-    def __init__(self, device: Device, expect: Expectation, clock: Clock, beats: Beats) -> None:
+    def __init__(self, device: Device, expect: ExpectedIdentity, clock: Clock, beats: Beats) -> None:
         self.device, self.expect = device, expect
         self.state = DeviceState.CLOSED
         self.identity: Identity | None = None

@@ -17,7 +17,7 @@ _EXPECTED = 0.95
 
 
 @dataclass(frozen=True)
-class Spread:
+class FlangeError:
     """Of the flange: root mean square error in m and rad, and the position's 95 % over the joints in m."""
 
     t: float
@@ -29,8 +29,8 @@ class Spread:
 class ArmAccuracy:
     """``configured``: of the arm by its model; ``corrected``: with all that was found taken off."""
 
-    configured: Spread
-    corrected: Spread
+    configured: FlangeError
+    corrected: FlangeError
 
 
 def arm_accuracy(found: Adjusted, arm: ArmKnown) -> ArmAccuracy:
@@ -43,9 +43,9 @@ def arm_accuracy(found: Adjusted, arm: ArmKnown) -> ArmAccuracy:
     return ArmAccuracy(_spread(error**2 + variance), _spread(variance))
 
 
-def _spread(squares: Array) -> Spread:
+def _spread(squares: Array) -> FlangeError:
     """Of expected squares (k, 6), position first."""
     t, r = squares[:, :3].sum(axis=1), squares[:, 3:].sum(axis=1)
-    return Spread(
+    return FlangeError(
         float(np.sqrt(t.mean())), float(np.sqrt(r.mean())), float(np.sqrt(np.quantile(t, _EXPECTED)))
     )

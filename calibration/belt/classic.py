@@ -11,7 +11,7 @@ import numpy as np
 
 from calibration.belt.arm_time import rest_to_rest
 from calibration.belt.meeting import Zone
-from calibration.belt.tracking import Arm
+from calibration.belt.tracking import RestingArm
 from cell.poses import Array
 
 RECOMPUTE_S = 0.1
@@ -41,7 +41,9 @@ class ClassicTarget:
         """Position (k, 2) at ``t`` (k,)."""
         return np.asarray(self.xy + (np.asarray(t) - self.t)[:, None] * self.velocity)
 
-    def meet(self, arm: Arm, times: ClassicTimes, zone: Zone, dwell: float) -> tuple[float, Array] | None:
+    def meet(
+        self, arm: RestingArm, times: ClassicTimes, zone: Zone, dwell: float
+    ) -> tuple[float, Array] | None:
         """Contact time and place; None when T1 is too short for the way or the place is out of the zone."""
         contact = self.t + times.t1_s + times.t2_s
         xy = self.at(np.array([contact]))[0]

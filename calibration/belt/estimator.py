@@ -13,7 +13,7 @@ import numpy as np
 from calibration.belt.change_point import kinked
 from calibration.belt.clock import FrameCounter, Timed, strays, true_times
 from calibration.belt.fit import Judge, Window, longest, newest_strays
-from calibration.belt.forecast import NEVER, Forecast, Motion
+from calibration.belt.forecast import NEVER, Motion, TravelForecast
 from calibration.belt.history import History
 from calibration.belt.ripple import Ripple, blocks, refine, search
 from calibration.belt.smooth import NEAR, smooth
@@ -62,7 +62,7 @@ class BeltEstimator:
         self._every = max(8, round(_SEARCH_EVERY / encoder.period))
         self._speed_each = max(4, round(_SPEED_EACH / encoder.period))
         self._motions: dict[int, Motion] = {}
-        self._latest: tuple[int, Forecast] | None = None
+        self._latest: tuple[int, TravelForecast] | None = None
         self._speeds = Speeds()
         # Items are asked about again and again, and what was counted long before does not change.
         self._old_view = lru_cache(_WINDOWS)(self._view_of_old)
@@ -108,7 +108,7 @@ class BeltEstimator:
         begin = max(history.find(since, size) - 1, history.first)
         return history.t(begin, size), history.n(begin, size)
 
-    def forecast(self) -> Forecast | None:
+    def forecast(self) -> TravelForecast | None:
         """The travel from here on, with its uncertainty; None with fewer than two counts or no time
         between them.
 
@@ -123,7 +123,7 @@ class BeltEstimator:
             changes = NEVER  # ripple is none
             if motion.name != "ripple":
                 changes = self._speeds.changes(motion.now, self.encoder.m_per_count)
-            self._latest = (size, Forecast(self.encoder.m_per_count, motion, around, past, changes))
+            self._latest = (size, TravelForecast(self.encoder.m_per_count, motion, around, past, changes))
         return self._latest[1]
 
     def travel_at(self, t: float) -> float | None:

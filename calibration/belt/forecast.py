@@ -119,7 +119,7 @@ class Changes:
 NEVER = Changes(0.0, 0.0, 0.0)
 
 
-class Forecast:
+class TravelForecast:
     """The travel of the belt before and after ``now``; metres along the belt, seconds.
 
     ``past()`` are earlier motions, oldest first: how well they predicted what the counts then showed is the

@@ -8,7 +8,7 @@ import numpy as np
 
 from calibration.belt.arm_time import MotionLimits, rest_to_rest, slower_axis
 from calibration.belt.estimator import BeltEstimator
-from calibration.belt.forecast import Forecast
+from calibration.belt.forecast import TravelForecast
 from calibration.belt.items import (
     NEWEST,
     BeltPlace,
@@ -29,7 +29,7 @@ _SIGHTINGS = 1000  # that tell the latency
 
 
 @dataclass(frozen=True)
-class Arm:
+class RestingArm:
     """The arm rests at ``wait_point`` (x, y in base, m) ``above`` (m) the item and goes down straight."""
 
     limits: MotionLimits
@@ -58,7 +58,7 @@ class Track:
     """
 
     direction: Array
-    forecast: Forecast
+    forecast: TravelForecast
     place: BeltPlace
     height: float
     sightings: tuple[Sighting, ...]
@@ -101,7 +101,7 @@ class Track:
         var = self.place.var_along + travel**2
         return np.asarray(var * np.outer(u, u) + self.place.var_across * np.outer(across, across))
 
-    def meet(self, t0: float, arm: Arm, zone: Zone, dwell: float) -> Meeting | None:
+    def meet(self, t0: float, arm: RestingArm, zone: Zone, dwell: float) -> Meeting | None:
         """The earliest contact of an arm that leaves its waiting point at ``t0``."""
         t2 = arm.descent_s
 
@@ -158,7 +158,7 @@ class BeltTracker:
             self._scatter.pop(item, None)
             self._levels = None
 
-    def track(self, item: str, forecast: Forecast | None = None) -> Track | None:
+    def track(self, item: str, forecast: TravelForecast | None = None) -> Track | None:
         """The item as known now; None when it has not been seen or nothing has been counted.
 
         ``forecast`` is the belt's of now where the caller has it already.
@@ -197,7 +197,7 @@ class BeltTracker:
         return np.array([-u[1], u[0]])
 
     def _in_belt(
-        self, sightings: Sequence[Sighting], z: Sequence[float], forecast: Forecast
+        self, sightings: Sequence[Sighting], z: Sequence[float], forecast: TravelForecast
     ) -> tuple[Array, Array, Array]:
         """Positions along, across and up (k,) with the travel of the belt taken off."""
         xy = np.array([s.xy for s in sightings])
@@ -210,6 +210,6 @@ class BeltTracker:
         return along, xy @ across, np.array(z) - travel * self.direction[2]
 
 
-def _speed(forecast: Forecast, t: float) -> float:
+def _speed(forecast: TravelForecast, t: float) -> float:
     """Speed about ``t`` in the past, m/s."""
     return (forecast.travel(t + 0.01) - forecast.travel(t - 0.01)) / 0.02

@@ -22,7 +22,7 @@ _WIDEST = 0.05  # m; a triple whose own uncertainty is wider than this says noth
 
 
 @dataclass(frozen=True)
-class Placement:
+class PlacementEstimates:
     """Estimates (k, 4, 4) of one placement, from the poses in ``rows`` (k, 3) of its n.
 
     ``gains`` (k, 3, 6, 6) turn the residuals of these poses into changes of the estimate.
@@ -79,7 +79,7 @@ class Spread:
         }
 
 
-def placements(problem: Problem, at: Estimate, weight: Array, perfect: Array) -> list[Placement]:
+def placements(problem: Problem, at: Estimate, weight: Array, perfect: Array) -> list[PlacementEstimates]:
     """The estimates of every placement with at least three poses.
 
     ``weight`` (n, 6, 6) weighs the residuals, ``perfect`` (n, 6, 6) is their covariance with a perfect arm.
@@ -95,7 +95,7 @@ def placements(problem: Problem, at: Estimate, weight: Array, perfect: Array) ->
         start = own.at if alone else Estimate(at.X, at.W[g : g + 1])
         X, of, gains = _triples(part, start, weight[rows])
         skipped = _count(len(rows)) - len(X)
-        out.append(Placement(g, X, of, gains, perfect[rows], skipped, own.at.X if alone else None))
+        out.append(PlacementEstimates(g, X, of, gains, perfect[rows], skipped, own.at.X if alone else None))
     return out
 
 
@@ -131,7 +131,7 @@ def _carried(maps: Array, cov: Array) -> Array:
     return np.asarray(np.einsum("mab,mbc,mdc->ad", maps, cov, maps, optimize=True))
 
 
-def spread_within(found: list[Placement]) -> Spread | None:
+def spread_within(found: list[PlacementEstimates]) -> Spread | None:
     """RMS over placements of the standard deviation of their estimates; None without two in any."""
     t2, r2, ft2, fr2 = [], [], [], []
     for p in found:
@@ -154,7 +154,7 @@ def spread_within(found: list[Placement]) -> Spread | None:
     )
 
 
-def spread_across(found: list[Placement]) -> Spread | None:
+def spread_across(found: list[PlacementEstimates]) -> Spread | None:
     """Standard deviation of the placements' means; None with fewer than two placements."""
     usable = [p for p in found if len(p.X)]
     m = len(usable)

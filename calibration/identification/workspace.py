@@ -13,7 +13,7 @@ _PLACES = 200
 
 
 @dataclass(frozen=True, eq=False)
-class Forecast:
+class WorkspaceErrors:
     """Per place: joints ``q`` (n, j), the reflector in the base ``p`` (n, 3) m, and the distance ``error95``
     (n,) m that 95 % of prediction errors stay below."""
 
@@ -22,16 +22,16 @@ class Forecast:
     error95: Array
 
 
-def forecast(solution: Solution, Q: Array) -> Forecast:
+def forecast(solution: Solution, Q: Array) -> WorkspaceErrors:
     """The error of predicted places in the tracker frame, from the covariance of the parameters alone; at all
     joints ``Q`` (n, j) that of the reflector whose place is known worst there."""
     if solution.cov is None:
         p, _ = solution.predict(Q)
-        return Forecast(Q, solution.registration.to_base(p.T).T, np.full(len(Q), np.nan))
+        return WorkspaceErrors(Q, solution.registration.to_base(p.T).T, np.full(len(Q), np.nan))
     return worst_forecast(solution.model, solution.x, solution.cov, solution.freedom, Q)
 
 
-def worst_forecast(model: Model, x: Array, cov: Array, freedom: float, Q: Array) -> Forecast:
+def worst_forecast(model: Model, x: Array, cov: Array, freedom: float, Q: Array) -> WorkspaceErrors:
     """See :func:`forecast`: for parameters ``x`` (p,) with ``cov`` (p + 6, p + 6)."""
     points, errors = [], []
     for target in range(len(model.targets)):
@@ -39,7 +39,7 @@ def worst_forecast(model: Model, x: Array, cov: Array, freedom: float, Q: Array)
         points.append(f.T)
         errors.append(radius95(base_covariance(cov, J), freedom))
     worst, rows = np.argmax(errors, axis=0), np.arange(len(Q))
-    return Forecast(Q, np.array(points)[worst, rows], np.array(errors)[worst, rows])
+    return WorkspaceErrors(Q, np.array(points)[worst, rows], np.array(errors)[worst, rows])
 
 
 def radius95(cov: Array, freedom: float = np.inf) -> Array:

@@ -12,7 +12,7 @@ from calibration.tool_frame.height import Density, first_contact
 from calibration.tool_frame.hits import Bracket
 from calibration.tool_frame.repeatability import Scatter
 from calibration.tool_frame.scene import LaserScene, Pass
-from calibration.tool_frame.tip import End, ToolInBeam
+from calibration.tool_frame.tip import TipShape, ToolInBeam
 from cell.poses import Array
 
 _SAME_HEIGHT_M = 5e-6
@@ -31,7 +31,12 @@ class Looks:
     tau: float
 
     def density(
-        self, places: Sequence[int], bracket: Bracket, view: ToolInBeam, ends: Sequence[End], scatter: Scatter
+        self,
+        places: Sequence[int],
+        bracket: Bracket,
+        view: ToolInBeam,
+        ends: Sequence[TipShape],
+        scatter: Scatter,
     ) -> Density:
         """Where the end of the tool first meets the beam, m along the lift."""
         return first_contact(self.glimpses(places), view, ends, scatter, bracket.hit, bracket.miss)

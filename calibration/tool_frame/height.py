@@ -14,7 +14,7 @@ from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 from calibration.tool_frame.glimpse import LOST, Glimpse
 from calibration.tool_frame.repeatability import Scatter
 from calibration.tool_frame.standstills import SHARED
-from calibration.tool_frame.tip import End, ToolInBeam
+from calibration.tool_frame.tip import TipShape, ToolInBeam
 from cell.poses import Array
 
 _GRID = 321
@@ -42,7 +42,7 @@ class Density:
 def first_contact(
     glimpses: Sequence[Glimpse],
     view: ToolInBeam,
-    ends: Sequence[End],
+    ends: Sequence[TipShape],
     scatter: Scatter,
     below: float,
     above: float,
@@ -68,7 +68,7 @@ def first_contact(
 
 
 def _log_density(
-    glimpses: Sequence[Glimpse], view: ToolInBeam, ends: Sequence[End], scatter: Scatter, grid: Array
+    glimpses: Sequence[Glimpse], view: ToolInBeam, ends: Sequence[TipShape], scatter: Scatter, grid: Array
 ) -> Array:
     """(E, S, n) logarithm of the likelihood of all passes for the heights ``grid`` (n,)."""
     found = np.zeros((len(ends), len(scatter.sigmas), len(grid)))
@@ -104,7 +104,9 @@ def _blurred(values: Array, points: Array) -> Array:
     return np.clip(found, LOST**2, 1.0)
 
 
-def mixed(densities: Sequence[Density], ends: Sequence[End], scatter: Scatter) -> tuple[Array, Array, Array]:
+def mixed(
+    densities: Sequence[Density], ends: Sequence[TipShape], scatter: Scatter
+) -> tuple[Array, Array, Array]:
     """Heights with one end and one arm behind them all: their mean (k,), covariance (k, k), and the weights
     (E, S) of ends and scatters. What the end leaves open is common to the heights, and in the covariance."""
     weight = weights(sum((d.evidence for d in densities), np.zeros(())), ends, scatter)
@@ -116,7 +118,7 @@ def mixed(densities: Sequence[Density], ends: Sequence[End], scatter: Scatter) -
     return mean, cov, weight
 
 
-def weights(evidence: Array, ends: Sequence[End], scatter: Scatter) -> Array:
+def weights(evidence: Array, ends: Sequence[TipShape], scatter: Scatter) -> Array:
     """(E, S) how likely each end and scatter are after passes of ``evidence`` (E, S)."""
     log = evidence + np.log([[end.prior] for end in ends]) + scatter.log_prior
     found: Array = np.exp(log - np.max(log))

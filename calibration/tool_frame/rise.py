@@ -17,7 +17,7 @@ from calibration.tool_frame.geometry import BEAMS
 from calibration.tool_frame.height import Density, weights
 from calibration.tool_frame.lateral import Lateral
 from calibration.tool_frame.repeatability import Scatter, scatter_of
-from calibration.tool_frame.tip import ENDS, POINT, End, ToolInBeam
+from calibration.tool_frame.tip import ENDS, POINT, TipShape, ToolInBeam
 from calibration.tool_frame.vertical import Vertical
 from cell.poses import Array
 
@@ -48,7 +48,7 @@ class Rise:
         self.vertical, self.lateral, self.at = vertical, lateral, at
         self.edges = {b: lateral.edges(b) for b in BEAMS}
         self.fingers = any(len(e) > 2 for e in self.edges.values())
-        self.ends: tuple[End, ...] = POINT if self.fingers else ENDS
+        self.ends: tuple[TipShape, ...] = POINT if self.fingers else ENDS
         self.scatter: Scatter = scatter_of(stated_m, lateral.sigma, lateral.spread)
         radius = {b: 0.5 * float(e[-1] - e[0]) for b, e in self.edges.items()}
         # A beam that clears later than it breaks makes all widths larger alike.

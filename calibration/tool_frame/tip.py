@@ -22,7 +22,7 @@ _FINE_BANDS_M = (0.0, 1e-5, 2e-5, 3e-5, 4e-5, 5e-5, 6e-5, 8e-5, 1e-4, 1.2e-4)
 
 
 @dataclass(frozen=True)
-class End:
+class TipShape:
     """One shape. ``prior`` is how likely it is before any pass. ``ratio`` is a ball's radius as a share of
     the tool's, ``band`` (m) by how much more distance the beam clears than it breaks."""
 
@@ -32,22 +32,22 @@ class End:
     band: float = 0.0
 
 
-def _with_bands(kind: str, prior: float, bands: Sequence[float], ratio: float = 1.0) -> list[End]:
-    return [End(kind, prior / len(bands), ratio, band) for band in bands]
+def _with_bands(kind: str, prior: float, bands: Sequence[float], ratio: float = 1.0) -> list[TipShape]:
+    return [TipShape(kind, prior / len(bands), ratio, band) for band in bands]
 
 
 ENDS = (
-    End("point", 0.15),
+    TipShape("point", 0.15),
     *_with_bands("edge", 0.1, _FINE_BANDS_M),
     *_with_bands("flat", 0.35, _FINE_BANDS_M),
     *(end for ratio, share in _RATIOS.items() for end in _with_bands("ball", 0.4 * share, _BANDS_M, ratio)),
 )
 # Of an upright tool, and enough to decide where to cross next.
 UPRIGHT = (
-    End("point", 0.6),
+    TipShape("point", 0.6),
     *(end for ratio in (0.15, 0.4, 1.0) for end in _with_bands("ball", 0.4 / 3.0, (0.0, 4e-5), ratio)),
 )
-POINT = (End("point", 1.0),)  # where widths tell nothing
+POINT = (TipShape("point", 1.0),)  # where widths tell nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class ToolInBeam:
         side = np.cross(beam, lift)
         return cls(axis, n, lift, side / np.linalg.norm(side), radius, chord)
 
-    def bulge(self, end: End) -> float:
+    def bulge(self, end: TipShape) -> float:
         """How much lower (m, along ``lift``) the end reaches than its middle, against the tool upright."""
         if end.kind == "edge":
             return self.radius * abs(float(self.lift @ self.n))
@@ -80,7 +80,7 @@ class ToolInBeam:
             return self.radius * float(np.sqrt(max(1.0 - float(self.lift @ self.axis) ** 2, 0.0)))
         return 0.0
 
-    def lengths(self, ends: Sequence[End], depth: Array, sense: float = 1.0) -> Array:
+    def lengths(self, ends: Sequence[TipShape], depth: Array, sense: float = 1.0) -> Array:
         """(E, n) how long (m) each end breaks the beam at ``depth`` (n,) m below the first contact; 0 above
         it. ``sense`` is 1 on ways along ``side`` and -1 on those against it."""
         d = np.maximum(depth, 0.0)

@@ -11,7 +11,7 @@ from daemon.cli.failures import exit_code_of
 from daemon.composition import supervised_devices
 from daemon.config import CellConfig
 from daemon.health import Beats
-from daemon.supervisor import Expectation
+from daemon.supervisor import ExpectedIdentity
 
 OPEN_TIMEOUT_S = 20.0
 CLOSE_TIMEOUT_S = 5.0
@@ -26,7 +26,7 @@ async def probe_devices(config: CellConfig) -> list[dict[str, Any]]:
     return list(await asyncio.gather(*(_probe(entry.device, entry.expect) for entry in entries)))
 
 
-async def _probe(device: Device, expect: Expectation) -> dict[str, Any]:
+async def _probe(device: Device, expect: ExpectedIdentity) -> dict[str, Any]:
     report: dict[str, Any] = {
         "device": device.name, "answer": "ok", "model": None, "serial": None, "exit_code": 0,
     }  # fmt: skip

@@ -20,11 +20,11 @@ class TableChanged(Exception):
 
 
 class TableFormat(Exception):
-    """The table has not the columns that it should have."""
+    """The table does not have the columns that it should have."""
 
 
 @dataclass(frozen=True)
-class Row:
+class JointRow:
     """``number`` counts the lines of the file from 1; ``q`` in rad or m."""
 
     number: int
@@ -60,17 +60,17 @@ class JointTable:
             raise TableFormat(f"it has no header; its first line should be {','.join(self._columns)}")
         return len(old)
 
-    def read(self, data: bytes) -> list[Row | BadRow]:
+    def read(self, data: bytes) -> list[JointRow | BadRow]:
         """Rows that are new in ``data``, the whole file; :class:`TableChanged` if it did not just grow."""
         if hashlib.sha256(data[: self._size]).digest() != self._digest:
             raise TableChanged
         return self._take(data)
 
-    def _take(self, data: bytes) -> list[Row | BadRow]:
+    def _take(self, data: bytes) -> list[JointRow | BadRow]:
         end = data.rfind(b"\n") + 1
         self.unfinished = end < len(data)
         fresh = data[self._size : end] if end > self._size else b""
-        out: list[Row | BadRow] = []
+        out: list[JointRow | BadRow] = []
         for line in fresh.decode("utf-8", "replace").removeprefix("\ufeff").split("\n")[:-1]:
             self._lines += 1
             text = line.strip()
@@ -98,7 +98,7 @@ class JointTable:
             raise TableFormat(f"its header {text!r} names a column twice")
         self._header = header
 
-    def _row(self, text: str) -> Row | BadRow:
+    def _row(self, text: str) -> JointRow | BadRow:
         fields = [field.strip() for field in text.split(self._separator)]
         try:
             if len(fields) != len(self._header):
@@ -110,7 +110,7 @@ class JointTable:
         except ValueError as exc:
             return BadRow(self._lines, str(exc))
         q = tuple(e.joint(x) for e, x in zip(self._encodings, numbers, strict=True))
-        return Row(self._lines, q, pose)
+        return JointRow(self._lines, q, pose)
 
     def _look_at_time(self, named: dict[str, str]) -> None:
         """The writer's clock is not ours, but its times must go on."""

@@ -13,7 +13,7 @@ from fakes.geocom.codes import (
     OK,
     Answer,
     Parameters,
-    Procedure,
+    RequestCode,
     told,
 )
 from fakes.geocom.settings import Settings
@@ -28,8 +28,8 @@ class Aiming:
     def __init__(self, tracker: Tracker, settings: Settings, now: Callable[[], float]) -> None:
         self._tracker, self._settings, self._now = tracker, settings, now
 
-    def procedures(self) -> dict[int, Procedure]:
-        p = Procedure
+    def procedures(self) -> dict[int, RequestCode]:
+        p = RequestCode
         return {
             6021: told(self._locked),
             9013: p(0, self._lock_in),

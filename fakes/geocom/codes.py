@@ -16,18 +16,18 @@ OF_THE_LINE = range(3072, 3200)
 
 
 @dataclass(frozen=True)
-class Procedure:
+class RequestCode:
     """How many numbers it takes, and what it does with them."""
 
     takes: int
     act: Callable[[Parameters], Awaitable[Answer] | Answer]
 
 
-def told(value: Callable[[], Value | tuple[Value, ...]]) -> Procedure:
+def told(value: Callable[[], Value | tuple[Value, ...]]) -> RequestCode:
     """A procedure that tells something."""
 
     def tell(_: Parameters) -> Answer:
         found = value()
         return OK, found if isinstance(found, tuple) else (found,)
 
-    return Procedure(0, tell)
+    return RequestCode(0, tell)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from fakes.faults.vocabulary import Link, LinkFaults
 from fakes.geocom.codes import OF_THE_LINE
 from fakes.geocom.instrument import Instrument
-from fakes.geocom.text import ABORT_LINE, Receiver, Refusal, parse, reply
+from fakes.geocom.text import ABORT_LINE, Receiver, RefusedLine, parse, reply
 
 _MOST_WAITING = 256
 
@@ -56,7 +56,7 @@ class Conversation:
         digits = self._instrument.settings.digits
         try:
             request = parse(line)
-        except Refusal as refusal:
+        except RefusedLine as refusal:
             return reply(refusal.transaction, 0, (), digits, False, refusal.code)
         code, values = await self._instrument.call(request.rpc, request.parameters)
         digits = self._instrument.settings.digits

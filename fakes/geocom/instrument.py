@@ -20,7 +20,7 @@ from fakes.geocom.codes import (
     OK,
     Answer,
     Parameters,
-    Procedure,
+    RequestCode,
     told,
 )
 from fakes.geocom.edm import Edm
@@ -81,7 +81,7 @@ class Instrument:
         if self._running is not None:
             self._running.cancel()
 
-    async def _carry_out(self, procedure: Procedure, numbers: Parameters) -> Answer:
+    async def _carry_out(self, procedure: RequestCode, numbers: Parameters) -> Answer:
         """In a task of its own, for an abort; a defect of the twin is code 4 and a traceback on stderr."""
 
         async def act() -> Answer:
@@ -101,7 +101,7 @@ class Instrument:
             return FATAL, ()
         return running.result()
 
-    def _identity(self) -> dict[int, Procedure]:
+    def _identity(self) -> dict[int, RequestCode]:
         version = tuple(int(part) for part in self.tracker.truth.version.split("."))
         return {
             0: told(tuple),

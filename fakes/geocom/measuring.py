@@ -3,7 +3,16 @@
 from collections.abc import Callable
 
 from fakes.geocom.aiming import Aiming
-from fakes.geocom.codes import DISTANCE_ERROR, DOUBT, IVPARAM, NO_DISTANCE, OK, Answer, Parameters, Procedure
+from fakes.geocom.codes import (
+    DISTANCE_ERROR,
+    DOUBT,
+    IVPARAM,
+    NO_DISTANCE,
+    OK,
+    Answer,
+    Parameters,
+    RequestCode,
+)
 from fakes.geocom.edm import CLEAR, DISTANCE, PROGRAMS, RAPID_TRACK, STOP, Edm
 from fakes.geocom.settings import Settings
 from fakes.world.tracker.tracker import Reading, Tracker
@@ -21,8 +30,8 @@ class Measuring:
         self._tracker, self._edm, self._settings = tracker, edm, settings
         self._aiming, self._now = aiming, now
 
-    def procedures(self) -> dict[int, Procedure]:
-        p = Procedure
+    def procedures(self) -> dict[int, RequestCode]:
+        p = RequestCode
         return {
             2008: p(2, self._do_measure),
             2082: p(2, self._coordinate),

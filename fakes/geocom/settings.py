@@ -1,6 +1,6 @@
 """What a station keeps of what it was told, and gives back on demand."""
 
-from fakes.geocom.codes import IVPARAM, OK, Answer, Procedure, told
+from fakes.geocom.codes import IVPARAM, OK, Answer, RequestCode, told
 from fakes.world.tracker.tracker import Tracker
 
 # Constants that come with a prism type, m: what the maker's manuals list for them.
@@ -31,9 +31,9 @@ class Settings:
             truth.temperature_c,
         )
 
-    def procedures(self) -> dict[int, Procedure]:
+    def procedures(self) -> dict[int, RequestCode]:
         """Those that only write and read."""
-        p = Procedure
+        p = RequestCode
         return {
             107: p(1, lambda a: self._set("digits", int(a[0]), 0 <= a[0] <= 15)),
             108: told(lambda: self.digits),

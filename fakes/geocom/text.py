@@ -26,7 +26,7 @@ class Request:
     parameters: tuple[str, ...]
 
 
-class Refusal(ValueError):
+class RefusedLine(ValueError):
     """A line that is no request: the return code of the line, and the transaction when that could be read."""
 
     def __init__(self, code: int, transaction: int = 0) -> None:
@@ -56,18 +56,18 @@ class Receiver:
 
 
 def parse(line: bytes) -> Request:
-    """The request in ``line``; :class:`Refusal` for anything else."""
+    """The request in ``line``; :class:`RefusedLine` for anything else."""
     if len(line) > LONGEST_LINE:
-        raise Refusal(OVERRUN)
+        raise RefusedLine(OVERRUN)
     match = _REQUEST.fullmatch(line.decode("ascii", "replace"))
     if match is None:
-        raise Refusal(WRONG_FORMAT)
+        raise RefusedLine(WRONG_FORMAT)
     rpc, transaction, crc, tail = match.groups()
     number = int(transaction or 0)
     if crc is not None:
         bare = line[: match.start(3) - 1] + line[match.end(3) :]
         if crc16(bare, 0) != int(crc):
-            raise Refusal(WRONG_CHECKSUM, number)
+            raise RefusedLine(WRONG_CHECKSUM, number)
     parameters = tuple(part.strip() for part in tail.split(",")) if tail.strip() else ()
     return Request(int(rpc), number, crc is not None, parameters)
 

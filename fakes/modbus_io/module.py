@@ -12,7 +12,7 @@ COUNTER_MODULUS = 1 << 32
 Action = Callable[[], None]
 
 
-class Unit(Protocol):
+class UnitTables(Protocol):
     """What a wire asks: four tables as they are at this instant, and what a write would do.
 
     ``coil`` and ``register`` raise :class:`~fakes.modbus_io.pdu.Refused` before anything has happened.

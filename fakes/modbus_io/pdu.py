@@ -6,7 +6,7 @@ A read is answered from one snapshot of the module; a write of several is done w
 import struct
 from collections.abc import Callable, Mapping
 
-from fakes.modbus_io.module import Unit
+from fakes.modbus_io.module import UnitTables
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_FAILURE = 1, 2, 3, 4
 MOST_BITS_READ, MOST_BITS_WRITTEN, MOST_WORDS_READ, MOST_WORDS_WRITTEN = 2000, 1968, 125, 123
@@ -23,7 +23,7 @@ class Refused(Exception):
         self.code = code
 
 
-def respond(unit: Unit, request: bytes) -> bytes:
+def respond(unit: UnitTables, request: bytes) -> bytes:
     """The reply to ``request`` (function code and data), an exception reply included."""
     function = request[0]
     try:
@@ -40,23 +40,23 @@ def exception(function: int, code: int) -> bytes:
     return bytes([function | 0x80, code])
 
 
-def _read_coils(unit: Unit, data: bytes) -> bytes:
+def _read_coils(unit: UnitTables, data: bytes) -> bytes:
     return _bits(unit.coils(), data)
 
 
-def _read_discrete(unit: Unit, data: bytes) -> bytes:
+def _read_discrete(unit: UnitTables, data: bytes) -> bytes:
     return _bits(unit.discrete(), data)
 
 
-def _read_holding(unit: Unit, data: bytes) -> bytes:
+def _read_holding(unit: UnitTables, data: bytes) -> bytes:
     return _words(unit.holding(), data)
 
 
-def _read_input(unit: Unit, data: bytes) -> bytes:
+def _read_input(unit: UnitTables, data: bytes) -> bytes:
     return _words(unit.input(), data)
 
 
-def _write_coil(unit: Unit, data: bytes) -> bytes:
+def _write_coil(unit: UnitTables, data: bytes) -> bytes:
     address, value = _unpack(">HH", data)
     if value not in (0x0000, 0xFF00):
         raise Refused(ILLEGAL_VALUE)
@@ -64,13 +64,13 @@ def _write_coil(unit: Unit, data: bytes) -> bytes:
     return data
 
 
-def _write_register(unit: Unit, data: bytes) -> bytes:
+def _write_register(unit: UnitTables, data: bytes) -> bytes:
     address, value = _unpack(">HH", data)
     unit.register(address, value)()
     return data
 
 
-def _write_coils(unit: Unit, data: bytes) -> bytes:
+def _write_coils(unit: UnitTables, data: bytes) -> bytes:
     address, count, size = _unpack(">HHB", data[:5])
     packed = data[5:]
     if not 1 <= count <= MOST_BITS_WRITTEN or size != (count + 7) // 8 or len(packed) != size:
@@ -80,7 +80,7 @@ def _write_coils(unit: Unit, data: bytes) -> bytes:
     return data[:4]
 
 
-def _write_registers(unit: Unit, data: bytes) -> bytes:
+def _write_registers(unit: UnitTables, data: bytes) -> bytes:
     address, count, size = _unpack(">HHB", data[:5])
     if not 1 <= count <= MOST_WORDS_WRITTEN or size != 2 * count or len(data) != 5 + size:
         raise Refused(ILLEGAL_VALUE)
@@ -89,7 +89,7 @@ def _write_registers(unit: Unit, data: bytes) -> bytes:
     return data[:4]
 
 
-def _identify(unit: Unit, data: bytes) -> bytes:
+def _identify(unit: UnitTables, data: bytes) -> bytes:
     """Device identification: basic, regular and extended streams, or a single object."""
     if data[:1] != bytes([READ_IDENTIFICATION]):
         raise Refused(ILLEGAL_FUNCTION)
@@ -114,7 +114,7 @@ def _identify(unit: Unit, data: bytes) -> bytes:
     return bytes([READ_IDENTIFICATION, code, CONFORMITY, more, following, told]) + body
 
 
-_FUNCTIONS: dict[int, Callable[[Unit, bytes], bytes]] = {
+_FUNCTIONS: dict[int, Callable[[UnitTables, bytes], bytes]] = {
     1: _read_coils,
     2: _read_discrete,
     3: _read_holding,

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from fakes.faults.vocabulary import Link, LinkFaults
-from fakes.modbus_io.module import Unit
+from fakes.modbus_io.module import UnitTables
 from fakes.modbus_io.pdu import DEVICE_FAILURE, exception, respond
 
 log = logging.getLogger("cellward.twin.io")
@@ -37,7 +37,7 @@ class ServiceFaults:
 class Service:
     """Answers for one module: a request waits its delay, is processed at one instant and answered at once."""
 
-    def __init__(self, module: Unit, pace: Pace) -> None:
+    def __init__(self, module: UnitTables, pace: Pace) -> None:
         self.module, self.pace = module, pace
         self.faults = ServiceFaults()
 

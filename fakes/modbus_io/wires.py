@@ -3,7 +3,7 @@
 import asyncio
 from pathlib import Path
 
-from fakes.modbus_io.module import Unit
+from fakes.modbus_io.module import UnitTables
 from fakes.modbus_io.rtu import RtuLine
 from fakes.modbus_io.service import Pace, Service
 from fakes.modbus_io.tcp import Connection, Connections
@@ -14,7 +14,11 @@ class ModuleWires:
     """One module on any number of addresses and at most one serial line."""
 
     def __init__(
-        self, module: Unit, places: tuple[TcpPlace, ...], line: Path | None = None, pace: Pace | None = None
+        self,
+        module: UnitTables,
+        places: tuple[TcpPlace, ...],
+        line: Path | None = None,
+        pace: Pace | None = None,
     ) -> None:
         self.service = Service(module, pace or Pace())
         self.connections = Connections(self.service, lambda: self._listener.accepting)

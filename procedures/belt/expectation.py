@@ -11,7 +11,7 @@ from cell.guard import GuardLimits, MotionGuard, Tool
 from cell.poses import Array, from_pose6
 from procedures.arm_setup import with_job_limits
 from procedures.belt.config import BeltTrackingConfig
-from procedures.belt.motion.cycle_estimate import SPEEDS_M_S, Expectation, Expected, slides
+from procedures.belt.motion.cycle_estimate import SPEEDS_M_S, CycleEstimate, Expected, slides
 from procedures.belt.motion.tool_joints import ToolJoints
 from procedures.belt.setup_checks import belt_setup
 from procedures.belt.tracking import CAMERA, UPRIGHT_RAD
@@ -45,7 +45,7 @@ def belt_expectation(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
     if problems:
         return {"text": slide, "problems": problems, "cautions": mistaken}
     guard = MotionGuard(model, GuardLimits.from_mapping(values.limits), Tool.from_mapping(values.tool))
-    expectation = Expectation(job, tool, q_wait, q_place, np.array(values.belt["dir"]))
+    expectation = CycleEstimate(job, tool, q_wait, q_place, np.array(values.belt["dir"]))
     problems = expectation.unreachable(guard)
     if problems:
         return {"text": slide, "problems": problems, "cautions": mistaken}
@@ -96,7 +96,7 @@ def _words(expected: list[Expected]) -> str:
     )
 
 
-def _cautions(job: BeltTrackingConfig, expectation: Expectation, expected: list[Expected]) -> Iterator[str]:
+def _cautions(job: BeltTrackingConfig, expectation: CycleEstimate, expected: list[Expected]) -> Iterator[str]:
     least = job.dwell_s + job.grip_timeout_s
     for row in expected:
         if row.cycle_s is None:

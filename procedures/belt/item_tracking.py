@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.belt.estimator import BeltEstimator
 from calibration.belt.estimator import Encoder as Scale
-from calibration.belt.forecast import Forecast
+from calibration.belt.forecast import TravelForecast
 from calibration.belt.slip import Places, Slip, SlipWatch
 from calibration.belt.tracking import BeltTracker, Track
 from cell.devices import DepthCamera, Encoder, EncoderState, Frame
@@ -47,7 +47,7 @@ class BeltWatch:
         self._direction = np.array(belt["dir"], dtype=float)
         self.tracker = BeltTracker(BeltEstimator(self._scale), self._direction)
         #: The belt's motion as it was last learnt: counts come all the time, and each changes it a little.
-        self.forecast: Forecast | None = None
+        self.forecast: TravelForecast | None = None
         self._tracks: dict[int, Track | None] = {}  # as it predicts them
         self._epoch, self._since = encoder.counts.epoch, -np.inf
         self._unplaced: list[Item] = []  # by an encoder that began to count anew
@@ -69,7 +69,7 @@ class BeltWatch:
         self._frames: deque[Sample[Frame]] = deque()
         self._undo: list[Any] = []
         self.record: PickRecord | None = None
-        self.learnt: Callable[[BeltWatch, Forecast], None] | None = None  # hears of every :meth:`learn`
+        self.learnt: Callable[[BeltWatch, TravelForecast], None] | None = None  # hears of every :meth:`learn`
         flat = self.tracker.direction[:2]
         self._flat_length = float(np.linalg.norm(flat))
         if self._flat_length < 0.5:
@@ -153,7 +153,7 @@ class BeltWatch:
             out.append(item)
         return out
 
-    def _from_zone(self, along: float, forecast: Forecast) -> float:
+    def _from_zone(self, along: float, forecast: TravelForecast) -> float:
         """The place on the belt (m, zero travel) that is now at ``along`` of the zone (m)."""
         level = along - float(self.tracker.direction[2]) * self._config.belt_z_m
         return level / self._flat_length - forecast.travel(forecast.now) * self._flat_length
@@ -192,7 +192,7 @@ class BeltWatch:
         while self._frames[0].t < sample.t - LOOK_BACK_S:
             self._frames.popleft()
 
-    def _take(self, frame: Frame, forecast: Forecast) -> None:
+    def _take(self, frame: Frame, forecast: TravelForecast) -> None:
         """Hold the frame back while it is in doubt, and with it those that it makes credible."""
         if forecast.now - frame.t_exposure > LOOK_BACK_S or frame.t_exposure < self._since:
             return

@@ -5,7 +5,7 @@ Filled at every decision from what was computed for it anyway.
 
 import numpy as np
 
-from calibration.belt.forecast import Forecast
+from calibration.belt.forecast import TravelForecast
 from cell.procedure import Run
 from procedures.belt.item_tracking import BeltWatch
 
@@ -28,7 +28,7 @@ class BeltLive:
         self._belt, self._items = (run.trace(name, columns) for name, columns in COLUMNS.items())
         self._newest = self._items_at = -np.inf
 
-    def look(self, watch: BeltWatch, forecast: Forecast) -> None:
+    def look(self, watch: BeltWatch, forecast: TravelForecast) -> None:
         """After ``watch`` has learnt; nothing new is counted twice."""
         t = forecast.now
         if t <= self._newest:

@@ -23,7 +23,7 @@ ORDER = ("P5", "P4", "P3", "P2", "P1")  # one cycle: every pose is always reache
 
 
 @dataclass(frozen=True)
-class Station:
+class TestPose:
     """A pose that is visited: the flange as wanted (pose6), the joints that are sent, and how far these are
     from what the controller's own model would send (m, at the flange)."""
 
@@ -37,7 +37,7 @@ class Station:
 class IsoPlan:
     """``stations`` by name, those that only locate first; ``listing`` is what a person wants to see."""
 
-    stations: list[Station]
+    stations: list[TestPose]
     listing: dict[str, Any]
 
 
@@ -96,7 +96,7 @@ def point_of(values: RunValues, config: Iso9283Config) -> list[float]:
 
 
 def plan_iso(values: RunValues, raw: Mapping[str, Any], q_start: list[float]) -> IsoPlan:
-    """Every pose with its joints; ``ISO9283_PLAN_REFUSED`` names the pose that cannot be had and why."""
+    """Every pose with its joints; ``ISO9283_PLAN_REFUSED`` names the pose that cannot be reached, and why."""
     config = Iso9283Config.model_validate(raw)
     guard = lease_settings(values)[0]
     controller = chain_of(values.robot)
@@ -104,7 +104,7 @@ def plan_iso(values: RunValues, raw: Mapping[str, Any], q_start: list[float]) ->
     corrected = is_corrected(values, config)
     chain = controller if not corrected or calibrated is None else chain_of(calibrated["robot"])
     near = np.array(values.poses[config.near], dtype=float)
-    stations: list[Station] = []
+    stations: list[TestPose] = []
     for name, T in wanted_poses(config, point_of(values, config)).items():
         q = _joints(name, T, near, chain)
         try:
@@ -113,7 +113,7 @@ def plan_iso(values: RunValues, raw: Mapping[str, Any], q_start: list[float]) ->
             raise error("ISO9283_PLAN_REFUSED", f"pose {name}: {exc.detail}") from exc
         told = controller.flange(q[None])[0][:3, 3]
         shift = float(np.linalg.norm(told - T.translation))
-        stations.append(Station(name, to_pose6(T).tolist(), q.tolist(), shift))
+        stations.append(TestPose(name, to_pose6(T).tolist(), q.tolist(), shift))
     by_name = {station.name: station for station in stations}
     route = [s.name for s in stations if s.name not in ORDER] + [*ORDER, ORDER[0]]
     _check_ways(guard, np.array(q_start), [by_name[name] for name in route])
@@ -166,7 +166,7 @@ def _joints(name: str, T: RigidTransform, near: Array, chain: SerialChain) -> Ar
     return q
 
 
-def _check_ways(guard: MotionGuard, q_start: Array, route: list[Station]) -> None:
+def _check_ways(guard: MotionGuard, q_start: Array, route: list[TestPose]) -> None:
     """The joint paths from where the arm is, and between all poses as they follow each other."""
     joints = [("where the arm is", q_start), *((s.name, np.array(s.q)) for s in route)]
     for (a, q0), (b, q1) in pairwise(joints):

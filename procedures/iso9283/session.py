@@ -20,7 +20,7 @@ from procedures.iso9283.config import Iso9283Config
 from procedures.iso9283.plan import (
     ORDER,
     IsoPlan,
-    Station,
+    TestPose,
     is_corrected,
     kinematics_of,
     plan_iso,
@@ -49,7 +49,7 @@ class Session:
         self.place: Registration | None = None
         if config.T_base_tracker_nominal is not None:
             self.place = registration_of(config.T_base_tracker_nominal)
-        self.stations: dict[str, Station] = {}
+        self.stations: dict[str, TestPose] = {}
         self._located = False
         self._in_a_row = 0
 
@@ -92,7 +92,7 @@ class Session:
             "tracker": (await self.eye.tracker.identify()).serial,
         }
 
-    async def _arrive(self, lease: MotionLease, station: Station, cycle: int) -> None:
+    async def _arrive(self, lease: MotionLease, station: TestPose, cycle: int) -> None:
         """Go there, measure, and keep it; an arrival that cannot be measured is told and left out."""
         run = self.run
         text = f"pose {station.name}" + (f", cycle {cycle} of {self.config.cycles}" if cycle else "")
@@ -124,7 +124,7 @@ class Session:
         await asyncio.to_thread(self.record.add, sample)
         self._place_anew()
 
-    async def _measured(self, station: Station) -> Sample[StablePoint] | CellError:
+    async def _measured(self, station: TestPose) -> Sample[StablePoint] | CellError:
         """The point with the arm at rest; the reason of the last try when none was to be had."""
         run, config = self.run, self.config
         near = None if self.place is None else self.place.to_tracker(self._wanted(station)[:, None])[:, 0]
@@ -155,7 +155,7 @@ class Session:
         if not states or not all(s.value.at_rest for s in states):
             raise error("POSE_UNSTABLE", "the arm moved while its reflector was measured")
 
-    def _wanted(self, station: Station) -> Array:
+    def _wanted(self, station: TestPose) -> Array:
         """(3,): where the reflector should be, in the base."""
         out: Array = from_pose6(station.T_base_flange).apply(self.point)
         return out

@@ -10,7 +10,7 @@ from cell.devices import Speed
 from cell.procedure import Run
 from procedures.laser.config import Search
 from procedures.laser.faults import Fault, one_sided
-from procedures.laser.path import Station
+from procedures.laser.path import BeamStation
 from procedures.laser.record import PassRecord
 from procedures.laser.states import ScanState as S
 from procedures.laser.sweep import Beam, BeamPass, Sweeper
@@ -33,7 +33,7 @@ class Pairs:
 
     async def take(
         self,
-        station: Station,
+        station: BeamStation,
         beam: Beam,
         depth: float,
         span: tuple[float, float],
@@ -74,7 +74,7 @@ class Pairs:
 
     async def _take(
         self,
-        station: Station,
+        station: BeamStation,
         beam: Beam,
         near: RigidTransform,
         far: RigidTransform,

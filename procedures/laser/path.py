@@ -17,7 +17,7 @@ FIXTURE_M = 0.1  # around a sweep: sensors and their holders are there
 
 
 @dataclass(frozen=True, eq=False)
-class Station:
+class BeamStation:
     """One beam at one place along it. ``q`` (6,) are the joints of the auxiliary point, also for place 1.
 
     Positions are counted from the auxiliary point: ``s`` m along ``across``, ``depth`` m down.
@@ -50,7 +50,7 @@ class Station:
 class Course:
     """All stations of one scan, and the tool's point in the flange that they were made for."""
 
-    stations: tuple[Station, ...]
+    stations: tuple[BeamStation, ...]
     tool_point: Array  # (3,) in the flange
     R_base_flange: Rotation
 
@@ -92,7 +92,7 @@ def course(
             T = RigidTransform.from_components(start + place * beam.along_m * beam.along_unit, R)
             taught_here = bool(np.allclose(T.as_matrix(), aux[name].as_matrix(), rtol=0.0, atol=1e-6))
             q, across = np.array(beam.q), beam.across_unit
-            stations.append(Station(name, place, q, T, across, beam.distance_m, taught_here))
+            stations.append(BeamStation(name, place, q, T, across, beam.distance_m, taught_here))
     return Course(tuple(stations), tool, R)
 
 
@@ -113,7 +113,7 @@ def way_out(course: Course, flange: RigidTransform) -> RigidTransform | None:
     return None
 
 
-def heights_at(search: Search, station: Station) -> tuple[float, ...]:
+def heights_at(search: Search, station: BeamStation) -> tuple[float, ...]:
     """How far below the beam's height a station is measured, m; one is enough to find where the beam runs."""
     return search.heights if station.place == 0 else search.heights[:1]
 
@@ -123,7 +123,7 @@ def highest(search: Search) -> float:
     return search.tool_margin_m
 
 
-def deepest(search: Search, course: Course, station: Station) -> float:
+def deepest(search: Search, course: Course, station: BeamStation) -> float:
     """How far down the search may go from the auxiliary point, m.
 
     Below what it finds there must be room to measure, at both heights, above the floor.

@@ -14,7 +14,7 @@ from cell.procedure import Run
 from cell.run_values import RunValues
 from procedures.arm_setup import arm_model, lease_settings
 from procedures.laser.config import Search
-from procedures.laser.path import Course, Station, course, deepest, heights_at, highest, way_out
+from procedures.laser.path import BeamStation, Course, course, deepest, heights_at, highest, way_out
 
 MOTION_ERRORS = ("MOTION_LIMIT", "MOTION_COLLISION", "MOTION_UNREACHABLE")
 
@@ -95,7 +95,7 @@ def longer_tool(values: RunValues, margin_m: float) -> MotionGuard:
     return MotionGuard(guard.model, guard.limits, Tool(T, tool.radius_m, tool.name, tool.attachments))
 
 
-def _station(moves: "Moves", search: Search, station: Station) -> None:
+def _station(moves: "Moves", search: Search, station: BeamStation) -> None:
     """Down by steps, up by steps where the beam is met at once; bisection; measured below the lowest."""
     limit = deepest(search, moves.way, station)
     if moves.possible and limit < 0.0:
@@ -143,7 +143,7 @@ class Moves:
         if above is not None:
             self.line("lift out of the fixture", above)
 
-    def approach(self, station: Station) -> None:
+    def approach(self, station: BeamStation) -> None:
         """To the place's start: in joints to the auxiliary point, then straight where it is another."""
         self.possible = True
         if station.place == 0:
@@ -172,7 +172,7 @@ class Moves:
         ends = {"from": begin.tolist(), "to": self.way.tip(to).tolist()}
         self._row(index, self._tightest(before, self.q), problem, **more, **ends)
 
-    def sweeps(self, station: Station, depth: float, times: int, when: str = "") -> None:
+    def sweeps(self, station: BeamStation, depth: float, times: int, when: str = "") -> None:
         """Down or up beside the beam to ``depth`` m, and ``times`` across it and back."""
         if not self.possible:
             return
@@ -188,7 +188,7 @@ class Moves:
         ends = {"from": self.way.tip(near).tolist(), "to": self.way.tip(far).tolist()}
         self._row(_named(station, f"at {1e3 * depth:.1f} mm{when}"), worst, problem, **more, **ends)
 
-    def lift(self, station: Station) -> None:
+    def lift(self, station: BeamStation) -> None:
         """Straight up from the far end of the last sweep, which is the farthest there is, and back."""
         if not self.possible:
             return
@@ -197,7 +197,7 @@ class Moves:
         self.line(_named(station, "lift"), station.at(station.distance_m, 0.0), **about)
         self.line(_named(station, "back"), station.start, **about)
 
-    def refuse(self, station: Station, problem: str) -> None:
+    def refuse(self, station: BeamStation, problem: str) -> None:
         """A station that cannot be measured at all."""
         ends = {"from": self.way.tip(station.start).tolist(), "to": None}
         self._row(
@@ -249,5 +249,5 @@ class Moves:
         return str(exc)
 
 
-def _named(station: Station, what: str) -> str:
+def _named(station: BeamStation, what: str) -> str:
     return f"{station.beam} {station.place + 1} {what}"

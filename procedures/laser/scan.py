@@ -17,7 +17,7 @@ from cell.procedure import FinishRequested, Run
 from procedures.laser.config import BEAMS, Search
 from procedures.laser.faults import crossing_fault, fault_of, gap_of, one_sided, stuck_dark
 from procedures.laser.pairs import HEIGHT, LOCATE, BackAt, Judge, Pair, Pairs, beam_of, even_shares
-from procedures.laser.path import Course, Station, deepest, heights_at, highest, way_out
+from procedures.laser.path import BeamStation, Course, deepest, heights_at, highest, way_out
 from procedures.laser.record import PassRecord
 from procedures.laser.sought_height import SoughtHeight, period_of
 from procedures.laser.states import ScanState as S
@@ -36,7 +36,7 @@ class Hit:
 
 
 @dataclass(frozen=True)
-class Contact:
+class BeamContact:
     """The tool's end first meets the beam at ``depth`` (m), which is known to ``sigma``."""
 
     depth: float
@@ -77,7 +77,7 @@ class Scan:
         self._beams = {name: beam_of(search, name, self.inputs.names) for name in BEAMS}
         self._lease: MotionLease
         self._pairs: Pairs
-        self._station: Station
+        self._station: BeamStation
         self._s, self._depth = 0.0, 0.0
         self._tried: list[
             tuple[float, BeamPass]
@@ -112,7 +112,7 @@ class Scan:
         if self._retract_pose is not None:
             await lease.move_joints(np.array(run.values.poses[self._retract_pose]))
 
-    async def _take_station(self, station: Station) -> None:
+    async def _take_station(self, station: BeamStation) -> None:
         await self._approach(station)
         hit = await self._find()
         if hit is None:
@@ -130,7 +130,7 @@ class Scan:
 
     # -- the steps
 
-    async def _approach(self, station: Station) -> None:
+    async def _approach(self, station: BeamStation) -> None:
         await self.run.enter(S.APPROACH, station.name)
         if self._first:
             self._first = False
@@ -186,10 +186,10 @@ class Scan:
                 "LASER_TOOL_TOO_LONG",
                 f"{self._station.name} is met {-1e3 * self._depth:.1f} mm above the auxiliary point already",
             )
-        await self.run.enter(S.LIFT, "met at once, so the tool is longer than believed")
+        await self.run.enter(S.LIFT, "met at once, so the tool is longer than configured")
         await self._move(0.0, -up)
 
-    async def _find_height(self, hit: Hit, located: Pair) -> Contact:
+    async def _find_height(self, hit: Hit, located: Pair) -> BeamContact:
         """Cross near the tool's end where most is to be learned of its height, until it is known."""
         search, run = self.search, self.run
         seek = SoughtHeight(run.worker, search, self._sigma_m, -hit.hit, -hit.clear, located, self._station)
@@ -209,7 +209,7 @@ class Scan:
             seek.add(turn.out, out)
             seek.add(turn.back, back)
             now = await seek.look()
-        return Contact(-now.mean, now.sigma)
+        return BeamContact(-now.mean, now.sigma)
 
     async def _locate(self, depth: float) -> Pair:
         """Cross once to see where the beam is at this depth."""

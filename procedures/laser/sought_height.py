@@ -7,7 +7,7 @@ from calibration.tool_frame.height_search import HeightSearch, Next, Sought, sou
 from calibration.tool_frame.repeatability import scatter_of
 from cell.procedure import Worker
 from procedures.laser.config import Search
-from procedures.laser.path import Station
+from procedures.laser.path import BeamStation
 from procedures.laser.sweep import BeamPass
 
 _CENTRE_M = 3e-4  # how far the middle of a break may be off that of the crossing further down
@@ -28,7 +28,7 @@ class SoughtHeight:
         hit: float,
         clear: float,
         located: tuple[BeamPass, BeamPass],
-        station: Station,
+        station: BeamStation,
     ) -> None:
         self._worker = worker
         self._offset = float(station.s_of(np.zeros(1))[0])

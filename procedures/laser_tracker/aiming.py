@@ -46,7 +46,7 @@ class Eye:
         """One try at reflector ``name`` that should be at ``near`` (3,), tracker frame, give or take
         ``surprise_m``; None: it is followed, wherever it is.
 
-        One of ``AGAIN`` when it cannot be had now.
+        One of ``AGAIN`` when it cannot be measured now.
         """
         config = self._config
         if self._selected != (name, epoch := self.tracker.readings.epoch):

@@ -30,7 +30,7 @@ _LOOKED_AT = 4  # times the candidates that are wanted, in one batch
 def robot_of(values: RunValues, config: TrackerSamplingConfig) -> dict[str, Any]:
     """The ROBOT as its controller believes it, with the reflectors of the job as its tool.
 
-    ``OBSERVED_MODEL_MISSING`` when nothing says what arm the observed arm is.
+    ``OBSERVED_MODEL_MISSING`` when the model of the observed arm is not configured.
     """
     given = values.robot if config.arm == "arm" else values.observed_robot
     if not given:

@@ -253,7 +253,7 @@ class Sampling:
     # -- poses
 
     async def _take_batch(self, batch: Sequence[Visit], give_up: bool = True) -> None:
-        """Poses without anybody near the arm; ``give_up`` when too many in a row cannot be had."""
+        """Poses without anybody near the arm; ``give_up`` when too many in a row cannot be measured."""
         run, visitor = self.run, self.visitor
         in_a_row = 0
         waiting = deque(batch)

@@ -7,10 +7,10 @@ import numpy as np
 from calibration.tool_frame.glimpse import Glimpse, glimpse
 from calibration.tool_frame.height_search import HeightSearch, Sought, sought
 from calibration.tool_frame.repeatability import scatter_of
-from calibration.tool_frame.tip import End, ToolInBeam
+from calibration.tool_frame.tip import TipShape, ToolInBeam
 
 CHORD_M = 0.007
-ROUND_END, FLAT_END = End("ball", 1.0, 1.0, 2e-5), End("point", 1.0)
+ROUND_END, FLAT_END = TipShape("ball", 1.0, 1.0, 2e-5), TipShape("point", 1.0)
 UP = np.array([0.0, 0.0, 1.0])
 VIEW = ToolInBeam(-UP, np.array([0.0, 1.0, 0.0]), UP, np.array([0.0, 1.0, 0.0]), 0.5 * CHORD_M, CHORD_M)
 FAST, SLOW, PERIOD_S = 0.05, 0.02, 0.005
@@ -24,7 +24,7 @@ def polls(rng: np.random.Generator, speed: float, gap: tuple[float, float] | Non
 
 def crossed(
     rng: np.random.Generator,
-    end: End,
+    end: TipShape,
     depth: float,
     height: float,
     pair: int,
@@ -40,7 +40,7 @@ def crossed(
 
 def pairs_at(
     rng: np.random.Generator,
-    end: End,
+    end: TipShape,
     truth: float,
     heights: Sequence[float],
     sigma: float,
@@ -56,7 +56,7 @@ def pairs_at(
 
 
 def searched(
-    rng: np.random.Generator, end: End, sigma: float, most: int = 8, step: float = 5e-3
+    rng: np.random.Generator, end: TipShape, sigma: float, most: int = 8, step: float = 5e-3
 ) -> tuple[Sought, float]:
     """A whole search, and the true height; the first hit is up to ``step`` (m) below it."""
     truth = step * float(rng.random())

@@ -23,7 +23,7 @@ from cell.run_values import RunValues
 from cell.samples import Sample
 from procedures.belt.calibrating.config import BeltCalibrationConfig
 from procedures.belt.calibrating.record import CalibrationRecord
-from procedures.belt.calibrating.rows import Follower, count_at, motion_of
+from procedures.belt.calibrating.rows import ItemFollower, count_at, motion_of
 from procedures.belt.calibrating.solving import solve_within_limits
 from procedures.belt.camera_to_belt import CameraToBelt
 from procedures.belt.encoder_alarms import Emergencies
@@ -130,7 +130,7 @@ class _Session:
             self.encoder, lambda what: run.note("decision", event="encoder emergency", what=what)
         )
         self._fresh: deque[Frame] = deque()
-        self._follower = Follower(motion_of(self._configured))
+        self._follower = ItemFollower(motion_of(self._configured))
         self.camera_to_belt: CameraToBelt | None = None
         self._epoch = self.encoder.counts.epoch
         self._begins: deque[float] = deque()  # times when it began anew, which no frame was after yet

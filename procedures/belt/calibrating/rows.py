@@ -66,7 +66,7 @@ class _Chain:
         return (self.point - self.first[0]) / n if n else None
 
 
-class Follower:
+class ItemFollower:
     """Follows each item from frame to frame, to where the counts say that it has moved since.
 
     ``guess`` (3,) is the configured motion of one count, m. Without it the first step is looked for near by.
@@ -155,7 +155,7 @@ def rows_of(data: Mapping[str, Any], step_counts: float = STEP_COUNTS) -> Rows:
         return Rows(t, points, counts, np.zeros(len(t), dtype=np.int64))
     T = from_pose6(data["T_base_camera"])
     encoder = np.array(data["encoder"], dtype=float).reshape(-1, 2)
-    follower = Follower(motion_of(data.get("configured")), step_counts)
+    follower = ItemFollower(motion_of(data.get("configured")), step_counts)
     times = [float(seen["t"]) for seen in data["sightings"]]
     found, epoch = list[Counted | None](), 0
     parts = parts_of(encoder, data)

@@ -32,7 +32,7 @@ _NOISE, _PICTURE = "sightings", "picture"
 
 
 @dataclass(frozen=True)
-class Spread:
+class BeltUncertainty:
     """Halves of the 95 % intervals of scale (m) and direction (rad, in each plane), and the ``cov`` (3, 3) of
     ``m_per_count * dir``; ``by`` names what makes most of the scale's: single ``sightings``, what all of one
     of the ``frames``, of the ``items`` or at one place of the ``picture`` share, or the rounding of
@@ -44,7 +44,7 @@ class Spread:
     by: str
 
 
-def spread(answer: BeltScale, rows: Rows) -> Spread | None:
+def spread(answer: BeltScale, rows: Rows) -> BeltUncertainty | None:
     """From the residuals of the fit; None where the answer has no interval."""
     if answer.half_scale is None:
         return None
@@ -55,7 +55,7 @@ def spread(answer: BeltScale, rows: Rows) -> Spread | None:
     origin = rows.points[near] - rows.counts[near, None] * answer.m_per_count * answer.direction
     found = [effects.slope(origin @ axis, k == 0) for k, axis in enumerate(axes)]
     m = answer.m_per_count
-    return Spread(
+    return BeltUncertainty(
         half_scale=m * found[0].half,
         half_angle=max(found[1].half, found[2].half),
         cov=m * m * axes.T @ np.diag([slope.variance for slope in found]) @ axes,
@@ -63,7 +63,9 @@ def spread(answer: BeltScale, rows: Rows) -> Spread | None:
     )
 
 
-def with_camera(sure: Spread, answer: BeltScale, turn_95_rad: float, share_95: float) -> Spread:
+def with_camera(
+    sure: BeltUncertainty, answer: BeltScale, turn_95_rad: float, share_95: float
+) -> BeltUncertainty:
     """``sure`` with what all sightings share, which no pattern shows: a camera that is turned by up to
     ``turn_95_rad`` about any axis turns the direction as far, one whose distance from the belt is wrong by
     the share ``share_95`` has the scale wrong by it."""

@@ -66,7 +66,7 @@ class _Carried:
         return State(self.p + (t - self.t0) * velocity, velocity, np.zeros(4))
 
 
-class Expectation:
+class CycleEstimate:
     """For a job's config, its tool, the joints of its poses (6,), and the belt's ``way`` (3,) in the base."""
 
     def __init__(

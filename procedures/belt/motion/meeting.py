@@ -8,7 +8,7 @@ import numpy as np
 from calibration.belt.arm_time import MotionLimits
 from calibration.belt.classic import ClassicTarget, ClassicTimes, classic_target, recomputed
 from calibration.belt.meeting import Zone
-from calibration.belt.tracking import Arm, Track
+from calibration.belt.tracking import RestingArm, Track
 from cell.poses import Array
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.item_tracking import BeltWatch
@@ -40,16 +40,16 @@ def strategy(config: BeltTrackingConfig, watch: BeltWatch, wait: Array, descent_
     """What ``config.method`` names. ``wait`` (3,) is the waiting point, m; ``descent_s`` t2."""
     limits = config.limits
     axis = MotionLimits(limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3)
-    arm = Arm(axis, (float(wait[0]), float(wait[1])), config.down_m)
+    arm = RestingArm(axis, (float(wait[0]), float(wait[1])), config.down_m)
     if config.method == "classic":
-        return Classic(config, watch, arm, ClassicTimes(config.T1_s, descent_s))
+        return ClassicMethod(config, watch, arm, ClassicTimes(config.T1_s, descent_s))
     return Predicted(config, watch, arm)
 
 
 class Predicted:
     """The earliest contact in the zone, aimed anew at every decision."""
 
-    def __init__(self, config: BeltTrackingConfig, watch: BeltWatch, arm: Arm) -> None:
+    def __init__(self, config: BeltTrackingConfig, watch: BeltWatch, arm: RestingArm) -> None:
         self._config, self._watch, self._arm = config, watch, arm
         self._zone = Zone(config.zone.min_m, config.zone.max_m)
 
@@ -78,14 +78,16 @@ def _aim(track: Track, contact: float) -> Aim:
     return Aim(contact, track.xy(at)[0], float(track.z(at)[0]))
 
 
-class Classic:
+class ClassicMethod:
     """The classic method: speed from two counts, a fixed T1 whatever the way, the target anew every 100 ms.
 
     Heights are ours: that method takes the belt to be level, and one false height would drive the tool into
     an item.
     """
 
-    def __init__(self, config: BeltTrackingConfig, watch: BeltWatch, arm: Arm, times: ClassicTimes) -> None:
+    def __init__(
+        self, config: BeltTrackingConfig, watch: BeltWatch, arm: RestingArm, times: ClassicTimes
+    ) -> None:
         self._config, self._watch, self._arm, self._times = config, watch, arm, times
         self._zone = Zone(config.zone.min_m, config.zone.max_m)
         self._first: float | None = None

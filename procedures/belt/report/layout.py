@@ -10,7 +10,7 @@ from procedures.belt.report.plots import (
     speed_section,
     timing_section,
 )
-from procedures.belt.report.source import BeltSource, Life
+from procedures.belt.report.source import BeltSource, ItemLife
 from procedures.report.html import Html, absent, el, note, section, table
 from procedures.report.layout import Layout, Page
 from procedures.report.numbers import DASH, dig, number
@@ -87,11 +87,11 @@ def lives_section(source: BeltSource) -> Html | None:
     )
 
 
-def _first(life: Life) -> str:
+def _first(life: ItemLife) -> str:
     return f"{life.history[0][0]:.2f}" if life.history else DASH
 
 
-def _then(life: Life) -> str:
+def _then(life: ItemLife) -> str:
     begin = life.history[0][0] if life.history else 0.0
     return ", ".join(f"{what} {t - begin:.2f}" for t, what in life.history[1:])
 

@@ -27,7 +27,7 @@ _LARGEST = 64 * 2**20  # bytes of a framed file that a report still reads
 
 
 @dataclass(frozen=True)
-class Life:
+class ItemLife:
     """One item that ended: when each thing happened to it, s since the run began."""
 
     number: int
@@ -57,16 +57,16 @@ class BeltSource(Source):
         return min(times, default=0.0)
 
     @cached_property
-    def lives(self) -> list[Life]:
+    def lives(self) -> list[ItemLife]:
         """Items that ended, in the order of their ends."""
         return [life for line in self.journal if (life := self._life(line)) is not None]
 
-    def _life(self, line: Mapping[str, Any]) -> Life | None:
+    def _life(self, line: Mapping[str, Any]) -> ItemLife | None:
         history, end = line.get("history"), number(line.get("t"))
         if line.get("event") != "item" or not isinstance(history, list) or end is None:
             return None
         rows = tuple((float(t) - self.begin, str(what)) for t, what in history)
-        return Life(
+        return ItemLife(
             int(line["item"]),
             str(line.get("outcome")),
             end - self.begin,

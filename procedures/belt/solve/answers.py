@@ -46,7 +46,7 @@ class Solved:
 UNSEEN, BLIND = "unseen", "blind"
 
 
-class Arrivals:
+class InputReplay:
     """Counts and detections as they become known: nothing is, before its stamp."""
 
     def __init__(self, loaded: InterceptSet) -> None:
@@ -66,7 +66,7 @@ class Arrivals:
 def solve_adaptive(loaded: InterceptSet, done: Done = None) -> Solved:
     """Our own estimator and the earliest meeting point."""
     tracker = BeltTracker(BeltEstimator(loaded.encoder), loaded.direction)
-    arrivals = Arrivals(loaded)
+    arrivals = InputReplay(loaded)
     answers = []
     for k, query in enumerate(loaded.queries):
         _learn(loaded, tracker, arrivals, query.t)
@@ -77,7 +77,7 @@ def solve_adaptive(loaded: InterceptSet, done: Done = None) -> Solved:
     return Solved(answers, tracker)
 
 
-def _learn(loaded: InterceptSet, tracker: BeltTracker, arrivals: Arrivals, t: float) -> None:
+def _learn(loaded: InterceptSet, tracker: BeltTracker, arrivals: InputReplay, t: float) -> None:
     rows, detections = arrivals.until(t)
     for k in rows:
         tracker.belt.add(float(loaded.t[k]), loaded.count[k])
@@ -106,7 +106,7 @@ def _answer(loaded: InterceptSet, tracker: BeltTracker, query: Query) -> Answer:
 def solve_classic(loaded: InterceptSet, done: Done = None) -> Solved:
     """The classic method; the tracker is ours, for the checks that both methods are held to."""
     tracker = BeltTracker(BeltEstimator(loaded.encoder), loaded.direction)
-    arrivals = Arrivals(loaded)
+    arrivals = InputReplay(loaded)
     _learn(loaded, tracker, arrivals, np.inf)
     t, n = _unwrapped(loaded)
     answers = []

@@ -12,7 +12,7 @@ from calibration.belt.arm_time import MotionLimits
 from calibration.belt.estimator import Encoder
 from calibration.belt.items import Sighting
 from calibration.belt.meeting import Zone
-from calibration.belt.tracking import Arm
+from calibration.belt.tracking import RestingArm
 from cell.errors import error
 from cell.formats.intercept import SCHEMA, Detection, Intercept, Query
 from cell.formats.reading import parse, read_json
@@ -36,7 +36,7 @@ class InterceptSet:
     data: Intercept
     encoder: Encoder
     direction: Array
-    arm: Arm
+    arm: RestingArm
     zone: Zone
     dwell: float
     t: Array
@@ -69,7 +69,7 @@ def load_intercept(path: Path) -> InterceptSet:
         data=data,
         encoder=Encoder(belt.scale, belt.modulus, belt.period),
         direction=direction / np.linalg.norm(direction),
-        arm=Arm(
+        arm=RestingArm(
             MotionLimits(limits.v, limits.a, limits.j),
             (robot.wait_point[0], robot.wait_point[1]),
             robot.above,

@@ -13,7 +13,7 @@ from calibration.hand_eye.normal import Linearised, linearise
 from calibration.hand_eye.observability import rotations, still_pairs
 from calibration.hand_eye.problem import Problem
 from calibration.hand_eye.solution import Measurements, Solution
-from calibration.hand_eye.spread import Placement, placements, spread_across, spread_within
+from calibration.hand_eye.spread import PlacementEstimates, placements, spread_across, spread_within
 from calibration.hand_eye.views import undistort
 from cell.formats.result import Result, Warning_
 from cell.poses import Array, to_pose6
@@ -125,7 +125,7 @@ def _labels(solved: Solved) -> dict[int, str]:
     return {int(k): str(g) for k, g in enumerate(np.unique(solved.loaded.group[solved.rows]))}
 
 
-def _estimates(placement: Placement) -> dict[str, object]:
+def _estimates(placement: PlacementEstimates) -> dict[str, object]:
     least = placement.least_squares
     return {
         "mean": pose6(se3.mean_pose(placement.X)) if len(placement.X) else None,

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from cell.spread import Spread
+from cell.time_histogram import TimeHistogram
 
 
 def test_quantiles_are_right_to_six_percent() -> None:
     times = np.random.default_rng(3).lognormal(np.log(2e-3), 1.0, 20_000)
-    subject = Spread()
+    subject = TimeHistogram()
     for t in times:
         subject.add(float(t))
     summary = subject.summary()
@@ -20,11 +20,11 @@ def test_quantiles_are_right_to_six_percent() -> None:
 
 @pytest.mark.parametrize("seconds", [-1.0, 0.0, 1e-9, 1e3, 1e9])
 def test_times_outside_the_bins_are_counted(seconds: float) -> None:
-    subject = Spread()
+    subject = TimeHistogram()
     subject.add(seconds)
     assert subject.count == 1
     assert subject.quantile(0.5) <= max(seconds, 0.0)
 
 
 def test_nothing_counted_is_all_zero() -> None:
-    assert set(Spread().summary().values()) == {0}
+    assert set(TimeHistogram().summary().values()) == {0}

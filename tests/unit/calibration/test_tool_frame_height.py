@@ -7,7 +7,7 @@ from calibration.tool_frame.glimpse import LOST, glimpse
 from calibration.tool_frame.height import first_contact, weights
 from calibration.tool_frame.repeatability import scatter_of
 from calibration.tool_frame.solution import solve
-from calibration.tool_frame.tip import ENDS, End
+from calibration.tool_frame.tip import ENDS, TipShape
 from cell.formats.laser import parse_laser
 from procedures.laser.solve.data import scene_of
 from tests.kit.height_scene import FLAT_END, ROUND_END, SLOW, VIEW, pairs_at, searched
@@ -16,7 +16,7 @@ from tests.kit.laser_scene import BALL, Bench, data_set
 SIGMA = 1e-5
 
 
-def known(seed: int, end: End, heights: list[float], sigma: float = SIGMA) -> tuple[float, float]:
+def known(seed: int, end: TipShape, heights: list[float], sigma: float = SIGMA) -> tuple[float, float]:
     """Error and standard deviation of a first contact at height 0, from ways at ``heights`` (m)."""
     rng = np.random.default_rng(seed)
     scatter = scatter_of(sigma * np.sqrt(2.0), sigma)
@@ -31,7 +31,7 @@ NEAR = [-1e-4, -4e-5, 1e-5, -1e-5, 2e-5, -2e-5, 0.0]
 
 @pytest.mark.parametrize("end", [ROUND_END, FLAT_END], ids=["round", "flat"])
 @pytest.mark.parametrize("sigma", [1e-5, 2.1e-5])
-def test_the_height_is_as_true_as_it_is_said_to_be(end: End, sigma: float) -> None:
+def test_the_height_is_as_true_as_it_is_said_to_be(end: TipShape, sigma: float) -> None:
     found = np.array([known(seed, end, NEAR, sigma) for seed in range(16)])
     squared = (found[:, 0] / found[:, 1]) ** 2
     assert 0.3 < np.mean(squared) < 2.0
@@ -74,7 +74,7 @@ def test_one_pass_that_is_not_what_it_seems_does_not_move_the_height() -> None:
 
 
 @pytest.mark.parametrize("end", [ROUND_END, FLAT_END], ids=["round", "flat"])
-def test_a_search_in_height_gets_near_the_end_from_any_first_hit(end: End) -> None:
+def test_a_search_in_height_gets_near_the_end_from_any_first_hit(end: TipShape) -> None:
     rng = np.random.default_rng(8)
     found = [searched(rng, end, SIGMA) for _ in range(3)]
     assert all(abs(s.mean - truth) < 4.0 * s.sigma for s, truth in found)

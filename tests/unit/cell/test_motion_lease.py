@@ -259,7 +259,7 @@ def test_a_full_disk_does_not_keep_the_stop_ladder_from_its_next_step() -> None:
 def test_the_arm_is_lent_to_one_at_a_time() -> None:
     async def main() -> None:
         async with bench_with(ScriptedArm()) as bench, bench.lease():
-            with pytest.raises(CellError, match="already lent"):
+            with pytest.raises(CellError, match="already holds"):
                 await bench.drive()
 
     run_virtual(main())

@@ -13,7 +13,7 @@ import pytest
 from cell.devices import DeviceState, Identity
 from cell.errors import CellError, error
 from daemon.health import Beats
-from daemon.supervisor import Expectation, SupervisedDevice, Supervisor
+from daemon.supervisor import ExpectedIdentity, SupervisedDevice, Supervisor
 from fakes.object import VirtualClock, run_virtual
 
 
@@ -79,10 +79,10 @@ class Bench:
 
 
 @asynccontextmanager
-async def supervised(expect: Expectation | None = None, **gadget_keys: Any) -> AsyncIterator[Bench]:
+async def supervised(expect: ExpectedIdentity | None = None, **gadget_keys: Any) -> AsyncIterator[Bench]:
     clock = VirtualClock()
     gadget, beats = Gadget(clock, **gadget_keys), Beats(clock)
-    entry = SupervisedDevice(gadget, expect or Expectation(twin=True), clock, beats)
+    entry = SupervisedDevice(gadget, expect or ExpectedIdentity(twin=True), clock, beats)
     task = asyncio.create_task(entry.run())
     try:
         yield Bench(gadget, entry, beats, Supervisor([entry]))
@@ -166,7 +166,7 @@ def test_a_device_that_is_not_the_one_meant_is_refused_and_said_once(
     serial: str, twin: bool, expected: str | None, told: str, lines: pytest.LogCaptureFixture
 ) -> None:
     async def main() -> None:
-        async with supervised(Expectation(twin, expected), serial=serial) as bench:
+        async with supervised(ExpectedIdentity(twin, expected), serial=serial) as bench:
             await asyncio.sleep(20.0)
             assert bench.entry.state is DeviceState.FAULTED
             assert not bench.gadget.open_now
@@ -185,7 +185,7 @@ def test_another_device_in_the_place_of_the_lost_one_is_said_and_the_right_one_r
     lines: pytest.LogCaptureFixture,
 ) -> None:
     async def main() -> None:
-        async with supervised(Expectation(True, "9999001")) as bench:
+        async with supervised(ExpectedIdentity(True, "9999001")) as bench:
             await bench.until(DeviceState.READY)
             lines.clear()
             bench.gadget.serial = "9999777"

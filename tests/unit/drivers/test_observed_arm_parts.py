@@ -15,7 +15,7 @@ from drivers.observed_arm import ObservedArmConfig
 from drivers.observed_arm.config import JointConfig
 from drivers.observed_arm.registers import spans
 from drivers.observed_arm.rest import RestWatch
-from drivers.observed_arm.rows import BadRow, JointTable, Row, TableChanged, TableFormat
+from drivers.observed_arm.rows import BadRow, JointRow, JointTable, TableChanged, TableFormat
 
 URL = "tcp://192.168.10.40:502"
 
@@ -136,7 +136,7 @@ def test_rows_that_are_there_at_first_are_the_past_and_each_new_one_is_told() ->
     assert subject.serial == "1234"
     assert subject.read(begun) == []
     more = begun + b"0.3,0.4\r\n\n# lunch\n0.5,-0.6\n"
-    assert subject.read(more) == [Row(4, (0.3, 0.4), None), Row(7, (0.5, -0.6), None)]
+    assert subject.read(more) == [JointRow(4, (0.3, 0.4), None), JointRow(7, (0.5, -0.6), None)]
     assert subject.read(more) == []
 
 
@@ -145,7 +145,7 @@ def test_a_row_counts_once_its_line_is_ended() -> None:
     subject.begin(b"q1,q2\n")
     assert subject.read(b"q1,q2\n0.1,0.2") == []
     assert subject.unfinished
-    assert subject.read(b"q1,q2\n0.1,0.25\n") == [Row(2, (0.1, 0.25), None)]
+    assert subject.read(b"q1,q2\n0.1,0.25\n") == [JointRow(2, (0.1, 0.25), None)]
     assert not subject.unfinished
 
 
@@ -158,7 +158,7 @@ def test_columns_are_found_by_name_whatever_their_order_and_unit(mark: str) -> N
         b"\xef\xbb\xbf" + (head + mark.join(["1.5", "90", "sealed", "-45", "7"]) + "\n").encode()
     )
     (row,) = rows
-    assert isinstance(row, Row)
+    assert isinstance(row, JointRow)
     assert row.pose == 7
     np.testing.assert_allclose(row.q, [-pi / 4, pi / 2])
 
@@ -185,7 +185,7 @@ def test_a_row_that_cannot_be_used_is_told_with_its_line_and_the_next_one_counts
     assert isinstance(bad, BadRow)
     assert bad.number == 3
     assert why in bad.why
-    assert good == Row(4, (0.3, 0.4), None)
+    assert good == JointRow(4, (0.3, 0.4), None)
 
 
 def test_an_old_row_that_is_changed_or_gone_is_noticed() -> None:
@@ -223,7 +223,7 @@ def test_rows_are_the_same_however_the_file_grows(
     for end in sorted(data.draw(st.lists(st.integers(6, len(text)), max_size=5))):
         found += subject.read(text[:end])
     found += subject.read(text)
-    assert [row.q for row in found if isinstance(row, Row)] == rows
+    assert [row.q for row in found if isinstance(row, JointRow)] == rows
 
 
 # -- the section

@@ -12,7 +12,7 @@ from fakes.faults.vocabulary import Link, LinkFaults
 from fakes.geocom.codes import OVERRUN, WRONG_CHECKSUM, WRONG_FORMAT
 from fakes.geocom.conversation import Conversation, LineFaults
 from fakes.geocom.instrument import EVERY, Instrument
-from fakes.geocom.text import Receiver, Refusal, parse, reply
+from fakes.geocom.text import Receiver, RefusedLine, parse, reply
 from fakes.object import VirtualClock, run_virtual
 from fakes.world.scenario import Scenario
 from fakes.world.tracker.tracker import polar
@@ -60,7 +60,7 @@ def test_lines_are_cut_at_cr_and_lf_clears_what_came_before() -> None:
     assert subject.feed(b"half a li\n%R1Q,") == []
     assert subject.feed(b"0,2:\r\n%R1Q,0,3:\r") == [b"%R1Q,0,2:", b"%R1Q,0,3:"]
     (long,) = subject.feed(b"x" * 5000 + b"\r")
-    with pytest.raises(Refusal) as caught:
+    with pytest.raises(RefusedLine) as caught:
         parse(long)
     assert caught.value.code == OVERRUN
 
@@ -72,14 +72,14 @@ def test_a_request_is_read_with_and_without_transaction_check_sum_and_parameters
     text = "%R1Q,2024,12:0.0344"
     checked = text.replace(",12:", f",12,{crc16_bytewise(text)}:").encode()
     assert parse(checked).checked
-    with pytest.raises(Refusal) as caught:
+    with pytest.raises(RefusedLine) as caught:
         parse(checked.replace(b"0.0344", b"0.0345"))
     assert (caught.value.code, caught.value.transaction) == (WRONG_CHECKSUM, 12)
 
 
 @pytest.mark.parametrize("line", [b"", b"hello", b"%R1P,0,1:0", b"%R1Q,x,1:", b"%R1Q,1\xff,1:", b"%R1Q,0,1"])
 def test_what_is_no_request_has_the_wrong_format(line: bytes) -> None:
-    with pytest.raises(Refusal) as caught:
+    with pytest.raises(RefusedLine) as caught:
         parse(line)
     assert caught.value.code == WRONG_FORMAT
 

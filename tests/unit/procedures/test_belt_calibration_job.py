@@ -12,7 +12,7 @@ from cell.store.files import read_json, to_json, write_atomic
 from daemon.cli.replay import differences
 from daemon.demo.ending import beside_truth
 from fakes.object import run_virtual
-from procedures.belt.calibrating.rows import Follower
+from procedures.belt.calibrating.rows import ItemFollower
 from procedures.belt.calibrating.solving import solve_within_limits
 from procedures.replay import solve_again
 from tests.kit.belt_teacher import Teacher
@@ -355,7 +355,7 @@ def test_a_touch_on_a_belt_that_still_moves_is_asked_for_again(tmp_path: Path) -
 
 
 def test_items_are_told_apart_by_where_the_counts_carry_them() -> None:
-    follower = Follower(np.array([1e-4, 0.0, 0.0]))
+    follower = ItemFollower(np.array([1e-4, 0.0, 0.0]))
     for k in range(12):  # each frame the belt moves by most of the items' spacing
         places = np.arange(5)[:, None] * [-0.1, 0.0, 0.0] + [0.08 * k, 0.0, 0.0]
         follower.add(0.1 * k, 800.0 * k, places[(places[:, 0] > -0.2) & (places[:, 0] < 0.3)])

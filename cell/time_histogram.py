@@ -7,7 +7,7 @@ PER_DECADE = 40  # a quantile is right to 6 %
 DECADES = 7
 
 
-class Spread:
+class TimeHistogram:
     """Counts of times in bins of equal ratio, from 10 us to 100 s, and the longest of them."""
 
     def __init__(self) -> None:
