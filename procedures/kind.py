@@ -28,7 +28,8 @@ class Kind:
     ``expectation``: ``(setup, config) -> figures`` of what a configured job can reach, with ``text``,
     ``problems`` and ``cautions``; ``truth``: ``(result, truth, folder) -> Judged`` beside a twin's truth;
     ``live`` and ``live_page``: ``(numbers, rows) -> line`` and ``(title, rows, reload_s) -> HTML`` of a run
-    that goes on. ``data_file`` is the data set in a run folder.
+    that goes on. ``data_file`` is the data set in a run folder. A reference that begins with ":" is in
+    ``module``.
     """
 
     name: str
@@ -45,6 +46,26 @@ class Kind:
     truth: str = ""
     live: str = ""
     live_page: str = ""
+    module: str = ""
+
+    def __post_init__(self) -> None:
+        for name in (
+            "words",
+            "result",
+            "plan",
+            "report",
+            "solve",
+            "compare",
+            "expectation",
+            "truth",
+            "live",
+            "live_page",
+        ):
+            object.__setattr__(self, name, self._whole(getattr(self, name)))
+        object.__setattr__(self, "jobs", tuple(map(self._whole, self.jobs)))
+
+    def _whole(self, reference: str) -> str:
+        return self.module + reference if reference.startswith(":") else reference
 
 
 _ALL = (
