@@ -18,7 +18,7 @@ import numpy as np
 from calibration.tool_frame.classic import solve_classic
 from calibration.tool_frame.lateral import AVERAGING
 from calibration.tool_frame.prediction import predict
-from calibration.tool_frame.scene import LaserScene
+from calibration.tool_frame.scene import ToolFrameScene
 from calibration.tool_frame.solution import solve
 from cell.formats.laser import parse_laser
 from cell.poses import Array
@@ -129,7 +129,7 @@ def _cell(errors: Array, tilted: bool) -> str:
     return f"{1e6 * _rms(errors[:, :2]):7.1f} {1e6 * _rms(errors[:, 2:3]):6.1f} {tilt}"
 
 
-def measured_alone(scene: LaserScene, depths: tuple[float, ...]) -> LaserScene:
+def measured_alone(scene: ToolFrameScene, depths: tuple[float, ...]) -> ToolFrameScene:
     """Without the hits of the search: the passes at ``depths`` below the highest hit, and the misses."""
     keep = []
     for beam in ("xs", "ys"):
@@ -173,7 +173,7 @@ def print_time() -> None:
     )
 
 
-def _forty(scene: LaserScene) -> list[int]:
+def _forty(scene: ToolFrameScene) -> list[int]:
     """Ten passes of each beam and set: the last ones, which measure, and a miss."""
     keep: list[int] = []
     for beam in ("xs", "ys"):

@@ -1,4 +1,4 @@
-"""An arm seen and moved through another model of it than its controller believes.
+"""An arm seen and moved through another model of it than its controller has.
 
 The controller tells joints, and a pose that follows from them by what it believes; a pose that it is told it
 turns into joints by the same belief. A calibrated model knows better where the flange is. Whoever works with
@@ -61,8 +61,8 @@ class ArmModels:
             raise error(
                 "KINEMATICS_OTHER_ARM",
                 f"the controller reports the flange {1e3 * shift:.2f} mm and {1e3 * turn:.2f} mrad from "
-                f"where [robot] model '{self.believed.name}' with its factory calibration has it, so what it "
-                "believes is not known",
+                f"where [robot] model '{self.believed.name}' with its factory calibration has it, so its "
+                "model is unknown",
             )
 
 

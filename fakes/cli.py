@@ -154,14 +154,14 @@ Radians = Annotated[float, typer.Option(help="Turn about this axis of the flange
 def bend(
     folder: Folder, dx: Metres = 0.0, dy: Metres = 0.0, dz: Metres = 0.0, rx: Radians = 0.0, ry: Radians = 0.0
 ) -> None:
-    """Bend the tool: its point and its direction, both counted from the drawing."""
+    """Bend the tool: its point and its direction, both counted from the nominal tool."""
     pose = ask(folder, {"do": "tool", "bend": [dx, dy, dz, rx, ry, 0.0]})
     out.print(f"T_flange_tool {json.dumps(pose)}", highlight=False, soft_wrap=True)
 
 
 @tool_app.command()
 def straighten(folder: Folder) -> None:
-    """Make the tool what the drawing says."""
+    """Make the tool as nominal."""
     pose = ask(folder, {"do": "tool", "straighten": True})
     out.print(f"T_flange_tool {json.dumps(pose)}", highlight=False, soft_wrap=True)
 

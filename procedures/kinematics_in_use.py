@@ -58,13 +58,13 @@ def in_words(model: Mapping[str, Any]) -> str:
 
 
 def other_arm(found: Mapping[str, Any], robot: Mapping[str, Any]) -> str | None:
-    """Why the kinematics ``found`` are of another arm than ``robot``, which the controller believes."""
+    """Why the kinematics ``found`` are of another arm than ``robot``, the model of the controller."""
     believed = found.get("controller")
     if believed is None or not _differ(believed, robot):
         return None
     return (
-        "the kinematics in effect are of another arm: its model or factory calibration is not what this "
-        "arm's controller believes"
+        "the kinematics in effect are of another arm: its model or factory calibration is not that of "
+        "this arm's controller"
     )
 
 

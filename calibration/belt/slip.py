@@ -13,7 +13,7 @@ import numpy as np
 from cell.poses import Array
 
 _LEAST_M, _SIGMAS = 1e-3, 6.0  # no smaller jump is called one
-_SCALE = 0.01  # of the way between two frames: a belt whose metres per count are from a drawing
+_SCALE = 0.01  # of the way between two frames: a belt whose metres per count are nominal
 _FAR_M = 0.1  # no farther jump is looked for
 _SHARE = 0.5  # of the items that two frames could have in common, that must lie where they lay
 _PATIENCE_S, _PICTURES = 1.0, 4  # of doubt; more of both, and the counts are not those of this belt

@@ -63,7 +63,7 @@ def unlike_stated(edges: Mapping[str, Array], radius: float) -> list[tuple[str, 
                 (
                     "laser.radius",
                     f"tool.radius is {1e3 * radius:.2f} mm, and the chords across beam {beam} are those of a "
-                    f"radius of {1e3 * nearest:.2f} mm; the chords are believed. Correct tool.radius, or "
+                    f"radius of {1e3 * nearest:.2f} mm; the chords are used. Correct tool.radius, or "
                     "look whether it is this tool",
                 )
             )

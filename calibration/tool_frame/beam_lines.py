@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.tool_frame.geometry import BeamFrame
-from calibration.tool_frame.scene import LaserScene, Line
+from calibration.tool_frame.scene import Line, ToolFrameScene
 from cell.poses import Array
 
 
@@ -32,7 +32,7 @@ class FoundBeam:
 
 
 def beam_through(
-    scene: LaserScene, frame: BeamFrame, ends: Sequence[tuple[float, float, float]], across: Array
+    scene: ToolFrameScene, frame: BeamFrame, ends: Sequence[tuple[float, float, float]], across: Array
 ) -> FoundBeam:
     """The beam through two places, the first of which it is stated at.
 

@@ -19,7 +19,7 @@ from calibration.tool_frame.places import Places
 from calibration.tool_frame.posterior import posterior
 from calibration.tool_frame.reference_heights import rough_heights, spot_heights
 from calibration.tool_frame.repeatability import of_a_way, scatter_of
-from calibration.tool_frame.scene import LaserScene, Refusal
+from calibration.tool_frame.scene import Refusal, ToolFrameScene
 from calibration.tool_frame.selection import Selection, select
 from calibration.tool_frame.standstills import as_they_are, in_a_row
 from cell.poses import Array
@@ -53,7 +53,7 @@ class FoundBeams:
     noise: float
     axis_turn: Array | None
     chords: Mapping[str, float]
-    scene: LaserScene
+    scene: ToolFrameScene
     frames: Mapping[str, BeamFrame]
     seen: PassContents
     selection: Selection
@@ -61,7 +61,7 @@ class FoundBeams:
     warnings: Sequence[tuple[str, str]]
 
 
-def find_beams(scene: LaserScene, points: int = 2048) -> FoundBeams:
+def find_beams(scene: ToolFrameScene, points: int = 2048) -> FoundBeams:
     """Point and direction of each beam from the reference passes of ``scene``.
 
     ``scene.beams`` need to be known roughly (some 20 degrees); the tool's point and axis are taken as given
@@ -71,7 +71,7 @@ def find_beams(scene: LaserScene, points: int = 2048) -> FoundBeams:
 
 
 class _Finding:
-    def __init__(self, scene: LaserScene, points: int) -> None:
+    def __init__(self, scene: ToolFrameScene, points: int) -> None:
         self.scene = scene.take([k for k, p in enumerate(scene.passes) if not p.current])
         self.points = points
         self.lines = dict(scene.beams)
@@ -86,7 +86,7 @@ class _Finding:
             tau = found.tau
         return found
 
-    def _once(self, scene: LaserScene, tau: float, final: bool) -> FoundBeams:
+    def _once(self, scene: ToolFrameScene, tau: float, final: bool) -> FoundBeams:
         axis = scene.R @ scene.tool.axis
         frames = geo.frames(scene.beams, scene.R, scene.tool)
         seen = see(scene, frames, tau)

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from calibration.tool_frame.crossings import Crossing
-from calibration.tool_frame.scene import LaserScene
+from calibration.tool_frame.scene import ToolFrameScene
 
 
 def centre(c: Crossing, value: Mapping[str, float]) -> float:
@@ -17,7 +17,7 @@ def centre(c: Crossing, value: Mapping[str, float]) -> float:
 
 
 def out_back(
-    scene: LaserScene, crossings: Mapping[int, Crossing], value: Mapping[str, float]
+    scene: ToolFrameScene, crossings: Mapping[int, Crossing], value: Mapping[str, float]
 ) -> dict[tuple[int, int], float]:
     """Half-chord centre out minus back, m, of each pair that follows on another, with the delay removed."""
     found = {}

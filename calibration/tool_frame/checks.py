@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from calibration.tool_frame.averaging import design
 from calibration.tool_frame.bounds import rows_of
 from calibration.tool_frame.crossings import Crossing
-from calibration.tool_frame.scene import LaserScene, Refusal
+from calibration.tool_frame.scene import Refusal, ToolFrameScene
 from calibration.tool_frame.solution import Solution
 from cell.poses import Array
 
@@ -55,7 +55,7 @@ def residuals(solution: Solution, crossings: Mapping[int, Crossing]) -> Residual
 
 
 def held_out(
-    scene: LaserScene, solution: Solution, solve: Callable[[LaserScene], Solution], folds: int = FOLDS
+    scene: ToolFrameScene, solution: Solution, solve: Callable[[ToolFrameScene], Solution], folds: int = FOLDS
 ) -> Residuals | None:
     """Each edge against a solution without the passes of its fold; None where too few are left.
 
@@ -92,7 +92,7 @@ def _same_reading(other: Solution, solution: Solution) -> Solution:
     return replace(other, lateral=replace(other.lateral, tau_read=solution.lateral.tau_read))
 
 
-def _folds(scene: LaserScene, used: Sequence[int], folds: int) -> list[set[int]]:
+def _folds(scene: ToolFrameScene, used: Sequence[int], folds: int) -> list[set[int]]:
     """Pairs dealt in turn within each set, beam and height."""
     order = sorted(
         used,

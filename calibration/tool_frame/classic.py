@@ -17,7 +17,7 @@ import numpy as np
 
 from calibration.tool_frame.crossings import PassContents
 from calibration.tool_frame.geometry import BEAMS, frames
-from calibration.tool_frame.scene import LaserScene, Refusal
+from calibration.tool_frame.scene import Refusal, ToolFrameScene
 from cell.poses import Array
 
 
@@ -36,7 +36,7 @@ class Classic:
         return self.offset
 
 
-def solve_classic(scene: LaserScene, seen: PassContents) -> Classic:
+def solve_classic(scene: ToolFrameScene, seen: PassContents) -> Classic:
     """``seen`` is what the passes show; refused when a beam has no way out and back that shows the tool."""
     frames(scene.beams, scene.R, scene.tool)
     hits: dict[tuple[str, bool], Array] = {}
@@ -51,7 +51,7 @@ def solve_classic(scene: LaserScene, seen: PassContents) -> Classic:
     return Classic(offset, -scene.R.T @ offset, used)
 
 
-def _first_pair(scene: LaserScene, seen: PassContents, beam: str, current: bool) -> tuple[int, int]:
+def _first_pair(scene: ToolFrameScene, seen: PassContents, beam: str, current: bool) -> tuple[int, int]:
     own = [k for k, p in enumerate(scene.passes) if p.beam == beam and p.current == current]
     own.sort(key=lambda k: float(scene.passes[k].pose_t[0]))
     for out, back in pairwise(own):

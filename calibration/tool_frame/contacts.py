@@ -11,7 +11,7 @@ from calibration.tool_frame.glimpse import Glimpse, glimpse, plain_hit
 from calibration.tool_frame.height import Density, first_contact
 from calibration.tool_frame.hits import Bracket
 from calibration.tool_frame.repeatability import Scatter
-from calibration.tool_frame.scene import LaserScene, Pass
+from calibration.tool_frame.scene import Pass, ToolFrameScene
 from calibration.tool_frame.tip import TipShape, ToolInBeam
 from cell.poses import Array
 
@@ -24,7 +24,7 @@ class Looks:
     """Passes of one beam and set at ``places`` in the scene, as ``frame`` sees them; ``tau`` (s) is the delay
     that the crossings were read with, ``lift`` (3,) up."""
 
-    scene: LaserScene
+    scene: ToolFrameScene
     seen: PassContents
     frame: BeamFrame
     lift: Array

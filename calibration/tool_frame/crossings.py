@@ -7,7 +7,7 @@ import numpy as np
 
 from calibration.tool_frame.edges import Bracket, brackets, merged
 from calibration.tool_frame.geometry import BeamFrame
-from calibration.tool_frame.scene import LaserScene, Pass
+from calibration.tool_frame.scene import Pass, ToolFrameScene
 from cell.poses import Array
 
 WINDOW_S = 0.02  # on both sides of an interval: positions there are smoothed by a line
@@ -77,7 +77,7 @@ class PassContents:
     reasons: Mapping[int, str]
 
 
-def see(scene: LaserScene, frames: Mapping[str, BeamFrame], tau: float = 0.0) -> PassContents:
+def see(scene: ToolFrameScene, frames: Mapping[str, BeamFrame], tau: float = 0.0) -> PassContents:
     """All passes of ``scene``; positions are read ``tau`` s before the polls, where the arm truly was."""
     crossings: dict[int, Crossing] = {}
     missed: list[int] = []
@@ -95,7 +95,7 @@ def see(scene: LaserScene, frames: Mapping[str, BeamFrame], tau: float = 0.0) ->
 
 
 def _take_bounce_out(
-    scene: LaserScene,
+    scene: ToolFrameScene,
     frames: Mapping[str, BeamFrame],
     crossings: dict[int, Crossing],
     reasons: dict[int, str],
@@ -127,7 +127,7 @@ def _take_bounce_out(
 
 
 def crossing(
-    scene: LaserScene, frame: BeamFrame, found: Pass, edges: Sequence[Bracket], tau: float = 0.0
+    scene: ToolFrameScene, frame: BeamFrame, found: Pass, edges: Sequence[Bracket], tau: float = 0.0
 ) -> Crossing:
     """The edges of one pass as intervals along the beam's ``n``."""
     tip = found.pose_xyz + scene.R @ scene.tool.p

@@ -6,14 +6,14 @@ import numpy as np
 
 from calibration.tool_frame.crossings import Crossing
 from calibration.tool_frame.geometry import BEAMS, BeamFrame
-from calibration.tool_frame.scene import LaserScene, Refusal
+from calibration.tool_frame.scene import Refusal, ToolFrameScene
 from cell.poses import Array
 
 MIN_APART_M = 0.04
 _SAME_PLACE_M = 0.005
 
 
-def at_current_places(scene: LaserScene) -> LaserScene:
+def at_current_places(scene: ToolFrameScene) -> ToolFrameScene:
     """``scene`` with those reference passes alone that crossed where the current ones cross.
 
     The beams' directions come from the reference itself, so that its passes at another place along a beam are
@@ -37,7 +37,7 @@ class Places:
     """``along`` (k,) m is, by beam, where along it it was crossed, in the order of the first visits; ``of``
     the number of that place for each pass of ``scene``."""
 
-    def __init__(self, scene: LaserScene, frames: Mapping[str, BeamFrame]) -> None:
+    def __init__(self, scene: ToolFrameScene, frames: Mapping[str, BeamFrame]) -> None:
         self._scene, self._frames = scene, frames
         self.along: dict[str, Array] = {b: self._visited(b) for b in BEAMS}
         self.of = {

@@ -13,7 +13,7 @@ from calibration.tool_frame.height import mixed
 from calibration.tool_frame.hits import Bracket, bracket
 from calibration.tool_frame.places import Places
 from calibration.tool_frame.repeatability import Scatter
-from calibration.tool_frame.scene import LaserScene, Refusal
+from calibration.tool_frame.scene import Refusal, ToolFrameScene
 from calibration.tool_frame.tip import ENDS, POINT, ToolInBeam
 from cell.poses import Array
 
@@ -42,7 +42,7 @@ class SpotHeights:
 
 class _Spots:
     def __init__(
-        self, scene: LaserScene, frames: Mapping[str, BeamFrame], seen: PassContents, places: Places
+        self, scene: ToolFrameScene, frames: Mapping[str, BeamFrame], seen: PassContents, places: Places
     ) -> None:
         self.scene, self.frames, self.seen, self.places = scene, frames, seen, places
 
@@ -70,7 +70,7 @@ class _Spots:
 
 
 def rough_heights(
-    scene: LaserScene,
+    scene: ToolFrameScene,
     frames: Mapping[str, BeamFrame],
     seen: PassContents,
     places: Places,
@@ -84,7 +84,7 @@ def rough_heights(
 
 
 def spot_heights(
-    scene: LaserScene,
+    scene: ToolFrameScene,
     frames: Mapping[str, BeamFrame],
     seen: PassContents,
     places: Places,

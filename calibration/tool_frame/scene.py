@@ -67,7 +67,7 @@ class Pass:
 
 
 @dataclass(frozen=True, eq=False)
-class LaserScene:
+class ToolFrameScene:
     """All passes in one attitude ``R`` = R_base_flange (3, 3). ``repeatability_m`` is the standard
     deviation of one axis by the arm's data sheet, None when the arm is not known."""
 
@@ -77,9 +77,11 @@ class LaserScene:
     passes: Sequence[Pass]
     repeatability_m: float | None = None
 
-    def take(self, keep: Sequence[int]) -> "LaserScene":
+    def take(self, keep: Sequence[int]) -> "ToolFrameScene":
         """Only the passes at the places ``keep`` of the list."""
-        return LaserScene(self.R, self.beams, self.tool, [self.passes[k] for k in keep], self.repeatability_m)
+        return ToolFrameScene(
+            self.R, self.beams, self.tool, [self.passes[k] for k in keep], self.repeatability_m
+        )
 
 
 class Refusal(Exception):

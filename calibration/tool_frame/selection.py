@@ -7,7 +7,7 @@ import numpy as np
 
 from calibration.tool_frame.crossings import MAX_SPEED_CHANGE, Crossing, PassContents
 from calibration.tool_frame.geometry import BEAMS
-from calibration.tool_frame.scene import LaserScene
+from calibration.tool_frame.scene import ToolFrameScene
 
 _SAME_HEIGHT_M = 2e-5
 _END_M = 2e-4  # an arm that repeats badly meets a tool one time and not the next over so great a height
@@ -27,7 +27,7 @@ class Selection:
     reasons: Mapping[int, str]
 
 
-def select(scene: LaserScene, seen: PassContents) -> Selection:
+def select(scene: ToolFrameScene, seen: PassContents) -> Selection:
     """Passes without their return edges, with changing speed or grazing the tip are sorted out."""
     reasons = dict(seen.reasons)
     alone = _without_return(scene, seen)
@@ -55,7 +55,7 @@ def select(scene: LaserScene, seen: PassContents) -> Selection:
     return Selection(across, sorted(grazing), hits, missed, reasons)
 
 
-def _without_return(scene: LaserScene, seen: PassContents) -> set[int]:
+def _without_return(scene: ToolFrameScene, seen: PassContents) -> set[int]:
     """Both passes of each there-and-back of which only one shows the tool."""
     found: set[int] = set()
     for current in (False, True):
@@ -78,7 +78,7 @@ def _without_return(scene: LaserScene, seen: PassContents) -> set[int]:
     return found
 
 
-def _at_the_end(scene: LaserScene, seen: PassContents, alone: set[int]) -> set[int]:
+def _at_the_end(scene: ToolFrameScene, seen: PassContents, alone: set[int]) -> set[int]:
     """Those of ``alone`` that are so near the tool's end that an arm meets it one time and not the next."""
     found: set[int] = set()
     for current in (False, True):
@@ -94,7 +94,7 @@ def _at_the_end(scene: LaserScene, seen: PassContents, alone: set[int]) -> set[i
     return found
 
 
-def _grazing(scene: LaserScene, seen: PassContents, steady: Sequence[int]) -> set[int]:
+def _grazing(scene: ToolFrameScene, seen: PassContents, steady: Sequence[int]) -> set[int]:
     """Crossings near the tip whose chord is clearly shorter than those further up the tool."""
     found: set[int] = set()
     for beam in BEAMS:

@@ -13,7 +13,7 @@ from calibration.tool_frame.geometry import BEAMS, BeamFrame
 from calibration.tool_frame.lateral import INTERVAL, Lateral, rough_delay, solve_lateral, without_blunders
 from calibration.tool_frame.out_and_back import UNSEEN_DELAY, compared_ways
 from calibration.tool_frame.rise import Heights, Rise
-from calibration.tool_frame.scene import LaserScene
+from calibration.tool_frame.scene import ToolFrameScene
 from calibration.tool_frame.selection import Selection
 from calibration.tool_frame.sufficiency import check_enough, selected
 from calibration.tool_frame.vertical import Vertical
@@ -54,7 +54,7 @@ class Solution:
     lever: Mapping[str, float] = field(default_factory=dict)
 
 
-def solve(scene: LaserScene, method: str = INTERVAL, points: int = 2048) -> Solution:
+def solve(scene: ToolFrameScene, method: str = INTERVAL, points: int = 2048) -> Solution:
     """The displacement of the current tool; raises :class:`Refusal` when the passes cannot tell it.
 
     ``method`` is ``interval`` (the posterior of the intervals) or ``averaging`` (their middles).
@@ -63,7 +63,7 @@ def solve(scene: LaserScene, method: str = INTERVAL, points: int = 2048) -> Solu
 
 
 class _Solving:
-    def __init__(self, scene: LaserScene, method: str, points: int) -> None:
+    def __init__(self, scene: ToolFrameScene, method: str, points: int) -> None:
         self.scene, self.method, self.points = scene, method, points
         self.warnings: list[tuple[str, str]] = []
         self.axis: Array = scene.R @ scene.tool.axis

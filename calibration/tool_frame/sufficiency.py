@@ -5,11 +5,11 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from calibration.tool_frame.crossings import Crossing, PassContents
 from calibration.tool_frame.geometry import BEAMS
-from calibration.tool_frame.scene import LaserScene, Refusal
+from calibration.tool_frame.scene import Refusal, ToolFrameScene
 from calibration.tool_frame.selection import Selection, select
 
 
-def selected(scene: LaserScene, seen: PassContents) -> tuple[Selection, list[tuple[str, str]]]:
+def selected(scene: ToolFrameScene, seen: PassContents) -> tuple[Selection, list[tuple[str, str]]]:
     """The passes to be used, with warnings; refused where a set does not show the tool in both beams."""
     if not seen.crossings:
         what = "no pass shows the tool breaking a beam and clearing it again"
@@ -46,12 +46,14 @@ def selected(scene: LaserScene, seen: PassContents) -> tuple[Selection, list[tup
     return selection, warnings
 
 
-def _own(scene: LaserScene, places: Sequence[int], beam: str, current: bool) -> list[int]:
+def _own(scene: ToolFrameScene, places: Sequence[int], beam: str, current: bool) -> list[int]:
     passes = scene.passes
     return [k for k in places if passes[k].beam == beam and passes[k].current == current]
 
 
-def check_enough(scene: LaserScene, crossings: Mapping[int, Crossing], reasons: Mapping[int, str]) -> None:
+def check_enough(
+    scene: ToolFrameScene, crossings: Mapping[int, Crossing], reasons: Mapping[int, str]
+) -> None:
     """Refuse ``crossings`` that leave a set without a beam; ``reasons`` say why the others are out."""
     for current, words in ((False, "reference"), (True, "current")):
         for beam in BEAMS:

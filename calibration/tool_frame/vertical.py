@@ -9,7 +9,7 @@ from calibration.tool_frame.bounds import At
 from calibration.tool_frame.crossings import PassContents
 from calibration.tool_frame.geometry import BEAMS, BeamFrame
 from calibration.tool_frame.hits import Bracket, bracket
-from calibration.tool_frame.scene import LaserScene
+from calibration.tool_frame.scene import ToolFrameScene
 from calibration.tool_frame.selection import Selection
 from cell.poses import Array
 
@@ -25,7 +25,7 @@ class Vertical:
     """
 
     def __init__(
-        self, scene: LaserScene, frames: Mapping[str, BeamFrame], seen: PassContents, selection: Selection
+        self, scene: ToolFrameScene, frames: Mapping[str, BeamFrame], seen: PassContents, selection: Selection
     ) -> None:
         self.scene, self.frames, self.seen, self.selection = scene, frames, seen, selection
         self.axis: Array = scene.R @ scene.tool.axis
@@ -118,7 +118,7 @@ class Vertical:
                     (
                         "laser.beam-height",
                         f"beam {beam} is {1e3 * met:.2f} mm from where the reference tool meets it; the hits "
-                        "are believed",
+                        "are used",
                     )
                 )
         return off

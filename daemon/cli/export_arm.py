@@ -26,7 +26,7 @@ def ros(exported: Exported) -> tuple[list[str], dict[str, Any]]:
     comments = [
         f"for ur_description: xacro ur.urdf.xacro ur_type:={exported.ur_model} kinematics_params:=THIS_FILE",
         "The driver will say that the hash is not the controller's: it is not, this is another calibration.",
-        "wrist_3_to_tool0 is read by nobody: ur_description has no place for it. Add it as a fixed joint, "
+        "no program reads wrist_3_to_tool0: ur_description has no place for it. Add it as a fixed joint, "
         "or the flange is off by it.",
     ]
     return comments, {

@@ -110,7 +110,7 @@ def _check_time_offsets(raw: Mapping[str, Any], findings: Findings) -> None:
 def _check_modbus(raw: Mapping[str, Any], findings: Findings) -> None:
     modbus = _table(raw, "modbus")
     if modbus.get("allow_write") is True and not modbus.get("allow_clients"):
-        findings.warn(("modbus", "allow_write"), "allow_clients is empty, so nobody can write")
+        findings.warn(("modbus", "allow_write"), "allow_clients is empty, so no client can write")
 
 
 def _check_limits(raw: Mapping[str, Any], findings: Findings) -> None:

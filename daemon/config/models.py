@@ -149,7 +149,7 @@ class ToolSection(Section):
     name: str = Field(default="flange", description="calibrations of the tool belong to this name")
     T_flange_tool: Pose6 = Field(
         default_factory=lambda: [0.0] * 6,
-        description="pose of the tool's point in the flange, from the drawing",
+        description="nominal pose of the tool's point in the flange",
     )
     radius_m: float = Field(
         default=0.03, gt=0, le=1.0, description="of the capsule that stands for the tool in checks of motion"
@@ -157,7 +157,7 @@ class ToolSection(Section):
 
 
 class NominalBelt(Section):
-    """The belt from the drawing."""
+    """The nominal values of the belt."""
 
     m_per_count: float = Field(ge=-0.1, le=0.1, description="way of the belt for one count of its encoder, m")
     dir: Point = Field(description="direction in which the belt runs, in the base")
@@ -180,12 +180,12 @@ class RobotSection(Section):
     belt: str | None = Field(default=None, description="device: the encoder of the belt")
     tracker: str | None = Field(default=None, description="device: the laser tracker or total station")
     gripper: str | None = Field(default=None, description="device: the gripper")
-    T_flange_camera_nominal: Pose6 | None = Field(default=None, description="first guess, from the drawing")
+    T_flange_camera_nominal: Pose6 | None = Field(default=None, description="nominal pose, the first guess")
     T_base_camera_nominal: Pose6 | None = Field(
         default=None, description="first guess of a fixed camera's pose"
     )
     T_flange_target_nominal: Pose6 | None = Field(
-        default=None, description="target on the flange, from the drawing"
+        default=None, description="nominal pose of the target on the flange"
     )
     belt_nominal: NominalBelt | None = Field(
         default=None, description="scale and direction of the belt until belt-calibration has measured them"
@@ -199,7 +199,7 @@ class RobotSection(Section):
     use_kinematics: bool = Field(
         default=False,
         description="the daemon's own moves and poses go by the calibrated kinematics of the arm in effect "
-        "(accepted results of tracker-sampling), not by what its controller believes",
+        "(accepted results of tracker-sampling), not by the model of its controller",
     )
     payload_kg: float = Field(
         default=0.0,
@@ -261,7 +261,7 @@ class ModbusSection(Section):
         default=False, description="true: clients in allow_clients may write the command registers"
     )
     allow_clients: list[Annotated[str, AfterValidator(_network)]] = Field(
-        default_factory=list, description="addresses or networks that may write; empty: nobody"
+        default_factory=list, description="addresses or networks that may write; empty: none"
     )
     allow_accept: bool = Field(default=False, description="command 8 may accept results")
     word_order: Literal["high-first", "low-first"] = Field(

@@ -18,7 +18,7 @@ REACTIONS = {
     Reaction.LATCH: "the job ends, and nothing moves before an operator resets",
     Reaction.INPUT: "the person at the keyboard has to change something",
     Reaction.REFUSE: "nothing happened",
-    Reaction.INTERNAL: "a defect, or an end that nobody asked for: keep the run folder and the log",
+    Reaction.INTERNAL: "a defect, or an end without a request: keep the run folder and the log",
 }
 HEAD = """
 # Errors

@@ -20,7 +20,7 @@ This face supervises. It is no safety function: an emergency stop is a wire.
 
 ## Who may write
 
-Nobody, until `[modbus] allow_write = true` and the client is in `allow_clients`. Every write is audited.
+No client, until `[modbus] allow_write = true` and the client is in `allow_clients`. Every write is audited.
 Exception 2: not writable, or not by you. Exception 3: a value that has no meaning. *Not possible now* is no
 exception but a result code.
 

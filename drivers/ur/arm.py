@@ -95,7 +95,7 @@ class UrArm(SampledDevice):
         """Serial, model and PolyScope version; ``DEVICE_IDENTITY`` when the config expects another.
 
         ``extra["kinematics"]``: the arm's own DH rows, their check sums and, as ``calibration``, the deltas
-        to the drawing of the model.
+        to the nominal model.
         """
         self._life.require()
         async with dashboard(self._config.host, self._config.connect_timeout_s) as link:

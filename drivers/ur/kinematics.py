@@ -1,4 +1,4 @@
-"""Factory kinematics: how this arm's links differ from the drawing of its model."""
+"""Factory kinematics: how this arm's links differ from its nominal model."""
 
 from typing import Any
 

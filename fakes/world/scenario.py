@@ -111,7 +111,7 @@ def _pin() -> list[CapsuleTruth]:
 
 
 class ToolTruth(_Strict):
-    """What is mounted on the flange, as the drawing has it, and the shape of its end in the tool frame."""
+    """What is mounted on the flange, as nominal, and the shape of its end in the tool frame."""
 
     name: str = "gripper"
     T_flange_tool: Six = [0.0, 0.0, 0.18, 0.0, 0.0, 0.0]
@@ -121,7 +121,7 @@ class ToolTruth(_Strict):
 
 
 class CameraTruth(_Strict):
-    """The camera and where it truly is; ``nominal`` is what the drawing says of the same pose."""
+    """The camera and where it truly is; ``nominal`` is the nominal value of the same pose."""
 
     serial: str = Field(
         default="99992200001", pattern=r"^9999\d+$", description="twin serials begin with 9999"
@@ -294,10 +294,10 @@ class CellSettings(_Strict):
 
     name: str = "twin"
     T_flange_target_nominal: Six | None = Field(
-        default=None, description="eye-to-hand: the first mounting of the target, from the drawing"
+        default=None, description="eye-to-hand: the nominal pose of the first mounting of the target"
     )
     belt_nominal: dict[str, Any] | None = Field(
-        default=None, description="scale and direction of the belt, from the drawing"
+        default=None, description="nominal scale and direction of the belt"
     )
     poses: dict[str, Six] = {}
     limits: dict[str, Any] = {
@@ -395,7 +395,7 @@ class Scenario(_Strict):
         return to_toml({**tables, **(overrides or {})})
 
     def _robot_keys(self, name: str) -> dict[str, Any]:
-        """What ``[robot]`` says of the device: its role, and what is known of it from the drawing."""
+        """What ``[robot]`` says of the device: its role, and its nominal values."""
         world = self.world
         if name == OBSERVED:
             return {"observed_arm": OBSERVED, "observed_model": OBSERVED_MODEL}

@@ -13,7 +13,7 @@ Rows = Mapping[str, Sequence[Sequence[float]]]
 
 
 def live_line(numbers: Mapping[str, float], rows: Rows) -> str:
-    """The belt as counted and as believed, the items by where they are, picks, and misses by cause."""
+    """The belt as counted and as estimated, the items by where they are, picks, and misses by cause."""
     parts = [*_belt(rows.get("belt", ())), *_items(rows.get("items", ()))]
     if "picks" in numbers:
         parts.append(f"{numbers['picks']:.0f} picked{_missed(numbers)}")

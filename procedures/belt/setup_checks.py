@@ -33,7 +33,7 @@ def belt_setup(setup: Setup, job: BeltTrackingConfig) -> Iterator[str]:
 
 
 def _camera(setup: Setup, job: BeltTrackingConfig, way: Array) -> Iterator[str]:
-    """Where the camera of the drawing looks at the belt, beside the zone."""
+    """Where the camera looks by its nominal pose at the belt, beside the zone."""
     nominal = setup.nominal["T_base_camera_nominal"]
     if nominal is None:
         return
@@ -41,14 +41,14 @@ def _camera(setup: Setup, job: BeltTrackingConfig, way: Array) -> Iterator[str]:
     sight, height = T.rotation.apply([0.0, 0.0, 1.0]), float(T.translation[2]) - job.belt_z_m
     if height < _LEAST_HEIGHT_M or sight[2] >= 0.0:
         yield (
-            f"belt_z_m = {job.belt_z_m:g} m: by its drawing (T_base_camera_nominal) the camera at "
+            f"belt_z_m = {job.belt_z_m:g} m: by its nominal pose (T_base_camera_nominal) the camera at "
             f"{T.translation[2]:g} m does not look down on the belt; look which of them is wrong"
         )
         return
     along = float((T.translation - height / sight[2] * sight) @ way)
     if along > job.zone.max_m:
         yield (
-            f"by its drawing the camera looks at the belt at {along:.2f} m along dir, behind the end of the "
+            f"the nominal camera looks at the belt at {along:.2f} m along dir, behind the end of the "
             f"zone at {job.zone.max_m:g} m: items are seen when they have passed the arm; belt_nominal.dir "
             "is the way that the belt runs, and zone is counted along it"
         )

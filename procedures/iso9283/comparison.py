@@ -68,7 +68,7 @@ def compare_iso9283(first: Iso9283Result, second: Iso9283Result) -> IsoCompariso
 
 
 def _how(answer: Iso9283Answer) -> str:
-    return "through its calibrated kinematics" if answer.corrected else "as its controller believes it"
+    return "through its calibrated kinematics" if answer.corrected else "by the model of its controller"
 
 
 def _place(answer: Iso9283Answer) -> str:

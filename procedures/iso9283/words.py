@@ -21,7 +21,7 @@ _HEADER = (
 def iso9283_lines(found: Iso9283Result) -> list[str]:
     """AP and RP of every pose beside the tracker's own, how the tracker was placed, and what is open."""
     answer, tracker, place = found.result, found.result.tracker, found.result.registration
-    how = "through its calibrated kinematics" if answer.corrected else "as its controller believes it"
+    how = "through its calibrated kinematics" if answer.corrected else "by the model of its controller"
     lines = [
         f"  {answer.cycles} cycles, the arm commanded {how}, payload {answer.payload_kg:g} kg, "
         f"{100 * answer.speed_share:g} % speed",

@@ -87,7 +87,7 @@ def _begun(request: PlanRequest) -> tuple["Moves", Search]:
 
 
 def longer_tool(values: RunValues, margin_m: float) -> MotionGuard:
-    """The guard of a run's values, with a tool that is longer by ``margin_m`` than it is believed to be."""
+    """The guard of a run's values, with a tool that is longer by ``margin_m`` than configured."""
     guard, tool = lease_settings(values)[0], Tool.from_mapping(values.tool)
     length = float(np.linalg.norm(tool.T_flange_tool.translation))
     stretch = 1.0 + margin_m / length if length > 0.0 else 1.0
@@ -212,7 +212,7 @@ class Moves:
             "sweeps": self.rows,
             "note": (
                 f"{total} sweeps at most, each there and back; checked with a tool that is "
-                f"{1e3 * search.tool_margin_m:g} mm longer than {tool['name']} is believed to be "
+                f"{1e3 * search.tool_margin_m:g} mm longer than {tool['name']} as configured "
                 f"({1e3 * length:.1f} mm)"
             ),
             "floor_m": search.floor_m,

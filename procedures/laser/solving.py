@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.tool_frame.meeting import FALSE_ALARM, length95, tool_point_meets
 from calibration.tool_frame.places import at_current_places
-from calibration.tool_frame.scene import LaserScene, Refusal
+from calibration.tool_frame.scene import Refusal, ToolFrameScene
 from calibration.tool_frame.solution import solve
 from cell.formats.laser import parse_laser
 from cell.poses import from_pose6
@@ -98,7 +98,7 @@ def _current(path: Path) -> list[Any]:
 
 def _against_first(
     data: Mapping[str, Any], passes: list[Any], first: Mapping[str, Any], path: Path
-) -> LaserScene:
+) -> ToolFrameScene:
     """``passes`` held against the current ones of ``data``, whose tool is as ``first`` has it.
 
     So the noise of the reference, which both scans have alike, is not in the answer. The axis of the first
@@ -112,5 +112,5 @@ def _against_first(
     return replace(scene, tool=replace(scene.tool, axis_known=False))
 
 
-def _scene(data: dict[str, Any], path: Path) -> LaserScene:
+def _scene(data: dict[str, Any], path: Path) -> ToolFrameScene:
     return at_current_places(scene_of(parse_laser(data, str(path))))

@@ -1,1 +1,1 @@
-"""What jobs with a laser tracker share: its noise as stated, where it stands, and a look that is believed."""
+"""What jobs with a laser tracker share: its noise as stated, where it stands, and a look that is checked."""

@@ -19,7 +19,7 @@ class ToolShape:
     """The true tool as a function of time.
 
     A bend moves the tool's point by a shift and turns the tool about it by a rotation vector, both in the
-    flange frame and both counted from the drawing.
+    flange frame and both counted from the nominal tool.
     """
 
     def __init__(self, t: float, truth: ToolTruth) -> None:
@@ -32,7 +32,7 @@ class ToolShape:
         self._ends = lru_cache(8)(self._bent_ends)
 
     def bend(self, t: float, shift_m: ArrayLike, tilt_rad: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        """From ``t`` on the tool is ``shift_m`` (3,) and ``tilt_rad`` (3,) off the drawing."""
+        """From ``t`` on the tool is ``shift_m`` (3,) and ``tilt_rad`` (3,) off the nominal tool."""
         values = np.concatenate([np.asarray(shift_m, dtype=float), np.asarray(tilt_rad, dtype=float)])
         if values.shape != (6,) or not np.all(np.isfinite(values)):
             raise ValueError("a bend is three lengths and a rotation vector of three angles")

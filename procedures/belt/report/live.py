@@ -32,17 +32,17 @@ def _table(rows: Rows, name: str) -> dict[str, Array]:
 
 
 def _speed_section(belt: Mapping[str, Array], zero_s: float) -> Html:
-    """The belt's speed from two counts each, and as it was believed at that moment."""
+    """The belt's speed from two counts each, and as it was estimated at that moment."""
     fig = _figure("m/s")
     t = belt["t_s"] - zero_s
     fig.add_trace(_trace(t, belt["raw_m_s"], SOFT, "from two counts", "markers", "m/s"))
-    fig.add_trace(_trace(t, belt["speed_m_s"], NOW, "as it was believed", "lines", "m/s"))
+    fig.add_trace(_trace(t, belt["speed_m_s"], NOW, "estimated", "lines", "m/s"))
     fig.update_yaxes(range=speed_axis(belt["speed_m_s"]))
     return section("Speed of the belt", embed(fig, "speed"))
 
 
 def speed_axis(believed_m_s: Array) -> list[float]:
-    """The ends of an axis for a belt's speed: the believed speeds with room for scatter, and standstill.
+    """The ends of an axis for a belt's speed: the estimated speeds with room for scatter, and standstill.
 
     A speed from two counts that came close together is many times the belt's, and would set the axis.
     """
@@ -54,13 +54,13 @@ def speed_axis(believed_m_s: Array) -> list[float]:
 
 
 def beside_section(belt: Mapping[str, Array], zero_s: float) -> Html:
-    """Newest counts beside the position that was believed at their time; ``belt`` has columns ``t_s``,
+    """Newest counts beside the position that was estimated at their time; ``belt`` has columns ``t_s``,
     ``raw_m`` and ``travel_m`` (k,), times are shown from ``zero_s``."""
     fig = _figure("mm", showlegend=False)
     off = 1e3 * (belt["raw_m"] - belt["travel_m"])
     fig.add_trace(_trace(belt["t_s"] - zero_s, off, SOFT, "count", "markers", "mm"))
     return section(
-        "Counts beside the position believed",
+        "Counts beside the estimated position",
         embed(fig, "beside"),
         note(
             f"RMS {float(np.sqrt(np.mean(off**2))):.3f} mm. Steps of one count are its rounding; a bow that "

@@ -143,9 +143,7 @@ def speed_section(source: BeltSource) -> Html | None:
     v = np.where(dt > 0, np.diff(raw["count"]) * scale / np.where(dt > 0, dt, 1.0), np.nan)
     fig = figure(320)
     fig.add_trace(_line(raw["t"][1:] - source.begin, v, SOFT, "from two counts", "markers"))
-    fig.add_trace(
-        _line(filtered["t"] - source.begin, filtered["belt_m_s"], NOW, "as it was believed", "lines")
-    )
+    fig.add_trace(_line(filtered["t"] - source.begin, filtered["belt_m_s"], NOW, "estimated", "lines"))
     fig.update_xaxes(title_text="s since the journal was opened")
     low, high = speed_axis(filtered["belt_m_s"])
     fig.update_yaxes(title_text="m/s", range=[low, high])
@@ -162,12 +160,12 @@ def speed_section(source: BeltSource) -> Html | None:
 
 
 def belief_section(source: BeltSource) -> Html | None:
-    """Counts beside the position that was believed when they came."""
+    """Counts beside the position that was estimated when they came."""
     rows = source.belief
     if source.answer is None:
         return None
     if isinstance(rows, str):
-        return section("Counts beside the position believed", absent(rows))
+        return section("Counts beside the estimated position", absent(rows))
     last = rows[rows["t"] >= float(rows["t"][-1]) - _LAST_S]
     columns = {"t_s": last["t"], "raw_m": last["raw_m"], "travel_m": last["travel_m"]}
     return beside_section(columns, source.begin)

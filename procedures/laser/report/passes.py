@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.tool_frame.crossings import Crossing, PassContents, see
 from calibration.tool_frame.geometry import BEAMS, frames, rotated, seen_turn, turned_axis
-from calibration.tool_frame.scene import LaserScene
+from calibration.tool_frame.scene import ToolFrameScene
 from calibration.tool_frame.selection import Selection, select
 from cell.poses import Array
 from procedures.report.numbers import dig, number
@@ -19,7 +19,7 @@ from procedures.report.numbers import dig, number
 class Shown:
     """All passes, and what became of each; the places are those in ``scene.passes``."""
 
-    scene: LaserScene
+    scene: ToolFrameScene
     seen: PassContents
     chosen: Selection
     heights: Array  # (n,) m of the reference's point above each pass's beam, mean over the way
@@ -39,7 +39,7 @@ class Shown:
         return self.seen.crossings.get(place)
 
 
-def shown(scene: LaserScene, tau: float, rejected: Any = ()) -> Shown:
+def shown(scene: ToolFrameScene, tau: float, rejected: Any = ()) -> Shown:
     """``tau`` (s) is what is left of the delay in the stamps of the polls, ``rejected`` the result's list."""
     beams = frames(scene.beams, scene.R, scene.tool)
     seen = see(scene, beams, tau)
@@ -49,7 +49,7 @@ def shown(scene: LaserScene, tau: float, rejected: Any = ()) -> Shown:
     return Shown(scene, seen, chosen, np.array(heights), {**chosen.reasons, **_rejected(scene, rejected)})
 
 
-def _rejected(scene: LaserScene, listed: Any) -> dict[int, str]:
+def _rejected(scene: ToolFrameScene, listed: Any) -> dict[int, str]:
     """Place and reason of the passes that a result names by set and number."""
     rows = listed if isinstance(listed, list) else []
     why = {(dig(r, "set") == "current", dig(r, "index")): str(dig(r, "reason")) for r in rows}
@@ -109,7 +109,7 @@ class Estimate:
 
 
 def estimate(
-    scene: LaserScene, answer: Mapping[str, Any], observability: Mapping[str, Any]
+    scene: ToolFrameScene, answer: Mapping[str, Any], observability: Mapping[str, Any]
 ) -> Estimate | None:
     """From a result of kind ``laser``; None where it does not hold the places of the edges."""
     places, dp = dig(observability, "edges_m"), dig(answer, "dp_flange")

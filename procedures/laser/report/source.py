@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibration.tool_frame.geometry import BEAMS
-from calibration.tool_frame.scene import LaserScene, Line, ReferenceTool, Refusal
+from calibration.tool_frame.scene import Line, ReferenceTool, Refusal, ToolFrameScene
 from cell.errors import CellError
 from cell.formats.laser import LaserData
 from cell.poses import Array
@@ -47,12 +47,12 @@ class LaserSource(Source):
             return None
 
     @cached_property
-    def scene(self) -> LaserScene | None:
+    def scene(self) -> ToolFrameScene | None:
         """The data set as the estimator sees it; of a reference with the beams that it found."""
         if self.loaded is None:
             return None
         scene = scene_of(self.loaded)
-        return LaserScene(scene.R, {**scene.beams, **self._found_beams()}, scene.tool, scene.passes)
+        return ToolFrameScene(scene.R, {**scene.beams, **self._found_beams()}, scene.tool, scene.passes)
 
     @cached_property
     def shown(self) -> Shown | None:

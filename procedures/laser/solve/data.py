@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibration.tool_frame.scene import LaserScene, Line, Pass, ReferenceTool
+from calibration.tool_frame.scene import Line, Pass, ReferenceTool, ToolFrameScene
 from cell.formats.laser import LaserData, PassEntry, parse_laser
 from cell.formats.reading import read_json
 
@@ -21,7 +21,7 @@ def load_laser(path: Path, *, current: bool = True) -> tuple[Path, LaserData]:
     return file, parse_laser(read_json(file), str(file), current=current)
 
 
-def scene_of(data: LaserData) -> LaserScene:
+def scene_of(data: LaserData) -> ToolFrameScene:
     """The passes of both sets as the estimator takes them."""
     R = Rotation.from_rotvec(data.R_base_flange).as_matrix()
     beams = {
@@ -30,7 +30,7 @@ def scene_of(data: LaserData) -> LaserScene:
     }
     tool = ReferenceTool.of(data.tool.p_ref, data.tool.axis_ref, data.tool.radius)
     passes = [*_passes(data.reference.passes, False), *_passes(data.current.passes, True)]
-    return LaserScene(np.asarray(R), beams, tool, passes, data.repeatability_m)
+    return ToolFrameScene(np.asarray(R), beams, tool, passes, data.repeatability_m)
 
 
 def _passes(entries: Sequence[PassEntry], current: bool) -> list[Pass]:

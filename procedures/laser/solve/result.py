@@ -15,7 +15,7 @@ from calibration.tool_frame.geometry import BEAMS, rotated
 from calibration.tool_frame.lateral import Lateral
 from calibration.tool_frame.meeting import length95
 from calibration.tool_frame.out_and_back import UNSEEN_DELAY
-from calibration.tool_frame.scene import LaserScene
+from calibration.tool_frame.scene import ToolFrameScene
 from calibration.tool_frame.solution import Solution
 from cell.formats.laser import LaserData
 from cell.formats.result import Result, Warning_
@@ -26,7 +26,7 @@ SPEED_CODE, BLUNDER_CODE, UNUSED_CODE = "laser.speed", "laser.rejected", "laser.
 
 
 def fill_result(
-    scene: LaserScene,
+    scene: ToolFrameScene,
     solution: Solution,
     classic: Classic | None,
     rest: Residuals,
@@ -81,7 +81,7 @@ def _tau(lateral: Lateral) -> float | None:
     return lateral.value("tau") if now is None else now
 
 
-def _uncertainty(scene: LaserScene, solution: Solution) -> dict[str, Any]:
+def _uncertainty(scene: ToolFrameScene, solution: Solution) -> dict[str, Any]:
     a = scene.tool.axis
     flat = np.eye(3) - np.outer(a, a)
     point = solution.cov[:3, :3]
@@ -100,7 +100,7 @@ def _uncertainty(scene: LaserScene, solution: Solution) -> dict[str, Any]:
     }
 
 
-def _rejected(scene: LaserScene, solution: Solution) -> list[dict[str, Any]]:
+def _rejected(scene: ToolFrameScene, solution: Solution) -> list[dict[str, Any]]:
     """Every pass that tells nothing across the beams, with the reason; misses are not among them."""
     reasons = {**solution.selection.reasons, **solution.rejected}
     return [
@@ -114,7 +114,7 @@ def _rejected(scene: LaserScene, solution: Solution) -> list[dict[str, Any]]:
     ]
 
 
-def _selection_warnings(scene: LaserScene, solution: Solution) -> list[tuple[str, str]]:
+def _selection_warnings(scene: ToolFrameScene, solution: Solution) -> list[tuple[str, str]]:
     found = []
     speed = [k for k, r in solution.selection.reasons.items() if r.startswith("the speed")]
     if speed:
@@ -137,12 +137,12 @@ def _selection_warnings(scene: LaserScene, solution: Solution) -> list[tuple[str
     return found
 
 
-def _named(scene: LaserScene, places: list[int]) -> str:
+def _named(scene: ToolFrameScene, places: list[int]) -> str:
     names = [scene.passes[k].name for k in sorted(places)]
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-def _residuals(scene: LaserScene, solution: Solution, rest: Residuals) -> dict[str, Any]:
+def _residuals(scene: ToolFrameScene, solution: Solution, rest: Residuals) -> dict[str, Any]:
     lateral = solution.lateral
     value = {name: float(lateral.linear[k]) for k, name in enumerate(lateral.model.names)}
     now = {**value, "tau": value.get("tau_current", value["tau"])}
@@ -165,7 +165,7 @@ def _residuals(scene: LaserScene, solution: Solution, rest: Residuals) -> dict[s
     }
 
 
-def _pass_line(scene: LaserScene, k: int, c: Crossing, rest: Residuals, centre: float) -> dict[str, Any]:
+def _pass_line(scene: ToolFrameScene, k: int, c: Crossing, rest: Residuals, centre: float) -> dict[str, Any]:
     own = rest.rest[rest.source == k]
     return {
         "set": "current" if scene.passes[k].current else "reference",
@@ -183,7 +183,7 @@ def _pass_line(scene: LaserScene, k: int, c: Crossing, rest: Residuals, centre: 
     }
 
 
-def _pairs(scene: LaserScene, solution: Solution) -> list[tuple[int, int]]:
+def _pairs(scene: ToolFrameScene, solution: Solution) -> list[tuple[int, int]]:
     used = sorted(
         set(solution.lateral.rows.source.tolist()),
         key=lambda k: (scene.passes[k].current, scene.passes[k].beam, float(scene.passes[k].pose_t[0])),

@@ -48,7 +48,7 @@ def rank_section(source: KincalSource) -> Html:
         el("h3", "Combinations that no pose can tell apart") if open_ else None,
         bullets(open_),
         note(
-            "Parameters in these combinations stay near the drawing. They cancel in every prediction and "
+            "Parameters in these combinations stay near nominal. They cancel in every prediction and "
             "do no harm; but none of them is right by itself."
         )
         if open_

@@ -26,7 +26,7 @@ FILE_NAME = "kincal.json"
 FAR_P, FAR_Q = 20.0, 4.0 * np.pi
 _ONE_TARGET = "smr1"
 _FEW = 3  # fewer points say nothing about units
-_MISFIT = 0.05  # of the points' spread: no arm is that far from its drawing
+_MISFIT = 0.05  # of the points' spread: no arm is that far from its nominal model
 _BETTER = 0.3
 
 

@@ -226,8 +226,8 @@ def _held_out(solution: Solution, judged: HeldOut) -> dict[str, object]:
         "rms_with_rejected": rms(np.concatenate([judged.calibrated, rejected])),
         "tracker_3d": _tracker(solution)["sigma_3d"],
         "meaning": "distance (m) of tracker readings from their prediction by an arm that did not see them; "
-        "the tracker's own noise is in it. nominal: the drawing, in the place of the tracker that the "
-        "calibrated arm found; registration_only: the drawing, in the place that suits it best",
+        "the tracker's own noise is in it. nominal: the nominal arm, in the place of the tracker that the "
+        "calibrated arm found; registration_only: the nominal arm, in the place that suits it best",
     }
 
 

@@ -69,7 +69,7 @@ def _of_samples(found: Findings) -> Warnings:
 
 
 def _far_off(solution: Solution) -> Warnings:
-    """An arm that is farther from its drawing than workshops build them: most often the drawing is wrong."""
+    """An arm that is farther from its nominal model than makers build them: most often the model is wrong."""
     problem, model = solution.problem.take(solution.used), solution.model
     if model.unknown_tools:
         return []

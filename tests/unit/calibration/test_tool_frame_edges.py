@@ -7,7 +7,7 @@ import numpy as np
 from calibration.tool_frame.crossings import see
 from calibration.tool_frame.edges import brackets, merged
 from calibration.tool_frame.geometry import frames
-from calibration.tool_frame.scene import LaserScene, Pass
+from calibration.tool_frame.scene import Pass, ToolFrameScene
 from calibration.tool_frame.selection import select
 from cell.formats.laser import parse_laser
 from procedures.laser.solve.data import scene_of
@@ -30,7 +30,7 @@ def polled(levels: list[int], counts: list[int] | None = None, dt: float = 0.0) 
     )
 
 
-def scene(passes: list[dict[str, Any]], bench: Bench) -> LaserScene:
+def scene(passes: list[dict[str, Any]], bench: Bench) -> ToolFrameScene:
     data = without_passes(bench)
     data["reference"]["passes"] = passes
     return scene_of(parse_laser(data, "made", current=False))

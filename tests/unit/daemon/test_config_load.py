@@ -302,7 +302,7 @@ def test_what_is_allowed_but_hardly_meant_is_a_warning(tmp_path: Path) -> None:
     subject = load(tmp_path, text)
     words = [warning.split(":", 1)[1] for warning in subject.warnings]
     assert words == [
-        "9: modbus.allow_write: allow_clients is empty, so nobody can write",
+        "9: modbus.allow_write: allow_clients is empty, so no client can write",
         "29: job.cone-capture.limits.speed_m_s: 1 is above 0.2 of [limits], and allow_job_override is false",
     ]
     (tmp_path / "cell.toml").chmod(0o666)

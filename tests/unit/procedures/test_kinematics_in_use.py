@@ -246,10 +246,10 @@ def test_a_version_that_is_only_proposed_is_never_used(tmp_path: Path) -> None:
     ("value", "told"),
     [
         (perfect(serials={"arm": "9999-7"}), "measured with arm 9999-7, and this is arm 99991100001"),
-        (perfect(controller={"model": "ur5e"}), "its model or factory calibration is not what"),
+        (perfect(controller={"model": "ur5e"}), "its model or factory calibration is not that of"),
         (
             perfect(controller={"model": "ur10e", "calibration": {"delta_a": [1e-4] * 6}}),
-            "its model or factory calibration is not what",
+            "its model or factory calibration is not that of",
         ),
     ],
 )

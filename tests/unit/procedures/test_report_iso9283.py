@@ -95,7 +95,7 @@ def test_text_is_escaped_and_a_damaged_section_says_so(result: dict[str, Any], t
 def test_the_command_line_says_what_is_resolved_and_what_is_not(result: dict[str, Any]) -> None:
     text = result_text(result)
     assert "iso9283: verdict fail" in text
-    assert "12 cycles, the arm commanded as its controller believes it, payload 0.8 kg, 100 % speed" in text
+    assert "12 cycles, the arm commanded by the model of its controller, payload 0.8 kg, 100 % speed" in text
     assert "RP = mean(l) + 3 S_l" in text
     P1 = next(p for p in result["result"]["poses"] if p["name"] == "P1")
     assert f"P1: AP {1e3 * P1['AP']:.3f} mm (the tracker's own; measured" in text
@@ -125,7 +125,7 @@ def test_two_tests_are_compared_side_by_side(result: dict[str, Any]) -> None:
     for pose in better["result"]["poses"]:
         pose |= {"AP": pose["AP_tracker"], "AP_resolved": False}
     text = compare_results(result, better).text("run 1", "run 2")
-    assert "run 1 was commanded as its controller believes it, run 2 through its calibrated" in text
+    assert "run 1 was commanded by the model of its controller, run 2 through its calibrated" in text
     worst = result["result"]["AP_max"]
     own = better["result"]["poses"][2]["AP_tracker"]
     assert f"P3    {1e3 * worst:.3f} mm          at most {1e3 * own:.3f} mm" in text

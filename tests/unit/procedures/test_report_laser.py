@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.tool_frame.scene import LaserScene
+from calibration.tool_frame.scene import ToolFrameScene
 from cell.errors import CellError
 from cell.formats.laser import parse_laser
 from procedures.laser.moved_words import moved_reasons
@@ -58,7 +58,7 @@ def no_plotly(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("procedures.report.write.plotly_script", lambda: "")
 
 
-def scene(data: dict[str, Any]) -> LaserScene:
+def scene(data: dict[str, Any]) -> ToolFrameScene:
     return scene_of(parse_laser(data, "laser.json"))
 
 
