@@ -60,7 +60,7 @@ class EngineControl(Protocol):
 class ControlServer:
     """Serves one engine on one socket file.
 
-    ``audit(who, what, accepted, detail)`` hears of every write, carried out or refused; it may block.
+    ``audit(who, what, accepted, detail)`` is called for every write, carried out or refused; it may block.
     """
 
     def __init__(self, path: Path, engine: EngineControl, audit: Audit | None = None) -> None:

@@ -56,7 +56,7 @@ class Life:
 
     async def end(self) -> None:
         """The device is closed by us: the link is lost, and its work is over when this returns."""
-        # Lost first: a reply that comes with the cancellation swallows that (asyncio.wait_for before 3.12).
+        # Lost first: a reply that comes with the cancellation suppresses it (asyncio.wait_for before 3.12).
         self.lose(error("DEVICE_LOST", f"{self._name} was closed"))
         work, self._work = self._work, None
         if work is not None:

@@ -1,4 +1,4 @@
-"""Files that are whole or absent: atomic replacement, honest reading, and setting corrupt ones aside."""
+"""Files that are whole or absent: atomic replacement, checked reading, and setting corrupt ones aside."""
 
 import errno
 import json

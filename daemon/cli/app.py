@@ -19,7 +19,7 @@ from daemon.cli import (
 
 app = typer.Typer(
     name="cellward",
-    help="Keeps a robot cell true: calibration jobs with their uncertainty. "
+    help="Supervises a robot cell: calibration jobs with their uncertainty. "
     "It supervises; it is not a safety function.",
     epilog="Exit codes: 0 ok, 1 verdict fail or job not completed, 2 bad input, "
     "3 device or daemon unreachable, 4 refused, 5 internal error.",

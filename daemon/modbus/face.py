@@ -45,7 +45,7 @@ class ModbusFace:
 
     ``on_command`` carries out one command and gives its result code; ``snapshot`` gives the status block by
     register name (what is absent is 0; sequence, result code, heartbeat and the bits PLC heartbeat and
-    toggle are this class's own). ``on_plc(alive)`` hears when the PLC's heartbeat is lost and returns,
+    toggle are this class's own). ``on_plc(alive)`` is called when the PLC's heartbeat is lost and returns,
     ``on_picks(wanted, client)`` when the PLC clears or sets *no new picks*.
     ``audit(who, what, accepted, detail)`` and ``remember(sequence)`` may block; they run in a thread.
     """

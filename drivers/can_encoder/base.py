@@ -192,7 +192,7 @@ class CanEncoder(SampledDevice, ABC):
 
     def _silence(self, now: float, why: str) -> CellError:
         last = self.counts.last()
-        heard = "none was heard" if last is None else f"the last was {last.value.raw}"
+        heard = "none was received" if last is None else f"the last was {last.value.raw}"
         return error(
             "CAN_BUS_OFF" if "bus error" in why else "DEVICE_LOST",
             f"{self.name} on {self._bus_config.bus}: no position for {now - self._heard:.3f} s, {heard}"

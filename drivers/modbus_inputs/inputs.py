@@ -217,12 +217,12 @@ class ModbusInputs(SampledDevice):
         last = self.inputs.last()
         head = f"{self.name} at {self._config.url}: {what}"
         if last is None:
-            return f"{head}; nothing was heard on this connection"
+            return f"{head}; nothing was received on this connection"
         levels = ", ".join(
             f"{name} {'on' if level else 'off'}"
             for name, level in zip(self.names, last.value.levels, strict=True)
         )
-        return f"{head}; last heard {self._clock.now() - last.t:.3f} s ago: {levels}"
+        return f"{head}; last received {self._clock.now() - last.t:.3f} s ago: {levels}"
 
     def _counters_report(self) -> str:
         if not self._plan.width:

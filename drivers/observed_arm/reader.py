@@ -194,4 +194,4 @@ class ObservedArmReader(SampledDevice):
     def _silence(self, what: str) -> str:
         look = self._looks.last()
         heard = "never" if look is None else f"{self._clock.now() - look.t:.3f} s ago"
-        return f"{self.name} at {self._config.url}: {what}; last heard {heard}"
+        return f"{self.name} at {self._config.url}: {what}; last received {heard}"

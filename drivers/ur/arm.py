@@ -269,7 +269,7 @@ class UrArm(SampledDevice):
             await self._clock.sleep(SILENCE_CHECK_S)
 
     async def _watch_remote(self) -> None:
-        """Ask for the mode switch ten times a second; a deaf dashboard forbids motion, but not reading."""
+        """Ask for the mode switch ten times a second; without an answer motion is forbidden."""
         link: Dashboard | None = None
         try:
             while self._life.good:

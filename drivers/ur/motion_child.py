@@ -5,7 +5,7 @@ because the native client may hang, abort or crash; whatever it does, only this 
 controller's watchdog stops the arm. Rules:
 
 - one command at a time, each with its own deadline; past it the process exits;
-- moves are asynchronous, so that a stop is always heard;
+- moves are asynchronous, so that a stop is always received;
 - the watchdog is set after every upload, and kicked only while the daemon's beat is younger than 100 ms;
 - a closed pipe, a dead parent or a dropped RTDE link ends the process: the client must never reconnect.
 """
@@ -115,7 +115,7 @@ class MotionChild:
         self._next_setpoint = 0.0
 
     def run(self) -> None:
-        """The loop: hear the daemon, serve one command, keep the watchdog or the set-points going."""
+        """The loop: read from the daemon, serve one command, keep the watchdog or the set-points going."""
         while True:
             due = self._next_setpoint if self._follower is not None else self._next_kick
             self._hear(min(max(due - time.monotonic(), 0.0), KICK_PERIOD_S))

@@ -58,7 +58,7 @@ class BeltWatch:
         self.stall = Stall(config.camera_stall_s)
         self.late = 0  # pictures that came longer than LOOK_BACK_S after their exposure
         self._slip_watch, self._doubted = SlipWatch(config.spacing_m), list[_Look]()
-        self.tell: Callable[..., None] = lambda event, **what: None  # hears of what an operator should know
+        self.tell: Callable[..., None] = lambda event, **what: None  # what an operator should know
         self.emergencies = Emergencies(encoder, lambda what: self.tell("encoder emergency", what=what))
         self._encoder, self._camera, self._camera_to_belt, self._config = (
             encoder,
@@ -69,7 +69,7 @@ class BeltWatch:
         self._frames: deque[Sample[Frame]] = deque()
         self._undo: list[Any] = []
         self.record: PickRecord | None = None
-        self.learnt: Callable[[BeltWatch, TravelForecast], None] | None = None  # hears of every :meth:`learn`
+        self.learnt: Callable[[BeltWatch, TravelForecast], None] | None = None  # after each :meth:`learn`
         flat = self.tracker.direction[:2]
         self._flat_length = float(np.linalg.norm(flat))
         if self._flat_length < 0.5:

@@ -272,13 +272,13 @@ def test_three_polls_without_an_answer_lose_the_device_and_say_what_was_heard_la
             assert 0.14 < time.monotonic() - begun < 0.6
             assert isinstance(lost, CellError)
             assert lost.name == "DEVICE_LOST"
-            assert "no answer in 0.05 s; last heard 0." in str(lost)
+            assert "no answer in 0.05 s; last received 0." in str(lost)
             assert str(lost).endswith("s ago: xs on, ys off")
             with pytest.raises(CellError, match="too old"):
                 subject.inputs.latest(0.1)
-            with pytest.raises(CellError, match="last heard"):
+            with pytest.raises(CellError, match="last received"):
                 await subject.wait_fresh(0.1)
-            with pytest.raises(CellError, match="last heard"):
+            with pytest.raises(CellError, match="last received"):
                 await subject.identify()
             assert subject.health()["failures"] == 3
             await asyncio.sleep(0.2)
@@ -341,7 +341,7 @@ def test_a_connection_that_the_module_closes_is_lost_at_once_though_a_request_is
             async with asyncio.timeout(2.0):
                 lost = await subject.wait_lost()
             assert time.monotonic() - told.result() < 0.04, "it waited for the reply"
-            assert "the other end closed the connection; last heard" in str(lost)
+            assert "the other end closed the connection; last received" in str(lost)
         server.close()
 
     asyncio.run(scene())

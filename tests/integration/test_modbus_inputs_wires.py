@@ -145,7 +145,7 @@ def test_a_serial_line_that_is_cut_loses_the_device_and_one_that_is_not_there_is
         ):
             cable.cut = True
             async with asyncio.timeout(3.0):
-                assert "no answer in 0.05 s; last heard" in str(await subject.wait_lost())
+                assert "no answer in 0.05 s; last received" in str(await subject.wait_lost())
         with pytest.raises(CellError, match="no-such-line") as caught:
             await make("rtu:///dev/no-such-line").open()
         assert caught.value.name == "DEVICE_UNREACHABLE"
