@@ -4,7 +4,7 @@ The tracker's registration is the last six unknowns of every system of equations
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,25 @@ class Model:
     def size(self) -> int:
         """Number of parameters, registration not counted."""
         return len(self.names)
+
+    @property
+    def geometric(self) -> NDArray[np.bool_]:
+        """(p,): which parameters are not those of joint errors."""
+        out = np.ones(self.size, dtype=bool)
+        out[self.arm.geometric : len(self.arm.names)] = False
+        return out
+
+    def without_errors(self) -> "Model":
+        """With the parameters of geometry and targets alone."""
+        kept = np.flatnonzero(self.geometric)
+        return replace(
+            self,
+            arm=self.arm.without_errors(),
+            names=tuple(self.names[k] for k in kept),
+            kinds=tuple(self.kinds[k] for k in kept),
+            nominal=self.nominal[kept],
+            sd=self.sd[kept],
+        )
 
     def tools(self, x: Array) -> Array:
         """(t, 3): the places of the targets on the last frame, m."""

@@ -76,12 +76,14 @@ def constant_of(solution: Solution) -> Constant | None:
     return Constant(along / information, information**-0.5, shift, seen.left)
 
 
-def identify_with_constant(problem: Problem, given_noise: Mapping[str, float]) -> Solution:
+def identify_with_constant(
+    problem: Problem, given_noise: Mapping[str, float], joint_errors: bool = False
+) -> Solution:
     """As :func:`identify`; with ``sigma_constant`` (m) in ``given_noise`` the constant is determined as well.
 
     The solution's problem then has the readings as a right constant would have them, ``constant_m`` shorter.
     """
-    found, sigma, taken = identify(problem, given_noise), given_noise.get(KEY, 0.0), 0.0
+    found, sigma, taken = identify(problem, given_noise, joint_errors), given_noise.get(KEY, 0.0), 0.0
     if not sigma > 0.0:
         return found
     told = None
@@ -93,7 +95,8 @@ def identify_with_constant(problem: Problem, given_noise: Mapping[str, float]) -
         if abs(wanted - taken) < _SETTLED * told.sigma_m:
             break
         taken = wanted
-        found = identify(replace(problem, p=problem.p * (1.0 - taken / problem.range_m)), given_noise)
+        shorter = replace(problem, p=problem.p * (1.0 - taken / problem.range_m))
+        found = identify(shorter, given_noise, joint_errors)
     assert told is not None
     assert found.cov is not None
     left = 1.0 / np.hypot(1.0 / sigma, 1.0 / told.sigma_m)

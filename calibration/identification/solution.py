@@ -9,6 +9,7 @@ from scipy.spatial.transform import RigidTransform
 from scipy.special import fdtri
 
 from calibration.identification.estimator import Fit, Problem, fit, state_at
+from calibration.identification.joint_errors import with_joint_errors
 from calibration.identification.label_swap import reads_like
 from calibration.identification.model import Model
 from calibration.identification.noise import TrackerNoise, excess, first_noise
@@ -90,11 +91,12 @@ def base_covariance(cov: Array, J: Array) -> Array:
     return out
 
 
-def identify(problem: Problem, given_noise: Mapping[str, float]) -> Solution:
+def identify(problem: Problem, given_noise: Mapping[str, float], joint_errors: bool = False) -> Solution:
     """Weighted maximum likelihood by variable projection, robust against blunders.
 
     ``given_noise`` may hold ``sigma0`` (m) and ``sigma_per_m``; absent ones are estimated. What the readings
-    cannot determine stays near the prior.
+    cannot determine stays near the prior. ``joint_errors``: those of gears and sag are unknowns as well, as
+    far as the readings show them.
     """
     found = robust_fit(problem, given_noise, start_fit(problem, given_noise))
     wider = _with_needed_numbers(problem, found)
@@ -103,7 +105,8 @@ def identify(problem: Problem, given_noise: Mapping[str, float]) -> Solution:
         found = robust_fit(
             problem, given_noise, fit(problem, start, found.noise.sigma(problem.range_m) ** -2.0)
         )
-    return _solution(problem, found)
+    more = with_joint_errors(problem, found, given_noise) if joint_errors else None
+    return _solution(*(more or (problem, found)))
 
 
 def start_fit(problem: Problem, given_noise: Mapping[str, float]) -> Fit:

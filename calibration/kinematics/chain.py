@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from calibration.kinematics.joint_errors import JointErrors
 from cell.poses import Array
 
 _UNIT = np.eye(4)
@@ -20,7 +21,7 @@ _UNIT = np.eye(4)
 class DhChain:
     """``theta``, ``d``, ``a``, ``alpha``: (j,) each, rad and m; joint i turns about z of frame i - 1.
 
-    ``beta`` (j,) may be left out, and is zero then.
+    ``beta`` (j,) may be left out, and is zero then. ``errors`` is how far joints turn beyond what they read.
     """
 
     theta: Array
@@ -28,6 +29,7 @@ class DhChain:
     a: Array
     alpha: Array
     beta: Array = field(default_factory=lambda: np.zeros(0))
+    errors: JointErrors | None = None
 
     def frames(self, Q: Array) -> Array:
         """(n, j + 1, 4, 4): the base and the frame after every joint, for ``Q`` (n, j) rad."""
@@ -53,7 +55,7 @@ class DhChain:
 
     def _links(self, Q: Array) -> Array:
         """(n, j, 4, 4): the turn about z mixes the first two rows of what is fixed in a link."""
-        angle = Q + self.theta
+        angle = (Q if self.errors is None else self.errors.actual(Q)) + self.theta
         c, s = np.cos(angle)[..., None], np.sin(angle)[..., None]
         fixed = self._fixed
         out = np.empty((*Q.shape, 4, 4))

@@ -6,12 +6,21 @@ from typing import Any
 import numpy as np
 
 from calibration.kinematics.hayati import with_near_frames
+from calibration.kinematics.joint_errors import JointErrors
 from calibration.kinematics.palletizer import palletizer
 from calibration.kinematics.parametric import Kind, ParametricArm
 from calibration.kinematics.serial import SerialChain
 from calibration.kinematics.ur_models import ALPHA, UR_MODELS
 from cell.errors import error
-from cell.formats.robot import NamedRobot, PalletizerRobot, Prior, Robot, Serial6Robot, SerialRobot
+from cell.formats.robot import (
+    JointError,
+    NamedRobot,
+    PalletizerRobot,
+    Prior,
+    Robot,
+    Serial6Robot,
+    SerialRobot,
+)
 from cell.poses import Array
 
 NEAR_PARALLEL = 0.0175  # rad; closer axes need Hayati's form
@@ -38,15 +47,46 @@ def arm_spec(robot: Robot, where: str = "robot") -> ArmSpec:
     tools = {name: np.array(place, dtype=float) for name, place in robot.tool.items()}
     prior = robot.prior or Prior()
     if isinstance(robot, PalletizerRobot):
-        arm = palletizer(robot.parameters)
+        arm = _with_known_errors(palletizer(robot.parameters), robot.joint_errors)
         tools["smr1"] = np.array([robot.parameters.tx, robot.parameters.ty, robot.parameters.tz])
     elif isinstance(robot, SerialRobot):
-        arm = _serial(robot)
+        arm = _with_known_errors(_serial(robot), robot.joint_errors)
     elif isinstance(robot, Serial6Robot):
         arm = _serial6(robot)
     else:
         arm = _named(robot, where)
     return ArmSpec(robot, arm, tools, prior)
+
+
+def _with_known_errors(arm: ParametricArm, errors: list[JointError]) -> ParametricArm:
+    """``arm`` whose joints turn further than they read, as its ROBOT says."""
+    if not errors:
+        return arm
+    known = JointErrors(
+        tuple(e.name for e in errors),
+        np.array([e.joint - 1 for e in errors], dtype=np.int64),
+        np.array([e.of for e in errors]),
+        np.array([e.sin for e in errors]),
+        np.array([e.cos for e in errors]),
+    )
+    return replace(arm, base=replace(arm.base, errors=known))
+
+
+def errors_document(chain: SerialChain) -> list[dict[str, Any]]:
+    """``joint_errors`` of a ROBOT."""
+    errors = chain.errors
+    if errors is None:
+        return []
+    return [
+        {
+            "name": name,
+            "joint": int(errors.joint[k]) + 1,
+            "of": errors.of[k].tolist(),
+            "sin": float(errors.sin[k]),
+            "cos": float(errors.cos[k]),
+        }
+        for k, name in enumerate(errors.names)
+    ]
 
 
 def chain_parameters(
@@ -113,13 +153,16 @@ def robot_document(
     """The ROBOT with parameters ``values`` (p,) of ``arm``: what ``--robot`` reads, in full precision."""
     document: dict[str, Any]
     if isinstance(spec.robot, PalletizerRobot):
-        parameters = {name: float(v) for name, v in zip(arm.names, values, strict=True)}
+        own = zip(arm.names[: arm.geometric], values[: arm.geometric], strict=True)
+        parameters = {name: float(v) for name, v in own}
         place = tools.get("smr1", spec.tools["smr1"])
         parameters |= {f"t{axis}": float(v) for axis, v in zip("xyz", place, strict=True)}
         document = {"family": "palletizer4", "parameters": parameters}
         tools = {name: place for name, place in tools.items() if name != "smr1"}
     else:
         document = {"family": "serial", **chain_document(arm.chain(values), {int(i) for i in arm.betas})}
+    if errors := errors_document(arm.chain(values)):
+        document["joint_errors"] = errors
     if tools:
         document["tool"] = {name: [float(v) for v in place] for name, place in tools.items()}
     return document

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.kinematics.joint_errors import JointErrors
 from calibration.kinematics.serial import SerialChain, Walk, cross
 from cell.poses import Array
 
@@ -22,7 +23,8 @@ class ParametricArm:
 
     The numbers that can move are, in this order, theta, d, a and alpha of all m links, beta of the links in
     ``betas`` (b,), and the entries (row, column) of the coupling in ``ratios`` (r, 2). ``mix`` (p, k) says
-    how far each parameter moves each of the k numbers; None stands for one parameter per number.
+    how far each parameter moves each of the k numbers; None stands for one parameter per number. The last
+    parameters are the amplitudes of the joint ``errors``, if there are any.
     """
 
     family: str
@@ -33,14 +35,43 @@ class ParametricArm:
     betas: NDArray[np.int64]
     ratios: NDArray[np.int64]
     mix: Array | None = None
+    errors: JointErrors | None = None
 
     @property
     def joints(self) -> int:
         return self.base.joints
 
+    @property
+    def geometric(self) -> int:
+        """How many parameters come before those of the joint errors."""
+        return len(self.names) - (0 if self.errors is None else 2 * len(self.errors.names))
+
+    def without_errors(self) -> "ParametricArm":
+        """With the parameters of the geometry alone."""
+        own = self.geometric
+        return replace(
+            self, names=self.names[:own], kinds=self.kinds[:own], nominal=self.nominal[:own], errors=None
+        )
+
+    def with_errors(self, errors: JointErrors) -> "ParametricArm":
+        """With the amplitudes of ``errors`` as parameters."""
+        fresh = errors.amplitudes
+        angles: list[Kind] = ["angle" for _ in fresh]
+        return replace(
+            self,
+            names=(*self.names, *fresh),
+            kinds=(*self.kinds, *angles),
+            nominal=np.concatenate([self.nominal, np.zeros(len(fresh))]),
+            errors=errors,
+        )
+
     def chain(self, values: Array) -> SerialChain:
         """The arm with parameters ``values`` (p,)."""
         moved = np.asarray(values, dtype=float) - self.nominal
+        errors = self.base.errors
+        if self.errors is not None:
+            moved, amplitudes = np.split(moved, [self.geometric])
+            errors = self.errors.moved(amplitudes).beside(errors)
         if self.mix is not None:
             moved = moved @ self.mix
         m, base = len(self.base.theta), self.base
@@ -55,6 +86,7 @@ class ParametricArm:
             alpha=base.alpha + moved[3 * m : 4 * m],
             beta=beta,
             coupling=coupling,
+            errors=errors,
         )
 
     def columns(self, Q: Array, walk: Walk, p: Array, out: Array | None = None) -> Array:
@@ -64,7 +96,9 @@ class ParametricArm:
         cross product of the axis and the lever, a shift along an axis by the axis.
         """
         m, b = len(self.base.theta), len(self.betas)
-        direct = out if out is not None and self.mix is None else np.empty(self._shape(p.shape[1]))
+        own = self.geometric
+        every = out if out is not None else np.empty((len(self.names), *p.shape))
+        direct = every[:own] if self.mix is None else np.empty(self._shape(p.shape[1]))
         lever = p - walk.o
         z = walk.z[:-1]
         direct[:m] = cross(z, lever[:-1])
@@ -76,13 +110,15 @@ class ParametricArm:
         for k, (row, column) in enumerate(self.ratios):
             source = direct[m + row] if self.base.sliding[row] else direct[row]
             np.multiply(source, Q[:, column], out=direct[4 * m + b + k])
-        if self.mix is None:
-            return direct
-        mixed: Array = np.tensordot(self.mix, direct, axes=1)
-        if out is not None:
-            out[:] = mixed
-            return out
-        return mixed
+        if self.mix is not None:
+            every[:own] = np.tensordot(self.mix, direct, axes=1)
+        if self.errors is not None:
+            turning = np.where(self.base.sliding[:, None, None], 0.0, direct[:m])
+            per_joint = np.tensordot(self.base.coupling.T, turning, axes=1)[self.errors.joint]
+            for k, waves in enumerate(self.errors.waves(Q)):
+                part = slice(own + k * len(waves), own + (k + 1) * len(waves))
+                np.multiply(per_joint, waves[:, None], out=every[part])
+        return every
 
     def _shape(self, n: int) -> tuple[int, int, int]:
         return (4 * len(self.base.theta) + len(self.betas) + len(self.ratios), 3, n)

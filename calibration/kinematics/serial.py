@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.kinematics.joint_errors import JointErrors
 from cell.poses import Array
 
 
@@ -42,7 +43,8 @@ class SerialChain:
     """m links in metres and radians, (m,) each.
 
     ``coupling`` (m, j) takes the controller's joints ``q`` (j,) to what is added to ``theta`` of a turning
-    link or to ``d`` of a ``sliding`` one (m,); a rigid link has a row of zeros.
+    link or to ``d`` of a ``sliding`` one (m,); a rigid link has a row of zeros. ``errors`` is how far joints
+    turn beyond ``q``.
     """
 
     theta: Array
@@ -52,6 +54,7 @@ class SerialChain:
     beta: Array
     sliding: NDArray[np.bool_]
     coupling: Array
+    errors: JointErrors | None = None
 
     @property
     def joints(self) -> int:
@@ -61,7 +64,7 @@ class SerialChain:
     def walk(self, Q: Array) -> Walk:
         """Every frame for ``Q`` (n, j)."""
         m, n = len(self.theta), len(Q)
-        moved = self.coupling @ Q.T
+        moved = self.coupling @ (Q if self.errors is None else self.errors.actual(Q)).T
         slide = self.sliding[:, None]
         angle = self.theta[:, None] + np.where(slide, 0.0, moved)
         d = self.d[:, None] + np.where(slide, moved, 0.0)
@@ -102,7 +105,10 @@ class SerialChain:
         return out
 
     def jacobians(self, Q: Array) -> Array:
-        """(n, 6, j): the last frame's velocity over its angular velocity in the base, per unit of ``q``."""
+        """(n, 6, j): the last frame's velocity over its angular velocity in the base, per unit of ``q``.
+
+        Joint errors change it by some 1e-4 of itself, which is left out.
+        """
         walk = self.walk(np.asarray(Q, dtype=float))
         slide = self.sliding[:, None, None]
         z = walk.z[:-1]

@@ -23,9 +23,10 @@ class Serial6Arm(ChainArm):
     """The arm of a ROBOT of family ``serial6``; ``measured`` is the chain that a calibration found."""
 
     def __init__(self, robot: Serial6Robot, measured: DhChain | None = None) -> None:
-        nominal = DhChain(
-            *(np.array([getattr(link, key) for link in robot.links]) for key in ("theta", "d", "a", "alpha"))
+        theta, d, a, alpha = (
+            np.array([getattr(link, key) for link in robot.links]) for key in ("theta", "d", "a", "alpha")
         )
+        nominal = DhChain(theta, d, a, alpha)
         capsules = robot.capsules
         self._robot = robot
         self._frame = np.array([c.joints for c in capsules])

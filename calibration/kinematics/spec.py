@@ -65,7 +65,7 @@ def measured_arm(believed: Mapping[str, Any], measured: Mapping[str, Any]) -> Ar
         raise error(
             "DATA_INVALID", "kinematics.robot: an arm that is moved has six joints, each with its own link"
         )
-    arm = nominal.measured(DhChain(chain.theta, chain.d, chain.a, chain.alpha, chain.beta))
+    arm = nominal.measured(DhChain(chain.theta, chain.d, chain.a, chain.alpha, chain.beta, chain.errors))
     Q = np.array([np.full(6, 0.3), np.full(6, -1.2)])
     apart = np.linalg.norm(arm.forward_many(Q).translation - nominal.forward_many(Q).translation, axis=1)
     if float(apart.max()) > _SAME_ARM_M:

@@ -1,8 +1,9 @@
 """ROBOT: an arm by name, by the parameters of a palletizer, or link by link."""
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from difflib import get_close_matches
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -30,6 +31,17 @@ class Deltas(Strict):
     delta_d: SixLengths | None = None
     delta_a: SixLengths | None = None
     delta_alpha: SixAngles | None = None
+
+
+class JointError(Strict):
+    """``joint`` (from 1) turns ``sin`` times the sine and ``cos`` times the cosine of the angle ``of @ q``
+    further than it reads. ``name`` says what it is, such as ``gear2.1`` or ``sag2.fore``."""
+
+    name: str = Field(min_length=1, max_length=40)
+    joint: int = Field(ge=1, le=30)
+    of: list[Ratio] = Field(min_length=1, max_length=30)
+    sin: Annotated[float, Field(ge=-0.1, le=0.1)]
+    cos: Annotated[float, Field(ge=-0.1, le=0.1)]
 
 
 class _Robot(Strict):
@@ -73,7 +85,25 @@ class PalletizerParameters(Strict):
     tz: Length
 
 
-class PalletizerRobot(_Robot):
+class _WithErrors(_Robot):
+    joint_errors: list[JointError] = Field(default_factory=list, max_length=200)
+
+    @property
+    @abstractmethod
+    def joints(self) -> int: ...
+
+    @model_validator(mode="after")
+    def _errors_fit_the_joints(self) -> Self:
+        for k, one in enumerate(self.joint_errors):
+            if one.joint > self.joints or len(one.of) != self.joints:
+                raise ValueError(
+                    f"(joint_errors.{k}) is of joint {one.joint} and has {len(one.of)} numbers in 'of'; "
+                    f"the robot has {self.joints} joints"
+                )
+        return self
+
+
+class PalletizerRobot(_WithErrors):
     """``tx``, ``ty``, ``tz`` of the parameters are the place of target "smr1" on the flange."""
 
     family: Literal["palletizer4"]
@@ -103,7 +133,7 @@ class Link(Strict):
     joint: Literal["revolute", "prismatic", "fixed"] = "revolute"
 
 
-class SerialRobot(_Robot):
+class SerialRobot(_WithErrors):
     """Any chain. ``coupling`` has a row for each moving link (or each link) and a column for each joint."""
 
     family: Literal["serial"]

@@ -25,9 +25,9 @@ _SURPRISE = 1e-3  # chance of poses set aside so far off, were noise and predict
 _P95 = float(np.sqrt(chdtri(3, 0.05) / 3.0))  # 95 % of 3D errors stay below so many times their RMS
 
 
-def solve_within_limits(path: Path, config: Mapping[str, Any]) -> dict[str, Any]:
+def solve_within_limits(path: Path, config: Mapping[str, Any], method: str | None = None) -> dict[str, Any]:
     """``cellward.result/1`` of a run's ``kincal.json``, judged; for the worker process."""
-    return judged(solve_kincal(path), path, config)
+    return judged(solve_kincal(path, method=method), path, config)
 
 
 def judged(result: Mapping[str, Any], path: Path, config: Mapping[str, Any]) -> dict[str, Any]:

@@ -80,7 +80,8 @@ class TrackerSampling(Procedure):
 
     @classmethod
     def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
-        return solve_within_limits(path, info["job_config"])
+        method = (recorded.get("inputs") or {}).get("method")
+        return solve_within_limits(path, info["job_config"], method)
 
 
 async def _with_what_is_left(run: Run, sampling: Sampling, failure: CellError) -> CellError:

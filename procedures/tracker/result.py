@@ -14,6 +14,7 @@ from cell.formats.result import (
     Metres,
     Part,
     Pose,
+    Radians,
     Rejected,
     Seconds,
     Vector,
@@ -50,6 +51,13 @@ class ClassicRun(Part):
     stopped: str = Field(description="Rule that stopped it.")
 
 
+class JointErrorSizes(Explained):
+    """How far joints turn beyond what they read."""
+
+    gear_rad: Radians | None = Field(description="RMS amplitude of the gears' errors; null: none is seen.")
+    sag_rad: Radians | None = Field(description="The same of what gives way under the arm's weight.")
+
+
 class KincalAnswer(Part):
     """The calibrated arm."""
 
@@ -70,6 +78,9 @@ class KincalAnswer(Part):
     rms_calibrated: Metres | None = Field(description="Of the calibrated arm.")
     robot: dict[str, Any] = Field(description="The calibrated arm as a ROBOT.")
     noise: NoiseInUse = Field(description="Noise in use.")
+    joint_errors: JointErrorSizes | None = Field(
+        default=None, description="Errors of gears and sag in `robot`; null where too few readings tell."
+    )
     reflector_constant_m: Metres | None = Field(
         default=None, description="What all ranges were too long by; 0 without `sigma_constant`."
     )

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from cell.formats.result import Rejected
-from procedures.tracker.result import KincalAnswer, KincalResult
+from procedures.tracker.result import JointErrorSizes, KincalAnswer, KincalResult
 from procedures.words import mm, pose_text
 
 _MOST_SHOWN = 10
@@ -40,10 +40,12 @@ def kincal_lines(found: KincalResult) -> list[str]:
         )
     if predicted := found.uncertainty.predicted_95:
         lines.append(
-            "  through noise of the readings alone 95 % of prediction errors stay below "
+            "  through noise of the readings 95 % of prediction errors stay below "
             f"{mm(predicted.samples.median, 4)} at the samples, {mm(predicted.workspace.max, 4)} at the "
-            "worst place in their range; what the arm's model lacks (gears, sag) is not in it"
+            f"worst place in their range; {_covered(answer)}"
         )
+    if (errors := answer.joint_errors) and (sizes := _joint_errors(errors)):
+        lines.append(f"  joints turn beyond what they read, {sizes}; that is in the arm")
     lines += [
         f"  T_tracker_base = {pose_text(answer.T_tracker_base)}",
         f"  largest corrections: {_corrections(answer)}",
@@ -65,10 +67,23 @@ def _noise(answer: KincalAnswer) -> str:
     return "the tracker's noise is not given; from the residuals, with all that the model lacks, it is"
 
 
+def _covered(answer: KincalAnswer) -> str:
+    """What the stated limit holds for, and what it leaves out."""
+    if answer.joint_errors is None:
+        return "errors of gears and sag are not in it: by this method, or for want of samples"
+    return "errors of gears and sag are in it as the readings show them, backlash and warmth are not"
+
+
+def _joint_errors(errors: JointErrorSizes) -> str:
+    sizes = {"gear errors": errors.gear_rad, "sag": errors.sag_rad}
+    return ", ".join(f"{what} of {1e3 * v:.3f} mrad (RMS)" for what, v in sizes.items() if v is not None)
+
+
 def _corrections(answer: KincalAnswer) -> str:
     """The parameters that moved most, in units of the size that a millimetre at a metre's lever has."""
     nominal, found = answer.nominal, answer.parameters
-    moved = sorted(((abs(v - nominal.get(name, v)), name) for name, v in found.items()), reverse=True)
+    geometry = {name: v for name, v in found.items() if not name.startswith(("gear", "sag"))}
+    moved = sorted(((abs(v - nominal.get(name, v)), name) for name, v in geometry.items()), reverse=True)
     texts = []
     for size, name in moved[:4]:
         change = found[name] - nominal[name]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.identification.joint_errors import START_RAD, extended
 from calibration.identification.model import Model, make_model
 from calibration.identification.workspace import places, worst_forecast
 from calibration.kinematics.families import arm_spec
@@ -124,8 +125,11 @@ class KincalSource(Source):
         document, targets = dig(self.answer, "robot"), dig(self.result, "inputs", "targets")
         if not isinstance(document, Mapping) or not isinstance(targets, list):
             return None
+        names = dig(self.result, "uncertainty", "names") or ()
+        errors = {k: sd for k, sd in START_RAD.items() if any(str(n).startswith(k) for n in names)}
         try:
-            return make_model(arm_spec(parse_robot(document, "result.robot")), [str(t) for t in targets])
+            model = make_model(arm_spec(parse_robot(document, "result.robot")), [str(t) for t in targets])
+            return extended(model, errors) if errors else model
         except CellError as exc:
             self.missing.append(f"The calibrated arm cannot be drawn: {exc}")
             return None

@@ -7,6 +7,7 @@ import numpy as np
 from calibration.identification.classic import Classic, solve_classic
 from calibration.identification.estimator import Problem
 from calibration.identification.held_out import HeldOut, held_out, rms
+from calibration.identification.joint_errors import START_RAD, can_tell
 from calibration.identification.model import REGISTRATION
 from calibration.identification.observability import Observability
 from calibration.identification.reflector_constant import KEY, constant_of, moved, unnoticed
@@ -91,6 +92,7 @@ def _answer(solved: Solved, judged: HeldOut) -> tuple[dict[str, object], list[tu
             "excess": solution.excess,
             "sigma_constant": solved.loaded.noise.get(KEY),
         },
+        "joint_errors": _joint_errors(solved),
         "reflector_constant_m": solution.constant_m,
         "rejected": _rejected(solved),
         "payload_kg": solved.loaded.data.payload_kg,
@@ -105,6 +107,24 @@ def _answer(solved: Solved, judged: HeldOut) -> tuple[dict[str, object], list[tu
         found, told = answer_targets(solution, solved.wanted)
         answer, warnings = answer | found, warnings + told
     return answer, warnings
+
+
+def _joint_errors(solved: Solved) -> dict[str, object] | None:
+    """How large the errors of gears and sag are, null where none are seen; None where they were not looked
+    for, or too few readings tell."""
+    solution = solved.solution
+    model, found = solution.model, dict[str, object]()
+    looked = solved.inputs["method"] == "adjustment"
+    if not looked or not can_tell(solution.problem, solution.used, solution.unknowns):
+        return None
+    for kind in START_RAD:
+        rows = [k for k, n in enumerate(model.names) if n.startswith(kind) and not model.geometric[k]]
+        found[f"{kind}_rad"] = rms(solution.x[rows])
+    meaning = (
+        "RMS of the amplitudes: of gears once and twice a turn of a joint, of the joints that give way under "
+        "the weight of the arm"
+    )
+    return {**found, "meaning": meaning}
 
 
 def _named(names: tuple[str, ...], values: Array) -> dict[str, float]:
@@ -143,7 +163,8 @@ def _uncertainty(solution: Solution) -> dict[str, object]:
                 ],
             },
             "meaning": "95 % of prediction errors in the tracker frame stay below this (m), at the samples "
-            "and at joints spread over the ranges of the samples, if the model holds",
+            "and at joints spread over the ranges of the samples; errors of gears and sag are in "
+            "it as far as the readings show them, backlash and warmth are not",
         },
         "degrees_of_freedom": None if np.isinf(solution.freedom) else solution.freedom,
         "tracker": _tracker(solution),

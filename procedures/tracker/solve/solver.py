@@ -1,7 +1,7 @@
 """Kinematic calibration from tracker points: the one path of jobs, replay and ``cellward solve``."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,7 @@ from procedures.tracker.solve.data import KincalSet, check_match, load_kincal
 from procedures.tracker.solve.queries import Query, Wanted, load_query, load_targets
 from procedures.tracker.solve.result import Solved, fill_result
 
-ML, CLASSIC = "ml", "classic"
+ADJUSTMENT, ML, CLASSIC = "adjustment", "ml", "classic"
 
 
 @within_limits
@@ -36,14 +36,16 @@ def solve_kincal(
 ) -> dict[str, object]:
     """The result (``cellward.result/1``) of tracker points: a folder with kincal.json, JSON, CSV or MATLAB.
 
-    ``method`` is ``ml`` (weighted maximum likelihood by variable projection, the default) or ``classic``.
+    ``method`` is ``adjustment`` (weighted maximum likelihood by variable projection of geometry, gears and
+    sag, the default), ``ml`` (of the geometry alone) or ``classic``.
     ``predict`` is a file with joints whose readings are wanted, ``targets`` one with wanted poses,
     ``robot`` one with the ROBOT. Bad input raises an ``InputError``; data that cannot determine the arm give
     a result with verdict ``fail``.
     """
-    chosen = method or ML
-    if chosen not in (ML, CLASSIC):
-        raise error("ARGUMENT_INVALID", f"method is {method!r}; it must be one of {ML}, {CLASSIC}")
+    chosen = method or ADJUSTMENT
+    if chosen not in (ADJUSTMENT, ML, CLASSIC):
+        known = f"{ADJUSTMENT}, {ML}, {CLASSIC}"
+        raise error("ARGUMENT_INVALID", f"method is {method!r}; it must be one of {known}")
     loaded = load_kincal(Path(path), None if robot is None else Path(robot))
     query = None if predict is None else load_query(Path(predict), loaded)
     wanted = None if targets is None else load_targets(Path(targets), loaded)
@@ -72,7 +74,7 @@ def _solve(loaded: KincalSet, method: str, query: Query | None, wanted: Wanted |
     timed = _twice(loaded, method)
     inputs["solve_seconds"] = timed.seconds
     solution = timed.solution
-    observed = _observe(solution.problem.take(solution.used), solution.x)
+    observed = _observed(solution)
     refusal = refuse(solution.problem, observed, loaded.spec.robot.prior is not None, loaded.copies)
     if refusal is not None:
         return _refused(loaded, refusal, observed, inputs)
@@ -95,7 +97,7 @@ def _twice(loaded: KincalSet, method: str) -> _Timed:
         if method == CLASSIC:
             classic = solve_classic(loaded.problem)
         else:
-            solution = identify_with_constant(loaded.problem, loaded.noise)
+            solution = identify_with_constant(loaded.problem, loaded.noise, method == ADJUSTMENT)
         seconds.append(time.perf_counter() - start)
         if seconds[0] > LONG_S:
             break
@@ -124,6 +126,16 @@ def _of_classic(loaded: KincalSet, found: Classic) -> Solution:
         distance=np.sqrt(np.mean((found.e / noise.sigma(problem.range_m)) ** 2, axis=0)),
         unknowns=unknowns,
     )
+
+
+def _observed(solution: Solution) -> Observability:
+    """Of geometry and targets: joint errors have a size of their own from the readings, so none is open."""
+    kept = solution.model.geometric
+    plain = replace(solution.problem, model=solution.model.without_errors())
+    found = _observe(plain.take(solution.used), solution.x[kept])
+    is_open = np.zeros(len(kept), dtype=bool)
+    is_open[kept] = found.open
+    return replace(found, open=is_open)
 
 
 def _observe(problem: Problem, x: Array) -> Observability:

@@ -157,13 +157,15 @@ def _wrong_constant(offset: RangeOffset) -> str:
 
 def _of_parameters(found: Findings) -> Warnings:
     solution, loaded, out = found.solution, found.loaded, []
-    added = [name for name in solution.model.names if name not in loaded.model.names]
+    geometric = [n for n, own in zip(solution.model.names, solution.model.geometric, strict=True) if own]
+    added = [name for name in geometric if name not in loaded.model.names]
     if added:
         text = f"the residuals ask for {_and_more(added)}, which the robot's table leaves fixed; adjusted too"
         out.append(("numbers.added", text))
     if loaded.spec.robot.prior is not None:
         away = np.abs(solution.x - solution.model.nominal) / solution.model.sd
-        names = [solution.model.names[k] for k in np.flatnonzero(away > _FAR_FROM_PRIOR)]
+        far = (away > _FAR_FROM_PRIOR) & solution.model.geometric
+        names = [solution.model.names[k] for k in np.flatnonzero(far)]
         if names:
             text = f"{_and_more(names)} moved more than {_FAR_FROM_PRIOR:.0f} times the robot's prior"
             out.append(("prior.far", text))

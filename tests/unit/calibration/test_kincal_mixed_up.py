@@ -212,7 +212,7 @@ def test_a_length_from_few_degrees_of_freedom_holds_as_often_as_it_says(freedom:
 
 
 def test_the_result_says_how_well_its_noise_is_known(tmp_path: Path) -> None:
-    scene = make_scene("palletizer", 32, 20)
+    scene = make_scene("palletizer", 33, 20)
     found = solved(scene, tmp_path)["uncertainty"]
     assert found["degrees_of_freedom"] == pytest.approx(3 * 20 - 17, abs=0.1)
     given = solved(scene.changed(noise={"sigma0": 15e-6, "sigma_per_m": 6e-6}), tmp_path)["uncertainty"]

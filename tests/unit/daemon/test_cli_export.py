@@ -49,9 +49,10 @@ LASER = result("laser", {"T_flange_tool": TOOL}, uncertainty={"U_point_m": 3.1e-
 
 @pytest.fixture(scope="module")
 def arms(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
-    """Solved sets of a UR10e and a palletizer."""
+    """Solved sets of a UR10e and a palletizer, geometry alone: what every form can carry."""
     folder = tmp_path_factory.mktemp("sets")
-    return {k: solve_kincal(make_scene(k, 3, 40).write(folder, f"{k}.json")) for k in ("ur10e", "palletizer")}
+    sets = {kind: make_scene(kind, 3, 40).write(folder, f"{kind}.json") for kind in ("ur10e", "palletizer")}
+    return {kind: solve_kincal(path, method="ml") for kind, path in sets.items()}
 
 
 class Cell(CellOnDisk):
@@ -301,6 +302,19 @@ def test_a_result_file_can_be_exported_and_its_json_is_a_robot_for_the_solver(
     assert solved.code == 0, solved.err
     before = arms["palletizer"]["result"]["rms_registration_only"]
     assert json.loads(solved.out)["result"]["rms_registration_only"] < 0.1 * before
+
+
+@pytest.mark.parametrize("form", ["ros", "urdf", "ur-calibration"])
+def test_a_form_without_a_place_for_gears_and_sag_says_what_that_costs(
+    form: str, cell: Cell, subject: CommandLine, arms: dict[str, Any]
+) -> None:
+    gear = {"name": "gear2.1", "joint": 2, "of": [0.0, 1.0, 0.0, 0.0, 0.0, 0.0], "sin": 1e-4, "cos": 0.0}
+    robot = {**arms["ur10e"]["result"]["robot"], "joint_errors": [gear]}
+    cell.commit("kinematics.arm", {"robot": robot}, arms["ur10e"])
+    text = subject("export", "kinematics.arm", "--format", form).out
+    assert (
+        "WARNING: errors of gears and sag have no place in this form; without them the flange is 0.0" in text
+    )
 
 
 @pytest.mark.parametrize("form", ["ros", "urdf", "yaml", "json", "ur-calibration"])
