@@ -107,6 +107,17 @@ class Strike:
         return self.process, self.pause_s, self.state
 
 
+def accept_proposed(cell: WireCell, run_id: int) -> None:
+    """Put into effect what the run proposed."""
+    ledger = Ledger(cell.folder / "state" / "ledger.sqlite", read_only=True)
+    rows = ledger.results()
+    ledger.close()
+    for row in rows:
+        if row["run_id"] == run_id and row["state"] == "proposed":
+            with suppress(CellError):
+                cell.call("accept", result_id=row["id"])
+
+
 class Bench:
     """All pauses of one job in one cell."""
 
@@ -130,22 +141,13 @@ class Bench:
         for job in self.scene.before:
             self.cell.start_job(job)
             end = self.cell.wait_for_end(RUN_LIMIT_S)
-            self._accept(end["run_id"])
+            accept_proposed(self.cell, end["run_id"])
         self._one(strike=False)
         idle = 0
         while self.pending and time.monotonic() < self.until and idle < 3:
             before = len(self.done)
             self._one(strike=True)
             idle = 0 if len(self.done) > before else idle + 1
-
-    def _accept(self, run_id: int) -> None:
-        ledger = Ledger(self.cell.folder / "state" / "ledger.sqlite", read_only=True)
-        rows = ledger.results()
-        ledger.close()
-        for row in rows:
-            if row["run_id"] == run_id and row["state"] == "proposed":
-                with suppress(CellError):
-                    self.cell.call("accept", result_id=row["id"])
 
     def _one(self, strike: bool) -> None:
         """One run, struck wherever a state comes that a pause is still wanted for."""

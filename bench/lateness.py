@@ -15,10 +15,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from bench.hiccups import RUN_LIMIT_S, SCENES
+from bench.hiccups import RUN_LIMIT_S, SCENES, accept_proposed
 from cell.errors import CellError
 from cell.store.runs import load_run
-from tests.kit.wire_cell import WireCell, pause, wire_cell
+from tests.kit.wire_cell import pause, wire_cell
 
 BUSY = "while True: pass"
 
@@ -51,7 +51,7 @@ def one_run(job: str, bind: str) -> tuple[str, dict[str, Any]]:
     ):
         for before in scene.before:
             cell.start_job(before)
-            _accept(cell, cell.wait_for_end(RUN_LIMIT_S)["run_id"])
+            accept_proposed(cell, cell.wait_for_end(RUN_LIMIT_S)["run_id"])
         run_id = cell.start_job(job)
         if scene.finish_after_s is not None:
             pause(scene.finish_after_s)
@@ -63,12 +63,6 @@ def one_run(job: str, bind: str) -> tuple[str, dict[str, Any]]:
         again = last["steps_taken_again"]
         why = f" {last['error']['name']}" if last["error"] else f", {again} steps again"
         return last["outcome"] + why, timing
-
-
-def _accept(cell: WireCell, run_id: int) -> None:
-    for row in cell.call("results"):
-        if row["run_id"] == run_id and row["state"] == "proposed":
-            cell.call("accept", result_id=row["id"])
 
 
 def _row(summary: dict[str, float] | None) -> str:

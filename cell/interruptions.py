@@ -104,8 +104,8 @@ class Interruptions:
         """
         if self._step is not None:
             return await work()
-        await self._take_up_after(what)
         while True:
+            await self._take_up_after(what)  # also what was lost while the run was held
             began = self.clock.now()
             try:
                 result = await self._take(work)
@@ -137,8 +137,8 @@ class Interruptions:
         if self._step is None:
             if self.waiting:
                 return
-            if self.arm is not None and self.arm.leave():
-                self._between = self._between or (cause, self.clock.now())
+            if self.arm is not None and self.arm.leave() and self._between is None:
+                self._between = cause, self.clock.now()
             else:
                 self._in_all += 1
         elif self._cause is None:
@@ -147,9 +147,10 @@ class Interruptions:
 
     async def _take_up_after(self, what: str) -> None:
         """What was lost between the steps is back before ``what`` begins."""
-        between, self._between = self._between, None
-        if between is not None and self.arm is not None:
-            await self._recover_whole(what, *between)
+        while (between := self._between) is not None:
+            self._between = None
+            if self.arm is not None:
+                await self._recover_whole(what, *between)
 
     async def _recover_whole(self, what: str, cause: CellError | None, began: float) -> None:
         """Recover until nothing interrupts it; raises what is no silence."""

@@ -15,7 +15,7 @@ from cell.devices import Arm, ArmState, MotionPort, Speed, ToolSettings, Traject
 from cell.errors import CellError, RefusedError, error
 from cell.interruptions import SILENCES, Interruptions
 from cell.poses import Array, to_pose6
-from cell.program_end import program_ended
+from cell.program_end import ProgramWatch, program_ended
 from cell.samples import Sample
 from cell.where_left import STAYED_RAD, WhereLeft
 
@@ -194,6 +194,8 @@ class MotionLease:
         self._steps = steps
         self._where_left = WhereLeft(speed.joint_rad_s)
         self._epoch_left: int | None = None  # of the arm's states, when it was left first in a row
+        self._programs: ProgramWatch | None = None  # since then; None after an opening of ours that failed
+        self._unseen = False  # our script ended unseen, and nobody was told yet
         self._port: MotionPort | None = None
         self.tool_given_back = False  # ``tool_after`` was set and read back
 
@@ -205,6 +207,7 @@ class MotionLease:
             nonlocal begun, ours
             port, self._port = self._port, None
             if port is not None:  # opened at last when a device was lost: the step is taken again
+                self._unseen = self._unseen or port.ended_unseen
                 await self._close(port)
             self._arm.check_movable()
             if not begun:
@@ -217,6 +220,7 @@ class MotionLease:
             except BaseException:
                 ours = ours or self._arm.motion_begun
                 raise
+            self._tell_unseen()
 
         try:
             await self._step("lease of the arm", begin)
@@ -322,6 +326,7 @@ class MotionLease:
         self._where_left.leave(self._arm.state.last())
         if self._epoch_left is None:
             self._epoch_left = self._arm.state.epoch
+            self._programs = ProgramWatch(self._arm)
 
     async def rest(self) -> None:
         """The first step of the stop ladder, at once; :meth:`take_up` waits for the measured standstill.
@@ -351,17 +356,20 @@ class MotionLease:
         resting = self._arm.state.latest(MAX_STATE_AGE_S)
         here = resting.value.q
         self._where_left.found(self._arm.name, resting)
+        if self._programs is not None and self._programs.began:
+            raise error("ARM_PROGRAM_RUNNING", f"another one began on {self._arm.name} in the silence")
         if self._port is None or not self._port.usable:
             port, self._port = self._port, None
-            unseen = self._arm.state.epoch != self._epoch_left or (port is not None and port.ended_unseen)
+            self._unseen = self._unseen or self._arm.state.epoch != self._epoch_left
             if port is not None:
+                self._unseen = self._unseen or port.ended_unseen
                 await self._close(port)
             # Ours ends by its watchdog after the last kick; one that goes on is another's, and is refused.
             await program_ended(self._arm, OWN_SCRIPT_OVER_S)
+            self._forget_programs()  # from here on one that begins is ours
             self._port = await self._arm.open_motion(self._tool)
             self._recorder.note("motion", event="opened again", arm=self._arm.name)
-            if self._steps is not None and unseen:
-                self._steps.ask(f"no states of {self._arm.name} came when its script ended: why is unknown")
+            self._tell_unseen()
         self._arm.check_movable()
         moved = float(np.max(np.abs(self._arm.state.latest(MAX_STATE_AGE_S).value.q - here)))
         if moved > STAYED_RAD:
@@ -369,6 +377,18 @@ class MotionLease:
                 "ARM_MOVED", f"{self._arm.name}: a joint turned by {moved:.4f} rad while nothing was asked"
             )
         self._epoch_left = None
+        self._forget_programs()
+
+    def _forget_programs(self) -> None:
+        if self._programs is not None:
+            self._programs.close()
+        self._programs = None
+
+    def _tell_unseen(self) -> None:
+        """A person answers for an end of our script that nobody saw, however often opening it was tried."""
+        if self._unseen and self._steps is not None:
+            self._steps.ask(f"no states of {self._arm.name} came when its script ended: why is unknown")
+        self._unseen = False
 
     def _live_port(self) -> MotionPort:
         if self._port is None:
@@ -388,6 +408,7 @@ class MotionLease:
 
     async def _end(self) -> None:
         port, self._port = self._port, None
+        self._forget_programs()
         try:
             await self._stop_ladder(port)
             if self._tool_after is not None:

@@ -28,17 +28,19 @@ from cell.devices import (
     LaserTracker,
     ObservedArm,
 )
-from cell.errors import error
+from cell.errors import CellError, error
 from cell.interruptions import Interruptions
 from cell.kinds import D, as_kind
 from cell.modelled_arm import ArmModels, ModelledArm
 from cell.motion import MotionLease
 from cell.run_values import RunValues
+from cell.samples import GAP_S
 from cell.traces import Trace
 
 R = TypeVar("R")
 
 FRESH_S = 0.1  # an arm's state that tells where it stands now
+SILENT_S = 0.5  # without a state at the end of a step: a silence, and no late sample
 
 
 class PackML(IntEnum):
@@ -245,7 +247,7 @@ class Run:
             taken = True
             result = await work()
             if measures:
-                self._require_unbroken(began)
+                await self._require_unbroken(began)
             return result
 
         return await self.steps_taken.step(what, again)
@@ -271,10 +273,17 @@ class Run:
         if state in self.procedure.CHECKPOINTS:
             await self._gate()
 
-    def _require_unbroken(self, since: float) -> None:
+    async def _require_unbroken(self, since: float) -> None:
         if "arm" not in self.procedure.uses():
             return
-        gap = self.arm().state.last_gap
+        arm = self.arm()
+        newest = arm.state.last()
+        if newest is None or self.clock.now() - newest.t > GAP_S:  # a silence that lasts is no gap yet
+            try:
+                await arm.wait_fresh(SILENT_S)
+            except CellError as exc:
+                raise error("STALE_DATA", f"{arm.name} is silent at the end of the step") from exc
+        gap = arm.state.last_gap
         if gap is not None and gap[1] > since:
             raise error("STALE_DATA", f"the arm gave no state for {gap[1] - gap[0]:.3f} s within the step")
 

@@ -1,4 +1,4 @@
-"""Waiting for the end of a program on the arm."""
+"""The end of a program on the arm, and whether another one began after it."""
 
 import asyncio
 
@@ -26,3 +26,23 @@ async def program_ended(arm: Arm, timeout: float) -> bool:
         return False
     finally:
         unsubscribe()
+
+
+class ProgramWatch:
+    """Whether a program ``began`` on an arm that was seen without one, from the beginning of the watch on."""
+
+    def __init__(self, arm: Arm) -> None:
+        newest = arm.state.last()
+        self._none_ran = newest is not None and not newest.value.program_running
+        self.began = False
+        self._undo = arm.state.subscribe(self._look)
+
+    def _look(self, sample: Sample[ArmState]) -> None:
+        if not sample.value.program_running:
+            self._none_ran = True
+        elif self._none_ran:
+            self.began = True
+
+    def close(self) -> None:
+        """End the watch."""
+        self._undo()

@@ -1,5 +1,7 @@
 """The table of commands. Command modules import heavy things inside their functions: start-up is short."""
 
+from typing import Annotated
+
 import typer
 
 from daemon.cli import (
@@ -64,6 +66,23 @@ PANELS = {
     ),
     "Without a cell": (offline.solve, setup.explain),
 }
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"cellward {version('cellward')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _every_command(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version and end.")
+    ] = False,
+) -> None: ...
+
 
 for panel, commands in PANELS.items():
     for command in commands:

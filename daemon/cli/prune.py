@@ -42,7 +42,7 @@ def prune(
     config: ConfigOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Remove old run folders, by the bounds given here or by [cell.keep]. It needs no daemon.
+    """Remove old run folders, by the bounds given here or by the section cell.keep. It needs no daemon.
 
     Never removed: a run without an end, the newest run, and a run that a calibration rests on which is
     proposed, accepted, in effect, or can be returned to.

@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+import typer
+
 from cell.errors import error
 from daemon.cli.options import ConfigOption, JsonOption, cell_paths
 from daemon.cli.output import out, out_json, say
@@ -41,6 +43,8 @@ def recover(config: ConfigOption = None, as_json: JsonOption = False) -> None:
         out_json({"damage": damage, "in_effect": versions, "lost": lost})
     else:
         _show(damage, in_effect, waiting)
+    if damage is not None and not in_effect:
+        raise typer.Exit(1)
 
 
 def _copy(state_dir: Path) -> Path:

@@ -1,6 +1,7 @@
 """From the text of ``cell.toml`` to a checked configuration, or to everything that is wrong with it."""
 
 import binascii
+import re
 import stat
 import tomllib
 from collections.abc import Mapping
@@ -34,6 +35,8 @@ from daemon.config.plausible import check_plausible
 from daemon.config.roles import ROLES, devices_by_role, kind_of
 
 MAX_BYTES = 2**20
+DEEPEST = 16  # tables and arrays in each other
+_LONG_KEY = re.compile(rf"(?:[\w\"'-]+[ \t]*\.[ \t]*){{{2 * DEEPEST}}}")
 
 
 class Robot(RobotSection):
@@ -95,6 +98,8 @@ def load_config(
     """
     findings = Findings(str(path))
     text = _read(path)
+    if _LONG_KEY.search(text):  # parsing takes time with the square of a key's parts
+        raise ConfigInvalid([f"{path}: nested too deeply"])
     try:
         raw = tomllib.loads(text)
         findings.lines = locate(text)
@@ -102,6 +107,8 @@ def load_config(
         raise ConfigInvalid([f"{path}: nested too deeply"]) from None
     except ValueError as exc:
         raise ConfigInvalid([f"{path}: not TOML: {exc}"]) from exc
+    if _deeper_than(raw, DEEPEST):
+        raise ConfigInvalid([f"{path}: nested too deeply"])
     _warn_about_owner(path, findings)
     return check_config(raw, findings, _all_jobs() if jobs is None else jobs, drivers, path)
 
@@ -154,6 +161,21 @@ def device_model(config: type[BaseModel]) -> type[DeviceSection]:
     bases: Any = (DeviceSection, config)
     made: type[DeviceSection] = create_model(config.__name__, __base__=bases, __doc__=config.__doc__)
     return made
+
+
+def _deeper_than(value: Any, levels: int) -> bool:
+    """Whether tables and arrays stand in each other more than ``levels`` times; without recursion."""
+    inside = [value]
+    for _ in range(levels + 1):
+        inside = [
+            item
+            for outer in inside
+            for item in (outer.values() if isinstance(outer, dict) else outer)
+            if isinstance(item, dict | list)
+        ]
+        if not inside:
+            return False
+    return True
 
 
 def _read(path: Path) -> str:

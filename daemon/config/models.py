@@ -235,9 +235,11 @@ class KeepOutBox(Box):
 class LimitsSection(Section):
     """Limits of every motion. Safety limits belong in the robot's own safety configuration."""
 
-    speed_m_s: float = Field(default=0.25, gt=0, le=5.0, description="highest speed of the tool")
+    speed_m_s: float = Field(default=0.25, ge=0.001, le=5.0, description="highest speed of the tool")
     accel_m_s2: float = Field(default=0.5, gt=0, le=50.0, description="highest acceleration of the tool")
-    joint_speed_rad_s: float = Field(default=0.8, gt=0, le=10.0, description="highest speed of each joint")
+    joint_speed_rad_s: float = Field(
+        default=0.8, ge=0.001, le=10.0, description="highest speed of each joint"
+    )
     joint_accel_rad_s2: float = Field(
         default=1.4, gt=0, le=80.0, description="highest acceleration of each joint"
     )

@@ -193,3 +193,46 @@ def test_a_cancel_ends_the_step_before_it_is_raised() -> None:
         assert ended == [True]
 
     asyncio.run(main())
+
+
+def test_an_arm_that_is_lost_while_the_run_is_held_is_taken_up_before_the_step_is_taken_again() -> None:
+    async def main() -> list[str]:
+        held, go_on = asyncio.Event(), asyncio.Event()
+
+        async def released() -> None:
+            held.set()
+            await go_on.wait()
+
+        subject = taking(released=released)
+        arm = subject.arm
+        assert isinstance(arm, HeldArm)
+        failed = False
+
+        async def work() -> None:
+            nonlocal failed
+            if not failed:
+                failed = True
+                raise error("STALE_DATA", "silent")
+            arm.asked.append("work")
+
+        step = asyncio.create_task(subject.step("move", work))
+        await held.wait()
+        arm.lost = True
+        subject.interrupt(error("DEVICE_LOST", "arm"))
+        arm.lost = False
+        go_on.set()
+        await step
+        return arm.asked
+
+    assert asyncio.run(main()) == ["rest", "take up", "rest", "take up", "work"]
+
+
+def test_every_loss_between_two_steps_counts() -> None:
+    subject = taking()
+    assert isinstance(subject.arm, HeldArm)
+    subject.arm.lost = True
+    for _ in range(10):
+        subject.interrupt(error("DEVICE_LOST", "arm"))
+    with pytest.raises(CellError) as ended:
+        asyncio.run(subject.step("move", failing(0)))
+    assert ended.value.name == "DEVICE_LOST"

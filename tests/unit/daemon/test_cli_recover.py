@@ -83,7 +83,7 @@ def test_a_copy_that_is_damaged_too_is_kept_and_named(cell: CellOnDisk, subject:
     DAMAGES["garbage"](cell.state / "ledger.sqlite")
     (cell.state / FILE).write_text("{")
     done = subject("recover")
-    assert done.code == 0
+    assert done.code == 1, "nothing came back"
     assert "no calibration came back" in done.out
     kept = cell.state / f"{FILE}.corrupt-1"
     assert f"is kept as {kept}" in done.out

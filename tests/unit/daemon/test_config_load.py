@@ -208,7 +208,7 @@ def test_all_findings_come_at_once_in_order_with_line_key_and_hint(tmp_path: Pat
         "7: robot.tool.T_flange_tool[2]: 180 m is probably millimetres; lengths are in metres",
         "7: robot.tool.radius_mm: unknown key, did you mean 'radius_m'?",
         "8: robot.model: there is no arm 'urr10e', did you mean 'ur10e'?",
-        "10: limits.speed_m_s: should be greater than 0, not -1",
+        "10: limits.speed_m_s: should be greater than or equal to 0.001, not -1",
         "12: limits.workspace[0].max: should have 3 entries, has 2",
         "13: limits.workspace[1].min: each number of 'min' must be smaller than that of 'max'",
         "16: supervisor.loop_lag_warn_s: should be a finite number, not nan",
@@ -465,3 +465,20 @@ def test_a_driver_whose_module_fails_while_it_is_imported_is_a_finding(
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(LookupError, match="cannot be loaded: no licence for this sensor"):
         driver_class("acme_broken:Sensor")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a" + ".a" * 1000 + " = 1",
+        "a" + ".a" * 50_000 + " = 1",
+        "[" + "a." * 40 + "a]\nb = 1",
+        "a = " + "{ b = " * 40 + "1" + " }" * 40,
+        "a = " + "[" * 60 + "]" * 60,
+    ],
+)
+def test_a_file_that_is_nested_too_deeply_is_refused_at_once(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "cell.toml"
+    path.write_text(text + "\n", "utf-8")
+    with pytest.raises(ConfigInvalid, match="nested too deeply"):
+        load_config(path)
