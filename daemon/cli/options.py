@@ -71,7 +71,10 @@ def cell_paths(option: Path | None) -> CellPaths:
 
         full = load_config(path).cell
         state, control = full.state_dir, full.control_socket
-    return CellPaths(path, Path(str(state)), Path(str(control)))
+    paths = CellPaths(path, Path(str(state)), Path(str(control)))
+    if paths.state_dir.exists() and not paths.state_dir.is_dir():
+        raise error("FILE_UNREADABLE", f"{paths.state_dir}, [cell] state_dir of {path}, is not a folder")
+    return paths
 
 
 def know_configured_jobs(option: Path | None) -> None:

@@ -11,6 +11,7 @@ from cell.poses import Array, from_pose6
 
 DASH = "–"
 _MM, _DEG = 1e3, 180.0 / math.pi
+_LARGEST = 1e6  # m^2 and rad^2: beyond it nothing is known, and squares of it overflow
 K95 = 1.96  # standard deviations to 95 % of one component of a normal distribution
 
 
@@ -78,12 +79,12 @@ def matrix4(pose: Any) -> Array | None:
 
 
 def covariance(value: Any) -> Array | None:
-    """A finite (6, 6) array, None for anything else."""
+    """A finite (6, 6) array of m^2 and rad^2, None for anything else."""
     try:
         cov = np.array(value, dtype=float)
     except (TypeError, ValueError):
         return None
-    return cov if cov.shape == (6, 6) and bool(np.all(np.isfinite(cov))) else None
+    return cov if cov.shape == (6, 6) and bool(np.all(np.abs(cov) < _LARGEST)) else None
 
 
 def radius95(cov: Array) -> float:

@@ -58,6 +58,15 @@ def test_an_empty_cell_has_no_runs_and_no_results_and_that_is_no_error(subject: 
         assert "no " in text.err
 
 
+@pytest.mark.parametrize("command", ["runs", "results", "audit", "recover"])
+def test_a_state_folder_that_is_a_file_is_named(command: str, cell: CellOnDisk, subject: CommandLine) -> None:
+    cell.state.parent.mkdir(parents=True, exist_ok=True)
+    cell.state.write_text("a file", "utf-8")
+    done = subject(command)
+    assert done.code == 2
+    assert f"{cell.state}, [cell] state_dir of {cell.config}, is not a folder" in done.err
+
+
 def test_show_tells_the_run_as_a_timeline(cell: CellOnDisk, subject: CommandLine) -> None:
     cell.add_run(4, hand_eye_result(), outcome="complete", verdict="pass")
     shown = subject("show", 4)
