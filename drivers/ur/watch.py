@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from cell.devices import ArmState
 from cell.errors import CellError, error
 from cell.poses import Array
-from cell.samples import Sample, Stream
+from cell.samples import GAP_S, Sample, Stream
 from drivers.ur.framing import Message
 from drivers.ur.motion_client import MotionClient
 from drivers.ur.script_end import ScriptEnd, ScriptRecord
@@ -18,6 +18,7 @@ from drivers.ur.script_end import ScriptEnd, ScriptRecord
 REST_SAMPLES = 5
 # A move that has not left its start, or rests elsewhere, for this long is not going to arrive.
 STUCK_S = 1.0
+TOLD_LATE_S = 0.1
 
 Judge = Callable[[Sample[ArmState]], Any]
 
@@ -69,7 +70,7 @@ class Watch:
         if verdict is _GONE:
             raise await self._why_gone()
         if isinstance(verdict, CellError):
-            raise verdict
+            raise await self._explained(verdict)
         return verdict
 
     async def first(self, work: asyncio.Future[Any]) -> bool:
@@ -108,6 +109,14 @@ class Watch:
         if message["event"] == "died":
             self.end(_GONE)
 
+    async def _explained(self, verdict: CellError) -> CellError:
+        """``verdict``; where the arm rests elsewhere because our beat was late, that."""
+        if verdict.name == "ARM_NOT_AT_TARGET":
+            await asyncio.sleep(TOLD_LATE_S)  # a loop that stood still reads what the child told last
+            if self._client.withheld or self._script.end is ScriptEnd.OURS:
+                return _watchdog("the daemon's beat" if self._client.withheld else "the motion client")
+        return verdict
+
     async def _why_gone(self) -> CellError:
         """The script ended, or the child did. What explains it may be some milliseconds behind."""
         await asyncio.sleep(0.02)
@@ -126,22 +135,27 @@ class Watch:
         if end is ScriptEnd.UNSEEN:
             return error("STALE_DATA", "our script ended while the arm gave no state")
         if end is ScriptEnd.OURS:
-            who = "the daemon's beat" if self._client.withheld else "the motion client"
-            return error("MOTION_WATCHDOG", f"{who} was late, so the watchdog was not kicked in time")
+            return _watchdog("the daemon's beat" if self._client.withheld else "the motion client")
         return error("ARM_SCRIPT_DIED", self._refusal)
+
+
+def _watchdog(who: str) -> CellError:
+    return error("MOTION_WATCHDOG", f"{who} was late, so the watchdog was not kicked in time")
 
 
 class _Arrival:
     """At rest at the target for a few samples; or at rest elsewhere for too long."""
 
     def __init__(self, started: float) -> None:
-        self._resting_since = started
+        self._resting_since = self._latest = started
         self._arrived = 0
 
     def judge(
         self, sample: Sample[ArmState], there: Callable[[ArmState], bool], away: Callable[[ArmState], str]
     ) -> Any:
-        state = sample.value
+        state, before, self._latest = sample.value, self._latest, sample.t
+        if sample.t - before > GAP_S:  # what it did meanwhile was not seen
+            self._resting_since, self._arrived = sample.t, 0
         if not state.at_rest:
             self._resting_since, self._arrived = sample.t, 0
             return None

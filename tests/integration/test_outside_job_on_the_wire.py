@@ -215,6 +215,8 @@ def test_its_numbers_are_followed_live(subject: Daemon) -> None:
     finally:
         assert subject.command("abort").code == 0
     wait_for(lambda: subject.status()["job"] is None, "end of the job")
+    newest = max((subject.folder / "state" / "runs").iterdir(), key=lambda run: run.name)
+    wait_for((newest / "report.html").exists, "report of the aborted run, which a process of its own draws")
 
 
 def test_without_a_configuration_each_command_says_which_is_missing(subject: Daemon) -> None:
