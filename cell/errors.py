@@ -9,6 +9,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
 from importlib.resources import files
+from typing import TypeVar
+
+T = TypeVar("T")
 
 
 class Reaction(StrEnum):
@@ -112,3 +115,10 @@ _CLASSES: dict[Reaction, type[CellError]] = {
 def error(name: str, detail: str = "") -> CellError:
     """The error ``name`` from the catalogue, in the class that its reaction asks for."""
     return _CLASSES[catalogue()[name].reaction](name, detail)
+
+
+def present(value: T | None, what: str) -> T:
+    """``value``, where its type cannot say that it is there; ``INTERNAL`` names ``what`` is missing."""
+    if value is None:
+        raise error("INTERNAL", f"there is no {what}")
+    return value

@@ -52,17 +52,17 @@ class CanEncoder(SampledDevice, ABC):
         await self.close()
         self._life.begin()
         self.counts.new_epoch()
-        self._link = CanLink(
+        self._link = link = CanLink(
             self.name, self._bus_config.bus, self._ids(), self._take, self._lose, self._clock
         )
         try:
-            await self._link.open(self._bus_config.connect_timeout_s)
+            await link.open(self._bus_config.connect_timeout_s)
             self._identity = await self._unless_lost(self._begin())
         except BaseException:
             await self.close()
             raise
         self._start_counting()
-        self._watching = self._spawn(self._watch(), "watch")
+        self._watching = self._spawn(self._watch(link), "watch")
 
     async def close(self) -> None:
         """End everything, the encoder itself excepted: it goes on sending to others."""
@@ -177,15 +177,14 @@ class CanEncoder(SampledDevice, ABC):
 
     # -- loss
 
-    async def _watch(self) -> None:
+    async def _watch(self, link: CanLink) -> None:
         """Nobody else tells that frames have ended: not the gateway, not the adapter, not the bus."""
         limit = self._bus_config.lost_after_s
         while self._life.good:
             await self._clock.sleep(limit / _LOOKS_BEFORE_LOST)
             now = self._clock.now()
             if self._running and now - self._heard > limit:
-                assert self._link is not None
-                heard, why = self._heard, await self._link.why_silent()
+                heard, why = self._heard, await link.why_silent()
                 if self._heard == heard:
                     self._lose(self._silence(now, why))
             self._look(now)

@@ -75,8 +75,7 @@ class CanopenEncoder(CanEncoder):
     async def _begin(self) -> Identity:
         self._emergency, self._quality, self._speed = "", Quality.GOOD, None
         self._setup = None
-        link = self._link
-        assert link is not None
+        link = self._opened(self._link)
         self._sdo = SdoClient(self.name, self._config.node, link.send, _SDO_TIMEOUT_S)
         for _ in range(_MOST_BOOTS):
             boots = self._boots

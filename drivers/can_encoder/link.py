@@ -79,15 +79,15 @@ class CanLink:
         opening = asyncio.create_task(asyncio.to_thread(open_bus, self._address, timeout, self._ids))
         try:
             async with asyncio.timeout(timeout + 1.0):
-                self._bus = await asyncio.shield(opening)
+                self._bus = bus = await asyncio.shield(opening)
         except BaseException as exc:
             opening.add_done_callback(_shut_late)
             if isinstance(exc, can.CanError | OSError | TimeoutError | ValueError):
                 raise error("DEVICE_UNREACHABLE", f"{self._name} at {self._where}: {_words(exc)}") from exc
             raise
-        self._reading = self._bus.fileno()
+        self._reading = bus.fileno()
         self._looked = self._clock.now()
-        asyncio.get_running_loop().add_reader(self._reading, self._readable)
+        asyncio.get_running_loop().add_reader(self._reading, self._readable, bus)
 
     async def close(self) -> None:
         """Stop reading and close the bus."""
@@ -127,12 +127,11 @@ class CanLink:
         """Lines of the adapter or gateway that were no frames."""
         return cast(int, getattr(self._bus, "malformed", 0))
 
-    def _readable(self) -> None:
-        assert self._bus is not None
+    def _readable(self, bus: can.BusABC) -> None:
         messages: list[can.Message] = []
         failure: CellError | None = None
         try:
-            while len(messages) < _MOST_AT_ONCE and (message := self._bus.recv(0)) is not None:
+            while len(messages) < _MOST_AT_ONCE and (message := bus.recv(0)) is not None:
                 if not message.is_error_frame:
                     messages.append(message)
                     continue

@@ -76,11 +76,11 @@ class SerialBus(slcanBus):
 
     def _fill(self, timeout: float | None) -> bool:
         """Take what has arrived; whether there are whole lines."""
-        assert self._arrivals is not None
-        if timeout != 0 and not select.select([self._arrivals.fd], [], [], timeout)[0]:
+        arrivals = self._arrivals
+        if arrivals is None or (timeout != 0 and not select.select([arrivals.fd], [], [], timeout)[0]):
             return False
         try:
-            chunks = self._arrivals.take()
+            chunks = arrivals.take()
         except OSError as exc:
             raise can.CanOperationError(f"the adapter is gone ({exc})") from exc
         for t, chunk in chunks:

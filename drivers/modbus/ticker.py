@@ -8,6 +8,8 @@ import ctypes
 import os
 import time
 
+from cell.errors import error
+
 _NANO = 1_000_000_000
 _NONBLOCK, _CLOEXEC, _ABSOLUTE = os.O_NONBLOCK, os.O_CLOEXEC, 1
 
@@ -32,12 +34,13 @@ class Ticker:
     def start(self) -> None:
         """Begin to tick, one period from now; tick 1 is the first."""
         self._number = 0
-        self._fd = _timer(time.monotonic_ns() + self._period_ns, self._period_ns)
-        asyncio.get_running_loop().add_reader(self._fd, self._expired)
+        self._fd = fd = _timer(time.monotonic_ns() + self._period_ns, self._period_ns)
+        asyncio.get_running_loop().add_reader(fd, self._expired, fd)
 
     async def wait(self) -> int:
         """The number of the next tick; between two calls numbers are missing for the ticks in between."""
-        assert self._fd is not None
+        if self._fd is None:
+            raise error("INTERNAL", "somebody waits for a ticker that does not tick")
         self._waiter = asyncio.get_running_loop().create_future()
         return await self._waiter
 
@@ -48,10 +51,9 @@ class Ticker:
             asyncio.get_running_loop().remove_reader(fd)
             os.close(fd)
 
-    def _expired(self) -> None:
-        assert self._fd is not None
+    def _expired(self, fd: int) -> None:
         try:
-            expirations = int.from_bytes(os.read(self._fd, 8), "little")
+            expirations = int.from_bytes(os.read(fd, 8), "little")
         except BlockingIOError:
             return
         self._number += expirations

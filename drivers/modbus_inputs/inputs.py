@@ -60,16 +60,16 @@ class ModbusInputs(SampledDevice):
         self._life.begin()
         self.inputs.new_epoch()
         self._uptime, self._failures_in_a_row = None, 0
-        self._link = ModbusLink(self.name, self._config.link, self._clock, self._disconnected)
+        self._link = link = ModbusLink(self.name, self._config.link, self._clock, self._disconnected)
         try:
-            await self._link.connect()
-            found = await identify(self._link, self._config.module, self._config.serial)
+            await link.connect()
+            found = await identify(link, self._config.module, self._config.serial)
             if self._identity is not None and self._identity.serial and not found.serial:
                 raise NoAnswer(
                     "it told its serial number before, and now does not"
                 )  # a question went unheard
             self._identity = found
-            await self._first_poll()
+            await self._first_poll(link)
         except NoAnswer as exc:
             unreachable = self._unreachable(exc)
             await self.close()
@@ -79,7 +79,7 @@ class ModbusInputs(SampledDevice):
             raise
         self._ticker = Ticker(self._config.poll_period_s)
         self._ticker.start()
-        self._life.keep_going(self._poll_on(self._ticker), "polling")
+        self._life.keep_going(self._poll_on(self._ticker, link), "polling")
 
     async def close(self) -> None:
         """End polling and the connection."""
@@ -110,11 +110,11 @@ class ModbusInputs(SampledDevice):
 
     # -- polling
 
-    async def _first_poll(self) -> None:
+    async def _first_poll(self, link: ModbusLink) -> None:
         for attempt in range(self._config.lost_after_failures):
             begin = self._clock.now()
             try:
-                reading = await self._read()
+                reading = await self._read(link)
             except NoAnswer:
                 if attempt + 1 == self._config.lost_after_failures:
                     raise
@@ -130,16 +130,16 @@ class ModbusInputs(SampledDevice):
             self._push(reading, begin, end, 0)
             return
 
-    async def _poll_on(self, ticker: Ticker) -> None:
+    async def _poll_on(self, ticker: Ticker, link: ModbusLink) -> None:
         while self._life.good:
             tick = await ticker.wait()
             begin = self._clock.now()
             try:
-                reading = await self._read()
+                reading = await self._read(link)
                 if not self._life.good:
                     return
                 self._take(reading, begin, self._clock.now(), tick)
-                await self._look_at_uptime(begin)
+                await self._look_at_uptime(link, begin)
             except NoAnswer as exc:
                 self._failed(error("DEVICE_LOST", self._silence(str(exc))))
             except CellError as exc:
@@ -148,9 +148,8 @@ class ModbusInputs(SampledDevice):
                     return
                 self._failed(exc)
 
-    async def _read(self) -> Reading:
-        assert self._link is not None
-        return self._plan.decode([await self._link.read(span) for span in self._plan.spans])
+    async def _read(self, link: ModbusLink) -> Reading:
+        return self._plan.decode([await link.read(span) for span in self._plan.spans])
 
     def _take(self, reading: Reading, begin: float, end: float, tick: int) -> None:
         most = self._highest_hz * (end - self._begun) + 2.0
@@ -181,12 +180,11 @@ class ModbusInputs(SampledDevice):
         t = 0.5 * (begin + end) - self._config.time_offset_s
         self.inputs.push(Sample(InputsState(levels, changes), t, 0.5 * (end - begin), tick, quality))
 
-    async def _look_at_uptime(self, now: float) -> None:
+    async def _look_at_uptime(self, link: ModbusLink, now: float) -> None:
         place = self._config.uptime
         if place is None or (self._uptime is not None and now - self._uptime[0] < UPTIME_EVERY_S):
             return
-        assert self._link is not None
-        value = await read_number(self._link, place)
+        value = await read_number(link, place)
         if self._uptime is not None and value < self._uptime[1]:
             raise error("MODULE_REBOOTED", f"{self.name}: its uptime went from {self._uptime[1]} to {value}")
         self._uptime = now, value

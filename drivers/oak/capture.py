@@ -2,7 +2,7 @@
 
 import errno
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -44,20 +44,17 @@ class Capture:
         if self.complete or frame.t_exposure - 0.5 * frame.exposure_s < self._after:
             return
         name = f"{self._stem}-{len(self._frames)}"
-        frame = replace(
-            frame,
-            colour_file=self._folder / f"{name}.png",
-            depth_file=None if depth is None else self._folder / f"{name}-depth.png",
+        colour_file, depth_file = self._folder / f"{name}.png", self._folder / f"{name}-depth.png"
+        images = {colour_file: colour} if depth is None else {colour_file: colour, depth_file: depth}
+        self._frames.append(
+            replace(frame, colour_file=colour_file, depth_file=depth_file if depth_file in images else None)
         )
-        self._frames.append(frame)
-        self._writer.submit(self._write, frame, colour, depth)
+        self._writer.submit(self._write, images)
 
-    def _write(self, frame: Frame, colour: NDArray[Any], depth: NDArray[Any] | None) -> None:
+    def _write(self, images: Mapping[Path, NDArray[Any]]) -> None:
         try:
-            assert frame.colour_file is not None
-            write_png(frame.colour_file, colour)
-            if depth is not None and frame.depth_file is not None:
-                write_png(frame.depth_file, depth)
+            for path, pixels in images.items():
+                write_png(path, pixels)
             self._written()
         except OSError as exc:
             name = "DISK_FULL" if exc.errno in (errno.ENOSPC, errno.EDQUOT) else "DISK_FAILED"

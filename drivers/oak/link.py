@@ -160,8 +160,7 @@ class ChildLink:
         return error("CHILD_DIED", f"{self.name}: the vision child {_exit(code)}{words and ': ' + words}")
 
     async def _collect(self, process: asyncio.subprocess.Process) -> None:
-        assert process.stderr is not None
-        while chunk := await process.stderr.read(65536):
+        while process.stderr and (chunk := await process.stderr.read(65536)):
             self._last_words.extend(chunk.decode(errors="replace").strip()[-500:].splitlines())
 
 

@@ -182,22 +182,16 @@ def oak_nodes(pipeline: Any, device: Any, config: OakConfig) -> tuple[Any, Any]:
 class FrameSocketNode(dai.node.ThreadedHostNode):
     """A camera for depthai that reads a :class:`FrameSocket`."""
 
-    def __init__(self) -> None:
+    def __init__(self, socket: FrameSocket, first: FrameGroup) -> None:
+        """Take over ``socket``, from which ``first`` was already read."""
         super().__init__()
         self.colour = self.createOutput()
         self.depth = self.createOutput()
         self.failure: Exception | None = None
-        self.socket: FrameSocket | None = None
-        self.first: FrameGroup | None = None
-
-    def begin(self, socket: FrameSocket, first: FrameGroup) -> None:
-        """Take over ``socket``, from which ``first`` was already read; before the pipeline starts."""
         self.socket, self.first = socket, first
 
     def run(self) -> None:
         """Read until the pipeline stops. An exception that left this method would abort the process."""
-        assert self.socket is not None
-        assert self.first is not None
         try:
             group: FrameGroup | None = self.first
             while group is not None and self.isRunning():
@@ -209,7 +203,6 @@ class FrameSocketNode(dai.node.ThreadedHostNode):
             self.failure = error("INTERNAL", f"frame source: {type(exc).__name__}: {exc}")
 
     def _send(self, group: FrameGroup) -> None:
-        assert self.first is not None
         if group.serial != self.first.serial or (group.depth is None) != (self.first.depth is None):
             raise error("PROTOCOL_VIOLATION", f"the camera {self.first.serial} turned into {group.serial}")
         end = timedelta(seconds=group.t_exposure + 0.5 * group.exposure_s)
@@ -245,11 +238,11 @@ def _frame_source(path: str) -> Iterator[FrameSource]:
     socket = FrameSocket(path)
     try:
         first = socket.read()
-        assert first is not None, "nobody ends the reader before the pipeline runs"
+        if first is None:
+            raise error("DEVICE_LOST", f"{path}: it was closed before the first frame")
         with dai.Pipeline(createImplicitDevice=False) as pipeline:
-            node = pipeline.create(FrameSocketNode)
+            node = pipeline.create(FrameSocketNode, socket, first)
             socket.running = node.isRunning
-            node.begin(socket, first)
             depth = None if first.depth is None else node.depth
             queue = _synchronised(pipeline, node.colour, depth, timedelta(milliseconds=1))
             identity = Identity("OAK frame source", first.serial, f"depthai {dai.__version__}")

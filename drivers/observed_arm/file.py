@@ -3,8 +3,9 @@
 import asyncio
 import logging
 import os
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from drivers.observed_arm.rows import MAX_BYTES, BadRow, JointTable, TableChange
 
 log = logging.getLogger("cellward.devices")
 
+T = TypeVar("T")
 Stamp = tuple[int, int, int]  # size, time of change, file number
 
 
@@ -34,7 +36,7 @@ class FileSource:
         self._name, self._config, self._clock = name, config, clock
         self._path = Path(config.path)
         self._table = JointTable(config.columns, [joint.encoding for joint in config.joints])
-        self._stamp: Stamp | None = None
+        self._stamp: Stamp = (0, 0, 0)
         self._before = 0.0  # when the look before began
         self._old = self._rows = self._rejected = 0
         self._last_rejected = ""
@@ -43,10 +45,9 @@ class FileSource:
         """``DEVICE_UNREACHABLE`` without the file, ``OBSERVED_FILE_FORMAT`` for another table."""
         self._before = self._clock.now()
         try:
-            self._stamp, data = await self._in_time(None)
+            self._stamp, data = await self._in_time(_read, self._path)
         except NoAnswer as exc:
             raise error("DEVICE_UNREACHABLE", f"{self._name}: {exc}") from exc
-        assert data is not None
         try:
             self._old = self._table.begin(data)
         except TableFormat as exc:
@@ -58,7 +59,7 @@ class FileSource:
 
     async def look(self, tick: int) -> list[ObservedJoints]:
         begin = self._clock.now()
-        self._stamp, data = await self._in_time(self._stamp)
+        self._stamp, data = await self._in_time(_read_changed, self._path, self._stamp)
         end = self._clock.now()
         since, self._before = self._before, begin
         if data is None:
@@ -98,11 +99,11 @@ class FileSource:
         self._last_rejected = f"line {row.number}: {row.why}"
         log.warning("%s: %s line %d is not used: %s", self._name, self._path, row.number, row.why)
 
-    async def _in_time(self, stamp: Stamp | None) -> tuple[Stamp, bytes | None]:
-        """What :func:`_read` finds; ``NoAnswer`` when it does not, or not in time."""
+    async def _in_time(self, read: Callable[..., T], *args: Any) -> T:
+        """What ``read`` finds; ``NoAnswer`` when it does not, or not in time."""
         try:
             async with asyncio.timeout(self._config.timeout_s):
-                return await asyncio.to_thread(_read, self._path, stamp)
+                return await asyncio.to_thread(read, *args)
         except TimeoutError:
             raise NoAnswer(f"{self._path} was not read in {self._config.timeout_s:g} s") from None
         except CellError:
@@ -111,13 +112,19 @@ class FileSource:
             raise NoAnswer(f"{self._path}: {exc.strerror or exc}") from exc
 
 
-def _read(path: Path, stamp: Stamp | None) -> tuple[Stamp, bytes | None]:
-    """The file when it is not as at ``stamp``; its stamp was taken before, so that nothing is missed."""
+def _read(path: Path) -> tuple[Stamp, bytes]:
+    """The file; its stamp was taken before, so that nothing is missed."""
     info = os.stat(path)
-    now = info.st_size, info.st_mtime_ns, info.st_ino
-    if now == stamp:
-        return now, None
     if info.st_size > MAX_BYTES:
         raise error("OBSERVED_FILE_FORMAT", f"{path} has more than {MAX_BYTES} bytes; begin a new one")
     with path.open("rb") as file:
-        return now, file.read(MAX_BYTES + 1)
+        return _stamp(info), file.read(MAX_BYTES + 1)
+
+
+def _read_changed(path: Path, before: Stamp) -> tuple[Stamp, bytes | None]:
+    """The file when it is not as it was ``before``, else None."""
+    return (before, None) if _stamp(os.stat(path)) == before else _read(path)
+
+
+def _stamp(info: os.stat_result) -> Stamp:
+    return info.st_size, info.st_mtime_ns, info.st_ino

@@ -116,10 +116,9 @@ class ObservedArmReader(SampledDevice):
         the arm then. True says that the offer lies in the registers, not that the arm goes there; watch
         ``joints``. ``OBSERVED_REQUEST_LOST``, ``MODBUS_REFUSED``, ``CALL_TIMEOUT``, ``ARGUMENT_INVALID``.
         """
-        self._life.require()
-        assert self._source is not None
+        source = self._opened(self._source)
         try:
-            asked = await self._source.request(number, q)
+            asked = await source.request(number, q)
         except CellError:
             self._life.require()  # a link that ended meanwhile is the reason
             raise

@@ -11,7 +11,7 @@ from cell.errors import CellError, error
 from cell.poses import Array
 from cell.samples import Quality, Sample, Stream
 from drivers.life import SampledDevice
-from drivers.tracker.geocom_config import GeocomConfig
+from drivers.tracker.geocom_config import GeocomConfig, ReflectorConfig
 from drivers.tracker.geocom_session import NoAnswer, Session
 from drivers.tracker.geocom_station import NO_POINT, Reading, Station
 from drivers.tracker.geocom_text import Unreadable
@@ -170,17 +170,25 @@ class GeocomTracker(SampledDevice):
         ``TRACKER_NO_TARGET`` when there was none, and ``TRACKER_SETTING`` when the instrument's constant is
         not the selected reflector's any more; one has to be selected then.
         """
-        if self._selected is None:
+        reflector = self._config.reflectors.get(self._selected or "")
+        if reflector is None:
             raise error(
                 "TRACKER_SETTING", f"no reflector of {self.name} was selected, so its constant is not known"
             )
         window = StableWindow(window_s, max_scatter_m, self._config.min_readings)
         deadline = self._clock.now() + timeout
         async with self._turn:
-            return await self._do(lambda station: self._measure(station, window, deadline, timeout))
+            return await self._do(
+                lambda station: self._measure(station, reflector, window, deadline, timeout)
+            )
 
     async def _measure(
-        self, station: Station, window: StableWindow, deadline: float, timeout: float
+        self,
+        station: Station,
+        reflector: ReflectorConfig,
+        window: StableWindow,
+        deadline: float,
+        timeout: float,
     ) -> Sample[StablePoint]:
         single = self._config.measure_with == "single"
         self._tracking = not single
@@ -199,7 +207,7 @@ class GeocomTracker(SampledDevice):
                 misses = 0
                 pushed = self._push(reading)
                 if window.add(pushed.t, pushed.dt, reading.point, reading.warning):
-                    await self._require_constant(station)
+                    await self._require_constant(station, reflector)
                     return window.sample(pushed.seq, *await station.air())
                 continue
             if reading.code.meaning not in NO_POINT:
@@ -213,11 +221,10 @@ class GeocomTracker(SampledDevice):
                 raise self._lost_target(reading)
         raise window.unstable(self.name, timeout)
 
-    async def _require_constant(self, station: Station) -> None:
+    async def _require_constant(self, station: Station, reflector: ReflectorConfig) -> None:
         """Somebody at the panel may have set another one, which no scatter shows."""
-        assert self._selected is not None
         try:
-            await station.require(self._config.reflectors[self._selected])
+            await station.require(reflector)
         except CellError:
             self._selected = None
             raise
@@ -281,17 +288,15 @@ class GeocomTracker(SampledDevice):
 
     async def _do(self, what: Callable[[Station], Awaitable[T]]) -> T:
         """With the open station; no answer ends the link, and so does a reply that cannot be understood."""
-        self._life.require()
-        assert self._station is not None
+        station = self._opened(self._station)
         try:
-            return await what(self._station)
+            return await what(station)
         except NoAnswer as exc:
-            self._life.lose(error("DEVICE_LOST", f"{self.name} at {self._config.url}: {exc}"))
+            failure = error("DEVICE_LOST", f"{self.name} at {self._config.url}: {exc}")
         except Unreadable as exc:
-            self._life.lose(error("PROTOCOL_VIOLATION", f"{self.name} at {self._config.url}: {exc}"))
-        failure = self._life.failure
-        assert failure is not None
-        raise failure
+            failure = error("PROTOCOL_VIOLATION", f"{self.name} at {self._config.url}: {exc}")
+        self._life.lose(failure)
+        raise self._life.failure or failure  # another one may have been first
 
     def _write(self, data: bytes) -> None:
         if self._link is not None:

@@ -127,12 +127,10 @@ class Session:
             if line.startswith(b"%R1P") and self._waiting and not self._waiting[1].done():
                 self._waiting[1].set_exception(NoAnswer(f"a reply with {exc}"))  # it will not come again
             return
-        if self._waiting is None or self._waiting[1].done() or not self._answers(reply):
+        number, waiting = self._waiting or (None, None)
+        # Whoever could not read a request does not know its number either.
+        answers = reply.transaction == number or (reply.transaction == 0 and reply.com != 0)
+        if waiting is None or waiting.done() or not answers:
             self.counts["late"] += 1
         else:
-            self._waiting[1].set_result(reply)
-
-    def _answers(self, reply: Reply) -> bool:
-        """Whoever could not read a request does not know its number either."""
-        assert self._waiting is not None
-        return reply.transaction == self._waiting[0] or (reply.transaction == 0 and reply.com != 0)
+            waiting.set_result(reply)

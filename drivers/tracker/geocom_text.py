@@ -112,12 +112,11 @@ def _split(values: str) -> Iterator[str]:
     """At commas, but not at those of a quoted text."""
     at = 0
     while True:
-        match = _ITEM.match(values, at)
-        assert match is not None  # an empty item matches anywhere
-        at = match.end()
+        item = _ITEM.match(values, at)
+        begin, at = at, item.end() if item else at
         if at < len(values) and values[at] != ",":
             raise Unreadable("a quote that does not end")
-        yield match.group()
+        yield values[begin:at]
         if at >= len(values):
             return
         at += 1

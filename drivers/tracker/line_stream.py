@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+from contextlib import AbstractAsyncContextManager
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from drivers.life import SampledDevice
 from drivers.tracker.address import NetAddress
 from drivers.tracker.line_config import LineStreamConfig
 from drivers.tracker.line_parser import BadLine, LineParser, Parsed
-from drivers.tracker.newcomers import Newcomers
+from drivers.tracker.newcomers import Newcomers, newcomers
 from drivers.tracker.stable import StableWindow
 from drivers.tracker.wire import Lines, Link, connect, listen
 
@@ -66,10 +67,10 @@ class LineStreamTracker(SampledDevice):
         self._bad_in_a_row, self._reason = 0, ""
         self._lines, self._read, self._last_arrival = Lines(), asyncio.Event(), self._clock.now()
         try:
-            self._link = await self._connect()
+            self._link = link = await self._connect()
             told = {"told": "serial" in self._config.fields}
             self._identity = Identity(self._config.model, self._config.serial, "", told)
-            self._life.keep_going(self._run(), "reading")
+            self._life.keep_going(self._run(link), "reading")
             async with asyncio.timeout(self._config.silence_s):
                 await self._read.wait()
             self._life.require()
@@ -122,8 +123,8 @@ class LineStreamTracker(SampledDevice):
         self._life.require()
         self._found, nearest = False, np.inf
         deadline = self._clock.now() + timeout
-        async with self._newcomers() as newcomers:
-            while (sample := await newcomers.next(deadline - self._clock.now())) is not None:
+        async with self._newcomers() as found:
+            while (sample := await found.next(deadline - self._clock.now())) is not None:
                 point = sample.value.point
                 if point is None:
                     continue
@@ -145,10 +146,10 @@ class LineStreamTracker(SampledDevice):
         window = StableWindow(window_s, max_scatter_m, self._config.min_readings)
         begin = self._clock.now()
         seen = begin  # when there was a point last
-        async with self._newcomers() as newcomers:
+        async with self._newcomers() as found:
             while (left := begin + timeout - self._clock.now()) > 0:
                 patience = max(seen + self._config.broken_after_s - self._clock.now(), 0.0)
-                sample = await newcomers.next(min(left, patience))
+                sample = await found.next(min(left, patience))
                 if sample is not None and sample.value.point is not None:
                     self._found, seen = True, self._clock.now()
                     if window.add(sample.t, sample.dt, sample.value.point):
@@ -165,8 +166,8 @@ class LineStreamTracker(SampledDevice):
         why = f", and {last.value.status}" if last is not None and last.value.status else ""
         return error(name, f"{self.name}: no point for {self._config.broken_after_s:g} s{why}")
 
-    def _newcomers(self) -> Newcomers[TrackerState]:
-        return Newcomers(self.readings, self._life, self._clock.now() - self._config.time_offset_s)
+    def _newcomers(self) -> AbstractAsyncContextManager[Newcomers[TrackerState]]:
+        return newcomers(self.readings, self._life, self._clock.now() - self._config.time_offset_s)
 
     # -- lines
 
@@ -176,7 +177,7 @@ class LineStreamTracker(SampledDevice):
             return await listen(address, self._received, self._dropped, config.only_from)
         return await connect(address, self._received, self._dropped, config.connect_timeout_s)
 
-    async def _run(self) -> None:
+    async def _run(self, link: Link) -> None:
         """Ask, if there is something to ask with; and see that lines come."""
         config = self._config
         while self._life.good:
@@ -185,10 +186,9 @@ class LineStreamTracker(SampledDevice):
                 if self._clock.now() - self._last_arrival > config.silence_s:
                     self._lose("DEVICE_LOST", f"no line for {config.silence_s:g} s")
                 continue
-            assert self._link is not None
             self._answered.clear()
             begin = self._asked = self._clock.now()
-            self._link.write(config.request.encode())
+            link.write(config.request.encode())
             try:
                 async with asyncio.timeout(config.silence_s):
                     await self._answered.wait()

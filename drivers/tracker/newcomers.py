@@ -1,8 +1,9 @@
 """The samples of a stream that are taken after a moment, one by one, while its link is good."""
 
 import asyncio
-from collections.abc import Callable
-from typing import Any, Generic, Self, TypeVar
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any, Generic, TypeVar
 
 from cell.samples import Sample, Stream
 from drivers.life import Life
@@ -11,28 +12,14 @@ T = TypeVar("T")
 
 
 class Newcomers(Generic[T]):
-    """``async with Newcomers(stream, life, after)``: samples that were taken wholly after ``after``."""
+    """What :func:`newcomers` gives."""
 
-    def __init__(self, stream: Stream[T], life: Life, after: float) -> None:
-        self._stream, self._life, self._after = stream, life, after
+    def __init__(self, life: Life, lost: asyncio.Task[Exception], after: float) -> None:
+        self._life, self._lost, self._after = life, lost, after
         self._queue: asyncio.Queue[Sample[T]] = asyncio.Queue()
-        self._undo: Callable[[], None] = lambda: None
-        self._lost: asyncio.Task[Exception] | None = None
-
-    async def __aenter__(self) -> Self:
-        self._undo = self._stream.subscribe(self._take)
-        self._lost = asyncio.create_task(self._life.wait_lost())
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        self._undo()
-        if self._lost is not None:
-            self._lost.cancel()
-            await asyncio.wait([self._lost])
 
     async def next(self, timeout: float) -> Sample[T] | None:
         """The next sample, None when none came in ``timeout`` s; what broke the link."""
-        assert self._lost is not None
         get = asyncio.create_task(self._queue.get())
         waiting: list[asyncio.Task[Any]] = [get, self._lost]
         try:
@@ -44,6 +31,20 @@ class Newcomers(Generic[T]):
         finally:
             get.cancel()
 
-    def _take(self, sample: Sample[T]) -> None:
+    def take(self, sample: Sample[T]) -> None:
         if sample.t - sample.dt >= self._after:
             self._queue.put_nowait(sample)
+
+
+@asynccontextmanager
+async def newcomers(stream: Stream[T], life: Life, after: float) -> AsyncIterator[Newcomers[T]]:
+    """Samples that were taken wholly after ``after``."""
+    lost = asyncio.create_task(life.wait_lost())
+    found: Newcomers[T] = Newcomers(life, lost, after)
+    undo = stream.subscribe(found.take)
+    try:
+        yield found
+    finally:
+        undo()
+        lost.cancel()
+        await asyncio.wait([lost])

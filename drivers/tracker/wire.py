@@ -124,13 +124,13 @@ class _SerialLink:
             raise OSError(str(exc)) from exc
         self._fd: int | None = self._port.fileno()
         os.set_blocking(self._fd, False)
-        asyncio.get_running_loop().add_reader(self._fd, self._readable)
+        asyncio.get_running_loop().add_reader(self._fd, self._readable, self._fd)
 
     def write(self, data: bytes) -> None:
         if self._fd is None:
             return
         if not self._unsent:
-            asyncio.get_running_loop().add_writer(self._fd, self._writable)
+            asyncio.get_running_loop().add_writer(self._fd, self._writable, self._fd)
         self._unsent += data
 
     def close(self) -> None:
@@ -141,10 +141,9 @@ class _SerialLink:
             loop.remove_writer(fd)
             self._port.close()
 
-    def _readable(self) -> None:
-        assert self._fd is not None
+    def _readable(self, fd: int) -> None:
         try:
-            data = os.read(self._fd, 65536)
+            data = os.read(fd, 65536)
         except BlockingIOError:
             return
         except OSError as exc:
@@ -155,17 +154,16 @@ class _SerialLink:
         else:
             self._end("the serial line was closed")
 
-    def _writable(self) -> None:
-        assert self._fd is not None
+    def _writable(self, fd: int) -> None:
         try:
-            self._unsent = self._unsent[os.write(self._fd, self._unsent) :]
+            self._unsent = self._unsent[os.write(fd, self._unsent) :]
         except BlockingIOError:
             return
         except OSError as exc:
             self._end(f"the serial line failed: {exc.strerror}")
             return
         if not self._unsent:
-            asyncio.get_running_loop().remove_writer(self._fd)
+            asyncio.get_running_loop().remove_writer(fd)
 
     def _end(self, reason: str) -> None:
         self.close()

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.clock import Clock
-from cell.errors import CellError, error
+from cell.errors import CellError, error, present
 from drivers.ur.framing import Message, Unframer, encode
 from drivers.ur.motion_child import EXIT_DEADLINE, EXIT_LINK_LOST
 from drivers.ur.script_end import Kicks
@@ -25,12 +25,12 @@ class MotionClient:
     """One child process. It is never restarted: after a failure a new client is made."""
 
     def __init__(self, clock: Clock, process: subprocess.Popen[bytes], pipe: socket.socket) -> None:
-        assert process.stdout is not None
         self.clock, self.pid = clock, process.pid
         self.withheld = self.killed = False
         self.kicks = Kicks()
         self.ended = asyncio.Event()
-        self._process, self._pipe, self._stdout = process, pipe, process.stdout
+        self._process, self._pipe = process, pipe
+        self._stdout = present(process.stdout, "pipe from the motion child")
         self._loop = asyncio.get_running_loop()
         self._unframer = Unframer()
         self._replies: dict[int, asyncio.Future[Any]] = {}

@@ -9,7 +9,7 @@ import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from cell.errors import CellError, error
+from cell.errors import CellError, error, present
 
 PORT = 30001
 
@@ -128,8 +128,7 @@ class PrimaryLink:
     async def wait_kinematics(self, timeout: float) -> Kinematics:
         """The factory kinematics, which come with the first report after connecting."""
         await self._first(self._kinematics_seen, "its kinematics", timeout)
-        assert self.kinematics is not None
-        return self.kinematics
+        return present(self.kinematics, "kinematics in the report")
 
     async def close(self) -> None:
         """End the connection and the listener."""
