@@ -98,7 +98,8 @@ class Auditor:
         gathered.last = _wall_text()
 
     def start(self) -> None:
-        self._task = asyncio.create_task(self._run(), name="audit")
+        if self._audit is not None:
+            self._task = asyncio.create_task(self._run(self._audit), name="audit")
 
     async def stop(self) -> None:
         """Write what waits, for a short time, then end."""
@@ -113,17 +114,17 @@ class Auditor:
             task.cancel()
             await asyncio.wait([task])
 
-    async def _run(self) -> None:
+    async def _run(self, audit: Audit) -> None:
         while True:
             with suppress(TimeoutError):
                 async with asyncio.timeout(GATHER_S / 4 if self._gathered else None):
                     await self._wake.wait()
             self._wake.clear()
-            await self._drain()
+            await self._drain(audit)
             if self._closing and not self._lines and not self._gathered:
                 return
 
-    async def _drain(self) -> None:
+    async def _drain(self, audit: Audit) -> None:
         while True:
             due = time.monotonic() - GATHER_S
             ripe = [w for w, g in self._gathered.items() if self._closing or g.began <= due]
@@ -137,12 +138,11 @@ class Auditor:
                 self._unlisted = 0
             else:
                 return
-            await self._write(line)
+            await self._write(audit, line)
 
-    async def _write(self, line: Line) -> None:
-        assert self._audit is not None
+    async def _write(self, audit: Audit, line: Line) -> None:
         try:
-            await asyncio.to_thread(self._audit, *line)
+            await asyncio.to_thread(audit, *line)
         except Exception:
             log.exception("an audit line could not be written: %s", line)
 

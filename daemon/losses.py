@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Container, Sequence
 
 from cell.devices import Arm
-from cell.errors import CellError, error
+from cell.errors import CellError, error, present
 from cell.interruptions import SILENCES
 from cell.motion import MotionBroker
 from cell.procedure import Run
@@ -39,8 +39,7 @@ class Losses:
         """Block until a device drops or the arm shows a fault."""
         lost = asyncio.create_task(self._supervisor.first_loss(self._devices))
         done = await _first_of([lost, *self._faults()], None)
-        assert done is not None
-        return _as_coded(done.result())
+        return _as_coded(present(done, "fault, though nothing else ends the wait").result())
 
     async def _until_back(self, fault: CellError, timeout: float) -> CellError | None:
         """None when all devices are back in time, else why the run ends.

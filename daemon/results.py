@@ -32,7 +32,7 @@ async def propose_results(run: Run, folder: RunFolder, ledger: Ledger) -> None:
     await asyncio.to_thread(folder.write_result, run.result)
     await asyncio.to_thread(_read, run.result, str(folder.path / "result.json"))
     if proposal is not None:  # before the report, which names the result and the command that decides
-        await asyncio.to_thread(_propose, run, ledger, proposal)
+        await asyncio.to_thread(_propose, run, ledger, proposal, run.result)
     await _write_report(run)
 
 
@@ -112,10 +112,9 @@ def reject_left_open(ledger: Ledger, jobs: Mapping[str, type[Procedure]]) -> lis
     return found
 
 
-def _propose(run: Run, ledger: Ledger, proposal: Proposal) -> None:
-    assert run.result is not None
-    result_id = enter_proposal(run, ledger, proposal, run.result)
+def _propose(run: Run, ledger: Ledger, proposal: Proposal, result: dict[str, Any]) -> None:
+    result_id = enter_proposal(run, ledger, proposal, result)
     run.check_record()
-    if proposal.auto and run.result["verdict"] == "pass":
+    if proposal.auto and result["verdict"] == "pass":
         ledger.accept(result_id, "policy")
         run.note("decision", event="accepted", name=proposal.name, result_id=result_id, by="policy")

@@ -3,15 +3,17 @@
 import asyncio
 import logging
 import random
-from collections.abc import Iterable
+from collections.abc import Coroutine, Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from cell.clock import Clock
 from cell.devices import Device, DeviceState, Identity
 from cell.errors import CellError, error
 from cell.interruptions import SILENCES
 from daemon.health import Beats
+
+T = TypeVar("T")
 
 log = logging.getLogger("cellward.devices")
 
@@ -67,12 +69,12 @@ class SupervisedDevice:
             while True:
                 self._set(DeviceState.CONNECTING if lost_at is None else DeviceState.RETRYING)
                 try:
-                    await self._beating(self._connect())
+                    found = await self._beating(self._connect())
                 except Exception as exc:
                     self._failed(exc, first=lost_at is None)
                     lost_at = self._clock.now() if lost_at is None else lost_at
                 else:
-                    self._recovered(lost_at)
+                    self._recovered(found, lost_at)
                     back_off = FIRST_BACK_OFF_S
                     loss = await self._beating(self.device.wait_lost())
                     self.losses += 1
@@ -88,13 +90,13 @@ class SupervisedDevice:
             self._set(DeviceState.CLOSED)
             self._beats.retire(self._task_name)
 
-    async def _connect(self) -> None:
+    async def _connect(self) -> Identity:
         async with asyncio.timeout(OPEN_TIMEOUT_S):
             await self.device.open()
             found = await self.device.identify()
             self.expect.check(self.device.name, found)
             await self._fresh()
-        self.identity = found
+        return found
 
     async def _fresh(self) -> None:
         """A first sample; a link that is lost again meanwhile is not waited for."""
@@ -117,14 +119,12 @@ class SupervisedDevice:
         except Exception as exc:
             log.warning("%s: closing failed: %s: %s", self.device.name, type(exc).__name__, exc)
 
-    def _recovered(self, lost_at: float | None) -> None:
+    def _recovered(self, found: Identity, lost_at: float | None) -> None:
+        self.identity = found
         self._set(DeviceState.READY)
         self.last_error = self.lost_by = None
-        assert self.identity is not None
         outage = "" if lost_at is None else f" after {self._clock.now() - lost_at:.1f} s"
-        log.info(
-            "%s: ready%s (%s, serial %s)", self.device.name, outage, self.identity.model, self.identity.serial
-        )
+        log.info("%s: ready%s (%s, serial %s)", self.device.name, outage, found.model, found.serial)
 
     def _failed(self, exc: Exception, first: bool) -> None:
         self.last_error = exc
@@ -141,7 +141,7 @@ class SupervisedDevice:
         self.changed.set()
         self.changed = asyncio.Event()
 
-    async def _beating(self, work: Any) -> Any:
+    async def _beating(self, work: Coroutine[Any, Any, T]) -> T:
         """Await ``work`` and beat meanwhile: waiting for a device is not being stuck."""
         task = asyncio.ensure_future(work)
         try:

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from cell.calibrations import kinematics, on_flange, rests_on_kinematics
-from cell.errors import error
+from cell.errors import error, present
 from cell.run_values import CONTROLLER, RunValues
 
 SAME_LOAD_KG = 1e-3  # an arm bends under its load: a calibration holds for the one it was made with
@@ -42,9 +42,7 @@ def in_use(values: RunValues) -> Mapping[str, Any] | None:
 
 
 def _measured(values: RunValues) -> Mapping[str, Any]:
-    found = values.kinematics["arm"]
-    assert found is not None, "a run goes by kinematics only when there are some"
-    return found
+    return present(values.kinematics["arm"], "kinematics for a run that goes by them")
 
 
 def in_words(model: Mapping[str, Any]) -> str:

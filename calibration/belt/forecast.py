@@ -55,7 +55,7 @@ class Motion:
         c = self.fit.c
         if len(c) == 2:
             return np.asarray(c[0] + c[1] * s)
-        until = self._bends_for()
+        until = self._bends_for(self.fit)
         x = np.minimum(s, until)
         return np.asarray(c[0] + c[1] * x + c[2] * x * x + (s - x) * (c[1] + 2.0 * c[2] * until))
 
@@ -67,14 +67,13 @@ class Motion:
         c = self.fit.c
         if len(c) == 2:
             return np.full(len(s), c[1])
-        return np.asarray(c[1] + 2.0 * c[2] * np.minimum(s, self._bends_for()))
+        return np.asarray(c[1] + 2.0 * c[2] * np.minimum(s, self._bends_for(self.fit)))
 
-    def _bends_for(self) -> float:
-        assert isinstance(self.fit, Window)
-        _, v, half = self.fit.c
+    def _bends_for(self, fit: Window) -> float:
+        _, v, half = fit.c
         bound = self.high if half > 0.0 else self.low
         reach = (bound - v) / (2.0 * half) if abs(half) > 1e-9 else np.inf
-        return float(min(max(reach, 0.0), max(self.fit.length, _PERSISTS)))
+        return float(min(max(reach, 0.0), max(fit.length, _PERSISTS)))
 
     def variance(self, a: float, b: float) -> float:
         """Of the travel from ``a`` to ``b``, counts squared, if the motion goes on as fitted."""

@@ -34,17 +34,16 @@ class Unwrapper:
         if self._last is None:
             self._last = (t, count)
             return count
-        t0, n0 = self._last
+        t0, n0 = last = self._last
         n = self._nearest(count + self._offset, n0 + self._speed * min(t - t0, 1.0))
         if self._possible(t0, n0, t, n):
             self.misread += len(self._doubtful)
             self._doubtful.clear()
-            return self._take(t, n)
-        return self._doubt(t, count)
+            return self._take(last, t, n)
+        return self._doubt(last, t, count)
 
-    def _take(self, t: float, n: int) -> int:
-        assert self._last is not None
-        t0, n0 = self._last
+    def _take(self, last: tuple[float, int], t: float, n: int) -> int:
+        t0, n0 = last
         if t > t0:
             share = min(1.0, (t - t0) / 0.03)  # the speed of the last 30 ms or so
             self._speed += share * ((n - n0) / (t - t0) - self._speed)
@@ -59,7 +58,7 @@ class Unwrapper:
     def _possible(self, t0: float, n0: int, t: float, n: int) -> bool:
         return abs(n - n0) <= self.fastest * max(t - t0, 0.02) + _SPARE_COUNTS
 
-    def _doubt(self, t: float, count: int) -> int | None:
+    def _doubt(self, last: tuple[float, int], t: float, count: int) -> int | None:
         if self._doubtful:
             t1, c1 = self._doubtful[-1]
             if not self._possible(t1, c1, t, self._nearest(count, c1)):
@@ -68,11 +67,10 @@ class Unwrapper:
         self._doubtful.append((t, count))
         if len(self._doubtful) < _CONFIRM:
             return None
-        return self._restart(t, count)
+        return self._restart(last, t, count)
 
-    def _restart(self, t: float, count: int) -> int:
-        assert self._last is not None
-        t0, n0 = self._last
+    def _restart(self, last: tuple[float, int], t: float, count: int) -> int:
+        t0, n0 = last
         n = round(n0 + self._speed * min(t - t0, 1.0))
         self._offset = n - count
         self._doubtful.clear()

@@ -86,9 +86,8 @@ def identify_with_constant(
     found, sigma, taken = identify(problem, given_noise, joint_errors), given_noise.get(KEY, 0.0), 0.0
     if not sigma > 0.0:
         return found
-    told = None
+    told = constant_of(found)
     for _ in range(_ROUNDS):
-        told = constant_of(found)
         if told is None:
             return found
         wanted = (taken + told.offset_m) * sigma**2 / (sigma**2 + told.sigma_m**2)
@@ -97,8 +96,9 @@ def identify_with_constant(
         taken = wanted
         shorter = replace(problem, p=problem.p * (1.0 - taken / problem.range_m))
         found = identify(shorter, given_noise, joint_errors)
-    assert told is not None
-    assert found.cov is not None
+        told = constant_of(found)
+    if told is None or found.cov is None:
+        return found
     left = 1.0 / np.hypot(1.0 / sigma, 1.0 / told.sigma_m)
     cov = found.cov + left**2 * np.outer(told.shift, told.shift)
     return replace(

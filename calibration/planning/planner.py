@@ -50,16 +50,15 @@ def plan_cone(
     Raises nothing for a poor plan: ask :meth:`ConePlan.shortfall`.
     """
     axes = request.axes or candidate_axes(request.T_camera_target, request.target_points)
-    best: ConePlan | None = None
+    plans: list[ConePlan] = []
     for tried, axis in enumerate(axes, start=1):
-        tour = _Tour(request, model, checker, axis, 0 if best is None else len(best.poses))
-        plan = ConePlan(tour.visits(describe), tour.rejected, axis, tried)
-        if best is None or _merit(plan) > _merit(best):
-            best = plan
-        if not plan.rejected:
+        enough = len(max(plans, key=_merit).poses) if plans else 0
+        tour = _Tour(request, model, checker, axis, enough)
+        plans.append(ConePlan(tour.visits(describe), tour.rejected, axis, tried))
+        if not tour.rejected:
             break
-    assert best is not None, "there is at least one axis"
-    return ConePlan(best.poses, best.rejected, best.axis, tried)
+    best = max(plans, key=_merit)
+    return ConePlan(best.poses, best.rejected, best.axis, len(plans))
 
 
 def _merit(plan: ConePlan) -> tuple[int, float]:

@@ -61,15 +61,14 @@ def glimpse(
     broken. The middle of a break is expected at ``centre`` (m), known to ``sigma``; ``soft`` (m) is how far
     the places may be off. ``pulse``: a counter saw a break between these two places, and no poll did."""
     seen = np.flatnonzero(dark)
-    if not len(seen) and pulse is None:
-        return _missed(height, pair, places, centre, sigma, sense)
     if len(seen):
         first, last = int(seen[0]), int(seen[-1])
         a1, b1 = float(places[max(first - 1, 0)]), float(places[first])
         a2, b2 = float(places[last]), float(places[min(last + 1, len(places) - 1)])
-    else:
-        assert pulse is not None
+    elif pulse is not None:
         (a1, b1), (a2, b2) = pulse, pulse
+    else:
+        return _missed(height, pair, places, centre, sigma, sense)
     a1, b1, a2, b2 = a1 - soft, b1 + soft, a2 - soft, b2 + soft
     lengths = np.linspace(max(a2 - b1, 0.0), b2 - a1, _POINTS)
     # The middle lies where both ends of the break are in their intervals.

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
+from cell.errors import present
 from cell.formats.bounds import COUNTS, QUERIES, SAMPLES, SMALLEST_M, Length, Ratio, Stamp, Whole, at_most
 from cell.formats.reading import Strict
 
@@ -38,28 +39,28 @@ class Belt(Strict):
 
     @model_validator(mode="after")
     def _scale_is_given_once(self) -> "Belt":
-        wheel = (self.wheel_circumference_m, self.counts_per_revolution)
-        if self.m_per_count is None and None in wheel:
+        by_wheel = self._by_wheel
+        if self.m_per_count is None and by_wheel is None:
             raise ValueError("needs m_per_count, or wheel_circumference_m and counts_per_revolution; add it")
         if self.m_per_count == 0.0:
             raise ValueError("has m_per_count 0; it is the travel in metres of one count")
-        if self.m_per_count is not None and None not in wheel:
-            assert self.wheel_circumference_m is not None
-            assert self.counts_per_revolution is not None
-            by_wheel = self.wheel_circumference_m / self.counts_per_revolution
-            if abs(abs(self.m_per_count) - by_wheel) > 1e-3 * by_wheel:
-                raise ValueError(f"has m_per_count and a wheel that gives {by_wheel:.6g}; keep the right one")
-        if not TRAVEL_M[0] <= abs(self.scale) <= TRAVEL_M[1]:
+        given = abs(self.scale)
+        if by_wheel is not None and abs(given - by_wheel) > 1e-3 * by_wheel:
+            raise ValueError(f"has m_per_count and a wheel that gives {by_wheel:.6g}; keep the right one")
+        if not TRAVEL_M[0] <= given <= TRAVEL_M[1]:
             raise ValueError(f"moves {self.scale:g} m with one count, which no belt does; give it in metres")
         return self
 
     @property
     def scale(self) -> float:
         """Metres per count."""
-        if self.m_per_count is not None:
-            return self.m_per_count
-        assert self.wheel_circumference_m is not None
-        assert self.counts_per_revolution is not None
+        return present(self._by_wheel if self.m_per_count is None else self.m_per_count, "scale of the belt")
+
+    @property
+    def _by_wheel(self) -> float | None:
+        """Metres per count; None without a wheel and its resolution."""
+        if self.wheel_circumference_m is None or self.counts_per_revolution is None:
+            return None
         return self.wheel_circumference_m / self.counts_per_revolution
 
 

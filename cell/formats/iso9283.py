@@ -82,3 +82,8 @@ class Iso9283(Strict):
         ):
             raise ValueError("(registration) is 'kinematics' and T_base_tracker of the kinematics is missing")
         return self
+
+    @property
+    def T_base_tracker(self) -> Pose | None:
+        """Where the tracker stands by the calibration; None where it is fitted to the arrivals."""
+        return self.kinematics.T_base_tracker if self.kinematics and self.registration != "fit" else None

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cell.errors import CellError, error
+from cell.errors import CellError, error, present
 from cell.store._database import open_database, open_for_reading
 from cell.store.calibration_copy import COLUMNS, FILE, STATES, holds_rows, is_current, write_copy
 from cell.store.files import to_json
@@ -182,8 +182,7 @@ class Ledger(Records):
                     folder,
                 ),
             )
-        assert cursor.lastrowid is not None
-        return cursor.lastrowid
+        return present(cursor.lastrowid, "number of the new row")
 
     def accept(self, result_id: int, who: str, commit: bool = True) -> dict[str, Any]:
         """Accept a result, and commit it as the version in effect unless ``commit`` is False.

@@ -9,6 +9,7 @@ import shlex
 from typing import Any
 
 from calibration.identification.exports import urdf_fixed
+from cell.errors import present
 from cell.poses import from_pose6
 from daemon.cli.export_source import Exported
 
@@ -23,8 +24,7 @@ def quaternion(exported: Exported) -> list[float]:
 
 def ros_frames(exported: Exported) -> tuple[str, str]:
     """Parent and child under the names of ROS; a tool's frame has the tool's name."""
-    assert exported.frames is not None
-    parent, child = exported.frames
+    parent, child = present(exported.frames, f"pose in {exported.name}")
     own = exported.name.partition(".")[2]
     return _ROS_FRAME.get(parent, parent), own or _ROS_FRAME.get(child, child)
 

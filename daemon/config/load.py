@@ -140,7 +140,6 @@ def check_config(
     spec = _robot_spec(raw, findings, path)
     observed = _observed_spec(raw, devices, findings, path)
     findings.raise_if_any()
-    assert fixed is not None
     robot = Robot.model_construct(
         **dict(fixed.robot),
         spec=spec,

@@ -16,7 +16,7 @@ from typing import Any
 
 from cell.clock import Clock
 from cell.devices import DeviceState
-from cell.errors import error
+from cell.errors import error, present
 from cell.motion import MotionBroker
 from cell.store.ledger import Ledger
 from daemon.cell_context import CellContext
@@ -64,8 +64,7 @@ def _play(scene: DemoScene, folder: Path) -> list[Row]:
 
 def run_objects(config: CellConfig, steps: Sequence[Step]) -> tuple[list[tuple[int, dict[str, Any]]], float]:
     """Run the steps on the clock that ``config`` names; numbers and truths, and how long it took there."""
-    assert config.cell.clock is not None
-    module, _, name = config.cell.clock.partition(":")
+    module, _, name = present(config.cell.clock, "clock in the configuration").partition(":")
     virtual = importlib.import_module(module)
     done: tuple[list[tuple[int, dict[str, Any]]], float]
     done = virtual.run_virtual(_run(config, getattr(virtual, name)(), steps))

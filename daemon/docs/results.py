@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
+from cell.errors import error
 from cell.formats.result import Envelope, Inputs, Part, Result, Unit
 from daemon.docs.page import cell, page
 from procedures.kind import KINDS, load
@@ -88,7 +89,8 @@ def _look(annotation: Any, suffix: str = "") -> tuple[list[tuple[str, type[Part]
     if origin in (list, dict, Mapping):
         inside, unit, _ = _look(args[-1], suffix + ("[]" if origin is list else ".NAME"))
         return inside, unit, False
-    assert origin in (Union, UnionType)
+    if origin not in (Union, UnionType):
+        raise error("INTERNAL", f"the docs of results do not know an annotation as {annotation}")
     parts = [_look(arg, suffix) for arg in args]
     tables = [table for inside, _, _ in parts for table in inside]
     return tables, next((unit for _, unit, _ in parts if unit), ""), any(null for *_, null in parts)

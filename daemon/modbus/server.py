@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from cell.clock import Clock
-from cell.errors import error
+from cell.errors import error, present
 from daemon.modbus.pdu import SERVER_FAILURE, Bank, respond
 
 log = logging.getLogger("cellward.modbus")
@@ -102,8 +102,7 @@ class ModbusServer:
             await server.wait_closed()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
+        task = present(asyncio.current_task(), "task of the connection")
         peer = writer.get_extra_info("peername")
         client = str(peer[0]) if peer else "unknown"
         connection = _Connection(task, writer.transport, client, self._listed(client), self._clock.now())

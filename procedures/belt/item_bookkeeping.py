@@ -59,7 +59,7 @@ class ItemBookkeeping:
         """This became of ``item``, unless it has ended."""
         if item.outcome is None:
             self._watch.queue.end(item, outcome, self._run.clock.now())
-            self.ended(item)
+            self._ended(item, outcome)
 
     def end_carried(self, outcome: Outcome) -> None:
         """This became of what was carried, if anything was."""
@@ -67,14 +67,13 @@ class ItemBookkeeping:
         if item is not None:
             self.end(item, outcome)
 
-    def ended(self, item: Item) -> None:
+    def _ended(self, item: Item, outcome: Outcome) -> None:
         """Keep what became of ``item`` in journal and ledger."""
-        assert item.outcome is not None
         run, detail = self._run, life(item)
         if self._watch.record is not None:
             self._watch.record.ended(item)
-        run.note("decision", event="item", item=item.number, outcome=item.outcome.value, **detail)
-        written = run.cell.add_item(run, item.number, run.clock.now(), item.outcome.value, detail)
+        run.note("decision", event="item", item=item.number, outcome=outcome.value, **detail)
+        written = run.cell.add_item(run, item.number, run.clock.now(), outcome.value, detail)
         self._writing.append(asyncio.create_task(written, name="item"))  # the disk must not hold the stream
         run.progress(self._watch.queue.counts[Outcome.PICKED], self._picks)
 
@@ -88,8 +87,8 @@ class ItemBookkeeping:
         await asyncio.gather(*self._writing)
 
     def _end_missed(self, now: float, in_hand: Item | None) -> None:
-        for item in self._watch.missed(now, in_hand):
-            self.ended(item)
+        for item, outcome in self._watch.missed(now, in_hand):
+            self._ended(item, outcome)
 
     async def _look_on(self) -> None:
         while True:

@@ -51,7 +51,7 @@ class BeltWatch:
         self._tracks: dict[int, Track | None] = {}  # as it predicts them
         self._epoch, self._since = encoder.counts.epoch, -np.inf
         self._unplaced: list[Item] = []  # by an encoder that began to count anew
-        self._over: list[Item] = []  # more than the queue takes
+        self._over: list[tuple[Item, Outcome]] = []  # more than the queue takes
         self.slips: list[Slip] = []
         self.jumps: list[float] = []  # m, of the encoder's position
         self._last_count: tuple[float, int] | None = None
@@ -134,14 +134,13 @@ class BeltWatch:
         if self.learnt is not None:
             self.learnt(self, forecast)
 
-    def missed(self, now: float, in_hand: Item | None) -> list[Item]:
+    def missed(self, now: float, in_hand: Item | None) -> list[tuple[Item, Outcome]]:
         """Items but ``in_hand`` that have left the zone unpicked, or whose place is not known any more;
-        they end here."""
+        they end here, with that outcome."""
         out, self._over = self._over, []
         for item in self._unplaced:
             if item is not in_hand and item.outcome is None:
-                self.queue.end(item, Outcome.LOST, now)
-                out.append(item)
+                out.append(self._ended(item, Outcome.LOST, now))
         self._unplaced = [item for item in self._unplaced if item is in_hand]
         if (forecast := self.forecast) is None:
             return out
@@ -149,9 +148,12 @@ class BeltWatch:
             if item is in_hand or item.outcome is not None:
                 continue
             seen = item.sightings >= self._config.min_sightings
-            self.queue.end(item, Outcome.OUT_OF_ZONE if seen else Outcome.NOT_DETECTED, now)
-            out.append(item)
+            out.append(self._ended(item, Outcome.OUT_OF_ZONE if seen else Outcome.NOT_DETECTED, now))
         return out
+
+    def _ended(self, item: Item, outcome: Outcome, now: float) -> tuple[Item, Outcome]:
+        self.queue.end(item, outcome, now)
+        return item, outcome
 
     def _from_zone(self, along: float, forecast: TravelForecast) -> float:
         """The place on the belt (m, zero travel) that is now at ``along`` of the zone (m)."""
@@ -238,8 +240,7 @@ class BeltWatch:
         for item in new:
             item.note(frame.t_exposure, "seen")
         while self.queue.length > self._config.queue_limit:  # who comes first is in it
-            self._over.append(new.pop())
-            self.queue.end(self._over[-1], Outcome.QUEUE_FULL, now)
+            self._over.append(self._ended(new.pop(), Outcome.QUEUE_FULL, now))
         for item, seen in zip(items, sightings, strict=True):
             if item.outcome is None:
                 sighting = as_sighting(seen.point, frame.t_exposure, now)

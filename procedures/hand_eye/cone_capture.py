@@ -22,7 +22,7 @@ from cell.procedure import FinishRequested, Procedure, Proposal, Run
 from cell.run_values import RunValues
 from procedures.arm_setup import arm_robot
 from procedures.hand_eye.config import ConeCaptureConfig
-from procedures.hand_eye.judging import fault_of, moved_since, repeats, shows_board
+from procedures.hand_eye.judging import BoardSeen, fault_of, moved_since, repeats, shows_board
 from procedures.hand_eye.plan import (
     BoardObservation,
     PlacementPlan,
@@ -120,10 +120,10 @@ class ConeCapture(Procedure):
         """The plan from the board as it is seen now, with every check; nothing moves."""
         capture = _Capture(self.config, run, run.camera(self._camera_role))
         await capture.camera.set_target(capture.target)
-        frame = await capture.seek()
+        seen = await capture.seek()
         if capture.calibration is None:
             return {"note": "no nominal pose in [robot]: six small moves come first", "poses": []}
-        plan = await capture.plan(frame)
+        plan = await capture.plan(seen, capture.calibration)
         return plan.as_dict()
 
     @classmethod
@@ -143,7 +143,7 @@ class _Capture:
         self.points = target_point_count(self.target)
         self.record = CaptureRecord(run.folder)
         self.calibration: dict[str, Any] | None = run.values.calibration[config.setup]
-        self.start_q: Array | None = None
+        self._start_q: Array | None = None
         self._seen_before: BoardView | None = None  # from where the arm stood before
 
     async def take_all(self) -> None:
@@ -173,32 +173,31 @@ class _Capture:
     async def _take_placement(self, group: int, resumed: bool) -> None:
         run = self.run
         async with run.motion() as lease:
-            await self._go_to_start(lease, self.record.placements.get(group))
+            start_q = await self._go_to_start(lease, self.record.placements.get(group))
             await run.enter(S.SEEK, f"looking for board '{self.config.target}'")
-            frame = await run.take_step("look for the board", self.seek)
+            seen = await run.take_step("look for the board", self.seek)
             if (
                 resumed
-                and (wander := moved_since(self.record.placements[group]["board"], frame)) > SAME_PLACE_PX
+                and (wander := moved_since(self.record.placements[group]["board"], seen.board))
+                > SAME_PLACE_PX
             ):
                 # Its finished poses stay, as a placement of their own if they are enough.
                 run.note("decision", event="board moved since the interruption", group=group, pixels=wander)
                 await asyncio.to_thread(self.record.complete_placement, group)
                 return
-            if self.calibration is None:
-                await self._search(lease, frame)
-                frame = await run.take_step("look for the board", self.seek)
+            if (calibration := self.calibration) is None:
+                calibration = self.calibration = await self._search(lease, seen)
+                seen = await run.take_step("look for the board", self.seek)
             if not resumed:
-                assert self.start_q is not None
-                board = (await self._view(frame)).board()
-                await asyncio.to_thread(self.record.begin_placement, group, self.start_q.tolist(), board)
-            self._seen_before = frame.board
+                board = (await self._view(seen)).board()
+                await asyncio.to_thread(self.record.begin_placement, group, start_q.tolist(), board)
+            self._seen_before = seen.board
             await run.enter(S.PLAN)
-            plan = await self.plan(frame, self.record.in_group(group))
+            plan = await self.plan(seen, calibration, self.record.in_group(group))
             run.note("decision", event="plan", plan=plan.as_dict(), group=group)
             await self._take_poses(lease, group, plan)
             await run.enter(S.RETURN)
-            assert self.start_q is not None
-            await lease.move_joints(self.start_q)
+            await lease.move_joints(start_q)
         taken = len(self.record.in_group(group))
         if taken < self.config.min_poses_per_placement:
             raise error("CAPTURE_INCOMPLETE", f"placement {group + 1} has {taken} usable poses")
@@ -275,18 +274,18 @@ class _Capture:
         self.run.note("decision", event="pose taken", **about)
         self._show_progress()
 
-    async def seek(self) -> Frame:
-        """A fresh frame that shows the board, with the arm at rest; ``BOARD_NOT_SEEN`` after a time."""
+    async def seek(self) -> BoardSeen:
+        """The board in a fresh frame, with the arm at rest; ``BOARD_NOT_SEEN`` after a time."""
         give_up = self.run.clock.now() + self.config.seek_timeout_s
         best = 0
         after = self.run.clock.now()
         while self.run.clock.now() < give_up:
             sample = self.camera.frames.last()
             if sample is not None and sample.t > after:
-                board = sample.value.board
+                frame, board = sample.value, sample.value.board
                 best = max(best, 0 if board is None else len(board.ids))
-                if shows_board(sample.value, self.config.min_corners):
-                    return sample.value
+                if board is not None and shows_board(frame, self.config.min_corners):
+                    return BoardSeen(board, frame.intrinsics)
             await self.run.clock.sleep(0.02)
         raise error(
             "BOARD_NOT_SEEN",
@@ -294,15 +293,16 @@ class _Capture:
             f"{self.config.min_corners} that are needed",
         )
 
-    async def plan(self, frame: Frame, finished: Sequence[dict[str, Any]] = ()) -> PlacementPlan:
+    async def plan(
+        self, seen: BoardSeen, calibration: dict[str, Any], finished: Sequence[dict[str, Any]] = ()
+    ) -> PlacementPlan:
         """Plan the placement's poses in the worker; poses already finished are left out."""
-        assert self.calibration is not None
         request = PlanRequest(
             setup=self.config.setup,
             values=self.run.values,
             target=self.target,
-            calibration=self.calibration,
-            view=await self._view(frame),
+            calibration=calibration,
+            view=await self._view(seen),
             poses=self.config.poses_per_placement,
             min_poses=self.config.min_poses_per_placement,
             cone_half_angle_rad=self.config.cone_half_angle_rad,
@@ -312,11 +312,11 @@ class _Capture:
         )
         return await self.run.worker.call(plan_placement, request)
 
-    async def _search(self, lease: MotionLease, frame: Frame) -> None:
+    async def _search(self, lease: MotionLease, seen: BoardSeen) -> dict[str, Any]:
         """Six small checked moves find a first X when no nominal one is configured."""
         run = self.run
         await run.enter(S.SEARCH, "no nominal pose is configured: six small moves find it")
-        start, view = await run.arm_state(), await self._view(frame)
+        start, view = await run.arm_state(), await self._view(seen)
         moves = await run.worker.call(plan_search, run.values, view)
         views = [view]
         for i, q in enumerate(moves):
@@ -329,8 +329,9 @@ class _Capture:
                 views.append(await self._view(await self.seek()))
         await run.enter(S.SEARCH, f"{len(views)} views")
         await lease.move_joints(start.q)
-        self.calibration = await run.worker.call(refine_calibration, self.config.setup, self.target, views)
-        run.note("decision", event="first estimate", **self.calibration)
+        found = await run.worker.call(refine_calibration, self.config.setup, self.target, views)
+        run.note("decision", event="first estimate", **found)
+        return found
 
     async def _refine(self) -> None:
         """A better X for the next placement's plan; the plan can live without it."""
@@ -350,15 +351,19 @@ class _Capture:
         else:
             self.run.note("decision", event="refined", **self.calibration)
 
-    async def _go_to_start(self, lease: MotionLease, interrupted: Mapping[str, Any] | None) -> None:
+    async def _go_to_start(self, lease: MotionLease, interrupted: Mapping[str, Any] | None) -> Array:
+        """Where that is, (6,) rad: of the placement, of the config, or where the arm stood at first."""
+        start_q = self._start_q
         if interrupted is not None:
-            self.start_q = np.array(interrupted["start_q"])
+            start_q = np.array(interrupted["start_q"])
         elif self.config.start_pose is not None:
-            self.start_q = np.array(self.run.values.poses[self.config.start_pose])
-        elif self.start_q is None:
-            self.start_q = (await self.run.arm_state()).q
+            start_q = np.array(self.run.values.poses[self.config.start_pose])
+        elif start_q is None:
+            start_q = (await self.run.arm_state()).q
+        self._start_q = start_q
         await self.run.enter(S.START_POSE)
-        await lease.move_joints(self.start_q)
+        await lease.move_joints(start_q)
+        return start_q
 
     async def _begin_record(self) -> None:
         frame = await self._any_frame()
@@ -383,15 +388,14 @@ class _Capture:
             await self.run.clock.sleep(0.02)
         return sample.value
 
-    async def _view(self, frame: Frame) -> BoardObservation:
+    async def _view(self, seen: BoardSeen) -> BoardObservation:
         state = await self.run.arm_state()
-        assert frame.board is not None
         return BoardObservation(
             q=[float(v) for v in state.q],
             T_base_flange=[float(v) for v in to_pose6(state.T_base_flange)],
-            ids=[int(i) for i in frame.board.ids],
-            corners=[[float(u), float(v)] for u, v in frame.board.corners],
-            camera=camera_entry(frame.intrinsics),
+            ids=[int(i) for i in seen.board.ids],
+            corners=[[float(u), float(v)] for u, v in seen.board.corners],
+            camera=camera_entry(seen.intrinsics),
         )
 
     def _placement_text(self, group: int) -> str:

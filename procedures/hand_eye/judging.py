@@ -1,13 +1,22 @@
 """Whether frames can be used: does the board show, did anything move, is the camera alive."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from cell.devices import ArmState, BoardView, Frame, flange_poses
+from cell.devices import ArmState, BoardView, Frame, Intrinsics, flange_poses
 from cell.samples import Sample
 from procedures.hand_eye.config import ConeCaptureConfig
+
+
+@dataclass(frozen=True)
+class BoardSeen:
+    """A board in a frame, and the camera that took it."""
+
+    board: BoardView
+    intrinsics: Intrinsics
 
 
 def shows_board(frame: Frame, min_corners: int) -> bool:
@@ -42,10 +51,9 @@ def repeats(before: BoardView | None, frames: Sequence[Frame]) -> bool:
     return any(np.array_equal(board.corners, before.corners) for board in boards)
 
 
-def moved_since(before: Mapping[str, Any], frame: Frame) -> float:
+def moved_since(before: Mapping[str, Any], board: BoardView) -> float:
     """RMS pixels between the board as recorded (``ids``, ``corners``) and now, from the same arm pose."""
-    assert frame.board is not None
-    now = dict(zip(frame.board.ids.tolist(), frame.board.corners, strict=True))
+    now = dict(zip(board.ids.tolist(), board.corners, strict=True))
     pairs = [(uv, now[i]) for i, uv in zip(before["ids"], before["corners"], strict=True) if i in now]
     if not pairs:
         return float("inf")

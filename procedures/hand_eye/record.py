@@ -175,6 +175,5 @@ def _frame_entry(frame: Frame, folder: Path, points: int) -> dict[str, Any]:
     return entry
 
 
-def _relative(path: Path | None, folder: Path) -> str:
-    assert path is not None
+def _relative(path: Path, folder: Path) -> str:
     return path.relative_to(folder).as_posix()

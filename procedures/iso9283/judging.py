@@ -60,11 +60,7 @@ def solve_iso9283(path: Path, limits: Mapping[str, float | None]) -> dict[str, A
     data = read_data_set(path)
     arrivals = _arrivals(data)
     best = _fit(arrivals)
-    used = best
-    if data.registration == "kinematics":
-        assert data.kinematics is not None
-        assert data.kinematics.T_base_tracker is not None
-        used = registration_of(data.kinematics.T_base_tracker)
+    used = best if data.T_base_tracker is None else registration_of(data.T_base_tracker)
     found = {name: _figures(data, arrivals, used, name) for name in sorted(ORDER)}
     poses = [_entry(name, arrivals.wanted[name], found[name]) for name in found]
     moved = drift([used.to_base(arrivals.p[name].T).T for name in found])

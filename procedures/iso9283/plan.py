@@ -81,10 +81,9 @@ def require_same_devices(
 
 def point_of(values: RunValues, config: Iso9283Config) -> list[float]:
     """The reflector in the flange: as calibrated where the tracker's place is taken from the calibration."""
-    if config.registration == "fit":
-        return list(config.point)
     found = kinematics_of(values, config)
-    assert found is not None
+    if config.registration == "fit" or found is None:
+        return list(config.point)
     places = (found["robot"].get("tool") or {}) if found["robot"].get("family") != "palletizer4" else {}
     if config.reflector not in places:
         raise error(
@@ -140,9 +139,8 @@ def plan_iso(values: RunValues, raw: Mapping[str, Any], q_start: list[float]) ->
 
 def wanted_poses(config: Iso9283Config, point: list[float]) -> dict[str, RigidTransform]:
     """``T_base_flange`` by name: poses that only locate (R1 ...), then P1 to P5."""
-    if config.poses is not None:
-        return {f"P{k}": from_pose6(pose) for k, pose in enumerate(config.poses, 1)}
-    assert config.cube is not None
+    if config.cube is None:  # then there are poses
+        return {f"P{k}": from_pose6(pose) for k, pose in enumerate(config.poses or (), 1)}
     cube, R = config.cube, Rotation.from_rotvec(config.cube.R_base_flange)
     arm = R.apply(point)
 

@@ -54,8 +54,8 @@ class Iso9283Test(Procedure):
         path = await asyncio.to_thread(session.write)
         run.note("solve", event="started", samples=len(session.record.samples))
         limits = {"max_AP_m": self.config.max_AP_m, "max_RP_m": self.config.max_RP_m}
-        run.result = await run.worker.call(solve_iso9283, path, limits)
-        await _keep_trends(run)
+        run.result = result = await run.worker.call(solve_iso9283, path, limits)
+        await _keep_trends(run, result)
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """Every pose with the guard's findings and the order of visits; nothing moves."""
@@ -77,14 +77,13 @@ async def _keep_what_is_left(run: Run, session: Session) -> None:
         run.note("error", **second.as_dict())
 
 
-async def _keep_trends(run: Run) -> None:
+async def _keep_trends(run: Run, result: dict[str, Any]) -> None:
     """The worst figures over the runs: wear shows in RP, a bent or bumped arm in AP."""
-    assert run.result is not None
-    answer = run.result["result"]
+    answer = result["result"]
     how = "corrected" if answer["corrected"] else "uncorrected"
     histories = {}
     for key in ("AP", "RP"):
         name = f"iso9283.{key}_m.{how}.{run.arm().name}"
         points = await run.cell.add_trend(name, answer[f"{key}_max"])
         histories[name] = [[t, v] for t, v in points]
-    run.result["inputs"]["trend"] = histories
+    result["inputs"]["trend"] = histories

@@ -128,7 +128,6 @@ class Session:
         """The point with the arm at rest; the reason of the last try when none was to be had."""
         run, config = self.run, self.config
         near = None if self.place is None else self.place.to_tracker(self._wanted(station)[:, None])[:, 0]
-        failure: CellError | None = None
         for attempt in range(1, config.retries_per_pose + 2):
             await run.enter(S.SETTLE, f"attempt {attempt}")
             if not await measured_standstill(self.arm, STANDSTILL_TIMEOUT_S):
@@ -143,12 +142,11 @@ class Session:
             except CellError as exc:
                 if exc.name not in AGAIN:
                     raise
-                failure = exc
+                last = exc
                 if exc.name in LOST and attempt <= config.retries_per_pose:
                     await run.enter(S.REACQUIRE, exc.detail)
                     await self.eye.find_again(near)
-        assert failure is not None
-        return failure
+        return last
 
     def _check_rest(self, found: Sample[StablePoint]) -> None:
         states = self.arm.state.between(found.t - found.dt, found.t + found.dt)

@@ -73,8 +73,8 @@ def measurement_of(run: Run, config: LaserCheckConfig | LaserUpdateConfig) -> Me
 
 async def measure(
     run: Run, measurement: Measurement, config: LaserCheckConfig | LaserUpdateConfig, judged: Judged
-) -> None:
-    """One scan of both beams, solved and judged by ``judged``; the document is ``run.result``."""
+) -> dict[str, Any]:
+    """One scan of both beams, solved and judged by ``judged``; the document, which is ``run.result`` too."""
     await run.enter(S.PREPARE)
     measurement.check_fixture()
     record = PassRecord(run.folder)
@@ -91,10 +91,11 @@ async def measure(
         record.write_data_set, header, reference["passes"], record.passes, scan.complete
     )
     run.note("solve", event="started", passes=len(record.passes))
-    run.result = await run.worker.call(judged, path, known_of(run.values), config.model_dump())
-    if moved := (run.result["result"] or {}).get("moved"):
+    run.result = result = await run.worker.call(judged, path, known_of(run.values), config.model_dump())
+    if moved := (result["result"] or {}).get("moved"):
         run.note("decision", event="tool moved" if moved["moved"] else "tool has not moved", **moved)
     await keep_trends(run)
+    return result
 
 
 def known_of(values: RunValues) -> dict[str, Any]:

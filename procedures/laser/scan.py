@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from cell.devices import DigitalInputs, Speed
-from cell.errors import error
+from cell.errors import error, present
 from cell.motion import MotionLease
 from cell.procedure import FinishRequested, Run
 from procedures.laser.config import BEAMS, Search
@@ -296,8 +296,7 @@ class Scan:
     async def _dark(self) -> list[str]:
         """The beams that are broken now."""
         await self.run.take_step("look at the beams", lambda: self.inputs.wait_fresh(POLL_TIMEOUT_S))
-        newest = self.inputs.inputs.last()
-        assert newest is not None
+        newest = present(self.inputs.inputs.last(), "sample of the inputs, though a fresh one came")
         return [name for name, beam in self._beams.items() if newest.value.levels[beam.index]]
 
     def _searched(self) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 
 from calibration.tool_frame.meeting import FALSE_ALARM
 from cell.calibrations import tool_calibration
-from cell.errors import CellError
+from cell.errors import CellError, present
 from cell.motion import MotionLease, run_to_its_end
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
 from cell.run_values import RunValues
@@ -94,12 +94,11 @@ class LaserUpdate(Procedure):
 
     async def run(self, run: Run) -> None:
         measurement = measurement_of(run, self.config)
-        await measure(run, measurement, self.config, solved_measurement)
-        assert run.result is not None
-        if run.result["result"] is None or run.result["verdict"] == "fail":
-            run.note("decision", event="nothing proposed", why="; ".join(run.result["reasons"]))
+        result = await measure(run, measurement, self.config, solved_measurement)
+        if result["result"] is None or result["verdict"] == "fail":
+            run.note("decision", event="nothing proposed", why="; ".join(result["reasons"]))
             return
-        await _Candidate(self.config, run, measurement).decide()
+        await _Candidate(self.config, run, measurement, result).decide()
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """Every move of the first scan with the guard's findings; nothing moves."""
@@ -117,10 +116,10 @@ class LaserUpdate(Procedure):
 class _Candidate:
     """A measured tool frame on its way to be committed or rejected, never left in between."""
 
-    def __init__(self, config: LaserUpdateConfig, run: Run, measurement: Measurement) -> None:
-        assert run.result is not None
-        self.config, self.run, self.measurement = config, run, measurement
-        self.result: dict[str, Any] = run.result
+    def __init__(
+        self, config: LaserUpdateConfig, run: Run, measurement: Measurement, result: dict[str, Any]
+    ) -> None:
+        self.config, self.run, self.measurement, self.result = config, run, measurement, result
         self.name = run.values.tool["name"]
         self.tool = {**run.values.tool, "T_flange_tool": self.result["result"]["T_flange_tool"]}
         self.why = "the run ended before the candidate was confirmed"
@@ -143,13 +142,17 @@ class _Candidate:
             if self.open is not None:
                 await run_to_its_end(self._reject(self.open))
 
+    @property
+    def _number(self) -> int:
+        """The proposal's, which is open."""
+        return present(self.open, "proposal that is open")
+
     async def _propose(self) -> None:
         proposal = Proposal(tool_calibration(self.name), self.tool["T_flange_tool"], False)
         self.open = await self.run.cell.propose(self.run, proposal, self.result)
 
     async def _commit(self) -> None:
-        assert self.open is not None
-        await self.run.cell.commit(self.run, self.open)
+        await self.run.cell.commit(self.run, self._number)
         self.open = None
         self._tell(committed=True)
 
@@ -161,9 +164,8 @@ class _Candidate:
     async def _accepted(self) -> bool:
         """By policy, or by the operator: a confirm accepts, everything else rejects."""
         run = self.run
-        assert self.open is not None
         if self.config.accept.auto and self.result["verdict"] == "pass":
-            await run.cell.accept(run, self.open, "policy", commit=False)
+            await run.cell.accept(run, self._number, "policy", commit=False)
             self._tell(accepted_by="policy")
             return True
         await run.enter(S.ASK)
@@ -173,7 +175,7 @@ class _Candidate:
             await run.enter(S.REJECT)
             self.why = "finished by the operator instead of accepted"
             return False
-        await run.cell.accept(run, self.open, "operator", commit=False)
+        await run.cell.accept(run, self._number, "operator", commit=False)
         self._tell(accepted_by="operator")
         return True
 

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from cell.devices import JointState
-from cell.errors import CellError, error
+from cell.errors import CellError, error, present
 from cell.motion import MotionLease, measured_standstill
 from cell.poses import Array
 from cell.procedure import Run
@@ -70,9 +70,9 @@ class MovedArm:
                 self._lease = None
 
     async def go(self, visit: Visit, what: str) -> None:
-        assert self._lease is not None
+        lease = present(self._lease, "motion lease outside of a session")
         for q in (*visit.via, visit.q):
-            await self._lease.move_joints(np.array(q))
+            await lease.move_joints(np.array(q))
 
     async def rest(self) -> None:
         if not await measured_standstill(self._arm, STANDSTILL_TIMEOUT_S):

@@ -27,8 +27,9 @@ def tracker_expectation(setup: Setup, job: TrackerSamplingConfig) -> dict[str, A
     try:
         check_payload(job, values)
         q = _start(setup, job, noise)
-        stored = load_stored(job, robot_of(values, job), payload_of(job, values))
-        entries = [] if stored is None else stored.entries()
+        entries = []
+        if (name := job.with_set) is not None:
+            entries = load_stored(name, job, robot_of(values, job), payload_of(job, values)).entries()
         request = PlanRequest(values, job.model_dump(), noise, job.T_base_tracker_nominal, q, stored=entries)
         plan = plan_sampling(request).listing
     except CellError as exc:

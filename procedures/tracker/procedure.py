@@ -43,9 +43,8 @@ class TrackerSampling(Procedure):
         check_payload(self.config, values)
 
     def proposal(self, run: Run) -> Proposal | None:
-        if (run.result or {}).get("result") is None:
+        if run.result is None or run.result.get("result") is None:
             return None
-        assert run.result is not None
         value = proposal_value(
             run.result, payload_of(self.config, run.values), robot_of(run.values, self.config)
         )

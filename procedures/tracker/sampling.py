@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.identification.reflector_constant import KEY
-from calibration.identification.registration import Registration
+from cell.errors import CellError, present
 from cell.poses import Array
 from cell.procedure import FinishRequested, Run
 from procedures.laser_tracker.aiming import Eye
@@ -156,12 +156,11 @@ class Sampling:
     async def _stored_set(self) -> StoredSet | None:
         """Read once: it shall not change while the run goes on."""
         config, values = self.config, self.run.values
-        if self._stored is None and config.with_set is not None:
+        if self._stored is None and (name := config.with_set) is not None:
             robot, payload_kg = robot_of(values, config), payload_of(config, values)
-            self._stored = await asyncio.to_thread(load_stored, config, robot, payload_kg)
-            assert self._stored is not None
-            self._stored.require_same_devices(self.serials)
-            self.run.note("decision", event="stored set", poses=len(self._stored.samples))
+            self._stored = stored = await asyncio.to_thread(load_stored, name, config, robot, payload_kg)
+            stored.require_same_devices(self.serials)
+            self.run.note("decision", event="stored set", poses=len(stored.samples))
         return self._stored
 
     def _batches(self, visits: Sequence[Visit]) -> list[list[Visit]]:
@@ -198,8 +197,7 @@ class Sampling:
         await asyncio.to_thread(self.record.begin, header, adopted)
         if adopted is None:
             return False
-        assert self.record.T_base_tracker is not None
-        self.place.found_at(self.record.T_base_tracker)
+        self.place.found_at(present(self.record.T_base_tracker, "place of the tracker beside adopted poses"))
         run.note("decision", event="adopted", poses=len(self.record.samples))
         return True
 
@@ -218,35 +216,32 @@ class Sampling:
             await run.ask(f"{wanted}Confirm when that is done{careful}.")
         self._mounted = first
         measured: list[tuple[Array, Array]] = []
+        why: CellError | None = None  # the last pose was given up
         async with self.arm.session():
             for number, visit in enumerate(plan.locate, 1):
                 text = f"pose {number} of {len(plan.locate)} to find the tracker's place with"
                 found = await self.visitor.measure_at(visit, PLACE_TRUST_M, text)
-                if found is not None:
+                if isinstance(found, CellError):
+                    why = found
+                else:
                     q, sample = found
                     measured.append((sample.value.point, self.place.nominal_point(q, first)))
             await run.enter(S.NEXT, "located")
         await run.enter(S.LOCATE, f"{len(measured)} of {len(plan.locate)} poses were measured")
         self.visitor.lost.clear()  # they only locate: none of them is wanted again
-        if len(measured) < LEAST_POINTS and self.visitor.why is not None:
-            raise self.visitor.why
+        if len(measured) < LEAST_POINTS and why is not None:
+            raise why
         p_tracker, p_base = (np.array([m[k] for m in measured]).reshape(-1, 3) for k in (0, 1))
         T = pose6_of(locate(p_tracker, p_base, config.max_locate_error_m))
         self.place.found_at(T)
         await asyncio.to_thread(self.record.place_tracker, T)
         run.note("decision", event="located", T_base_tracker=T)
 
-    @property
-    def _registration(self) -> Registration:
-        found = self.place.registration
-        assert found is not None
-        return found
-
     async def look_at_monuments(self) -> None:
         """``TRACKER_MOVED`` when one is not where the first look saw it."""
         if self.config.swap_by_operator:
             self._mounted = None
-        await self.watch.look(self._registration, self.place.monuments_hidden(await self._joints()))
+        await self.watch.look(self.place.located, self.place.monuments_hidden(await self._joints()))
         if self._stored is not None:
             self._stored.require_same_stand(first_seen(self.record.looks), self.config.max_drift_m)
 
@@ -264,14 +259,13 @@ class Sampling:
                 number = len(self.record.samples) + 1
                 text = f"pose {number} of {self.config.poses}, reflector {visit.reflector}"
                 found = await visitor.measure_at(visit, self.config.max_surprise_m, text)
-                if found is not None:
+                if not isinstance(found, CellError):
                     await visitor.keep(visit, *found)
                     in_a_row = 0
                     continue
                 in_a_row += 1
                 if give_up and in_a_row >= LOST_IN_A_ROW:
-                    assert visitor.why is not None
-                    raise visitor.why
+                    raise found
             self._show_progress()
             await run.enter(S.NEXT, "the arm rests")
 

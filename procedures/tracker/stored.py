@@ -60,16 +60,14 @@ class StoredSet:
 
 
 def load_stored(
-    config: TrackerSamplingConfig, robot: Mapping[str, Any], payload_kg: float
-) -> StoredSet | None:
-    """The set that ``with_set`` names, None without one; reads the disk.
+    with_set: str, config: TrackerSamplingConfig, robot: Mapping[str, Any], payload_kg: float
+) -> StoredSet:
+    """The set that ``with_set`` names; reads the disk.
 
     ``TRACKER_SET_REFUSED`` when it is of another arm, other reflectors or another load than ``robot`` and
     ``payload_kg``; an ``InputError`` when it is no data set.
     """
-    if config.with_set is None:
-        return None
-    path, data = read_kincal(Path(config.with_set))
+    path, data = read_kincal(Path(with_set))
     samples = [
         {**s.model_dump(include={"q", "p_tracker", "target"}), "notes": "stored"}
         for s in data.samples

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.identification.registration import Registration, robust_register
+from cell.errors import present
 from cell.poses import Array
 from cell.run_values import RunValues
 from procedures.laser_tracker.locating import apart, pose6_of, registration_of
@@ -32,6 +33,11 @@ class TrackerPose:
         """As pose6; None while it is unknown."""
         return None if self.registration is None else pose6_of(self.registration)
 
+    @property
+    def located(self) -> Registration:
+        """Where it stands, once it was measured or the config says it."""
+        return present(self.registration, "place of the tracker")
+
     def found_at(self, T_base_tracker: list[float]) -> None:
         """It was measured: from now on what can be seen is known as well."""
         self.registration = registration_of(T_base_tracker)
@@ -46,9 +52,7 @@ class TrackerPose:
 
     def elsewhere(self, T_planned: Sequence[float]) -> tuple[float, float] | None:
         """How far (m, rad) it is from where a plan assumed it; None while the plan still holds."""
-        T = self.T_base_tracker
-        assert T is not None
-        shift, turn = apart(T_planned, T)
+        shift, turn = apart(T_planned, pose6_of(self.located))
         return (shift, turn) if shift > ELSEWHERE_M or turn > ELSEWHERE_RAD else None
 
     def nominal_point(self, q: Array, reflector: str) -> Array:

@@ -47,19 +47,16 @@ class Visitor:
         self._place, self._record, self._stored = place, record, stored
         self.hub: Array | None = None  # where ways meet that are not free directly
         self.lost: list[tuple[Visit, str]] = []
-        self.why: CellError | None = None  # the last pose was given up
 
-    async def measure_at(self, visit: Visit, surprise_m: float, text: str) -> Found | None:
-        """Go there and measure, again where it fails; None when the pose had to be given up.
+    async def measure_at(self, visit: Visit, surprise_m: float, text: str) -> Found | CellError:
+        """Go there and measure, again where it fails; why the pose had to be given up.
 
         The reflector has to be seen within ``surprise_m`` of where it should be.
         """
         found = await self._run.take_step(text, lambda: self._visit(visit, surprise_m, text))
         if isinstance(found, CellError):  # told outside the step, which an interruption would repeat
-            self.why = found
             self.lost.append((visit, str(found)))
             self._run.note("decision", event="pose skipped", q=visit.q, why=str(found))
-            return None
         return found
 
     async def _visit(self, visit: Visit, surprise_m: float, text: str) -> Found | CellError:
@@ -132,10 +129,11 @@ class Visitor:
         first = np.array((*visit.via, visit.q)[0])
         if blocked(here, first, check) is None:
             return visit
-        if self.hub is None or blocked(here, self.hub, check) or blocked(self.hub, np.array(visit.q), check):
-            check(here, first)
-        assert self.hub is not None
-        return replace(visit, via=[self.hub.tolist()])
+        hub = self.hub
+        if hub is not None and not (blocked(here, hub, check) or blocked(hub, np.array(visit.q), check)):
+            return replace(visit, via=[hub.tolist()])
+        check(here, first)  # tells why it is not free
+        return visit
 
     async def _measure(self, visit: Visit, near: Array | None, surprise_m: float) -> Found:
         """One try, the arm at rest all the while; one of ``AGAIN`` else."""

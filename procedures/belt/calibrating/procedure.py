@@ -75,9 +75,7 @@ class BeltCalibration(Procedure):
         return (CAMERA, "belt") if self.config.source == "camera" else ("belt",)
 
     def check(self, values: RunValues) -> None:
-        if self.config.source == "camera":
-            assert self.config.belt_z_m is not None
-            CameraToBelt(values, self.config.belt_z_m, self.config.items)
+        _camera_to_belt(self.config, values)
 
     def proposal(self, run: Run) -> Proposal | None:
         answer = (run.result or {}).get("result")
@@ -90,7 +88,11 @@ class BeltCalibration(Procedure):
         await run.enter(S.PREPARE)
         with _Session(self.config, run) as session:
             try:
-                await (session.watch() if self.config.source == "camera" else session.touch())
+                await (
+                    session.touch()
+                    if session.camera_to_belt is None
+                    else session.watch(session.camera_to_belt)
+                )
             except FinishRequested:
                 session.early = "after " + session.progress()
             finally:
@@ -118,6 +120,13 @@ class BeltCalibration(Procedure):
         return solve_within_limits(path, info["job_config"])
 
 
+def _camera_to_belt(config: BeltCalibrationConfig, values: RunValues) -> CameraToBelt | None:
+    """What the camera sees of the belt; None with touches, which need no camera."""
+    if config.source == "touch" or config.belt_z_m is None:
+        return None
+    return CameraToBelt(values, config.belt_z_m, config.items)
+
+
 class _Session:
     """``with``: listens to the encoder, and to the camera while it watches."""
 
@@ -131,13 +140,10 @@ class _Session:
         )
         self._fresh: deque[Frame] = deque()
         self._follower = ItemFollower(motion_of(self._configured))
-        self.camera_to_belt: CameraToBelt | None = None
+        self.camera_to_belt = _camera_to_belt(config, run.values)
         self._epoch = self.encoder.counts.epoch
         self._begins: deque[float] = deque()  # times when it began anew, which no frame was after yet
         self._undo: list[Any] = []
-        if config.source == "camera":
-            assert config.belt_z_m is not None
-            self.camera_to_belt = CameraToBelt(run.values, config.belt_z_m, config.items)
 
     def __enter__(self) -> "_Session":
         self._undo = [self.encoder.counts.subscribe(self._count)]
@@ -177,16 +183,15 @@ class _Session:
 
     # -- by camera
 
-    async def watch(self) -> None:
+    async def watch(self, camera_to_belt: CameraToBelt) -> None:
         """Until enough was seen over a way that is long enough, or patience ends."""
         run, config, camera = self.run, self.config, self.run.camera(CAMERA)
-        assert self.camera_to_belt is not None
-        await run.take_step("prepare the camera", partial(camera.set_items, self.camera_to_belt.spec()))
+        await run.take_step("prepare the camera", partial(camera.set_items, camera_to_belt.spec()))
         try:
             await run.enter(S.WATCH)
             waited_since = run.clock.now()
             before = 0
-            while not self._enough():
+            while not self._enough(camera_to_belt):
                 await run.clock.sleep(LOOK_S)
                 await self._keep()
                 if run.wants_rest:
@@ -224,8 +229,7 @@ class _Session:
         await run.enter(S.WATCH)
         return True
 
-    def _enough(self) -> bool:
-        assert self.camera_to_belt is not None
+    def _enough(self, camera_to_belt: CameraToBelt) -> bool:
         while self._fresh and self.record.counts and self._fresh[0].t_exposure <= self.record.counts[-1][0]:
             frame = self._fresh.popleft()
             while self._begins and self._begins[0] <= frame.t_exposure:
@@ -235,7 +239,7 @@ class _Session:
             count = count_at(recent, frame.t_exposure)
             if count is not None:
                 points = np.array([view.point for view in frame.items or ()])
-                self._follower.add(frame.t_exposure, count, self.camera_to_belt.T_base_camera.apply(points))
+                self._follower.add(frame.t_exposure, count, camera_to_belt.T_base_camera.apply(points))
         seen = len(self._follower)
         self.run.progress(min(seen, self.config.sightings), self.config.sightings)
         return seen >= self.config.sightings and self._follower.way_m >= self.config.travel_m

@@ -143,8 +143,8 @@ def _with_rounding(answer: BeltScale, counts: Array) -> BeltScale:
 
     More than two touches leave residuals, which are taken alike along three axes: they show a third of it.
     """
-    assert answer.half_scale is not None
-    assert answer.cov is not None
+    if answer.half_scale is None or answer.cov is None:
+        return answer  # of its noise nothing is known
     unseen = answer.m_per_count**2 / 12.0 * (1.0 if len(counts) == 2 else 2.0 / 3.0)
     variance = unseen / float(np.sum((counts - counts.mean()) ** 2))
     along = answer.direction

@@ -94,7 +94,7 @@ class ClassicMethod:
         self._last = -np.inf
 
     def meet(self, item: Item, t: float) -> Aim | None:
-        self._first = t if self._first is None else self._first
+        self._since(t)
         if (target := self._target(item)) is None:
             return None
         met = target.meet(self._arm, self._times, self._zone, self._config.dwell_s)
@@ -103,8 +103,7 @@ class ClassicMethod:
         return Aim(met[0], met[1], _aim(track, met[0]).height)
 
     def improve(self, item: Item, aim: Aim, t: float) -> None:
-        assert self._first is not None
-        turn = recomputed(self._first, t)
+        turn = recomputed(self._since(t), t)
         if turn > self._last and t < aim.contact - self._times.t2_s:
             self._last = turn
             target, track = self._target(item), self._watch.track(item)
@@ -115,6 +114,11 @@ class ClassicMethod:
     def later(self, item: Item, aim: Aim, by_s: float) -> Aim | None:
         del item, aim, by_s
         return None
+
+    def _since(self, t: float) -> float:
+        """From when on the target is computed anew every 100 ms."""
+        self._first = t if self._first is None else self._first
+        return self._first
 
     def _target(self, item: Item) -> ClassicTarget | None:
         tracker = self._watch.tracker

@@ -13,7 +13,7 @@ import numpy as np
 from calibration.belt.arm_time import MotionLimits, rest_to_rest
 from calibration.belt.pursuit import FixedPoint, Leg, Ride, State
 from cell.devices import Gripper, TrajectoryPiece
-from cell.errors import CellError, error
+from cell.errors import CellError, error, present
 from cell.guard import MotionGuard
 from cell.poses import Array
 from cell.procedure import Run
@@ -149,6 +149,16 @@ class Picker:
         return 0 < self._config.picks <= self._watch.queue.counts[Outcome.PICKED]
 
     @property
+    def _in_hand(self) -> Item:
+        """The item that the phases from the approach to the grip are about."""
+        return present(self._item, "item in hand")
+
+    @property
+    def _agreed(self) -> Aim:
+        """The contact that was agreed on with a tool that does not follow."""
+        return present(self._aim, "agreed contact")
+
+    @property
     def _rest_wanted(self) -> bool:
         return self._run.wants_rest or not self._run.work_wanted or self.standing or self.enough
 
@@ -239,8 +249,7 @@ class Picker:
 
     async def _close(self, t: float) -> None:
         """In contact."""
-        assert self._item is not None
-        self._item.note(t, CONTACT)
+        self._in_hand.note(t, CONTACT)
         self._t_contact, self._tries = t, 1
         await self._run.enter(S.GRIP)
         self._begin(self._gripper.grip(self._config.grip_timeout_s))
@@ -272,11 +281,10 @@ class Picker:
 
     async def _go_above(self, t: float) -> bool:
         """Above the agreed place, and there until it is time to go down."""
-        assert self._aim is not None
         if (place := self._aim_improved(t)) is None:
             return await self._give_up(t)
         self._path.go(t, place, self._above)
-        if t >= self._aim.contact - self._descent_s - 0.5 * STEP_S:
+        if t >= self._agreed.contact - self._descent_s - 0.5 * STEP_S:
             self._path.at_full_speed()
             await self._run.enter(S.DESCEND)
             self._phase = self._go_down
@@ -292,11 +300,10 @@ class Picker:
 
     def _aim_improved(self, t: float) -> FixedPoint | None:
         """Where the item in hand will be at the agreed contact; None when it cannot be met there any more."""
-        assert self._item is not None
-        assert self._aim is not None
-        self._strategy.improve(self._item, self._aim, t)
-        place = self._aimed(self._item, self._aim)
-        lost = self.standing or self._watch.track(self._item) is None
+        item, aim = self._in_hand, self._agreed
+        self._strategy.improve(item, aim, t)
+        place = self._aimed(item, aim)
+        lost = self.standing or self._watch.track(item) is None
         return None if lost or not self._choice.holds(place.p[:3]) else place
 
     def _aimed(self, item: Item, aim: Aim) -> FixedPoint:
@@ -314,10 +321,9 @@ class Picker:
         held, out = self._answer(), self._follow(t)
         if not out and (held is None or t < self._t_contact + self._config.dwell_s):
             return True
-        assert self._item is not None
         held = bool(held)
         if not held and not out and self._tries < self._config.grip_tries and not self._meets_only:
-            self._item.note(t, "not held")
+            self._in_hand.note(t, "not held")
             self._begin(self._gripper.release(self._config.grip_timeout_s))
             self._phase = self._grip_again
             return True
@@ -325,8 +331,7 @@ class Picker:
 
     async def _end_grip(self, t: float, held: bool) -> bool:
         """Up, with the item or without."""
-        assert self._item is not None
-        self._item.note(t, "gripped" if held else "grip failed")
+        self._in_hand.note(t, "gripped" if held else "grip failed")
         self._held = held
         await self._run.enter(S.LIFT)
         if not held:
@@ -446,8 +451,8 @@ class Picker:
 
     def _answer(self) -> bool | None:
         """What the gripper's last command came to; None while it works."""
-        assert self._task is not None
-        return self._task.result() if self._task.done() else None
+        task = present(self._task, "command that the gripper works on")
+        return task.result() if task.done() else None
 
     def _opened(self) -> bool:
         """Whether the gripper is open, by its own answer. ``GRIPPER_STUCK`` when it does not get so."""

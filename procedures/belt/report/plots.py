@@ -130,13 +130,12 @@ def speed_section(source: BeltSource) -> Html | None:
     counts, steps, scale = source.counts, source.steps, source.scale
     if source.answer is None:
         return None
-    for rows in (counts, steps):
-        if isinstance(rows, str):
-            return section(title, absent(rows))
+    if isinstance(counts, str):
+        return section(title, absent(counts))
+    if isinstance(steps, str):
+        return section(title, absent(steps))
     if scale is None:
         return section(title, absent("The result does not name the belt's scale."))
-    assert not isinstance(counts, str)
-    assert not isinstance(steps, str)
     since = float(steps["t"][-1]) - _LAST_S
     raw, filtered = counts[counts["t"] >= since], steps[steps["t"] >= since]
     dt = np.diff(raw["t"])

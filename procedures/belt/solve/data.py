@@ -13,7 +13,7 @@ from calibration.belt.estimator import Encoder
 from calibration.belt.items import Sighting
 from calibration.belt.meeting import Zone
 from calibration.belt.tracking import RestingArm
-from cell.errors import error
+from cell.errors import error, present
 from cell.formats.intercept import SCHEMA, Detection, Intercept, Query
 from cell.formats.reading import parse, read_json
 from cell.poses import Array
@@ -51,8 +51,8 @@ class InterceptSet:
         xy, arrived, t = (detection.xy[0], detection.xy[1]), detection.t_recv, detection.t_exp
         if t is not None:
             return Sighting(xy, t, arrived, sure=True)
-        assert self.data.latency_mean is not None
-        return Sighting(xy, arrived - self.data.latency_mean, arrived, sure=False)
+        latency = present(self.data.latency_mean, "latency_mean")
+        return Sighting(xy, arrived - latency, arrived, sure=False)
 
 
 def load_intercept(path: Path) -> InterceptSet:

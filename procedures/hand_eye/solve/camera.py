@@ -1,8 +1,10 @@
 """Which intrinsics a capture is solved with: the given ones if they fit its images, else estimated ones."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.hand_eye.pnp_start import start_poses
 from calibration.hand_eye.views import CornerSet, undistort
@@ -118,7 +120,7 @@ def check_views(loaded: CaptureSet, camera: Intrinsics | None) -> None:
     for k, view in enumerate(loaded.views):
         if view is None:
             continue
-        if view.start is not None and not _plausible(view, camera):
+        if view.start is not None and not _plausible(view, view.start, camera):
             loaded.views[k] = CornerSet(view.points, view.corners, view.count)
     rows = [k for k, v in enumerate(loaded.views) if v is not None]
     guesses = start_poses([v for v in loaded.views if v is not None], camera)
@@ -128,9 +130,8 @@ def check_views(loaded: CaptureSet, camera: Intrinsics | None) -> None:
             loaded.unusable[k] = "no pose of the target before the camera explains the corners"
 
 
-def _plausible(view: CornerSet, camera: Intrinsics) -> bool:
-    assert view.start is not None
-    p = view.points @ view.start[:3, :3].T + view.start[:3, 3]
+def _plausible(view: CornerSet, start: NDArray[Any], camera: Intrinsics) -> bool:
+    p = view.points @ start[:3, :3].T + start[:3, 3]
     if np.any(p[:, 2] <= 0.0):
         return False
     error_px = (p[:, :2] / p[:, 2:] - undistort(view.corners, camera)) * np.array(camera.K[:2])

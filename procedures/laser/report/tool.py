@@ -50,7 +50,7 @@ def tool_figure(source: LaserSource, factor: int) -> Any:
         fig.update_yaxes(title_text="z, mm (base)" if first else None, row=1, col=column)
         fig.update_yaxes(scaleanchor=f"x{'' if first else column}", constrain="domain", row=1, col=column)
     if source.dp is not None:
-        for trace in _point(source, R):
+        for trace in _point(source, source.dp, R):
             fig.add_trace(trace, 1, 3)
         fig.update_xaxes(title_text="x, mm (base)", constrain="domain", row=1, col=3)
         fig.update_yaxes(title_text="y, mm (base)", scaleanchor="x3", constrain="domain", row=1, col=3)
@@ -195,10 +195,9 @@ def crossing(source: LaserSource) -> Array:
     return np.asarray(0.5 * (a + s * u + b + t * v))
 
 
-def _point(source: LaserSource, R: Rotation) -> list[Any]:
+def _point(source: LaserSource, dp: Array, R: Rotation) -> list[Any]:
     """The displacement of the point seen from above, mm, with the region that holds 95 %."""
-    assert source.dp is not None
-    at = 1e3 * R.apply(source.dp)
+    at = 1e3 * R.apply(dp)
     traces = [
         go.Scatter(
             x=[0.0, at[0]],

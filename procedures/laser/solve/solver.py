@@ -129,8 +129,8 @@ def _refused(kind: str, refusal: Refusal, warnings: list[tuple[str, str]], input
 
 def _limited(result: Result, limits: Mapping[str, float]) -> Result:
     """Fail with the limit's name when the tool is bent beyond it; nothing is corrected then."""
-    answer = result.result
-    assert answer is not None
+    if (answer := result.result) is None:
+        return result
     reasons = []
     shift, turn = float(np.linalg.norm(answer["dp_flange"])), answer["drot_flange"]
     if (limit := limits.get("max_shift_m")) is not None and shift > limit:
