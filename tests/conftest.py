@@ -12,9 +12,13 @@ from typing import Any
 
 import psutil
 import pytest
+from hypothesis import settings
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[_name] = "1"  # as in every process of the product, and before numpy reads them
+
+settings.register_profile("cellward", deadline=None)  # a PC that pauses is no finding
+settings.load_profile("cellward")
 
 DATA = Path(os.environ.get("CELLWARD_DATA", Path(__file__).parents[2] / "shared" / "data"))
 

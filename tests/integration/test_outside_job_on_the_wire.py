@@ -118,7 +118,7 @@ def site_with(example: str, folder: Path) -> Path:
     return folder / "site"
 
 
-@pytest.fixture(scope="module", params=[INSTALLED, CONFIGURED])
+@pytest.fixture(scope="module", params=[pytest.param(INSTALLED, marks=pytest.mark.soak), CONFIGURED])
 def subject(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
     folder = tmp_path_factory.mktemp("acme")
     env = os.environ | {"PYTHONPATH": str(site_with(request.param, folder))}

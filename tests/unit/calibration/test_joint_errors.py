@@ -57,7 +57,7 @@ def measured(
 @pytest.mark.parametrize("kind", ["ur10e", "palletizer"])
 def test_predictions_are_as_good_as_they_say_though_gears_and_sag_are_not_perfect(kind: str) -> None:
     inside, off, off_geometry = [], [], []
-    for seed in range(8):
+    for seed in range(5):
         problem, Q, truth, _ = measured(kind, seed, 120, 50e-6, 300e-6)
         subject = identify(problem, {}, joint_errors=True)
         p, cov = subject.predict(Q)
@@ -75,7 +75,7 @@ def test_predictions_are_as_good_as_they_say_though_gears_and_sag_are_not_perfec
 
 def test_an_arm_without_such_errors_pays_next_to_nothing_for_the_question() -> None:
     with_them, without = [], []
-    for seed in range(12):
+    for seed in range(8):
         problem, Q, truth, _ = measured("ur10e", 100 + seed, 120, 0.0, 0.0)
         for found, errors in ((with_them, True), (without, False)):
             found.append(np.mean(np.sum((identify(problem, {}, errors).predict(Q)[0] - truth) ** 2, axis=1)))

@@ -120,7 +120,7 @@ def test_a_killed_run_can_be_the_stored_set_of_another(aborted: Path, tmp_path: 
             "with_set": str(tmp_path / "kincal.json"),
         }
     )
-    stored = load_stored(config, header["robot"], header["payload_kg"])
+    stored = load_stored(str(config.with_set), config, header["robot"], header["payload_kg"])
     assert stored is not None
     assert len(stored.samples) == len(indices(aborted / "kincal.json"))
     told = read_json(aborted / "kincal.json")["notes"]["sampling"]["monument_points"]

@@ -83,7 +83,7 @@ def test_few_poses_with_a_stored_set_reach_what_many_reach(earlier: Path, tmp_pa
 @pytest.mark.parametrize("role", ["arm", "tracker"])
 def test_a_set_of_another_arm_or_tracker_is_refused_in_one_sentence(earlier: Path, role: str) -> None:
     data = read_json(earlier)
-    stored = load_stored(job(earlier), data["robot"], data["payload_kg"])
+    stored = load_stored(str(earlier), job(earlier), data["robot"], data["payload_kg"])
     assert stored is not None
     serials = data["notes"]["sampling"]["serials"]
     stored.require_same_devices(serials)
@@ -122,7 +122,7 @@ def test_a_set_of_another_arm_load_or_reflector_is_refused_with_the_reason(
     earlier: Path, tmp_path: Path
 ) -> None:
     robot = robot_of(values(), job(earlier))
-    stored = load_stored(job(earlier), robot, 0.8)
+    stored = load_stored(str(earlier), job(earlier), robot, 0.8)
     assert stored is not None
     assert len(stored.entries()) == len(read_json(earlier)["samples"])
     samples = read_json(earlier)["samples"]
@@ -134,11 +134,12 @@ def test_a_set_of_another_arm_load_or_reflector_is_refused_with_the_reason(
         ({"payload_kg": None}, "payload_kg"),
         ({"samples": samples}, "smr9"),
     ):
+        path = changed(earlier, tmp_path, **keys)
         with pytest.raises(CellError, match=said) as caught:
-            load_stored(job(changed(earlier, tmp_path, **keys)), robot, 0.8)
+            load_stored(str(path), job(path), robot, 0.8)
         assert caught.value.name == "TRACKER_SET_REFUSED"
     with pytest.raises(CellError, match="nowhere"):
-        load_stored(job(tmp_path / "nowhere.json"), robot, 0.8)
+        load_stored(str(tmp_path / "nowhere.json"), job(earlier), robot, 0.8)
 
 
 @pytest.mark.parametrize(
