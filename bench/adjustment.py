@@ -17,8 +17,9 @@ import cv2
 import numpy as np
 from scipy.stats import chi2
 
-from calibration.adjustment.hand_eye import ArmKnown, adjust
+from calibration.adjustment.hand_eye import adjust
 from calibration.adjustment.lens_terms import LensPrior
+from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye import se3
 from calibration.hand_eye.solution import Solution, solve
 from calibration.intrinsics import estimate_intrinsics

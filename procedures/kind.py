@@ -78,6 +78,7 @@ _ALL = (
         plan="procedures.hand_eye.words:cone_plan_lines",
         report="procedures.hand_eye.report.layout:HAND_EYE",
         solve="procedures.hand_eye.solve.solver:solve_hand_eye",
+        asked=("predict",),
         compare="procedures.hand_eye.comparison:compare_hand_eye",
         expectation="procedures.hand_eye.expectation:cone_expectation",
         truth="procedures.hand_eye.truth:judge_camera",

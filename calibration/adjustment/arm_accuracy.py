@@ -1,19 +1,24 @@
-"""How far an arm's flange is from where its model has it, over all its joints: from the adjustment alone.
+"""What a board tells of an arm: its corrected numbers, where its flange truly is, and how far off it was.
 
-A shift of base or flange as a whole is no error of the arm and is left out, as in its terms. At each joint
-vector of the reference the expected square is that of the error found plus its variance; with the error
-corrected the variance alone is left.
+A motion of base or flange as a whole is no error of the arm. It is left out of the flange's poses; in a ROBOT
+it is not, so the camera has another pose on the corrected arm than on the arm as it is configured.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibration.adjustment.arm_terms import reference_joints
-from calibration.adjustment.hand_eye import GEARS, GEOMETRY, Adjusted, ArmKnown, arm_terms
-from cell.poses import Array
+from calibration.adjustment.hand_eye import Adjusted
+from calibration.adjustment.unknowns import GEARS, GEOMETRY, ArmKnown, arm_terms
+from calibration.hand_eye import se3
+from calibration.kinematics.joint_errors import JointErrors
+from calibration.kinematics.parametric import ParametricArm
+from cell.poses import Array, adjoint
 
 _EXPECTED = 0.95
+_DRAWS, _SEED = 400, 11
+_REPEATABLE_M = 3e-5  # of a flange, along one axis: a scatter up to this is no error of the arm's model
 
 
 @dataclass(frozen=True)
@@ -33,14 +38,116 @@ class ArmAccuracy:
     corrected: FlangeError
 
 
+@dataclass(frozen=True)
+class PositionAccuracy:
+    """RMS position (m) of the flange: by its model ``before``, expected to be left ``after``, and the length
+    that 95 % of the errors left stay below."""
+
+    before: float
+    after: float
+    after95: float
+
+
 def arm_accuracy(found: Adjusted, arm: ArmKnown) -> ArmAccuracy:
-    """Over the reference joints, which are spread over all that the arm can reach."""
-    Q = reference_joints(arm.limits)
-    columns = np.concatenate([terms.columns for terms in arm_terms(arm, Q).values()], axis=2)
-    part = slice(found.blocks[GEOMETRY].start, found.blocks[GEARS].stop)
+    """Over the reference joints, which are spread over all that the arm can reach.
+
+    At each of them the expected square is that of the error found plus its variance; with the error
+    corrected the variance alone is left.
+    """
+    columns = _columns(arm, reference_joints(arm.limits))
+    part = _part(found)
     error = columns @ found.numbers[part]
     variance = np.einsum("kip,pq,kiq->ki", columns, found.cov_numbers[part, part], columns, optimize=True)
     return ArmAccuracy(_spread(error**2 + variance), _spread(variance))
+
+
+def position_accuracy(found: Adjusted, arm: ArmKnown, Q: Array) -> PositionAccuracy:
+    """At joints ``Q`` (k, 6), after the base and the tool offset that fit best there are taken off."""
+    J = _positions(arm, Q)
+    part = _part(found)
+    error = (J @ found.numbers[part]).reshape(-1, 3)
+    root = _root(found.cov_numbers[part, part])
+    draws = np.random.default_rng(_SEED).normal(size=(root.shape[1], _DRAWS))
+    left = np.linalg.norm((J @ (root @ draws)).reshape(len(Q), 3, _DRAWS), axis=1)
+    spread = J @ root
+    return PositionAccuracy(
+        float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
+        float(np.sqrt(np.sum(spread**2) / len(Q))),
+        float(np.quantile(left, _EXPECTED)),
+    )
+
+
+def predicted_flange(found: Adjusted, arm: ArmKnown, Q: Array) -> tuple[Array, Array]:
+    """Where the flange is at joints ``Q`` (k, 6): poses (k, 4, 4), and covariances (k, 3, 3) of the place.
+
+    Base and tool offset that fit best at these joints are not in the covariance; a scatter of the flange
+    beyond what an arm repeats to is, since the model does not follow it.
+    """
+    part = _part(found)
+    T = arm.model.base.flange(Q) @ se3.exp(_columns(arm, Q) @ found.numbers[part])
+    spread = (_positions(arm, Q) @ _root(found.cov_numbers[part, part])).reshape(len(Q), 3, -1)
+    scatter = found.components.sigma.get("sigma_flange_t", 0.0)
+    beyond = max(scatter**2 - _REPEATABLE_M**2, 0.0)
+    return T, spread @ np.swapaxes(spread, 1, 2) + beyond * np.eye(3)
+
+
+def corrected_arm(found: Adjusted, arm: ArmKnown) -> tuple[ParametricArm, Array]:
+    """The arm with its joint errors, and the values (p,) of its numbers."""
+    geometry, gears = (found.numbers[found.blocks[block]] for block in (GEOMETRY, GEARS))
+    names = found.names[found.blocks[GEARS]]
+    amplitude = dict(zip(names, map(float, gears), strict=True))
+    rows: list[tuple[str, int, Array, float, float]] = []
+    for j in range(arm.model.joints):
+        for times in (1, 2):
+            of = np.zeros(arm.model.joints)
+            of[j] = times
+            sine, cosine = (amplitude[f"gear{j + 1}.{wave}{times}"] for wave in ("sin", "cos"))
+            rows.append((f"gear{j + 1}.{times}", j, of, sine, cosine))
+    for name, j, links in (("sag2.upper", 1, 1), ("sag2.fore", 1, 2), ("sag3.fore", 2, 2)):
+        of = np.zeros(arm.model.joints)
+        of[1 : 1 + links] = 1.0
+        rows.append((name, j, of, 0.0, amplitude[name]))
+    own, joints, waves_of, sines, cosines = zip(*rows, strict=True)
+    errors = JointErrors(own, np.array(joints), np.array(waves_of), np.array(sines), np.array(cosines))
+    base = arm.model.base
+    with_errors = replace(arm.model, base=replace(base, errors=errors.beside(base.errors)))
+    return with_errors, arm.model.nominal + geometry
+
+
+def on_corrected_arm(found: Adjusted, arm: ArmKnown) -> tuple[Array, Array]:
+    """X (4, 4) and its covariance (6, 6) for the flange, or the base, of :func:`corrected_arm`."""
+    part = _part(found)
+    gauge = np.concatenate([t.gauge for t in arm_terms(arm, arm.Q[:1]).values()], axis=1)
+    moved = -gauge[6:] if found.problem.setup == "eye-in-hand" else gauge[:6]
+    own = adjoint(se3.inverse(found.X)) @ moved
+    mixed = found.cross[:, part] @ own.T
+    cov = found.cov + mixed + mixed.T + own @ found.cov_numbers[part, part] @ own.T
+    return se3.exp(moved @ found.numbers[part]) @ found.X, cov
+
+
+def _part(found: Adjusted) -> slice:
+    return slice(found.blocks[GEOMETRY].start, found.blocks[GEARS].stop)
+
+
+def _columns(arm: ArmKnown, Q: Array) -> Array:
+    return np.concatenate([terms.columns for terms in arm_terms(arm, Q).values()], axis=2)
+
+
+def _positions(arm: ArmKnown, Q: Array) -> Array:
+    """(3 k, p): how the numbers move the flange's places in the base, beyond one base and one tool offset."""
+    T = arm.model.base.flange(Q)
+    R, places = T[:, :3, :3], T[:, :3, 3]
+    J = (R @ _columns(arm, Q)[:, :3]).reshape(3 * len(Q), -1)
+    lever = se3.hat(places)
+    own = np.concatenate([np.tile(np.eye(3), (len(Q), 1, 1)), -lever, R], axis=2).reshape(3 * len(Q), 9)
+    return np.asarray(J - own @ np.linalg.lstsq(own, J, rcond=None)[0])
+
+
+def _root(cov: Array) -> Array:
+    """A with ``A A^T = cov``, for a covariance that rounding may have made indefinite."""
+    s = np.sqrt(np.maximum(np.diag(cov), 1e-300))
+    values, vectors = np.linalg.eigh(cov / np.outer(s, s))
+    return np.asarray(s[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _spread(squares: Array) -> FlangeError:

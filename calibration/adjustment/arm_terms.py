@@ -21,11 +21,15 @@ _SEED = 20
 
 @dataclass(frozen=True)
 class ArmTerms:
-    """Terms of one block: ``names`` (p,), prior ``sigma`` (p,), and twists ``columns`` (n, 6, p)."""
+    """Terms of one block: ``names`` (p,), prior ``sigma`` (p,), and twists ``columns`` (n, 6, p).
+
+    ``gauge`` (12, p): the motions of base (in the base) and flange (in the flange) that were taken out.
+    """
 
     names: tuple[str, ...]
     sigma: Array
     columns: Array
+    gauge: Array
 
 
 @dataclass(frozen=True)
@@ -42,7 +46,7 @@ def geometry(arm: ParametricArm, Q: Array, prior: ArmPrior) -> ArmTerms:
     """Deviations of the numbers of the chain at joints ``Q`` (n, j) in rad."""
     kinds = np.array(arm.kinds)
     sigma = np.where(kinds == "length", prior.length, prior.angle)
-    return ArmTerms(arm.names, sigma, twists(arm, Q))
+    return ArmTerms(arm.names, sigma, twists(arm, Q), np.zeros((12, len(sigma))))
 
 
 def gears_and_sag(chain: SerialChain, Q: Array, prior: ArmPrior) -> ArmTerms:
@@ -66,7 +70,7 @@ def gears_and_sag(chain: SerialChain, Q: Array, prior: ArmPrior) -> ArmTerms:
         names.append(name)
         sigma.append(prior.sag)
         columns.append(at_flange[:, :, j] * load[:, None])
-    return ArmTerms(tuple(names), np.array(sigma), np.stack(columns, axis=2))
+    return ArmTerms(tuple(names), np.array(sigma), np.stack(columns, axis=2), np.zeros((12, len(sigma))))
 
 
 def twists(arm: ParametricArm, Q: Array) -> Array:
@@ -97,8 +101,9 @@ def without_gauge(terms: ArmTerms, flange: Array, over: ArmTerms, over_flange: A
     A = np.concatenate([base, own], axis=2).reshape(-1, 12)
     b = (over.columns * scale[:, None]).reshape(len(A), -1)
     fit = np.linalg.lstsq(A, b, rcond=None)[0]
+    fit = np.asarray(fit, dtype=float)
     columns = terms.columns - adjoint(_inverse(flange)) @ fit[:6] - fit[6:]
-    return ArmTerms(terms.names, terms.sigma, columns)
+    return ArmTerms(terms.names, terms.sigma, columns, fit)
 
 
 def reference_joints(limits: Array, power: int = REFERENCE, seed: int = _SEED) -> Array:

@@ -39,9 +39,12 @@ class LensPrior:
 
 @dataclass(frozen=True)
 class TargetPrior:
-    """Standard deviations: the print's scale as a share, and its bow in metres at the target's edge."""
+    """Standard deviations: the print's scale as a share, and its bow in metres at the target's edge.
 
-    scale: float = 1e-3
+    Boards from office printers that were measured are off by 0.1 to 0.4 %.
+    """
+
+    scale: float = 2e-3
     bow: float = 2e-4
 
     def sigma(self) -> Array:

@@ -8,10 +8,11 @@ from calibration.planning.cone import (
     cone_poses,
     rotation_spread,
 )
+from calibration.planning.layout import plan_telling_cone
 from calibration.planning.mounting import EyeInHand, EyeToHand, Mounting
 from calibration.planning.plan import ConePlan, PlannedPose, RejectedPose
 from calibration.planning.planner import Checker, ConeRequest, plan_cone
-from calibration.planning.prediction import PredictedUncertainty, pnp_covariance, predicted_uncertainty
+from calibration.planning.prediction import PredictedUncertainty
 from calibration.planning.search import SearchMove, search_moves
 from calibration.planning.view import view_faults
 
@@ -32,8 +33,7 @@ __all__ = [
     "candidate_axes",
     "cone_poses",
     "plan_cone",
-    "pnp_covariance",
-    "predicted_uncertainty",
+    "plan_telling_cone",
     "rotation_spread",
     "search_moves",
     "view_faults",

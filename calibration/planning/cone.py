@@ -8,7 +8,7 @@ find the translation along it, so this module cannot produce that set.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from cell.poses import Array
@@ -18,11 +18,30 @@ TILT_RAD = 0.35  # of the tilted axes among the candidates
 
 @dataclass(frozen=True)
 class ConeShape:
-    """How many poses, the cone's half angle, and the distance from the camera to the board's centre."""
+    """How many poses, the cone's half angle, and the distance from the camera to the board's centre.
+
+    With ``second_distance_m`` every other pose stands there, so that focal length and printed size can be
+    told apart. With ``roll_rad`` the cone is gone round in two laps, every other neighbour in the second one,
+    with the camera rolled; ``other_branch``: the arm takes the second lap on another branch, where it can.
+    """
 
     poses: int
     half_angle_rad: float
     distance_m: float
+    second_distance_m: float | None = None
+    roll_rad: float = 0.0
+    other_branch: bool = False
+
+    def distances(self) -> Array:
+        """(n,) m, in the order round the cone."""
+        two = [self.distance_m, self.second_distance_m or self.distance_m]
+        return np.resize(np.array(two), self.poses)
+
+    def laps(self) -> NDArray[np.int64]:
+        """(n,) 0 or 1: on which lap each pose is visited. Both laps have both distances."""
+        each = 1 if self.second_distance_m is None else 2
+        two = self.roll_rad != 0.0 or self.other_branch
+        return (np.arange(self.poses) // each) % 2 if two else np.zeros(self.poses, dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,13 +56,14 @@ def cone_poses(T_a_cone: RigidTransform, shape: ConeShape) -> RigidTransform:
     """``T_a_camera`` (n) on the cone whose frame is ``T_a_cone`` (z along the axis, away from the cameras).
 
     Camera k stands at ``L (sin b cos f, sin b sin f, -cos b)`` with ``f = 2 pi k / n`` and is turned by
-    ``R_k = exp(b (sin f, -cos f, 0))``: its optical axis passes the origin, its roll stays.
+    ``R_k = exp(b (sin f, -cos f, 0))``: its optical axis passes the origin, its roll stays on each lap.
     """
     f = 2.0 * np.pi * np.arange(shape.poses) / shape.poses
-    b, L = shape.half_angle_rad, shape.distance_m
+    b, L = shape.half_angle_rad, shape.distances()[:, None]
     centre = L * np.stack([np.sin(b) * np.cos(f), np.sin(b) * np.sin(f), np.full_like(f, -np.cos(b))], axis=1)
     turn = b * np.stack([np.sin(f), -np.cos(f), np.zeros_like(f)], axis=1)
-    return T_a_cone * RigidTransform.from_components(centre, Rotation.from_rotvec(turn))
+    roll = Rotation.from_rotvec(np.outer(shape.laps() * shape.roll_rad, [0.0, 0.0, 1.0]))
+    return T_a_cone * RigidTransform.from_components(centre, Rotation.from_rotvec(turn) * roll)
 
 
 def board_centre(target_points: ArrayLike) -> Array:

@@ -9,6 +9,11 @@ from scipy.spatial.transform import RigidTransform
 class Mounting(Protocol):
     """Turns views of the board into flange poses."""
 
+    @property
+    def X(self) -> RigidTransform:
+        """The camera's pose: ``T_flange_camera`` where it rides on the flange, else ``T_base_camera``."""
+        ...
+
     def flange(self, T_camera_target: RigidTransform) -> RigidTransform:
         """``T_base_flange`` (n) from which the camera sees the board as ``T_camera_target`` (n)."""
         ...
@@ -28,6 +33,10 @@ class EyeInHand:
 
     T_flange_camera: RigidTransform
     T_base_target: RigidTransform
+
+    @property
+    def X(self) -> RigidTransform:
+        return self.T_flange_camera
 
     @classmethod
     def from_view(
@@ -52,6 +61,10 @@ class EyeToHand:
 
     T_base_camera: RigidTransform
     T_flange_target: RigidTransform
+
+    @property
+    def X(self) -> RigidTransform:
+        return self.T_base_camera
 
     @classmethod
     def from_view(

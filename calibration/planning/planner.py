@@ -22,6 +22,7 @@ Describer = Callable[[Array], Mapping[str, Any]]
 """``describe(q)`` gives the margins of a pose for the listing."""
 
 _OTHER_BRANCHES = 3
+_OTHER_RAD = 0.5  # joints that differ by more are on another branch
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,14 +112,35 @@ class _Tour:
         faults = view_faults(self._views, request.target_points, request.intrinsics, request.margin_px)
         wanted = [k for k in range(request.shape.poses) if k not in request.skip]
         self._lost = {k: fault for k in wanted if (fault := faults[k]) is not None}
-        ring = _from_nearest([k for k in wanted if k not in self._lost], self._views, request.T_camera_target)
-        blocked = [k for k in ring if self._pass(k)]
+        laps = request.shape.laps()
+        blocked: list[int] = []
+        for lap in (0, 1):
+            now = self._views[self._visits[-1][0]] if self._visits else request.T_camera_target
+            own = [k for k in wanted if k not in self._lost and laps[k] == lap]
+            ring = _from_nearest(own, self._views, now)
+            if lap == 1 and request.shape.other_branch:
+                ring = self._change_branch(ring)
+            blocked += [k for k in ring if self._pass(k)]
         # What was blocked on the way may be free from the other side, or with the arm on another branch.
         for n, k in enumerate(reversed(blocked)):
             if len(self._visits) + len(blocked) - n <= self._to_beat:
                 return
             branches = sorted(self._model.inverse_all(self._flanges[k]), key=self._distance)
             self._visit(k, branches[:_OTHER_BRANCHES])
+
+    def _change_branch(self, ring: list[int]) -> list[int]:
+        """Visit the first pose of ``ring`` that can be reached on another branch, and give back the others;
+        the arm stays on that branch then, since it goes on to the nearest joints."""
+        for n, k in enumerate(ring):
+            near = self._model.inverse(self._flanges[k], self._here)
+            others = [
+                q
+                for q in self._model.inverse_all(self._flanges[k])
+                if near is None or float(np.max(np.abs(q - near))) > _OTHER_RAD
+            ]
+            if self._visit(k, sorted(others, key=self._distance)[:_OTHER_BRANCHES]):
+                return ring[n + 1 :] + ring[:n]
+        return ring
 
     def _pass(self, k: int) -> bool:
         """Visit a pose in passing; True when something blocked it that may be got round."""

@@ -29,8 +29,19 @@ from cell.formats.bounds import (
 from cell.formats.reading import Strict
 
 SCHEMA = "cellward.capture/1"
+QUERY_SCHEMA = "cellward.capture-query/1"
 _SHORTEST_FOCAL_PX = 1.0
+Share = Annotated[float, Field(gt=0, le=0.5)]
 _DIST_LENGTHS = (0, 4, 5, 8, 12, 14)
+
+
+class CameraSigma(Strict):
+    """How well the intrinsics are known: the focal length as a share, the principal point in pixels."""
+
+    f: Share | None = Field(None, description="standard deviation of the focal length, as a share of it")
+    c_px: float | None = Field(
+        None, gt=0, le=1000.0, description="standard deviation of the principal point (px)"
+    )
 
 
 class Camera(Strict):
@@ -40,6 +51,7 @@ class Camera(Strict):
     height: PixelCount
     K: Annotated[list[Pixels], Field(min_length=4, max_length=4)]
     dist: list[Coefficient] = Field(default_factory=list)
+    sigma: CameraSigma | None = None
 
     @field_validator("K")
     @classmethod
@@ -58,7 +70,18 @@ class Camera(Strict):
         return dist
 
 
-class Charuco(Strict):
+class Printed(Strict):
+    """How well a target's points are known: standard deviations, with a default where they are left out."""
+
+    scale_sigma: Share | None = Field(
+        default=None, description="of the printed size, as a share; 1e-4 is a board measured over its length"
+    )
+    flatness_m: Annotated[float, Field(gt=0, le=0.1)] | None = Field(
+        default=None, description="of the height of its edge over its middle, m"
+    )
+
+
+class Charuco(Printed):
     """A ChArUco board as OpenCV has it."""
 
     type: Literal["charuco"] = Field(description="kind of target")
@@ -76,7 +99,7 @@ class Charuco(Strict):
         return self
 
 
-class Chessboard(Strict):
+class Chessboard(Printed):
     """A chessboard, counted in inner corners."""
 
     type: Literal["chessboard"] = Field(description="kind of target")
@@ -85,7 +108,7 @@ class Chessboard(Strict):
     square_m: Size = Field(description="side of a square, as measured")
 
 
-class CircleGrid(Strict):
+class CircleGrid(Printed):
     """A symmetric grid of circles."""
 
     type: Literal["circle-grid"] = Field(description="kind of target")
@@ -95,7 +118,7 @@ class CircleGrid(Strict):
     large_dot_corner: bool = Field(default=False, description="one corner has a larger circle")
 
 
-class ArucoMarker(Strict):
+class ArucoMarker(Printed):
     """A single marker."""
 
     type: Literal["aruco-marker"] = Field(description="kind of target")
@@ -104,7 +127,7 @@ class ArucoMarker(Strict):
     size_m: Size = Field(description="side of the marker, as measured")
 
 
-class Points(Strict):
+class Points(Printed):
     """Points in the target's own frame; the corners come with the observations."""
 
     type: Literal["points"] = Field(description="kind of target")
@@ -113,7 +136,7 @@ class Points(Strict):
     )
 
 
-TARGETS: dict[str, type[Strict]] = {
+TARGETS: dict[str, type[Printed]] = {
     "charuco": Charuco,
     "chessboard": Chessboard,
     "circle-grid": CircleGrid,
@@ -185,3 +208,10 @@ class Capture(Strict):
                 raise ValueError(f"holds index {observation.index} twice; number the observations")
             seen.add(observation.index)
         return observations
+
+
+class CaptureQuery(Strict):
+    """Joints whose flange poses are wanted."""
+
+    schema_: Annotated[str, Field(alias="schema")]
+    q: Annotated[list[Joints], Field(min_length=1, max_length=OBSERVATIONS)]

@@ -17,11 +17,16 @@ SixAngles = Annotated[list[Angle], Field(min_length=6, max_length=6)]
 
 
 class Prior(Strict):
-    """Standard deviations of the parameters about their nominal values; m, rad and, for ratios, relative."""
+    """Standard deviations of the parameters about their nominal values; m, rad and, for ratios, relative.
+
+    ``gear_rad`` and ``sag_rad``: of errors of the gears and of the loaded joints' giving way.
+    """
 
     length_m: Annotated[float, Field(ge=_SMALLEST, le=LENGTH_M)] | None = None
     angle_rad: Annotated[float, Field(ge=_SMALLEST, le=ANGLE_RAD)] | None = None
     ratio: Annotated[float, Field(ge=_SMALLEST, le=RATIO)] | None = None
+    gear_rad: Annotated[float, Field(ge=_SMALLEST, le=ANGLE_RAD)] | None = None
+    sag_rad: Annotated[float, Field(ge=_SMALLEST, le=ANGLE_RAD)] | None = None
 
 
 class Deltas(Strict):

@@ -304,7 +304,7 @@ def _check_target(name: str, section: dict[str, Any], findings: Findings) -> dic
         findings.add(("target", name, "type"), f"{what}{hint or ', there is ' + ', '.join(TARGETS)}")
         return {}
     checked = _validated(model, section, ("target", name), findings)
-    return checked.model_dump(mode="json") if checked is not None else {}
+    return checked.model_dump(mode="json", exclude_none=True) if checked is not None else {}
 
 
 def _check_job(

@@ -35,7 +35,8 @@ from procedures.hand_eye.plan import (
 )
 from procedures.hand_eye.record import CaptureRecord, camera_entry, observation_entry
 from procedures.hand_eye.solve.solver import solve_hand_eye
-from procedures.hand_eye.verdict import judged, solve_within_limits
+from procedures.hand_eye.verdict import error_so_far, judged, solve_within_limits
+from procedures.hand_eye.words import so_far_text
 
 STANDSTILL_TIMEOUT_S = 2.0
 FIRST_FRAME_TIMEOUT_S = 5.0
@@ -145,6 +146,7 @@ class _Capture:
         self.calibration: dict[str, Any] | None = run.values.calibration[config.setup]
         self._start_q: Array | None = None
         self._seen_before: BoardView | None = None  # from where the arm stood before
+        self._known = ""  # of the answer, by the placements so far
 
     async def take_all(self) -> None:
         run, config = self.run, self.config
@@ -204,6 +206,7 @@ class _Capture:
         await asyncio.to_thread(self.record.complete_placement, group)
         await run.enter(S.REFINE)
         await self._refine()
+        await self._look_at_what_is_known()
 
     async def _take_poses(self, lease: MotionLease, group: int, plan: PlacementPlan) -> None:
         lost = 0
@@ -307,6 +310,7 @@ class _Capture:
             min_poses=self.config.min_poses_per_placement,
             cone_half_angle_rad=self.config.cone_half_angle_rad,
             distance_m=self.config.distance_m,
+            second_distance_m=self.config.second_distance_m,
             finished=[int(o["planned"]) for o in finished],
             placements=self.config.placements,
         )
@@ -351,6 +355,20 @@ class _Capture:
         else:
             self.run.note("decision", event="refined", **self.calibration)
 
+    async def _look_at_what_is_known(self) -> None:
+        """The 95 % errors so far, for journal and next question; after the last one comes the answer."""
+        if self._placements_done() >= self.config.placements:
+            return
+        path = await asyncio.to_thread(self.record.write_data_set)
+        try:
+            error95 = await self.run.worker.call(error_so_far, path)
+        except CellError as exc:
+            self.run.note("decision", event="not known yet", why=str(exc))
+            return
+        if error95 is not None:
+            self._known = so_far_text(error95)
+            self.run.note("decision", event="known so far", **error95)
+
     async def _go_to_start(self, lease: MotionLease, interrupted: Mapping[str, Any] | None) -> Array:
         """Where that is, (6,) rad: of the placement, of the config, or where the arm stood at first."""
         start_q = self._start_q
@@ -369,7 +387,7 @@ class _Capture:
         frame = await self._any_frame()
         header: dict[str, Any] = {
             "setup": self.config.setup,
-            "camera": camera_entry(frame.intrinsics),
+            "camera": camera_entry(frame.intrinsics, self.config.sigma_of_camera()),
             "target": self.target,
             "robot": arm_robot(self.run.values),
         }
@@ -395,7 +413,7 @@ class _Capture:
             T_base_flange=[float(v) for v in to_pose6(state.T_base_flange)],
             ids=[int(i) for i in seen.board.ids],
             corners=[[float(u), float(v)] for u, v in seen.board.corners],
-            camera=camera_entry(seen.intrinsics),
+            camera=camera_entry(seen.intrinsics, self.config.sigma_of_camera()),
         )
 
     def _placement_text(self, group: int) -> str:
@@ -403,6 +421,7 @@ class _Capture:
         return (
             f"Placement {group + 1} of {self.config.placements}: {what} to another place with another tilt, "
             "in view of the camera, then confirm."
+            + (f" ({self._known[0].upper()}{self._known[1:]}.)" if self._known else "")
         )
 
     async def solve(self) -> None:

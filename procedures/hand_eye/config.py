@@ -4,13 +4,20 @@ from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from cell.formats.capture import CameraSigma
+
 
 class Acceptance(BaseModel):
     """Limits on the result; within them it may be accepted without a person when ``auto`` is set."""
 
     model_config = ConfigDict(extra="forbid")
     max_error_t_m: float = Field(default=0.0005, gt=0, le=0.1, description="95 % error of X, translation")
-    max_error_r_rad: float = Field(default=0.0005, gt=0, le=0.1, description="95 % error of X, rotation")
+    max_error_r_rad: float = Field(
+        default=0.002,
+        gt=0,
+        le=0.1,
+        description="95 % error of X, rotation; a principal point that is 1 px off turns X by 1 px / f",
+    )
     auto: bool = Field(default=False, description="accept a passing result without asking")
 
 
@@ -32,6 +39,17 @@ class ConeCaptureConfig(BaseModel):
         0.44, gt=0.1, lt=1.0, description="between the cone's axis and the poses on it"
     )
     distance_m: float = Field(0.5, gt=0.1, lt=3.0, description="camera to board centre")
+    second_distance_m: float | None = Field(
+        None,
+        gt=0.1,
+        lt=3.0,
+        description="of every other pose, which parts focal length and printed size; "
+        "else the one that tells most",
+    )
+    camera_sigma: CameraSigma | None = Field(
+        None,
+        description="how well the camera's intrinsics are known; else as a maker's own calibration",
+    )
     start_pose: str | None = Field(
         None, description="name of a [poses] entry where each placement starts; else where the arm stands"
     )
@@ -54,6 +72,10 @@ class ConeCaptureConfig(BaseModel):
     accept: Acceptance = Field(
         default_factory=lambda: Acceptance(), description="95 % limits of the result and who accepts it"
     )
+
+    def sigma_of_camera(self) -> dict[str, float] | None:
+        """``camera.sigma`` of the data set."""
+        return None if self.camera_sigma is None else self.camera_sigma.model_dump(exclude_none=True)
 
     @model_validator(mode="after")
     def _enough_poses(self) -> Self:

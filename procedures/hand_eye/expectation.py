@@ -61,8 +61,25 @@ def _beyond_acceptance(job: ConeCaptureConfig, predicted: Mapping[str, Any]) -> 
         if error95 is not None and error95 > limit:
             yield (
                 f"accept.{limit_key} = {limit:g} {unit} is below the predicted 95 % error of "
-                f"{error95:.2g} {unit}, so no result can pass; allow more, or plan more poses"
+                f"{error95:.2g} {unit}, so a result will hardly pass; "
+                + _advice(key, limit, predicted["limit"])
             )
+
+
+_MEASURES = {
+    "lens": "calibrate the camera and state camera_sigma",
+    "target": "measure the target over ten squares and state its scale_sigma and flatness_m",
+    "arm": "capture with more different joints",
+    "noise": "plan more poses",
+}
+
+
+def _advice(key: str, limit: float, at_best: Mapping[str, Any]) -> str:
+    """What to change: more placements, where they lead below the limit; else what keeps it up."""
+    if at_best[key] <= limit:
+        return "allow more, or plan more placements"
+    cause = at_best["block_" + key.split("_")[1]]
+    return f"no number of placements gets there: allow more, or {_MEASURES[cause]}"
 
 
 def _request(setup: Setup, job: ConeCaptureConfig, calibration: dict[str, Any], q: Array) -> PlanRequest:
@@ -73,18 +90,23 @@ def _request(setup: Setup, job: ConeCaptureConfig, calibration: dict[str, Any], 
         values=setup.values,
         target=target,
         calibration=calibration,
-        view=_assumed_view(target, q, flange, job.distance_m),
+        view=_assumed_view(target, q, flange, job.distance_m, job.sigma_of_camera()),
         poses=job.poses_per_placement,
         min_poses=job.min_poses_per_placement,
         cone_half_angle_rad=job.cone_half_angle_rad,
         distance_m=job.distance_m,
+        second_distance_m=job.second_distance_m,
         finished=[],
         placements=job.placements,
     )
 
 
 def _assumed_view(
-    target: dict[str, Any], q: Array, flange: RigidTransform, distance: float
+    target: dict[str, Any],
+    q: Array,
+    flange: RigidTransform,
+    distance: float,
+    camera_sigma: dict[str, float] | None,
 ) -> BoardObservation:
     """The target's points as seen along a sight line that meets its centre at right angles."""
     points = make_target(target).points
@@ -98,5 +120,5 @@ def _assumed_view(
         T_base_flange=[float(x) for x in to_pose6(flange)],
         ids=list(range(len(points))),
         corners=np.stack([u, v], axis=1).tolist(),
-        camera=ASSUMED_CAMERA,
+        camera=ASSUMED_CAMERA | ({} if camera_sigma is None else {"sigma": camera_sigma}),
     )

@@ -18,8 +18,7 @@ from calibration.planning import (
     EyeInHand,
     EyeToHand,
     Mounting,
-    plan_cone,
-    predicted_uncertainty,
+    plan_telling_cone,
     search_moves,
 )
 from calibration.targets import make_target
@@ -28,9 +27,8 @@ from cell.errors import error
 from cell.poses import Array, from_pose6, to_pose6
 from cell.run_values import RunValues
 from procedures.arm_setup import lease_settings
+from procedures.hand_eye.prediction import Prediction
 
-# What a prediction assumes before anything was measured; said beside it.
-ASSUMED = {"sigma_px": 0.1, "sigma_flange_t": 5e-5, "sigma_flange_r": 5e-5}
 MIN_VIEWS = 4
 
 
@@ -83,6 +81,7 @@ class PlanRequest:
     distance_m: float
     finished: list[int]
     placements: int
+    second_distance_m: float | None = None
 
 
 @dataclass(frozen=True)
@@ -119,27 +118,38 @@ def plan_placement(request: PlanRequest) -> PlacementPlan:
     mounting = _mounting(request.setup, request.calibration, flange, seen)
     cone = ConeRequest(
         mounting=mounting,
-        shape=ConeShape(request.poses, request.cone_half_angle_rad, request.distance_m),
+        shape=ConeShape(
+            request.poses, request.cone_half_angle_rad, request.distance_m, request.second_distance_m
+        ),
         target_points=points,
         intrinsics=view.intrinsics(),
         T_camera_target=seen,
         q_start=np.array(view.q),
         skip=frozenset(request.finished),
     )
-    plan = plan_cone(cone, guard.model, guard.check_path_joints, lambda q: guard.describe(q).as_dict())
+    prediction = Prediction.of(
+        request.setup,
+        mounting,
+        view.intrinsics(),
+        points,
+        values,
+        request.target,
+        view.camera.get("sigma"),
+        request.placements,
+    )
+    plan = plan_telling_cone(
+        cone,
+        guard.model,
+        guard.check_path_joints,
+        lambda plan: prediction.error_at(plan, request.distance_m),
+        lambda q: guard.describe(q).as_dict(),
+    )
     needed = max(request.min_poses - len(request.finished), 0)
     if not request.finished and (problem := plan.shortfall(needed)) is not None:
         raise problem
     listing = plan.as_dict()
     if len(plan.poses) >= MIN_VIEWS:
-        predicted = predicted_uncertainty(
-            plan.poses, mounting, view.intrinsics(), points, **ASSUMED, placements=request.placements
-        )
-        listing["predicted"] = {
-            "error95_t_m": predicted.error95_t_m,
-            "error95_r_rad": predicted.error95_r_rad,
-            "assuming": {**ASSUMED, "placements": request.placements},
-        }
+        listing["predicted"] = prediction.told(plan)
     return PlacementPlan([Visit(p.index, [float(v) for v in p.q]) for p in plan.poses], listing)
 
 

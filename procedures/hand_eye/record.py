@@ -128,14 +128,14 @@ class CaptureRecord:
                 self.complete.add(rest["group"])
 
 
-def camera_entry(intrinsics: Intrinsics) -> dict[str, Any]:
-    """The ``camera`` table of a data set."""
+def camera_entry(intrinsics: Intrinsics, sigma: Mapping[str, float] | None = None) -> dict[str, Any]:
+    """The ``camera`` table of a data set; ``sigma`` is how well it is known, where that is stated."""
     return {
         "width": intrinsics.width,
         "height": intrinsics.height,
         "K": list(intrinsics.K),
         "dist": list(intrinsics.dist),
-    }
+    } | ({} if sigma is None else {"sigma": dict(sigma)})
 
 
 def observation_entry(

@@ -103,6 +103,39 @@ class ArmFromBoard(Part):
     corrected: ArmError = Field(description="With all that was found taken off.")
 
 
+class BudgetPart(Part):
+    """Standard uncertainty of the camera's pose by one cause; squares add up to that of the pose."""
+
+    block: str = Field(description="`arm`, `lens`, `target` or `noise`.")
+    t: Metres = Field(description="Of the place.")
+    r: Radians = Field(description="Of the rotation.")
+
+
+class TargetScale(Part):
+    """How much larger the target is than stated, as a share: 0.002 is 0.2 % too large."""
+
+    x: float = Field(description="Along its x (1).")
+    y: float = Field(description="Along its y (1).")
+    sigma_x: float = Field(description="Standard deviation (1).")
+    sigma_y: float = Field(description="Standard deviation (1).")
+
+
+class OnCorrectedArm(Part):
+    """The camera's pose for the flange, or base, of the corrected arm `robot`: to be used with that arm."""
+
+    T_flange_camera: Pose | None = Field(default=None, description="Eye-in-hand.")
+    T_base_camera: Pose | None = Field(default=None, description="Eye-to-hand.")
+    cov: Covariance = Field(description="In the axes of the camera.")
+
+
+class AbsoluteAccuracy(Part):
+    """Position of the flange at the joints asked for, else the capture's, after the best base and tool."""
+
+    before: Metres = Field(description="RMS distance of the arm as configured from the corrected one.")
+    after: Metres = Field(description="RMS error that is expected to remain.")
+    predicted_95: Metres = Field(description="95 % of the errors that remain stay below this.")
+
+
 class HandEyeAnswer(Part):
     """Where the camera is, and what that rests on."""
 
@@ -132,6 +165,30 @@ class HandEyeAnswer(Part):
     arm: ArmFromBoard | None = Field(
         default=None, description="With method `adjustment`, robot and joints: the arm's accuracy."
     )
+    budget: list[BudgetPart] | None = Field(
+        default=None, description="With method `adjustment`: the uncertainty of the pose by cause."
+    )
+    target_scale: TargetScale | None = Field(
+        default=None, description="With method `adjustment`: the printed size that was found."
+    )
+    lens: Intrinsics | None = Field(
+        default=None, description="With method `adjustment`: the lens that belongs to the pose."
+    )
+    robot: dict[str, Any] | None = Field(
+        default=None, description="With method `adjustment`, robot and joints: ROBOT of the corrected arm."
+    )
+    adjusted: OnCorrectedArm | None = Field(
+        default=None, description="With `robot`: the camera's pose on the corrected arm."
+    )
+    absolute_accuracy: AbsoluteAccuracy | None = Field(
+        default=None, description="With `robot`: how far off the arm is, and what is left with `robot`."
+    )
+    T_base_flange: list[Pose] | None = Field(
+        default=None, description="With `--predict`: where the flange is at those joints."
+    )
+    p_cov: list[list[list[float]]] | None = Field(
+        default=None, description="With `--predict`: covariance of each place (m2), best base and tool off."
+    )
 
     def pose(self) -> tuple[str, list[float]] | None:
         """Name and pose6 of the camera; None for an answer that holds neither."""
@@ -153,8 +210,8 @@ class HandEyeUncertainty(Explained):
     excess: float | None = Field(
         default=None, description="Factor of the covariance, as the residuals exceed the noise."
     )
-    budget: dict[str, Distance] | None = Field(
-        default=None, description="With method `adjustment`: standard deviations of the pose by cause."
+    priors: dict[str, str] | None = Field(
+        default=None, description="With method `adjustment`: how well each part was known, and by what."
     )
     covers: list[str] | None = Field(
         default=None, description="With method `adjustment`: what it covers beside noise. Else noise alone."

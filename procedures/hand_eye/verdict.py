@@ -15,6 +15,20 @@ def solve_within_limits(path: Path, limits: Mapping[str, Any]) -> dict[str, Any]
     return judged(solve_hand_eye(path), limits)
 
 
+def error_so_far(path: Path) -> dict[str, Any] | None:
+    """The 95 % errors of an unfinished capture, by cause; None while its data determine no answer."""
+    found = solve_hand_eye(path)
+    answer: Any = found["result"]
+    if answer is None or answer["cov"] is None:
+        return None
+    sure = PredictedUncertainty(np.array(answer["cov"]))
+    return {
+        "error95_t_m": sure.error95_t_m,
+        "error95_r_rad": sure.error95_r_rad,
+        "budget": answer.get("budget", []),
+    }
+
+
 def judged(result: Mapping[str, Any], limits: Mapping[str, Any]) -> dict[str, Any]:
     """``result`` with the 95 % errors of X, and with verdict ``fail`` where one is beyond its limit.
 

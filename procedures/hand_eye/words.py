@@ -4,12 +4,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from cell.formats.result import Rejected
+from procedures.hand_eye.budget import largest
 from procedures.hand_eye.result import (
     HandEyeAnswer,
     HandEyeResiduals,
     HandEyeResult,
     HandEyeUncertainty,
     Spread,
+    TargetScale,
 )
 from procedures.plan_words import plan_lines
 from procedures.words import deg, mm, pose_text, sigma_text
@@ -38,9 +40,18 @@ def _answer(answer: HandEyeAnswer, uncertainty: HandEyeUncertainty) -> list[str]
     lines = [f"  {SETUPS[name]}", f"  {name} = {pose_text(pose)}"]
     if answer.cov:
         lines.append(f"  standard uncertainty {sigma_text(answer.cov)}; it covers {_covered(uncertainty)}")
-    if uncertainty.budget:
-        parts = [f"{cause} {mm(part.t)}, {deg(part.r)}" for cause, part in uncertainty.budget.items()]
+    if answer.budget:
+        parts = [f"{part.block} {mm(part.t)}, {deg(part.r)}" for part in answer.budget]
         lines.append(f"  by cause: {'; '.join(parts)}")
+    lines += [f"  {part} known by {source}" for part, source in (uncertainty.priors or {}).items()]
+    if answer.target_scale:
+        lines.append(f"  {_target_scale(answer.target_scale)}")
+    if answer.absolute_accuracy:
+        before, after = answer.absolute_accuracy.before, answer.absolute_accuracy.after
+        lines.append(
+            f"  the arm's position error by the board is {mm(before)} RMS, {mm(after)} with the corrected "
+            f"arm in result.robot (95 % below {mm(answer.absolute_accuracy.predicted_95)})"
+        )
     if answer.arm:
         now, then = answer.arm.configured, answer.arm.corrected
         lines.append(
@@ -54,6 +65,12 @@ def _answer(answer: HandEyeAnswer, uncertainty: HandEyeUncertainty) -> list[str]
     if answer.intrinsics:
         lines.append("  the camera's intrinsics were estimated from the images")
     return lines
+
+
+def _target_scale(scale: TargetScale) -> str:
+    sizes = (("x", scale.x, scale.sigma_x), ("y", scale.y, scale.sigma_y))
+    found = ", ".join(f"{100 * v:+.3f} % +- {100 * s:.3f} % along {axis}" for axis, v, s in sizes)
+    return f"the target's printed size: {found} (standard uncertainty)"
 
 
 def _covered(uncertainty: HandEyeUncertainty) -> str:
@@ -99,13 +116,27 @@ def _rejected(rejected: Sequence[Rejected]) -> list[str]:
     return lines
 
 
+def so_far_text(error: Mapping[str, Any]) -> str:
+    """What is known after the placements that are finished."""
+    text = f"{mm(error['error95_t_m'])} and {deg(error['error95_r_rad'])} (95 %)"
+    if not error["budget"]:
+        return f"so far the camera's pose is known to {text}"
+    most = largest(error["budget"], "t")
+    return f"so far the camera's pose is known to {text}, limited most by {most}"
+
+
 def prediction_text(predicted: Mapping[str, Any]) -> str:
-    """The expected error of the calibration, and what was assumed for it."""
-    assumed = predicted["assuming"]
+    """The expected error of the calibration, what causes it, and what was assumed for it."""
+    assumed, limit = predicted["assuming"], predicted["limit"]
+    causes = ", ".join(f"{p['block']} {mm(p['t'])} {deg(p['r'])}" for p in predicted["budget"])
+    known = "; ".join(f"{part}: {source}" for part, source in predicted["priors"].items())
     return (
         f"expected error below {mm(predicted['error95_t_m'])} and {deg(predicted['error95_r_rad'])} (95 %), "
+        f"of which by cause (standard uncertainty) {causes}; any number of placements like this one leaves "
+        f"{mm(limit['error95_t_m'])}, most of it by {limit['block_t']}, and {deg(limit['error95_r_rad'])}, "
+        f"most of it by {limit['block_r']}; "
         f"assuming {assumed['placements']} placements like this one, corners to {assumed['sigma_px']:g} px, "
-        f"flange poses to {mm(assumed['sigma_flange_t'])} and {deg(assumed['sigma_flange_r'])}"
+        f"flange poses to {mm(assumed['sigma_flange_t'])} and {deg(assumed['sigma_flange_r'])}; {known}"
     )
 
 

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from procedures.hand_eye.report.budget import covered
 from procedures.hand_eye.report.source import HandEyeSource
 from procedures.report.html import Html, absent, el, note, section, table
 from procedures.report.numbers import DASH, K95, covariance, deg, degs, dig, mm, mms, number, radius95
@@ -35,8 +36,8 @@ def _cards(source: HandEyeSource) -> Html:
     used, total = (dig(source.result, "inputs", key) for key in ("used", "observations"))
     return cards(
         (
-            (t95, "95 % of position errors of the camera are below this, if the model holds"),
-            (r95, "95 % of its rotation errors are below this, if the model holds"),
+            (t95, f"95 % of position errors of the camera are below this. Covered: {covered(source)}"),
+            (r95, f"95 % of its rotation errors are below this. Covered: {covered(source)}"),
             (
                 f"{mm(dig(held, 't'))}, {deg(dig(held, 'r'))}",
                 "held-out check: target's pose by poses that the solution did not see, RMS",
@@ -82,8 +83,7 @@ def result_section(source: HandEyeSource) -> Html:
         note(
             f"The pose of the camera (x right, y down, z forward) in the {parent}: it maps points in the "
             f"camera to points in the {parent}. The intervals come from the covariance of the solution "
-            "(1.96 standard deviations); they hold if the noise is as estimated and the arm and the lens "
-            "follow their models. Intervals are not residuals."
+            f"(1.96 standard deviations). They cover {covered(source)}. Intervals are not residuals."
             if cov is not None
             else "This method gave no covariance for these data, so no interval can be stated."
         ),

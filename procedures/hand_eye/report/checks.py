@@ -26,7 +26,7 @@ _SPREADS = (
 
 
 def consistency_section(source: HandEyeSource) -> Html | None:
-    """The two spreads with their noise floors, once more for calibrated kinematics when that ran."""
+    """The two spreads with their noise floors."""
     if source.answer is None:
         return None
     body: list[object] = [
@@ -37,10 +37,6 @@ def consistency_section(source: HandEyeSource) -> Html | None:
         )
     ]
     body.append(_spread_table(source.answer))
-    if (calibrated := source.answer.get("calibrated")) is not None:
-        body += [el("h3", "With calibrated arm parameters"), _spread_table(calibrated)]
-    if (accuracy := source.answer.get("absolute_accuracy")) is not None:
-        body.append(facts(_accuracy(accuracy)))
     body.append(_estimates(source))
     return section("Consistency of simple estimates", *body)
 
@@ -62,22 +58,6 @@ def _spread_table(answer: Any) -> Html:
         floor = f"{mm(spread.get('floor_t'))}, {deg(spread.get('floor_r'))}"
         rows.append((name, figure, floor, resolved, el("span", meaning, class_="note")))
     return table(("", "figure", "noise floor", "", "what it is"), rows)
-
-
-def _accuracy(accuracy: Any) -> list[tuple[str, object, str]]:
-    return [
-        (
-            "Absolute accuracy before",
-            mm(dig(accuracy, "before")),
-            "RMS difference of nominal and calibrated arm.",
-        ),
-        ("Expected after", mm(dig(accuracy, "after")), "Expected RMS that remains with the calibrated arm."),
-        (
-            "Predicted 95 %",
-            mm(dig(accuracy, "predicted_95")),
-            "95 % of errors at the task's place are below this.",
-        ),
-    ]
 
 
 def _estimates(source: HandEyeSource) -> Html | None:
@@ -199,6 +179,8 @@ def intrinsics_section(source: HandEyeSource) -> Html | None:
     used = source.answer.get("intrinsics")
     if used is None:
         fit = px(dig(source.result, "residuals", "reprojection_rms_px"))
+        if (lens := source.answer.get("lens")) is not None:
+            return section("Intrinsics", *_adjusted_lens(lens, fit))
         words = (
             f"The given intrinsics were used. With them the corners of each image fit a pose with {fit} RMS; "
             "the solver compares this with freely estimated intrinsics and says so when they do not fit."
@@ -225,6 +207,20 @@ def intrinsics_section(source: HandEyeSource) -> Html | None:
     )
 
 
+def _adjusted_lens(lens: Any, fit: str) -> list[object]:
+    """The lens that belongs to the pose: as the camera says, with what was found of it."""
+    K = ", ".join(f"{v:.2f}" for v in dig(lens, "K") or [])
+    dist = ", ".join(f"{v:.5f}" for v in dig(lens, "dist") or []) or "none"
+    return [
+        paragraph(
+            "The given intrinsics were the start; what was found of the lens is below, and the camera's pose "
+            f"belongs to it. With it the corners of each image fit a pose with {fit} RMS."
+        ),
+        note("fx, fy, cx, cy (px): ", el("code", K)),
+        note("Distortion, in OpenCV's order: ", el("code", dist)),
+    ]
+
+
 def observability_section(source: HandEyeSource) -> Html:
     """What the data could not determine, or determine least, in words."""
     found = source.result.get("observability")
@@ -243,8 +239,8 @@ def observability_section(source: HandEyeSource) -> Html:
         lines.append(f"Left open: {dig(found, 'ambiguity')}.")
     if source.answer is not None:
         lines.append(
-            "Not tested by these data: the arm's accuracy away from the poses visited, and errors of the "
-            "lens that shift all images alike. A tracker or a measured point tests those."
+            "Not tested by these data: the arm's accuracy away from the poses visited. A tracker or a "
+            "measured point tests that."
         )
     body = bullets(lines) if lines else absent("The result says nothing of observability.")
     return section("What the data could not determine", body)

@@ -1,6 +1,7 @@
 """The report of a hand-eye calibration."""
 
 from procedures.hand_eye.report.answer import limits_section, result_section, verdict_section
+from procedures.hand_eye.report.budget import budget_section
 from procedures.hand_eye.report.checks import (
     consistency_section,
     cross_check_section,
@@ -40,6 +41,7 @@ def _page(source: HandEyeSource) -> Page[HandEyeSource]:
         right=(scene_section,),
         rest=(
             views_section,
+            budget_section,
             held_out_section,
             comparison_section,
             residuals_section,

@@ -1,29 +1,60 @@
 """Method ``adjustment``: the solution with arm, gears, lens and target as unknowns beside X."""
 
-from dataclasses import asdict, replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.adjustment.arm_accuracy import arm_accuracy
-from calibration.adjustment.hand_eye import Adjusted, ArmKnown, adjust
-from calibration.adjustment.lens_terms import LensPrior
+from calibration.adjustment.arm_accuracy import (
+    arm_accuracy,
+    corrected_arm,
+    on_corrected_arm,
+    position_accuracy,
+    predicted_flange,
+)
+from calibration.adjustment.hand_eye import Adjusted, adjust
+from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye import se3
 from calibration.hand_eye.noise import Noise
 from calibration.hand_eye.solution import Measurements, Solution
-from calibration.kinematics.families import arm_spec
+from calibration.kinematics.families import ArmSpec, arm_spec, robot_document
+from cell.devices import Intrinsics
 from cell.errors import error
+from cell.formats.capture import QUERY_SCHEMA, CaptureQuery
+from cell.formats.reading import parse, read_json
 from cell.formats.robot import parse_robot
 from cell.poses import Array
+from procedures.hand_eye.budget import by_cause
+from procedures.hand_eye.known_parts import KnownParts, known_parts
 from procedures.hand_eye.solve.camera import CameraChoice
 from procedures.hand_eye.solve.capture import CaptureSet
-from procedures.hand_eye.solve.result import Adjustment
+from procedures.hand_eye.solve.result import Adjustment, names, pose6
 
 METHOD = "adjustment"
 JOINTS = 6
+NO_ARM = "arm.accuracy"
 _NEAR_M, _NEAR_RAD = 0.01, 0.02  # an arm differs from its model by millimetres
-# Of intrinsics that were found from the same images: those images are in the adjustment, so nothing else is.
-_FROM_IMAGES = LensPrior(focal=0.05, aspect=0.01, centre_px=50.0, radial=0.2, tangential=0.01)
+
+
+@dataclass(frozen=True)
+class AdjustedSolution:
+    """The solution with the camera that was found, what the result tells of it, and what to warn of."""
+
+    solution: Solution
+    camera: CameraChoice
+    told: Adjustment
+    warnings: Sequence[tuple[str, str]]
+
+
+def why_not(loaded: CaptureSet, rows: NDArray[np.int64], solution: Solution, measured: Measurements) -> str:
+    """Why the data set cannot be adjusted; empty when it can: an image alone tells of lens and target."""
+    bare = [k for k in np.flatnonzero(solution.used).tolist() if measured.views[k] is None]
+    if not bare:
+        return ""
+    index = loaded.indices[int(rows[bare[0]])]
+    return f"the corners of every observation are needed, and {index} gives a bare T_camera_target"
 
 
 def by_adjustment(
@@ -32,49 +63,71 @@ def by_adjustment(
     measured: Measurements,
     camera: CameraChoice,
     solution: Solution,
-) -> tuple[Solution, CameraChoice, Adjustment, list[tuple[str, str]]]:
-    """The solution, the camera found, what is told of the unknowns, and what to warn of.
+    predict: Path | None,
+) -> AdjustedSolution:
+    """``solution`` adjusted; ``predict`` is a file of joints whose flange poses are wanted.
 
-    ``InputError`` where an observation in use is a bare pose: an image alone tells of lens and target.
+    ``InputError`` where a robot is given that cannot be adjusted, or that does not belong to the poses.
     """
-    bare = [k for k in np.flatnonzero(solution.used).tolist() if measured.views[k] is None]
-    if bare or camera.camera is None:
-        index = loaded.indices[int(rows[bare[0]])] if bare else loaded.indices[0]
-        raise error(
-            "ARGUMENT_INVALID",
-            f"method {METHOD!r} needs the corners of every observation, and {index} gives a bare "
-            "T_camera_target; use 'ml'",
-        )
-    arm = _arm(loaded, rows, solution)
-    lens = LensPrior() if camera.estimated is None else _FROM_IMAGES
-    found = adjust(measured, solution, camera.camera, arm, lens)
+    if camera.camera is None:
+        raise ValueError("an adjustment needs the camera of the corners")
+    robot = _robot(loaded)
+    arm, without = _arm(loaded, rows, solution, robot)
+    known = _known(loaded, robot if arm is not None else None, camera)
+    if arm is not None:
+        arm = replace(arm, prior=known.arm)
+    found = adjust(measured, solution, camera.camera, arm, known.lens, known.target)
+    answer = _answer(found, known)
     warnings = []
-    if arm is None:
-        why = "no robot" if loaded.capture.robot is None else "no q of every observation"
-        text = f"the data set has {why}: the uncertainty holds for an arm without geometric errors only"
-        warnings.append(("adjustment.no-arm", text))
-    return (
+    if arm is None or robot is None:
+        warnings.append(
+            (NO_ARM, f"{without}: the uncertainty holds for an arm without geometric errors only")
+        )
+    else:
+        Q = arm.Q[solution.used] if predict is None else _wanted_joints(predict)
+        answer |= _arm_from_board(found, arm, robot, Q)
+        if predict is not None:
+            T, p_cov = predicted_flange(found, arm, Q)
+            answer |= {"T_base_flange": [pose6(one) for one in T], "p_cov": p_cov.tolist()}
+    if predict is not None and arm is None:
+        raise error("ARGUMENT_INVALID", f"--predict needs robot and q of every observation; {without}")
+    covers = ["arm", "gears", "sag", "lens", "target"][0 if arm is not None else 3 :]
+    return AdjustedSolution(
         _solution(solution, found),
         replace(camera, camera=found.camera),
-        _told(found, arm),
+        Adjustment(answer, {"covers": covers, "priors": dict(known.sources)}),
         warnings,
     )
 
 
-def _arm(loaded: CaptureSet, rows: NDArray[np.int64], solution: Solution) -> ArmKnown | None:
-    """The arm and its joints, where the data set has both."""
+def _known(loaded: CaptureSet, robot: ArmSpec | None, camera: CameraChoice) -> KnownParts:
     capture = loaded.capture
-    joints = [capture.observations[int(row)].q for row in rows]
+    given = None if capture.camera is None else capture.camera.sigma
+    return known_parts(
+        capture.target.model_dump(),
+        None if given is None else given.model_dump(),
+        None if robot is None else robot.robot,
+        from_images=camera.estimated is not None,
+    )
+
+
+def _robot(loaded: CaptureSet) -> ArmSpec | None:
+    given = loaded.capture.robot
+    return None if given is None else arm_spec(parse_robot(given, "robot"), "robot")
+
+
+def _arm(
+    loaded: CaptureSet, rows: NDArray[np.int64], solution: Solution, robot: ArmSpec | None
+) -> tuple[ArmKnown | None, str]:
+    """The arm and its joints; or None, and why its errors cannot be unknowns."""
+    if robot is None:
+        return None, "the data set has no robot"
+    joints = [loaded.capture.observations[int(row)].q for row in rows]
     used = np.flatnonzero(solution.used)
-    if capture.robot is None or any(joints[k] is None for k in used):
-        return None
-    model = arm_spec(parse_robot(capture.robot, "robot"), "robot").arm
-    if model.joints != JOINTS:
-        raise error(
-            "DATA_INVALID",
-            f"{loaded.path}: method {METHOD!r} knows arms of {JOINTS} turning joints, and robot has "
-            f"{model.joints}; use 'ml'",
-        )
+    if any(joints[k] is None for k in used):
+        return None, "the data set has no q of every observation"
+    if robot.arm.joints != JOINTS:
+        return None, f"robot has {robot.arm.joints} joints, and errors of arms with {JOINTS} are known"
     for k in used:
         if (q := joints[k]) is not None and len(q) != JOINTS:
             raise error(
@@ -83,8 +136,17 @@ def _arm(loaded: CaptureSet, rows: NDArray[np.int64], solution: Solution) -> Arm
                 f"robot has {JOINTS} joints",
             )
     Q = np.array([np.zeros(JOINTS) if q is None else q for q in joints], dtype=float)
-    _check_flange(loaded, rows[used], model.base.flange(Q[used]))
-    return ArmKnown(model, Q, np.tile([-np.pi, np.pi], (JOINTS, 1)))
+    _check_flange(loaded, rows[used], robot.arm.base.flange(Q[used]))
+    return ArmKnown(robot.arm, Q, np.tile([-np.pi, np.pi], (JOINTS, 1))), ""
+
+
+def _wanted_joints(path: Path) -> Array:
+    """(k, 6) of a ``cellward.capture-query/1``."""
+    query = parse(CaptureQuery, read_json(path), QUERY_SCHEMA, str(path))
+    for k, q in enumerate(query.q):
+        if len(q) != JOINTS:
+            raise error("DATA_INVALID", f"{path}: q[{k}] has {len(q)} joints; the robot has {JOINTS}")
+    return np.array(query.q, dtype=float)
 
 
 def _check_flange(loaded: CaptureSet, rows: NDArray[np.int64], flange: Array) -> None:
@@ -129,24 +191,46 @@ def _solution(first: Solution, found: Adjusted) -> Solution:
     )
 
 
-def _told(found: Adjusted, arm: ArmKnown | None) -> Adjustment:
-    unknowns: dict[str, dict[str, dict[str, float]]] = {}
-    for block, part in found.blocks.items():
-        unknowns[block] = {
-            name: {"value": float(value), "sigma": float(sigma)}
-            for name, value, sigma in zip(
-                found.names[part], found.numbers[part], found.sigma[part], strict=True
-            )
-        }
-    return Adjustment(
-        unknowns,
-        {k: float(v) for k, v in found.components.scale.items()},
-        {name: _lengths(part) for name, part in found.budget.items()},
-        ("lens", "target") if arm is None else ("arm", "gears", "sag", "lens", "target"),
-        None if arm is None else asdict(arm_accuracy(found, arm)),
-    )
+def _answer(found: Adjusted, known: KnownParts) -> dict[str, object]:
+    """What was found of the unknowns, the camera that belongs to X, and the standard uncertainty by cause."""
+    sure = {
+        name: {"value": float(value), "sigma": float(sigma)}
+        for name, value, sigma in zip(found.names, found.numbers, found.sigma, strict=True)
+    }
+    x, y = sure["scale_x"], sure["scale_y"]
+    return {
+        "unknowns": {
+            block: {name: sure[name] for name in found.names[part]} for block, part in found.blocks.items()
+        },
+        "scale": {k: float(v) for k, v in found.components.scale.items()},
+        "budget": by_cause(found.budget),
+        "target_scale": {"x": x["value"], "y": y["value"], "sigma_x": x["sigma"], "sigma_y": y["sigma"]},
+        "lens": _camera(found.camera),
+    }
 
 
-def _lengths(variances: Array) -> dict[str, float]:
-    parts = np.maximum(variances, 0.0)
-    return {"t": float(np.sqrt(parts[:3].sum())), "r": float(np.sqrt(parts[3:].sum()))}
+def _camera(camera: Intrinsics) -> dict[str, object]:
+    return {
+        "width": camera.width,
+        "height": camera.height,
+        "K": list(camera.K),
+        "dist": list(camera.dist),
+    }
+
+
+def _arm_from_board(found: Adjusted, arm: ArmKnown, robot: ArmSpec, Q: Array) -> dict[str, object]:
+    """The corrected arm as a ROBOT, the camera's pose on it, and the arm's accuracy before and after."""
+    corrected, values = corrected_arm(found, arm)
+    X, cov = on_corrected_arm(found, arm)
+    accuracy = position_accuracy(found, arm, Q)
+    name, _, _ = names(found.problem.setup)
+    return {
+        "arm": asdict(arm_accuracy(found, arm)),
+        "robot": robot_document(robot, corrected, values, robot.tools),
+        "adjusted": {name: pose6(X), "cov": cov.tolist()},
+        "absolute_accuracy": {
+            "before": accuracy.before,
+            "after": accuracy.after,
+            "predicted_95": accuracy.after95,
+        },
+    }

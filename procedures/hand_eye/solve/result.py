@@ -26,15 +26,10 @@ _MANY_REJECTED = 0.25
 
 @dataclass(frozen=True)
 class Adjustment:
-    """What method ``adjustment`` found: ``unknowns`` by block, each with value and sigma; ``scale`` of the
-    arm's blocks; ``budget``, the standard deviation of X by cause; what the uncertainty covers; and how far
-    the arm is from its model, over all its joints."""
+    """What method ``adjustment`` adds: ``answer`` and ``uncertainty`` are entries of those tables."""
 
-    unknowns: dict[str, dict[str, dict[str, float]]]
-    scale: dict[str, float]
-    budget: dict[str, dict[str, float]]
-    covers: tuple[str, ...]
-    arm: dict[str, dict[str, float]] | None
+    answer: dict[str, object]
+    uncertainty: dict[str, object]
 
 
 @dataclass(frozen=True)
@@ -113,11 +108,7 @@ def _answer(solved: Solved, lin: Linearised, P: Array) -> dict[str, object]:
     }
     if solved.camera.estimated is not None:
         answer["intrinsics"] = solved.camera.estimated
-    if solved.adjustment is not None:
-        answer["unknowns"] = solved.adjustment.unknowns
-        answer["scale"] = solved.adjustment.scale
-        answer["arm"] = solved.adjustment.arm
-    return answer
+    return answer if solved.adjustment is None else answer | solved.adjustment.answer
 
 
 def _labels(solved: Solved) -> dict[int, str]:
@@ -149,8 +140,7 @@ def _uncertainty(solved: Solved) -> dict[str, object]:
     sigma = np.sqrt(np.maximum(np.diag(cov), 0.0))
     labels = _labels(solved)
     solution = solved.solution
-    more = solved.adjustment
-    causes = {} if more is None else {"budget": more.budget, "covers": list(more.covers)}
+    more = {} if solved.adjustment is None else solved.adjustment.uncertainty
     return {
         "cov": cov.tolist(),
         "sigma_t": sigma[:3].tolist(),
@@ -161,7 +151,7 @@ def _uncertainty(solved: Solved) -> dict[str, object]:
             labels[int(g)]: c.tolist() for g, c in zip(solution.groups, solution.cov_W, strict=True)
         },
         "excess": solution.excess,
-        **causes,
+        **more,
         "meaning": "covariance of a perturbation on the right, translation (m) first, one standard deviation",
     }
 

@@ -21,7 +21,7 @@ from cell.devices import Intrinsics
 from cell.errors import error
 from cell.formats.result import Result, Warning_
 from procedures.hand_eye.solve.adjustment import METHOD as ADJUSTMENT
-from procedures.hand_eye.solve.adjustment import by_adjustment
+from procedures.hand_eye.solve.adjustment import NO_ARM, by_adjustment, why_not
 from procedures.hand_eye.solve.camera import CameraChoice, check_views, choose_camera
 from procedures.hand_eye.solve.capture import FAR_T, UNITS_T, CaptureSet, load_capture
 from procedures.hand_eye.solve.order_check import order_warnings
@@ -37,26 +37,29 @@ _FAR_APART_T, _FAR_APART_R = 0.04, 0.05  # of the distance to the target; rad
 
 @within_limits
 def solve_hand_eye(
-    path: Path, *, method: str | None = None, progress: Progress | None = None
+    path: Path, *, method: str | None = None, predict: Path | None = None, progress: Progress | None = None
 ) -> dict[str, object]:
     """The result (``cellward.result/1``) of a capture data set: its folder or its ``capture.json``.
 
-    ``method`` is ``ml`` (weighted maximum likelihood, the default), ``adjustment`` (the same with arm, lens
-    and target as unknowns) or one of OpenCV's ``tsai``, ``park``, ``horaud``, ``daniilidis``.
+    ``method`` is ``adjustment`` (weighted maximum likelihood with arm, lens and target as unknowns; the
+    default for observations with corners), ``ml`` (the same with arm, lens and target as they are given; the
+    default for bare poses) or one of OpenCV's ``tsai``, ``park``, ``horaud``, ``daniilidis``. ``predict`` is
+    a ``cellward.capture-query/1``: joints whose flange poses are wanted.
     ``progress(stage, done, total)`` is called now and then. Bad input raises an ``InputError``; data that
     cannot determine the answer give a result with verdict ``fail``.
     """
-    chosen = method or ML
-    if chosen not in (ML, ADJUSTMENT, *METHODS):
-        known = ", ".join((ML, ADJUSTMENT, *METHODS))
+    if method not in (None, ML, ADJUSTMENT, *METHODS):
+        known = ", ".join((ADJUSTMENT, ML, *METHODS))
         raise error("ARGUMENT_INVALID", f"method is {method!r}; it must be one of {known}")
+    if predict is not None and method not in (None, ADJUSTMENT):
+        raise error("ARGUMENT_INVALID", f"--predict needs method {ADJUSTMENT!r}; leave --method out")
     with _one_thread():
         loaded = load_capture(Path(path), progress)
         camera = choose_camera(loaded)
         check_views(loaded, camera.camera)
         if progress is not None:
             progress("solve", 0, 1)
-        result = _solve(loaded, camera, chosen)
+        result = _solve(loaded, camera, method, predict)
         if progress is not None:
             progress("solve", 1, 1)
     return result.as_json()
@@ -79,15 +82,15 @@ class _Timed:
     seconds: float
 
 
-def _solve(loaded: CaptureSet, camera: CameraChoice, method: str) -> Result:
+def _solve(loaded: CaptureSet, camera: CameraChoice, asked: str | None, predict: Path | None) -> Result:
     warnings = [*loaded.warnings, *camera.warnings]
     rows = loaded.usable()
     inputs: dict[str, object] = {
         "setup": loaded.capture.setup,
-        "method": method,
+        "method": asked or ADJUSTMENT,
         "observations": len(loaded.F),
         "usable": len(rows),
-        "target": loaded.capture.target.model_dump(),
+        "target": loaded.capture.target.model_dump(exclude_none=True),
         "noise_given": _given_noise(loaded),
     }
     if not len(rows):
@@ -105,15 +108,40 @@ def _solve(loaded: CaptureSet, camera: CameraChoice, method: str) -> Result:
     _check_units(loaded, solution.at.X)
     if not _timed(loaded):
         warnings += order_warnings(solution)
+    method, more = _method(loaded, rows, solution, measured, asked)
+    inputs["method"] = method
+    warnings += more
     cov: np.ndarray | None = solution.cov
     told: Adjustment | None = None
     if method == ADJUSTMENT:
-        solution, camera, told, more = by_adjustment(loaded, rows, measured, camera, solution)
-        cov, warnings = solution.cov, [*warnings, *more]
+        start = time.perf_counter()
+        found = by_adjustment(loaded, rows, measured, camera, solution, predict)
+        inputs["solve_seconds"] = timed.seconds + time.perf_counter() - start
+        solution, camera, told = found.solution, found.camera, found.told
+        cov, warnings = solution.cov, [*warnings, *found.warnings]
     elif method != ML:
         solution, cov = _by_classic(solution, method)
     solved = Solved(loaded, rows, measured, camera, solution, cov, method, warnings, inputs, told)
     return fill_result(solved)
+
+
+def _method(
+    loaded: CaptureSet,
+    rows: np.ndarray,
+    solution: Solution,
+    measured: Measurements,
+    asked: str | None,
+) -> tuple[str, list[tuple[str, str]]]:
+    """The method to go by, and what to warn of: bare poses cannot be adjusted."""
+    if asked not in (None, ADJUSTMENT):
+        return asked, []
+    problem = why_not(loaded, rows, solution, measured)
+    if not problem:
+        return ADJUSTMENT, []
+    if asked is not None:
+        raise error("ARGUMENT_INVALID", f"method {ADJUSTMENT!r}: {problem}; use {ML!r}")
+    text = f"{problem}: the uncertainty holds for an exact arm, an exact lens and an exact target only"
+    return ML, [(NO_ARM, text)]
 
 
 def _timed(loaded: CaptureSet) -> bool:

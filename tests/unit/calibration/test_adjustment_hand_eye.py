@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from calibration.adjustment.hand_eye import GEARS, GEOMETRY, Adjusted, ArmKnown, adjust
+from calibration.adjustment.hand_eye import Adjusted, adjust
 from calibration.adjustment.lens_terms import LensPrior, TargetPrior
+from calibration.adjustment.unknowns import GEARS, GEOMETRY, ArmKnown
 from calibration.hand_eye import se3
 from calibration.hand_eye.solution import Measurements, Solution, solve
 from cell.poses import Array

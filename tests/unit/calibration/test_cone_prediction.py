@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
+from calibration.adjustment.lens_terms import LensPrior, TargetPrior
+from calibration.adjustment.prediction import PlannedViews, expected
 from calibration.planning import (
     ConeShape,
     EyeInHand,
@@ -13,8 +15,6 @@ from calibration.planning import (
     PlannedPose,
     PredictedUncertainty,
     cone_poses,
-    pnp_covariance,
-    predicted_uncertainty,
 )
 from cell.devices import Intrinsics
 from cell.poses import Array, exp_xi, from_pose6, log_xi
@@ -31,11 +31,60 @@ def board_points() -> Array:
     return 0.025 * np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
 
 
+def pnp_covariance(
+    T_camera_target: RigidTransform, target_points: Array, intrinsics: Intrinsics, sigma_px: float
+) -> Array:
+    """(6, 6) covariance of ``T_camera_target`` (right perturbation) from corners with ``sigma_px``."""
+    p = np.asarray(target_points, dtype=float)
+    R = T_camera_target.rotation.as_matrix()
+    x, y, z = T_camera_target.apply(p).T
+    fx, fy, _, _ = intrinsics.K
+    zero = np.zeros_like(z)
+    pixel = np.stack(
+        [np.stack([fx / z, zero, -fx * x / z**2], axis=1), np.stack([zero, fy / z, -fy * y / z**2], axis=1)],
+        axis=1,
+    )
+    J = pixel @ R @ np.concatenate([np.broadcast_to(np.eye(3), (len(p), 3, 3)), -_skew(p)], axis=2)
+    rows = J.reshape(-1, 6)
+    cov: Array = sigma_px**2 * np.linalg.inv(rows.T @ rows)
+    return cov
+
+
+def _skew(v: Array) -> Array:
+    """(n, 3, 3) cross product matrices of ``v`` (n, 3)."""
+    out = np.zeros((len(v), 3, 3))
+    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
+    return out - out.swapaxes(1, 2)
+
+
 def planned(mounting: Mounting) -> list[PlannedPose]:
     shape = ConeShape(10, 0.44, 0.5)
     views = cone_poses(from_pose6([0.125, 0.0875, 0, 0, 0, 0]), shape).inv()
     flanges = mounting.flange(views)
     return [PlannedPose(k, np.zeros(6), flanges[k], views[k], 0.0) for k in range(10)]
+
+
+def predicted(
+    mounting: EyeInHand | EyeToHand, poses: list[PlannedPose], placements: int = 1
+) -> PredictedUncertainty:
+    """With an exact arm, lens and board."""
+    exact = 1e-9
+    found = expected(
+        "eye-in-hand" if isinstance(mounting, EyeInHand) else "eye-to-hand",
+        PlannedViews(
+            np.stack([p.T_base_flange.as_matrix() for p in poses]),
+            np.stack([p.T_camera_target.as_matrix() for p in poses]),
+            mounting.X.as_matrix(),
+            board_points(),
+        ),
+        CAMERA,
+        {"sigma_px": SIGMA_PX, "sigma_flange_t": SIGMA_T, "sigma_flange_r": SIGMA_R},
+        None,
+        LensPrior(exact, exact, exact, exact, exact),
+        TargetPrior(exact, exact),
+        placements,
+    )
+    return PredictedUncertainty(found.cov)
 
 
 def test_the_covariance_of_a_board_pose_is_what_opencv_scatters() -> None:
@@ -65,7 +114,7 @@ def test_the_covariance_of_a_board_pose_is_what_opencv_scatters() -> None:
 @pytest.mark.parametrize("kind", ["eye-in-hand", "eye-to-hand"])
 def test_the_predicted_covariance_is_what_maximum_likelihood_scatters(kind: str) -> None:
     """Each trial draws corner and flange noise, and solves X and W by weighted least squares."""
-    mounting: Mounting = EyeInHand(X, W) if kind == "eye-in-hand" else EyeToHand(W, X)
+    mounting: EyeInHand | EyeToHand = EyeInHand(X, W) if kind == "eye-in-hand" else EyeToHand(W, X)
     unknown, other = (X, W) if kind == "eye-in-hand" else (W, X)
     poses = planned(mounting)
     rng = np.random.default_rng(11)
@@ -93,7 +142,7 @@ def test_the_predicted_covariance_is_what_maximum_likelihood_scatters(kind: str)
         left = roots[which] @ gaps(np.repeat(z, len(poses), axis=0), F, seen)[..., None]
         z = z - left.reshape(trials, -1) @ solve.T
     errors = z[:, :6]
-    subject = predicted_uncertainty(poses, mounting, CAMERA, board_points(), SIGMA_PX, SIGMA_T, SIGMA_R)
+    subject = predicted(mounting, poses)
     nees = [e @ np.linalg.solve(subject.cov, e) for e in errors]
     assert 6.0 * 0.9 < np.mean(nees) < 6.0 * 1.1  # 3.5 standard errors of 400 draws
     shorter = np.mean([np.linalg.norm(e[:3]) < subject.error95_t_m for e in errors])
@@ -102,8 +151,8 @@ def test_the_predicted_covariance_is_what_maximum_likelihood_scatters(kind: str)
 
 def test_more_placements_shrink_the_error_with_their_root() -> None:
     mounting = EyeInHand(X, W)
-    arguments = (planned(mounting), mounting, CAMERA, board_points(), SIGMA_PX, SIGMA_T, SIGMA_R)
-    one, four = predicted_uncertainty(*arguments), predicted_uncertainty(*arguments, placements=4)
+    poses = planned(mounting)
+    one, four = predicted(mounting, poses), predicted(mounting, poses, placements=4)
     assert one.sigma_t_m == pytest.approx(2 * four.sigma_t_m)
     assert one.error95_r_rad == pytest.approx(2 * four.error95_r_rad)
 

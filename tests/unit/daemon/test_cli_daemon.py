@@ -140,6 +140,9 @@ def test_a_dry_run_lists_the_plan_and_its_checks(
         "rejected": [{"index": 1, "reason": "enters keep-out box 'pillar'"}],
         "predicted": {
             "error95_t_m": 1.5e-4, "error95_r_rad": 2e-4,
+            "budget": [{"block": "lens", "t": 6e-5, "r": 1e-4}, {"block": "noise", "t": 2e-5, "r": 5e-5}],
+            "limit": {"error95_t_m": 1e-4, "error95_r_rad": 1e-4, "block_t": "target", "block_r": "lens"},
+            "priors": {"lens": "by its maker"},
             "assuming": {"sigma_px": 0.1, "sigma_flange_t": 5e-5, "sigma_flange_r": 5e-5, "placements": 3},
         },
     }  # fmt: skip
@@ -149,6 +152,7 @@ def test_a_dry_run_lists_the_plan_and_its_checks(
     assert done.code == 0
     for told in (
         "0.0 -90.0 0.0", "28.6 elbow", "12 tool", "1: enters keep-out box 'pillar'", "0.150 mm",
+        "0.100 mm, most of it by target", "lens: by its maker",
         "Nothing was moved",
     ):  # fmt: skip
         assert told in done.out

@@ -130,7 +130,8 @@ def test_an_earlier_data_set_is_solved_without_its_run(
 ) -> None:
     run = Sample(unpacked / cell).run(number)
     recorded = run.read_result()
-    ran = command(cell)("solve", recorded["kind"], run.path, "--json")
+    method = ["--method", recorded["inputs"]["method"]] if recorded["kind"] == "hand-eye" else []
+    ran = command(cell)("solve", recorded["kind"], run.path, *method, "--json")
     subject = json.loads(ran.out)
     assert (subject["kind"], subject["result"] is None) == (recorded["kind"], False), ran.err
     key = FIGURES[recorded["kind"]]

@@ -171,7 +171,7 @@ def test_no_board_at_all_ends_after_the_configured_time(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("scenario", ["hand_eye", "hand_eye_to_hand"])
 def test_six_small_moves_find_a_first_estimate_when_none_is_configured(scenario: str, tmp_path: Path) -> None:
-    config = write_config(tmp_path, scenario)
+    config = write_config(tmp_path, scenario, {"poses_per_placement": 8})
     bare = config.robot.model_copy(
         update={
             "T_flange_camera_nominal": None,

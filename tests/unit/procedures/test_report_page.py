@@ -98,7 +98,8 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def result(data: Path) -> dict[str, Any]:
-    return solve_hand_eye(data)
+    """As far as noise goes: of an exact arm, lens and board."""
+    return solve_hand_eye(data, method="ml")
 
 
 @pytest.fixture
@@ -330,6 +331,22 @@ def test_refused_result_says_why_and_what_to_do(tmp_path: Path) -> None:
     assert "no-rotation" in page.text
     assert "What to do. Turn the flange between poses" in page.text
     assert "Axes of the flange at each pose" in page.text
+
+
+@pytest.mark.usefixtures("no_plotly")
+def test_the_report_says_where_the_uncertainty_comes_from(data: Path, tmp_path: Path) -> None:
+    subject = Page(write_report(make_run(tmp_path, data, solve_hand_eye(data))).read_text("utf-8"))
+    assert "Where the uncertainty comes from" in subject.text
+    for known in ("office printer", "its maker has calibrated", "taken as exact: the uncertainty says"):
+        assert known in subject.text
+    assert "Covered: noise, lens, target; the arm is taken as exact" in subject.text
+    assert "Printed size along x" in subject.text
+
+
+@pytest.mark.usefixtures("no_plotly")
+def test_a_report_of_noise_alone_says_so(folder: Path) -> None:
+    subject = Page(write_report(folder).read_text("utf-8"))
+    assert "Covered: noise alone; arm, lens and target are taken as exact" in subject.text
 
 
 def test_result_without_a_path_is_refused(result: dict[str, Any]) -> None:

@@ -76,9 +76,9 @@ def test_the_result_says_what_was_found_and_where_the_uncertainty_comes_from(
     subject = solved(tmp_path, document, "adjustment")
     focal = subject["result"]["unknowns"]["lens"]["focal"]
     assert abs(focal["value"] - (cell.camera.K[0] / CAMERA.K[0] - 1.0)) < 3.0 * focal["sigma"]
-    budget = subject["uncertainty"]["budget"]
-    assert set(budget) == {"geometry", "gears", "lens", "target", "noise"}
-    whole = np.sqrt(sum(part["t"] ** 2 for part in budget.values()))
+    budget = subject["result"]["budget"]
+    assert [part["block"] for part in budget] == ["arm", "lens", "target", "noise"]
+    whole = np.sqrt(sum(part["t"] ** 2 for part in budget))
     assert whole == pytest.approx(subject["uncertainty"]["sigma_t_norm"])
     assert subject["uncertainty"]["covers"] == ["arm", "gears", "sag", "lens", "target"]
 
@@ -103,7 +103,7 @@ def test_without_joints_the_result_says_that_the_arm_is_taken_as_exact(
     bare = [{k: v for k, v in o.items() if k != "q"} for o in document["observations"]]
     subject = solved(tmp_path, document | {"observations": bare}, "adjustment")
     assert subject["uncertainty"]["covers"] == ["lens", "target"]
-    (warning,) = [w for w in subject["warnings"] if w["code"] == "adjustment.no-arm"]
+    (warning,) = [w for w in subject["warnings"] if w["code"] == "arm.accuracy"]
     assert "no q of every observation" in warning["text"]
     assert subject["verdict"] == "warn"
 
@@ -139,11 +139,15 @@ def test_joints_that_do_not_belong_to_the_poses_are_refused_with_the_cause(
         solved(tmp_path, document, "adjustment")
 
 
-def test_an_arm_of_four_joints_is_refused(imperfect: tuple[World, dict[str, Any]], tmp_path: Path) -> None:
+def test_an_arm_of_four_joints_is_taken_as_exact_and_said_so(
+    imperfect: tuple[World, dict[str, Any]], tmp_path: Path
+) -> None:
     keys = [*(f"{kind}{k}" for kind in "akt" for k in (1, 2, 3, 5)), "a4", "d1", "d5", "tx", "ty", "tz"]
     palletizer = {"family": "palletizer4", "parameters": dict.fromkeys(keys, 0.1)}
-    with pytest.raises(InputError, match="knows arms of 6 turning joints, and robot has 4"):
-        solved(tmp_path, imperfect[1] | {"robot": palletizer}, "adjustment")
+    subject = solved(tmp_path, imperfect[1] | {"robot": palletizer}, "adjustment")
+    (warning,) = [w for w in subject["warnings"] if w["code"] == "arm.accuracy"]
+    assert "robot has 4 joints" in warning["text"]
+    assert subject["uncertainty"]["covers"] == ["lens", "target"]
 
 
 def test_bare_poses_are_refused_by_name(tmp_path: Path) -> None:
@@ -152,5 +156,5 @@ def test_bare_poses_are_refused_by_name(tmp_path: Path) -> None:
     for observation, C in zip(document["observations"], scene.camera_target, strict=True):
         del observation["corners"]
         observation["T_camera_target"] = to_pose6(C).tolist()
-    with pytest.raises(InputError, match="needs the corners of every observation, and 0 gives a bare"):
+    with pytest.raises(InputError, match="the corners of every observation are needed, and 0 gives a bare"):
         solved(tmp_path, document, "adjustment")

@@ -21,6 +21,11 @@ def error_of(result: dict[str, Any], name: str = "T_flange_camera") -> np.ndarra
     return log_xi(from_pose6(result["result"][name]).inv() * X_TRUE)
 
 
+def codes(result: dict[str, Any]) -> list[str]:
+    """Of the warnings. That the arm is taken as exact is said of every set without joints, as most here."""
+    return [w["code"] for w in result["warnings"] if w["code"] != "arm.accuracy"]
+
+
 def without_times(result: dict[str, Any]) -> dict[str, Any]:
     return {**result, "inputs": {k: v for k, v in result["inputs"].items() if k != "solve_seconds"}}
 
@@ -38,7 +43,9 @@ def test_a_capture_of_corners_gives_a_result_in_the_format(
     path = make_scene(1, setup, count=24, groups=2).write(tmp_path)
     steps: list[tuple[str, int, int]] = []
     result = solve_hand_eye(path, progress=lambda *step: steps.append(step))
-    assert Result.model_validate(result).verdict == "pass"
+    assert Result.model_validate(result).verdict == "warn"
+    assert [w["code"] for w in result["warnings"]] == ["arm.accuracy"]
+    assert solve_hand_eye(path, method="ml")["verdict"] == "pass"
     answer, residuals = result["result"], result["residuals"]
     e = error_of(result, X)
     assert e @ np.linalg.solve(np.array(answer["cov"]), e) < 22.5
@@ -121,7 +128,7 @@ def test_bare_poses_need_no_camera(tmp_path: Path) -> None:
 
 def test_missing_intrinsics_are_estimated_and_said_so(tmp_path: Path) -> None:
     result = solve_hand_eye(make_scene(6, count=24).write(tmp_path, camera=None))
-    assert [w["code"] for w in result["warnings"]] == ["camera.intrinsics"]
+    assert codes(result) == ["camera.intrinsics"]
     K = np.array(result["result"]["intrinsics"]["K"])
     assert np.all(np.abs(K - CAMERA.K) < 5 * np.array(result["result"]["intrinsics"]["sigma_K"]) + 1)
     assert np.linalg.norm(error_of(result)[:3]) < 0.02
@@ -135,7 +142,7 @@ def test_one_shifted_image_does_not_replace_good_intrinsics(
     scene.corners[4] += shift
     result = solve_hand_eye(scene.write(tmp_path))
     assert "intrinsics" not in result["result"]
-    assert [w["code"] for w in result["warnings"]] == ["images.misfit"]
+    assert codes(result) == ["images.misfit"]
     assert "observation 4 fit" in result["warnings"][0]["text"]
     assert [r["index"] for r in result["result"]["rejected"]] == [4]
     assert result["result"]["rejected"][0]["reason"]
@@ -148,7 +155,7 @@ def test_wrong_intrinsics_are_replaced_in_spite_of_a_shifted_image(tmp_path: Pat
     scene.corners[4] += (80.0, 0.0)
     wrong = {"width": 1280, "height": 800, "K": [927.0, 932.0, 640.0, 400.0], "dist": list(CAMERA.dist)}
     result = solve_hand_eye(scene.write(tmp_path, camera=wrong))
-    assert [w["code"] for w in result["warnings"]] == ["camera.intrinsics", "images.misfit"]
+    assert codes(result) == ["camera.intrinsics", "images.misfit"]
     found = result["result"]["intrinsics"]
     assert np.all(np.abs(np.array(found["K"]) - CAMERA.K) < 5 * np.array(found["sigma_K"]))
     assert [r["index"] for r in result["result"]["rejected"]] == [4]
@@ -158,7 +165,7 @@ def test_a_shifted_image_has_no_part_in_estimated_intrinsics(tmp_path: Path) -> 
     scene = make_scene(15, count=24, px=0.05)
     scene.corners[4] += (80.0, 0.0)
     result = solve_hand_eye(scene.write(tmp_path, camera=None))
-    assert [w["code"] for w in result["warnings"]] == ["camera.intrinsics", "images.misfit"]
+    assert codes(result) == ["camera.intrinsics", "images.misfit"]
     found = result["result"]["intrinsics"]
     assert np.all(np.abs(np.array(found["K"]) - CAMERA.K) < 5 * np.array(found["sigma_K"]))
 
@@ -186,7 +193,7 @@ def test_other_methods_can_be_asked_for(tmp_path: Path, method: str) -> None:
 
 
 def test_a_method_that_does_not_exist_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="it must be one of ml, adjustment, tsai"):
+    with pytest.raises(InputError, match="it must be one of adjustment, ml, tsai"):
         solve_hand_eye(make_scene().write(tmp_path), method="magic")
 
 
@@ -215,8 +222,8 @@ def test_pairs_without_rotation_are_warned_of(tmp_path: Path) -> None:
         9, count=16, flange_r=0.0, views=[*scene.camera_target[:15], _beside(scene.camera_target[14])]
     )
     result = solve_hand_eye(still.write(tmp_path))
-    assert [w["code"] for w in result["warnings"]] == ["pairs.no-rotation"]
-    assert "14-15" in result["warnings"][0]["text"]
+    assert codes(result) == ["pairs.no-rotation"]
+    assert any("14-15" in w["text"] for w in result["warnings"])
 
 
 def _beside(C: RigidTransform) -> RigidTransform:
@@ -385,7 +392,7 @@ def test_a_misread_image_is_listed_and_does_not_spoil_the_rest(tmp_path: Path) -
 def test_noise_given_as_zero_still_gives_an_answer(tmp_path: Path) -> None:
     noise = {"sigma_px": 0.0, "sigma_flange_t": 0.0, "sigma_flange_r": 0.0}
     result = solve_hand_eye(make_scene(14, count=12).write(tmp_path, noise=noise))
-    assert [w["code"] for w in result["warnings"]] == ["noise.too-small"]
+    assert codes(result) == ["noise.too-small"]
     assert np.linalg.norm(error_of(result)[:3]) < 5e-3
 
 
@@ -398,10 +405,10 @@ def test_the_wrong_setup_is_found_out(tmp_path: Path) -> None:
 @pytest.mark.data
 def test_a_real_arm_with_a_charuco_board_on_its_wrist(data_folder: Path) -> None:
     result = solve_hand_eye(data_folder / "ic_charuco_eye_to_hand")
-    codes = [w["code"] for w in result["warnings"]]
-    assert codes == ["camera.intrinsics", "pairs.no-rotation"]
-    assert "0-1" in result["warnings"][1]["text"]
-    assert "5-6" in result["warnings"][1]["text"]
+    assert codes(result) == ["camera.intrinsics", "pairs.no-rotation"]
+    (still,) = [w for w in result["warnings"] if w["code"] == "pairs.no-rotation"]
+    assert "0-1" in still["text"]
+    assert "5-6" in still["text"]
     assert [r["index"] for r in result["result"]["rejected"]] == [2, 15]
     assert all(r["reason"] for r in result["result"]["rejected"])
     residuals = result["residuals"]

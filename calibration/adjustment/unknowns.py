@@ -1,0 +1,168 @@
+"""The unknowns beside the camera's pose in a hand-eye adjustment, and what the observations say of them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.adjustment.arm_terms import (
+    ArmPrior,
+    ArmTerms,
+    gears_and_sag,
+    geometry,
+    reference_joints,
+    without_gauge,
+)
+from calibration.adjustment.components import Components
+from calibration.adjustment.equations import Equations, Observations, Prior
+from calibration.adjustment.lens_terms import LENS, TARGET, ImageTerms, LensPrior, TargetPrior
+from calibration.hand_eye import se3
+from calibration.hand_eye.noise import shapes
+from calibration.hand_eye.normal import Linearised
+from calibration.hand_eye.problem import Estimate, Problem, flange_adjoint
+from calibration.kinematics.parametric import ParametricArm
+from cell.poses import Array
+
+GEOMETRY, GEARS, LENS_BLOCK, TARGET_BLOCK = "geometry", "gears", "lens", "target"
+
+
+@dataclass(frozen=True)
+class ArmKnown:
+    """The arm of a capture: its adjustable model, joints ``Q`` (n, 6) rad, limits (6, 2) rad, and prior.
+
+    ``scale_free``: how good the arm is follows from the data, the prior says the proportions.
+    """
+
+    model: ParametricArm
+    Q: Array
+    limits: Array
+    prior: ArmPrior = field(default_factory=ArmPrior)
+    scale_free: bool = True
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """The unknowns beside X: ``names`` (p,), ``blocks``, ``prior`` with X before them, and what they move.
+
+    ``flange`` (n, 6, a): twists of the flange for the a numbers of the arm, which come first.
+    """
+
+    names: tuple[str, ...]
+    blocks: dict[str, slice]
+    prior: Prior
+    flange: Array
+
+    @property
+    def images(self) -> slice:
+        """The numbers that images see: lens and target."""
+        return slice(self.flange.shape[2], len(self.names))
+
+    @property
+    def arm(self) -> slice:
+        return slice(0, self.flange.shape[2])
+
+
+@dataclass(frozen=True)
+class State:
+    """Where the adjustment is; the images of ``problem`` were solved with the numbers ``base``."""
+
+    problem: Problem
+    at: Estimate
+    numbers: Array
+    base: Array
+    components: Components
+
+
+def unknowns(
+    problem: Problem, rows: NDArray[np.int64], arm: ArmKnown | None, lens: LensPrior, target: TargetPrior
+) -> Unknowns:
+    """Of ``problem``, whose observations have the joints ``rows`` of ``arm``."""
+    terms = {} if arm is None else arm_terms(arm, arm.Q[rows])
+    parts = [(name, t.names, t.sigma) for name, t in terms.items()]
+    parts += [(LENS_BLOCK, LENS, lens.sigma()), (TARGET_BLOCK, TARGET, target.sigma())]
+    names: list[str] = []
+    blocks = {}
+    for block, own, _ in parts:
+        blocks[block] = slice(len(names), len(names) + len(own))
+        names += own
+    prior = Prior(
+        np.zeros(6 + len(names)),
+        np.concatenate([np.full(6, np.inf), *(sigma for _, _, sigma in parts)]),
+        {name: slice(6 + s.start, 6 + s.stop) for name, s in blocks.items()},
+    )
+    flange = np.concatenate([np.zeros((problem.n, 6, 0)), *(t.columns for t in terms.values())], axis=2)
+    return Unknowns(tuple(names), blocks, prior, flange)
+
+
+def arm_terms(arm: ArmKnown, Q: Array) -> dict[str, ArmTerms]:
+    """The terms of the arm's blocks at joints ``Q`` (n, 6), without what moves base or flange as a whole."""
+    over, chain = reference_joints(arm.limits), arm.model.base
+    flange, over_flange = chain.flange(Q), chain.flange(over)
+    return {
+        GEOMETRY: without_gauge(
+            geometry(arm.model, Q, arm.prior), flange, geometry(arm.model, over, arm.prior), over_flange
+        ),
+        GEARS: without_gauge(
+            gears_and_sag(chain, Q, arm.prior), flange, gears_and_sag(chain, over, arm.prior), over_flange
+        ),
+    }
+
+
+def moved_problem(of: Unknowns, state: State, moves: Array) -> Problem:
+    """The problem as it is with the numbers of ``state``; ``moves`` (n, 6, c) are those of the images."""
+    problem, numbers = state.problem, state.numbers
+    C = se3.exp(moves @ (numbers - state.base)[of.images]) @ problem.C
+    twist = of.flange @ numbers[of.arm]
+    if problem.setup == "eye-in-hand":
+        return replace(problem, C=C, G=se3.exp(-twist) @ problem.G)
+    return replace(problem, C=C, G=problem.G @ se3.exp(twist))
+
+
+def observations(of: Unknowns, state: State, images: ImageTerms, lin: Linearised) -> Observations:
+    """The linearised problem ``lin`` with the derivatives by all numbers.
+
+    ``r = log(C C_predicted^-1)``: a motion s of the image's pose on the left adds ``Jl^-1(r) s``, a motion t
+    of the predicted one on the left takes ``Jr^-1(r) t`` away.
+    """
+    n, count = lin.problem.n, len(of.names)
+    of_global = np.zeros((n, 6, 6 + count))
+    of_global[:, :, :6] = lin.J[:, :, :6]
+    sign = 1.0 if lin.problem.setup == "eye-in-hand" else -1.0
+    carried = se3.right_jacobian_inverse(lin.r) @ flange_adjoint(lin.problem, lin.at, lin.predicted)
+    after = slice(6 + of.images.start, None)
+    of_global[:, :, 6 : after.start] = sign * carried @ of.flange
+    of_global[:, :, after] = se3.right_jacobian_inverse(-lin.r) @ images.moves
+    away = (state.numbers - state.base)[of.images]
+    info, pull = np.zeros((n, 6 + count, 6 + count)), np.zeros((n, 6 + count))
+    info[:, after, after] = images.info
+    pull[:, after] = images.pull + images.info @ away
+    return Observations(
+        r=lin.r,
+        of_global=of_global,
+        of_local=lin.J[:, :, 6:],
+        group=lin.problem.group,
+        parts=shapes(lin, tuple(state.components.sigma)),
+        info=info,
+        pull=pull,
+        sse=lin.problem.sse + (2.0 * images.pull + images.info @ away) @ away,
+        dof=lin.problem.dof,
+    )
+
+
+def budget(eq: Equations, blocks: Mapping[str, slice]) -> dict[str, Array]:
+    """Variance of X (6,) by block: what goes away when the blocks become known one after the other.
+
+    What is left then is noise; the parts add up to the whole.
+    """
+    known = np.zeros(len(eq.N), dtype=bool)
+    left = np.diag(eq.covariance)[:6]
+    budget = {}
+    for name, part in blocks.items():
+        known[6 + part.start : 6 + part.stop] = True
+        keep = np.flatnonzero(~known)
+        now = np.diag(np.linalg.inv(eq.N[np.ix_(keep, keep)]))[:6]
+        budget[name] = left - now
+        left = now
+    budget["noise"] = left
+    return budget

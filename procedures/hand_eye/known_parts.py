@@ -1,0 +1,84 @@
+"""How well arm, lens and target are known: as the data state it, else a default; each with its source."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from calibration.adjustment.arm_terms import ArmPrior
+from calibration.adjustment.lens_terms import LensPrior, TargetPrior
+from cell.formats.robot import Robot
+
+# Of intrinsics that were found from the same images: those images are in the adjustment, so nothing else is.
+_FROM_IMAGES = LensPrior(focal=0.05, aspect=0.01, centre_px=50.0, radial=0.2, tangential=0.01)
+
+
+@dataclass(frozen=True)
+class KnownParts:
+    """The priors of an adjustment, and by part where each comes from."""
+
+    arm: ArmPrior
+    lens: LensPrior
+    target: TargetPrior
+    sources: Mapping[str, str]
+
+
+def known_parts(
+    target: Mapping[str, Any],
+    camera_sigma: Mapping[str, Any] | None,
+    robot: Robot | None,
+    from_images: bool = False,
+) -> KnownParts:
+    """``target`` as in a data set, ``camera_sigma`` its ``camera.sigma``; ``from_images``: the camera was
+    estimated from the images that are solved."""
+    arm, arm_source = _arm(robot)
+    lens, lens_source = (_FROM_IMAGES, "found from the images") if from_images else _lens(camera_sigma)
+    board, board_source = _target(target)
+    sources = {"lens": lens_source, "target": board_source}
+    return KnownParts(arm, lens, board, ({"arm": arm_source} if robot is not None else {}) | sources)
+
+
+def _arm(robot: Robot | None) -> tuple[ArmPrior, str]:
+    """How good an arm is differs by a factor of ten, so the data have a say in the scale of its prior."""
+    usual = ArmPrior()
+    given = None if robot is None else robot.prior
+    if given is None:
+        return usual, f"default, its scale by the data ({_arm_text(usual)})"
+    prior = ArmPrior(
+        given.length_m or usual.length,
+        given.angle_rad or usual.angle,
+        given.gear_rad or usual.gear,
+        given.sag_rad or usual.sag,
+    )
+    return prior, f"robot.prior, its scale by the data ({_arm_text(prior)})"
+
+
+def _arm_text(prior: ArmPrior) -> str:
+    return (
+        f"lengths {1e3 * prior.length:g} mm, angles {1e3 * prior.angle:g} mrad, "
+        f"gears {1e6 * prior.gear:g} urad, sag {1e6 * prior.sag:g} urad"
+    )
+
+
+def _lens(sigma: Mapping[str, Any] | None) -> tuple[LensPrior, str]:
+    usual = LensPrior()
+    given = {key: value for key, value in (sigma or {}).items() if value is not None}
+    focal, centre = given.get("f", usual.focal), given.get("c_px", usual.centre_px)
+    text = f"focal length {100 * focal:g} %, principal point {centre:g} px"
+    if not given:
+        return usual, f"default: a camera that its maker has calibrated ({text})"
+    # Who knows the one better or worse than usual knows the distortion so too.
+    share = max(
+        focal / usual.focal if "f" in given else 0.0, centre / usual.centre_px if "c_px" in given else 0.0
+    )
+    lens = LensPrior(focal, share * usual.aspect, centre, share * usual.radial, share * usual.tangential)
+    return lens, f"camera.sigma ({text})"
+
+
+def _target(target: Mapping[str, Any]) -> tuple[TargetPrior, str]:
+    usual = TargetPrior()
+    scale, flat = target.get("scale_sigma"), target.get("flatness_m")
+    prior = replace(usual, scale=scale or usual.scale, bow=flat or usual.bow)
+    text = f"printed size {100 * prior.scale:g} %, flat to {1e3 * prior.bow:g} mm"
+    if scale is None and flat is None:
+        return prior, f"default: one sheet from an office printer ({text})"
+    return prior, f"target.scale_sigma and target.flatness_m ({text})"

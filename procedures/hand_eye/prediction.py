@@ -1,0 +1,93 @@
+"""What a planned placement is expected to tell, with the priors that the result will be solved with."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from calibration.adjustment.prediction import Expected, PlannedViews, expected
+from calibration.adjustment.unknowns import ArmKnown
+from calibration.hand_eye.problem import Setup
+from calibration.kinematics.families import arm_spec
+from calibration.planning import ConePlan, Mounting, PredictedUncertainty
+from cell.devices import Intrinsics
+from cell.formats.robot import parse_robot
+from cell.poses import Array
+from cell.run_values import RunValues
+from procedures.arm_setup import arm_robot
+from procedures.hand_eye.budget import by_cause, largest
+from procedures.hand_eye.known_parts import KnownParts, known_parts
+
+# What a prediction assumes before anything was measured; said beside it.
+ASSUMED = {"sigma_px": 0.1, "sigma_flange_t": 5e-5, "sigma_flange_r": 5e-5}
+_MANY = 10_000  # placements: what is left then is what no number of them tells
+_JOINTS = 6
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """The adjustment of a run as it is known before it: what is seen, by what, and how well that is known."""
+
+    setup: Setup
+    mounting: Mounting
+    camera: Intrinsics
+    points: Array
+    values: RunValues
+    known: KnownParts
+    placements: int
+
+    @classmethod
+    def of(
+        cls,
+        setup: Setup,
+        mounting: Mounting,
+        camera: Intrinsics,
+        points: Array,
+        values: RunValues,
+        target: dict[str, Any],
+        camera_sigma: dict[str, float] | None,
+        placements: int,
+    ) -> "Prediction":
+        """``target`` and ``camera_sigma`` as in the data set that the run will write."""
+        robot = parse_robot(arm_robot(values), "robot")
+        adjustable = robot if arm_spec(robot, "robot").arm.joints == _JOINTS else None
+        known = known_parts(target, camera_sigma, adjustable)
+        return cls(setup, mounting, camera, points, values, known, placements)
+
+    def error_at(self, plan: ConePlan, distance_m: float) -> float:
+        """Expected error (m) of a point that far before the camera: place and rotation in one length."""
+        sure = PredictedUncertainty(self._expected(plan, self.placements).cov)
+        return float(np.hypot(sure.error95_t_m, distance_m * sure.error95_r_rad))
+
+    def told(self, plan: ConePlan) -> dict[str, Any]:
+        """The 95 % errors, by cause, what no further placement lowers, and what was assumed."""
+        found, limit = self._expected(plan, self.placements), self._expected(plan, _MANY)
+        sure, at_best, left = (
+            PredictedUncertainty(found.cov),
+            PredictedUncertainty(limit.cov),
+            by_cause(limit.budget),
+        )
+        return {
+            "error95_t_m": sure.error95_t_m,
+            "error95_r_rad": sure.error95_r_rad,
+            "budget": by_cause(found.budget),
+            "limit": {
+                "error95_t_m": at_best.error95_t_m,
+                "error95_r_rad": at_best.error95_r_rad,
+                "block_t": largest(left, "t"),
+                "block_r": largest(left, "r"),
+            },
+            "assuming": {**ASSUMED, "placements": self.placements},
+            "priors": dict(self.known.sources),
+        }
+
+    def _expected(self, plan: ConePlan, placements: int) -> Expected:
+        F = np.stack([p.T_base_flange.as_matrix() for p in plan.poses])
+        C = np.stack([p.T_camera_target.as_matrix() for p in plan.poses])
+        views = PlannedViews(F, C, self.mounting.X.as_matrix(), self.points)
+        known, arm = self.known, None
+        if "arm" in known.sources:
+            spec = arm_spec(parse_robot(arm_robot(self.values), "robot"), "robot")
+            Q = np.stack([p.q for p in plan.poses])
+            arm = ArmKnown(spec.arm, Q, np.tile([-np.pi, np.pi], (_JOINTS, 1)), known.arm, scale_free=False)
+        return expected(self.setup, views, self.camera, ASSUMED, arm, known.lens, known.target, placements)
