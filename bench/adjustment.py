@@ -5,7 +5,8 @@
 noise levels are not given, priors are the defaults. The true X is the one that serves best with the nominal
 arm over all its joints. A row: RMS error and stated one in mm, mean NEES (6 is right) and the share of
 errors inside the stated 95 % in translation and rotation; for the whole adjustment, and for X with noise
-alone. Then the processor time of the adjustment.
+alone. Then the RMS error of OpenCV's Park and Daniilidis, for an exact arm the bound (Cramer-Rao, of the
+problem with this arm and the priors of lens and target), and the processor time of the adjustment.
 """
 
 import argparse
@@ -21,11 +22,13 @@ from calibration.adjustment.hand_eye import adjust
 from calibration.adjustment.lens_terms import LensPrior
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye import se3
+from calibration.hand_eye.classic import solve_classic
 from calibration.hand_eye.solution import Solution, solve
 from calibration.intrinsics import estimate_intrinsics
 from cell.poses import Array
 from tests.kit.imperfect_cell import ARM, CAMERA, MODEL, PLANS, capture, world
 
+PEERS = ("park", "daniilidis")
 UNKNOWN = LensPrior(focal=0.05, aspect=0.01, centre_px=50.0, radial=0.2, tangential=0.01)
 
 
@@ -66,26 +69,41 @@ def main() -> None:
     options = parser.parse_args()
     cv2.setNumThreads(1)
     head = f"{'rms':>7}{'stated':>8}{'NEES':>8}{'t %':>6}{'r %':>5}"
-    print(f"{'arm mm':>6} {'lens':9} {'board':6} {'plan':9}{head}   noise alone{head}{'ms':>6}")
+    peers = "".join(f"{name:>11}" for name in PEERS)
+    title = f"{'arm mm':>6} {'lens':9} {'board':6} {'plan':9}"
+    print(f"{title}{head}   noise alone{head}{peers}{'bound':>7}{'ms':>6}")
     for arm, lens, board, plan in itertools.product(
         options.arm or (0.0, 0.06, 0.2),
         options.lens or ("exact", "off", "estimated"),
         options.board or ("exact", "scale", "bow"),
         options.plan or tuple(PLANS),
     ):
-        ours, alone, spent = Tally(), Tally(), 0.0
+        row = Row()
         for seed in range(options.runs):
-            rng = np.random.default_rng([seed, 5])
-            spent += one(rng, arm, lens, board, plan, ours, alone)
-        milliseconds = 1e3 * spent / options.runs
+            one(np.random.default_rng([seed, 5]), arm, lens, board, plan, row)
         title = f"{arm:6.2f} {lens:9} {board:6} {plan:9}"
-        print(f"{title}{ours.row()}              {alone.row()}{milliseconds:6.0f}", flush=True)
+        print(f"{title}{row.text()}", flush=True)
 
 
-def one(
-    rng: np.random.Generator, arm: float, lens: str, board: str, plan: str, ours: Tally, alone: Tally
-) -> float:
-    """One capture solved both ways; processor time of the adjustment in s."""
+@dataclass
+class Row:
+    """What is counted of one combination."""
+
+    ours: Tally = field(default_factory=Tally)
+    alone: Tally = field(default_factory=Tally)
+    peers: dict[str, list[float]] = field(default_factory=lambda: {name: [] for name in PEERS})
+    bound: list[float] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+
+    def text(self) -> str:
+        peers = "".join(f"{1e3 * np.sqrt(np.mean(squared)):11.3f}" for squared in self.peers.values())
+        bound = f"{1e3 * np.sqrt(np.mean(self.bound)):7.3f}" if self.bound else f"{'':7}"
+        milliseconds = 1e3 * np.mean(self.seconds)
+        return f"{self.ours.row()}              {self.alone.row()}{peers}{bound}{milliseconds:6.0f}"
+
+
+def one(rng: np.random.Generator, arm: float, lens: str, board: str, plan: str, row: Row) -> None:
+    """One capture solved in all ways."""
     cell = world(rng, 1e-3 * arm, lens, board)
     measured, Q = capture(rng, cell, plan)
     camera, prior = CAMERA, LensPrior()
@@ -98,11 +116,17 @@ def one(
     first = solve(measured, camera, {})
     if not isinstance(first, Solution):
         raise TypeError(f"refused: {first}")
-    alone.add(first.at.X, first.cov, cell.X)
+    row.alone.add(first.at.X, first.cov, cell.X)
+    for name, squared in row.peers.items():
+        if (X := solve_classic(first.problem, name)) is not None:
+            squared.append(float(np.sum((X - cell.X)[:3, 3] ** 2)))
     began = time.process_time()
     answer = adjust(measured, first, camera, ArmKnown(MODEL, Q, ARM.joint_limits), prior)
-    ours.add(answer.X, answer.cov, cell.X)
-    return time.process_time() - began
+    row.seconds.append(time.process_time() - began)
+    row.ours.add(answer.X, answer.cov, cell.X)
+    if arm == 0.0:
+        exact = adjust(measured, first, camera, None, prior)
+        row.bound.append(float(np.trace(exact.cov[:3, :3])) / exact.excess)
 
 
 if __name__ == "__main__":

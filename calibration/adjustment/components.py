@@ -18,6 +18,7 @@ from cell.poses import Array
 SCALE_FACTOR = 3.0  # a scale by evidence lies within this factor of one at one standard deviation
 _LONGEST = 1.5  # of a step in the logarithm of a variance
 _FLOOR = {"sigma_px": 1e-3}
+_SETTLED = 1e-2  # of the log-likelihood
 _SMALLEST = 1e-7
 _SMALLEST_SCALE = 1e-2
 
@@ -80,7 +81,7 @@ def estimated(
             sigma=dict(zip(start.sigma, map(float, values), strict=False)),
             scale=dict(zip(start.scale, map(float, values[len(start.sigma) :]), strict=True)),
         )
-        if abs(float(step @ score)) < 1e-3:
+        if abs(float(step @ score)) < _SETTLED:
             break
     return found
 
@@ -112,9 +113,8 @@ def _score(obs: Observations, prior: Prior, at: Array, now: Components) -> tuple
     metric[:k, :k] = 0.5 * (RV.reshape(k, -1) @ np.swapaxes(RV, 2, 3).reshape(k, -1).T)
     if "sigma_px" in now.sigma:
         i = list(now.sigma).index("sigma_px")
-        info = obs.info.sum(axis=0)
-        left = float(obs.sse.sum() + 2.0 * obs.pull.sum(axis=0) @ x + x @ info @ x) / now.px2
-        dof = float(obs.dof.sum()) - float(np.sum(info * cov)) / now.px2
+        left = float(obs.sse + 2.0 * obs.pull @ x + x @ obs.info @ x) / now.px2
+        dof = obs.dof - float(np.sum(obs.info * cov)) / now.px2
         score[i] += 0.5 * (left - dof)
         metric[i, i] += 0.5 * max(dof, 1.0)
     precision = prior.scaled(dict(now.scale)).precision

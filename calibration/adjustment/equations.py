@@ -23,9 +23,9 @@ class Observations:
 
     ``r`` (n, d) are the residuals, ``of_global`` (n, d, m) and ``of_local`` (n, d, 6) their derivatives,
     ``group`` (n,) counts the local poses from 0. ``parts`` (k, n, d, d): covariance of a residual for a unit
-    of each kind of noise. ``info`` (n, m, m) and ``pull`` (n, m) are curvature and gradient of half the
-    squared pixel residuals ``sse`` (n,) inside an image, by the global unknowns and at its best pose;
-    ``dof`` (n,) is how many pixel residuals are left over by the pose.
+    of each kind of noise. ``info`` (m, m) and ``pull`` (m,) are curvature and gradient of half the squared
+    pixel residuals ``sse`` inside all images, by the global unknowns and at the images' best poses; ``dof``
+    is how many pixel residuals are left over by those poses.
     """
 
     r: Array
@@ -35,8 +35,8 @@ class Observations:
     parts: Array
     info: Array
     pull: Array
-    sse: Array
-    dof: Array
+    sse: float
+    dof: float
 
     @property
     def n(self) -> int:
@@ -90,12 +90,29 @@ class Equations:
     @cached_property
     def covariance(self) -> Array:
         """(m, m) of the global unknowns. Directions without any information have an infinite variance."""
-        return inverse_or_open(self.N)
+        s, values, vectors, known = self._parts
+        out = s[:, None] * ((vectors[:, known] / values[known]) @ vectors[:, known].T) * s
+        is_open = (s == 0.0) | (np.sum(vectors[:, ~known] ** 2, axis=1) > 1e-6)
+        out[is_open, is_open] = np.inf
+        return np.asarray(out)
 
     def step(self) -> tuple[Array, Array]:
-        """The change that minimises the linear problem: global (m,) and local (g, 6)."""
-        x = -solve_scaled(self.N, self.g)
+        """The change that minimises the linear problem: global (m,) and local (g, 6).
+
+        A direction without information does not move.
+        """
+        s, values, vectors, known = self._parts
+        x = -s * (vectors[:, known] @ (vectors[:, known].T @ (s * self.g) / values[known]))
         return x, -self.local - self.carry @ x
+
+    @cached_property
+    def _parts(self) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+        """Scales (m,) that bring ``N`` to a unit diagonal, its eigenvalues and eigenvectors then, and which
+        of them the data or the prior tell anything of."""
+        diagonal = np.diag(self.N)
+        s = np.where(diagonal > _NOTHING, 1.0 / np.sqrt(np.maximum(diagonal, _NOTHING)), 0.0)
+        values, vectors = np.linalg.eigh(self.N * s[:, None] * s)
+        return s, values, vectors, values > 1e-13 * max(float(values[-1]), _NOTHING)
 
     def local_covariance(self) -> Array:
         """(g, 6, 6) of the local poses."""
@@ -119,8 +136,8 @@ def equations(obs: Observations, V: Array, px2: float, prior: Prior, at: Array) 
     flat = obs.of_global.reshape(-1, m)
     N = flat.T @ PG.reshape(-1, m) - np.einsum("gim,gik->mk", LG, carry, optimize=True)
     g = flat.T @ (weight @ obs.r[..., None]).reshape(-1) - np.einsum("gim,gi->m", LG, local)
-    N += obs.info.sum(axis=0) / px2 + np.diag(prior.precision)
-    g += obs.pull.sum(axis=0) / px2 + prior.precision * (at - prior.mean)
+    N += obs.info / px2 + np.diag(prior.precision)
+    g += obs.pull / px2 + prior.precision * (at - prior.mean)
     return Equations(0.5 * (N + N.T), g, inverse, carry, local, weight)
 
 
@@ -129,26 +146,3 @@ def inverse_spd(V: Array) -> Array:
     s = 1.0 / np.sqrt(np.einsum("nii->ni", V))
     scale = s[:, :, None] * s[:, None, :]
     return np.asarray(np.linalg.inv(V * scale + 1e-13 * np.eye(V.shape[1])) * scale)
-
-
-def solve_scaled(N: Array, g: Array) -> Array:
-    """``N^-1 g``; a direction without information does not move."""
-    s = _scale(N)
-    return np.asarray(s * (np.linalg.pinv(N * s[:, None] * s, rcond=1e-13, hermitian=True) @ (s * g)))
-
-
-def inverse_or_open(N: Array) -> Array:
-    """``N^-1``; what ``N`` says nothing of gets an infinite variance, and never none."""
-    s = _scale(N)
-    values, vectors = np.linalg.eigh(N * s[:, None] * s)
-    known = values > 1e-13 * max(float(values[-1]), _NOTHING)
-    part = vectors[:, known]
-    out = s[:, None] * ((part / values[known]) @ part.T) * s
-    is_open = (s == 0.0) | (np.sum(vectors[:, ~known] ** 2, axis=1) > 1e-6)
-    out[is_open, is_open] = np.inf
-    return np.asarray(out)
-
-
-def _scale(N: Array) -> Array:
-    diagonal = np.diag(N)
-    return np.asarray(np.where(diagonal > _NOTHING, 1.0 / np.sqrt(np.maximum(diagonal, _NOTHING)), 0.0))

@@ -117,8 +117,9 @@ def adjust(
         ),
     )
     now, seen = camera, views
-    for _ in range(_ROUNDS):
-        state, eq = _solved(of, state, image_terms(seen, state.problem.C, now, shape))
+    for again in range(_ROUNDS):
+        images = image_terms(seen, state.problem.C, now, shape)
+        state, eq = _solved(of, state, images, estimates=1 if again else 2)
         away = (state.numbers - state.base)[of.images]
         if np.all(np.abs(away) < _LINEAR * _LINEAR_SIGMA):
             break
@@ -128,7 +129,6 @@ def adjust(
         solved = replace(state.problem, C=poses.C, cov_px=poses.cov, sse=poses.sse)
         state = replace(state, problem=solved, base=state.numbers)
     cov = eq.covariance
-    images = image_terms(seen, state.problem.C, now, shape)
     excess = _excess(of, state, images)
     return Adjusted(
         X=state.at.X,
@@ -148,13 +148,14 @@ def adjust(
     )
 
 
-def _solved(of: Unknowns, state: State, images: ImageTerms) -> tuple[State, Equations]:
-    """X, target poses, numbers and their scales, with the images as they were solved."""
+def _solved(of: Unknowns, state: State, images: ImageTerms, estimates: int) -> tuple[State, Equations]:
+    """X, target poses, numbers and their scales, with the images as they were solved; the scales are
+    estimated in the first ``estimates`` steps."""
     for k in range(_STEPS):
         lin = linearise(moved_problem(of, state, images.moves), state.at)
         obs = observations(of, state, images, lin)
         x0 = np.concatenate([np.zeros(6), state.numbers])
-        components = state.components if k > 1 else estimated(obs, of.prior, x0, state.components)
+        components = state.components if k >= estimates else estimated(obs, of.prior, x0, state.components)
         eq = components.equations(obs, of.prior, x0)
         x, w = eq.step()
         state = replace(

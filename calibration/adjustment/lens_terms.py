@@ -102,7 +102,7 @@ class TargetShape:
 
 def target_shape(views: Sequence[CornerSet]) -> TargetShape:
     """Of the target that all ``views`` see parts of."""
-    points = np.unique(np.concatenate([v.points for v in views]).round(9), axis=0)[:, :2]
+    points = np.concatenate([v.points for v in views])[:, :2]
     low, high = points.min(axis=0), points.max(axis=0)
     return TargetShape(0.5 * (low + high), float(np.linalg.norm(high - low)) / 2.0)
 

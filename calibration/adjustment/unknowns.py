@@ -134,9 +134,10 @@ def observations(of: Unknowns, state: State, images: ImageTerms, lin: Linearised
     of_global[:, :, 6 : after.start] = sign * carried @ of.flange
     of_global[:, :, after] = se3.right_jacobian_inverse(-lin.r) @ images.moves
     away = (state.numbers - state.base)[of.images]
-    info, pull = np.zeros((n, 6 + count, 6 + count)), np.zeros((n, 6 + count))
-    info[:, after, after] = images.info
-    pull[:, after] = images.pull + images.info @ away
+    info, pull = np.zeros((6 + count, 6 + count)), np.zeros(6 + count)
+    info[after, after] = curvature = images.info.sum(axis=0)
+    gradient = images.pull.sum(axis=0)
+    pull[after] = gradient + curvature @ away
     return Observations(
         r=lin.r,
         of_global=of_global,
@@ -145,8 +146,8 @@ def observations(of: Unknowns, state: State, images: ImageTerms, lin: Linearised
         parts=shapes(lin, tuple(state.components.sigma)),
         info=info,
         pull=pull,
-        sse=lin.problem.sse + (2.0 * images.pull + images.info @ away) @ away,
-        dof=lin.problem.dof,
+        sse=float(lin.problem.sse.sum() + (2.0 * gradient + curvature @ away) @ away),
+        dof=float(lin.problem.dof.sum()),
     )
 
 

@@ -129,7 +129,7 @@ class ConeCapture(Procedure):
 
     @classmethod
     def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
-        again = solve_hand_eye(path, method=(recorded.get("inputs") or {}).get("method"))
+        again = solve_hand_eye(path, method=(recorded.get("inputs") or {}).get("method"), calls=1)
         limits = (info.get("job_config") or {}).get("accept")
         return judged(again, limits) if limits else again
 

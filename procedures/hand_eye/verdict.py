@@ -12,12 +12,12 @@ from procedures.hand_eye.solve.solver import solve_hand_eye
 
 def solve_within_limits(path: Path, limits: Mapping[str, Any]) -> dict[str, Any]:
     """``cellward.result/1`` of a capture, judged; for the worker process."""
-    return judged(solve_hand_eye(path), limits)
+    return judged(solve_hand_eye(path, calls=1), limits)
 
 
 def error_so_far(path: Path) -> dict[str, Any] | None:
     """The 95 % errors of an unfinished capture, by cause; None while its data determine no answer."""
-    found = solve_hand_eye(path)
+    found = solve_hand_eye(path, calls=1)
     answer: Any = found["result"]
     if answer is None or answer["cov"] is None:
         return None

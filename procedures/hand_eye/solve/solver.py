@@ -1,9 +1,9 @@
 """Hand-eye calibration from a capture data set: the one path of jobs, replay and ``cellward solve``."""
 
-import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -17,7 +17,6 @@ from calibration.hand_eye.leave_out import spread_about_mean
 from calibration.hand_eye.observability import Refusal
 from calibration.hand_eye.problem import Estimate, Problem, Setup
 from calibration.hand_eye.solution import Measurements, Solution, solve
-from cell.devices import Intrinsics
 from cell.errors import error
 from cell.formats.result import Result, Warning_
 from procedures.hand_eye.solve.adjustment import METHOD as ADJUSTMENT
@@ -26,7 +25,8 @@ from procedures.hand_eye.solve.camera import CameraChoice, check_views, choose_c
 from procedures.hand_eye.solve.capture import FAR_T, UNITS_T, CaptureSet, load_capture
 from procedures.hand_eye.solve.order_check import order_warnings
 from procedures.hand_eye.solve.result import Adjustment, Solved, fill_result
-from procedures.solving import LONG_S, Progress, within_limits
+from procedures.solving import Progress, within_limits
+from procedures.timed import timed
 
 ML = "ml"
 _MISMATCH = 0.05  # rad, or a quarter of what the arm turned
@@ -37,7 +37,12 @@ _FAR_APART_T, _FAR_APART_R = 0.04, 0.05  # of the distance to the target; rad
 
 @within_limits
 def solve_hand_eye(
-    path: Path, *, method: str | None = None, predict: Path | None = None, progress: Progress | None = None
+    path: Path,
+    *,
+    method: str | None = None,
+    predict: Path | None = None,
+    progress: Progress | None = None,
+    calls: int = 2,
 ) -> dict[str, object]:
     """The result (``cellward.result/1``) of a capture data set: its folder or its ``capture.json``.
 
@@ -45,8 +50,9 @@ def solve_hand_eye(
     default for observations with corners), ``ml`` (the same with arm, lens and target as they are given; the
     default for bare poses) or one of OpenCV's ``tsai``, ``park``, ``horaud``, ``daniilidis``. ``predict`` is
     a ``cellward.capture-query/1``: joints whose flange poses are wanted.
-    ``progress(stage, done, total)`` is called now and then. Bad input raises an ``InputError``; data that
-    cannot determine the answer give a result with verdict ``fail``.
+    ``progress(stage, done, total)`` is called now and then. ``solve_seconds`` is the shortest time of
+    ``calls`` calls; a job, which nobody compares by it, needs one. Bad input raises an ``InputError``; data
+    that cannot determine the answer give a result with verdict ``fail``.
     """
     if method not in (None, ML, ADJUSTMENT, *METHODS):
         known = ", ".join((ADJUSTMENT, ML, *METHODS))
@@ -59,7 +65,7 @@ def solve_hand_eye(
         check_views(loaded, camera.camera)
         if progress is not None:
             progress("solve", 0, 1)
-        result = _solve(loaded, camera, method, predict)
+        result = _solve(loaded, camera, method, predict, calls)
         if progress is not None:
             progress("solve", 1, 1)
     return result.as_json()
@@ -76,13 +82,9 @@ def _one_thread() -> Iterator[None]:
         cv2.setNumThreads(before)
 
 
-@dataclass(frozen=True)
-class _Timed:
-    answer: Solution | Refusal
-    seconds: float
-
-
-def _solve(loaded: CaptureSet, camera: CameraChoice, asked: str | None, predict: Path | None) -> Result:
+def _solve(
+    loaded: CaptureSet, camera: CameraChoice, asked: str | None, predict: Path | None, calls: int
+) -> Result:
     warnings = [*loaded.warnings, *camera.warnings]
     rows = loaded.usable()
     inputs: dict[str, object] = {
@@ -99,11 +101,10 @@ def _solve(loaded: CaptureSet, camera: CameraChoice, asked: str | None, predict:
         refusal = Refusal("too-few-poses", f"{text} ({'; '.join(reasons) or 'there are none'})")
         return _refused(loaded, refusal, warnings, inputs)
     measured = _measurements(loaded, rows)
-    timed = _twice(measured, camera.camera, _given_noise(loaded))
-    inputs["solve_seconds"] = timed.seconds
-    if isinstance(timed.answer, Refusal):
-        return _refused(loaded, timed.answer, warnings, inputs)
-    solution = timed.answer
+    solution, seconds = timed(lambda: solve(measured, camera.camera, _given_noise(loaded)), calls)
+    inputs["solve_seconds"] = seconds
+    if isinstance(solution, Refusal):
+        return _refused(loaded, solution, warnings, inputs)
     _check_match(loaded, solution)
     _check_units(loaded, solution.at.X)
     if not _timed(loaded):
@@ -114,9 +115,9 @@ def _solve(loaded: CaptureSet, camera: CameraChoice, asked: str | None, predict:
     cov: np.ndarray | None = solution.cov
     told: Adjustment | None = None
     if method == ADJUSTMENT:
-        start = time.perf_counter()
-        found = by_adjustment(loaded, rows, measured, camera, solution, predict)
-        inputs["solve_seconds"] = timed.seconds + time.perf_counter() - start
+        adjust = partial(by_adjustment, loaded, rows, measured, camera, solution, predict)
+        found, more_seconds = timed(adjust, calls)
+        inputs["solve_seconds"] = seconds + more_seconds
         solution, camera, told = found.solution, found.camera, found.told
         cov, warnings = solution.cov, [*warnings, *found.warnings]
     elif method != ML:
@@ -168,18 +169,6 @@ def _measurements(loaded: CaptureSet, rows: np.ndarray) -> Measurements:
         C=np.stack([np.eye(4) if p is None else p for p in poses]),
         motions=turns(loaded.target.points, loaded.target.symmetries),
     )
-
-
-def _twice(measured: Measurements, camera: Intrinsics | None, noise: Mapping[str, float]) -> _Timed:
-    """The answer, and the shorter time of two calls: the first one pays for cold caches."""
-    seconds = []
-    for _ in range(2):
-        start = time.perf_counter()
-        answer = solve(measured, camera, noise)
-        seconds.append(time.perf_counter() - start)
-        if seconds[0] > LONG_S:
-            break
-    return _Timed(answer, min(seconds))
 
 
 def _refused(
