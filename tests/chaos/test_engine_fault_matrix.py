@@ -96,7 +96,7 @@ CELLS = [(k, m) for k, share in zip(KINDS, SHARES, strict=True) for m in share] 
 @pytest.fixture
 def quick_solver(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is solved does not matter here; what is committed does."""
-    monkeypatch.setattr("procedures.hand_eye.verdict.solve_hand_eye", lambda path: ANSWER)
+    monkeypatch.setattr("procedures.hand_eye.verdict.solve_hand_eye", lambda path, **_: ANSWER)
 
 
 def at_prompt(run: Run) -> bool:
