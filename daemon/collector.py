@@ -9,7 +9,7 @@ import gc
 from collections.abc import Callable
 
 YOUNG = 20_000  # new objects between two collections of the young ones
-MIDDLE = 20  # of those, between two of the middle generation
+MIDDLE = 2  # of those, between two of the middle generation: 60 000 objects are looked at in 3 ms
 NEVER = 1_000_000_000
 PERIOD_S = 30.0
 

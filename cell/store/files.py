@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.errors import error
+from cell.store.json_text import json_text
 
 MAX_JSON_BYTES = 256 * 2**20
 
@@ -31,7 +32,7 @@ def append_lines(path: Path, entries: Iterable[Mapping[str, Any]]) -> None:
     ``DISK_FULL`` or ``DISK_FAILED``; what then stands at the end may be half a line.
     """
     with disk_errors(path), path.open("a", encoding="utf-8") as file:
-        file.writelines(json.dumps(entry, allow_nan=False) + "\n" for entry in entries)
+        file.writelines(json_text(entry) + "\n" for entry in entries)
         file.flush()
         os.fsync(file.fileno())
 
@@ -94,6 +95,8 @@ def _refuse_constant(name: str) -> None:
 
 def to_json(value: Any, indent: int | None = None) -> str:
     """JSON of plain, numpy, path and enum values; a number that is not finite becomes null."""
+    if indent is None:
+        return json_text(plain(value), ensure_ascii=False)
     return json.dumps(plain(value), indent=indent, allow_nan=False, ensure_ascii=False)
 
 
