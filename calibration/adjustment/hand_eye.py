@@ -60,7 +60,8 @@ class Adjusted:
     variances of X, (6,), by block; they add up. ``excess`` is the square of the factor by which the residuals
     exceed the noise levels; the covariances carry it; ``cross`` (6, p) is the covariance of X with the
     numbers. ``components`` are noise levels and scales, ``camera``
-    is the lens that was found, ``problem`` the used observations as that lens, target and arm have them.
+    is the lens that was found, ``shape`` what the bow of the target is measured from, ``problem`` the used
+    observations as that lens, target and arm have them.
     """
 
     X: Array
@@ -76,6 +77,7 @@ class Adjusted:
     excess: float
     components: Components
     camera: Intrinsics
+    shape: TargetShape
     problem: Problem
 
     @property
@@ -144,8 +146,30 @@ def adjust(
         budget={name: excess * part for name, part in budget(eq, of.blocks).items()},
         components=state.components,
         camera=moved_camera(camera, state.numbers[of.blocks[LENS_BLOCK]]),
+        shape=shape,
         problem=moved_problem(of, state, images.moves),
     )
+
+
+def as_found(found: Adjusted, measured: Measurements, solution: Solution) -> tuple[Measurements, Problem]:
+    """All observations, also those that ``solution`` does not use, with lens, target and arm as found.
+
+    The flange of an observation that is not used stays where it was given.
+    """
+    problem = solution.problem
+    seen = [i for i, v in enumerate(measured.views) if v is not None]
+    views = [v for v in measured.views if v is not None]
+    views = _numbered_alike(views, problem.C[seen], found.camera, measured.motions)
+    views = _printed(views, found.shape, found.numbers[found.blocks[TARGET_BLOCK]])
+    G, C, cov, sse = problem.G.copy(), problem.C.copy(), problem.cov_px.copy(), problem.sse.copy()
+    poses = refine_poses(views, found.camera, C[seen])
+    C[seen], cov[seen], sse[seen] = poses.C, poses.cov, poses.sse
+    used, own = solution.used, found.problem
+    G[used], C[used], cov[used], sse[used] = own.G, own.C, own.cov_px, own.sse
+    printed: list[CornerSet | None] = list(measured.views)
+    for i, view in zip(seen, views, strict=True):
+        printed[i] = view
+    return replace(measured, views=printed), replace(problem, G=G, C=C, cov_px=cov, sse=sse)
 
 
 def _solved(of: Unknowns, state: State, images: ImageTerms, estimates: int) -> tuple[State, Equations]:

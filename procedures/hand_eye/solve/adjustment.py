@@ -14,10 +14,11 @@ from calibration.adjustment.arm_accuracy import (
     position_accuracy,
     predicted_flange,
 )
-from calibration.adjustment.hand_eye import Adjusted, adjust
+from calibration.adjustment.hand_eye import Adjusted, adjust, as_found
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye import se3
 from calibration.hand_eye.noise import Noise
+from calibration.hand_eye.problem import Estimate, Problem
 from calibration.hand_eye.solution import Measurements, Solution
 from calibration.kinematics.families import ArmSpec, arm_spec, robot_document
 from cell.devices import Intrinsics
@@ -40,9 +41,11 @@ _NEAR_M, _NEAR_RAD = 0.01, 0.02  # an arm differs from its model by millimetres
 
 @dataclass(frozen=True)
 class AdjustedSolution:
-    """The solution with the camera that was found, what the result tells of it, and what to warn of."""
+    """The solution with the views and the camera that were found, what the result tells of it, and what to
+    warn of."""
 
     solution: Solution
+    measured: Measurements
     camera: CameraChoice
     told: Adjustment
     warnings: Sequence[tuple[str, str]]
@@ -92,8 +95,10 @@ def by_adjustment(
     if predict is not None and arm is None:
         raise error("ARGUMENT_INVALID", f"--predict needs robot and q of every observation; {without}")
     covers = ["arm", "gears", "sag", "lens", "target"][0 if arm is not None else 3 :]
+    printed, problem = as_found(found, measured, solution)
     return AdjustedSolution(
-        _solution(solution, found),
+        _solution(solution, problem, found),
+        printed,
         replace(camera, camera=found.camera),
         Adjustment(answer, {"covers": covers, "priors": dict(known.sources)}),
         warnings,
@@ -169,21 +174,12 @@ def _check_flange(loaded: CaptureSet, rows: NDArray[np.int64], flange: Array) ->
     )
 
 
-def _solution(first: Solution, found: Adjusted) -> Solution:
-    """``first`` with its used observations as lens, target and arm were found."""
-    problem = first.problem
-    G, C, cov, sse = problem.G.copy(), problem.C.copy(), problem.cov_px.copy(), problem.sse.copy()
-    for whole, part in (
-        (G, found.problem.G),
-        (C, found.problem.C),
-        (cov, found.problem.cov_px),
-        (sse, found.problem.sse),
-    ):
-        whole[first.used] = part
+def _solution(first: Solution, problem: Problem, found: Adjusted) -> Solution:
+    """``first`` with what the adjustment found; ``problem`` has every observation as found."""
     return replace(
         first,
-        problem=replace(problem, G=G, C=C, cov_px=cov, sse=sse),
-        at=type(first.at)(found.X, found.W),
+        problem=problem,
+        at=Estimate(found.X, found.W),
         cov=found.cov,
         cov_W=found.cov_W,
         noise=Noise(dict(found.components.sigma), first.noise.estimated),

@@ -118,7 +118,8 @@ def _solve(
         adjust = partial(by_adjustment, loaded, rows, measured, camera, solution, predict)
         found, more_seconds = timed(adjust, calls)
         inputs["solve_seconds"] = seconds + more_seconds
-        solution, camera, told = found.solution, found.camera, found.told
+        solution, measured = found.solution, found.measured
+        camera, told = found.camera, found.told
         cov, warnings = solution.cov, [*warnings, *found.warnings]
     elif method != ML:
         solution, cov = _by_classic(solution, method)

@@ -412,10 +412,11 @@ def test_a_real_arm_with_a_charuco_board_on_its_wrist(data_folder: Path) -> None
     assert [r["index"] for r in result["result"]["rejected"]] == [2, 15]
     assert all(r["reason"] for r in result["result"]["rejected"])
     residuals = result["residuals"]
-    assert residuals["spread_mean_all"]["t"] <= 1.45e-3
+    assert residuals["spread_mean_all"]["t"] <= 0.95e-3
     assert np.degrees(residuals["spread_mean_all"]["r"]) <= 0.19
-    assert residuals["spread_mean"]["t"] <= 0.90e-3
-    assert residuals["loo_mean"]["t"] <= 1.15e-3
+    assert residuals["spread_mean"]["t"] <= 0.75e-3
+    assert residuals["loo_mean"]["t"] <= 0.86e-3
+    assert np.degrees(residuals["loo_mean"]["r"]) <= 0.13
 
 
 @pytest.mark.data
