@@ -79,7 +79,7 @@ def _wire(scheme: str) -> Callable[[None], AbstractAsyncContextManager[InputsRig
                     url=f"tcp://{host}:{port}" if scheme == "tcp" else f"rtu://{line}",
                     module=truth.module,
                     poll_period_s=PERIOD[scheme],
-                    timeout_s=0.05,
+                    timeout_s=0.1,
                     inputs={name: {"address": channel} for name, channel in truth.inputs.items()},  # type: ignore[misc]
                 ),
                 clock,
