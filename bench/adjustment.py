@@ -26,7 +26,7 @@ from calibration.hand_eye.classic import solve_classic
 from calibration.hand_eye.solution import Solution, solve
 from calibration.intrinsics import estimate_intrinsics
 from cell.poses import Array
-from tests.kit.imperfect_cell import ARM, CAMERA, MODEL, PLANS, capture, world
+from tests.kit.imperfect_cell import ARM, CAMERA, MODEL, WHOLE_PLANS, capture, world
 
 PEERS = ("park", "daniilidis")
 UNKNOWN = LensPrior(focal=0.05, aspect=0.01, centre_px=50.0, radial=0.2, tangential=0.01)
@@ -65,7 +65,7 @@ def main() -> None:
     parser.add_argument("--arm", type=float, action="append", help="mm, of a length of the chain")
     parser.add_argument("--lens", choices=("exact", "off", "estimated"), action="append")
     parser.add_argument("--board", choices=("exact", "scale", "bow"), action="append")
-    parser.add_argument("--plan", choices=tuple(PLANS), action="append")
+    parser.add_argument("--plan", choices=WHOLE_PLANS, action="append")
     options = parser.parse_args()
     cv2.setNumThreads(1)
     head = f"{'rms':>7}{'stated':>8}{'NEES':>8}{'t %':>6}{'r %':>5}"
@@ -76,7 +76,7 @@ def main() -> None:
         options.arm or (0.0, 0.06, 0.2),
         options.lens or ("exact", "off", "estimated"),
         options.board or ("exact", "scale", "bow"),
-        options.plan or tuple(PLANS),
+        options.plan or WHOLE_PLANS,
     ):
         row = Row()
         for seed in range(options.runs):

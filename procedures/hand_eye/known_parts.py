@@ -31,7 +31,7 @@ def known_parts(
     """``target`` as in a data set, ``camera_sigma`` its ``camera.sigma``; ``from_images``: the camera was
     estimated from the images that are solved."""
     arm, arm_source = _arm(robot)
-    lens, lens_source = (_FROM_IMAGES, "found from the images") if from_images else _lens(camera_sigma)
+    lens, lens_source = (_FROM_IMAGES, "found from the images") if from_images else known_lens(camera_sigma)
     board, board_source = _target(target)
     sources = {"lens": lens_source, "target": board_source}
     return KnownParts(arm, lens, board, ({"arm": arm_source} if robot is not None else {}) | sources)
@@ -59,7 +59,8 @@ def _arm_text(prior: ArmPrior) -> str:
     )
 
 
-def _lens(sigma: Mapping[str, Any] | None) -> tuple[LensPrior, str]:
+def known_lens(sigma: Mapping[str, Any] | None) -> tuple[LensPrior, str]:
+    """The prior of a camera with ``camera.sigma``, and where it comes from."""
     usual = LensPrior()
     given = {key: value for key, value in (sigma or {}).items() if value is not None}
     focal, centre = given.get("f", usual.focal), given.get("c_px", usual.centre_px)

@@ -27,7 +27,8 @@ X_NOMINAL = RigidTransform.from_components([0.02, -0.08, 0.05], Rotation.from_ro
 ARM = UrArm("ur10e")
 MODEL = arm_spec(parse_robot({"model": "ur10e"}, "robot"), "robot").arm
 PX, FLANGE_T, FLANGE_R = 0.2, 3e-5, 5e-5
-PLANS = {"cone": (3, 20), "diverse": (10, 20), "branches": (3, 40)}
+PLANS = {"cone": (3, 20), "diverse": (10, 20), "branches": (3, 40), "small": (1, 24)}  # placements, poses
+WHOLE_PLANS = ("cone", "diverse", "branches")
 
 
 @dataclass(frozen=True)

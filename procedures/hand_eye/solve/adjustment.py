@@ -16,27 +16,26 @@ from calibration.adjustment.arm_accuracy import (
 )
 from calibration.adjustment.hand_eye import Adjusted, adjust, as_found
 from calibration.adjustment.unknowns import ArmKnown
-from calibration.hand_eye import se3
 from calibration.hand_eye.noise import Noise
 from calibration.hand_eye.problem import Estimate, Problem
 from calibration.hand_eye.solution import Measurements, Solution
-from calibration.kinematics.families import ArmSpec, arm_spec, robot_document
+from calibration.kinematics.families import ArmSpec, robot_document
 from cell.devices import Intrinsics
 from cell.errors import error
 from cell.formats.capture import QUERY_SCHEMA, CaptureQuery
 from cell.formats.reading import parse, read_json
-from cell.formats.robot import parse_robot
 from cell.poses import Array
 from procedures.hand_eye.budget import by_cause
 from procedures.hand_eye.known_parts import KnownParts, known_parts
+from procedures.hand_eye.solve.arm import JOINTS, GivenArm
 from procedures.hand_eye.solve.camera import CameraChoice
 from procedures.hand_eye.solve.capture import CaptureSet
 from procedures.hand_eye.solve.result import Adjustment, names, pose6
+from procedures.hand_eye.solve.target_check import target_warnings
 
 METHOD = "adjustment"
-JOINTS = 6
 NO_ARM = "arm.accuracy"
-_NEAR_M, _NEAR_RAD = 0.01, 0.02  # an arm differs from its model by millimetres
+_SIZE_UNKNOWN = 0.02  # of a target whose size was found from the data
 
 
 @dataclass(frozen=True)
@@ -65,23 +64,29 @@ def by_adjustment(
     rows: NDArray[np.int64],
     measured: Measurements,
     camera: CameraChoice,
+    arm_of: tuple[GivenArm | None, str],
     solution: Solution,
+    factor: float,
     predict: Path | None,
 ) -> AdjustedSolution:
     """``solution`` adjusted; ``predict`` is a file of joints whose flange poses are wanted.
 
-    ``InputError`` where a robot is given that cannot be adjusted, or that does not belong to the poses.
+    ``arm_of`` is the arm of the observations ``rows``, or why there is none; the target of ``measured`` is
+    ``factor`` times as large as the one that was given.
     """
     if camera.camera is None:
         raise ValueError("an adjustment needs the camera of the corners")
-    robot = _robot(loaded)
-    arm, without = _arm(loaded, rows, solution, robot)
-    known = _known(loaded, robot if arm is not None else None, camera)
-    if arm is not None:
-        arm = replace(arm, prior=known.arm)
-    found = adjust(measured, solution, camera.camera, arm, known.lens, known.target)
-    answer = _answer(found, known)
-    warnings = []
+    given, without = arm_of
+    robot = None if given is None else given.spec
+    known = _known(loaded, robot, camera)
+    arm = None
+    if given is not None:
+        limits = np.tile([-np.pi, np.pi], (JOINTS, 1))
+        arm = ArmKnown(given.spec.arm, given.Q, limits, known.arm)
+    expected = known.target if factor == 1.0 else replace(known.target, scale=_SIZE_UNKNOWN)
+    found = adjust(measured, solution, camera.camera, arm, known.lens, expected)
+    answer = _answer(found, known, factor)
+    warnings = target_warnings(found, known.target, factor)
     if arm is None or robot is None:
         warnings.append(
             (NO_ARM, f"{without}: the uncertainty holds for an arm without geometric errors only")
@@ -116,35 +121,6 @@ def _known(loaded: CaptureSet, robot: ArmSpec | None, camera: CameraChoice) -> K
     )
 
 
-def _robot(loaded: CaptureSet) -> ArmSpec | None:
-    given = loaded.capture.robot
-    return None if given is None else arm_spec(parse_robot(given, "robot"), "robot")
-
-
-def _arm(
-    loaded: CaptureSet, rows: NDArray[np.int64], solution: Solution, robot: ArmSpec | None
-) -> tuple[ArmKnown | None, str]:
-    """The arm and its joints; or None, and why its errors cannot be unknowns."""
-    if robot is None:
-        return None, "the data set has no robot"
-    joints = [loaded.capture.observations[int(row)].q for row in rows]
-    used = np.flatnonzero(solution.used)
-    if any(joints[k] is None for k in used):
-        return None, "the data set has no q of every observation"
-    if robot.arm.joints != JOINTS:
-        return None, f"robot has {robot.arm.joints} joints, and errors of arms with {JOINTS} are known"
-    for k in used:
-        if (q := joints[k]) is not None and len(q) != JOINTS:
-            raise error(
-                "DATA_INVALID",
-                f"{loaded.path}: observation {loaded.indices[int(rows[k])]}: q has {len(q)} numbers, and "
-                f"robot has {JOINTS} joints",
-            )
-    Q = np.array([np.zeros(JOINTS) if q is None else q for q in joints], dtype=float)
-    _check_flange(loaded, rows[used], robot.arm.base.flange(Q[used]))
-    return ArmKnown(robot.arm, Q, np.tile([-np.pi, np.pi], (JOINTS, 1))), ""
-
-
 def _wanted_joints(path: Path) -> Array:
     """(k, 6) of a ``cellward.capture-query/1``."""
     query = parse(CaptureQuery, read_json(path), QUERY_SCHEMA, str(path))
@@ -152,26 +128,6 @@ def _wanted_joints(path: Path) -> Array:
         if len(q) != JOINTS:
             raise error("DATA_INVALID", f"{path}: q[{k}] has {len(q)} joints; the robot has {JOINTS}")
     return np.array(query.q, dtype=float)
-
-
-def _check_flange(loaded: CaptureSet, rows: NDArray[np.int64], flange: Array) -> None:
-    """Refuse poses that are not those of the robot's flange at ``q``, with the likely cause."""
-    off = se3.inverse(flange) @ loaded.F[rows]
-    far = float(np.median(np.linalg.norm(off[:, :3, 3], axis=1)))
-    turned = float(np.median(np.linalg.norm(se3.rotation_vectors(off[:, :3, :3]), axis=1)))
-    if far < _NEAR_M and turned < _NEAR_RAD:
-        return
-    mean = se3.mean_pose(off)
-    apart = np.linalg.norm((off - mean)[:, :3, 3], axis=1)
-    cause = "look at the order of the joints, their unit (rad), and the model of robot"
-    if float(np.median(apart)) < 0.1 * far:
-        x, y, z = 1e3 * mean[:3, 3]
-        cause = f"they carry a tool: a TCP of [{x:.1f}, {y:.1f}, {z:.1f}] mm; give the flange's poses"
-    raise error(
-        "DATA_INVALID",
-        f"{loaded.path}: T_base_flange is not where robot has its flange at q: {1e3 * far:.1f} mm and "
-        f"{np.degrees(turned):.1f} deg off (median); {cause}",
-    )
 
 
 def _solution(first: Solution, problem: Problem, found: Adjusted) -> Solution:
@@ -187,12 +143,15 @@ def _solution(first: Solution, problem: Problem, found: Adjusted) -> Solution:
     )
 
 
-def _answer(found: Adjusted, known: KnownParts) -> dict[str, object]:
+def _answer(found: Adjusted, known: KnownParts, factor: float) -> dict[str, object]:
     """What was found of the unknowns, the camera that belongs to X, and the standard uncertainty by cause."""
     sure = {
         name: {"value": float(value), "sigma": float(sigma)}
         for name, value, sigma in zip(found.names, found.numbers, found.sigma, strict=True)
     }
+    for axis in ("scale_x", "scale_y"):  # of the target that was given
+        value, sigma = sure[axis]["value"], sure[axis]["sigma"]
+        sure[axis] = {"value": factor * (1.0 + value) - 1.0, "sigma": factor * sigma}
     x, y = sure["scale_x"], sure["scale_y"]
     return {
         "unknowns": {

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.adjustment.image_misfit import explained_by_parts
 from calibration.hand_eye.pnp_start import start_poses
 from calibration.hand_eye.views import CornerSet, undistort
 from calibration.intrinsics import (
@@ -14,13 +15,19 @@ from calibration.intrinsics import (
     EstimatedIntrinsics,
     check_intrinsics,
     estimate_robustly,
+    select_views,
 )
 from cell.devices import Intrinsics
 from cell.errors import error
+from procedures.hand_eye.known_parts import known_lens
 from procedures.hand_eye.solve.capture import CaptureSet
 
 CODE = "camera.intrinsics"
 MISFIT = "images.misfit"
+_AS_WELL = 1.03  # times the reprojection error of a free camera
+_LEAST_PX = 0.02  # of noise; fewer are beyond any detector
+_EXPECTED, _MOST_FOCAL = 3.0, 6e-3  # times its standard deviation; of the focal length
+_PLAIN = 5  # distortion coefficients of the usual model
 _START_PX = 50.0  # RMS error of a start pose beyond which it is thrown away
 
 
@@ -33,10 +40,11 @@ class CameraChoice:
     warnings: tuple[tuple[str, str], ...] = ()
 
 
-def choose_camera(loaded: CaptureSet) -> CameraChoice:
+def choose_camera(loaded: CaptureSet, adjusts: bool = True) -> CameraChoice:
     """Check the given intrinsics against the views, or estimate them where they are missing or wrong.
 
-    A few images that fit no camera do not decide; they are warned of.
+    A few images that fit no camera do not decide; they are warned of. Intrinsics that are off by no more
+    than was to be expected stay where the lens is an unknown of what follows (``adjusts``).
     """
     rows = [k for k, v in enumerate(loaded.views) if v is not None]
     # a start pose may be wrong, which is no fault of the camera
@@ -53,6 +61,9 @@ def choose_camera(loaded: CaptureSet) -> CameraChoice:
     if check.fits:
         return CameraChoice(given, None, misfits)
     K, free = check.free.camera.K, check.free
+    kept = select_views([v for k, v in enumerate(views) if k not in check.left_out])
+    if adjusts and _as_expected(loaded, given, kept, free.rms_px):
+        return CameraChoice(given, None, misfits)
     text = (
         f"the given intrinsics do not fit the images: reprojection {check.rms_given_px:.3f} px RMS, with "
         f"estimated ones {free.rms_px:.3f} px (fx {given.K[0]:.1f} -> {K[0]:.1f}, fy {given.K[1]:.1f} -> "
@@ -64,6 +75,18 @@ def choose_camera(loaded: CaptureSet) -> CameraChoice:
     text += "; the estimated ones were used"
     estimated = _as_dict(free, "the given ones do not fit the images")
     return CameraChoice(free.camera, estimated, ((CODE, text), *misfits))
+
+
+def _as_expected(loaded: CaptureSet, given: Intrinsics, views: list[CornerSet], free_px: float) -> bool:
+    """Whether a lens that is off by little, as such lenses are, and a bent target explain the images too."""
+    if len(given.dist) > _PLAIN:
+        return False
+    stated = None if loaded.capture.camera is None else loaded.capture.camera.sigma
+    lens, _ = known_lens(None if stated is None else stated.model_dump())
+    rms, off = explained_by_parts(views, given, lens, max(free_px, _LEAST_PX))
+    limits = _EXPECTED * lens.sigma()
+    limits[0] = min(limits[0], _MOST_FOCAL)
+    return bool(rms < _AS_WELL * free_px and np.all(np.abs(off) < limits))
 
 
 def _misfits(loaded: CaptureSet, rows: list[int]) -> tuple[tuple[str, str], ...]:

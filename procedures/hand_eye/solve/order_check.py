@@ -15,6 +15,7 @@ from calibration.hand_eye.leave_out import spread_about_mean
 from calibration.hand_eye.problem import Problem
 from calibration.hand_eye.solution import Solution
 from cell.poses import Array
+from procedures.hand_eye.solve.other_order import angles
 
 CODE = "poses.order-unchecked"
 _AS_WELL = 2.0  # times the spread of the target: noise alone makes two fits differ by less
@@ -51,8 +52,8 @@ def order_warnings(solution: Solution) -> list[tuple[str, str]]:
 def _other_orders(problem: Problem, limit: float) -> Iterator[Array]:
     """Flange poses shifted and reversed, as far as their relative rotations have the camera's angles."""
     n = problem.n
-    camera = _angles(problem.C)
-    arm = _angles(problem.G)
+    camera = angles(problem.C)
+    arm = angles(problem.G)
     forward = np.arange(n)
     for order in (forward, forward[::-1]):
         for shift in range(n):
@@ -62,12 +63,6 @@ def _other_orders(problem: Problem, limit: float) -> Iterator[Array]:
             off = arm[np.ix_(rows, rows)] - camera
             if float(np.sqrt(np.mean(off**2))) < 2.0 * limit:  # two poses of the spread make one angle
                 yield problem.G[rows]
-
-
-def _angles(T: Array) -> Array:
-    """Angles (n, n) in radians between rotations."""
-    trace = np.einsum("iab,jab->ij", T[:, :3, :3], T[:, :3, :3])
-    return np.asarray(np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0)))
 
 
 def _spread(problem: Problem) -> tuple[float, float]:

@@ -12,27 +12,27 @@ import numpy as np
 from calibration.hand_eye import se3
 from calibration.hand_eye.ambiguity import turns
 from calibration.hand_eye.classic import METHODS, jackknife, solve_classic
-from calibration.hand_eye.closed_form import pairs
-from calibration.hand_eye.leave_out import spread_about_mean
 from calibration.hand_eye.observability import Refusal
-from calibration.hand_eye.problem import Estimate, Problem, Setup
+from calibration.hand_eye.problem import Estimate
 from calibration.hand_eye.solution import Measurements, Solution, solve
 from cell.errors import error
 from cell.formats.result import Result, Warning_
 from procedures.hand_eye.solve.adjustment import METHOD as ADJUSTMENT
 from procedures.hand_eye.solve.adjustment import NO_ARM, by_adjustment, why_not
+from procedures.hand_eye.solve.arm import given_arm
 from procedures.hand_eye.solve.camera import CameraChoice, check_views, choose_camera
-from procedures.hand_eye.solve.capture import FAR_T, UNITS_T, CaptureSet, load_capture
+from procedures.hand_eye.solve.capture import CaptureSet, load_capture
+from procedures.hand_eye.solve.copies import leave_copies_out
+from procedures.hand_eye.solve.match import check_match, check_units, doubts
 from procedures.hand_eye.solve.order_check import order_warnings
 from procedures.hand_eye.solve.result import Adjustment, Solved, fill_result
+from procedures.hand_eye.solve.target_check import side_warnings
+from procedures.hand_eye.solve.target_size import size_factor, sized
 from procedures.solving import Progress, within_limits
 from procedures.timed import timed
 
 ML = "ml"
-_MISMATCH = 0.05  # rad, or a quarter of what the arm turned
 _MOST_CLASSIC = 1000  # a minute
-_FAR_X = 5.0  # m; no camera is mounted that far from flange or base
-_FAR_APART_T, _FAR_APART_R = 0.04, 0.05  # of the distance to the target; rad
 
 
 @within_limits
@@ -61,7 +61,7 @@ def solve_hand_eye(
         raise error("ARGUMENT_INVALID", f"--predict needs method {ADJUSTMENT!r}; leave --method out")
     with _one_thread():
         loaded = load_capture(Path(path), progress)
-        camera = choose_camera(loaded)
+        camera = choose_camera(loaded, adjusts=method in (None, ADJUSTMENT))
         check_views(loaded, camera.camera)
         if progress is not None:
             progress("solve", 0, 1)
@@ -86,6 +86,7 @@ def _solve(
     loaded: CaptureSet, camera: CameraChoice, asked: str | None, predict: Path | None, calls: int
 ) -> Result:
     warnings = [*loaded.warnings, *camera.warnings]
+    warnings += leave_copies_out(loaded)
     rows = loaded.usable()
     inputs: dict[str, object] = {
         "setup": loaded.capture.setup,
@@ -101,12 +102,21 @@ def _solve(
         refusal = Refusal("too-few-poses", f"{text} ({'; '.join(reasons) or 'there are none'})")
         return _refused(loaded, refusal, warnings, inputs)
     measured = _measurements(loaded, rows)
+    arm_of = given_arm(loaded, rows)
     solution, seconds = timed(lambda: solve(measured, camera.camera, _given_noise(loaded)), calls)
-    inputs["solve_seconds"] = seconds
     if isinstance(solution, Refusal):
         return _refused(loaded, solution, warnings, inputs)
-    _check_match(loaded, solution)
-    _check_units(loaded, solution.at.X)
+    if (factor := size_factor(measured, solution)) != 1.0:
+        measured = sized(measured, factor)
+        solution, more_seconds = timed(lambda: solve(measured, camera.camera, _given_noise(loaded)), calls)
+        seconds += more_seconds
+        if isinstance(solution, Refusal):
+            return _refused(loaded, solution, warnings, inputs)
+    inputs["solve_seconds"] = seconds
+    check_match(loaded, rows, measured, camera.camera, arm_of[0], solution)
+    check_units(loaded, solution.at.X)
+    warnings += side_warnings(loaded, solution.problem.take(solution.used))
+    warnings += doubts(loaded, rows, solution, arm_of[0])
     if not _timed(loaded):
         warnings += order_warnings(solution)
     method, more = _method(loaded, rows, solution, measured, asked)
@@ -115,7 +125,7 @@ def _solve(
     cov: np.ndarray | None = solution.cov
     told: Adjustment | None = None
     if method == ADJUSTMENT:
-        adjust = partial(by_adjustment, loaded, rows, measured, camera, solution, predict)
+        adjust = partial(by_adjustment, loaded, rows, measured, camera, arm_of, solution, factor, predict)
         found, more_seconds = timed(adjust, calls)
         inputs["solve_seconds"] = seconds + more_seconds
         solution, measured = found.solution, found.measured
@@ -190,75 +200,6 @@ def _refused(
         },
         inputs=inputs,
     )
-
-
-def _check_match(loaded: CaptureSet, solution: Solution) -> None:
-    """Refuse flange poses that do not belong to the images, with the likely cause.
-
-    Judged by the observations in use: a few that are wrong are blunders, and are listed.
-    """
-    problem = solution.problem.take(solution.used)
-    i, j = pairs(problem.group, 500)
-    turned = []
-    for T in (problem.G, problem.C):
-        trace = np.sum(T[i, :3, :3] * T[j, :3, :3], axis=(1, 2))
-        turned.append(np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0)))
-    mismatch = float(np.median(np.abs(turned[0] - turned[1])))
-    if mismatch > max(_MISMATCH, 0.25 * float(np.median(turned[0]))):
-        raise error(
-            "DATA_INVALID",
-            f"{loaded.path}: T_base_flange does not belong to the images: between the same two observations "
-            f"arm and camera turn by angles that differ by {np.degrees(mismatch):.1f} deg (median); check "
-            "the order of the poses and that rotations are rotation vectors in radians",
-        )
-    apart, turned_by = _apart(problem, solution.at.X)
-    reach = float(np.median(np.linalg.norm(problem.C[:, :3, 3], axis=1)))
-    if apart < _FAR_APART_T * reach and turned_by < _FAR_APART_R:
-        return
-    swapped = "eye-to-hand" if problem.setup == "eye-in-hand" else "eye-in-hand"
-    cause = "check the order of the poses and that translations are in metres"
-    if _fits_swapped(problem, 0.2 * apart):
-        cause = f"the data fit setup {swapped!r}; correct setup"
-    raise error(
-        "DATA_INVALID",
-        f"{loaded.path}: T_base_flange does not belong to the images: with setup {problem.setup!r} the "
-        f"target's poses disagree by {apart:.3f} m and {np.degrees(turned_by):.1f} deg (median), seen from "
-        f"{reach:.2f} m; {cause}",
-    )
-
-
-def _check_units(loaded: CaptureSet, X: np.ndarray) -> None:
-    """Refuse lengths in millimetres: the data agree with themselves, and only their size gives it away."""
-    length = float(np.linalg.norm(X[:3, 3]))
-    if length <= _FAR_X:
-        return
-    if not any(code == UNITS_T for code, _ in loaded.warnings):
-        raise error(
-            "DATA_INVALID",
-            f"{loaded.path}: the answer would be {length:.3g} m long, and no camera is mounted more than "
-            f"{_FAR_X:g} m from flange or base; look whether the lengths of target or T_camera_target are in "
-            "millimetres, and divide them by 1000",
-        )
-    raise error(
-        "DATA_INVALID",
-        f"{loaded.path}: T_base_flange is more than {FAR_T:.0f} m from the base and the answer would be "
-        f"{length:.3g} m long, so the lengths are in millimetres; divide the translations of "
-        "T_base_flange and the lengths of target by 1000",
-    )
-
-
-def _apart(problem: Problem, X: np.ndarray) -> tuple[float, float]:
-    t, r = spread_about_mean(problem.target_poses(X), problem.group)
-    return float(np.median(t)), float(np.median(r))
-
-
-def _fits_swapped(problem: Problem, limit: float) -> bool:
-    """Whether the other setup brings the target's positions together."""
-    setup: Setup = "eye-to-hand" if problem.setup == "eye-in-hand" else "eye-in-hand"
-    F = problem.G if problem.setup == "eye-to-hand" else se3.inverse(problem.G)
-    measured = Measurements(setup, F, problem.group, [None] * problem.n, problem.C, np.eye(4)[None])
-    other = solve(measured, None, {})
-    return isinstance(other, Solution) and _apart(other.problem, other.at.X)[0] < limit
 
 
 def _by_classic(solution: Solution, method: str) -> tuple[Solution, np.ndarray | None]:

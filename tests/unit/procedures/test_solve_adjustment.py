@@ -125,8 +125,8 @@ def tool(o: dict[str, Any]) -> None:
     ("change", "told"),
     [
         (five_joints, "observation 0: q has 5 numbers, and robot has 6 joints"),
-        (degrees, "look at the order of the joints, their unit"),
-        (tool, r"they carry a tool: a TCP of \[-?0.0, -?0.0, 150.0\] mm"),
+        (degrees, "units.rotation: .* q is in degrees; give radians"),
+        (tool, r"poses.tcp: .* they carry a tool: a TCP of \[-?0.0, -?0.0, 150.0\] mm"),
     ],
 )
 def test_joints_that_do_not_belong_to_the_poses_are_refused_with_the_cause(

@@ -1,0 +1,92 @@
+"""Captures that contradict themselves: the mistake is named by its code, and no good capture is accused."""
+
+import json
+from copy import deepcopy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cell.errors import InputError
+from procedures.hand_eye.solve.solver import solve_hand_eye
+from tests.kit.contradictions import KINDS, Document, good
+
+NAMES = {
+    "arm.accuracy",
+    "pairs.no-rotation",
+    "poses.order-unchecked",
+    "observations.rejected",
+}
+
+
+@pytest.fixture(scope="module")
+def with_joints() -> Document:
+    return good(np.random.default_rng(3), joints=True, plan="small")
+
+
+def told(document: Document, folder: Path) -> tuple[set[str], str]:
+    """The codes, and the words of a refusal."""
+    path = folder / "capture.json"
+    path.write_text(json.dumps(document), "utf-8")
+    try:
+        result = solve_hand_eye(path, calls=1)
+    except InputError as exc:
+        words = exc.detail.removeprefix(f"{path}: ")
+        return {word for word in words.split(": ")[0].split(" or ")}, words
+    assert result["result"] is not None
+    return {w["code"] for w in result["warnings"]} - NAMES, ""  # type: ignore[attr-defined]
+
+
+def without_joints(document: Document) -> Document:
+    del document["robot"]
+    for observation in document["observations"]:
+        del observation["q"]
+    return document
+
+
+def test_a_good_capture_is_not_accused(with_joints: Document, tmp_path: Path) -> None:
+    assert told(with_joints, tmp_path) == (set(), "")
+    assert told(without_joints(deepcopy(with_joints)), tmp_path) == (set(), "")
+
+
+@pytest.mark.parametrize("name", list(KINDS))
+def test_a_mistake_is_named(name: str, with_joints: Document, tmp_path: Path) -> None:
+    kind, document = KINDS[name], deepcopy(with_joints)
+    kind.spoil(np.random.default_rng(5), document)
+    assert kind.code in told(document, tmp_path)[0]
+
+
+@pytest.mark.parametrize("name", [name for name, kind in KINDS.items() if kind.joints is None])
+def test_a_mistake_is_named_without_joints(name: str, with_joints: Document, tmp_path: Path) -> None:
+    kind, document = KINDS[name], without_joints(deepcopy(with_joints))
+    kind.spoil(np.random.default_rng(6), document)
+    assert kind.code in told(document, tmp_path)[0]
+
+
+def test_inverted_poses_and_the_other_setup_are_both_named_where_nothing_parts_them(
+    with_joints: Document, tmp_path: Path
+) -> None:
+    document = without_joints(deepcopy(with_joints))
+    KINDS["inverted"].spoil(np.random.default_rng(0), document)
+    codes, words = told(document, tmp_path)
+    assert codes == {"poses.inverted", "poses.frames-swapped"}
+    assert "without robot and joints the two cannot be told apart" in words
+
+
+def test_a_bent_board_is_not_answered_with_other_intrinsics(with_joints: Document, tmp_path: Path) -> None:
+    document = deepcopy(with_joints)
+    KINDS["bent board"].spoil(np.random.default_rng(1), document)
+    assert "camera.intrinsics" not in told(document, tmp_path)[0]
+
+
+def test_a_copy_is_used_once(with_joints: Document, tmp_path: Path) -> None:
+    document = deepcopy(with_joints)
+    count = len(document["observations"])
+    KINDS["copies"].spoil(np.random.default_rng(2), document)
+    path = tmp_path / "capture.json"
+    path.write_text(json.dumps(document), "utf-8")
+    result = solve_hand_eye(path, calls=1)
+    assert result["inputs"]["used"] == count  # type: ignore[index]
+    reasons = [r["reason"] for r in result["result"]["rejected"]]  # type: ignore[index]
+    assert len(reasons) == 3
+    assert all(reason.startswith("a copy of observation") for reason in reasons)
