@@ -82,6 +82,32 @@ def held_out(lin: Linearised, weight: Array) -> LeftOut:
     return leave_out(lin, weight, [np.flatnonzero(fold == k) for k in range(FOLDS)])
 
 
+def by_placement(lin: Linearised, weight: Array) -> LeftOut:
+    """Each placement of the target judged by X from the others: its poses from the mean of its other ones.
+
+    Poses dealt in turn leave a placement in every part: an arm's error there is in solution and judgement.
+    """
+    problem = lin.problem
+    own, g = own_normal(lin, weight)
+    everything = gathered(own, g, problem.group, problem.groups)
+    rows, t, r = [], [], []
+    for k in range(problem.groups if problem.groups > 1 else 0):
+        part = np.flatnonzero(problem.group == k)
+        if len(part) < 2 or 6 * (problem.n - len(part)) < 6 + 6 * (problem.groups - 1) + 6:
+            continue
+        out = gathered(own[part], g[part], problem.group[part], problem.groups)
+        at = lin.at.moved(-(everything - out).solve())
+        mine = se3.inverse(problem.G[part]) @ at.X @ problem.C[part]
+        share = len(part) / (len(part) - 1.0)  # a mean that has the pose itself in it is nearer to it
+        distance = pose_distances(mine, se3.mean_pose(mine))
+        rows.append(part)
+        t.append(share * distance[0])
+        r.append(share * distance[1])
+    if not rows:
+        return _NONE
+    return LeftOut(np.concatenate(rows), np.concatenate(t), np.concatenate(r))
+
+
 def leave_out(lin: Linearised, weight: Array, parts: Sequence[NDArray[np.int64]]) -> LeftOut:
     """Judge each part by the solution without it; observations whose group is lost with it are skipped."""
     problem = lin.problem

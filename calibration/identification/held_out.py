@@ -37,12 +37,38 @@ class HeldOut:
 
 def held_out(solution: Solution, refit: Refit | None = None) -> HeldOut:
     """K-fold check over the readings in use; folds whose rest is too small even so are left out."""
+    problem = solution.problem.take(np.flatnonzero(solution.used))
+    return _judged(solution, _dealt(pose_numbers(problem), solution.unknowns + 3), refit)
+
+
+def by_region(solution: Solution, refit: Refit | None = None) -> HeldOut:
+    """The same with a region of the joints' space held out each time: how good the arm is where no pose was.
+
+    Poses dealt in turn leave every one of them with neighbours that were solved with.
+    """
+    return _judged(solution, _regions(solution.problem.Q[solution.used]), refit)
+
+
+def _regions(Q: Array) -> NDArray[np.int64]:
+    """(n,): which of four regions of equal size joints (n, j) are in, cut where they reach farthest."""
+    region = np.zeros(len(Q), dtype=np.int64)
+    for _ in range(2):
+        halves = np.zeros(len(Q), dtype=np.int64)
+        for k in np.unique(region):
+            own = np.flatnonzero(region == k)
+            along = Q[own, int(np.argmax(np.ptp(Q[own], axis=0)))]
+            halves[own] = along > np.median(along)
+        region = 2 * region + halves
+    return region
+
+
+def _judged(solution: Solution, fold: NDArray[np.int64], refit: Refit | None) -> HeldOut:
+    """Each fold of the readings in use, (n,), predicted by an arm solved from the others."""
     problem, model = solution.problem, solution.model
     used = np.flatnonzero(solution.used)
     sigma = solution.noise.sigma(problem.range_m)
     nominal = model.points(model.nominal, problem.Q, problem.target)
     least = solution.unknowns + 3
-    fold = _dealt(pose_numbers(problem.take(used)), least)
     rows, distances = [], []
     for k in np.unique(fold):
         judged, rest = used[fold == k], used[fold != k]

@@ -269,6 +269,11 @@ class HandEyeHeldOut(Explained):
     observations: int = Field(description="Observations that were judged.")
     mean: LeftOut = Field(description="Mean distance.")
     rms: LeftOut = Field(description="RMS distance.")
+    rejected: int | None = Field(default=None, description="Usable observations that were left out.")
+    rms_with_rejected: LeftOut | None = Field(default=None, description="RMS with those counted as well.")
+    rms_by_placement: LeftOut | None = Field(
+        default=None, description="RMS, each placement judged by the others; empty with one placement."
+    )
 
 
 class HandEyeObservability(Part):

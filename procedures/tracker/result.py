@@ -76,6 +76,9 @@ class KincalAnswer(Part):
     )
     rms_registration_only: Metres | None = Field(description="Of the nominal arm in its best place.")
     rms_calibrated: Metres | None = Field(description="Of the calibrated arm.")
+    rms_calibrated_all: Metres | None = Field(
+        default=None, description="The same with the readings that the solution left out."
+    )
     robot: dict[str, Any] = Field(description="The calibrated arm as a ROBOT.")
     noise: NoiseInUse = Field(description="Noise in use.")
     joint_errors: JointErrorSizes | None = Field(
@@ -217,6 +220,9 @@ class KincalHeldOut(Explained):
     rejected: int | None = Field(default=None, description="Samples that the solution left out.")
     rms_with_rejected: Metres | None = Field(
         default=None, description="RMS distance from the calibrated arm with those counted as well."
+    )
+    rms_by_region: Metres | None = Field(
+        default=None, description="The same with a region of the joints' space left out each time."
     )
     tracker_3d: Metres = Field(description="The tracker's own noise in them, RMS.")
     set_aside: SetAside | None = Field(default=None, description="Of a run.")

@@ -98,6 +98,15 @@ def held_out_section(source: HandEyeSource) -> Html | None:
         rows.append((f"Held out, {_text(dig(held, 'folds'))} parts, RMS", _pair(dig(held, "rms")), meaning))
     if dig(held, "mean") is not None:
         rows.append(("Held out, mean", _pair(dig(held, "mean")), "The same as a mean distance."))
+    if dig(held, "rejected"):
+        meaning = f"The same with the {_text(dig(held, 'rejected'))} poses that the solution left out."
+        rows.append(("Held out, with those left out, RMS", _pair(dig(held, "rms_with_rejected")), meaning))
+    if dig(held, "rms_by_placement", "t") is not None:
+        meaning = (
+            "Each placement of the target judged by a solution from the others, RMS: the arm's errors at a "
+            "place that the solution has not seen."
+        )
+        rows.append(("Held out, by placement, RMS", _pair(dig(held, "rms_by_placement")), meaning))
     if loo is not None:
         meaning = "Each pose judged by a solution from all others, mean distance."
         rows.append(("Leave one out, mean", _pair(loo), meaning))

@@ -7,7 +7,14 @@ from numpy.typing import NDArray
 
 from calibration.hand_eye import se3
 from calibration.hand_eye.classic import METHODS, solve_classic
-from calibration.hand_eye.leave_out import held_out, leave_one_out, pose_distances, spread_about_mean
+from calibration.hand_eye.leave_out import (
+    LeftOut,
+    by_placement,
+    held_out,
+    leave_one_out,
+    pose_distances,
+    spread_about_mean,
+)
 from calibration.hand_eye.noise import weights
 from calibration.hand_eye.normal import Linearised, linearise
 from calibration.hand_eye.observability import rotations, still_pairs
@@ -22,6 +29,9 @@ from procedures.hand_eye.solve.capture import CaptureSet
 
 _CROSS_CHECK_POSES = 60  # OpenCV's solvers take the square of this many pairs
 _MANY_REJECTED = 0.25
+REPROJECTION = "arm.reprojection"
+_MOST_RATIO = 10.0  # an arm in working order has 2 to 5
+_LEAST_PX = 0.05
 
 
 @dataclass(frozen=True)
@@ -55,7 +65,6 @@ def fill_result(solved: Solved) -> Result:
     lin = linearise(part, solution.at)
     P = weights(lin, solution.noise)
     warnings = solved.warnings + _warnings(solved)
-    left_out = held_out(lin, P)
     return Result(
         kind="hand-eye",
         verdict="warn" if warnings else "pass",
@@ -64,13 +73,7 @@ def fill_result(solved: Solved) -> Result:
         result=_answer(solved, lin, P),
         uncertainty=_uncertainty(solved),
         residuals=_residuals(solved, lin, P),
-        heldout={
-            "folds": 5,
-            "observations": len(left_out.rows),
-            "mean": left_out.means(),
-            "rms": left_out.rms(),
-            "meaning": "target pose seen by observations that the solution did not use, against its own",
-        },
+        heldout=_held_out(solved, lin, P),
         observability=_observability(solved, part),
         inputs={**solved.inputs, "used": int(solution.used.sum()), "groups": len(solution.groups)},
     )
@@ -195,6 +198,31 @@ def _residuals(solved: Solved, lin: Linearised, P: Array) -> dict[str, object]:
     }
 
 
+def _held_out(solved: Solved, lin: Linearised, P: Array) -> dict[str, object]:
+    left_out, placement = held_out(lin, P), by_placement(lin, P)
+    problem, at = solved.solution.problem, solved.solution.at
+    known = np.isin(problem.group, solved.solution.groups)
+    rows = np.flatnonzero(~solved.solution.used & known)  # no solution saw these
+    W = at.W[np.searchsorted(solved.solution.groups, problem.group[rows])]
+    t, r = pose_distances(problem.target_poses(at.X)[rows], W)
+    every = LeftOut(
+        np.concatenate([left_out.rows, rows]),
+        np.concatenate([left_out.t, t]),
+        np.concatenate([left_out.r, r]),
+    )
+    return {
+        "folds": 5,
+        "observations": len(left_out.rows),
+        "mean": left_out.means(),
+        "rms": left_out.rms(),
+        "rejected": len(rows),
+        "rms_with_rejected": every.rms(),
+        "rms_by_placement": placement.rms(),
+        "meaning": "target pose seen by observations that the solution did not use, against its own; by "
+        "placement: against the others of its placement, which the solution did not use at all",
+    }
+
+
 def _through_arm(solved: Solved) -> Array:
     """RMS distance (n,) in pixels of the corners from where arm, X and target pose put them; NaN without."""
     solution, camera = solved.solution, solved.camera.camera
@@ -275,6 +303,7 @@ def _warnings(solved: Solved) -> list[tuple[str, str]]:
                 "wrong lens model; the covariance is widened by the excess",
             )
         )
+    out += _arm_warning(solved)
     total, used = len(solved.loaded.F), int(solved.solution.used.sum())
     if total - used > _MANY_REJECTED * total:
         out.append(("observations.rejected", f"{total - used} of {total} observations were not used"))
@@ -284,3 +313,21 @@ def _warnings(solved: Solved) -> list[tuple[str, str]]:
         what = "the given noise" if given else "noise"
         out.append(("noise.too-small", f"the residuals are {factor:.1f} times what {what} explains"))
     return out
+
+
+def _arm_warning(solved: Solved) -> list[tuple[str, str]]:
+    """Where corners fit their images and are far from where the arm puts them."""
+    through, used = _through_arm(solved), solved.solution.used
+    problem = solved.solution.problem
+    seen = used & np.isfinite(through) & (problem.dof > 0.0)
+    if not seen.any():
+        return []
+    own = np.sqrt(problem.sse[seen] / problem.dof[seen] * 2.0)
+    ratio = float(np.median(through[seen]) / max(float(np.median(own)), _LEAST_PX))
+    if ratio <= _MOST_RATIO:
+        return []
+    text = (
+        f"corners are {ratio:.0f} times as far from where the arm puts them as the images alone ask for: "
+        "look for an arm that still moved, a loose target or camera, or wrong kinematics"
+    )
+    return [(REPROJECTION, text)]

@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration.identification.classic import Classic, solve_classic
 from calibration.identification.estimator import Problem
-from calibration.identification.held_out import HeldOut, held_out, rms
+from calibration.identification.held_out import HeldOut, by_region, held_out, rms
 from calibration.identification.joint_errors import START_RAD, can_tell
 from calibration.identification.model import REGISTRATION
 from calibration.identification.observability import Observability
@@ -39,7 +39,8 @@ class Solved:
 def fill_result(solved: Solved) -> Result:
     """The whole result; the verdict is ``warn`` when anything is to be warned of."""
     solution = solved.solution
-    judged = held_out(solution, None if solved.classic is None else _refit_classic)
+    refit = None if solved.classic is None else _refit_classic
+    judged = held_out(solution, refit)
     answer, warnings = _answer(solved, judged)
     warnings = [*solved.loaded.warnings, *_findings(solved, judged), *warnings]
     return Result(
@@ -50,7 +51,7 @@ def fill_result(solved: Solved) -> Result:
         result=answer,
         uncertainty=_uncertainty(solution),
         residuals=_residuals(solved, judged),
-        heldout=_held_out(solution, judged),
+        heldout=_held_out(solution, judged, by_region(solution, refit)),
         observability=_observability(solved),
         inputs={**solved.inputs, "used": int(solution.used.sum())},
     )
@@ -84,6 +85,7 @@ def _answer(solved: Solved, judged: HeldOut) -> tuple[dict[str, object], list[tu
         "rms_nominal": rms(judged.nominal),
         "rms_registration_only": rms(judged.registration),
         "rms_calibrated": rms(judged.calibrated),
+        "rms_calibrated_all": _rms_of_all(solution, judged),
         "robot": robot_document(spec, model.arm, x[:own], tools),
         "noise": {
             "sigma0": solution.noise.sigma0,
@@ -234,17 +236,23 @@ def _residuals(solved: Solved, judged: HeldOut) -> dict[str, object]:
     }
 
 
-def _held_out(solution: Solution, judged: HeldOut) -> dict[str, object]:
+def _rms_of_all(solution: Solution, judged: HeldOut) -> float | None:
+    """With the readings that were left out: no solution saw these."""
+    rejected = np.linalg.norm(solution.e[:, ~solution.used], axis=0)
+    return rms(np.concatenate([judged.calibrated, rejected]))
+
+
+def _held_out(solution: Solution, judged: HeldOut, regions: HeldOut) -> dict[str, object]:
     figures = (judged.nominal, judged.registration, judged.calibrated)
     names = ("nominal", "registration_only", "calibrated")
-    rejected = np.linalg.norm(solution.e[:, ~solution.used], axis=0)  # no solution saw these
     return {
         "folds": judged.folds,
         "samples": len(judged.rows),
         "rms": {name: rms(d) for name, d in zip(names, figures, strict=True)},
         "max": {name: float(d.max()) if len(d) else None for name, d in zip(names, figures, strict=True)},
         "rejected": int(np.count_nonzero(~solution.used)),
-        "rms_with_rejected": rms(np.concatenate([judged.calibrated, rejected])),
+        "rms_with_rejected": _rms_of_all(solution, judged),
+        "rms_by_region": rms(regions.calibrated),
         "tracker_3d": _tracker(solution)["sigma_3d"],
         "meaning": "distance (m) of tracker readings from their prediction by an arm that did not see them; "
         "the tracker's own noise is in it. nominal: the nominal arm, in the place of the tracker that the "

@@ -1,5 +1,7 @@
 """Solving for arm and tracker: as accurate as the data allow, robust, and honest about its uncertainty."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -7,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.identification.classic import solve_classic
 from calibration.identification.estimator import Problem, fit
-from calibration.identification.held_out import held_out, rms
+from calibration.identification.held_out import by_region, held_out, rms
 from calibration.identification.model import make_model
 from calibration.identification.noise import TrackerNoise, estimated
 from calibration.identification.registration import register, robust_register
@@ -264,6 +266,18 @@ def test_held_out_figures_are_those_of_arms_that_did_not_see_the_readings() -> N
     p = alone.registration.to_tracker(part.model.points(alone.x, scene.Q[rows], scene.problem.target[rows]))
     expected = np.linalg.norm(p - scene.problem.p[:, rows], axis=0)
     np.testing.assert_allclose(judged.calibrated[~rest], expected, atol=1e-8)
+
+
+def test_a_region_without_a_pose_is_judged_more_severely() -> None:
+    """An error of the arm that its model does not have: neighbours share it, a region left out does not."""
+    problem = make_scene("palletizer", 12, 60).problem
+    p = problem.p + 1e-3 * np.array([0.0, 0.0, 1.0])[:, None] * np.cos(2.0 * problem.Q[:, 0])
+    found = identify(replace(problem, p=p), {})
+    inside, outside = held_out(found), by_region(found)
+    assert outside.folds == 4
+    assert sorted(outside.rows.tolist()) == list(range(60))
+    assert np.mean(outside.calibrated**2) > np.mean(inside.calibrated**2)
+    assert np.mean(outside.calibrated**2) < np.mean(inside.registration**2)
 
 
 def test_a_far_start_is_reached_by_damping() -> None:

@@ -404,6 +404,22 @@ def test_the_wrong_setup_is_found_out(tmp_path: Path) -> None:
         solve_hand_eye(path)
 
 
+def test_held_out_figures_count_what_was_left_out_and_judge_a_placement_by_the_others(tmp_path: Path) -> None:
+    scene = make_scene(13, count=24, groups=2)
+    scene.corners[3] = scene.corners[3][::-1]  # numbered from the other end
+    for k in range(12, 24):  # the arm's lengths are off where the second placement was
+        t, R = scene.flange[k].translation, scene.flange[k].rotation
+        scene.flange[k] = RigidTransform.from_components(1.01 * t, R)
+    held = solve_hand_eye(scene.write(tmp_path))["heldout"]
+    assert held["rejected"] >= 1
+    assert held["rms_with_rejected"]["t"] > 1.5 * held["rms"]["t"]
+    assert held["rms_by_placement"]["t"] > held["rms"]["t"]
+
+
+def test_one_placement_is_not_judged_by_others(tmp_path: Path) -> None:
+    assert solve_hand_eye(make_scene(1, count=12).write(tmp_path))["heldout"]["rms_by_placement"] == {}
+
+
 @pytest.mark.data
 def test_a_real_arm_with_a_charuco_board_on_its_wrist(data_folder: Path) -> None:
     result = solve_hand_eye(data_folder / "ic_charuco_eye_to_hand")
