@@ -11,7 +11,7 @@ from calibration.tool_frame.scene import ToolFrameScene
 
 _SAME_HEIGHT_M = 2e-5
 _END_M = 2e-4  # an arm that repeats badly meets a tool one time and not the next over so great a height
-_SEARCHED_M = 2e-3  # hits and misses of a search in height are nearer to each other
+_SEARCHED_M = 3e-3  # hits and misses of a search in height are nearer to each other: it begins 2 mm above
 _NEAR_TIP = 0.6  # of the chord: so far above the tip a shorter chord is the tip's rounding
 
 
@@ -87,10 +87,10 @@ def _at_the_end(scene: ToolFrameScene, seen: PassContents, alone: set[int]) -> s
             height = {k: float(np.mean(scene.passes[k].pose_xyz[:, 2])) for k in own}
             met = [height[k] for k in own if k not in alone and k in seen.crossings]
             missed = [height[k] for k in own if k not in alone and k in seen.missed]
-            low = max(met, default=np.inf) - _END_M
-            high = min([h for h in missed if h > low], default=np.inf) + _END_M
+            low = max(met, default=np.inf)
+            high = min([h for h in missed if h > low - _END_M], default=np.inf)
             if high - low < _SEARCHED_M:
-                found |= {k for k in own if k in alone and low <= height[k] <= high}
+                found |= {k for k in own if k in alone and low - _END_M <= height[k] <= high + _END_M}
     return found
 
 

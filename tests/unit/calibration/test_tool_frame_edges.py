@@ -88,6 +88,16 @@ def test_a_way_without_its_return_tells_nothing_and_says_so() -> None:
     assert 1 not in selection.missed
 
 
+def test_one_way_of_two_at_the_tools_end_is_no_fault_where_the_search_began_two_millimetres_above() -> None:
+    bench = Bench(seed=4)
+    at_the_end = bench.there_and_back("xs", -0.0006)
+    at_the_end[1]["poll_v"] = [0] * len(at_the_end[1]["poll_v"])
+    above, inside = bench.there_and_back("xs", 0.0012), bench.there_and_back("xs", -0.0008)
+    _, selection = selected(above + inside + at_the_end + bench.there_and_back("xs", -0.005), bench)
+    assert selection.reasons[4] == "met the tip alone: one way of two"
+    assert 4 in selection.grazing
+
+
 def test_a_pass_whose_speed_changes_while_it_crosses_is_flagged() -> None:
     bench = Bench(seed=5)
     passes = bench.there_and_back("xs", -0.005) + bench.there_and_back("xs", -0.005)
