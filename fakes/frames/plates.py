@@ -1,4 +1,4 @@
-"""What hangs in front of the camera: flat printed targets as textures with exact geometry.
+"""What hangs in front of the camera: printed targets as textures with exact geometry.
 
 A texture is held at several resolutions, because sampling one far above or below the image's own makes
 corners jump. Each halving averages 2x2 pixels, so that the pixel centres of level ``l`` lie at
@@ -6,7 +6,7 @@ corners jump. Each halving averages 2x2 pixels, so that the pixel centres of lev
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cell.errors import error
 from cell.poses import Array
+from fakes.world.camera.printed import Printed
 
 Image = NDArray[np.uint8]
 
@@ -25,10 +26,10 @@ _MARGIN_CELLS = 0.5  # white border around the print
 
 @dataclass(frozen=True)
 class Plate:
-    """A printed plate. ``corner`` is the plate's position (m) of level 0's upper left *edge*.
+    """A printed plate, flat but for ``print``. ``corner`` is the position (m) of level 0's upper left *edge*.
 
     ``right`` and ``down`` are the directions of growing u and v in the target's frame, so their cross
-    product points into the plate.
+    product points into the plate; their lengths are how much the print is stretched.
     """
 
     levels: tuple[Image, ...]
@@ -36,15 +37,16 @@ class Plate:
     corner: Array  # (3,)
     right: Array  # (3,)
     down: Array  # (3,)
+    print: Printed = field(default_factory=Printed)
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Width along ``right`` and height along ``down``, margin included."""
+        """Width along ``right`` and height along ``down`` as designed, margin included."""
         rows, columns = self.levels[0].shape
         return columns * self.m_per_px, rows * self.m_per_px
 
     def texture_to_target(self, level: int) -> Array:
-        """(3, 3) matrix from pixels (u, v, 1) of ``level`` to points (m) of the target's plane."""
+        """(3, 3) matrix from pixels (u, v, 1) of ``level`` to points (m) of the flat target."""
         pitch = self.m_per_px * 2**level
         first_centre = self.corner + 0.5 * pitch * (self.right + self.down)
         return np.column_stack([pitch * self.right, pitch * self.down, first_centre])
@@ -56,17 +58,21 @@ class Plate:
         zeros, ones = np.zeros(per_edge), np.ones(per_edge)
         u = np.concatenate([s, ones, 1 - s, zeros]) * width
         v = np.concatenate([zeros, s, ones, 1 - s]) * height
-        return self.corner + u[:, None] * self.right + v[:, None] * self.down
+        return self.print.bowed(self.corner + u[:, None] * self.right + v[:, None] * self.down)
 
 
-def make_plate(target: Mapping[str, Any]) -> Plate:
+def make_plate(target: Mapping[str, Any], printed: Printed | None = None) -> Plate:
     """The plate of a capture set's ``target`` table; ``DATA_INVALID`` for a type it cannot draw."""
     draw = _DRAWERS.get(str(target.get("type")))
     if draw is None:
         raise error(
             "DATA_INVALID", f"the twin cannot draw a target of type {target.get('type')!r}; it draws {_NAMES}"
         )
-    return draw(target)
+    plate = draw(target)
+    if printed is None:
+        return plate
+    corner, right, down = (printed.stretch * v for v in (plate.corner, plate.right, plate.down))
+    return replace(plate, corner=corner, right=right, down=down, print=printed)
 
 
 def _plate(print_: Image, cell_m: float, origin_px: tuple[float, float], y_up: bool = False) -> Plate:

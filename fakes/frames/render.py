@@ -1,13 +1,15 @@
-"""True images: colour and aligned depth of a flat target, for a pinhole camera with lens distortion.
+"""True images: colour and aligned depth of a printed target, for a pinhole camera with lens distortion.
 
 Pixel centres are at integer coordinates, in the image, in the texture and on the supersampled canvas:
 canvas index = ``ss x + (ss - 1)/2``. The plate is warped by its homography onto an ideal (undistorted)
 canvas and from there through a constant map onto the distorted one, each time only where the plate is;
-averaging ``ss x ss`` pixels gives the image. Forgetting one of the half pixels biases corners by 0.25 px.
+averaging ``ss x ss`` pixels gives the image. On a bowed plate each ray is followed to where it meets the
+print instead of a homography. Forgetting one of the half pixels biases corners by 0.25 px.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -28,6 +30,7 @@ _PAD = 4  # px around the plate's rim, for interpolation and blur
 _PAPER, _INK = 1.75, 0.22  # brightness of white and black relative to the background's mean
 _NOISE_FRAMES = 4
 _STEP = 8  # px between the points at which the lens is inverted
+_BOW_STEP = 4  # canvas px between the rays that are followed to a bowed plate; 0.001 px beside all of them
 
 
 @dataclass(frozen=True)
@@ -167,6 +170,8 @@ class Renderer:
         """The texture on the supersampled canvas, cut to ``box`` (image pixels)."""
         level = self._level(view)
         texture = self.plate.levels[level]
+        if self.plate.print.bend:
+            return self._warped_over_bow(view, level, box)
         pose = view.T_camera_target
         plane = pose.rotation.as_matrix() @ self.plate.texture_to_target(level)
         plane[:, 2] += pose.translation
@@ -179,6 +184,35 @@ class Renderer:
             texture, shift @ to_canvas, size, dst=canvas, borderMode=cv2.BORDER_REPLICATE
         )
         return drawn if self._lens is None else self._lens.bend(box)
+
+    def _warped_over_bow(self, view: "_View", level: int, box: tuple[int, int, int, int]) -> Image:
+        """The same of a plate that is not flat."""
+        x0, y0, x1, y1 = box if self._lens is None else view.ideal_box
+        size = (_SS * (x1 - x0), _SS * (y1 - y0))
+        # Nodes as cv2.resize has the centres of the pixels that it makes larger, one more at each side.
+        u, v = (_BOW_STEP * (np.arange(-1, n // _BOW_STEP + 2) + 0.5) - 0.5 for n in size)
+        pixels = np.stack(np.meshgrid(u + _SS * x0, v + _SS * y0, [1.0]), axis=-1)[:, :, 0]
+        met = self._met(view, pixels @ np.linalg.inv(_to_canvas(self._K)).T)
+        met[..., 2] = 1.0  # of (x, y, 1): where on the print, so where in the texture
+        plane = self.plate.texture_to_target(level)
+        to_texture = np.linalg.inv(np.vstack([plane[:2], [0.0, 0.0, 1.0]]))
+        nodes = (met @ to_texture[:2].T).astype(np.float32)
+        fine = cv2.resize(nodes, None, fx=_BOW_STEP, fy=_BOW_STEP, interpolation=cv2.INTER_LINEAR)
+        maps = fine[_BOW_STEP : _BOW_STEP + size[1], _BOW_STEP : _BOW_STEP + size[0]]
+        drawn: Image = cv2.remap(
+            self.plate.levels[level], maps, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        if self._lens is None:
+            return drawn
+        self._lens.window(view.ideal_box)[:] = drawn
+        return self._lens.bend(box)
+
+    def _met(self, view: "_View", rays: NDArray[Any]) -> Array:
+        """Where ``rays`` (..., 3) of the camera meet the print, in the target's frame."""
+        R, origin = view.T_camera_target.rotation.as_matrix(), view.T_camera_target.inv().translation
+        turned = rays @ R
+        out: Array = origin + self.plate.print.reach(origin, turned)[..., None] * turned
+        return out
 
     def _level(self, view: "_View") -> int:
         """The texture whose pixels are about as large as the canvas's, at the plate's middle."""
@@ -196,14 +230,19 @@ class Renderer:
         return exposed
 
     def _depth(self, view: "_View | None") -> NDArray[np.float32]:
-        """Plane depth ``z = (n . p)/(n . ray)`` in mm where the plate is, the background elsewhere."""
+        """Depth in mm where the plate is, of a flat one ``(n . p)/(n . ray)``; the background elsewhere."""
         depth = self._far.copy()
         if view is not None:
             x0, y0, x1, y1 = view.box
-            n = view.inward.astype(np.float32)
-            slope = cv2.transform(self._rays[y0:y1, x0:x1], n[None, :])
-            plane = cv2.divide(1000.0 * float(view.inward @ view.point), slope)
-            cv2.copyTo(plane, view.mask(view.box), depth[y0:y1, x0:x1])
+            rays = self._rays[y0:y1, x0:x1]
+            if self.plate.print.bend:
+                T = view.T_camera_target.inv()
+                turned = cv2.transform(rays, T.rotation.as_matrix().astype(np.float32))
+                surface = (1000.0 * self.plate.print.reach(T.translation, turned)).astype(np.float32)
+            else:
+                slope = cv2.transform(rays, view.inward.astype(np.float32)[None, :])
+                surface = cv2.divide(1000.0 * float(view.inward @ view.point), slope)
+            cv2.copyTo(surface, view.mask(view.box), depth[y0:y1, x0:x1])
         return depth
 
     def _measured(self, depth: NDArray[np.float32]) -> Depth:

@@ -65,9 +65,10 @@ class FrameServer:
         self.exposures = 0
         camera = world.camera
         self._camera = camera
+        self._told = world.told_intrinsics
         self._renderer = Renderer(
             Optics(world.intrinsics, grey=camera.grey, seed=world.config.seed),
-            make_plate(world.target),
+            make_plate(world.target, world.printed),
             belt_seen(world),
         )
         self._lock = threading.Lock()  # of the world, the faults and the list of clients
@@ -171,8 +172,8 @@ class FrameServer:
                 "exposure_s": camera.exposure_s,
                 "width": camera.width,
                 "height": camera.height,
-                "K": camera.K,
-                "dist": camera.dist,
+                "K": self._told.K,
+                "dist": self._told.dist,
                 "colour": "bgr8",
                 "depth": "u16mm",
                 "serial": self.faults.serial or camera.serial,

@@ -95,7 +95,7 @@ class ObjectCamera(ObjectDevice):
             seq=tick,
             t_exposure=t,
             exposure_s=self.world.camera.exposure_s,
-            intrinsics=self.world.intrinsics,
+            intrinsics=self.world.told_intrinsics,
             board=self.head.view(t, number, self._target),
             serial=self.head.serial,
             items=self.head.items(t, number, self._items),

@@ -22,7 +22,7 @@ class CameraHead(Plant):
     def __init__(self, world: World, clock: Clock) -> None:
         super().__init__("camera", clock, world.camera.serial)
         self.world = world
-        self._points = target_points(world.target)
+        self._points = world.printed.placed(target_points(world.target))
         self._frozen_at: float | None = None
         self.faults |= {"freeze": self._freeze, "lost-board": self._lose_board}
 

@@ -9,16 +9,14 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from cell.errors import CellError, error
-from cell.formats.robot import Serial6Robot, parse_robot
-from cell.poses import Array
-from fakes.world.arm.kinematics import MODELS, LinkDeltas, dh_parameters
-from fakes.world.beams.truth import BeamTruth, CapsuleTruth, Channel, IoTruth, Three
+from cell.errors import error
+from fakes.world.arm.truth import ArmTruth, Six, ToolTruth
+from fakes.world.beams.truth import BeamTruth, Channel, IoTruth, Three
 from fakes.world.belt.item_truth import GripperTruth, ItemsTruth
 from fakes.world.belt.truth import BeltTruth
+from fakes.world.camera.truth import CameraTruth, Placement, PrintTruth
 from fakes.world.palletizer.truth import ObservedTruth
 from fakes.world.toml_text import to_toml
 from fakes.world.tracker.lines_form import LinesForm
@@ -28,131 +26,9 @@ SCHEMA = "cellward.scenario/1"
 OBSERVED, OBSERVED_MODEL = "palletizer", "palletizer.json"
 ROBOT_FILE = "robot.json"
 
-Six = Annotated[list[float], Field(min_length=6, max_length=6)]
-
 
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Links(_Strict):
-    """Deviations of the arm's links, rad and m, as UR's calibration lists them."""
-
-    delta_theta: Six = [0.0] * 6
-    delta_d: Six = [0.0] * 6
-    delta_a: Six = [0.0] * 6
-    delta_alpha: Six = [0.0] * 6
-
-    def deltas(self) -> LinkDeltas:
-        return LinkDeltas.from_mapping(self.model_dump())
-
-
-class ArmTruth(_Strict):
-    """The robot: what its controller believes, and how far the true one is from that."""
-
-    model: str = ""
-    robot: dict[str, Any] | None = Field(
-        default=None, description="a ROBOT of family serial6, for an arm of another maker than UR"
-    )
-    serial: str = Field(
-        default="99991100001", pattern=r"^9999\d+$", description="twin serials begin with 9999"
-    )
-    version: str = "5.12.4"
-    q_start: Six
-    factory: Links = Links()
-    error: Links = Links()
-    repeatability_t_m: float = Field(
-        default=0.0, ge=0, le=0.01, description="sigma per axis, new at each standstill"
-    )
-    repeatability_r_rad: float = Field(default=0.0, ge=0, le=0.01)
-
-    @model_validator(mode="after")
-    def _known_model(self) -> Self:
-        if self.robot is not None:
-            if self.model:
-                raise ValueError("give model or robot, not both")
-            self.serial6()
-        elif self.model not in MODELS:
-            raise ValueError(f"model {self.model!r} is not known; known are {', '.join(MODELS)}")
-        return self
-
-    def serial6(self) -> Serial6Robot | None:
-        """The arm as its ROBOT has it; None for an arm of UR."""
-        if self.robot is None:
-            return None
-        try:
-            found = parse_robot(self.robot, "robot")
-        except CellError as exc:
-            raise ValueError(exc.detail) from exc
-        if not isinstance(found, Serial6Robot):
-            raise ValueError(f"robot is of family {self.robot.get('family')!r}, and a twin moves serial6")
-        return found
-
-    @property
-    def name(self) -> str:
-        """Of the model, as the controller tells it."""
-        return self.model if self.robot is None else str(self.robot["name"])
-
-    def drawing(self, deltas: LinkDeltas) -> tuple[Array, Array, Array, Array]:
-        """Denavit-Hartenberg ``theta, d, a, alpha`` (6,), rad and m, with ``deltas`` added."""
-        robot = self.serial6()
-        if robot is None:
-            return dh_parameters(self.model, deltas)
-        theta, d, a, alpha = (
-            np.array([getattr(link, key) for link in robot.links]) + getattr(deltas, f"delta_{key}")
-            for key in ("theta", "d", "a", "alpha")
-        )
-        return theta, d, a, alpha
-
-
-def _pin() -> list[CapsuleTruth]:
-    """60 mm long, 3 mm in radius, with the tool's point as its lowest one."""
-    return [CapsuleTruth.model_validate({"from": [0, 0, -0.003], "to": [0, 0, -0.057], "radius_m": 0.003})]
-
-
-class ToolTruth(_Strict):
-    """What is mounted on the flange, as nominal, and the shape of its end in the tool frame."""
-
-    name: str = "gripper"
-    T_flange_tool: Six = [0.0, 0.0, 0.18, 0.0, 0.0, 0.0]
-    radius_m: float = Field(default=0.03, gt=0, le=0.5)
-    payload_kg: float = Field(default=1.2, ge=0, le=50)
-    shape: list[CapsuleTruth] = Field(default_factory=_pin, min_length=1)
-
-
-class CameraTruth(_Strict):
-    """The camera and where it truly is; ``nominal`` is the nominal value of the same pose."""
-
-    serial: str = Field(
-        default="99992200001", pattern=r"^9999\d+$", description="twin serials begin with 9999"
-    )
-    width: int = Field(default=1280, ge=64, le=8192)
-    height: int = Field(default=800, ge=64, le=8192)
-    K: Annotated[list[float], Field(min_length=4, max_length=4)]
-    dist: list[float] = []
-    T_flange_camera: Six | None = None
-    T_base_camera: Six | None = None
-    nominal: Six
-    noise_px: float = Field(default=0.05, ge=0, le=10)
-    exposure_s: float = Field(default=0.008, gt=0, le=1)
-    period_s: float = Field(default=0.1, gt=0, le=10)
-    latency_s: float = Field(default=0.03, ge=0, le=1, description="from mid exposure to delivery")
-    grey: float = Field(default=120.0, ge=0, le=255)
-
-    @model_validator(mode="after")
-    def _checked(self) -> Self:
-        if (self.T_flange_camera is None) == (self.T_base_camera is None):
-            raise ValueError("give either T_flange_camera (eye-in-hand) or T_base_camera (eye-to-hand)")
-        if len(self.dist) not in (0, 4, 5, 8, 12, 14):
-            raise ValueError(f"dist has {len(self.dist)} entries; OpenCV's models have 0, 4, 5, 8, 12 or 14")
-        return self
-
-
-class Placement(_Strict):
-    """Where the operator puts the target: in the base, or on the flange when the camera is fixed."""
-
-    T_base_target: Six | None = None
-    T_flange_target: Six | None = None
 
 
 class Obstacle(_Strict):
@@ -170,7 +46,8 @@ class WorldTruth(_Strict):
     arm: ArmTruth
     tool: ToolTruth = ToolTruth()
     camera: CameraTruth | None = None
-    target: dict[str, Any] | None = None
+    target: dict[str, Any] | None = Field(default=None, description="as designed, and as the config has it")
+    target_print: PrintTruth = Field(default=PrintTruth(), description="how the target differs from that")
     placement: list[Placement] = []
     beams: dict[str, BeamTruth] = Field(default={}, description="usual names are xs, along x, and ys")
     io: IoTruth | None = None
@@ -219,6 +96,12 @@ class WorldTruth(_Strict):
         given = [self.camera is not None, self.target is not None, bool(self.placement)]
         if any(given) and not all(given):
             raise ValueError("camera, target and placement belong together: give all of them, or none")
+        return self
+
+    @model_validator(mode="after")
+    def _a_print_is_of_a_target(self) -> Self:
+        if self.target is None and self.target_print != PrintTruth():
+            raise ValueError("target_print says how a target is printed: give [world.target] too")
         return self
 
     @model_validator(mode="after")

@@ -1,21 +1,25 @@
 """The one physical world of the twin; its state is a function of time.
 
 The controller knows the arm by its *believed* chain and reports that; cameras and trackers see the *true*
-one: other links where the scenario has errors, and a small deviation that is new at every standstill.
+one: other links and joints where the scenario has errors, and a small deviation that is new at every
+standstill. A camera tells the intrinsics of the lens that it believes to have, and pictures come from the
+true one; the target is the one that was printed, and the configuration has the design of it.
 """
 
 from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from math import inf
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from cell.devices import Intrinsics
 from cell.errors import error
 from cell.poses import Array, compose, from_pose6, to_pose6
+from fakes.world.arm.gauge import serving
+from fakes.world.arm.joint_errors import joint_errors
 from fakes.world.arm.kinematics import LinkDeltas, chain_of, frames_at_zero
 from fakes.world.arm.repeatability import Repeatability
 from fakes.world.arm.segments import Segment
@@ -23,14 +27,18 @@ from fakes.world.arm.shape import capsule_shape, ur_shape
 from fakes.world.arm.tool_motion import ToolMotion
 from fakes.world.arm.tool_shape import ToolShape
 from fakes.world.arm.track import Track
+from fakes.world.arm.true_arm import TrueArm
+from fakes.world.arm.truth import Links
 from fakes.world.beams.beams import Beams
 from fakes.world.beams.input_module import InputModule
 from fakes.world.belt.belt import Belt
 from fakes.world.belt.encoder import BeltEncoder
 from fakes.world.belt.gripper import Gripper
 from fakes.world.belt.items import Items
+from fakes.world.camera.printed import printed_target
+from fakes.world.camera.truth import CameraTruth
 from fakes.world.palletizer.observed import ObservedPalletizer
-from fakes.world.scenario import CameraTruth, Obstacle, Scenario, WorldTruth
+from fakes.world.scenario import Obstacle, Scenario, WorldTruth
 from fakes.world.tracker.tracker import Tracker
 
 _TRACKER_LOOKS_S = 1.0  # a set-point stream has a segment every few milliseconds
@@ -107,7 +115,8 @@ class World:
         self.config, self.t0 = truth, t0
         factory = truth.arm.factory.deltas()
         self.believed = chain_of(*truth.arm.drawing(factory))
-        self.true = chain_of(*truth.arm.drawing(factory + truth.arm.error.deltas()))
+        links = chain_of(*truth.arm.drawing(factory + truth.arm.error.deltas()))
+        self.true = TrueArm(links, joint_errors(truth.arm.joint_errors, links, truth.seed))
         robot = truth.arm.serial6()
         if robot is None:
             self.shape = ur_shape(truth.arm.model, self.true)
@@ -118,11 +127,10 @@ class World:
         self.T_flange_tool = from_pose6(truth.tool.T_flange_tool)  # nominal
         self.tool = ToolShape(t0, truth.tool)
         self.target = truth.target or {}
+        self.printed = printed_target(truth.target_print, self.target)
         self.eye_in_hand = truth.eye_in_hand
         if truth.camera is not None:
-            fx, fy, cx, cy = truth.camera.K
-            size = truth.camera.width, truth.camera.height
-            self.intrinsics = Intrinsics(*size, (fx, fy, cx, cy), tuple(truth.camera.dist))
+            self.intrinsics, self.told_intrinsics = truth.camera.true_lens(), truth.camera.told_lens()
             self.T_mount_camera = from_pose6(truth.camera_mount)
         self.T_mount_target = [from_pose6(pose) for pose in truth.target_mounts]
         self.operator = Operator(t0, len(self.T_mount_target))
@@ -309,7 +317,13 @@ class World:
         return force
 
     def truth(self, t: float = inf) -> dict[str, Any]:
-        """Everything a result may be judged against at ``t``, as plain JSON values."""
+        """Everything a result may be judged against at ``t``, as plain JSON values.
+
+        Poses of the camera and the target are those that serve best with the arm as its *controller* has it,
+        over all joints: what a calibration with that arm can find at best. Where something really sits on
+        the true arm is under ``mechanical``; without errors of links and joints both are the same. All else
+        is what is mechanically so.
+        """
         return {
             "schema": "cellward.truth/1",
             **self._camera_truth(),
@@ -324,6 +338,7 @@ class World:
                 "serial": self.config.arm.serial,
                 "factory": self.config.arm.factory.model_dump(),
                 "error": self.config.arm.error.model_dump(),
+                "joint_errors": [] if self.true.errors is None else self.true.errors.told(),
             },
             **({} if self.observed is None else {"observed": self.observed.report(t)}),
             "noise": {
@@ -348,13 +363,29 @@ class World:
         camera, target = (
             ("T_flange_camera", "T_base_target") if self.eye_in_hand else ("T_base_camera", "T_flange_target")
         )
+        base, flange = self._gauge
+        serving_camera, serving_target = (flange, base) if self.eye_in_hand else (base, flange)
         return {
             "setup": "eye-in-hand" if self.eye_in_hand else "eye-to-hand",
-            camera: to_pose6(self.T_mount_camera).tolist(),
-            target: [to_pose6(T).tolist() for T in self.T_mount_target],
-            "camera": self.config.camera.model_dump(include={"serial", "width", "height", "K", "dist"}),
+            camera: to_pose6(serving_camera * self.T_mount_camera).tolist(),
+            target: [to_pose6(serving_target * T).tolist() for T in self.T_mount_target],
+            "mechanical": {
+                camera: to_pose6(self.T_mount_camera).tolist(),
+                target: [to_pose6(T).tolist() for T in self.T_mount_target],
+            },
+            "camera": self.config.camera.model_dump(include={"serial", "width", "height", "K", "dist"})
+            | {"told": {"K": list(self.told_intrinsics.K), "dist": list(self.told_intrinsics.dist)}},
             "target": self.target,
+            "target_print": self.config.target_print.model_dump(),
         }
+
+    @cached_property
+    def _gauge(self) -> tuple[RigidTransform, RigidTransform]:
+        """By what a pose in the base, and one on the flange, stands elsewhere for the controller's arm."""
+        if self.true.errors is None and self.config.arm.error == Links():
+            return RigidTransform.identity(), RigidTransform.identity()
+        base, flange = serving(self.believed, self.true, self.config.arm.ranges())
+        return base.inv(), flange
 
 
 def _push(obstacle: Obstacle, tip: Array) -> Array:

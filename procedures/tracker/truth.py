@@ -13,6 +13,7 @@ from procedures.beside_truth import SURE_POINT, Judged
 from procedures.tracker.judging import places
 from procedures.tracker.record import DATA_FILE, HELD_OUT_FILE
 from procedures.tracker.result import KincalAnswer, KincalResult
+from procedures.twin_arm import actual_joints, true_links
 from procedures.words import table
 
 ELSEWHERE = 200
@@ -64,13 +65,11 @@ def judge_arm(result: KincalResult, truth: Mapping[str, Any], folder: Path) -> J
 def _errors(answer: KincalAnswer, truth: Mapping[str, Any], samples: list[Any]) -> Array:
     """(n,) m between where the answer and where the truth has the reflectors, in the tracker's frame."""
     robot, tracker = truth["robot"], truth["tracker"]
-    deltas = {
-        key: (np.array(robot["factory"][key]) + np.array(robot["error"][key])).tolist()
-        for key in robot["error"]
-    }
     tools = {name: r["point"] for name, r in tracker["reflectors"].items() if r["on"] == "arm"}
-    true_arm = {"model": robot["model"], "calibration": deltas, "tool": tools}
-    true = from_pose6(tracker["T_base_tracker"]).inv().apply(places(true_arm, samples))
+    Q = actual_joints(robot, np.array([s["q"] for s in samples]))
+    turned = [s | {"q": q} for s, q in zip(samples, Q, strict=True)]
+    true_arm = true_links(robot) | {"tool": tools}
+    true = from_pose6(tracker["T_base_tracker"]).inv().apply(places(true_arm, turned))
     predicted = from_pose6(answer.T_tracker_base).apply(places(answer.robot, samples))
     out: Array = np.linalg.norm(predicted - true, axis=1)
     return out

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.adjustment.arm_terms import reference_joints
+from calibration.adjustment.gauge import base_and_flange
 from calibration.hand_eye import se3
 from calibration.hand_eye.solution import Measurements
 from calibration.hand_eye.views import CornerSet
@@ -19,7 +20,7 @@ from calibration.kinematics.serial import SerialChain
 from calibration.kinematics.ur import UrArm
 from cell.devices import Intrinsics
 from cell.formats.robot import parse_robot
-from cell.poses import Array, adjoint
+from cell.poses import Array
 
 CAMERA = Intrinsics(1280, 800, (1800.0, 1800.0, 640.0, 400.0), (0.0, 0.0, 0.0, 0.0, 0.0))
 POINTS = np.array([[0.025 * x, 0.025 * y, 0.0] for y in range(1, 7) for x in range(1, 10)])
@@ -86,17 +87,7 @@ def world(rng: np.random.Generator, arm_m: float, lens: str, board: str) -> Worl
 def _serving(chain: SerialChain, gear: Array) -> tuple[Array, Array]:
     """Base and flange (4, 4) with which the nominal arm is nearest to the true one."""
     Q = reference_joints(ARM.joint_limits, 13, seed=77)
-    nominal = MODEL.base.flange(Q)
-    true = chain.flange(Q + _joint_error(Q, gear))
-    base = flange = np.eye(4)
-    for _ in range(3):  # exp(b) F_nominal exp(f) is the true flange; linear in b and f
-        r = se3.log(se3.inverse(nominal @ flange) @ true)
-        A = np.concatenate([adjoint(se3.inverse(nominal @ flange)), np.tile(np.eye(6), (len(Q), 1, 1))], 2)
-        D = np.array([1.0] * 3 + [0.3] * 3)
-        x = np.linalg.lstsq((A * D[:, None]).reshape(-1, 12), (r * D).ravel(), rcond=None)[0]
-        flange = flange @ se3.exp(x[6:])
-        base, nominal = se3.exp(x[:6]) @ base, se3.exp(x[:6]) @ nominal
-    return base, flange
+    return base_and_flange(MODEL.base.flange(Q), chain.flange(Q + _joint_error(Q, gear)))
 
 
 def capture(rng: np.random.Generator, cell: World, plan: str) -> tuple[Measurements, Array]:

@@ -13,6 +13,7 @@ from scipy.spatial.transform import RigidTransform
 from cell.formats.robot import Serial6Robot
 from cell.poses import Array
 from fakes.world.arm.kinematics import Chain, dh_parameters
+from fakes.world.arm.true_arm import TrueArm
 
 _FOREARM_BESIDE = 0.2
 
@@ -23,7 +24,7 @@ class ArmShape:
     ``links``: how many joints carry a link, and both its ends (2, 3) in the base with all joints at zero.
     """
 
-    def __init__(self, true: Chain, links: Sequence[tuple[int, Array]]) -> None:
+    def __init__(self, true: TrueArm | Chain, links: Sequence[tuple[int, Array]]) -> None:
         self._true, self._links = true, tuple(links)
 
     def lines(self, q: Array) -> Array:
@@ -31,7 +32,7 @@ class ArmShape:
         return np.array([ends @ carried[i][:3, :3].T + carried[i][:3, 3] for i, ends in self._links])
 
 
-def ur_shape(model: str, true: Chain) -> ArmShape:
+def ur_shape(model: str, true: TrueArm | Chain) -> ArmShape:
     """Column, upper arm, forearm, first and second wrist of a UR arm."""
     _, d, a, _ = dh_parameters(model)
     across, along = true.screws[1, 3:], np.array([1.0, 0.0, 0.0])
@@ -53,6 +54,6 @@ def ur_shape(model: str, true: Chain) -> ArmShape:
     )
 
 
-def capsule_shape(robot: Serial6Robot, at_zero: Sequence[RigidTransform], true: Chain) -> ArmShape:
+def capsule_shape(robot: Serial6Robot, at_zero: Sequence[RigidTransform], true: TrueArm) -> ArmShape:
     """The axes of the capsules of a ROBOT; ``at_zero`` are its base and the frames after every joint."""
     return ArmShape(true, [(c.joints, at_zero[c.joints].apply([c.p0, c.p1])) for c in robot.capsules])

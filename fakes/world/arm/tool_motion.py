@@ -7,11 +7,12 @@ from math import inf
 import numpy as np
 
 from cell.poses import Array
-from fakes.world.arm.kinematics import Chain, skew
+from fakes.world.arm.kinematics import skew
 from fakes.world.arm.repeatability import Blend, Repeatability
 from fakes.world.arm.segments import Polynomial, Segment
 from fakes.world.arm.sweep import fastest, joints
 from fakes.world.arm.tool_shape import ToolShape
+from fakes.world.arm.true_arm import TrueArm
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,14 +24,14 @@ class Piece:
     end: float
     speed: float
     leap: float
-    chain: Chain
+    arm: TrueArm
     segment: Segment
     blend: Blend
     ends: Array  # of the capsules' axes in the flange, (m, 2, 3)
 
     def axes(self, times: Array) -> Array:
         """Ends of the capsules' axes in the base, (n, m, 2, 3) m, at ``times`` (n,) of this piece."""
-        flange = self.chain.matrix(joints(self.segment, times))
+        flange = self.arm.matrix(joints(self.segment, times))
         off = self.blend.many(times)
         points = self.ends.reshape(-1, 3)
         points = _displaced(points, off) if off[:, 3:].any() else points + off[:, None, :3]
@@ -42,10 +43,10 @@ class ToolMotion:
     """The pieces, in order. It keeps the segments for itself: the track forgets what is long over."""
 
     def __init__(
-        self, chain: Chain, repeatability: Repeatability, tool: ToolShape, track: list[Segment]
+        self, arm: TrueArm, repeatability: Repeatability, tool: ToolShape, track: list[Segment]
     ) -> None:
-        self._chain, self._repeatability, self._tool = chain, repeatability, tool
-        self._levers = chain.levers()
+        self._arm, self._repeatability, self._tool = arm, repeatability, tool
+        self._levers = arm.levers()
         self._segments, self._starts = list(track), [segment.t0 for segment in track]
 
     def add(self, segment: Segment) -> None:
@@ -75,7 +76,7 @@ class ToolMotion:
         if t < rest:
             speed += float(fastest(segment) @ (self._levers + lever))
         end = min([change for change in changes if change > t], default=inf)
-        return Piece(t, end, speed, self._leap(i, t, lever), self._chain, segment, blend, ends)
+        return Piece(t, end, speed, self._leap(i, t, lever), self._arm, segment, blend, ends)
 
     def _leap(self, i: int, t: float, lever: float) -> float:
         if self._tool.bent_at(t):

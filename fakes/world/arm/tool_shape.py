@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from cell.poses import Array, from_pose6
-from fakes.world.scenario import ToolTruth
+from fakes.world.arm.truth import ToolTruth
 
 Bend = tuple[float, tuple[float, ...]]  # since when, and the shift (m) and tilt (rad) in the flange
 

@@ -13,6 +13,8 @@ from cell.devices import Intrinsics
 from cell.errors import CellError
 from fakes.frames.plates import make_plate
 from fakes.frames.render import Optics, Renderer
+from fakes.world.camera.printed import printed_target
+from fakes.world.camera.truth import PrintTruth
 
 CHARUCO = {
     "type": "charuco",
@@ -80,6 +82,44 @@ def test_corners_found_by_opencv_lie_where_the_geometry_says(subject: Renderer) 
     assert len(error) > 400
     assert np.abs(error.mean(axis=0)).max() < 0.01
     assert np.sqrt(np.mean(error**2)) < 0.08
+
+
+def test_corners_of_a_bowed_print_that_is_too_large_lie_where_the_geometry_says(
+    subject: Renderer,
+) -> None:
+    """Against a bow by hand: 3 mm at the ends of the diagonal, which moves corners by up to 4 px."""
+    print_ = printed_target(PrintTruth(scale_x=4e-3, scale_y=-3e-3, bow_m=3e-3, bow_rad=0.7), CHARUCO)
+    bowed = Renderer(subject.optics, make_plate(CHARUCO, print_))
+    all_corners = board_corners(np.arange(54)) * [1.004, 0.997, 1.0]
+    middle = 0.5 * (all_corners[0] + all_corners[-1])
+    across = (all_corners - middle) @ [np.cos(0.7), np.sin(0.7), 0.0]
+    all_corners[:, 2] = 3e-3 * (across / across.max()) ** 2
+    rng = np.random.default_rng(7)
+    errors, flat = [], []
+    for _ in range(15):
+        pose = facing(rng.uniform(-0.5, 0.5, 3), rng.uniform(0.35, 0.65), rng.uniform(-0.2, 0.2, 2))
+        found = find_charuco(bowed.render([pose]).colour)
+        if found is not None:
+            corners, ids = found
+            camera = subject.optics.intrinsics
+            errors.append(corners - project(camera, pose.apply(all_corners[ids.ravel()])))
+            flat.append(corners - project(camera, pose.apply(board_corners(ids))))
+    error = np.concatenate(errors)
+    assert len(error) > 400
+    assert np.abs(error.mean(axis=0)).max() < 0.01
+    assert np.sqrt(np.mean(error**2)) < 0.08
+    assert np.abs(np.concatenate(flat)).max() > 1.0
+
+
+def test_depth_of_a_bowed_print_is_that_of_its_surface(subject: Renderer) -> None:
+    print_ = printed_target(PrintTruth(bow_m=0.02), CHARUCO)
+    pose = facing([0.2, -0.1, 0.1], 0.5)
+    depth = Renderer(subject.optics, make_plate(CHARUCO, print_)).render([pose]).depth
+    points = pose.apply(print_.placed(board_corners(np.arange(54))))
+    u, v = np.rint(project(subject.optics.intrinsics, points)).astype(int).T
+    error = depth[v, u] - 1000.0 * points[:, 2]
+    assert abs(error.mean()) < 0.5
+    assert error.std() < 1.5, "1 mm of noise, and rounding"
 
 
 def test_depth_is_that_of_the_plane_along_the_optical_axis(subject: Renderer) -> None:

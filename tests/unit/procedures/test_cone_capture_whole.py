@@ -15,6 +15,7 @@ pytestmark = pytest.mark.usefixtures("no_report")
 MAHALANOBIS_LIMIT = 20.1  # 99.7 % of a chi-squared with 6 degrees of freedom
 SETUPS = {
     "eye-in-hand": ("hand_eye", "T_flange_camera"),
+    "as in a workshop": ("workshop", "T_flange_camera"),
     "eye-to-hand": ("hand_eye_to_hand", "T_base_camera"),
 }
 FILES = {"run.json", "journal.jsonl", "poses.jsonl", "capture.json", "result.json", "end.json"}

@@ -1,0 +1,1 @@
+"""The camera of the world and the target that it looks at."""

@@ -1,0 +1,90 @@
+"""The tables of a scenario that describe a camera, and the target that it looks at."""
+
+from itertools import zip_longest
+from math import pi
+from typing import Annotated, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from cell.devices import Intrinsics
+from fakes.world.arm.truth import Six
+
+Two = Annotated[list[float], Field(min_length=2, max_length=2)]
+_MODELS = (0, 4, 5, 8, 12, 14)
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ToldTruth(_Strict):
+    """``[world.camera.told]``: how far the intrinsics that the camera tells are off its true lens.
+
+    They are ``f (1 + focal)``, ``c + centre_px`` and ``dist + this dist``; pictures come from the true ones.
+    """
+
+    focal: float = Field(default=0.0, gt=-0.5, lt=0.5, description="share of both focal lengths")
+    centre_px: Two = [0.0, 0.0]
+    dist: list[float] = Field(default=[], description="added to dist, entry by entry")
+
+
+class CameraTruth(_Strict):
+    """The camera and where it truly is; ``nominal`` is the nominal value of the same pose."""
+
+    serial: str = Field(
+        default="99992200001", pattern=r"^9999\d+$", description="twin serials begin with 9999"
+    )
+    width: int = Field(default=1280, ge=64, le=8192)
+    height: int = Field(default=800, ge=64, le=8192)
+    K: Annotated[list[float], Field(min_length=4, max_length=4)]
+    dist: list[float] = []
+    told: ToldTruth = ToldTruth()
+    T_flange_camera: Six | None = None
+    T_base_camera: Six | None = None
+    nominal: Six
+    noise_px: float = Field(default=0.05, ge=0, le=10)
+    exposure_s: float = Field(default=0.008, gt=0, le=1)
+    period_s: float = Field(default=0.1, gt=0, le=10)
+    latency_s: float = Field(default=0.03, ge=0, le=1, description="from mid exposure to delivery")
+    grey: float = Field(default=120.0, ge=0, le=255)
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        if (self.T_flange_camera is None) == (self.T_base_camera is None):
+            raise ValueError("give either T_flange_camera (eye-in-hand) or T_base_camera (eye-to-hand)")
+        for name, dist in (("dist", self.dist), ("told.dist", self.told.dist)):
+            if len(dist) not in _MODELS:
+                raise ValueError(f"{name} has {len(dist)} entries; OpenCV's models have 0, 4, 5, 8, 12 or 14")
+        return self
+
+    def true_lens(self) -> Intrinsics:
+        """Intrinsics that make the pictures."""
+        fx, fy, cx, cy = self.K
+        return Intrinsics(self.width, self.height, (fx, fy, cx, cy), tuple(self.dist))
+
+    def told_lens(self) -> Intrinsics:
+        """Intrinsics that the camera tells: in a frame's header, and as its own calibration."""
+        fx, fy, cx, cy = self.K
+        f, (dx, dy) = 1.0 + self.told.focal, self.told.centre_px
+        dist = tuple(a + b for a, b in zip_longest(self.dist, self.told.dist, fillvalue=0.0))
+        return Intrinsics(self.width, self.height, (f * fx, f * fy, cx + dx, cy + dy), dist)
+
+
+class PrintTruth(_Strict):
+    """``[world.target_print]``: how far the target that hangs there is off the one of ``[world.target]``."""
+
+    scale_x: float = Field(default=0.0, gt=-0.1, lt=0.1, description="share by which it is too large along x")
+    scale_y: float = Field(default=0.0, gt=-0.1, lt=0.1, description="and along y")
+    bow_m: float = Field(
+        default=0.0, ge=-0.02, le=0.02, description="how far its edges are off its middle along its z"
+    )
+    bow_rad: float = Field(
+        default=0.0, ge=-pi, le=pi, description="direction across the bow, from the target's x to its y"
+    )
+
+
+class Placement(_Strict):
+    """Where the operator puts the target: in the base, or on the flange when the camera is fixed."""
+
+    T_base_target: Six | None = None
+    T_flange_target: Six | None = None
