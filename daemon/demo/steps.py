@@ -39,9 +39,10 @@ CONE_CAPTURE = Step(
     "cone-capture",
     1,
     plc.ARM_OK | plc.CAMERA_OK,
-    95,
-    "3 placements of the board, 12 arm poses each",
+    115,
+    "3 placements of the board, 12 arm poses each, with the errors of an ordinary arm, lens and print",
     moves_board=True,
+    twin="workshop",
 )
 LASER_REFERENCE = Step(
     "laser-reference",

@@ -1,4 +1,4 @@
-"""A hand-eye calibration beside the twin's truth."""
+"""A hand-eye calibration, and what it says of the arm, beside the twin's truth."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,14 +8,23 @@ from typing import Any
 
 import numpy as np
 
+from calibration.adjustment.arm_terms import reference_joints
+from calibration.adjustment.gauge import apart
+from calibration.kinematics.families import arm_spec
 from cell.errors import error
+from cell.formats.robot import parse_robot
 from cell.poses import Array, from_pose6, log_xi
+from cell.store.files import read_json
 from procedures.beside_truth import Judged
+from procedures.hand_eye.record import CAPTURE_FILE
 from procedures.hand_eye.result import HandEyeAnswer, HandEyeResult
 from procedures.hand_eye.words import SETUPS, spread_lines
+from procedures.twin_arm import true_flange
 from procedures.words import table
 
 M2_LIMIT = 20.1  # 3 sigma: 99.73 % of a chi-square with 6 degrees of freedom lie below
+SURE_MODE = 3.0  # of an error along one direction of all numbers: 99.73 % lie below
+_OWN_JOINTS = 1234  # others than those that the estimate is judged by
 AXES = ("x", "y", "z", "about x", "about y", "about z")
 
 
@@ -51,12 +60,48 @@ def judge_camera(result: HandEyeResult, truth: Mapping[str, Any], folder: Path) 
     """Whether a hand-eye answer agrees with the true pose, and the table that shows it."""
     judgement = judge(result, truth)
     sigma, off = judgement.sigma, judgement.xi
+    arm = judge_corrected(result.result, truth["robot"], read_json(folder / CAPTURE_FILE)["robot"])
+    text = judgement_text(judgement, result.result)
     return Judged(
-        judgement.good,
-        judgement_text(judgement, result.result),
+        judgement.good and (arm is None or arm.good),
+        text if arm is None else f"{text}\n{arm.text}",
         f"standard uncertainty {_size_text(sigma)}",
         _size_text(off),
     )
+
+
+def judge_corrected(
+    answer: HandEyeAnswer, true: Mapping[str, Any], configured: Mapping[str, Any]
+) -> Judged | None:
+    """The arm's accuracy by the board beside that of the twin's arm; None for an answer without it.
+
+    ``configured``: the ROBOT before the calibration. Good when the corrected arm's true error is within
+    what is stated, widened for errors that may all lie in one direction.
+    """
+    if answer.arm is None or answer.robot is None:
+        return None
+    Q = reference_joints(np.tile([-np.pi, np.pi], (6, 1)), seed=_OWN_JOINTS)
+    flange = true_flange(true, Q)
+    rows, off = [], {}
+    for name, robot, told in (
+        ("as configured", configured, answer.arm.configured),
+        ("as corrected", answer.robot, answer.arm.corrected),
+    ):
+        arm = arm_spec(parse_robot(robot, "robot")).arm.base
+        e = np.linalg.norm(apart(arm.flange(Q), flange)[:, :3], axis=1)
+        off[name] = float(np.sqrt(np.mean(e**2)))
+        numbers = (told.t, off[name], told.t95, np.percentile(e, 95))
+        rows.append((name, *(f"{1e3 * v:.4f}" for v in numbers)))
+    good = off["as corrected"] <= SURE_MODE * answer.arm.corrected.t
+    words = "consistent with" if good else "NOT consistent with"
+    text = [
+        f"the arm over all its joints, at {len(Q)} that were not measured; position of the flange after the "
+        "best base and flange, mm",
+        table(("arm", "stated RMS", "true RMS", "stated: 95 % below", "true: 95 % below"), rows),
+        f"the corrected arm is {words} what is stated of it (limit {SURE_MODE:g} times the stated RMS)",
+    ]
+    stated, found = (f"{1e3 * v:.3f} mm" for v in (answer.arm.corrected.t, off["as corrected"]))
+    return Judged(good, "\n".join(text), f"arm {stated} RMS", found)
 
 
 def _size_text(xi: Array) -> str:

@@ -37,7 +37,9 @@ def test_the_fast_demo_agrees_with_the_truth_and_replays(
     shown = capsys.readouterr()
     assert "no protocol" in shown.out
     assert "consistent with the stated uncertainty" in shown.out
-    config = str(folder / "bay" / "fast.toml")
+    assert "the corrected arm is consistent with what is stated of it" in shown.out
+    assert "NOT consistent" not in shown.out
+    config = str(folder / "workshop" / "fast.toml")
 
     def cellward(*words: str) -> str:
         monkeypatch.setattr("sys.argv", ["cellward", *words, "--config", config])

@@ -17,9 +17,11 @@ import numpy as np
 import psutil
 import pytest
 
+from calibration.kinematics.families import arm_spec, robot_document
 from cell.clock import MonotonicClock
 from cell.errors import CellError, catalogue
 from cell.formats.result import read_as
+from cell.formats.robot import parse_robot
 from cell.poses import exp_xi, from_pose6, to_pose6
 from cell.store.files import read_json
 from daemon.config import ModbusSection, load_config
@@ -36,8 +38,8 @@ from fakes.world.scenario import Scenario
 from fakes.world.world import World
 from procedures.belt.result import BeltTrackingResult
 from procedures.belt.truth import judge_picks
-from procedures.hand_eye.result import HandEyeResult
-from procedures.hand_eye.truth import M2_LIMIT, judge, judgement_text
+from procedures.hand_eye.result import ArmError, ArmFromBoard, HandEyeResult
+from procedures.hand_eye.truth import M2_LIMIT, judge, judge_corrected, judgement_text
 from procedures.registry import JOBS
 from procedures.tracker.result import KincalResult
 from procedures.tracker.truth import judge_arm
@@ -228,6 +230,31 @@ def test_the_judgement_weighs_the_error_with_the_stated_covariance() -> None:
     assert "NOT consistent" in judgement_text(judge(result, far), result.result)
 
 
+def test_a_corrected_arm_is_held_against_the_twins_own() -> None:
+    links = {key: [0.0] * 6 for key in ("delta_theta", "delta_d", "delta_a", "delta_alpha")}
+    gear = {"name": "gear2.1", "joint": 2, "of": [0, 1, 0, 0, 0, 0], "sin": 1e-4, "cos": 0.0}
+    true = {"model": "ur10e", "factory": links, "error": links, "joint_errors": [gear]}
+    nominal = {"model": "ur10e"}
+    spec = arm_spec(parse_robot(nominal, "robot"))
+    found = robot_document(spec, spec.arm, spec.arm.nominal, {}) | {"joint_errors": [gear]}
+    stated = ArmFromBoard(
+        configured=ArmError(t=6e-5, r=1e-4, t95=1e-4), corrected=ArmError(t=2e-5, r=1e-5, t95=4e-5)
+    )
+    given = read_as(HandEyeResult, hand_eye_result()).result
+    answer = given.model_copy(update={"arm": stated, "robot": found})
+    subject = judge_corrected(answer, true, nominal)
+    assert subject is not None
+    assert subject.good
+    before, after = (float(r.split()[3]) for r in subject.text.splitlines() if r.startswith("as c"))
+    assert after < 1e-3, "the same arm, mm"
+    assert 0.02 < before < 0.1, "0.1 mrad about the shoulder, less what another base does, mm"
+    far = judge_corrected(answer, true | {"joint_errors": [gear | {"sin": 5e-4}]}, nominal)
+    assert far is not None
+    assert not far.good
+    assert "the corrected arm is NOT consistent with what is stated of it" in far.text
+    assert judge_corrected(answer.model_copy(update={"arm": None}), true, nominal) is None
+
+
 def test_an_answer_without_a_pose_cannot_be_judged() -> None:
     document = hand_eye_result() | {"reasons": ["parallel-axes: all rotations share one axis"]}
     del document["result"]["T_flange_camera"]
@@ -299,7 +326,7 @@ def test_an_arm_is_good_where_it_keeps_its_promise_about_the_truth(tmp_path: Pat
     reflector = {"on": "arm", "point": [0.0, 0.0, 0.05]}
     place = [0.4, -2.0, 0.3, 0.1, 0.2, 0.3]
     truth: dict[str, Any] = {
-        "robot": {"model": "ur10e", "factory": links, "error": links},
+        "robot": {"model": "ur10e", "factory": links, "error": links, "joint_errors": []},
         "tracker": {
             "T_base_tracker": place,
             "sigma0_m": 15e-6,
