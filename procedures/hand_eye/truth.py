@@ -17,7 +17,7 @@ from cell.poses import Array, from_pose6, log_xi
 from cell.store.files import read_json
 from procedures.beside_truth import Judged
 from procedures.hand_eye.record import CAPTURE_FILE
-from procedures.hand_eye.result import HandEyeAnswer, HandEyeResult
+from procedures.hand_eye.result import ArmFromBoard, HandEyeAnswer, HandEyeResult
 from procedures.hand_eye.words import SETUPS, spread_lines
 from procedures.twin_arm import true_flange
 from procedures.words import table
@@ -60,7 +60,10 @@ def judge_camera(result: HandEyeResult, truth: Mapping[str, Any], folder: Path) 
     """Whether a hand-eye answer agrees with the true pose, and the table that shows it."""
     judgement = judge(result, truth)
     sigma, off = judgement.sigma, judgement.xi
-    arm = judge_corrected(result.result, truth["robot"], read_json(folder / CAPTURE_FILE)["robot"])
+    arm = None
+    if result.result.arm is not None and result.result.robot is not None:
+        configured = read_json(folder / CAPTURE_FILE)["robot"]
+        arm = judge_corrected(result.result.arm, result.result.robot, truth["robot"], configured)
     text = judgement_text(judgement, result.result)
     return Judged(
         judgement.good and (arm is None or arm.good),
@@ -71,28 +74,29 @@ def judge_camera(result: HandEyeResult, truth: Mapping[str, Any], folder: Path) 
 
 
 def judge_corrected(
-    answer: HandEyeAnswer, true: Mapping[str, Any], configured: Mapping[str, Any]
-) -> Judged | None:
-    """The arm's accuracy by the board beside that of the twin's arm; None for an answer without it.
+    stated: ArmFromBoard,
+    corrected: Mapping[str, Any],
+    true: Mapping[str, Any],
+    configured: Mapping[str, Any],
+) -> Judged:
+    """The arm's accuracy as ``stated`` beside that of the twin's arm, ``robot`` of its truth.
 
-    ``configured``: the ROBOT before the calibration. Good when the corrected arm's true error is within
-    what is stated, widened for errors that may all lie in one direction.
+    ``configured`` and ``corrected``: the ROBOT before and after the calibration. Good when the true error of
+    the corrected one is within what is stated, widened for errors that may all lie in one direction.
     """
-    if answer.arm is None or answer.robot is None:
-        return None
     Q = reference_joints(np.tile([-np.pi, np.pi], (6, 1)), seed=_OWN_JOINTS)
     flange = true_flange(true, Q)
     rows, off = [], {}
     for name, robot, told in (
-        ("as configured", configured, answer.arm.configured),
-        ("as corrected", answer.robot, answer.arm.corrected),
+        ("as configured", configured, stated.configured),
+        ("as corrected", corrected, stated.corrected),
     ):
         arm = arm_spec(parse_robot(robot, "robot")).arm.base
         e = np.linalg.norm(apart(arm.flange(Q), flange)[:, :3], axis=1)
         off[name] = float(np.sqrt(np.mean(e**2)))
         numbers = (told.t, off[name], told.t95, np.percentile(e, 95))
         rows.append((name, *(f"{1e3 * v:.4f}" for v in numbers)))
-    good = off["as corrected"] <= SURE_MODE * answer.arm.corrected.t
+    good = off["as corrected"] <= SURE_MODE * stated.corrected.t
     words = "consistent with" if good else "NOT consistent with"
     text = [
         f"the arm over all its joints, at {len(Q)} that were not measured; position of the flange after the "
@@ -100,8 +104,8 @@ def judge_corrected(
         table(("arm", "stated RMS", "true RMS", "stated: 95 % below", "true: 95 % below"), rows),
         f"the corrected arm is {words} what is stated of it (limit {SURE_MODE:g} times the stated RMS)",
     ]
-    stated, found = (f"{1e3 * v:.3f} mm" for v in (answer.arm.corrected.t, off["as corrected"]))
-    return Judged(good, "\n".join(text), f"arm {stated} RMS", found)
+    claim, found = (f"{1e3 * v:.3f} mm" for v in (stated.corrected.t, off["as corrected"]))
+    return Judged(good, "\n".join(text), f"arm {claim} RMS", found)
 
 
 def _size_text(xi: Array) -> str:
