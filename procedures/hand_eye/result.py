@@ -93,7 +93,7 @@ class ArmError(Part):
 
     t: Metres = Field(description="RMS of the place.")
     r: Radians = Field(description="RMS of the rotation.")
-    t95: Metres = Field(description="95 % of the joints have a smaller expected error of the place.")
+    t95: Metres = Field(description="95 % of the errors of the place over the joints are below this.")
 
 
 class ArmFromBoard(Part):

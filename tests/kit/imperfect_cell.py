@@ -28,7 +28,14 @@ X_NOMINAL = RigidTransform.from_components([0.02, -0.08, 0.05], Rotation.from_ro
 ARM = UrArm("ur10e")
 MODEL = arm_spec(parse_robot({"model": "ur10e"}, "robot"), "robot").arm
 PX, FLANGE_T, FLANGE_R = 0.2, 3e-5, 5e-5
-PLANS = {"cone": (3, 20), "diverse": (10, 20), "branches": (3, 40), "small": (1, 24)}  # placements, poses
+PLANS = {
+    "cone": (3, 20),
+    "diverse": (10, 20),
+    "branches": (3, 40),
+    "small": (1, 24),
+    "long": (3, 66),
+}  # placements, poses
+SCALES = {"scale": 5e-4, "slight": 1e-4}
 WHOLE_PLANS = ("cone", "diverse", "branches")
 
 
@@ -64,19 +71,31 @@ def _joint_error(Q: Array, gear: Array) -> Array:
     return np.asarray(error)
 
 
-def world(rng: np.random.Generator, arm_m: float, lens: str, board: str) -> World:
+def world(
+    rng: np.random.Generator,
+    arm_m: float,
+    lens: str,
+    board: str,
+    gear_rad: float = 2e-5,
+    sag_rad: float = 1e-4,
+) -> World:
+    """``arm_m``: standard deviation of a length; angles have 1.5 mrad per mm, gears and sag their own.
+
+    ``lens``: exact, or off by 0.3 % and 3 px. ``board``: exact, its scale off by 0.05 %, a bow of 0.2 mm, or
+    slight: 0.01 % and that bow.
+    """
     kinds = np.array(MODEL.kinds)
     sigma = np.where(kinds == "length", arm_m, 1.5 * arm_m)
     chain = MODEL.chain(MODEL.nominal + rng.normal(size=len(sigma)) * sigma)
-    gear = rng.normal(size=27) * np.array([2e-5] * 24 + [1e-4] * 3) * (arm_m > 0.0)
+    gear = rng.normal(size=27) * np.array([gear_rad] * 24 + [sag_rad] * 3) * (arm_m > 0.0)
     camera = CAMERA
     if lens == "off":
         f = 1800.0 * (1.0 + rng.choice([-1.0, 1.0]) * 3e-3)
         camera = replace(CAMERA, K=(f, f, 640.0 + 3 * rng.normal(), 400.0 + 3 * rng.normal()))
     points = POINTS.copy()
-    if board == "scale":
-        points *= 1.0 + rng.choice([-1.0, 1.0]) * 5e-4
-    if board == "bow":
+    if board in SCALES:
+        points *= 1.0 + rng.choice([-1.0, 1.0]) * SCALES[board]
+    if board in ("bow", "slight"):
         off = (POINTS - POINTS.mean(axis=0))[:, :2]
         turn = rng.uniform(0, np.pi)
         across = off @ (np.cos(turn), np.sin(turn))
@@ -162,7 +181,7 @@ def _placement(
         if not found:
             break
         order = sorted(found, key=lambda q: (q[4] < 0, q[2] < 0, abs(q[0] - a)))
-        q = order[rng.integers(len(order))] if plan == "branches" else order[0]
+        q = order[rng.integers(len(order))] if plan in ("branches", "long") else order[0]
         noise = rng.normal(size=6) * np.array([FLANGE_T] * 3 + [FLANGE_R] * 3)
         true = cell.true_flange(q[None])[0] @ se3.exp(noise)
         T = se3.inverse(true @ X_NOMINAL.as_matrix()) @ W.as_matrix()
