@@ -13,6 +13,7 @@ from scipy.special import chdtri
 
 from calibration.adjustment.components import Components, estimated
 from calibration.adjustment.equations import Equations, inverse_spd
+from calibration.adjustment.jackknife import Checked, checked, jackknife
 from calibration.adjustment.lens_terms import (
     ImageTerms,
     LensPrior,
@@ -26,6 +27,7 @@ from calibration.adjustment.unknowns import (
     GEARS,
     GEOMETRY,
     LENS_BLOCK,
+    NOISE,
     TARGET_BLOCK,
     ArmKnown,
     State,
@@ -59,9 +61,9 @@ class Adjusted:
     ``numbers`` (p,) and ``cov_numbers`` (p, p): what was found of the unknowns ``names``. ``budget``: the
     variances of X, (6,), by block; they add up. ``excess`` is the square of the factor by which the residuals
     exceed the noise levels; the covariances carry it; ``cross`` (6, p) is the covariance of X with the
-    numbers. ``components`` are noise levels and scales, ``camera``
-    is the lens that was found, ``shape`` what the bow of the target is measured from, ``problem`` the used
-    observations as that lens, target and arm have them.
+    numbers. ``components`` are noise levels and scales, ``camera`` is the lens that was found, ``shape`` what
+    the bow of the target is measured from, ``problem`` the used observations as that lens, target and arm
+    have them. ``by_leaving_out`` is what ``cov`` was checked against; what it added is in the budget's noise.
     """
 
     X: Array
@@ -79,6 +81,7 @@ class Adjusted:
     camera: Intrinsics
     shape: TargetShape
     problem: Problem
+    by_leaving_out: Checked
 
     @property
     def sigma(self) -> Array:
@@ -132,9 +135,12 @@ def adjust(
         state = replace(state, problem=solved, base=state.numbers)
     cov = eq.covariance
     excess = _excess(of, state, images)
+    by_leaving_out = checked(excess * cov[:6, :6], _jackknife(of, state, images), problem.n)
+    causes = {name: excess * part for name, part in budget(eq, of.blocks).items()}
+    causes[NOISE] = causes[NOISE] + np.diag(by_leaving_out.added)
     return Adjusted(
         X=state.at.X,
-        cov=excess * cov[:6, :6],
+        cov=by_leaving_out.cov,
         W=state.at.W,
         cov_W=excess * eq.local_covariance(),
         excess=excess,
@@ -143,11 +149,12 @@ def adjust(
         cov_numbers=excess * cov[6:, 6:],
         cross=excess * cov[:6, 6:],
         blocks=of.blocks,
-        budget={name: excess * part for name, part in budget(eq, of.blocks).items()},
+        budget=causes,
         components=state.components,
         camera=moved_camera(camera, state.numbers[of.blocks[LENS_BLOCK]]),
         shape=shape,
         problem=moved_problem(of, state, images.moves),
+        by_leaving_out=by_leaving_out,
     )
 
 
@@ -191,6 +198,13 @@ def _solved(of: Unknowns, state: State, images: ImageTerms, estimates: int) -> t
         if k > 0 and np.all(np.abs(x[:6]) < _SETTLED * np.sqrt(np.diag(eq.covariance)[:6])):
             break
     return state, eq
+
+
+def _jackknife(of: Unknowns, state: State, images: ImageTerms) -> Array:
+    """(6, 6) covariance of X by leaving out observations."""
+    obs = observations(of, state, images, linearise(moved_problem(of, state, images.moves), state.at))
+    x0 = np.concatenate([np.zeros(6), state.numbers])
+    return jackknife(obs, state.components, state.components.equations(obs, of.prior, x0), 6)
 
 
 def _excess(of: Unknowns, state: State, images: ImageTerms) -> float:

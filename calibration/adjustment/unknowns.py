@@ -25,6 +25,7 @@ from calibration.kinematics.parametric import ParametricArm
 from cell.poses import Array
 
 GEOMETRY, GEARS, LENS_BLOCK, TARGET_BLOCK = "geometry", "gears", "lens", "target"
+NOISE = "noise"  # in a budget: what no block explains
 
 
 @dataclass(frozen=True)
@@ -165,5 +166,5 @@ def budget(eq: Equations, blocks: Mapping[str, slice]) -> dict[str, Array]:
         now = np.diag(np.linalg.inv(eq.N[np.ix_(keep, keep)]))[:6]
         budget[name] = left - now
         left = now
-    budget["noise"] = left
+    budget[NOISE] = left
     return budget

@@ -196,6 +196,15 @@ class HandEyeAnswer(Part):
         return next(((name, pose) for name, pose in found.items() if pose is not None), None)
 
 
+class LeavingOut(Part):
+    """The stated covariance against the jackknife; beyond the limit it was enlarged to it."""
+
+    ratio: float = Field(
+        description="Largest standard deviation by leaving out over the stated one, in any direction."
+    )
+    limit: float = Field(description="The ratio that chance explains with so many observations.")
+
+
 class HandEyeUncertainty(Explained):
     """Of the answer. Without a covariance only `meaning` is there."""
 
@@ -215,6 +224,9 @@ class HandEyeUncertainty(Explained):
     )
     covers: list[str] | None = Field(
         default=None, description="With method `adjustment`: what it covers beside noise. Else noise alone."
+    )
+    leaving_out: LeavingOut | None = Field(
+        default=None, description="With method `adjustment`: the check by leaving out observations."
     )
     error95_t_m: Metres | None = Field(
         default=None, description="Of a run: 95 % of the errors of the place stay below this."

@@ -15,6 +15,7 @@ from calibration.adjustment.arm_accuracy import (
     predicted_flange,
 )
 from calibration.adjustment.hand_eye import Adjusted, adjust, as_found
+from calibration.adjustment.jackknife import Checked
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye.noise import Noise
 from calibration.hand_eye.problem import Estimate, Problem
@@ -35,6 +36,7 @@ from procedures.hand_eye.solve.target_check import target_warnings
 
 METHOD = "adjustment"
 NO_ARM = "arm.accuracy"
+LEAVING_OUT = "uncertainty.leaving-out"
 _SIZE_UNKNOWN = 0.02  # of a target whose size was found from the data
 
 
@@ -100,13 +102,30 @@ def by_adjustment(
     if predict is not None and arm is None:
         raise error("ARGUMENT_INVALID", f"--predict needs robot and q of every observation; {without}")
     covers = ["arm", "gears", "sag", "lens", "target"][0 if arm is not None else 3 :]
+    if found.by_leaving_out.added.any():
+        warnings.append((LEAVING_OUT, _leaving_out(found.by_leaving_out)))
     printed, problem = as_found(found, measured, solution)
     return AdjustedSolution(
         _solution(solution, problem, found),
         printed,
         replace(camera, camera=found.camera),
-        Adjustment(answer, {"covers": covers, "priors": dict(known.sources)}),
+        Adjustment(
+            answer,
+            {
+                "covers": covers,
+                "priors": dict(known.sources),
+                "leaving_out": {"ratio": found.by_leaving_out.largest, "limit": found.by_leaving_out.limit},
+            },
+        ),
         warnings,
+    )
+
+
+def _leaving_out(found: Checked) -> str:
+    return (
+        f"leaving out single observations moves the camera's pose {found.largest:.1f} times as far as the "
+        f"residuals explain (by chance {found.limit:.1f}): the stated uncertainty was enlarged to that; take "
+        "more poses of other orientations, and look at the observations with the largest residuals"
     )
 
 
