@@ -61,7 +61,7 @@ def test_a_direction_beyond_chance_is_enlarged_to_it_and_no_other() -> None:
     found = checked(cov, np.diag([2.0, 400.0, 0.1, 1.0, 1.0, 1.0]), 20)
     np.testing.assert_allclose(found.cov, np.diag([1.0, 400.0, 1.0, 1.0, 1.0, 1.0]))
     assert found.largest == pytest.approx(10.0)
-    assert found.limit == pytest.approx(np.sqrt(1.0 + 75.0 / 20))
+    assert found.limit == pytest.approx(np.sqrt(1.0 + 120.0 / 20))
     assert not checked(cov, np.diag([2.0] * 6), 20).added.any()
     open_ = np.diag([np.inf, 1.0, 1.0, 1.0, 1.0, 1.0])
     assert checked(open_, cov, 20).cov is open_
