@@ -163,7 +163,8 @@ def _pose_far(untouched: str, mutated: str) -> str | None:
     """Whether a passing hand-eye answer lies centimetres from the untouched one."""
     documents: list[dict[str, Any]] = [json.loads(text) for text in (untouched, mutated)]
     poses = [(d.get("result") or {}).get("T_flange_camera") for d in documents]
-    if None in poses or documents[1]["verdict"] != "pass":
+    before, after = poses
+    if before is None or after is None or documents[1]["verdict"] != "pass":
         return None
-    off = float(np.linalg.norm(np.subtract(poses[1][:3], poses[0][:3])))
+    off = float(np.linalg.norm(np.subtract(after[:3], before[:3])))
     return f"passes {1e3 * off:.0f} mm off" if off > _FAR_M else None

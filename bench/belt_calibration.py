@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bench._expected import expect
 from calibration.belt.scale import BeltScale
 from procedures.belt.calibrating.rows import Rows
 from procedures.belt.calibrating.solving import by_touch
@@ -52,14 +53,11 @@ def touched(seed: int, touches: int, m_per_count: float) -> tuple[float, float, 
     travel += rng.uniform(0.0, m_per_count, touches) + rng.uniform(0.0, 1.0)
     points = travel[:, None] * WAY + rng.normal(0.0, TOUCH_SIGMA, (touches, 3))
     counts = np.floor(travel / m_per_count)
-    answer = by_touch(
-        Rows(np.arange(float(touches)), points, counts, np.zeros(touches, dtype=np.int64)), TOUCH_SIGMA
-    )
-    assert isinstance(answer, BeltScale), answer
-    assert answer.half_scale is not None
-    assert answer.half_angle is not None
+    rows = Rows(np.arange(float(touches)), points, counts, np.zeros(touches, dtype=np.int64))
+    answer = expect(BeltScale, by_touch(rows, TOUCH_SIGMA))
+    half_scale, half_angle = expect(float, answer.half_scale), expect(float, answer.half_angle)
     off = answer.m_per_count / m_per_count - 1.0
-    return off, answer.half_scale / m_per_count, abs(answer.direction @ BESIDE) <= answer.half_angle
+    return off, half_scale / m_per_count, bool(abs(answer.direction @ BESIDE) <= half_angle)
 
 
 def row(what: str, runs: int, scale: float, width: float, angle: float | None = None) -> None:

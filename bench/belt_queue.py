@@ -19,6 +19,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from bench._expected import expect
 from fakes.object import run_virtual
 from procedures.belt.item_tracking import BeltWatch
 from procedures.belt.motion.picker import STEP_S, Picker
@@ -56,7 +57,8 @@ class Stepped(Generic[T]):
             try:
                 waits_for = next(steps)
             except StopIteration as end:
-                return end.value
+                value: T = end.value
+                return value
             finally:
                 self.cost += time.thread_time() - begun
             try:
@@ -79,8 +81,7 @@ def picker_with_costs(costs: dict[int, list[tuple[float, float]]]) -> None:
 
     async def timed(self: Picker, q: Any) -> AsyncIterator[Any]:
         nonlocal learning
-        made = pieces(self, q)
-        assert isinstance(made, AsyncGenerator)
+        made = expect(AsyncGenerator, pieces(self, q))
         try:
             while True:
                 learning, step = 0.0, Stepped(anext(made))

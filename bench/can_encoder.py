@@ -149,7 +149,8 @@ def notify(bus: str, rate: int, pipe: Connection) -> None:
     notifier = can.Notifier(opened, [take], timeout=0.1)
     pipe.send("open")
     time.sleep(WARM_UP_S)
-    positions.clear(), arrivals.clear(), stamps.clear()
+    for seen in (positions, arrivals, stamps):
+        seen.clear()
     cpu = time.process_time()
     time.sleep(SECONDS)
     cpu = time.process_time() - cpu

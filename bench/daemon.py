@@ -15,6 +15,7 @@ from pathlib import Path
 import psutil
 from pyModbusTCP.client import ModbusClient
 
+from bench._expected import expect
 from tests.kit.wire_cell import WireCell, pause, shipped, wait_for, wire_cell
 
 BIND = "127.0.0.90"
@@ -117,8 +118,7 @@ def _triggers(cell: WireCell) -> list[float]:
 
 def _usage(cell: WireCell, seconds: float) -> dict[str, tuple[float, float]]:
     """Per process of the daemon: percent of one core over ``seconds``, and resident MiB."""
-    assert cell.daemon is not None
-    root = psutil.Process(cell.daemon.pid)
+    root = psutil.Process(expect(subprocess.Popen, cell.daemon).pid)
     processes = {_name(p, root): p for p in [root, *root.children(recursive=True)]}
     for process in processes.values():
         process.cpu_percent()

@@ -20,13 +20,15 @@ import numpy as np
 import psutil
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from bench._expected import expect
 from calibration.targets import make_target
 from cell.clock import MonotonicClock
 from drivers.oak import OakCamera
-from drivers.oak.frame_socket import FrameSocket
+from drivers.oak.frame_socket import FrameGroup, FrameSocket
 from fakes.frames.plates import make_plate
 from fakes.frames.render import Optics, Renderer
 from fakes.twin.mirror import FrameProcess
+from fakes.world.camera.truth import CameraTruth
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
 
@@ -45,9 +47,9 @@ def main() -> None:
 
 def accuracy() -> None:
     truth = Scenario.load(SCENARIO).world
-    world = World(truth, 0.0)
-    renderer = Renderer(Optics(world.intrinsics), make_plate(truth.target))
-    detectors = {"OpenCV": opencv_detector(truth.target), "ours": our_detector(truth.target)}
+    world, target = World(truth, 0.0), expect(dict, truth.target)
+    renderer = Renderer(Optics(world.intrinsics), make_plate(target))
+    detectors = {"OpenCV": opencv_detector(target), "ours": our_detector(target)}
     errors: dict[str, list[Any]] = {name: [] for name in detectors}
     times: dict[str, list[float]] = {name: [] for name in ("render", *detectors)}
     rng = np.random.default_rng(5)
@@ -114,7 +116,7 @@ def our_detector(target: dict[str, Any]) -> Callable[[Any], Found]:
 
 def chain() -> None:
     scenario = Scenario.load(SCENARIO)
-    latency = scenario.world.camera.latency_s
+    camera, target = expect(CameraTruth, scenario.world.camera), expect(dict, scenario.world.target)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "frames.sock"
         server = FrameProcess(str(path), SCENARIO, World.from_scenario(scenario, time.monotonic()))
@@ -124,17 +126,17 @@ def chain() -> None:
                 time.sleep(0.05)
             context = multiprocessing.get_context("spawn")
             ours, theirs = context.Pipe()
-            bare = context.Process(target=bare_reader, args=(str(path), scenario.world.target, theirs))
+            bare = context.Process(target=bare_reader, args=(str(path), target, theirs))
             bare.start()
-            rows = {"driver": asyncio.run(our_driver(path, scenario.world.target, ours))}
+            rows = {"driver": asyncio.run(our_driver(path, target, ours))}
             rows["bare"] = ours.recv()
             bare.join()
         finally:
             server.stop()
-    print(f"\n{SECONDS:.0f} s at {1 / scenario.world.camera.period_s:.0f} frames a second, both at once")
+    print(f"\n{SECONDS:.0f} s at {1 / camera.period_s:.0f} frames a second, both at once")
     print(f"{'':10}{'p50 ms':>9}{'p99 ms':>9}{'frames':>9}{'lost':>9}{'CPU %':>9}")
     for name, (arrivals, cpu_s) in rows.items():
-        delays = [arrival - t - latency for _, t, arrival in arrivals]
+        delays = [arrival - t - camera.latency_s for _, t, arrival in arrivals]
         lost = arrivals[-1][0] - arrivals[0][0] + 1 - len(arrivals)
         print(
             f"{name:10}{ms(delays, 50)}{ms(delays, 99)}{len(arrivals):9}{lost:9}{100 * cpu_s / SECONDS:9.1f}"
@@ -145,7 +147,9 @@ Arrivals = list[tuple[int, float, float]]  # seq, mid exposure, arrival
 
 
 async def our_driver(path: Path, target: dict[str, Any], go: Connection) -> tuple[Arrivals, float]:
-    camera = OakCamera("camera", OakCamera.Config(source=f"frames+unix://{path}"), MonotonicClock())
+    camera = OakCamera(
+        "camera", OakCamera.Config.model_validate({"source": f"frames+unix://{path}"}), MonotonicClock()
+    )
     await camera.set_target(target)
     await camera.open()
     try:
@@ -171,8 +175,7 @@ def bare_reader(path: str, target: dict[str, Any], pipe: Connection) -> None:
     arrivals: Arrivals = []
     before, end = cpu_s(me), time.monotonic() + SECONDS
     while time.monotonic() < end:
-        group = frames.read()
-        assert group is not None
+        group = expect(FrameGroup, frames.read())
         detect(cv2.cvtColor(group.colour, cv2.COLOR_BGR2GRAY))
         arrivals.append((group.seq, group.t_exposure, time.monotonic()))
     frames.close()

@@ -9,11 +9,13 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from bench._expected import expect
 from calibration.hand_eye import se3
 from calibration.hand_eye.classic import METHODS, solve_classic
 from calibration.hand_eye.problem import Problem, Setup
@@ -98,10 +100,8 @@ def accuracy(case: Case) -> dict[str, tuple[float, float, float]]:
     bounds, nees = [], []
     for seed in range(RUNS):
         measured = simulate(case, seed)
-        ours = solve(measured, CAMERA, {})
-        bound = solve(measured, CAMERA, case.noise)
-        assert isinstance(ours, Solution)
-        assert isinstance(bound, Solution)
+        ours = expect(Solution, solve(measured, CAMERA, {}))
+        bound = expect(Solution, solve(measured, CAMERA, case.noise))
         e = error_of(ours.at.X)
         nees.append(e @ np.linalg.solve(ours.cov, e))
         squares["ours"].append(e**2)
@@ -154,12 +154,11 @@ def print_times() -> None:
         for start in (True, False):
             measured = simulate(case, 1, start)
             label = f"ours, PnP from {'given poses' if start else 'nothing'}, {placements} placement(s)"
-            rows.append((label, shortest(lambda m=measured: solve(m, CAMERA, {}), 7)))  # type: ignore[misc]
+            rows.append((label, shortest(partial(solve, measured, CAMERA, {}), 7)))
     problem = prepare(simulate(Case("eye-in-hand", 600, 1), 1), CAMERA)
     for method in METHODS:
-        rows.append(
-            (f"OpenCV {method} (target poses given)", shortest(lambda m=method: solve_classic(problem, m), 1))
-        )  # type: ignore[misc]
+        label = f"OpenCV {method} (target poses given)"
+        rows.append((label, shortest(partial(solve_classic, problem, method), 1)))
     best = rows[0][1][1]
     for label, (wall, cpu) in rows:
         print(f"  {label:48s} {wall * 1e3:8.1f} ({cpu * 1e3:8.1f})   {cpu / best:5.1f} x")

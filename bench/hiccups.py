@@ -17,6 +17,7 @@ import argparse
 import json
 import os
 import signal
+import subprocess
 import tempfile
 import time
 from collections import defaultdict
@@ -28,6 +29,7 @@ from typing import Any
 
 import psutil
 
+from bench._expected import expect
 from cell.errors import CellError
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder, load_run
@@ -213,8 +215,9 @@ class Bench:
         truth, result = self._truth(), run.read_result()
         if met:
             del truth["gripper"]["contacts"][:met]
-        judged = result and result["result"] and kind_of(result).truth
-        return beside_truth(result, truth, run.path) if judged else None
+        if not result or not result["result"] or not kind_of(result).truth:
+            return None
+        return beside_truth(result, truth, run.path)
 
     def _truth(self) -> dict[str, Any]:
         truth: dict[str, Any] = ask(self.cell.folder, {"do": "truth"})
@@ -248,13 +251,11 @@ class Bench:
 
     def _pids(self, process: str) -> list[int]:
         cell = self.cell
-        assert cell.daemon is not None
-        assert cell.twin is not None
         if process == "twin":
-            tree = psutil.Process(cell.twin.pid)
+            tree = psutil.Process(expect(subprocess.Popen, cell.twin).pid)
             return [tree.pid, *(child.pid for child in tree.children(recursive=True))]
         if process == "daemon":
-            return [cell.daemon.pid]
+            return [expect(subprocess.Popen, cell.daemon).pid]
         try:
             return [cell.child_pid(MOTION if process == "arm child" else VISION)]
         except LookupError:

@@ -148,7 +148,7 @@ def make(
         data["zone"] = zone
 
     def travel(t: Any) -> Array:
-        return np.interp(np.asarray(t, dtype=float), grid, x)
+        return np.asarray(np.interp(np.asarray(t, dtype=float), grid, x))
 
     def xy_of(item: Any, t: Any) -> Array:
         return np.asarray(places[item] + travel(t)[..., None] * d)
@@ -158,7 +158,7 @@ def make(
     return SimulatedSet(data, Truth(travel, xy_of), bound)
 
 
-def _bound(kind: str, data: dict[str, Any], v: float, camera: float, instants: Array) -> Array:
+def _bound(kind: str, data: dict[str, Any], v: float, camera: float, instants: np.ndarray) -> Array:
     """Mean square error per horizon that no unbiased method goes below, m^2."""
     order = 2 if kind == "creep" else 1
     total = []

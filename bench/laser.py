@@ -162,7 +162,7 @@ def print_prediction() -> None:
 
 def print_time() -> None:
     bench = Bench(poll=5e-4, jitter=1e-5, reach=0.0095, shift=(5e-4, 2e-4, 1e-4), turn=TURN)
-    data = data_set(bench, pairs=2, step=0.004, resolution=0.002, **TWO)
+    data = data_set(bench, pairs=2, step=0.004, resolution=0.002, depths=TWO["depths"])
     scene = scene_of(parse_laser(data, "made"))
     scene = scene.take(_forty(scene))
     polls = float(np.mean([len(p.poll_t) for p in scene.passes]))

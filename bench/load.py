@@ -7,6 +7,7 @@ show who starves whom. A thread of the benchmark's own that sleeps for 1 ms show
 
 import argparse
 import os
+import subprocess
 import tempfile
 import threading
 import time
@@ -18,6 +19,7 @@ from pathlib import Path
 
 import psutil
 
+from bench._expected import expect
 from tests.kit.wire_cell import WireCell, calibrate_camera, pause, shipped, wait_for, wire_cell
 
 BIND = "127.0.0.91"
@@ -96,9 +98,8 @@ def _watch(cell: WireCell, seconds: float) -> tuple[float, dict[str, Load], floa
 
 def _processes(cell: WireCell) -> Iterator[tuple[int, str]]:
     """Pid and name of every process of the cell."""
-    assert cell.twin is not None
-    assert cell.daemon is not None
-    for pid, name in ((cell.twin.pid, "twin"), (cell.daemon.pid, "daemon")):
+    for process, name in ((cell.twin, "twin"), (cell.daemon, "daemon")):
+        pid = expect(subprocess.Popen, process).pid
         yield pid, name
         for child in psutil.Process(pid).children(recursive=True):
             with suppress(psutil.NoSuchProcess):

@@ -24,7 +24,9 @@ from typing import Any
 
 import numpy as np
 
+from bench._expected import expect
 from fakes.object import run_virtual
+from fakes.world.belt.gripper import Gripper
 from tests.kit.picking_cell import picking_cell, picking_config
 
 FULL = 20
@@ -105,8 +107,7 @@ async def run(tally: Tally, folder: Path, job: dict[str, Any], lines: dict[str, 
     async with picking_cell(picking_config(folder, {**JOB, **job}, lines)) as cell:
         run_id = await cell.start()
         await cell.clock.sleep(WARM_UP_S)
-        truth = cell.plant.world.gripper
-        assert truth is not None
+        truth = expect(Gripper, cell.plant.world.gripper)
         before, since = len(cell.ledger.items(run_id)), cell.clock.now()
         give_up = since + seconds
         while cell.engine.active and cell.clock.now() < give_up:

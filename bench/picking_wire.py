@@ -19,8 +19,10 @@ from typing import Any
 
 import numpy as np
 
+from bench._expected import expect
 from cell.poses import Array
 from fakes.twin.control import ask
+from fakes.world.belt.items import Items
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
 from procedures.belt.record import STEP, STEPS_FILE, read_rows
@@ -66,8 +68,8 @@ def following(steps: Any, watcher: Watcher, contacts: list[dict[str, Any]], worl
 
 def camera(data: dict[str, Any], watcher: Watcher, world: World) -> Array:
     """(k, 2) m: sightings beside the items that truly lie there, along and across the belt."""
-    assert world.items is not None
-    T = world.items.belt.T_base_belt.inv()
+    items = expect(Items, world.items)
+    T = items.belt.T_base_belt.inv()
     t, _, travel = (np.array(x, dtype=object) for x in zip(*watcher.rows, strict=True))
     off = []
     for seen in data["detections"]:
@@ -75,7 +77,7 @@ def camera(data: dict[str, Any], watcher: Watcher, world: World) -> Array:
             continue
         along, across, _ = T.apply([*seen["xy"], seen["z"]])
         along -= float(np.interp(seen["t_exp"], t.astype(float), travel.astype(float)))
-        near = min((world.items.lying(k) for k in range(200)), key=lambda item: abs(item.along - along))
+        near = min((items.lying(k) for k in range(200)), key=lambda item: abs(item.along - along))
         off.append([along - near.along, across - near.across])
     return np.array(off).reshape(-1, 2)
 

@@ -13,8 +13,10 @@ import sys
 import tempfile
 import time
 from datetime import UTC, datetime, timedelta
+from io import TextIOBase
 from pathlib import Path
 
+from bench._expected import expect
 from cell.store.runs import END_SCHEMA, RUN_SCHEMA, list_runs
 
 NEWEST = 20
@@ -55,14 +57,19 @@ def command(words: list[str], config: Path) -> tuple[str, float, float, float]:
         text=True,
         env={**os.environ, "CELLWARD_CONFIG": str(config)},
     )
-    assert process.stdout is not None
-    with process.stdout:
-        out = process.stdout.read()
+    with expect(TextIOBase, process.stdout) as printed:
+        out = printed.read()
     _, status, used = os.wait4(process.pid, 0)
     taken = time.perf_counter() - begin
     process.returncode = os.waitstatus_to_exitcode(status)
-    assert process.returncode == 0
+    if process.returncode:
+        raise SystemExit(f"cellward {' '.join(words)} ended with {process.returncode}")
     return out, taken, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
+
+
+def _all_listed(newest: int, number: int) -> None:
+    if newest != number:
+        raise SystemExit(f"the listing ends with run {newest} of {number}")
 
 
 def main(number: int) -> None:
@@ -79,7 +86,7 @@ def main(number: int) -> None:
         for told, words in ((f"cellward runs -n {NEWEST}", listing), ("cellward --help", ["--help"])):
             out, taken, cpu, peak = command(words, config)
             if words is listing:
-                assert [run["run_id"] for run in json.loads(out)][-1] == number
+                _all_listed(json.loads(out)[-1]["run_id"], number)
             print(f"{told:<34}{taken:>8.2f} s{cpu:>8.2f} s{peak:>11.0f} MB")
         for way, told in (("names", "listing: names of the folders"), ("folders", "listing: all opened")):
             done = subprocess.run(
@@ -90,7 +97,7 @@ def main(number: int) -> None:
                 cwd=Path.cwd(),
             )
             figures = json.loads(done.stdout)
-            assert figures["newest"] == number
+            _all_listed(figures["newest"], number)
             print(f"{told:<34}{figures['s']:>8.2f} s{figures['cpu']:>8.2f} s{figures['MB']:>11.0f} MB")
 
 

@@ -93,8 +93,7 @@ class _Client(asyncio.Protocol):
         self._port: Port | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._link = Link(transport, self._gateway.faults)
+        self._link = Link.over(transport, self._gateway.faults)
         if not self._gateway.admit(self):
             self._link.close(reset=True)
             return

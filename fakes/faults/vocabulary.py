@@ -153,6 +153,13 @@ class Link:
     _waiting: deque[tuple[float, bytes]] = field(default_factory=deque)
     _waiting_bytes: int = 0
 
+    @classmethod
+    def over(cls, transport: asyncio.BaseTransport, faults: LinkFaults) -> "Link":
+        """The link of a connection that asyncio has just made."""
+        if not isinstance(transport, asyncio.Transport):
+            raise TypeError(f"{transport!r} cannot be written to")
+        return cls(transport, faults)
+
     def __post_init__(self) -> None:
         sock = self.transport.get_extra_info("socket")
         if sock is None:  # a serial line

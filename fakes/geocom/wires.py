@@ -127,9 +127,7 @@ class StationWires:
 
     def _open_line(self) -> None:
         if self.line is not None:
-            self.line.open()
-            assert self.line.link is not None
-            self._serial = Conversation(self.instrument, self.line.link, self.faults)
+            self._serial = Conversation(self.instrument, self.line.open(), self.faults)
 
     def _close_line(self) -> None:
         self._end_serial()
@@ -155,8 +153,7 @@ class Client(asyncio.Protocol):
         self._conversation: Conversation | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._link = Link(transport, self._wires.faults.link)
+        self._link = Link.over(transport, self._wires.faults.link)
         if not self._wires.accepting:  # it was on its way when the listener closed
             self._link.close(reset=True)
             return

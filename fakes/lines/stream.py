@@ -91,8 +91,7 @@ class _Client(asyncio.Protocol):
         self._heard = b""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._link = Link(transport, self._stream.faults.link)
+        self._link = Link.over(transport, self._stream.faults.link)
         if not self._stream.listener.accepting:  # it was on its way when the listener closed
             self._link.close(reset=True)
             return

@@ -106,13 +106,11 @@ class Connection(asyncio.Protocol):
     def __init__(self, connections: Connections) -> None:
         self._connections, self._service = connections, connections.service
         self._framer = Framer()
-        self._transport: asyncio.Transport | None = None
         self._link: Link | None = None
         self._timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._transport, self._link = transport, Link(transport, self._service.faults.link)
+        self._link = Link.over(transport, self._service.faults.link)
         if self._connections.accepting():
             self._connections.heard(self)
         else:  # it was on its way when the listener closed
@@ -123,13 +121,13 @@ class Connection(asyncio.Protocol):
         self._forget()
 
     def data_received(self, data: bytes) -> None:
-        assert self._transport is not None
-        if self._service.faults.link.half_open or self._transport.is_closing():
+        link = self._link
+        if link is None or self._service.faults.link.half_open or link.transport.is_closing():
             return
         self._connections.heard(self)
         self._framer.feed(data)
         if self._timer is None:
-            self._take()
+            self._take(link)
 
     def send(self, data: bytes) -> None:
         """Queue bytes; a client that reads nothing is cut off."""
@@ -149,10 +147,9 @@ class Connection(asyncio.Protocol):
         if self._link is not None:
             self._link.transport.abort()
 
-    def _take(self) -> None:
+    def _take(self, link: Link) -> None:
         """Begin the next request, one at a time."""
-        assert self._transport is not None
-        if self._transport.is_closing():
+        if link.transport.is_closing():
             return
         try:
             request = self._framer.next()
@@ -160,18 +157,17 @@ class Connection(asyncio.Protocol):
             self.close()
             return
         if request is not None:
-            self._timer = self._service.later(lambda: self._answer(request))
+            self._timer = self._service.later(lambda: self._answer(link, request))
         if len(self._framer) > MOST_UNREAD:
-            self._transport.pause_reading()
+            link.transport.pause_reading()
         else:
-            self._transport.resume_reading()
+            link.transport.resume_reading()
 
-    def _answer(self, request: Request) -> None:
-        assert self._link is not None
+    def _answer(self, link: Link, request: Request) -> None:
         self._timer = None
         reply = self._service.reply(request.pdu)
-        self._service.send(self._link, frame(request.transaction, request.unit, reply))
-        self._take()
+        self._service.send(link, frame(request.transaction, request.unit, reply))
+        self._take(link)
 
     def _forget(self) -> None:
         if self._timer is not None:

@@ -185,8 +185,8 @@ class ObjectDevice:
 
     async def wait_lost(self) -> Exception:
         """Block while the link is good; return what broke it."""
-        await self._lost_event.wait()
-        assert self.lost is not None
+        while self.lost is None:
+            await self._lost_event.wait()
         return self.lost
 
     def on_change(self) -> None:

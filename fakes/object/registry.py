@@ -1,6 +1,7 @@
 """One world for all devices of an object cell: found by scenario and clock."""
 
 import asyncio
+from typing import TypeVar
 from weakref import WeakKeyDictionary
 
 from cell.clock import Clock
@@ -14,6 +15,8 @@ from fakes.object.observed_plant import ObservedPlant
 from fakes.object.tracker_plant import TrackerPlant
 from fakes.world.scenario import FaultEntry, Scenario
 from fakes.world.world import World
+
+P = TypeVar("P", bound=Plant)
 
 
 class ObjectCell:
@@ -39,43 +42,39 @@ class ObjectCell:
     @property
     def camera(self) -> CameraHead:
         """The camera; ``CONFIG_INVALID`` when the scenario has none."""
-        plant = self.plant("camera")
-        assert isinstance(plant, CameraHead)
-        return plant
+        return self._plant_of(CameraHead, "camera")
 
     @property
     def inputs(self) -> InputPlant:
         """The input module; ``CONFIG_INVALID`` when the scenario has none."""
-        plant = self.plant("beams")
-        assert isinstance(plant, InputPlant)
-        return plant
+        return self._plant_of(InputPlant, "beams")
 
     @property
     def encoder(self) -> EncoderPlant:
         """The belt's encoder; ``CONFIG_INVALID`` when the scenario has none."""
-        plant = self.plant("belt")
-        assert isinstance(plant, EncoderPlant)
-        return plant
+        return self._plant_of(EncoderPlant, "belt")
 
     @property
     def observed(self) -> ObservedPlant:
         """The observed arm; ``CONFIG_INVALID`` when the scenario has none."""
-        plant = self.plant("palletizer")
-        assert isinstance(plant, ObservedPlant)
-        return plant
+        return self._plant_of(ObservedPlant, "palletizer")
 
     @property
     def tracker(self) -> TrackerPlant:
         """The laser tracker; ``CONFIG_INVALID`` when the scenario has none."""
-        plant = self.plant("tracker")
-        assert isinstance(plant, TrackerPlant)
-        return plant
+        return self._plant_of(TrackerPlant, "tracker")
 
     def plant(self, device: str) -> Plant:
         """The physical device; ``CONFIG_INVALID`` when the scenario has none."""
         if device not in self.plants:
             raise error("CONFIG_INVALID", f"the scenario has no {device}")
         return self.plants[device]
+
+    def _plant_of(self, kind: type[P], device: str) -> P:
+        plant = self.plant(device)
+        if not isinstance(plant, kind):
+            raise error("CONFIG_INVALID", f"{device} of the scenario is no {kind.__name__}")
+        return plant
 
     def start(self) -> None:
         """The first device was opened: the scenario's faults are scheduled from here."""

@@ -58,7 +58,8 @@ class FrameProcess:
     @property
     def sentinel(self) -> int:
         """A descriptor that becomes readable when the child ends."""
-        assert self._process is not None
+        if self._process is None:
+            raise RuntimeError("the frame server has not been started")
         return self._process.sentinel
 
     def stop(self) -> None:

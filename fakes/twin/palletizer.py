@@ -27,8 +27,10 @@ class TwinObserved:
         self.faults: Faulty = self._arm_faults
         if addresses.observed_by == "file":
             self._file = RestFile(arm, folder / JOINTS_FILE)
+            self._url = f"file://{self._file.path}"
         else:
             pace = Pace(addresses.io_delay_s, addresses.io_jitter_s)
+            self._url = f"tcp://{bind}:{addresses.observed_port}"
             self._wires = ModuleWires(self._registers, (TcpPlace(bind, addresses.observed_port),), pace=pace)
             self.faults = self._wire_faults = ModuleFaults(self._wires, self._arm_faults)
 
@@ -50,11 +52,7 @@ class TwinObserved:
 
     def addresses(self) -> dict[str, str]:
         """What listens where, by name."""
-        if self._file is not None:
-            return {"palletizer": f"file://{self._file.path}"}
-        assert self._wires is not None
-        host, port = self._wires.addresses[0]
-        return {"palletizer": f"tcp://{host}:{port}"}
+        return {"palletizer": self._url}
 
     def device(self) -> dict[str, Any]:
         """The section of a daemon's configuration."""

@@ -272,8 +272,7 @@ class DashboardConnection(asyncio.Protocol):
         self._link: Link | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._link = Link(transport, self._faults.link)
+        self._link = Link.over(transport, self._faults.link)
         self._open_links.add(self._link)
         self._link.send(f"{BANNER}\n".encode())
 
@@ -282,23 +281,23 @@ class DashboardConnection(asyncio.Protocol):
             self._open_links.discard(self._link)
 
     def data_received(self, data: bytes) -> None:
-        if self._faults.link.half_open or self._link is None:
+        link = self._link
+        if self._faults.link.half_open or link is None:
             return
         self._buffer += data
         while (end := self._buffer.find(b"\n")) >= 0:
             line = bytes(self._buffer[:end]).decode("utf-8", "replace")
             del self._buffer[: end + 1]
-            self._reply(line)
+            self._reply(link, line)
         if len(self._buffer) > LINE_LIMIT:
-            self._link.close()
+            link.close()
 
-    def _reply(self, line: str) -> None:
-        assert self._link is not None
+    def _reply(self, link: Link, line: str) -> None:
         answer = f"{self._dashboard.answer(line)}\n".encode()
         if self._faults.dashboard_delay_s:
             loop = asyncio.get_running_loop()
-            loop.call_later(self._faults.dashboard_delay_s, self._link.send, answer)
+            loop.call_later(self._faults.dashboard_delay_s, link.send, answer)
         else:
-            self._link.send(answer)
+            link.send(answer)
         if line.strip().lower() == "quit":
-            self._link.close()
+            link.close()

@@ -192,8 +192,7 @@ class TextConnection(asyncio.Protocol):
         self._link: Link | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._link = Link(transport, self._server.faults.link)
+        self._link = Link.over(transport, self._server.faults.link)
         self._open_links.add(self._link)
         if self._greeting:
             robot = self._server.robot

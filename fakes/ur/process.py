@@ -30,13 +30,10 @@ class ControllerHandle:
     """The running child: inject faults, ask for the truth, know its pid."""
 
     def __init__(self, process: BaseProcess, connection: "Connection[Any, Any]") -> None:
+        if process.pid is None:
+            raise RuntimeError("the fake controller's process has not been started")
         self._process, self._connection = process, connection
-
-    @property
-    def pid(self) -> int:
-        """Process id of the controller."""
-        assert self._process.pid is not None
-        return self._process.pid
+        self.pid = process.pid
 
     def inject(self, fault: str, **arguments: Any) -> None:
         """Begin ``fault`` (see :mod:`fakes.faults.vocabulary`); ``clear`` ends lasting ones."""

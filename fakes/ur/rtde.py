@@ -107,8 +107,7 @@ class RtdeConnection(asyncio.Protocol):
     # -- asyncio's side
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._link = Link(transport, self._server.faults.link)
+        self._link = Link.over(transport, self._server.faults.link)
         self._server.connections.add(self)
 
     def connection_lost(self, exc: Exception | None) -> None:

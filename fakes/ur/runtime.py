@@ -68,7 +68,7 @@ class Runtime:
         """End the program; the arm decelerates."""
         self._next = None
         if self.program is not None:
-            self._end(t)
+            self._end(self.program, t)
 
     def pause(self, t: float) -> bool:
         """Hold the program and decelerate; False when nothing plays."""
@@ -114,13 +114,12 @@ class Runtime:
         try:
             next(program.steps)
         except StopIteration:
-            self._end(t)
+            self._end(program, t)
         except ScriptError as exc:
-            self._end(t, exc)
+            self._end(program, t, exc)
 
-    def _end(self, t: float, failure: ScriptError | None = None) -> None:
-        program, self.program = self.program, None
-        assert program is not None
+    def _end(self, program: Program, t: float, failure: ScriptError | None = None) -> None:
+        self.program = None
         program.steps.close()
         self._halt(t)
         self.state = RuntimeState.STOPPING if self._moving(t) else RuntimeState.STOPPED

@@ -114,7 +114,8 @@ class _Block:
     def close(self) -> Statement:
         body = tuple(self.body)
         if self.kind == "while":
-            assert self.condition is not None
+            if self.condition is None:
+                raise NotInSubsetError(self.line, "a while without its condition")
             return While(self.line, self.condition, body)
         if self.kind == "def":
             return Define(self.line, self.name, self.parameters, body)

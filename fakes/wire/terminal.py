@@ -10,6 +10,7 @@ from pathlib import Path
 
 from fakes.faults.vocabulary import Link, LinkFaults
 
+_DEFAULT_BAUD = 115200
 _BAUD = {
     getattr(termios, f"B{rate}"): rate
     for rate in (300, 600, 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)
@@ -35,18 +36,20 @@ class PseudoTerminal:
     @property
     def baudrate(self) -> int:
         """The speed that the client has set; it changes nothing here."""
-        assert self._theirs is not None
-        return _BAUD.get(termios.tcgetattr(self._theirs)[4], 115200)
+        if self._theirs is None:
+            return _DEFAULT_BAUD
+        return _BAUD.get(termios.tcgetattr(self._theirs)[4], _DEFAULT_BAUD)
 
-    def open(self) -> None:
+    def open(self) -> Link:
         """Make the terminal and its link."""
-        self._ours, self._theirs = os.openpty()
+        ours, self._theirs = os.openpty()
         tty.setraw(self._theirs)
-        os.set_blocking(self._ours, False)
-        self._link = Link(_Transport(self._ours), self._faults)
+        os.set_blocking(ours, False)
+        self._ours, self._link = ours, Link(_Transport(ours), self._faults)
         self.path.unlink(missing_ok=True)
         self.path.symlink_to(os.ttyname(self._theirs))
-        asyncio.get_running_loop().add_reader(self._ours, self._readable)
+        asyncio.get_running_loop().add_reader(ours, self._readable, ours)
+        return self._link
 
     def close(self) -> None:
         """Remove the link and the terminal."""
@@ -64,10 +67,9 @@ class PseudoTerminal:
         if self._link is not None:
             self._link.send(data)
 
-    def _readable(self) -> None:
-        assert self._ours is not None
+    def _readable(self, ours: int) -> None:
         with suppress(BlockingIOError):
-            data = os.read(self._ours, _MOST_READ)
+            data = os.read(ours, _MOST_READ)
             if not self._faults.half_open:
                 self._received(data)
 

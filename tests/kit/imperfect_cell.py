@@ -56,7 +56,7 @@ class World:
     @property
     def X(self) -> Array:
         """The camera on the flange, for the nominal arm."""
-        return self.flange @ X_NOMINAL.as_matrix()
+        return np.asarray(self.flange @ X_NOMINAL.as_matrix())
 
     def true_flange(self, Q: Array) -> Array:
         """(n, 4, 4) at joints (n, 6)."""

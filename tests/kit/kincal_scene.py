@@ -88,7 +88,7 @@ class Truth:
     def p_tracker(self, Q: Array, targets: Sequence[str]) -> Array:
         """(n, 3)"""
         points = [self.flange(q) @ [*self.tools[t], 1.0] for q, t in zip(Q, targets, strict=True)]
-        return (self.T_tracker_base @ np.array(points).T)[:3].T
+        return np.asarray((self.T_tracker_base @ np.array(points).T)[:3].T)
 
 
 @dataclass(frozen=True)

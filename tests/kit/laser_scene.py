@@ -110,7 +110,7 @@ class Bench:
                 found.append(_segments(end, top, beam) - part.radius - beam.radius)
             else:
                 found.append(_cylinder(end, axis, part, beam))
-        return np.min(found, axis=0)
+        return np.asarray(np.min(found, axis=0))
 
     def way(self, name: str, direction: int, above: float, phase: float | None = None) -> dict[str, Any]:
         """One PASS with the reference's point ``above`` (m) the beam's middle plane."""
@@ -168,7 +168,7 @@ class Bench:
         at = np.flatnonzero((gap[1:] < 0.0) != (gap[:-1] < 0.0))
         times = t[at] + (t[1] - t[0]) * gap[at] / (gap[at] - gap[at + 1])
         sense = np.where(np.arange(len(times)) % 2 == 0, -1.0, 1.0)
-        return times + self.tau + 0.5 * sense * self.lag + 0.5 * self.hysteresis / self.speed
+        return np.asarray(times + self.tau + 0.5 * sense * self.lag + 0.5 * self.hysteresis / self.speed)
 
     def there_and_back(self, name: str, above: float, phase: float | None = None) -> list[dict[str, Any]]:
         return [self.way(name, direction, above, phase) for direction in (1, -1)]
@@ -244,7 +244,7 @@ def write(folder: Path, data: dict[str, Any]) -> Path:
 
 def _frame(axis: np.ndarray) -> np.ndarray:
     """(3, 3) with the axis as its third column."""
-    return Rotation.align_vectors([axis], [[0.0, 0.0, 1.0]])[0].as_matrix()
+    return np.asarray(Rotation.align_vectors([axis], [[0.0, 0.0, 1.0]])[0].as_matrix())
 
 
 def _segments(a: np.ndarray, b: np.ndarray, beam: Beam) -> np.ndarray:
@@ -258,7 +258,7 @@ def _segments(a: np.ndarray, b: np.ndarray, beam: Beam) -> np.ndarray:
     s = np.clip(np.where(det > 1e-15, (uv * vw - vv * uw) / np.maximum(det, 1e-15), 0.0), 0.0, 1.0)
     t = np.clip((uv * s + vw) / vv, 0.0, 1.0)
     s = np.clip((uv * t - uw) / uu, 0.0, 1.0)
-    return np.linalg.norm(w + s[:, None] * u - t[:, None] * v, axis=1)
+    return np.asarray(np.linalg.norm(w + s[:, None] * u - t[:, None] * v, axis=1))
 
 
 def _cylinder(end: np.ndarray, axis: np.ndarray, part: Part, beam: Beam) -> np.ndarray:
@@ -278,4 +278,4 @@ def _cylinder(end: np.ndarray, axis: np.ndarray, part: Part, beam: Beam) -> np.n
     half = np.sqrt(np.maximum(radius**2 - miss**2, 0.0)) / np.sqrt(dd)
     first, last = along + lean * (middle - half), along + lean * (middle + half)
     above = np.minimum(first, last)  # the deepest that the stretch reaches towards the flange; end at 0
-    return np.maximum(miss - radius, np.maximum(above, -part.length - np.maximum(first, last)))
+    return np.asarray(np.maximum(miss - radius, np.maximum(above, -part.length - np.maximum(first, last))))

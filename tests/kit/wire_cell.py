@@ -166,7 +166,7 @@ class WireCell:
         return state
 
     def moving(self) -> bool:
-        return max(abs(v) for v in self.arm()["qd"]) > SPEED_AT_REST_RAD_S
+        return any(abs(v) > SPEED_AT_REST_RAD_S for v in self.arm()["qd"])
 
     def seconds_to_rest(self, limit: float) -> float:
         """Time until the arm is truly at rest, and it stays so for a moment."""

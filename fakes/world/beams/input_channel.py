@@ -60,7 +60,7 @@ class InputChannel:
             key = self._beams.index(self._beam, t), self._beams.version, self._revision
             if key != self._key:
                 self._key = key
-                self._work_out(t)
+                self._work_out(self._beam, t)
         return self._dropped + bisect_right(self._changes, t)
 
     def _level(self, changes: int) -> bool:
@@ -69,11 +69,10 @@ class InputChannel:
     def _raw_level(self, t: float) -> bool:
         return self._beam is not None and self._beams.level(self._beam, t) != self._inverted
 
-    def _work_out(self, t: float) -> None:
-        assert self._beam is not None
+    def _work_out(self, beam: str, t: float) -> None:
         del self._changes[self._settled_changes :]
         sensor = [
-            (when, level != self._inverted) for when, level in self._beams.edges(self._beam, self._settled, t)
+            (when, level != self._inverted) for when, level in self._beams.edges(beam, self._settled, t)
         ]
         contact = self._cover(self._bounced(sensor), self._raw_level(self._settled))
         before = self._level(self._dropped + len(self._changes))

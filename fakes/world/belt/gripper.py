@@ -86,16 +86,14 @@ class Gripper:
         slide = float(np.linalg.norm((tip - self._tool(t - _SPAN_S)) - (place - before))) / _SPAN_S
         distance = float(np.linalg.norm(tip - place))
         taken = distance <= self.truth.within_m and slide <= self.truth.below_m_s
-        t_contact, off = self._touch(t, number)
+        t_contact, off = self._touch(self._items, t, number)
         self.contacts.append(Contact(t, number, taken, t_contact, off, distance, slide))
         if taken:
             self._items.take(number, t)
         return number if taken else None
 
-    def _touch(self, t: float, number: int) -> tuple[float | None, tuple[float, float] | None]:
+    def _touch(self, items: Items, t: float, number: int) -> tuple[float | None, tuple[float, float] | None]:
         """When the tool first came down to the item's face before ``t``, and how far beside its middle."""
-        items = self._items
-        assert items is not None
 
         def gap(at: float) -> Array:
             return self._tool(at) - items.grasp_point(number, at)

@@ -90,7 +90,7 @@ class Tracker:
         since, self.seen = self.seen, t
         if self.target is None:
             return
-        for when in self._looks(since, t):
+        for when in self._looks(self.target, since, t):
             if status := self._lost(self.target, when):
                 self._aim = polar(self.visibility.local(self.target, when)) if self.follows else self._aim
                 self.target, self.status = None, status
@@ -186,11 +186,10 @@ class Tracker:
 
     # -- how it comes about
 
-    def _looks(self, since: float, t: float) -> list[float]:
+    def _looks(self, target: str, since: float, t: float) -> list[float]:
         """The times at which the target is looked at: on a grid, so that asking often changes nothing."""
-        assert self.target is not None
         looks = [*self.visibility.hindered_between(since, t), t]
-        if self._still(self.reflectors[self.target].on, since):
+        if self._still(self.reflectors[target].on, since):
             return looks
         first, last = floor((since - self._t0) / _LOOK_S) + 1, ceil((t - self._t0) / _LOOK_S) - 1
         return sorted([*looks, *(self._t0 + k * _LOOK_S for k in range(first, last + 1))])
