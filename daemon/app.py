@@ -6,7 +6,7 @@ import signal
 from collections.abc import Coroutine
 from contextlib import AsyncExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cell.clock import MonotonicClock
 from cell.errors import CellError
@@ -25,11 +25,15 @@ from daemon.logs import set_up_logging
 from daemon.modbus import ModbusFace
 from daemon.notify import Notifier
 from daemon.plc import PlcFace
+from daemon.recent_writes import RecentWrites
 from daemon.results import reject_left_open
 from daemon.state_folder import claimed, damage_text, end_interrupted, make_state_folder
 from daemon.supervisor import Supervisor
 from daemon.worker import ProcessWorker
 from procedures.registry import JOBS
+
+if TYPE_CHECKING:
+    from daemon.web.server import WebServer
 
 log = logging.getLogger("cellward")
 
@@ -59,6 +63,8 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
     READY means that config, ledger and control socket are up; devices may still be retrying. A task that
     must not end and does takes the daemon down, after its arm has come to rest.
     """
+    if config.http.enabled:  # before anything runs that its import would hold up
+        import daemon.web.server  # noqa: F401
     clock = MonotonicClock()
     state = Path(config.cell.state_dir)
     log.info("cell '%s', config %s, state in %s", config.cell.name, config.source, state)
@@ -103,15 +109,19 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
         for name, entry in supervisor.devices.items():
             spawn(f"device {name}", entry.run())
         stack.push_async_callback(engine.shutdown)
-        if config.modbus.enabled:
-            modbus = _modbus(config, engine, ledger)
+        writes = RecentWrites(ledger)
+        plc = PlcFace(config, engine)
+        modbus = _modbus(config, engine, plc, writes) if config.modbus.enabled else None
+        if modbus is not None:
             await modbus.start()
             stack.push_async_callback(modbus.stop)
-        control = ControlServer(
-            Path(config.cell.control_socket), engine, lambda *line: ledger.audit("control", *line)
-        )
+        control = ControlServer(Path(config.cell.control_socket), engine, writes.audit("control"))
         await control.start()
         stack.push_async_callback(control.stop)
+        if config.http.enabled:
+            page = _page(engine, writes, modbus)
+            await page.start()
+            stack.push_async_callback(page.stop)
         freeze_start_up()
         spawn("collector", collect_at_rest(lambda: engine.active))
         notifier.ready(f"cell '{config.cell.name}'")
@@ -128,19 +138,31 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
         log.info("stopping")
 
 
-def _modbus(config: CellConfig, engine: Engine, ledger: Ledger) -> ModbusFace:
-    plc = PlcFace(config, engine)
+def _modbus(config: CellConfig, engine: Engine, plc: PlcFace, writes: RecentWrites) -> ModbusFace:
+    ledger = engine.ledger
     return ModbusFace(
         config.modbus,
         engine.context.clock,
         plc.handle,
         plc.snapshot,
-        audit=lambda *line: ledger.audit("modbus", *line),
+        audit=writes.audit("modbus"),
         on_plc=plc.heartbeat_changed,
         on_picks=plc.picks_wanted_changed,
         last_sequence=ledger.get_state(SEQUENCE_KEY, 0),
         remember=lambda sequence: ledger.set_state(SEQUENCE_KEY, sequence),
     )
+
+
+def _page(engine: Engine, writes: RecentWrites, modbus: ModbusFace | None) -> "WebServer":
+    """The operator's page; a cell without one need not import what serves it."""
+    from daemon.web.server import WebServer
+    from daemon.web.state import PageState
+
+    def plc_alive() -> bool | None:
+        return modbus.plc_alive if modbus is not None and modbus.plc_heard else None
+
+    config = engine.context.config
+    return WebServer(config.http, engine, PageState(engine, writes, plc_alive), writes.audit("web"))
 
 
 async def _report_interrupted(engine: Engine, ledger: Ledger) -> None:

@@ -1,4 +1,4 @@
-"""The control socket: how the command line and the web page talk to the running daemon.
+"""The control socket: how the command line talks to the running daemon.
 
 A unix stream socket of mode 0660; one JSON object a line. A request ``{"id", "method", "params"}`` is
 answered by ``{"id", "result"}`` or ``{"id", "error": {"code", "name", "text", "hint"}}``. After ``watch``
@@ -15,13 +15,12 @@ import socket
 import stat
 import struct
 import time
-from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
-from cell.errors import CellError, error
+from cell.errors import error
 from daemon.auditor import Audit, Auditor
-from daemon.start_request import StartRequest
+from daemon.requests import Caller, EngineControl, Params, carry_out, check_bounds, described, live, too_deep
 
 log = logging.getLogger("cellward.control")
 
@@ -31,30 +30,7 @@ WATCH_IDLE_S = 2.0  # ... and at least this often, so that a reader can tell qui
 SEND_TIMEOUT_S = 5.0
 STOP_TIMEOUT_S = 2.0
 PROBE_TIMEOUT_S = 1.0
-MAX_AUDITED_CHARS = 500
 MAX_CONNECTIONS = 64
-MAX_DEPTH = 16
-MAX_NUMBER = 2**63 - 1  # as the ledger's columns hold it
-
-
-class EngineControl(Protocol):
-    """What the socket needs of the job engine. All refusals are ``CellError``."""
-
-    def status(self) -> dict[str, Any]: ...
-    def live(self, since: Mapping[str, int]) -> dict[str, Any]: ...
-    async def start(self, request: StartRequest) -> dict[str, Any]: ...
-    async def confirm(self, prompt_id: int, who: str) -> None: ...
-    async def finish(self, who: str) -> None: ...
-    async def abort(self, who: str) -> None: ...
-    async def halt(self, who: str) -> None: ...
-    async def pause(self, who: str) -> None: ...
-    async def resume(self, who: str) -> None: ...
-    async def reset(self, who: str) -> None: ...
-    async def accept(self, result_id: int, who: str, warned: bool = False) -> dict[str, Any]: ...
-    async def reject(self, result_id: int, who: str, why: str) -> dict[str, Any]: ...
-    async def rollback(self, name: str, who: str) -> dict[str, Any]: ...
-    async def acknowledge_ledger(self) -> dict[str, Any]: ...
-    def subscribe(self, listener: Callable[[], None], /) -> Callable[[], None]: ...
 
 
 class ControlServer:
@@ -180,7 +156,7 @@ class _Connection:
         except Exception as exc:
             if isinstance(exc, ConnectionError | TimeoutError):
                 raise
-            await self._send({"id": request_id, "error": _described(exc)})
+            await self._send({"id": request_id, "error": described(exc)})
         else:
             await self._send({"id": request_id, "result": result})
 
@@ -188,18 +164,8 @@ class _Connection:
         if method == "status":
             return self._engine.status()
         if method == "live":
-            return self._engine.live(_numbers(_Params(method, params).get("since", dict, {})))
-        handler = _WRITES.get(method)
-        if handler is None:
-            raise error("ARGUMENT_INVALID", f"the control socket has no method '{method}'")
-        what = _audited(method, params)
-        try:
-            result = await handler(self._engine, _Params(method, params), self.who)
-        except BaseException as exc:  # a write that the daemon's end cuts short is told, too
-            self._auditor.note(self.who, what, False, str(exc) or type(exc).__name__)
-            raise
-        self._auditor.note(self.who, what, True)
-        return result
+            return live(self._engine, Params(method, params))
+        return await carry_out(self._engine, self._auditor, method, params, Caller(self.who, "control"))
 
     async def _watch(self, request_id: Any) -> None:
         """Push the status after changes until the client goes away."""
@@ -234,113 +200,20 @@ async def _first(changed: asyncio.Event, closed: asyncio.Task[bytes], timeout: f
         change.cancel()
 
 
-class _Params:
-    """Checked access to the parameters of one request."""
-
-    def __init__(self, method: str, raw: dict[str, Any]) -> None:
-        self._method, self._raw = method, raw
-
-    def get(self, name: str, kind: type, default: Any = None) -> Any:
-        """The parameter or its default; ``ARGUMENT_INVALID`` when it is missing or of another kind."""
-        value = self._raw.get(name)
-        if value is None:
-            value = default
-        if value is None:
-            raise error("ARGUMENT_INVALID", f"{self._method} needs '{name}'")
-        if type(value) is not kind:
-            raise error("ARGUMENT_INVALID", f"{self._method}: '{name}' is not of type {kind.__name__}")
-        return value
-
-
-def _numbers(raw: dict[str, Any]) -> dict[str, int]:
-    if not all(type(number) is int for number in raw.values()):
-        raise error("ARGUMENT_INVALID", "live: 'since' has a row number for each trace")
-    return raw
-
-
-async def _start(engine: EngineControl, params: _Params, who: str) -> dict[str, Any]:
-    adopt = params.get("adopt", int, 0)
-    request = StartRequest(
-        params.get("job", str),
-        {str(k): str(v) for k, v in params.get("params", dict, {}).items()},
-        who,
-        "control",
-        params.get("dry_run", bool, False),
-        adopt or None,
-    )
-    return await engine.start(request)
-
-
-_WRITES: dict[str, Callable[[EngineControl, _Params, str], Awaitable[Any]]] = {
-    "start": _start,
-    "confirm": lambda engine, params, who: engine.confirm(params.get("prompt_id", int), who),
-    "finish": lambda engine, params, who: engine.finish(who),
-    "abort": lambda engine, params, who: engine.abort(who),
-    "halt": lambda engine, params, who: engine.halt(who),
-    "pause": lambda engine, params, who: engine.pause(who),
-    "resume": lambda engine, params, who: engine.resume(who),
-    "reset": lambda engine, params, who: engine.reset(who),
-    "accept": lambda engine, params, who: _brief(
-        engine.accept(params.get("result_id", int), who, params.get("warned", bool, False))
-    ),
-    "reject": lambda engine, params, who: _brief(
-        engine.reject(params.get("result_id", int), who, params.get("why", str, ""))
-    ),
-    "acknowledge_ledger": lambda engine, params, who: engine.acknowledge_ledger(),
-    "rollback": lambda engine, params, who: _brief(engine.rollback(params.get("name", str), who)),
-}
-
-
-async def _brief(decision: Awaitable[dict[str, Any]]) -> dict[str, Any]:
-    """What was decided, without documents: a reference of megabytes would hold up the loop for its reply."""
-    entry = await decision
-    return {k: v for k, v in entry.items() if k != "result" and not isinstance(v, dict)}
-
-
-def _audited(method: str, params: dict[str, Any]) -> str:
-    """A write as one bounded line of text."""
-    text = f"{method} {json.dumps(params)}" if params else method
-    return text if len(text) <= MAX_AUDITED_CHARS else f"{text[:MAX_AUDITED_CHARS]}..."
-
-
 def _parse(line: bytes) -> tuple[Any, str, dict[str, Any]]:
     try:
         request = json.loads(line)
     except ValueError as exc:
         raise error("ARGUMENT_INVALID", f"the request is not JSON: {exc}") from exc
     except RecursionError as exc:
-        raise _too_deep() from exc
-    _check_bounds(request)
+        raise too_deep() from exc
+    check_bounds(request)
     if not isinstance(request, dict) or not isinstance(request.get("method"), str):
         raise error("ARGUMENT_INVALID", "the request is not an object with 'id', 'method' and 'params'")
     params = request.get("params") or {}
     if not isinstance(params, dict):
         raise error("ARGUMENT_INVALID", f"'params' of {request['method']} is not an object")
     return request.get("id"), request["method"], params
-
-
-def _check_bounds(value: Any, depth: int = 0) -> None:
-    """Refuse what the ledger or an answer could not hold: nesting, numbers and text beyond theirs."""
-    if depth > MAX_DEPTH:
-        raise _too_deep()
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            _check_bounds(key, depth + 1)
-            _check_bounds(inner, depth + 1)
-    elif isinstance(value, list):
-        for inner in value:
-            _check_bounds(inner, depth + 1)
-    elif isinstance(value, str):
-        try:
-            value.encode()
-        except UnicodeEncodeError as exc:
-            raise error("ARGUMENT_INVALID", "the request holds text that is not valid Unicode") from exc
-    elif isinstance(value, int | float) and not -MAX_NUMBER <= value <= MAX_NUMBER:
-        raise error("ARGUMENT_INVALID", "the request holds a number beyond 2**63 - 1, or not a number")
-
-
-def _too_deep() -> CellError:
-    return error("ARGUMENT_INVALID", f"the request is nested deeper than {MAX_DEPTH}")
 
 
 def _refusal(what: str) -> dict[str, object]:
@@ -350,13 +223,6 @@ def _refusal(what: str) -> dict[str, object]:
 def _refusal_line(text: str) -> bytes:
     """A line that answers no request: why the server closes a connection."""
     return json.dumps({"id": None, "error": error("NOT_NOW", text).as_dict()}).encode() + b"\n"
-
-
-def _described(exc: Exception) -> dict[str, object]:
-    if isinstance(exc, CellError):
-        return exc.as_dict()
-    log.error("a request failed in an unexpected way", exc_info=exc)
-    return error("INTERNAL", f"{type(exc).__name__}: {exc}").as_dict()
 
 
 def peer_name(connection: socket.socket) -> str:

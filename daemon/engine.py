@@ -87,7 +87,7 @@ class Engine:
         procedure.check(values)
         models = await asyncio.to_thread(arm_models, values)
         conditions = {
-            "config": context.config.model_dump(mode="json"),
+            "config": context.config.model_dump(mode="json", exclude={"http"}),
             "parameters": dict(request.params),
             "job_config": procedure.config.model_dump(mode="json"),
             "values": recorded(values),
@@ -182,13 +182,13 @@ class Engine:
         arm = self._arm()
         return None if arm is None else arm.fault()
 
-    async def accept(self, result_id: int, who: str, warned: bool = False) -> dict[str, Any]:
+    async def accept(self, result_id: int, who: str, warned: bool = False, why: str = "") -> dict[str, Any]:
         """Accept a result; ``RESULT_WARNS`` for one with warnings unless ``warned`` says they were read."""
         await asyncio.to_thread(check_decidable, self.ledger, self.running, result_id)
         await asyncio.to_thread(check_confirmed, self.ledger, self.jobs, result_id)
         require_read(await asyncio.to_thread(self.ledger.result, result_id), warned)
         await asyncio.to_thread(tell_configured, self.context.config, self.ledger)
-        entry = await asyncio.to_thread(self.ledger.accept, result_id, who)
+        entry = await asyncio.to_thread(self.ledger.accept, result_id, who, why=why)
         await self.look_what_waits()
         return {**entry, "use": use_of(self.context.config, entry["name"], entry["version"])}
 
@@ -205,7 +205,9 @@ class Engine:
 
     async def rollback(self, name: str, who: str) -> dict[str, Any]:
         await asyncio.to_thread(tell_configured, self.context.config, self.ledger)
-        return await asyncio.to_thread(self.ledger.rollback, name, who)
+        now = await asyncio.to_thread(self.ledger.rollback, name, who)
+        self._publish()
+        return now
 
     async def acknowledge_ledger(self) -> dict[str, Any]:
         return await asyncio.to_thread(self.ledger.acknowledge_damage)

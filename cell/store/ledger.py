@@ -184,7 +184,7 @@ class Ledger(Records):
             )
         return present(cursor.lastrowid, "number of the new row")
 
-    def accept(self, result_id: int, who: str, commit: bool = True) -> dict[str, Any]:
+    def accept(self, result_id: int, who: str, commit: bool = True, why: str = "") -> dict[str, Any]:
         """Accept a result, and commit it as the version in effect unless ``commit`` is False.
 
         Accepting the version that is in effect confirms it against a configured value that was edited.
@@ -196,8 +196,9 @@ class Ledger(Records):
                 raise error("NOT_NOW", f"result {result_id} ({row['name']}) is {row['state']}")
             state = row["state"] if row["state"] == "committed" else "accepted"
             db.execute(
-                "UPDATE calibrations SET state = ?, who = ?, decided = ?, config_value = ? WHERE id = ?",
-                (state, who, self._wall(), self._known_config(row), result_id),
+                "UPDATE calibrations SET state = ?, who = ?, why = ?, decided = ?, config_value = ?"
+                " WHERE id = ?",
+                (state, who, why or row["why"], self._wall(), self._known_config(row), result_id),
             )
             return self.commit(result_id) if commit else self._result(result_id)
 

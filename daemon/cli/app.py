@@ -31,7 +31,7 @@ app = typer.Typer(
 )
 
 PANELS = {
-    "Start here": (demo.demo, setup.init, check.check, setup.run),
+    "Start here": (demo.demo, setup.init, check.check, setup.run, setup.token),
     "Jobs": (
         jobs.status,
         jobs.watch,

@@ -43,6 +43,34 @@ def run(config: ConfigOption = None) -> None:
     raise typer.Exit(main(path))
 
 
+def token(
+    name: Annotated[str, typer.Argument(help="Whose it is: a person, or a panel.", show_default=False)],
+    role: Annotated[
+        str, typer.Option("--role", help="viewer (looks, may stop), operator, or integrator.")
+    ] = "operator",
+) -> None:
+    """Make a token to log in to the page: it is shown once; the section for cell.toml is printed.
+
+    'cellward token anna >> cell.toml' adds anna; the daemon knows her from its next start on.
+    """
+    from pydantic import ValidationError
+
+    from daemon.config.models import HttpSection
+    from daemon.web.tokens import digest, new_token
+
+    made = new_token()
+    try:
+        HttpSection.model_validate({"user": {name: {"role": role, "token_sha256": digest(made)}}})
+    except ValidationError:
+        raise error(
+            "ARGUMENT_INVALID",
+            f"'{name}' with role '{role}': a name has up to 32 letters, digits, '.', '_' or '-', and a role "
+            "is viewer, operator or integrator",
+        ) from None
+    out(f'[http.user."{name}"]\nrole = "{role}"\ntoken_sha256 = "{digest(made)}"')
+    say(f"The token of {name} is {made}. It is shown this once: keep it, for only its digest is in the file.")
+
+
 def explain(
     code: Annotated[str, typer.Argument(help="A number or a name, for instance 3001.", show_default=False)],
     as_json: JsonOption = False,

@@ -24,6 +24,7 @@ from daemon.config.models import (
     CellSection,
     DeviceSection,
     FixedSections,
+    HttpSection,
     LimitsSection,
     ModbusSection,
     RobotSection,
@@ -73,6 +74,7 @@ class CellConfig(BaseModel):
     device: dict[str, SerializeAsAny[DeviceSection]]
     target: dict[str, dict[str, Any]]
     modbus: ModbusSection
+    http: HttpSection
     job: dict[str, dict[str, Any]]
     warnings: list[str] = Field(default_factory=list, exclude=True)
     problems: list[str] = Field(default_factory=list, exclude=True)  # each keeps one job from succeeding
@@ -83,8 +85,9 @@ class CellConfig(BaseModel):
 
     @property
     def checksum(self) -> int:
-        """CRC-16 (XMODEM) of what is in effect: comments, order and the file's place do not change it."""
-        content = self.model_dump(mode="json", exclude={"source"})
+        """CRC-16 (XMODEM) of what is in effect: comments, order, the file's place and who may use the
+        page do not change it."""
+        content = self.model_dump(mode="json", exclude={"source", "http"})
         return binascii.crc_hqx(to_json(_sorted(content)).encode(), 0)
 
 

@@ -284,6 +284,72 @@ class ModbusSection(Section):
     )
 
 
+Role = Literal["viewer", "operator", "integrator"]
+
+
+class UserSection(Section):
+    """One person, or one panel, that may log in to the page."""
+
+    role: Role = Field(
+        default="viewer",
+        description="viewer: looks, and may stop a run; operator: also starts jobs, confirms, and accepts "
+        "what passed; integrator: also accepts with warnings, rolls back and resets",
+    )
+    token_sha256: str = Field(
+        pattern=r"^[0-9a-f]{64}$",
+        description="digest of the token that 'cellward token NAME' makes; the token itself is kept nowhere",
+    )
+
+
+class HttpSection(Section):
+    """The operator's page. Nothing can be done on it without a token; without this section there is none."""
+
+    enabled: bool = Field(default=True, description="false: no page")
+    bind: Bind = Field(
+        default="127.0.0.1:8420",
+        description="address and port to listen on; beyond this computer only with tls_cert and tls_key",
+    )
+    names: list[Annotated[str, Field(pattern=r"^[A-Za-z0-9.-]{1,253}$")]] = Field(
+        default_factory=list,
+        description="further host names by which browsers may ask for the page; others are refused",
+    )
+    tls_cert: Annotated[str, AfterValidator(_absolute)] | None = Field(
+        default=None, description="certificate of the page (PEM)"
+    )
+    tls_key: Annotated[str, AfterValidator(_absolute)] | None = Field(
+        default=None, description="its key (PEM), readable by the daemon alone"
+    )
+    look_without_login: bool = Field(
+        default=False,
+        description="true: whoever reaches the address may look; to do anything takes a token all the same",
+    )
+    session_s: float = Field(
+        default=43200.0, ge=60.0, le=2.6e6, description="a login ends after so long without doing anything"
+    )
+    user: dict[Annotated[str, Field(pattern=r"^[\w.-]{1,32}$")], UserSection] = Field(
+        default_factory=dict, description="one table a user, [http.user.NAME]"
+    )
+
+    @model_validator(mode="after")
+    def _no_plain_text_on_the_network(self) -> Self:
+        host = split_bind(self.bind)[0]
+        if (self.tls_cert is None) != (self.tls_key is None):
+            raise ValueError("tls_cert and tls_key belong together: give both or neither")
+        if self.tls_cert is None and not is_loopback(host):
+            raise ValueError(
+                f'bind = "{self.bind}" is reached from other computers: give tls_cert and tls_key, or bind '
+                "to 127.0.0.1"
+            )
+        if host != "localhost" and ipaddress.ip_address(host).is_unspecified and not self.names:
+            raise ValueError("with every address in bind, 'names' lists the names that browsers use")
+        return self
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this computer reaches ``host``."""
+    return host == "localhost" or ipaddress.ip_address(host).is_loopback
+
+
 class FixedSections(Section):
     """All of ``cell.toml`` whose shape does not depend on drivers, jobs or the type of a target."""
 
@@ -296,6 +362,9 @@ class FixedSections(Section):
     limits: LimitsSection = Field(default_factory=lambda: LimitsSection(), description="of every motion")
     poses: dict[str, Joints] = Field(default_factory=dict, description="named safe poses, always joints, rad")
     modbus: ModbusSection = Field(default_factory=lambda: ModbusSection(), description="the server for a PLC")
+    http: HttpSection = Field(
+        default_factory=lambda: HttpSection(enabled=False), description="the operator's page"
+    )
     device: dict[str, dict[str, Any]] = Field(
         default_factory=dict, description="one table a device, [device.NAME]"
     )

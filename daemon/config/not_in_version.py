@@ -4,7 +4,7 @@ from typing import Any
 
 from daemon.config.findings import Findings
 
-SECTIONS = {"can": "The CAN trigger", "http": "The web page"}
+SECTIONS = {"can": "The CAN trigger"}
 JOBS = ("eye-to-hand-check", "slot-insertion", "drift-check")
 
 

@@ -100,6 +100,11 @@ class ModbusFace:
         return self._registers[CONTROL]
 
     @property
+    def plc_heard(self) -> bool:
+        """Whether a PLC's heartbeat has been seen since the start."""
+        return self._beat_at is not None
+
+    @property
     def plc_alive(self) -> bool:
         """The PLC's heartbeat has been seen and is not lost."""
         return self._beat_at is not None and not self._plc_lost

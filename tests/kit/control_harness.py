@@ -58,7 +58,7 @@ class RecordingEngine:
     async def reset(self, who: str) -> None:
         await self._ask("reset", who)
 
-    async def accept(self, result_id: int, who: str, warned: bool = False) -> dict[str, Any]:
+    async def accept(self, result_id: int, who: str, warned: bool = False, why: str = "") -> dict[str, Any]:
         return {"accepted": result_id, "who": who}
 
     async def reject(self, result_id: int, who: str, why: str) -> dict[str, Any]:

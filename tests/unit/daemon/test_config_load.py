@@ -242,7 +242,19 @@ def test_all_findings_come_at_once_in_order_with_line_key_and_hint(tmp_path: Pat
             'twin = true\n[device.x]\ndriver="camera"\naddress="x"\nexpect_serial = "123"\n[robot]',
             "7: device.x.expect_serial: '123' is not a twin's",
         ),
-        ("[poses]", '[http]\nbind = "x"\n[poses]', "8: http: The web page is not in this version"),
+        ("[poses]", '[http]\nbind = "x"\n[poses]', "9: http.bind: an address and a port"),
+        ("[poses]", '[http]\nbind = "10.0.0.5:8420"\n[poses]', "9: http.bind: bind = \"10.0.0.5"),
+        ("[poses]", '[http]\ntls_key = "/k"\n[poses]', "8: http: tls_cert and tls_key belong together"),
+        (
+            "[poses]",
+            '[http]\nbind = "0.0.0.0:1"\ntls_key = "/k"\ntls_cert = "/c"\n[poses]',
+            "9: http.bind: with every address in bind, 'names' lists",
+        ),
+        (
+            "[poses]",
+            '[http.user.anna]\nrole = "boss"\ntoken_sha256 = "x"\n[poses]',
+            "10: http.user.anna.token_sha256: ",
+        ),
         ("[poses]", "[can]\nenabled = true\n[poses]", "8: can: The CAN trigger is not in this version"),
         ("[poses]", "[job.drift-check]\n[poses]", "8: job.drift-check: the job 'drift-check' is not"),
         ('flange_camera = "camera"', 'flange_camera = "beams"', "5: robot.flange_camera: the role 'flange_"),
@@ -310,11 +322,10 @@ def test_what_is_allowed_but_hardly_meant_is_a_warning(tmp_path: Path) -> None:
 
 
 def test_a_section_of_a_later_version_that_is_switched_off_is_only_warned_of(tmp_path: Path) -> None:
-    text = "[can]\nenabled = false\n[http]\nenabled = false\nbind = 'x'\n[poses]"
+    text = "[can]\nenabled = false\n[poses]"
     subject = load(tmp_path, GOOD.replace("[poses]", text))
     assert [w.split(":", 1)[1] for w in subject.warnings] == [
         "8: can: The CAN trigger is not in this version; the section has no effect, remove it",
-        "10: http: The web page is not in this version; the section has no effect, remove it",
     ]
 
 

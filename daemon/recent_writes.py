@@ -1,0 +1,36 @@
+"""Who asked for what lately, over any channel: what every page shows, so that nobody acts unseen."""
+
+import time
+from collections import deque
+from typing import Any
+
+from cell.store.ledger import Ledger
+from daemon.auditor import Audit
+
+KEPT = 20
+
+
+class RecentWrites:
+    """The newest audit lines in memory, oldest first; they are written to the ledger first."""
+
+    def __init__(self, ledger: Ledger) -> None:
+        self._ledger = ledger
+        self._lines: deque[dict[str, Any]] = deque(maxlen=KEPT)
+        self.number = 0
+
+    def audit(self, channel: str) -> Audit:
+        """What audits one channel; called in threads."""
+
+        def note(who: str, what: str, accepted: bool, detail: str) -> None:
+            try:
+                self._ledger.audit(channel, who, what, accepted, detail)
+            finally:  # what a full disk could not keep is shown all the same
+                self.number += 1
+                line = {"channel": channel, "who": who, "what": what, "accepted": accepted, "detail": detail}
+                self._lines.append({"number": self.number, "at": time.time(), **line})
+
+        return note
+
+    def newest(self, count: int = KEPT) -> list[dict[str, Any]]:
+        """The newest ``count`` lines, oldest first."""
+        return list(self._lines)[-count:]

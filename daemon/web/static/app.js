@@ -1,0 +1,44 @@
+// The page: a function of the cell's state, the address after "#", and who is logged in.
+
+import { cell, isStale, who } from "./cell.js";
+import { Frame } from "./frame.js";
+import { html, render } from "./vendor/htm-preact.js";
+import { Login } from "./screens/login.js";
+import { Now } from "./screens/now.js";
+import { loadTexts, t } from "./texts.js";
+
+const SCREENS = { now: Now };
+const LOOK_MS = 500; // how often the age of the last word is looked at
+
+export const route = () => {
+  const [name, ...rest] = location.hash.slice(1).split("/");
+  return { name: name in SCREENS || name === "login" ? name : "now", rest };
+};
+
+function Page() {
+  const { name, rest } = route();
+  if (cell.me === null) return html`<p class="alone">${t("page.loading")}</p>`;
+  if (name === "login" || !cell.me.look) return html`<${Frame} screen="login"><${Login} /></${Frame}>`;
+  if (cell.state === null) return html`<${Frame} screen=${name}><p class="alone">${t("page.loading")}</p></${Frame}>`;
+  const Screen = SCREENS[name];
+  return html`<${Frame} screen=${name} screens=${Object.keys(SCREENS)}>
+    <${Screen} key=${rest.join("/")} state=${cell.state} rest=${rest} stale=${isStale()} />
+  </${Frame}>`;
+}
+
+function draw() {
+  document.title = cell.state ? `${cell.state.status.cell} · Cellward` : "Cellward";
+  document.documentElement.classList.toggle("stale", cell.state !== null && isStale());
+  render(html`<${Page} />`, document.getElementById("page"));
+}
+
+cell.changed = draw;
+window.addEventListener("hashchange", () => {
+  draw();
+  document.getElementById("main")?.focus(); // who uses keys or a screen reader begins at the new screen
+});
+setInterval(draw, LOOK_MS);
+await loadTexts();
+draw();
+const begin = () => who().catch(() => setTimeout(begin, 1500));
+begin();
