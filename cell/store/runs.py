@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from cell.errors import CellError, error
 from cell.store.files import disk_errors, read_json, sync_folder, to_json, write_atomic
 from cell.store.journal import Journal, read_journal
+from cell.store.run_fields import END_FIELDS, RUN_FIELDS, misfit
 
 if TYPE_CHECKING:
     from cell.clock import Clock
@@ -91,7 +92,8 @@ class RunFolder:
 
         If the journal already has its terminal line, only ``end.json`` was missing and that line is the end.
         """
-        last = next((line for line in reversed(self.read_journal()) if line.get("terminal")), None)
+        terminal = (line for line in reversed(self.read_journal()) if line.get("terminal"))
+        last = next((line for line in terminal if misfit(END_FIELDS, line) is None), None)
         if last is None:
             failure = error("RUN_INTERRUPTED", f"run {self.run_id} ({self.job}) has no end")
             end = {
@@ -115,7 +117,11 @@ class RunFolder:
         return self._read_optional("result.json")
 
     def read_end(self) -> dict[str, Any] | None:
-        return self._read_optional("end.json")
+        """``end.json``, or None without one; ``FILE_UNREADABLE`` names what it should not hold."""
+        end = self._read_optional("end.json")
+        if end is not None and (wrong := misfit(END_FIELDS, end)):
+            raise error("FILE_UNREADABLE", f"{self.path / 'end.json'}: {wrong}")
+        return end
 
     def close(self) -> None:
         """Close the journal; done by :meth:`finish`."""
@@ -200,6 +206,8 @@ def _from_disk(path: Path, run_id: int, job: str) -> RunFolder:
         info = read_json(path / "run.json")
         if not isinstance(info, dict) or info.get("schema") != RUN_SCHEMA:
             raise error("FILE_UNREADABLE", f"{path / 'run.json'}: schema '{RUN_SCHEMA}' was expected")
+        if wrong := misfit(RUN_FIELDS, info):
+            raise error("FILE_UNREADABLE", f"{path / 'run.json'}: {wrong}")
     except CellError as exc:
         info = {"unreadable": exc.detail}
     return RunFolder(path, run_id, job, info)

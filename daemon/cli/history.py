@@ -116,7 +116,7 @@ def _show(folder: Any, as_json: bool) -> None:
         verdict = f", verdict {end['verdict']}" if end.get("verdict") else ""
         out(f"ended {local_time(end.get('ended'))}: {end['outcome']}{verdict}")
         if failure := end.get("error"):
-            out(f"  {failure['text']} ({failure['code']})\n  {failure['hint']}")
+            out(f"  {failure.get('text')} ({failure.get('code')})\n  {failure.get('hint')}")
 
 
 def report(

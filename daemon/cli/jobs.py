@@ -91,7 +91,7 @@ def adopt(
     from cell.store.runs import load_run
 
     old = load_run(cell_paths(config).runs, run)
-    _start(config, wait, as_json, {"job": old.job, "params": old.info.get("parameters", {}), "adopt": run})
+    _start(config, wait, as_json, {"job": old.job, "params": old.info.get("parameters") or {}, "adopt": run})
 
 
 def _start(config: Path | None, wait: bool, as_json: bool, request: dict[str, Any]) -> None:

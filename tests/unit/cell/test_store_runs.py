@@ -90,6 +90,39 @@ def test_a_run_with_a_broken_run_json_is_listed_and_says_why(subject: RunFolder)
     assert caught.value.name == "FILE_UNREADABLE"
 
 
+@pytest.mark.parametrize(
+    ("file", "field", "value", "wanted"),
+    [
+        ("run.json", "started", ["a"], "text"),
+        ("run.json", "started", "yesterday", "a date and time"),
+        ("run.json", "parameters", 5, "an object"),
+        ("end.json", "outcome", None, "text"),
+        ("end.json", "outcome", 5, "text"),
+        ("end.json", "ended", "then", "a date and time"),
+        ("end.json", "verdict", {}, "text"),
+        ("end.json", "error", ["a"], "an object"),
+    ],
+)
+def test_a_field_of_another_type_is_named_with_its_file(
+    subject: RunFolder, file: str, field: str, value: object, wanted: str
+) -> None:
+    subject.finish({"outcome": "complete", "verdict": "pass", "error": None})
+    path = subject.path / file
+    path.write_text(json.dumps(json.loads(path.read_text()) | {field: value}))
+    with pytest.raises(CellError) as caught:
+        load_run(subject.path.parent, 7).read_end()
+    assert (caught.value.name, caught.value.detail) == (
+        "FILE_UNREADABLE",
+        f"{path}: '{field}' should be {wanted}",
+    )
+
+
+def test_a_terminal_line_that_is_none_is_not_taken_as_the_end(subject: RunFolder) -> None:
+    subject.note("state", terminal=True, outcome=5)
+    subject.close()
+    assert interrupted_runs(subject.path.parent)[0].mark_interrupted()["outcome"] == "interrupted"
+
+
 def test_a_run_that_is_not_there_is_not_found(subject: RunFolder) -> None:
     subject.close()
     with pytest.raises(CellError) as caught:

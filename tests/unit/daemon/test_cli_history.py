@@ -44,11 +44,15 @@ def test_a_run_that_cannot_be_read_hides_no_other(cell: CellOnDisk, subject: Com
     (broken.path / "run.json").write_text("{")
     (cell.add_run(2, outcome="complete").path / "end.json").write_text("[")
     cell.add_run(3, outcome="complete")
+    strange = cell.add_run(4, outcome="complete").path / "run.json"
+    strange.write_text(json.dumps(json.loads(strange.read_text()) | {"started": ["a"]}))
     rows = json.loads(subject("runs", "--json").out)
-    assert [r["run_id"] for r in rows] == [1, 2, 3]
+    assert [r["run_id"] for r in rows] == [1, 2, 3, 4]
     assert "unreadable" in rows[0]["outcome"]
     assert "unreadable" in rows[1]["outcome"]
     assert rows[2]["outcome"] == "complete"
+    assert rows[3]["outcome"] == f"unreadable: {strange}: 'started' should be text"
+    assert str(strange) in subject("runs").out.replace("\n", "")
 
 
 def test_an_empty_cell_has_no_runs_and_no_results_and_that_is_no_error(subject: CommandLine) -> None:
