@@ -80,7 +80,9 @@ class InputsConfig(_Section):
         default=None, description="Where the serial number is, if function 43 does not tell it"
     )
     uptime: NumberConfig | None = Field(
-        default=None, description="A number that grows from the module's start on; looked at once a second"
+        default=None,
+        description="A number that grows from the module's start on, at least once a second. It is looked at "
+        "once a second: one that falls is a restart, one that stands still a module that repeats old values",
     )
     tls_ca: str | None = Field(
         default=None, description="PEM file that the module's certificate is checked with"

@@ -16,10 +16,10 @@ from drivers.modbus.ticker import Ticker
 from drivers.modbus_inputs.changes import ChangeCount, CounterJump
 from drivers.modbus_inputs.config import InputsConfig
 from drivers.modbus_inputs.plan import Reading
+from drivers.modbus_inputs.uptime import UptimeWatch
 
 log = logging.getLogger("cellward.devices")
 
-UPTIME_EVERY_S = 1.0
 # A counter is believed to stand still after so many rising edges that it did not count.
 MOST_UNSEEN = 2
 
@@ -49,7 +49,7 @@ class ModbusInputs(SampledDevice):
         self._round_trip_s = 0.0
         self._failures = 0
         self._failures_in_a_row = 0
-        self._uptime: tuple[float, int] | None = None
+        self._uptime = UptimeWatch(name)
         self._standing: set[str] = set()
 
     # -- Device
@@ -59,7 +59,8 @@ class ModbusInputs(SampledDevice):
         await self.close()
         self._life.begin()
         self.inputs.new_epoch()
-        self._uptime, self._failures_in_a_row = None, 0
+        self._uptime.begin()
+        self._failures_in_a_row = 0
         self._link = link = ModbusLink(self.name, self._config.link, self._clock, self._disconnected)
         try:
             await link.connect()
@@ -182,12 +183,8 @@ class ModbusInputs(SampledDevice):
 
     async def _look_at_uptime(self, link: ModbusLink, now: float) -> None:
         place = self._config.uptime
-        if place is None or (self._uptime is not None and now - self._uptime[0] < UPTIME_EVERY_S):
-            return
-        value = await read_number(link, place)
-        if self._uptime is not None and value < self._uptime[1]:
-            raise error("MODULE_REBOOTED", f"{self.name}: its uptime went from {self._uptime[1]} to {value}")
-        self._uptime = now, value
+        if place is not None and self._uptime.due(now):
+            self._uptime.take(now, await read_number(link, place))
 
     # -- loss
 

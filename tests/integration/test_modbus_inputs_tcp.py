@@ -15,7 +15,7 @@ from cell.inputs import edges
 from cell.samples import Quality
 from drivers.modbus.link import ModbusLink
 from drivers.modbus.registers import Span
-from drivers.modbus_inputs import inputs as driver
+from drivers.modbus_inputs import uptime as uptime_watch
 from tests.integration.modbus_inputs_rig import HOST, Board, make, newest, opened, pymodbus_server
 
 pytestmark = pytest.mark.wire
@@ -393,7 +393,7 @@ def test_a_counter_that_begins_again_is_a_reboot_and_the_next_opening_a_new_epoc
 
 
 def test_an_uptime_that_falls_is_a_reboot(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(driver, "UPTIME_EVERY_S", 0.02)
+    monkeypatch.setattr(uptime_watch, "LOOK_EVERY_S", 0.02)
 
     async def scene() -> None:
         board = Board("generic")
@@ -409,5 +409,21 @@ def test_an_uptime_that_falls_is_a_reboot(monkeypatch: pytest.MonkeyPatch) -> No
             assert "uptime went from 1001 to 3" in str(lost)
             asked = Counter(address for _, _, address, _ in board.asked)
             assert 2 <= asked[60] < asked[0]
+
+    asyncio.run(scene())
+
+
+def test_an_uptime_that_stands_still_is_a_module_that_repeats_old_values(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(uptime_watch, "LOOK_EVERY_S", 0.02)
+    monkeypatch.setattr(uptime_watch, "FROZEN_AFTER_S", 0.2)
+
+    async def scene() -> None:
+        uptime = {"table": "input", "address": 60}
+        async with pymodbus_server(Board("generic")) as url, opened(url, uptime=uptime) as subject:
+            async with asyncio.timeout(2.0):
+                lost = await subject.wait_lost()
+            assert (lost.name, "uptime stands at 1000" in str(lost)) == ("MODULE_FROZEN", True)
 
     asyncio.run(scene())
