@@ -4,11 +4,12 @@ import asyncio
 import ctypes
 import os
 import signal
+import sys
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
-from multiprocessing import get_context
+from multiprocessing import get_context, resource_tracker
 from typing import Any, TypeVar
 
 from cell.errors import error
@@ -16,6 +17,8 @@ from cell.priority import COMPUTING, yield_to_others
 
 R = TypeVar("R")
 _PR_SET_PDEATHSIG = 1
+# What outlives a killed daemon to remove its semaphores; that it has to is nothing that anybody can act on.
+_QUIET_TRACKER = "ignore:resource_tracker:UserWarning"
 
 
 def _warm_up(configured: Mapping[str, str]) -> None:
@@ -35,9 +38,19 @@ def _warm_up(configured: Mapping[str, str]) -> None:
             add_configured(name, reference)
 
 
+def _start_tracker() -> None:
+    """Start the process that cleans up after us without its warning; it takes over our warning options."""
+    sys.warnoptions.append(_QUIET_TRACKER)
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        sys.warnoptions.remove(_QUIET_TRACKER)
+
+
 def _new_pool() -> ProcessPoolExecutor:
     from procedures.registry import CONFIGURED
 
+    _start_tracker()
     return ProcessPoolExecutor(
         1, mp_context=get_context("spawn"), initializer=_warm_up, initargs=(dict(CONFIGURED),)
     )

@@ -3,6 +3,9 @@
 import asyncio
 import os
 import shutil
+import signal
+import subprocess
+import sys
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -86,3 +89,10 @@ def test_it_knows_the_kind_of_a_job_that_only_a_configuration_names(
         assert kind.words == "acme_belt.still:lines"
 
     with_worker(use)
+
+
+def test_a_killed_daemon_leaves_no_warning_of_its_semaphores() -> None:
+    """The process that removes them holds the other end of ``stderr`` until it is done."""
+    killed = "import os; from daemon.worker import _new_pool; pool = _new_pool(); os.kill(os.getpid(), 9)"
+    ended = subprocess.run([sys.executable, "-c", killed], stderr=subprocess.PIPE, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (-signal.SIGKILL, "")
