@@ -37,7 +37,7 @@ def timeline(source: Source, summary: str = "") -> Html | None:
     rows = [(f"{e['t'] - origin:.1f}", e.get("kind"), _what(e)) for e in entries if _notable(e)]
     more = len(rows) - _MOST_ROWS
     words = [f"{summary}."] if summary else []
-    if not source.end:
+    if not source.end and not source.result:  # a result is drawn first, and the end says the same
         words.append("The report was drawn before the run had ended.")
     return section(
         title,

@@ -29,7 +29,7 @@ def drawn(folders: list[Path], until: Path) -> float:
         for folder in folders:
             subject.want(folder)
         asked = time.perf_counter() - began
-        async with asyncio.timeout(60):
+        async with asyncio.timeout(180):
             while not await asyncio.to_thread(until.exists):
                 assert not task.done()
                 await asyncio.sleep(0.02)
