@@ -21,6 +21,7 @@ from cell.samples import Sample
 from daemon.worker import InlineWorker
 from procedures.laser import scan as job_scan
 from procedures.laser.config import BEAMS, Search
+from procedures.laser.pairs import HEIGHT
 from procedures.laser.path import BeamStation, Course
 from procedures.laser.record import PassRecord
 from procedures.laser.sweep import Beam, BeamPass
@@ -32,7 +33,7 @@ P_REF = np.array([0.0, 0.0, 0.18])
 SPEED = Speed(0.25, 0.5, 1.0, 3.0)
 POINT = np.array([0.5, 0.1, 0.2])
 ABOVE_M, ALONG_M = 0.008, {"xs": 0.025, "ys": 0.02}  # where the way begins
-STATE_S, POLL_S, STAMP_S, LATENCY_S, BEAM_RADIUS_M = 0.002, 0.005, 0.00025, 0.002, 5e-4
+STATE_S, POLL_S, STAMP_S, LATENCY_S, BEAM_RADIUS_M = 0.008, 0.005, 0.00025, 0.002, 5e-4
 BAND_M = 5e-5  # by how much more distance a beam clears than it breaks
 LATE_S = 0.04
 HEIGHT_M, SLOPE = 2.5e-3, 1e-3
@@ -117,16 +118,20 @@ class World:
         )
 
     def _polls(self, t: float, end: float, changes: list[float]) -> tuple[Sample[InputsState], ...]:
-        found: list[Sample[InputsState]] = []
-        level, count = False, 0
-        while t < end:
-            late = LATE_S * self.rng.random() if self.rng.random() < self.late else 0.0
-            at = t + late + STAMP_S * (2.0 * self.rng.random() - 1.0)
-            now = bool(sum(at >= c for c in changes) % 2)
-            level, count = now, count + (now != level)
+        n = int((end - t) / POLL_S) + 2  # as many as there can be
+        late = np.where(self.rng.random(n) < self.late, LATE_S * self.rng.random(n), 0.0)
+        lag = late + STAMP_S * (2.0 * self.rng.random(n) - 1.0)
+        reply = late + POLL_S * (0.2 + 0.8 * self.rng.random(n))  # a reply takes a moment
+        sent = [t]
+        for wait in np.maximum(reply, POLL_S).tolist():
+            sent.append(sent[-1] + wait)
+        begin = np.array([s for s in sent[:-1] if s < end])
+        seen = np.searchsorted(changes, begin + lag[: len(begin)], side="right")
+        found, level, count = [], False, 0
+        for k, n_seen in enumerate(seen.tolist()):
+            level, count = n_seen % 2 == 1, count + (level != (n_seen % 2 == 1))
             state = InputsState((level, level), (count, count))
-            found.append(Sample(state, t + late, STAMP_S, len(found)))
-            t = max(t + POLL_S, t + late + POLL_S * (0.2 + 0.8 * self.rng.random()))  # a reply takes a moment
+            found.append(Sample(state, float(begin[k] + late[k]), STAMP_S, k))
         return tuple(found)
 
 
@@ -222,12 +227,14 @@ class _Scan(job_scan.Scan):
 
 @dataclass
 class Record(PassRecord):
-    """Of one scan, kept in memory; ``ways`` counts all of them."""
+    """Of one scan, kept in memory; ``ways`` counts all of them, ``near`` those near the tool's end."""
 
     ways: int = 0
+    near: int = 0
 
     def add(self, ways: tuple[BeamPass, ...], phase: str, place: int, why_not: str | None) -> None:
         self.ways += len(ways)
+        self.near += len(ways) if phase == HEIGHT else 0
         if why_not is None:
             self.passes += [{**w.as_pass(), "notes": {"phase": phase, "place": place}} for w in ways]
 
