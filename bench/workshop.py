@@ -1,11 +1,12 @@
 """The whole chain in cells as one finds them: cone capture, uncertainty, and the arm before and after.
 
-``python -m bench.workshop [RUNS] [--poses N] [--first SEED]``: the job cone-capture on virtual time in the
-scenario workshop, each run with an arm (links, gears, sag), a lens, a print and noise of its own draw. The
-configuration says nothing of them: priors are the defaults. A row for each run: the error of the camera's
-pose, its standard uncertainty, and the squared Mahalanobis distance (6 is expected); then the position error
-of the arm over all its joints, none of them measured, as it is and as stated, before and after the
-correction. Coverage over all runs comes last.
+``python -m bench.workshop [RUNS] [--poses N] [--frames N] [--first SEED] [--images]``: the job cone-capture
+on virtual time in the scenario workshop, each run with an arm (links, gears, sag), a lens, a print and noise
+of its own draw. The configuration says nothing of them: priors are the defaults. A row for each run: the
+error of the camera's pose, its standard uncertainty, and the squared Mahalanobis distance (6 is expected);
+then the position error of the arm over all its joints, none of them measured, as it is and as stated, before
+and after the correction. Coverage over all runs comes last. With ``--images`` every frame that is captured is
+drawn and searched for corners; without, corners are computed and have noise.
 """
 
 import argparse
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from scipy.stats import chi2
 
@@ -30,6 +32,7 @@ from tests.kit.object_cell import open_cell, write_config
 
 JOINTS = reference_joints(np.tile([-np.pi, np.pi], (6, 1)), seed=1234)
 LENGTH_M, ANGLE_RAD = 6e-5, 9e-5  # standard deviations of the links' errors
+CAMERAS = {False: "fakes.object:ObjectCamera", True: "tests.kit.drawn_camera:DrawnCamera"}
 INSIDE = ("inside_t", "inside_r", "below")
 HEAD = (
     f"{'seed':>5}{'verdict':>9}   {'camera mm':>10}{'stated':>8}{'m2':>7}   "
@@ -72,12 +75,16 @@ def main() -> None:
     parser.add_argument("runs", nargs="?", type=int, default=30)
     parser.add_argument("--poses", type=int, default=12, help="of each of the three placements")
     parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--images", action="store_true", help="draw pictures and find the corners in them")
+    parser.add_argument("--frames", type=int, default=5, help="of each pose")
     options = parser.parse_args()
+    cv2.setNumThreads(1)
     print(HEAD)
     done = []
     for seed in range(options.first, options.first + options.runs):
         with tempfile.TemporaryDirectory() as folder:
-            done.append(one(seed, options.poses, Path(folder)))
+            camera, job = CAMERAS[options.images], {"poses_per_placement": options.poses}
+            done.append(one(seed, camera, job | {"frames_per_pose": options.frames}, Path(folder)))
         print(done[-1].row(seed), flush=True)
     print(summary(done))
 
@@ -103,12 +110,12 @@ def summary(runs: list[Run]) -> str:
     )
 
 
-def one(seed: int, poses: int, folder: Path) -> Run:
+def one(seed: int, camera: str, job: dict[str, Any], folder: Path) -> Run:
     """One capture in a cell of its own, solved, and judged."""
     scenario = folder / "workshop.toml"
     scenario.write_text(to_toml(drawn(seed)), "utf-8")
-    job = {"placements": 3, "poses_per_placement": poses, "frames_per_pose": 5, "settle_s": 0.3}
-    config = write_config(folder, str(scenario), job)
+    job = {"placements": 3, "settle_s": 0.3, **job}
+    config = write_config(folder, str(scenario), job, camera=camera)
 
     async def play() -> tuple[dict[str, Any], dict[str, Any]]:
         async with open_cell(config) as cell:

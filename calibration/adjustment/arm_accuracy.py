@@ -62,6 +62,13 @@ def arm_accuracy(found: Adjusted, arm: ArmKnown) -> ArmAccuracy:
     return ArmAccuracy(_flange_error(error, spread), _flange_error(np.zeros_like(error), spread))
 
 
+def position_metric(arm: ArmKnown) -> Array:
+    """M (a, a): numbers with covariance C leave ``trace(M C)`` (m^2) of position error of the flange, the
+    mean square over the reference joints."""
+    J = _columns(arm, reference_joints(arm.limits))[:, :3]
+    return np.einsum("kia,kib->ab", J, J, optimize=True) / len(J)
+
+
 def position_accuracy(found: Adjusted, arm: ArmKnown, Q: Array) -> PositionAccuracy:
     """At joints ``Q`` (k, 6), after the base and the tool offset that fit best there are taken off."""
     J = _positions(arm, Q)

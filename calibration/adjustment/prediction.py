@@ -37,11 +37,13 @@ class PlannedViews:
 @dataclass(frozen=True)
 class Expected:
     """``cov`` (6, 6) of the camera's pose, perturbation on the right; ``budget``: its variances (6,) by
-    block; ``sigma`` by the names of the unknowns."""
+    block; ``sigma`` by the names of the unknowns; ``cov_arm`` (a, a) of the arm's numbers, which come first
+    among them."""
 
     cov: Array
     budget: Mapping[str, Array]
     sigma: Mapping[str, float]
+    cov_arm: Array
 
 
 def expected(
@@ -73,6 +75,7 @@ def expected(
         eq.covariance[:6, :6],
         budget(eq, of.blocks),
         dict(zip(of.names, map(float, np.sqrt(np.diag(eq.covariance)[6:])), strict=True)),
+        eq.covariance[6:, 6:][of.arm, of.arm],
     )
 
 

@@ -21,15 +21,18 @@ class ConeShape:
     """How many poses, the cone's half angle, and the distance from the camera to the board's centre.
 
     With ``second_distance_m`` every other pose stands there, so that focal length and printed size can be
-    told apart. With ``roll_rad`` the cone is gone round in two laps, every other neighbour in the second one,
-    with the camera rolled; ``other_branch``: the arm takes the second lap on another branch, where it can.
+    told apart. The cone is gone round in ``laps``, neighbours in turn on each of them: the camera is rolled
+    by ``roll_rad`` from lap to lap, the laps after the first have ``steeper_rad`` as their half angle, and
+    with ``other_branch`` the arm takes each lap on another branch than the one before, where it can.
     """
 
     poses: int
     half_angle_rad: float
     distance_m: float
     second_distance_m: float | None = None
+    laps: int = 1
     roll_rad: float = 0.0
+    steeper_rad: float | None = None
     other_branch: bool = False
 
     def distances(self) -> Array:
@@ -37,11 +40,15 @@ class ConeShape:
         two = [self.distance_m, self.second_distance_m or self.distance_m]
         return np.resize(np.array(two), self.poses)
 
-    def laps(self) -> NDArray[np.int64]:
-        """(n,) 0 or 1: on which lap each pose is visited. Both laps have both distances."""
+    def lap_of(self) -> NDArray[np.int64]:
+        """(n,) from 0: on which lap each pose is visited. Every lap has both distances."""
         each = 1 if self.second_distance_m is None else 2
-        two = self.roll_rad != 0.0 or self.other_branch
-        return (np.arange(self.poses) // each) % 2 if two else np.zeros(self.poses, dtype=np.int64)
+        return (np.arange(self.poses) // each) % self.laps
+
+    def half_angles(self) -> Array:
+        """(n,) rad, in the order round the cone."""
+        steeper = self.half_angle_rad if self.steeper_rad is None else self.steeper_rad
+        return np.where(self.lap_of() > 0, steeper, self.half_angle_rad)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +66,10 @@ def cone_poses(T_a_cone: RigidTransform, shape: ConeShape) -> RigidTransform:
     ``R_k = exp(b (sin f, -cos f, 0))``: its optical axis passes the origin, its roll stays on each lap.
     """
     f = 2.0 * np.pi * np.arange(shape.poses) / shape.poses
-    b, L = shape.half_angle_rad, shape.distances()[:, None]
-    centre = L * np.stack([np.sin(b) * np.cos(f), np.sin(b) * np.sin(f), np.full_like(f, -np.cos(b))], axis=1)
-    turn = b * np.stack([np.sin(f), -np.cos(f), np.zeros_like(f)], axis=1)
-    roll = Rotation.from_rotvec(np.outer(shape.laps() * shape.roll_rad, [0.0, 0.0, 1.0]))
+    b, L = shape.half_angles(), shape.distances()[:, None]
+    centre = L * np.stack([np.sin(b) * np.cos(f), np.sin(b) * np.sin(f), -np.cos(b)], axis=1)
+    turn = np.stack([b * np.sin(f), -b * np.cos(f), np.zeros_like(f)], axis=1)
+    roll = Rotation.from_rotvec(np.outer(shape.lap_of() * shape.roll_rad, [0.0, 0.0, 1.0]))
     return T_a_cone * RigidTransform.from_components(centre, Rotation.from_rotvec(turn) * roll)
 
 

@@ -1,4 +1,4 @@
-"""Which cone tells most: with a second distance, a rolled second lap, another branch, as far as reached."""
+"""Which cone tells most: a second distance, rolled and steeper laps, other branches, as far as reached."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -11,7 +11,9 @@ from calibration.planning.planner import Checker, ConeRequest, Describer, plan_c
 from cell.arm_model import ArmModel
 
 _FARTHER = 1.4  # of the distance: parts focal length and printed size, and is still within most reaches
-_ROLLS = (0.5 * np.pi, -0.5 * np.pi, np.pi)
+# Laps with the roll from one to the next.
+_ROLLS = ((4, 0.5 * np.pi), (2, 0.5 * np.pi), (2, -0.5 * np.pi), (2, np.pi))
+_STEEPER = (1.3, 1.6)  # times the half angle: a board that is seen at an angle tells of the focal length
 _FEWEST = 3  # poses that determine anything
 _WORTH = 0.97  # a change that tells less than this better is not worth its way
 
@@ -54,14 +56,24 @@ def _changes(shape: ConeShape) -> Sequence[Sequence[_Change]]:
     """What is tried one after the other; of alternatives the best is taken."""
     near, far = shape.distance_m / _FARTHER, shape.distance_m * _FARTHER
     distances: list[_Change] = [_at_two(far), _at_two(near)]
-    rolls: list[_Change] = [_rolled(roll) for roll in _ROLLS]
-    branch: list[_Change] = [lambda shape: replace(shape, other_branch=True)]
-    return [rolls, branch] if shape.second_distance_m is not None else [distances, rolls, branch]
+    rolls: list[_Change] = [_rolled(laps, roll) for laps, roll in _ROLLS]
+    steeper: list[_Change] = [_steeper(factor) for factor in _STEEPER]
+    branch: list[_Change] = [_on_other_branches]
+    given = shape.second_distance_m is not None
+    return [*([] if given else [distances]), rolls, steeper, branch]
 
 
 def _at_two(second: float) -> _Change:
     return lambda shape: replace(shape, second_distance_m=second)
 
 
-def _rolled(roll: float) -> _Change:
-    return lambda shape: replace(shape, roll_rad=roll)
+def _rolled(laps: int, roll: float) -> _Change:
+    return lambda shape: replace(shape, laps=laps, roll_rad=roll)
+
+
+def _steeper(factor: float) -> _Change:
+    return lambda shape: replace(shape, laps=max(shape.laps, 2), steeper_rad=factor * shape.half_angle_rad)
+
+
+def _on_other_branches(shape: ConeShape) -> ConeShape:
+    return replace(shape, laps=max(shape.laps, 2), other_branch=True)

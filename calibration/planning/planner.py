@@ -112,13 +112,13 @@ class _Tour:
         faults = view_faults(self._views, request.target_points, request.intrinsics, request.margin_px)
         wanted = [k for k in range(request.shape.poses) if k not in request.skip]
         self._lost = {k: fault for k in wanted if (fault := faults[k]) is not None}
-        laps = request.shape.laps()
+        lap_of = request.shape.lap_of()
         blocked: list[int] = []
-        for lap in (0, 1):
+        for lap in range(request.shape.laps):
             now = self._views[self._visits[-1][0]] if self._visits else request.T_camera_target
-            own = [k for k in wanted if k not in self._lost and laps[k] == lap]
+            own = [k for k in wanted if k not in self._lost and lap_of[k] == lap]
             ring = _from_nearest(own, self._views, now)
-            if lap == 1 and request.shape.other_branch:
+            if lap > 0 and request.shape.other_branch:
                 ring = self._change_branch(ring)
             blocked += [k for k in ring if self._pass(k)]
         # What was blocked on the way may be free from the other side, or with the arm on another branch.

@@ -13,7 +13,7 @@ from cell.errors import AbortError
 from cell.poses import Array, to_pose6
 from procedures.hand_eye.config import ConeCaptureConfig
 from procedures.hand_eye.plan import BoardObservation, PlanRequest, plan_placement
-from procedures.hand_eye.words import prediction_text
+from procedures.hand_eye.words import MEASURES, prediction_text
 from procedures.setup import Setup
 
 # Neither the camera nor the board's place is known yet, so both are assumed, and said.
@@ -66,20 +66,12 @@ def _beyond_acceptance(job: ConeCaptureConfig, predicted: Mapping[str, Any]) -> 
             )
 
 
-_MEASURES = {
-    "lens": "calibrate the camera and state camera_sigma",
-    "target": "measure the target over ten squares and state its scale_sigma and flatness_m",
-    "arm": "capture with more different joints",
-    "noise": "plan more poses",
-}
-
-
 def _advice(key: str, limit: float, at_best: Mapping[str, Any]) -> str:
     """What to change: more placements, where they lead below the limit; else what keeps it up."""
     if at_best[key] <= limit:
         return "allow more, or plan more placements"
     cause = at_best["block_" + key.split("_")[1]]
-    return f"no number of placements gets there: allow more, or {_MEASURES[cause]}"
+    return f"no number of placements gets there: allow more, or {MEASURES[cause]}"
 
 
 def _request(setup: Setup, job: ConeCaptureConfig, calibration: dict[str, Any], q: Array) -> PlanRequest:

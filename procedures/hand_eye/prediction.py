@@ -1,10 +1,12 @@
 """What a planned placement is expected to tell, with the priors that the result will be solved with."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from calibration.adjustment.arm_accuracy import position_metric
 from calibration.adjustment.prediction import Expected, PlannedViews, expected
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye.problem import Setup
@@ -55,12 +57,16 @@ class Prediction:
         return cls(setup, mounting, camera, points, values, known, placements)
 
     def error_at(self, plan: ConePlan, distance_m: float) -> float:
-        """Expected error (m) of a point that far before the camera: place and rotation in one length."""
-        sure = PredictedUncertainty(self._expected(plan, self.placements).cov)
-        return float(np.hypot(sure.error95_t_m, distance_m * sure.error95_r_rad))
+        """Expected error (m, RMS) of a point that far before the camera, by the corrected arm anywhere."""
+        found = self._expected(plan, self.placements)
+        sure = PredictedUncertainty(found.cov)
+        return float(
+            np.linalg.norm([sure.sigma_t_m, distance_m * sure.sigma_r_rad, self._arm_left(found) or 0.0])
+        )
 
     def told(self, plan: ConePlan) -> dict[str, Any]:
-        """The 95 % errors, by cause, what no further placement lowers, and what was assumed."""
+        """The 95 % errors, by cause, what each part will be known to, what no further placement lowers, and
+        what was assumed."""
         found, limit = self._expected(plan, self.placements), self._expected(plan, _MANY)
         sure, at_best, left = (
             PredictedUncertainty(found.cov),
@@ -71,23 +77,51 @@ class Prediction:
             "error95_t_m": sure.error95_t_m,
             "error95_r_rad": sure.error95_r_rad,
             "budget": by_cause(found.budget),
+            "known": self._parts(found),
             "limit": {
                 "error95_t_m": at_best.error95_t_m,
                 "error95_r_rad": at_best.error95_r_rad,
                 "block_t": largest(left, "t"),
                 "block_r": largest(left, "r"),
+                "known": self._parts(limit),
             },
             "assuming": {**ASSUMED, "placements": self.placements},
             "priors": dict(self.known.sources),
         }
 
+    def _parts(self, found: Expected) -> dict[str, float]:
+        """Standard uncertainties: lens and print as shares, px and m; the arm's places over its joints, m."""
+        sigma = found.sigma
+        parts = {
+            "focal": sigma["focal"],
+            "centre_px": max(sigma["cx"], sigma["cy"]),
+            "scale": max(sigma["scale_x"], sigma["scale_y"]),
+            "bow_m": max(sigma["bow_xx"], sigma["bow_xy"], sigma["bow_yy"]),
+        }
+        left = self._arm_left(found)
+        return parts if left is None else parts | {"arm_m": left}
+
+    def _arm_left(self, found: Expected) -> float | None:
+        """RMS position error (m) of the corrected arm over its joints; None where it is taken as exact."""
+        if self._metric is None:
+            return None
+        return float(np.sqrt(np.sum(self._metric * found.cov_arm)))
+
+    @cached_property
+    def _metric(self) -> Array | None:
+        arm = self._arm(np.zeros((1, _JOINTS)))
+        return None if arm is None else position_metric(arm)
+
+    def _arm(self, Q: Array) -> ArmKnown | None:
+        """The arm at joints ``Q`` (n, 6), None where its errors are no unknowns."""
+        if "arm" not in self.known.sources:
+            return None
+        spec = arm_spec(parse_robot(arm_robot(self.values), "robot"), "robot")
+        return ArmKnown(spec.arm, Q, np.tile([-np.pi, np.pi], (_JOINTS, 1)), self.known.arm, scale_free=False)
+
     def _expected(self, plan: ConePlan, placements: int) -> Expected:
         F = np.stack([p.T_base_flange.as_matrix() for p in plan.poses])
         C = np.stack([p.T_camera_target.as_matrix() for p in plan.poses])
         views = PlannedViews(F, C, self.mounting.X.as_matrix(), self.points)
-        known, arm = self.known, None
-        if "arm" in known.sources:
-            spec = arm_spec(parse_robot(arm_robot(self.values), "robot"), "robot")
-            Q = np.stack([p.q for p in plan.poses])
-            arm = ArmKnown(spec.arm, Q, np.tile([-np.pi, np.pi], (_JOINTS, 1)), known.arm, scale_free=False)
+        arm, known = self._arm(np.stack([p.q for p in plan.poses])), self.known
         return expected(self.setup, views, self.camera, ASSUMED, arm, known.lens, known.target, placements)

@@ -125,6 +125,15 @@ def so_far_text(error: Mapping[str, Any]) -> str:
     return f"so far the camera's pose is known to {text}, limited most by {most}"
 
 
+# What lowers the share of a cause that no number of poses lowers.
+MEASURES = {
+    "lens": "calibrate the camera and state camera_sigma",
+    "target": "measure the target over ten squares and state its scale_sigma and flatness_m",
+    "arm": "capture with more different joints",
+    "noise": "plan more poses",
+}
+
+
 def prediction_text(predicted: Mapping[str, Any]) -> str:
     """The expected error of the calibration, what causes it, and what was assumed for it."""
     assumed, limit = predicted["assuming"], predicted["limit"]
@@ -132,12 +141,34 @@ def prediction_text(predicted: Mapping[str, Any]) -> str:
     known = "; ".join(f"{part}: {source}" for part, source in predicted["priors"].items())
     return (
         f"expected error below {mm(predicted['error95_t_m'])} and {deg(predicted['error95_r_rad'])} (95 %), "
-        f"of which by cause (standard uncertainty) {causes}; any number of placements like this one leaves "
-        f"{mm(limit['error95_t_m'])}, most of it by {limit['block_t']}, and {deg(limit['error95_r_rad'])}, "
-        f"most of it by {limit['block_r']}; "
+        f"of which by cause (standard uncertainty) {causes}; "
+        f"known then (standard uncertainty): {_known_text(predicted['known'])}; {_limit_text(limit)}; "
         f"assuming {assumed['placements']} placements like this one, corners to {assumed['sigma_px']:g} px, "
         f"flange poses to {mm(assumed['sigma_flange_t'])} and {deg(assumed['sigma_flange_r'])}; {known}"
     )
+
+
+def _limit_text(limit: Mapping[str, Any]) -> str:
+    """What no number of poses tells, and what would."""
+    causes = dict.fromkeys([limit["block_t"], limit["block_r"]])
+    return (
+        f"any number of placements like this one leaves {mm(limit['error95_t_m'])}, most of it by "
+        f"{limit['block_t']}, and {deg(limit['error95_r_rad'])}, most of it by {limit['block_r']}, with "
+        f"{_known_text(limit['known'])}; to lower that, {', and '.join(MEASURES[cause] for cause in causes)}"
+    )
+
+
+def _known_text(known: Mapping[str, float]) -> str:
+    """How well the parts are known."""
+    parts = [
+        f"focal length {100 * known['focal']:.3f} %",
+        f"principal point {known['centre_px']:.2f} px",
+        f"printed size {100 * known['scale']:.3f} %",
+        f"flatness {mm(known['bow_m'])}",
+    ]
+    if "arm_m" in known:
+        parts.append(f"places of the arm over its joints {mm(known['arm_m'])}")
+    return ", ".join(parts)
 
 
 def cone_plan_lines(plan: Mapping[str, Any]) -> list[str]:

@@ -4,6 +4,7 @@ The true arm has deviations of its chain, errors of its gears and sag; the contr
 the nominal arm. The true X is the one that serves best with the nominal arm over all its joints.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -22,7 +23,7 @@ from cell.devices import Intrinsics
 from cell.formats.robot import parse_robot
 from cell.poses import Array
 
-CAMERA = Intrinsics(1280, 800, (1800.0, 1800.0, 640.0, 400.0), (0.0, 0.0, 0.0, 0.0, 0.0))
+CAMERA = Intrinsics(2560, 1600, (1800.0, 1800.0, 1280.0, 800.0), (0.0, 0.0, 0.0, 0.0, 0.0))
 POINTS = np.array([[0.025 * x, 0.025 * y, 0.0] for y in range(1, 7) for x in range(1, 10)])
 X_NOMINAL = RigidTransform.from_components([0.02, -0.08, 0.05], Rotation.from_rotvec([0.1, -0.2, 0.3]))
 ARM = UrArm("ur10e")
@@ -37,6 +38,9 @@ PLANS = {
 }  # placements, poses
 SCALES = {"scale": 5e-4, "slight": 1e-4}
 WHOLE_PLANS = ("cone", "diverse", "branches")
+
+Seen = tuple[Array, Array, CornerSet]
+"""One pose: the flange (4, 4) as the controller has it, joints (6,), and the view of the board."""
 
 
 @dataclass(frozen=True)
@@ -90,8 +94,9 @@ def world(
     gear = rng.normal(size=27) * np.array([gear_rad] * 24 + [sag_rad] * 3) * (arm_m > 0.0)
     camera = CAMERA
     if lens == "off":
-        f = 1800.0 * (1.0 + rng.choice([-1.0, 1.0]) * 3e-3)
-        camera = replace(CAMERA, K=(f, f, 640.0 + 3 * rng.normal(), 400.0 + 3 * rng.normal()))
+        f, _, cx, cy = CAMERA.K
+        f *= 1.0 + rng.choice([-1.0, 1.0]) * 3e-3
+        camera = replace(CAMERA, K=(f, f, cx + 3 * rng.normal(), cy + 3 * rng.normal()))
     points = POINTS.copy()
     if board in SCALES:
         points *= 1.0 + rng.choice([-1.0, 1.0]) * SCALES[board]
@@ -112,19 +117,22 @@ def _serving(chain: SerialChain, gear: Array) -> tuple[Array, Array]:
 def capture(rng: np.random.Generator, cell: World, plan: str) -> tuple[Measurements, Array]:
     """Views and joints; the flange as the controller has it, from the nominal arm."""
     places, each = PLANS[plan]
-    F, Q, views, group = [], [], [], []
-    for g in range(places):
-        own: list[tuple[Array, Array, CornerSet]] = []
+    placements = []
+    for _ in range(places):
+        own: list[Seen] = []
         while len(own) < each:  # a place where some pose is out of reach is another one
             own = _placement(rng, cell, plan, each)
-        F += [f for f, _, _ in own]
-        Q += [q for _, q, _ in own]
-        views += [v for _, _, v in own]
-        group += [g] * each
-    none = np.tile(np.eye(4), (len(F), 1, 1))
-    return Measurements("eye-in-hand", np.array(F), np.array(group), views, none, np.eye(4)[None]), np.array(
-        Q
-    )
+        placements.append(own)
+    return gathered(placements)
+
+
+def gathered(placements: Sequence[Sequence[Seen]]) -> tuple[Measurements, Array]:
+    """One capture of all placements, and its joints (n, 6)."""
+    every = [seen for own in placements for seen in own]
+    group = np.repeat(np.arange(len(placements)), [len(own) for own in placements])
+    none = np.tile(np.eye(4), (len(every), 1, 1))
+    F, Q = np.array([f for f, _, _ in every]), np.array([q for _, q, _ in every])
+    return Measurements("eye-in-hand", F, group, [v for _, _, v in every], none, np.eye(4)[None]), Q
 
 
 def capture_eye_to_hand(rng: np.random.Generator, cell: World) -> tuple[Measurements, Array, Array]:
@@ -159,15 +167,27 @@ def _view(rng: np.random.Generator, cell: World, C: Array, start: Array) -> Corn
     return CornerSet(POINTS, uv, np.ones(len(POINTS)), start)
 
 
-def _placement(
-    rng: np.random.Generator, cell: World, plan: str, each: int
-) -> list[tuple[Array, Array, CornerSet]]:
-    """Flange, joints and view of each pose about a board somewhere; fewer where one is out of reach."""
+def board_somewhere(rng: np.random.Generator) -> tuple[RigidTransform, float]:
+    """T_base_target within the arm's reach, and the direction (rad) in which it lies."""
     a, reach = rng.uniform(-np.pi, np.pi), rng.uniform(0.5, 0.8)
     W = RigidTransform.from_components(
         [reach * np.cos(a), reach * np.sin(a), rng.uniform(-0.3, 0.2)],
         Rotation.from_rotvec(rng.normal(size=3) * 0.2),
     )
+    return W, a
+
+
+def seen_from(rng: np.random.Generator, cell: World, q: Array, W: RigidTransform, start: Array) -> Seen:
+    """The board at ``W``, with joints ``q`` (6,); ``start`` (4, 4) is about where the camera sees it."""
+    noise = rng.normal(size=6) * np.array([FLANGE_T] * 3 + [FLANGE_R] * 3)
+    true = cell.true_flange(q[None])[0] @ se3.exp(noise)
+    T = se3.inverse(true @ X_NOMINAL.as_matrix()) @ W.as_matrix()
+    return MODEL.base.flange(q[None])[0], q, _view(rng, cell, T, start)
+
+
+def _placement(rng: np.random.Generator, cell: World, plan: str, each: int) -> list[Seen]:
+    """Each pose about a board somewhere; fewer where one is out of reach."""
+    W, a = board_somewhere(rng)
     down = Rotation.from_rotvec([np.pi, 0.0, 0.0])
     out = []
     for k in range(each):
@@ -182,8 +202,5 @@ def _placement(
             break
         order = sorted(found, key=lambda q: (q[4] < 0, q[2] < 0, abs(q[0] - a)))
         q = order[rng.integers(len(order))] if plan in ("branches", "long") else order[0]
-        noise = rng.normal(size=6) * np.array([FLANGE_T] * 3 + [FLANGE_R] * 3)
-        true = cell.true_flange(q[None])[0] @ se3.exp(noise)
-        T = se3.inverse(true @ X_NOMINAL.as_matrix()) @ W.as_matrix()
-        out.append((MODEL.base.flange(q[None])[0], q, _view(rng, cell, T, C.as_matrix())))
+        out.append(seen_from(rng, cell, q, W, C.as_matrix()))
     return out

@@ -46,11 +46,13 @@ def write_config(
     tracker_keys: Mapping[str, Any] | None = None,
     observed_keys: Mapping[str, Any] | None = None,
     jobs: Mapping[str, Mapping[str, Any]] | None = None,
+    camera: str = "fakes.object:ObjectCamera",
     **overrides: Any,
 ) -> CellConfig:
     """The scenario's own cell on the object face with a small plan.
 
-    ``job`` goes into the section of the capture, ``jobs`` into those of other jobs.
+    ``job`` goes into the section of the capture, ``jobs`` into those of other jobs; ``camera`` is the driver
+    of the camera.
     """
     loaded = Scenario.load(scenario)
     sections = {name: dict(section) for name, section in loaded.cell.job.items()}
@@ -61,15 +63,19 @@ def write_config(
         sections[JOB] |= {**SMALL, **(job or {})}
     text = loaded.cell_toml(
         {
-            name: {"driver": f"fakes.object:{driver}", "scenario": scenario, **(keys or {})}
+            name: {"driver": driver, "scenario": scenario, **(keys or {})}
             for name, driver, keys in (
-                ("arm", "ObjectArm", arm_keys),
-                ("camera", "ObjectCamera", None),
-                ("beams", "ObjectInputs", beams_keys),
-                ("tracker", "ObjectTracker", tracker_keys),
-                (OBSERVED, "ObjectObservedArm", {"allow_requests": True, **(observed_keys or {})}),
-                ("belt", "ObjectEncoder", None),
-                ("gripper", "ObjectGripper", None),
+                ("arm", "fakes.object:ObjectArm", arm_keys),
+                ("camera", camera, None),
+                ("beams", "fakes.object:ObjectInputs", beams_keys),
+                ("tracker", "fakes.object:ObjectTracker", tracker_keys),
+                (
+                    OBSERVED,
+                    "fakes.object:ObjectObservedArm",
+                    {"allow_requests": True, **(observed_keys or {})},
+                ),
+                ("belt", "fakes.object:ObjectEncoder", None),
+                ("gripper", "fakes.object:ObjectGripper", None),
             )
         },
         state_dir=str(folder / "state"),

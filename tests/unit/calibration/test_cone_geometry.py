@@ -1,5 +1,7 @@
 """The set of camera poses on a cone, and which views of a board count."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -44,6 +46,16 @@ def test_every_optical_axis_has_the_half_angle_to_the_cones_axis(subject: RigidT
     axis = Rotation.from_rotvec([0.4, -0.5, 0.6]).apply([0, 0, 1])
     cosines = subject.rotation.apply([0, 0, 1]) @ axis
     np.testing.assert_allclose(cosines, np.cos(0.44), atol=1e-12)
+
+
+def test_laps_after_the_first_are_steeper_and_rolled() -> None:
+    shape = ConeShape(12, 0.44, 0.5, second_distance_m=0.7, laps=3, roll_rad=0.5 * np.pi, steeper_rad=0.6)
+    cameras = cone_poses(from_pose6(np.zeros(6)), shape)
+    angles = np.arccos(cameras.rotation.apply([0, 0, 1])[:, 2])
+    np.testing.assert_allclose(angles, np.tile([0.44, 0.44, 0.6, 0.6, 0.6, 0.6], 2), atol=1e-12)
+    flat = cone_poses(from_pose6(np.zeros(6)), replace(shape, roll_rad=0.0))
+    rolled = (flat.rotation.inv() * cameras.rotation).as_rotvec()[:, 2]
+    np.testing.assert_allclose(np.abs(rolled), np.pi / 2 * np.tile([0, 0, 1, 1, 2, 2], 2), atol=1e-12)
 
 
 def test_the_roll_is_constant_and_the_adjacent_rotation_is_the_published_one(subject: RigidTransform) -> None:

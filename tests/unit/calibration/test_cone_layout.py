@@ -84,7 +84,7 @@ def test_nothing_is_changed_where_it_would_cost_a_pose() -> None:
 
 def test_the_second_lap_is_on_another_branch_when_it_is_asked_for() -> None:
     guard = make_guard()
-    shape = ConeShape(12, 0.44, 0.5, second_distance_m=0.6, roll_rad=0.5 * np.pi, other_branch=True)
+    shape = ConeShape(12, 0.44, 0.5, 0.6, laps=2, roll_rad=0.5 * np.pi, other_branch=True)
     plan = plan_cone(request(shape=shape), guard.model, guard.check_path_joints)
     signs = {(p.q[2] > 0.0, p.q[4] > 0.0) for p in plan.poses}
     assert len(signs) > 1

@@ -141,7 +141,11 @@ def test_a_dry_run_lists_the_plan_and_its_checks(
         "predicted": {
             "error95_t_m": 1.5e-4, "error95_r_rad": 2e-4,
             "budget": [{"block": "lens", "t": 6e-5, "r": 1e-4}, {"block": "noise", "t": 2e-5, "r": 5e-5}],
-            "limit": {"error95_t_m": 1e-4, "error95_r_rad": 1e-4, "block_t": "target", "block_r": "lens"},
+            "known": {"focal": 5e-4, "centre_px": 0.7, "scale": 1e-3, "bow_m": 1e-4, "arm_m": 2e-4},
+            "limit": {
+                "error95_t_m": 1e-4, "error95_r_rad": 1e-4, "block_t": "target", "block_r": "lens",
+                "known": {"focal": 1e-4, "centre_px": 0.1, "scale": 9e-4, "bow_m": 2e-5},
+            },
             "priors": {"lens": "by its maker"},
             "assuming": {"sigma_px": 0.1, "sigma_flange_t": 5e-5, "sigma_flange_r": 5e-5, "placements": 3},
         },
@@ -152,7 +156,8 @@ def test_a_dry_run_lists_the_plan_and_its_checks(
     assert done.code == 0
     for told in (
         "0.0 -90.0 0.0", "28.6 elbow", "12 tool", "1: enters keep-out box 'pillar'", "0.150 mm",
-        "0.100 mm, most of it by target", "lens: by its maker",
+        "0.100 mm, most of it by target", "lens: by its maker", "focal length 0.050 %",
+        "places of the arm over its joints 0.200 mm", "measure the target over ten squares",
         "Nothing was moved",
     ):  # fmt: skip
         assert told in done.out
