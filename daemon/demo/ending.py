@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from cell.store.files import read_json, to_json, write_atomic
 from cell.store.runs import load_run
 from daemon.cli.failures import FAILED, OK
 from daemon.cli.output import out, say
@@ -11,6 +12,10 @@ from daemon.cli.result_text import result_text
 from daemon.demo.closing import Row
 from procedures.beside_truth import Judged
 from procedures.kind import kind_of, load, read_result
+from procedures.report import write_report
+from procedures.report.source import RESULT_FILE, TRUTH_FILE
+from procedures.report.write import FILE_NAME as REPORT_FILE
+from procedures.report.write import layout_of
 
 
 def conclude(runs: Path, run_id: int, truth: Mapping[str, Any]) -> Row:
@@ -26,9 +31,10 @@ def conclude(runs: Path, run_id: int, truth: Mapping[str, Any]) -> Row:
     judged = None
     if result["result"] is not None:
         judged = beside_truth(result, truth, run.path)
+        _into_report(run.path, truth)
         out("\nBeside the twin's truth:")
         out(judged.text)
-    report = run.path / "report.html"
+    report = run.path / REPORT_FILE
     out(f"report: {report if report.exists() else f'none was drawn; the journal in {run.path} says why'}")
     if judged is None:
         return Row(run.job, "no answer", "-", str(result["verdict"]), FAILED)
@@ -37,6 +43,13 @@ def conclude(runs: Path, run_id: int, truth: Mapping[str, Any]) -> Row:
     again = len((result.get("inputs") or {}).get("steps_taken_again") or ())
     words += f"; {again} steps taken again" if again else ""
     return Row(run.job, judged.stated, judged.off, words, OK if good else FAILED)
+
+
+def _into_report(folder: Path, truth: Mapping[str, Any]) -> None:
+    """Leave the truth beside the result, and draw a report again that shows it."""
+    if (folder / REPORT_FILE).exists() and layout_of(read_json(folder / RESULT_FILE)).shows_truth:
+        write_atomic(folder / TRUTH_FILE, to_json(truth))
+        write_report(folder)
 
 
 def beside_truth(result: Mapping[str, Any], truth: Mapping[str, Any], folder: Path) -> Judged:

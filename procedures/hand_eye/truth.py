@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.adjustment.arm_terms import reference_joints
+from calibration.adjustment.arm_terms import REFERENCE, reference_joints
 from calibration.adjustment.gauge import apart
 from calibration.kinematics.families import arm_spec
 from cell.errors import error
@@ -17,7 +17,7 @@ from cell.poses import Array, from_pose6, log_xi
 from cell.store.files import read_json
 from procedures.beside_truth import Judged
 from procedures.hand_eye.record import CAPTURE_FILE
-from procedures.hand_eye.result import ArmFromBoard, HandEyeAnswer, HandEyeResult
+from procedures.hand_eye.result import ArmError, ArmFromBoard, HandEyeAnswer, HandEyeResult
 from procedures.hand_eye.words import SETUPS, spread_lines
 from procedures.twin_arm import true_flange
 from procedures.words import table
@@ -84,28 +84,52 @@ def judge_corrected(
     ``configured`` and ``corrected``: the ROBOT before and after the calibration. Good when the true error of
     the corrected one is within what is stated, widened for errors that may all lie in one direction.
     """
+    found = arm_beside_truth(stated, corrected, true, configured)
+    after = found[-1]
+    good = after.rms <= SURE_MODE * after.stated.t
+    words = "consistent with" if good else "NOT consistent with"
+    rows = [
+        (row.name, *(f"{1e3 * v:.4f}" for v in (row.stated.t, row.rms, row.stated.t95, row.p95)))
+        for row in found
+    ]
+    text = [
+        f"the arm over all its joints, at {2**REFERENCE} that were not measured; position of the flange "
+        "after the best base and flange, mm",
+        table(("arm", "stated RMS", "true RMS", "stated: 95 % below", "true: 95 % below"), rows),
+        f"the corrected arm is {words} what is stated of it (limit {SURE_MODE:g} times the stated RMS)",
+    ]
+    claim, off = (f"{1e3 * v:.3f} mm" for v in (after.stated.t, after.rms))
+    return Judged(good, "\n".join(text), f"arm {claim} RMS", off)
+
+
+@dataclass(frozen=True)
+class ArmBesideTruth:
+    """An arm's position errors (m) over joints that were not measured: RMS and 95 %, and as ``stated``."""
+
+    name: str
+    stated: ArmError
+    rms: float
+    p95: float
+
+
+def arm_beside_truth(
+    stated: ArmFromBoard,
+    corrected: Mapping[str, Any],
+    true: Mapping[str, Any],
+    configured: Mapping[str, Any],
+) -> list[ArmBesideTruth]:
+    """The arm as configured and as corrected, after the best base and flange."""
     Q = reference_joints(np.tile([-np.pi, np.pi], (6, 1)), seed=_OWN_JOINTS)
     flange = true_flange(true, Q)
-    rows, off = [], {}
+    rows = []
     for name, robot, told in (
         ("as configured", configured, stated.configured),
         ("as corrected", corrected, stated.corrected),
     ):
         arm = arm_spec(parse_robot(robot, "robot")).arm.base
         e = np.linalg.norm(apart(arm.flange(Q), flange)[:, :3], axis=1)
-        off[name] = float(np.sqrt(np.mean(e**2)))
-        numbers = (told.t, off[name], told.t95, np.percentile(e, 95))
-        rows.append((name, *(f"{1e3 * v:.4f}" for v in numbers)))
-    good = off["as corrected"] <= SURE_MODE * stated.corrected.t
-    words = "consistent with" if good else "NOT consistent with"
-    text = [
-        f"the arm over all its joints, at {len(Q)} that were not measured; position of the flange after the "
-        "best base and flange, mm",
-        table(("arm", "stated RMS", "true RMS", "stated: 95 % below", "true: 95 % below"), rows),
-        f"the corrected arm is {words} what is stated of it (limit {SURE_MODE:g} times the stated RMS)",
-    ]
-    claim, found = (f"{1e3 * v:.3f} mm" for v in (stated.corrected.t, off["as corrected"]))
-    return Judged(good, "\n".join(text), f"arm {claim} RMS", found)
+        rows.append(ArmBesideTruth(name, told, float(np.sqrt(np.mean(e**2))), float(np.percentile(e, 95))))
+    return rows
 
 
 def _size_text(xi: Array) -> str:

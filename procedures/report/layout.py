@@ -25,9 +25,13 @@ class Page(Generic[S]):
 
 @dataclass(frozen=True)
 class Layout(Generic[S]):
-    """``source`` reads what the sections ask for; its data set is ``data_file`` in a run folder."""
+    """``source`` reads what the sections ask for; its data set is ``data_file`` in a run folder.
+
+    ``shows_truth``: a section puts the result beside the truth of a twin, where that is known.
+    """
 
     source: type[S]
     data_file: str
     title: Callable[[S], str]
     page: Callable[[S], Page[S]]
+    shows_truth: bool = False

@@ -11,6 +11,7 @@ from cell.store.files import read_json
 
 JOURNAL_FILE = "journal.jsonl"
 RESULT_FILE = "result.json"
+TRUTH_FILE = "truth.json"  # of a twin, written by the demo
 S = TypeVar("S", bound="Source")
 
 
@@ -28,6 +29,7 @@ class Source:
     journal: list[dict[str, Any]] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
     folder: Path | None = None
+    truth: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def answer(self) -> Mapping[str, Any] | None:
@@ -50,6 +52,8 @@ def of_folder(cls: type[S], result: Mapping[str, Any], folder: Path, data_file: 
     source.run = _optional(folder / "run.json", source.missing)
     if (folder / "end.json").exists():
         source.end = _optional(folder / "end.json", source.missing)
+    if (folder / TRUTH_FILE).exists():
+        source.truth = _optional(folder / TRUTH_FILE, source.missing)
     source.journal = _journal(folder / JOURNAL_FILE, source.missing)
     return source
 

@@ -14,6 +14,7 @@ from procedures.hand_eye.report.comparison import comparison_section
 from procedures.hand_eye.report.residuals import residuals_section
 from procedures.hand_eye.report.scene import scene_section, views_section
 from procedures.hand_eye.report.source import HandEyeSource
+from procedures.hand_eye.report.truth import truth_section
 from procedures.hand_eye.solve.capture import FILE_NAME
 from procedures.report.html import Html
 from procedures.report.layout import Layout, Page
@@ -42,6 +43,7 @@ def _page(source: HandEyeSource) -> Page[HandEyeSource]:
         rest=(
             views_section,
             budget_section,
+            truth_section,
             held_out_section,
             comparison_section,
             residuals_section,
@@ -61,4 +63,5 @@ HAND_EYE = Layout(
     data_file=FILE_NAME,
     title=lambda source: f"Hand-eye calibration: camera in {source.parent}",
     page=_page,
+    shows_truth=True,
 )
