@@ -22,6 +22,7 @@ from cell.procedure import FinishRequested, Procedure, Proposal, Run
 from cell.run_values import RunValues
 from procedures.arm_setup import arm_robot
 from procedures.hand_eye.config import ConeCaptureConfig
+from procedures.hand_eye.health import keep_trends
 from procedures.hand_eye.judging import BoardSeen, fault_of, moved_since, repeats, shows_board
 from procedures.hand_eye.plan import (
     BoardObservation,
@@ -104,8 +105,11 @@ class ConeCapture(Procedure):
         answer = (run.result or {}).get("result")
         if answer is None:
             return None
-        name = "T_flange_camera" if self.config.setup == "eye-in-hand" else "T_base_camera"
-        return Proposal(name, answer[name], self.config.accept.auto)
+        return Proposal(self._pose_name, answer[self._pose_name], self.config.accept.auto)
+
+    @property
+    def _pose_name(self) -> str:
+        return "T_flange_camera" if self.config.setup == "eye-in-hand" else "T_base_camera"
 
     @property
     def _camera_role(self) -> str:
@@ -116,6 +120,7 @@ class ConeCapture(Procedure):
         with suppress(FinishRequested):
             await capture.take_all()
         await capture.solve()
+        await keep_trends(run, self.config.setup, self._pose_name)
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """The plan from the board as it is seen now, with every check; nothing moves."""

@@ -299,6 +299,15 @@ class HandEyeObservability(Part):
     ambiguity: str | None = Field(description="What a symmetry of the target leaves open.")
 
 
+class MovedCamera(Part):
+    """How far the camera is from where the version in effect before this run has it."""
+
+    version: int = Field(description="Of the calibration.")
+    t: Metres = Field(description="Of the place.")
+    r: Radians = Field(description="Of the rotation.")
+    beyond_uncertainty: bool = Field(description="Whether it is more than two such results differ by chance.")
+
+
 class HandEyeInputs(Inputs):
     """What was solved."""
 
@@ -310,6 +319,7 @@ class HandEyeInputs(Inputs):
     groups: int = Field(description="Placements.")
     target: dict[str, Any] = Field(description="As in the data set.")
     noise_given: dict[str, float] = Field(description="As in the data set.")
+    moved: MovedCamera | None = Field(default=None, description="Of a run; against the version in effect.")
 
 
 class HandEyeResult(Envelope):

@@ -10,6 +10,7 @@ from procedures.hand_eye.result import (
     HandEyeResiduals,
     HandEyeResult,
     HandEyeUncertainty,
+    MovedCamera,
     Spread,
     TargetScale,
 )
@@ -27,6 +28,7 @@ def hand_eye_lines(found: HandEyeResult) -> list[str]:
     """The pose, its uncertainty, the residuals, and which observations were not used."""
     return [
         *_answer(found.result, found.uncertainty),
+        *_moved(found.inputs.moved),
         *_residuals(found.residuals),
         *_rejected(found.result.rejected),
     ]
@@ -65,6 +67,17 @@ def _answer(answer: HandEyeAnswer, uncertainty: HandEyeUncertainty) -> list[str]
     if answer.intrinsics:
         lines.append("  the camera's intrinsics were estimated from the images")
     return lines
+
+
+def _moved(since: MovedCamera | None) -> list[str]:
+    """Where the camera is against the version in effect."""
+    if since is None:
+        return []
+    judged = "more than two such results differ by chance: look for a camera, a board or an arm that moved"
+    return [
+        f"  {mm(since.t)}, {deg(since.r)} from version {since.version}, "
+        + (judged if since.beyond_uncertainty else "as two such results may differ by chance")
+    ]
 
 
 def _target_scale(scale: TargetScale) -> str:

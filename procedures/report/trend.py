@@ -13,8 +13,19 @@ from procedures.report.html import Html, absent, note, section
 from procedures.report.numbers import dig, number
 from procedures.report.source import Source
 
-_UNITS = {"_per_count": (1e6, "µm"), "_s": (1e3, "ms"), "_m": (1e3, "mm"), "_rad": (180.0 / math.pi, "°")}
+_UNITS = {
+    "_per_count": (1e6, "µm"),
+    "_px": (1.0, "px"),
+    "_s": (1e3, "ms"),
+    "_m": (1e3, "mm"),
+    "_rad": (180.0 / math.pi, "°"),
+}
 _PANELS = (
+    ("hand_eye.moved_m", "camera, since the version before"),
+    ("hand_eye.spread_within_m", "spread within placements"),
+    ("hand_eye.spread_across_m", "spread across placements"),
+    ("hand_eye.noise_px", "noise of a corner"),
+    ("hand_eye.arm_m", "error of the arm's model"),
     ("beams.latency_s", "delay of the beams"),
     ("beams.hysteresis_m", "hysteresis of the beams"),
     ("tool.offset_", "displacement of the point"),

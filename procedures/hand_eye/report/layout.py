@@ -20,6 +20,7 @@ from procedures.report.html import Html
 from procedures.report.layout import Layout, Page
 from procedures.report.origin import inputs_section
 from procedures.report.timeline import events, timeline
+from procedures.report.trend import trend_section
 
 
 def timeline_section(source: HandEyeSource) -> Html | None:
@@ -52,6 +53,7 @@ def _page(source: HandEyeSource) -> Page[HandEyeSource]:
             noise_section,
             intrinsics_section,
             *((observability_section,) if answered else ()),
+            trend_section,
             timeline_section,
             inputs_section,
         ),
