@@ -66,7 +66,7 @@ def position_metric(arm: ArmKnown) -> Array:
     """M (a, a): numbers with covariance C leave ``trace(M C)`` (m^2) of position error of the flange, the
     mean square over the reference joints."""
     J = _columns(arm, reference_joints(arm.limits))[:, :3]
-    return np.einsum("kia,kib->ab", J, J, optimize=True) / len(J)
+    return np.asarray(np.einsum("kia,kib->ab", J, J, optimize=True) / len(J))
 
 
 def position_accuracy(found: Adjusted, arm: ArmKnown, Q: Array) -> PositionAccuracy:
