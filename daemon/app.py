@@ -21,6 +21,7 @@ from daemon.disk_space import DiskSpace, low_limit
 from daemon.engine import Engine
 from daemon.failed_reports import FailedReports
 from daemon.health import Beats, LoopLag, watchdog
+from daemon.log_lines import RecentLog
 from daemon.logs import set_up_logging
 from daemon.modbus import ModbusFace
 from daemon.notify import Notifier
@@ -64,7 +65,7 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
     must not end and does takes the daemon down, after its arm has come to rest.
     """
     if config.http.enabled:  # before anything runs that its import would hold up
-        import daemon.web.server  # noqa: F401
+        import daemon.web.views  # noqa: F401
     clock = MonotonicClock()
     state = Path(config.cell.state_dir)
     log.info("cell '%s', config %s, state in %s", config.cell.name, config.source, state)
@@ -119,7 +120,7 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
         await control.start()
         stack.push_async_callback(control.stop)
         if config.http.enabled:
-            page = _page(engine, writes, modbus)
+            page = _page(engine, plc, writes, modbus, stack.enter_context(RecentLog()))
             await page.start()
             stack.push_async_callback(page.stop)
         freeze_start_up()
@@ -153,16 +154,21 @@ def _modbus(config: CellConfig, engine: Engine, plc: PlcFace, writes: RecentWrit
     )
 
 
-def _page(engine: Engine, writes: RecentWrites, modbus: ModbusFace | None) -> "WebServer":
+def _page(
+    engine: Engine, plc: PlcFace, writes: RecentWrites, modbus: ModbusFace | None, recent: RecentLog
+) -> "WebServer":
     """The operator's page; a cell without one need not import what serves it."""
     from daemon.web.server import WebServer
     from daemon.web.state import PageState
+    from daemon.web.views import views
 
     def plc_alive() -> bool | None:
         return modbus.plc_alive if modbus is not None and modbus.plc_heard else None
 
     config = engine.context.config
-    return WebServer(config.http, engine, PageState(engine, writes, plc_alive), writes.audit("web"))
+    states = PageState(engine, writes, plc_alive)
+    more = views(engine, plc, writes, recent)
+    return WebServer(config.http, engine, states, writes.audit("web"), more)
 
 
 async def _report_interrupted(engine: Engine, ledger: Ledger) -> None:

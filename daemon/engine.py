@@ -12,6 +12,7 @@ from cell.errors import CellError, LatchError, error
 from cell.formats.result import NO_FIGURES
 from cell.kinds import as_kind
 from cell.procedure import PackML, Procedure, Run
+from cell.run_values import RunValues
 from cell.store.runs import RunFolder, load_run
 from daemon.cell_context import CellContext
 from daemon.decisions import check_confirmed, check_decidable, require_read, use_of
@@ -78,13 +79,7 @@ class Engine:
         context = self.context
         if context.broker.latched is not None and not request.dry_run:
             raise error("MOTION_LATCHED", f"the last fault was: {context.broker.latched}")
-        values = await asyncio.to_thread(
-            resolve_values, context.config, self.ledger, context.supervisor, procedure.uses()
-        )
-        own_limits = getattr(procedure.config, "limits", None)
-        values = with_job_limits(values, own_limits)
-        values = with_arm_model(values, procedure, context.config, context.supervisor)
-        procedure.check(values)
+        values = await self._values_of(procedure)
         models = await asyncio.to_thread(arm_models, values)
         conditions = {
             "config": context.config.model_dump(mode="json", exclude={"http"}),
@@ -111,6 +106,24 @@ class Engine:
         self._task = asyncio.create_task(self._execute(run, folder, devices), name=f"run {run.id}")
         self._publish()
         return {"run_id": run.id, "folder": folder.path.name}
+
+    async def _values_of(self, procedure: Procedure) -> RunValues:
+        """The values that the job works with now; refused where they cannot be used."""
+        config, supervisor = self.context.config, self.context.supervisor
+        values = await asyncio.to_thread(resolve_values, config, self.ledger, supervisor, procedure.uses())
+        values = with_job_limits(values, getattr(procedure.config, "limits", None))
+        values = with_arm_model(values, procedure, config, supervisor)
+        procedure.check(values)
+        return values
+
+    async def obstacle(self, job: str) -> CellError | None:
+        """Why a start of this job would be refused now, as far as it is seen without planning it."""
+        try:
+            await self._devices_of(procedure := self._make_procedure(job, {}))
+            await self._values_of(procedure)
+            return None
+        except CellError as refusal:
+            return refusal
 
     def _begin(self, run: Run, request: StartRequest) -> None:
         """The first lines of its journal, and what was asked of the run while it was made."""

@@ -79,6 +79,10 @@ class Records(LedgerFile):
         rows = self._rows("SELECT t, value FROM trends WHERE name = ? ORDER BY t DESC LIMIT ?", name, limit)
         return [(row["t"], row["value"]) for row in reversed(rows)]
 
+    def trend_names(self) -> list[str]:
+        """The health numbers that have a point, in the order of their names."""
+        return [str(row["name"]) for row in self._rows("SELECT DISTINCT name FROM trends ORDER BY name")]
+
     def add_item(self, run_id: int, item: int, t: float, outcome: str, detail: Mapping[str, Any]) -> None:
         """What became of one item on the belt; ``t`` in cell time. The newest ``MAX_ITEMS`` are kept here,
         and those of a run in its journal."""

@@ -24,6 +24,7 @@ from daemon.demo.children import Child, console_script
 from daemon.demo.closing import Row, closing_table
 from daemon.demo.ending import conclude
 from daemon.demo.folder import begin_in
+from daemon.demo.page import DemoPage
 from daemon.demo.plc import POLL_S, Plc
 from daemon.demo.scenes import DemoScene, give_camera, scenes_of
 from daemon.demo.steps import Bump, Step, eta_text
@@ -46,7 +47,9 @@ def run_wire(folder: Path, steps: Sequence[Step]) -> int:
 
     A scene that cannot go on costs its own steps; the others are shown all the same.
     """
-    out(f"Cellward demo on a twin. ETA {eta_text(steps)}.")
+    page = DemoPage.on_a_free_port()
+    out(f"Cellward demo on a twin; watch it live on {page.address} ETA {eta_text(steps)}.")
+    say(f"The page comes with each daemon of the demo; to act on it, log in with {page.token}")
     rows: list[Row] = []
     with _interrupted_once():
         say(f"Files and logs go to {folder}")
@@ -54,7 +57,7 @@ def run_wire(folder: Path, steps: Sequence[Step]) -> int:
             done: list[Finished] = []
             lost = None
             try:
-                _play(scene, folder / scene.twin, done)
+                _play(scene, folder / scene.twin, done, page)
             except CellError as failure:
                 say(f"{failure}. {failure.hint}")
                 lost = failure
@@ -67,12 +70,13 @@ Finished = tuple[Path, int, dict[str, Any]] | Row
 """The folder of runs, the number of the run and the truth after it; or why there is none."""
 
 
-def _play(scene: DemoScene, folder: Path, done: list[Finished]) -> None:
+def _play(scene: DemoScene, folder: Path, done: list[Finished], page: DemoPage) -> None:
     """All steps in one twin with one daemon; what is done of them is appended to ``done``."""
     begin_in(folder, "state")
     config, failed = folder / "cell.toml", set[str]()
     scenario = scene.prepare(folder)
     with _no_socket_left(folder), _twin(folder, config, scenario) as twin:
+        page.add_to(config)
         settings = tomllib.loads(config.read_text("utf-8"))
         where = Path(settings["cell"]["state_dir"]) / "runs"
         if scene.given_camera:

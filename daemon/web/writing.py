@@ -1,5 +1,6 @@
 """What changes something: log in and out, and what the control socket asks of the engine, too."""
 
+import asyncio
 from collections.abc import Mapping
 from typing import Any
 
@@ -7,6 +8,7 @@ from aiohttp import web
 
 from cell.errors import CellError, error
 from daemon.auditor import Auditor
+from daemon.cli.plan_text import plan_text
 from daemon.config.models import Role
 from daemon.requests import WRITES, EngineControl, Params, carry_out
 from daemon.web.answers import Visitors, address_of, body, caller, json_answer
@@ -77,6 +79,8 @@ class Writing:
             self._auditor.note(by.who, method, False, str(exc))
             raise
         done = await carry_out(self._engine, self._auditor, method, params, caller(request, session))
+        if isinstance(done, dict) and isinstance(plan := done.get("plan"), dict):
+            done = {"run_id": done.get("run_id"), "words": await asyncio.to_thread(plan_text, plan)}
         return json_answer({"done": done})
 
 

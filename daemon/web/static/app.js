@@ -3,11 +3,32 @@
 import { cell, isStale, who } from "./cell.js";
 import { Frame } from "./frame.js";
 import { html, render } from "./vendor/htm-preact.js";
+import { CellScreen } from "./screens/cell_screen.js";
 import { Login } from "./screens/login.js";
 import { Now } from "./screens/now.js";
+import { Plc } from "./screens/plc.js";
+import { Result } from "./screens/result.js";
+import { Results } from "./screens/results.js";
+import { RunScreen } from "./screens/run.js";
+import { Runs } from "./screens/runs.js";
+import { Start } from "./screens/start.js";
+import { Teach } from "./screens/teach.js";
+import { Trends } from "./screens/trends.js";
 import { loadTexts, t } from "./texts.js";
 
-const SCREENS = { now: Now };
+const SCREENS = {
+  now: Now,
+  start: Start,
+  run: RunScreen,
+  results: Results,
+  runs: Runs,
+  trends: Trends,
+  cell: CellScreen,
+  plc: Plc,
+  teach: Teach,
+  result: Result,
+};
+const PART_OF = { result: "results" }; // screens that are reached from another one
 const LOOK_MS = 500; // how often the age of the last word is looked at
 
 export const route = () => {
@@ -21,7 +42,7 @@ function Page() {
   if (name === "login" || !cell.me.look) return html`<${Frame} screen="login"><${Login} /></${Frame}>`;
   if (cell.state === null) return html`<${Frame} screen=${name}><p class="alone">${t("page.loading")}</p></${Frame}>`;
   const Screen = SCREENS[name];
-  return html`<${Frame} screen=${name} screens=${Object.keys(SCREENS)}>
+  return html`<${Frame} screen=${PART_OF[name] || name} screens=${Object.keys(SCREENS).filter((each) => !(each in PART_OF))}>
     <${Screen} key=${rest.join("/")} state=${cell.state} rest=${rest} stale=${isStale()} />
   </${Frame}>`;
 }

@@ -59,7 +59,7 @@ function Prompt({ state }) {
   </${Card}>`;
 }
 
-export function Running({ state }) {
+export function Running({ state, watched = false }) {
   const { status } = state;
   const held = HELD.has(status.packml);
   const ending = ENDING.has(status.packml);
@@ -73,7 +73,7 @@ export function Running({ state }) {
         : html`<${Action} disabled=${!may("operator")} run=${telling(() => ask("pause"))}>${t("now.pause")}</${Action}>`}
       <${Action} disabled=${!may("operator")} run=${telling(() => ask("finish"))}>${t("now.finish")}</${Action}>`}
     </${Actions}>`}
-    <p><a href="#run">${t("now.watch")}</a></p>
+    ${!watched && html`<p><a href="#run">${t("now.watch")}</a></p>`}
   </${Card}>`;
 }
 

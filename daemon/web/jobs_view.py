@@ -1,0 +1,77 @@
+"""The jobs as the page's start screen lists them, the plan of one, and the numbers of a running arm."""
+
+import asyncio
+from collections.abc import Mapping
+from typing import Any
+
+from aiohttp import web
+
+from cell.devices import Arm
+from cell.errors import CellError, error
+from cell.kinds import as_kind
+from daemon.engine import Engine
+from daemon.job_config import make_procedure
+from daemon.web.answers import Visitors, json_answer
+
+LOOKED_BACK = 500  # runs
+STATE_AGE_S = 0.5
+
+
+class JobsView:
+    """What is read of jobs and of the arm; nothing here starts or moves anything."""
+
+    def __init__(self, engine: Engine, visitors: Visitors) -> None:
+        self._engine, self._visitors = engine, visitors
+
+    def routes(self) -> list[web.RouteDef]:
+        return [web.get("/api/jobs", self.jobs), web.get("/api/joints", self.joints)]
+
+    async def jobs(self, request: web.Request) -> web.Response:
+        """Every job with what is missing for it, and how its last runs ended."""
+        self._visitors.require_look(request)
+        engine = self._engine
+        runs = await asyncio.to_thread(engine.ledger.runs, LOOKED_BACK)
+        found = []
+        for name, job in sorted(engine.jobs.items(), key=lambda entry: entry[1].number):
+            own = [run for run in runs if run["job"] == name]
+            obstacle = await engine.obstacle(name)
+            found.append(
+                {
+                    "name": name,
+                    "number": job.number,
+                    "configured": self._configured(name),
+                    "obstacle": obstacle.as_dict() if obstacle is not None else None,
+                    "last": _shown(own[0]) if own else None,
+                    "seconds": _seconds(own),
+                }
+            )
+        return json_answer(found)
+
+    def _configured(self, name: str) -> bool:
+        """Whether this cell is meant to do the job: cell.toml has what it needs, and names its devices."""
+        config = self._engine.context.config
+        try:
+            procedure = make_procedure(self._engine.jobs[name], config, {})
+        except CellError:
+            return name in config.job
+        return set(procedure.uses()) <= config.robot.roles().keys()
+
+    async def joints(self, request: web.Request) -> web.Response:
+        """Where the arm is: joints (rad) and flange (m, rad); refused while no fresh state of it is there."""
+        self._visitors.require_look(request)
+        name = self._engine.context.config.robot.roles().get("arm")
+        if name is None:
+            raise error("DEVICE_NOT_READY", "[robot] names no arm")
+        arm = as_kind(self._engine.context.supervisor.devices[name].device, Arm)
+        state = arm.state.latest(STATE_AGE_S).value
+        return json_answer({"q": state.q.tolist(), "moving": bool(abs(state.qd).max() > 1e-3)})
+
+
+def _shown(run: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: run[key] for key in ("run_id", "started", "ended", "outcome", "verdict", "who")}
+
+
+def _seconds(runs: list[dict[str, Any]]) -> float | None:
+    """How long the last complete run took."""
+    done = next((run for run in runs if run["outcome"] == "complete" and run["ended"]), None)
+    return None if done is None else done["ended"] - done["started"]

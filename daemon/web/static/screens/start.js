@@ -1,0 +1,88 @@
+// Start: one card a question. Before anything moves: what is missing, the plan with its limits, a clear floor.
+
+import { ask, may } from "../cell.js";
+import { sinceMoment, span } from "../format.js";
+import { Action, Card, Loading, Notice, useGot, useNotice, Verdict } from "../parts.js";
+import { html, useState } from "../vendor/htm-preact.js";
+import { t, textOr } from "../texts.js";
+import { jobName, NoRole } from "./now.js";
+
+const LOOK_MS = 5000;
+
+export function Start({ state, rest }) {
+  const got = useGot("/api/jobs", state.status.run_id, LOOK_MS);
+  const chosen = rest[0];
+  if (!got.content) return html`<${Loading} got=${got} />`;
+  const job = got.content.find((one) => one.name === chosen);
+  if (job) return html`<${Prepare} job=${job} state=${state} />`;
+  const here = got.content.filter((one) => one.configured);
+  const others = got.content.filter((one) => !one.configured);
+  return html`<h1>${t("start.title")}</h1>
+    ${state.status.job && html`<p class="wide">${t("start.busy", { job: jobName(state.status.job) })}</p>`}
+    <div class="cards">${here.map((one) => html`<${JobCard} key=${one.name} job=${one} />`)}</div>
+    ${here.length === 0 && html`<${Card} wide><p>${t("start.none")}</p></${Card}>`}
+    ${others.length > 0 && html`<p class="wide dim">${t("start.others")}: ${others.map((one) => jobName(one.name)).join(" · ")}</p>`}`;
+}
+
+function JobCard({ job }) {
+  return html`<${Card} title=${jobName(job.name)}>
+    <p class="dim">${job.name}</p>
+    <p>${textOr(`about.${job.name}`, "")}</p>
+    <${Last} job=${job} />
+    ${job.obstacle && job.obstacle.name !== "BUSY" && html`<${Obstacle} obstacle=${job.obstacle} />`}
+    <div class="actions"><a class="button go" href=${`#start/${job.name}`}>${t("start.prepare")}</a></div>
+  </${Card}>`;
+}
+
+function Last({ job }) {
+  if (!job.last) return html`<p>${t("start.never")}</p>`;
+  const { outcome, verdict, started, run_id } = job.last;
+  return html`<p>${t("start.last", { age: span(sinceMoment(started)) })}
+    ${" "}${verdict ? html`<${Verdict} verdict=${verdict} />` : outcome ? t(`outcome.${outcome}`) : t("start.runs_now")}
+    ${" "}<a href=${`#runs/${run_id}`}>${t("now.run", { run: run_id })}</a>
+    ${job.seconds !== null && html`<small>${t("start.took", { span: span(job.seconds) })}</small>`}</p>`;
+}
+
+const Obstacle = ({ obstacle }) =>
+  html`<div class="notice"><p><b>${t("start.missing")}: ${obstacle.text}</b></p><p>${obstacle.hint}</p></div>`;
+
+function Prepare({ job, state }) {
+  const [plan, setPlan] = useState(null);
+  const [clear, setClear] = useState(false);
+  const [notice, tell] = useNotice();
+  const telling = (work) => async () => {
+    try {
+      tell(null);
+      await work();
+    } catch (refused) {
+      tell({ text: refused.message, hint: refused.error ? refused.error.hint : t("page.not_sent") });
+    }
+  };
+  const makePlan = telling(async () => {
+    setPlan(await ask("start", { job: job.name, dry_run: true }));
+  });
+  const start = telling(async () => {
+    await ask("start", { job: job.name });
+    location.hash = "#run";
+  });
+  const busy = state.status.job !== null;
+  return html`<h1>${jobName(job.name)}</h1>
+    <${Card} wide>
+      <p>${textOr(`about.${job.name}`, "")}</p>
+      <${Last} job=${job} />
+      ${job.obstacle && html`<${Obstacle} obstacle=${job.obstacle} />`}
+      <h2>${t("start.step_plan")}</h2>
+      <p>${t("start.plan_about")}</p>
+      <div class="actions"><${Action} run=${makePlan} disabled=${busy || !may("operator")}>${t("start.plan")}</${Action}></div>
+      ${plan && html`<div class="scroll" tabindex="0" role="region" aria-label=${t("start.step_plan")}><pre>${plan.words}</pre></div>`}
+      <h2>${t("start.step_start")}</h2>
+      <label><input type="checkbox" checked=${clear} onChange=${(event) => setClear(event.target.checked)} />${t("start.clear")}</label>
+      <div class="actions">
+        <${Action} kind="go" run=${start} disabled=${busy || !clear || !may("operator")}>${t("start.start")}</${Action}>
+        <a class="button" href="#start">${t("page.back")}</a>
+      </div>
+      <${Notice} notice=${notice} close=${() => tell(null)} />
+      <${NoRole} role="operator" />
+    </${Card}>`;
+}
+
