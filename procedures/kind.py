@@ -84,6 +84,15 @@ _ALL = (
         truth="procedures.hand_eye.truth:judge_camera",
     ),
     Kind(
+        name="axbc",
+        words="procedures.eye_to_hand.words:axbc_lines",
+        result="procedures.eye_to_hand.result:AxbcResult",
+        data_file="axbc.json",
+        report="procedures.eye_to_hand.report.layout:EYE_TO_HAND",
+        solve="procedures.eye_to_hand.solve.solver:solve_axbc",
+        asked=("targets",),
+    ),
+    Kind(
         name="laser-reference",
         words="procedures.laser.words:reference_lines",
         result="procedures.laser.result:ReferenceResult",

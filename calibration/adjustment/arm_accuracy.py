@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.adjustment.arm_terms import reference_joints
+from calibration.adjustment.arm_terms import gears_and_sag, reference_joints
 from calibration.adjustment.hand_eye import Adjusted
 from calibration.adjustment.unknowns import GEARS, GEOMETRY, ArmKnown, arm_terms
 from calibration.hand_eye import se3
@@ -101,8 +101,13 @@ def predicted_flange(found: Adjusted, arm: ArmKnown, Q: Array) -> tuple[Array, A
 
 def corrected_arm(found: Adjusted, arm: ArmKnown) -> tuple[ParametricArm, Array]:
     """The arm with its joint errors, and the values (p,) of its numbers."""
-    geometry, gears = (found.numbers[found.blocks[block]] for block in (GEOMETRY, GEARS))
-    names = found.names[found.blocks[GEARS]]
+    return arm_with(found.numbers[_part(found)], arm)
+
+
+def arm_with(numbers: Array, arm: ArmKnown) -> tuple[ParametricArm, Array]:
+    """As :func:`corrected_arm`, with the ``numbers`` (a,) of its geometry and its gears in that order."""
+    geometry, gears = np.split(numbers, [len(arm.model.names)])
+    names = gears_and_sag(arm.model.base, arm.Q[:1], arm.prior).names
     amplitude = dict(zip(names, map(float, gears), strict=True))
     rows: list[tuple[str, int, Array, float, float]] = []
     for j in range(arm.model.joints):

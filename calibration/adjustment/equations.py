@@ -119,6 +119,10 @@ class Equations:
         out: Array = self.inverse + self.carry @ self.covariance @ np.swapaxes(self.carry, 1, 2)
         return out
 
+    def local_cross(self) -> Array:
+        """(g, 6, m) covariance of the local poses with the global unknowns."""
+        return -self.carry @ self.covariance
+
 
 def equations(obs: Observations, V: Array, px2: float, prior: Prior, at: Array) -> Equations:
     """Of ``obs`` with covariances ``V`` (n, d, d) and a pixel variance ``px2``, at global values ``at``."""

@@ -61,9 +61,10 @@ class Adjusted:
     ``numbers`` (p,) and ``cov_numbers`` (p, p): what was found of the unknowns ``names``. ``budget``: the
     variances of X, (6,), by block; they add up. ``excess`` is the square of the factor by which the residuals
     exceed the noise levels; the covariances carry it; ``cross`` (6, p) is the covariance of X with the
-    numbers. ``components`` are noise levels and scales, ``camera`` is the lens that was found, ``shape`` what
-    the bow of the target is measured from, ``problem`` the used observations as that lens, target and arm
-    have them. ``by_leaving_out`` is what ``cov`` was checked against; what it added is in the budget's noise.
+    numbers, ``cross_W`` (g, 6, 6 + p) that of each W with X and the numbers. ``components`` are noise levels
+    and scales, ``camera`` is the lens that was found, ``shape`` what the bow of the target is measured from,
+    ``problem`` the used observations as that lens, target and arm have them. ``by_leaving_out`` is what
+    ``cov`` was checked against; what it added is in the budget's noise.
     """
 
     X: Array
@@ -74,6 +75,7 @@ class Adjusted:
     numbers: Array
     cov_numbers: Array
     cross: Array
+    cross_W: Array
     blocks: Mapping[str, slice]
     budget: Mapping[str, Array]
     excess: float
@@ -124,18 +126,18 @@ def adjust(
     now, seen = camera, views
     for again in range(_ROUNDS):
         images = image_terms(seen, state.problem.C, now, shape)
-        state, eq = _solved(of, state, images, estimates=1 if again else 2)
+        state, eq = solved(of, state, images, estimates=1 if again else 2)
         away = (state.numbers - state.base)[of.images]
         if np.all(np.abs(away) < _LINEAR * _LINEAR_SIGMA):
             break
         now = moved_camera(camera, state.numbers[of.blocks[LENS_BLOCK]])
         seen = _printed(views, shape, state.numbers[of.blocks[TARGET_BLOCK]])
         poses = refine_poses(seen, now, state.problem.C)
-        solved = replace(state.problem, C=poses.C, cov_px=poses.cov, sse=poses.sse)
-        state = replace(state, problem=solved, base=state.numbers)
+        again_seen = replace(state.problem, C=poses.C, cov_px=poses.cov, sse=poses.sse)
+        state = replace(state, problem=again_seen, base=state.numbers)
     cov = eq.covariance
-    excess = _excess(of, state, images)
-    by_leaving_out = checked(excess * cov[:6, :6], _jackknife(of, state, images), problem.n)
+    excess = excess_of(of, state, images)
+    by_leaving_out = checked(excess * cov[:6, :6], left_out(of, state, images), problem.n)
     causes = {name: excess * part for name, part in budget(eq, of.blocks).items()}
     causes[NOISE] = causes[NOISE] + np.diag(by_leaving_out.added)
     return Adjusted(
@@ -148,6 +150,7 @@ def adjust(
         numbers=state.numbers,
         cov_numbers=excess * cov[6:, 6:],
         cross=excess * cov[:6, 6:],
+        cross_W=excess * eq.local_cross(),
         blocks=of.blocks,
         budget=causes,
         components=state.components,
@@ -179,7 +182,7 @@ def as_found(found: Adjusted, measured: Measurements, solution: Solution) -> tup
     return replace(measured, views=printed), replace(problem, G=G, C=C, cov_px=cov, sse=sse)
 
 
-def _solved(of: Unknowns, state: State, images: ImageTerms, estimates: int) -> tuple[State, Equations]:
+def solved(of: Unknowns, state: State, images: ImageTerms, estimates: int) -> tuple[State, Equations]:
     """X, target poses, numbers and their scales, with the images as they were solved; the scales are
     estimated in the first ``estimates`` steps."""
     for k in range(_STEPS):
@@ -200,14 +203,14 @@ def _solved(of: Unknowns, state: State, images: ImageTerms, estimates: int) -> t
     return state, eq
 
 
-def _jackknife(of: Unknowns, state: State, images: ImageTerms) -> Array:
+def left_out(of: Unknowns, state: State, images: ImageTerms) -> Array:
     """(6, 6) covariance of X by leaving out observations."""
     obs = observations(of, state, images, linearise(moved_problem(of, state, images.moves), state.at))
     x0 = np.concatenate([np.zeros(6), state.numbers])
     return jackknife(obs, state.components, state.components.equations(obs, of.prior, x0), 6)
 
 
-def _excess(of: Unknowns, state: State, images: ImageTerms) -> float:
+def excess_of(of: Unknowns, state: State, images: ImageTerms) -> float:
     """By which the squared residuals exceed what the noise explains, one where they do not beyond chance."""
     lin = linearise(moved_problem(of, state, images.moves), state.at)
     obs = observations(of, state, images, lin)

@@ -76,12 +76,19 @@ class State:
 
 
 def unknowns(
-    problem: Problem, rows: NDArray[np.int64], arm: ArmKnown | None, lens: LensPrior, target: TargetPrior
+    problem: Problem,
+    rows: NDArray[np.int64],
+    arm: ArmKnown | None,
+    lens: LensPrior | None,
+    target: TargetPrior | None,
 ) -> Unknowns:
-    """Of ``problem``, whose observations have the joints ``rows`` of ``arm``."""
+    """Of ``problem``, whose observations have the joints ``rows`` of ``arm``; lens and target of images."""
     terms = {} if arm is None else arm_terms(arm, arm.Q[rows])
     parts = [(name, t.names, t.sigma) for name, t in terms.items()]
-    parts += [(LENS_BLOCK, LENS, lens.sigma()), (TARGET_BLOCK, TARGET, target.sigma())]
+    if lens is not None:
+        parts.append((LENS_BLOCK, LENS, lens.sigma()))
+    if target is not None:
+        parts.append((TARGET_BLOCK, TARGET, target.sigma()))
     names: list[str] = []
     blocks = {}
     for block, own, _ in parts:

@@ -67,7 +67,11 @@ def load_capture(path: Path, progress: Progress | None = None) -> CaptureSet:
     Raises an ``InputError`` that names file, field and fix.
     """
     file = path / FILE_NAME if path.is_dir() else path
-    capture = parse(Capture, read_json(file), SCHEMA, str(file))
+    return measured_capture(file, parse(Capture, read_json(file), SCHEMA, str(file)), progress)
+
+
+def measured_capture(file: Path, capture: Capture, progress: Progress | None = None) -> CaptureSet:
+    """What ``capture``, read from ``file``, says and shows; as :func:`load_capture`."""
     try:
         target = make_target(capture.target.model_dump())
     except InputError as exc:

@@ -59,7 +59,7 @@ def solve_hand_eye(
         raise error("ARGUMENT_INVALID", f"method is {method!r}; it must be one of {known}")
     if predict is not None and method not in (None, ADJUSTMENT):
         raise error("ARGUMENT_INVALID", f"--predict needs method {ADJUSTMENT!r}; leave --method out")
-    with _one_thread():
+    with one_thread():
         loaded = load_capture(Path(path), progress)
         camera = choose_camera(loaded, adjusts=method in (None, ADJUSTMENT))
         check_views(loaded, camera.camera)
@@ -72,7 +72,7 @@ def solve_hand_eye(
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def one_thread() -> Iterator[None]:
     """OpenCV on one thread: sums are then made in the same order every time."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
@@ -94,21 +94,21 @@ def _solve(
         "observations": len(loaded.F),
         "usable": len(rows),
         "target": loaded.capture.target.model_dump(exclude_none=True),
-        "noise_given": _given_noise(loaded),
+        "noise_given": given_noise(loaded),
     }
     if not len(rows):
         reasons = sorted({r for r in loaded.unusable.values()})
         text = f"the target was seen in none of {len(loaded.F)} observations"
         refusal = Refusal("too-few-poses", f"{text} ({'; '.join(reasons) or 'there are none'})")
         return _refused(loaded, refusal, warnings, inputs)
-    measured = _measurements(loaded, rows)
+    measured = measurements(loaded, rows)
     arm_of = given_arm(loaded, rows)
-    solution, seconds = timed(lambda: solve(measured, camera.camera, _given_noise(loaded)), calls)
+    solution, seconds = timed(lambda: solve(measured, camera.camera, given_noise(loaded)), calls)
     if isinstance(solution, Refusal):
         return _refused(loaded, solution, warnings, inputs)
     if (factor := size_factor(measured, solution)) != 1.0:
         measured = sized(measured, factor)
-        solution, more_seconds = timed(lambda: solve(measured, camera.camera, _given_noise(loaded)), calls)
+        solution, more_seconds = timed(lambda: solve(measured, camera.camera, given_noise(loaded)), calls)
         seconds += more_seconds
         if isinstance(solution, Refusal):
             return _refused(loaded, solution, warnings, inputs)
@@ -164,12 +164,12 @@ def _timed(loaded: CaptureSet) -> bool:
     )
 
 
-def _given_noise(loaded: CaptureSet) -> dict[str, float]:
+def given_noise(loaded: CaptureSet) -> dict[str, float]:
     noise = loaded.capture.noise
     return {} if noise is None else {k: float(v) for k, v in noise.model_dump(exclude_none=True).items()}
 
 
-def _measurements(loaded: CaptureSet, rows: np.ndarray) -> Measurements:
+def measurements(loaded: CaptureSet, rows: np.ndarray) -> Measurements:
     poses = [loaded.poses[k] for k in rows]
     _, group = np.unique(loaded.group[rows], return_inverse=True)
     return Measurements(

@@ -1,0 +1,54 @@
+"""The adjustment of observations that give the target's pose and no corners: arm, gears and poses.
+
+Nothing is known of lens and target then beyond the poses, so they are no unknowns.
+"""
+
+import numpy as np
+
+from calibration.adjustment.components import Components
+from calibration.adjustment.equations import Equations
+from calibration.adjustment.hand_eye import excess_of, left_out, solved
+from calibration.adjustment.jackknife import Checked, checked
+from calibration.adjustment.lens_terms import ImageTerms
+from calibration.adjustment.mount import Mounted, on_true_arm
+from calibration.adjustment.unknowns import GEARS, GEOMETRY, ArmKnown, State, unknowns
+from calibration.hand_eye.noise import MOST
+from calibration.hand_eye.solution import Solution
+
+
+def adjust_poses(solution: Solution, arm: ArmKnown | None) -> Mounted:
+    """From the observations that ``solution`` of an eye-to-hand set uses, all of one placement.
+
+    Without ``arm`` the flange's poses are taken as an exact arm has them, but for their noise.
+    """
+    problem = solution.problem.take(solution.used)
+    of = unknowns(problem, np.flatnonzero(solution.used), arm, None, None)
+    free = (GEOMETRY, GEARS) if arm is not None and arm.scale_free else ()
+    none = np.zeros(len(of.names))
+    components = Components(
+        dict(solution.noise.sigma),
+        dict.fromkeys(free, 1.0),
+        frozenset([*solution.noise.estimated, *free]),
+        MOST,
+    )
+    n = problem.n
+    images = ImageTerms(np.zeros((n, 6, 0)), np.zeros((n, 0, 0)), np.zeros((n, 0)))
+    state, eq = solved(of, State(problem, solution.at, none, none, components), images, estimates=2)
+    excess = excess_of(of, state, images)
+    cov = excess * _joint(eq)
+    opinion: Checked = checked(cov[:6, :6], left_out(of, state, images), n)
+    cov[:6, :6] = opinion.cov
+    found = Mounted(state.at.X, state.at.W[0], state.numbers, cov, dict(state.components.scale))
+    return on_true_arm(found, arm)
+
+
+def _joint(eq: Equations) -> np.ndarray:
+    """(12 + a, 12 + a) of X, the one target's pose and the a numbers."""
+    cov, own, cross = eq.covariance, eq.local_covariance()[0], eq.local_cross()[0]
+    return np.block(
+        [
+            [cov[:6, :6], cross[:, :6].T, cov[:6, 6:]],
+            [cross[:, :6], own, cross[:, 6:]],
+            [cov[6:, :6], cross[:, 6:].T, cov[6:, 6:]],
+        ]
+    )

@@ -1,0 +1,59 @@
+"""The verdict of a check: the given hand-eye and the target's place against their limits."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from cell.formats.axbc import Limits
+from procedures.words import deg, mm
+
+HAND_EYE, PLACE = "hand-eye.off", "target.place"
+_SURE = 2.0  # standard deviations
+_FIGURES = (("t", "max_error_t_m", mm), ("r", "max_error_r_rad", deg))
+
+
+@dataclass(frozen=True)
+class _Held:
+    """What is off in words, the least and the most of it (95 %), and its limit; m or rad."""
+
+    said: str
+    least: float
+    most: float
+    limit: float
+    shown: str
+
+
+def reasons_against(answer: Mapping[str, Any], limits: Limits) -> list[str]:
+    """Why the given hand-eye is surely beyond a limit, each reason with the limit's name."""
+    return [f"{h.said}, the limit is {h.shown}" for h in _held_against(answer, limits) if h.least > h.limit]
+
+
+def doubts_about(answer: Mapping[str, Any], limits: Limits) -> list[tuple[str, str]]:
+    """Where the data cannot tell whether the given hand-eye is within its limits."""
+    return [
+        (HAND_EYE, f"{h.said}, so these data cannot tell whether it is within {h.shown}")
+        for h in _held_against(answer, limits)
+        if h.least <= h.limit < h.most
+    ]
+
+
+def blame_warning(blamed: object, C_off: Mapping[str, float]) -> list[tuple[str, str]]:
+    """What is to be said of the part that does not fit."""
+    if blamed == "C":
+        off = f"{mm(C_off['t'])} and {deg(C_off['r'])}"
+        return [(PLACE, f"C as given is off by {off}: measure the target's place on the flange again")]
+    if blamed == "X":
+        return [(HAND_EYE, "the given hand-eye does not fit the images, and the target's place does")]
+    if blamed == "cannot-tell":
+        text = (
+            "hand-eye and place of the target contradict each other, and the data cannot tell which is wrong"
+        )
+        return [(HAND_EYE, text)]
+    return []
+
+
+def _held_against(answer: Mapping[str, Any], limits: Limits) -> Iterator[_Held]:
+    for key, name, words in _FIGURES:
+        size, twice, limit = answer["eval"][key], _SURE * answer["eval_sigma"][key], getattr(limits, key)
+        said = f"{name}: the given hand-eye is off by {words(size)} +- {words(twice)} (95 %)"
+        yield _Held(said, size - twice, size + twice, limit, words(limit))

@@ -1,0 +1,1 @@
+"""The report of an eye-to-hand check."""

@@ -1,0 +1,159 @@
+"""The result of an eye-to-hand check, field by field."""
+
+from typing import Any, Literal
+
+from pydantic import Field
+
+from cell.formats.result import (
+    Covariance,
+    Envelope,
+    Explained,
+    Figures,
+    Inputs,
+    Metres,
+    Part,
+    Pixels,
+    Pose,
+    Radians,
+    Rejected,
+    Vector,
+)
+
+
+class PoseSize(Part):
+    """The size of a motion, or its standard deviation."""
+
+    t: Metres = Field(description="Of the place.")
+    r: Radians = Field(description="Of the rotation.")
+
+
+class PlaceOff(PoseSize):
+    """The target's place on the flange against the given one."""
+
+    xi: list[float] = Field(description="The motion, perturbation of `T_marker_flange` on the right.")
+    cov: Covariance = Field(description="Of that motion, from the images and the arm alone.")
+    T_marker_flange: Pose = Field(description="The place as the images have it.")
+
+
+class Suspicion(Part):
+    """Squared Mahalanobis distances of what was given from what the images say (1)."""
+
+    X: float = Field(description="Of the hand-eye, whatever the target's place; 6 degrees of freedom.")
+    C: float = Field(description="Of the target's place, whatever the hand-eye; 6 degrees of freedom.")
+    both: float = Field(description="Of both together; 12 degrees of freedom.")
+
+
+class Positioning(Part):
+    """The flange through the given hand-eye against the flange as the arm reports it."""
+
+    t_rms: Metres = Field(description="RMS of the place.")
+    r_rms: Radians = Field(description="RMS of the rotation.")
+
+
+class Place(Part):
+    """One pose of the map of the workspace."""
+
+    index: int = Field(description="Its number in the data set.")
+    p: Vector = Field(description="Where the flange was, as reported, in the base.")
+    d: Vector = Field(description="By how much the camera sees it elsewhere, in the base.")
+    r: Radians = Field(description="Angle between the two.")
+
+
+class TargetCorrection(Part):
+    """How targets are best corrected, by observations that were not looked at."""
+
+    chosen: Literal["none", "constant", "model"] = Field(
+        description="`none`: as given; `constant`: the source's hand-eye; `model`: the arm with its errors."
+    )
+    cv_none: Metres = Field(description="RMS distance of the target from where the given hand-eye has it.")
+    cv_constant: Metres = Field(description="The same with the constant correction.")
+    cv_model: Metres | None = Field(default=None, description="The same through the arm's model.")
+
+
+class NoiseFound(Part):
+    """Standard deviations that the plain solution was weighted by."""
+
+    sigma_px: Pixels | None = Field(default=None, description="Of a corner, along one axis.")
+    sigma_flange_t: Metres | None = Field(default=None, description="Of the flange's place.")
+    sigma_flange_r: Radians | None = Field(default=None, description="Of its rotation.")
+    sigma_pose_t: Metres | None = Field(default=None, description="Of a measured pose of the target.")
+    sigma_pose_r: Radians | None = Field(default=None, description="Of its rotation.")
+    estimated: list[str] = Field(description="Which of them come from the data.")
+
+
+class AxbcAnswer(Part):
+    """Where the base is in the camera, and what was given of it judged."""
+
+    T_camera_base: Pose = Field(description="The standard: images, arm and known place together.")
+    direction: str = Field(description="The same in words.")
+    cov: Covariance = Field(description="Of `T_camera_base`, perturbation on the right.")
+    mean: Pose = Field(description="The source's standard: plain mean of `A^-1 C B^-1`.")
+    eval: PoseSize = Field(description="The given hand-eye against the standard.")
+    eval_sigma: PoseSize = Field(description="How well the standard knows that.")
+    C_offset: PlaceOff = Field(description="The target's place against the given one.")
+    blamed: Literal["none", "X", "C", "arm", "cannot-tell"] = Field(
+        description="What does not fit the images: the given hand-eye (`X`), the given place (`C`), the arm."
+    )
+    suspicion: Suspicion = Field(description="What that rests on.")
+    positioning: Positioning = Field(description="Positioning accuracy through the given hand-eye.")
+    places: list[Place] = Field(description="The same pose by pose.")
+    correction: TargetCorrection = Field(description="Correction of targets.")
+    robot: dict[str, Any] | None = Field(
+        default=None, description="ROBOT of the arm with its errors, when the data have joints and a robot."
+    )
+    scale: dict[str, float] = Field(
+        description="How large the arm's errors are, in units of their prior (1)."
+    )
+    noise: NoiseFound = Field(description="Noise levels in use.")
+    rejected: list[Rejected] = Field(description="Every observation that was not used.")
+    commands: list[Pose | None] | None = Field(
+        default=None, description="With `--targets`: `T_base_flange` to command; null where out of reach."
+    )
+
+
+class AxbcUncertainty(Explained):
+    """Of the standard."""
+
+    cov: Covariance = Field(description="As in `result`.")
+    priors: dict[str, str] = Field(description="How well each part was known, and by what.")
+
+
+class AxbcResiduals(Explained):
+    """How well the data agree with each other. That is no accuracy."""
+
+    distance_rms: float = Field(description="RMS distance from the plain solution in units of its noise (1).")
+    excess: float = Field(description="Factor of the plain covariance, as residuals exceed the noise (1).")
+
+
+class AxbcHeldOut(Explained):
+    """The target's place by observations that were not looked at."""
+
+    folds: int = Field(description="Parts that the observations were divided into.")
+    observations: int = Field(description="Observations that were judged.")
+    rms_none: Metres = Field(description="With the given hand-eye.")
+    rms_constant: Metres = Field(description="With the constant correction.")
+    rms_model: Metres | None = Field(default=None, description="Through the arm's model.")
+
+
+class AxbcInputs(Inputs):
+    """What was solved."""
+
+    observations: int = Field(description="Observations in the data set.")
+    usable: int = Field(description="Those that show the target.")
+    used: int = Field(description="Those that the answer was made of.")
+
+
+class AxbcResult(Envelope):
+    """Of an AXB = C data set."""
+
+    result: AxbcAnswer
+    uncertainty: AxbcUncertainty
+    residuals: AxbcResiduals
+    heldout: AxbcHeldOut
+    observability: dict[str, Any] = Field(default_factory=dict, description="Empty where there is an answer.")
+    inputs: AxbcInputs
+
+    def figures(self) -> Figures:
+        correction = self.result.correction
+        cv = {"none": correction.cv_none, "constant": correction.cv_constant, "model": correction.cv_model}
+        return Figures(kinematic_rms_m=cv[correction.chosen] or 0.0)

@@ -1,0 +1,150 @@
+"""What an AXB = C solution tells: the standard, what was given against it, and the map of the workspace."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.adjustment.arm_accuracy import arm_with
+from calibration.adjustment.mount import Given, Mounted, suspicion
+from calibration.adjustment.target_correction import Choice, source_mean
+from calibration.adjustment.unknowns import ArmKnown
+from calibration.hand_eye import se3
+from calibration.hand_eye.solution import Solution
+from calibration.kinematics.families import robot_document
+from cell.poses import Array, adjoint
+from procedures.eye_to_hand.solve.data import AxbcData
+from procedures.hand_eye.solve.arm import GivenArm
+from procedures.hand_eye.solve.result import pose6
+
+ARM_WORSE = 3.0  # times its prior: no arm of that kind
+
+
+@dataclass(frozen=True)
+class Found:
+    """``alone`` is what the images and the arm say, ``standard`` that with the target's known place.
+
+    ``solution`` has the target's poses as the lens and the print found have them, ``F`` (k, 4, 4) and ``C``
+    (k, 4, 4) are flange and T_camera_target of the used observations ``rows`` (k,).
+    """
+
+    solution: Solution
+    rows: NDArray[np.int64]
+    F: Array
+    arm: ArmKnown | None
+    alone: Mounted
+    standard: Mounted
+
+    @property
+    def C(self) -> Array:
+        return self.solution.problem.C[self.rows]
+
+
+def answer_of(data: AxbcData, found: Found, choice: Choice, arm: GivenArm | None) -> dict[str, Any]:
+    standard = found.standard
+    T = se3.inverse(standard.X)
+    A = adjoint(standard.X)
+    cov = A @ standard.cov_X @ A.T
+    given = se3.inverse(data.camera.T)
+    off = se3.log(se3.inverse(T) @ given)
+    robot = None
+    if arm is not None and found.arm is not None:
+        corrected, values = arm_with(standard.numbers, found.arm)
+        robot = robot_document(arm.spec, corrected, values, arm.spec.tools)
+    places, positioning = _positioning(data, found)
+    judged = suspicion(found.alone, data.camera, data.place)
+    beyond = max(found.alone.scale.values(), default=0.0) > ARM_WORSE
+    return {
+        "T_camera_base": pose6(T),
+        "direction": "base in camera",
+        "cov": cov.tolist(),
+        "mean": pose6(se3.inverse(source_mean(found.F, found.C, data.place.T))),
+        "eval": _lengths(off),
+        "eval_sigma": _along(off, cov),
+        "C_offset": _place_off(data.place, found.alone),
+        "blamed": "arm" if judged.blamed == "none" and beyond else judged.blamed,
+        "suspicion": {"X": judged.X, "C": judged.W, "both": judged.both},
+        "positioning": positioning,
+        "places": places,
+        "correction": {"chosen": choice.chosen, **{f"cv_{way}": rms for way, rms in choice.cv.items()}},
+        "robot": robot,
+        "scale": {k: float(v) for k, v in found.alone.scale.items()},
+        "noise": found.solution.noise.as_dict(),
+        "rejected": [
+            {"index": data.seen.indices[k], "reason": reason}
+            for k, reason in sorted(_left_out(data, found).items())
+        ],
+    }
+
+
+def _left_out(data: AxbcData, found: Found) -> dict[int, str]:
+    rows = data.seen.usable()
+    return dict(data.seen.unusable) | {int(rows[k]): text for k, text in found.solution.reasons.items()}
+
+
+def _lengths(xi: Array) -> dict[str, float]:
+    return {"t": float(np.linalg.norm(xi[:3])), "r": float(np.linalg.norm(xi[3:]))}
+
+
+def _along(xi: Array, cov: Array) -> dict[str, float]:
+    """Standard deviations of the lengths of ``xi``, along it; the largest one where it is zero."""
+    out = {}
+    for key, part in (("t", slice(0, 3)), ("r", slice(3, 6))):
+        size = float(np.linalg.norm(xi[part]))
+        own = cov[part, part]
+        variance = xi[part] @ own @ xi[part] / size**2 if size > 0.0 else np.linalg.eigvalsh(own)[-1]
+        out[key] = float(np.sqrt(variance))
+    return out
+
+
+def _place_off(given: Given, alone: Mounted) -> dict[str, object]:
+    """How far the target's place is from the given one, as a motion of T_marker_flange on its right."""
+    C, found = se3.inverse(given.T), se3.inverse(alone.W)
+    A = adjoint(alone.W)
+    off = se3.log(se3.inverse(C) @ found)
+    return {
+        **_lengths(off),
+        "xi": off.tolist(),
+        "cov": (A @ alone.cov_W @ A.T).tolist(),
+        "T_marker_flange": pose6(found),
+    }
+
+
+def _positioning(data: AxbcData, found: Found) -> tuple[list[dict[str, object]], dict[str, float]]:
+    """The flange through the given camera against the reported one (source 001), pose by pose."""
+    seen = data.camera.T @ found.C @ se3.inverse(data.place.T)
+    off = se3.log(se3.inverse(found.F) @ seen)
+    apart = seen[:, :3, 3] - found.F[:, :3, 3]
+    rows = data.seen.usable()[found.rows]
+    places: list[dict[str, object]] = [
+        {
+            "index": data.seen.indices[int(row)],
+            "p": F[:3, 3].tolist(),
+            "d": d.tolist(),
+            "r": float(np.linalg.norm(xi[3:])),
+        }
+        for row, F, d, xi in zip(rows, found.F, apart, off, strict=True)
+    ]
+    rms = {
+        "t_rms": float(np.sqrt(np.mean(np.sum(apart**2, axis=1)))),
+        "r_rms": float(np.sqrt(np.mean(np.sum(off[:, 3:] ** 2, axis=1)))),
+    }
+    return places, rms
+
+
+def residuals_of(found: Found) -> dict[str, object]:
+    distance = found.solution.distance[found.rows]
+    return {
+        "meaning": "how far observations are from the plain solution, in units of its noise; no accuracy",
+        "distance_rms": float(np.sqrt(np.mean(distance**2))),
+        "excess": float(found.solution.excess),
+    }
+
+
+def arm_text(alone: Mounted) -> str:
+    most = max(alone.scale, key=lambda block: alone.scale[block])
+    return (
+        f"the arm's errors ({most}) are {alone.scale[most]:.1f} times what is usual of an arm: look at its "
+        "joint zeros and its factory calibration before the camera is judged"
+    )

@@ -1,0 +1,181 @@
+"""``cellward solve axbc``: the standard hand-eye from a target at a known place, and what it is good for."""
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.adjustment.bare_poses import adjust_poses
+from calibration.adjustment.hand_eye import adjust, as_found
+from calibration.adjustment.lens_terms import LensPrior
+from calibration.adjustment.mount import Mounted, mounted, with_place
+from calibration.adjustment.target_correction import Camera, Choice, Corrected, choose, source_mean
+from calibration.adjustment.unknowns import ArmKnown
+from calibration.hand_eye.observability import Refusal
+from calibration.hand_eye.solution import Measurements, solve
+from cell.errors import error
+from cell.formats.result import Result, Warning_
+from procedures.eye_to_hand.judging import blame_warning, doubts_about, reasons_against
+from procedures.eye_to_hand.solve.answer import ARM_WORSE, Found, answer_of, arm_text, residuals_of
+from procedures.eye_to_hand.solve.commands import Ways, answer_targets
+from procedures.eye_to_hand.solve.data import AxbcData, load_axbc
+from procedures.hand_eye.known_parts import KnownParts, known_parts
+from procedures.hand_eye.solve.adjustment import NO_ARM
+from procedures.hand_eye.solve.arm import JOINTS, GivenArm, given_arm
+from procedures.hand_eye.solve.camera import CameraChoice, check_views, choose_camera
+from procedures.hand_eye.solve.solver import given_noise, measurements, one_thread
+from procedures.solving import Progress, within_limits
+from procedures.timed import timed
+
+_AS_GIVEN = LensPrior(focal=1e-6, aspect=1e-6, centre_px=1e-3, radial=1e-6, tangential=1e-6)
+_ARM_REJECTED = "arm.beyond-prior"
+
+
+@within_limits
+def solve_axbc(
+    path: Path,
+    *,
+    method: str | None = None,
+    targets: Path | None = None,
+    progress: Progress | None = None,
+    calls: int = 2,
+) -> dict[str, object]:
+    """The result (``cellward.result/1``) of a ``cellward.axbc/1``: its folder or its file.
+
+    ``targets`` is a ``cellward.axbc-targets/1``: poses of the flange in the camera whose commands are wanted.
+    ``calls``: how often it is solved to tell its time. Bad input raises an ``InputError``.
+    """
+    if method is not None:
+        raise error("ARGUMENT_INVALID", f"method is {method!r}; axbc has one method only, leave it out")
+    with one_thread():
+        data = load_axbc(Path(path), progress)
+        camera = choose_camera(data.seen, adjusts=True)
+        check_views(data.seen, camera.camera)
+        return _solve(data, camera, targets, calls).as_json()
+
+
+def _solve(data: AxbcData, camera: CameraChoice, targets: Path | None, calls: int) -> Result:
+    loaded = data.seen
+    rows = loaded.usable()
+    warnings = [*loaded.warnings, *camera.warnings]
+    inputs: dict[str, object] = {"observations": len(loaded.F), "usable": len(rows)}
+    arm_of = given_arm(loaded, rows)
+    measured = measurements(loaded, rows)
+    _one_kind(loaded.path, measured)
+    known = _known(data, camera, arm_of[0])
+    find = partial(_find, data, measured, camera, arm_of[0], known)
+    found, inputs["solve_seconds"] = timed(find, calls)
+    if isinstance(found, Refusal):
+        return _refused(found, warnings, inputs)
+    if arm_of[0] is None:
+        warnings.append((NO_ARM, f"{arm_of[1]}: the uncertainty holds for an arm without errors only"))
+    choice = _choice(data, found)
+    answer = answer_of(data, found, choice, arm_of[0])
+    if max(found.alone.scale.values(), default=0.0) > ARM_WORSE:
+        warnings.append((_ARM_REJECTED, arm_text(found.alone)))
+    if targets is not None:
+        model = None if found.arm is None else (found.standard, found.arm)
+        constant = source_mean(found.F, found.C, data.place.T)
+        answer["commands"], more = answer_targets(
+            targets, Ways(data.camera.T, constant, model), choice.chosen
+        )
+        warnings += more
+    reasons: list[str] = []
+    warnings += blame_warning(answer["blamed"], answer["C_offset"])
+    if (limits := data.document.limits) is not None:
+        reasons = reasons_against(answer, limits)
+        warnings += doubts_about(answer, limits)
+    return Result(
+        kind="axbc",
+        verdict="fail" if reasons else "warn" if warnings else "pass",
+        reasons=[*reasons, *(text for _, text in warnings)],
+        warnings=[Warning_(code=c, text=t) for c, t in warnings],
+        result=answer,
+        uncertainty={
+            "meaning": "of T_camera_base, perturbation on the right: noise, arm, gears, sag, lens and target",
+            "cov": answer["cov"],
+            "priors": dict(known.sources) | data.known,
+        },
+        residuals=residuals_of(found),
+        heldout={
+            "meaning": "RMS distance of the target from where each way predicts it, from the other folds",
+            "folds": 5,
+            "observations": len(found.rows),
+            **{f"rms_{way}": rms for way, rms in choice.cv.items()},
+        },
+        inputs={**inputs, "used": len(found.rows)},
+    )
+
+
+def _known(data: AxbcData, camera: CameraChoice, arm: GivenArm | None) -> KnownParts:
+    """Wanted poses are measured with the camera as it is given, so its lens is no unknown, unless the data
+    state how well it is known."""
+    capture = data.seen.capture
+    sigma = None if capture.camera is None else capture.camera.sigma
+    known = known_parts(
+        capture.target.model_dump(),
+        None if sigma is None else sigma.model_dump(),
+        None if arm is None else arm.spec.robot,
+        from_images=camera.estimated is not None,
+    )
+    if sigma is not None or camera.estimated is not None:
+        return known
+    return replace(known, lens=_AS_GIVEN, sources={**known.sources, "lens": "taken as it is given"})
+
+
+def _one_kind(path: Path, measured: Measurements) -> None:
+    with_views = sum(view is not None for view in measured.views)
+    if 0 < with_views < len(measured.views):
+        raise error(
+            "DATA_INVALID",
+            f"{path}: {with_views} of {len(measured.views)} observations have corners or images and the "
+            "others a bare T_camera_marker; give the same for all of them",
+        )
+
+
+def _find(
+    data: AxbcData, measured: Measurements, camera: CameraChoice, arm: GivenArm | None, known: KnownParts
+) -> Found | Refusal:
+    solution = solve(measured, camera.camera, given_noise(data.seen))
+    if isinstance(solution, Refusal):
+        return solution
+    limits = np.tile([-np.pi, np.pi], (JOINTS, 1))
+    own = None if arm is None else ArmKnown(arm.spec.arm, arm.Q, limits, known.arm)
+    rows = np.flatnonzero(solution.used)
+    if measured.views[0] is None or camera.camera is None:
+        alone = adjust_poses(solution, own)
+    else:
+        adjusted = adjust(measured, solution, camera.camera, own, known.lens, known.target)
+        _, problem = as_found(adjusted, measured, solution)
+        solution = replace(solution, problem=replace(problem, G=measured.F))
+        alone = mounted(adjusted, own)
+    return Found(solution, rows, measured.F[rows], own, alone, with_place(alone, data.place))
+
+
+def _choice(data: AxbcData, found: Found) -> Choice:
+    """Which way to correct targets, by observations that were not looked at; lens and print are of all."""
+    given = Camera(data.camera.T, data.place.T)
+    if found.arm is None:
+        return choose(given, found.F, found.C, None)
+    arm = found.arm
+
+    def model(rest: NDArray[np.int64]) -> Mounted:
+        used = np.zeros(len(found.solution.used), dtype=bool)
+        used[found.rows[rest]] = True
+        return with_place(adjust_poses(replace(found.solution, used=used), arm), data.place)
+
+    return choose(given, found.F, found.C, Corrected(arm, arm.Q[found.rows], model))
+
+
+def _refused(refusal: Refusal, warnings: list[tuple[str, str]], inputs: dict[str, object]) -> Result:
+    return Result(
+        kind="axbc",
+        verdict="fail",
+        reasons=[str(refusal)],
+        warnings=[Warning_(code=c, text=t) for c, t in warnings],
+        result=None,
+        observability={"refused": refusal.name, "unobservable": [refusal.words]},
+        inputs=inputs,
+    )

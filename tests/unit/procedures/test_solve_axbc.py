@@ -1,0 +1,147 @@
+"""AXB = C on simulated cells whose truth is known, through the file that anybody may give."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calibration.hand_eye import se3
+from cell.errors import CellError
+from cell.poses import Array, from_pose6
+from procedures.eye_to_hand.solve.solver import solve_axbc
+from procedures.kind import read_result
+from procedures.report import write_report
+from tests.kit.eye_to_hand_scene import EyeToHandScene, joints, make_scene, pose6
+from tests.kit.imperfect_cell import ARM
+
+Answer = dict[str, Any]
+FACTORY_M = 6e-5  # of a length of an arm that its maker has calibrated
+
+
+def solved(folder: Path, data: dict[str, object], **asked: Path) -> Answer:
+    (folder / "axbc.json").write_text(json.dumps(data), "utf-8")
+    result: Answer = solve_axbc(folder, calls=1, **asked)
+    read_result(result)  # every figure is in the model
+    return result
+
+
+@pytest.fixture(scope="module")
+def usual() -> EyeToHandScene:
+    return make_scene(np.random.default_rng(4))
+
+
+@pytest.fixture(scope="module")
+def factory() -> EyeToHandScene:
+    return make_scene(np.random.default_rng(5), arm_m=FACTORY_M)
+
+
+def executed(scene: EyeToHandScene, commands: list[list[float]], Q: Array) -> Array:
+    """(k,) m: how far the target is from where it was wanted when the controller gets the commands."""
+    arrived = [ARM.inverse(from_pose6(pose), q) for pose, q in zip(commands, Q, strict=True)]
+    there = scene.marker(np.array(arrived))
+    out: Array = np.linalg.norm((there - scene.marker(Q))[:, :3, 3], axis=1)
+    return out
+
+
+@pytest.mark.parametrize("poses", [True, False], ids=["poses", "corners"])
+def test_targets_through_the_arms_model_miss_by_less_than_a_fifth_of_what_a_constant_leaves(
+    tmp_path: Path, usual: EyeToHandScene, poses: bool
+) -> None:
+    rng = np.random.default_rng(7)
+    Q = joints(rng, usual.X, usual.W, 30)
+    wanted = se3.inverse(usual.X) @ usual.cell.true_flange(Q)
+    targets = tmp_path / "targets.json"
+    targets.write_text(
+        json.dumps(
+            {
+                "schema": "cellward.axbc-targets/1",
+                "targets": [pose6(T) for T in wanted],
+                "q_near": Q.tolist(),
+            }
+        ),
+        "utf-8",
+    )
+    answer = solved(tmp_path, usual.data_set(rng, poses=poses), targets=targets)["result"]
+    assert answer["correction"]["chosen"] == "model"
+    model = executed(usual, answer["commands"], Q)
+    constant = se3.matrices(from_pose6(answer["mean"]))
+    by_constant = executed(usual, [pose6(se3.inverse(constant) @ T) for T in wanted], Q)
+    assert np.sqrt(np.mean(model**2)) < 1.2e-4
+    assert np.sqrt(np.mean(by_constant**2)) > 5.0 * np.sqrt(np.mean(model**2))
+
+
+def test_a_hand_eye_that_is_off_is_graded_within_its_uncertainty_and_blamed(
+    tmp_path: Path, factory: EyeToHandScene
+) -> None:
+    data = factory.data_set(np.random.default_rng(1), poses=True, X_off=(1e-3, 1e-3))
+    result = solved(tmp_path, data | {"limits": {"t": 5e-4, "r": 5e-4}})
+    found = result["result"]
+    assert abs(found["eval"]["t"] - 1e-3) < 3.0 * found["eval_sigma"]["t"]
+    assert abs(found["eval"]["r"] - 1e-3) < 3.0 * found["eval_sigma"]["r"]
+    assert found["blamed"] == "X"
+    assert result["verdict"] == "fail"
+    assert result["reasons"][0].startswith("max_error_t_m: the given hand-eye is off by")
+
+
+def test_a_place_on_the_flange_that_is_wrong_is_blamed_and_not_the_hand_eye(
+    tmp_path: Path, factory: EyeToHandScene
+) -> None:
+    data = factory.data_set(np.random.default_rng(2), poses=True, C_off=(5e-4, 1e-3))
+    found = solved(tmp_path, data)["result"]
+    assert found["blamed"] == "C"
+    off, cov = np.array(found["C_offset"]["xi"]), np.array(found["C_offset"]["cov"])
+    assert np.linalg.norm(off[:3]) == pytest.approx(5e-4, abs=3.0 * np.sqrt(np.trace(cov[:3, :3])))
+
+
+def test_a_good_hand_eye_passes_and_nothing_is_blamed(tmp_path: Path, factory: EyeToHandScene) -> None:
+    data = factory.data_set(np.random.default_rng(3), poses=True)
+    result = solved(tmp_path, data | {"limits": {"t": 5e-4, "r": 1e-3}})
+    assert (result["verdict"], result["result"]["blamed"]) == ("pass", "none")
+
+
+def test_an_arm_without_errors_gets_no_correction(tmp_path: Path) -> None:
+    rng = np.random.default_rng(6)
+    scene = make_scene(rng, n=20, arm_m=0.0, gear_rad=0.0, sag_rad=0.0)
+    found = solved(tmp_path, scene.data_set(rng, poses=True))["result"]
+    assert found["correction"]["chosen"] == "none"
+
+
+def test_without_joints_targets_are_corrected_by_a_constant_at_most(
+    tmp_path: Path, usual: EyeToHandScene
+) -> None:
+    data = usual.data_set(np.random.default_rng(8), poses=True, X_off=(5e-3, 1e-3))
+    for seen in data["observations"]:  # type: ignore[attr-defined]
+        del seen["q"]
+    result = solved(tmp_path, data)
+    assert result["result"]["correction"]["chosen"] == "constant"
+    assert "cv_model" not in result["result"]["correction"]
+    assert [w["code"] for w in result["warnings"] if w["code"].startswith("arm")] == ["arm.accuracy"]
+
+
+def test_the_report_shows_the_map_and_what_is_blamed(tmp_path: Path, factory: EyeToHandScene) -> None:
+    result = solved(tmp_path, factory.data_set(np.random.default_rng(9), poses=True, C_off=(5e-4, 1e-3)))
+    page = tmp_path / "report.html"
+    write_report(result, page, data=tmp_path / "axbc.json")
+    text = page.read_text("utf-8")
+    assert "Positioning over the workspace" in text
+    assert "the target is not where it was given on the flange" in text
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"marker": None}, "give 'marker'"),
+        ({"T_marker_flange": [0.0] * 5}, "T_marker_flange"),
+        ({"sigma_C": {"t": -1.0, "r": 0.0}}, "sigma_C.t"),
+        ({"T_marker_flnge": [0.0] * 6}, "T_marker_flange"),
+    ],
+)
+def test_a_data_set_that_is_wrong_is_refused_in_one_sentence(
+    tmp_path: Path, usual: EyeToHandScene, change: dict[str, object], said: str
+) -> None:
+    with pytest.raises(CellError) as caught:
+        solved(tmp_path, usual.data_set(np.random.default_rng(1)) | change)
+    assert said in str(caught.value)
+    assert "axbc.json" in str(caught.value)
