@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Container, Coroutine
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Container
 from dataclasses import dataclass, field
 from types import AsyncGeneratorType, TracebackType
 from typing import Any, Protocol, Self
@@ -17,6 +17,8 @@ from cell.interruptions import SILENCES, Interruptions
 from cell.poses import Array, to_pose6
 from cell.program_end import ProgramWatch, program_ended
 from cell.samples import Sample
+from cell.standstill import measured_standstill
+from cell.to_its_end import run_to_its_end
 from cell.where_left import STAYED_RAD, WhereLeft
 
 log = logging.getLogger("cellward.motion")
@@ -24,8 +26,6 @@ log = logging.getLogger("cellward.motion")
 MAX_STATE_AGE_S = 0.1
 FRESH_WITHIN_S = 0.2
 LOOK_S = 0.5
-STANDSTILL_SAMPLES = 5
-STANDSTILL_SPAN_S = 0.04
 TOOL_BACK, TOOL_BACK_S = "tool given back", 3.0
 TAKE_UP_REST_S = 1.0
 OWN_SCRIPT_OVER_S = 1.0
@@ -48,58 +48,6 @@ class Recorder(Protocol):
     """Where a lease notes what it did."""
 
     def note(self, kind: str, **fields: Any) -> None: ...
-
-
-async def measured_standstill(arm: Arm, timeout: float) -> bool:
-    """True once the samples that arrive from now on all show rest for a short span.
-
-    No samples count as moving. The span is one of the stamps and of the arrivals: stamps may carry a
-    configured offset, so they do not tell new from old, and a backlog that is read at once shows no span.
-    """
-    began: tuple[float, float] | None = None  # stamp and arrival of the first sample at rest
-    count = 0
-    done = asyncio.Event()
-
-    def look(sample: Sample[ArmState]) -> None:
-        nonlocal began, count
-        if not sample.value.at_rest:
-            began, count = None, 0
-            return
-        arrived = arm.state.clock.now()
-        began = began or (sample.t, arrived)
-        count += 1
-        span = min(sample.t - began[0], arrived - began[1])
-        if count >= STANDSTILL_SAMPLES and span >= STANDSTILL_SPAN_S:
-            done.set()
-
-    unsubscribe = arm.state.subscribe(look)
-    try:
-        async with asyncio.timeout(timeout):
-            await done.wait()
-        return True
-    except TimeoutError:
-        return False
-    finally:
-        unsubscribe()
-
-
-async def run_to_its_end(work: Coroutine[Any, Any, None]) -> None:
-    """Await ``work`` however often we are cancelled meanwhile; the cancel is raised afterwards.
-
-    A plain ``finally: await stop()`` does not survive a second cancel; stopping an arm must.
-    """
-    task = asyncio.create_task(work)
-    cancelled: asyncio.CancelledError | None = None
-    while not task.done():
-        try:
-            await asyncio.wait([task])
-        except asyncio.CancelledError as cancel:
-            cancelled = cancel
-    failure = None if task.cancelled() else task.exception()
-    if failure is not None:
-        raise failure
-    if cancelled is not None:
-        raise cancelled
 
 
 @dataclass

@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
-from enum import IntEnum, StrEnum
+from enum import StrEnum
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, TypeVar
 
@@ -33,6 +33,7 @@ from cell.interruptions import Interruptions
 from cell.kinds import D, as_kind
 from cell.modelled_arm import ArmModels, ModelledArm
 from cell.motion import MotionLease
+from cell.packml import PackML
 from cell.run_values import RunValues
 from cell.samples import GAP_S
 from cell.traces import Trace
@@ -41,28 +42,6 @@ R = TypeVar("R")
 
 FRESH_S = 0.1  # an arm's state that tells where it stands now
 SILENT_S = 0.5  # without a state at the end of a step: a silence, and no late sample
-
-
-class PackML(IntEnum):
-    """Operator-facing states; PackML's names and numbers, without a claim of conformity."""
-
-    CLEARING = 1
-    STOPPED = 2
-    STARTING = 3
-    IDLE = 4
-    SUSPENDED = 5
-    EXECUTE = 6
-    STOPPING = 7
-    ABORTING = 8
-    ABORTED = 9
-    HOLDING = 10
-    HELD = 11
-    UNHOLDING = 12
-    SUSPENDING = 13
-    UNSUSPENDING = 14
-    RESETTING = 15
-    COMPLETING = 16
-    COMPLETE = 17
 
 
 class FinishRequested(Exception):

@@ -11,7 +11,8 @@ from cell.devices import Arm
 from cell.errors import CellError, LatchError, error
 from cell.formats.result import NO_FIGURES
 from cell.kinds import as_kind
-from cell.procedure import PackML, Procedure, Run
+from cell.packml import PackML
+from cell.procedure import Procedure, Run
 from cell.run_values import RunValues
 from cell.store.runs import RunFolder, load_run
 from daemon.cell_context import CellContext

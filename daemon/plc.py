@@ -9,7 +9,7 @@ from typing import Any
 
 from cell.errors import CellError, RefusedError, error
 from cell.formats.result import NO_FIGURES, Figures
-from cell.procedure import PackML
+from cell.packml import PackML
 from daemon.config import CellConfig
 from daemon.config.roles import ROLES
 from daemon.engine import WAITING, Engine

@@ -12,9 +12,9 @@ from typing import Any
 
 from cell.clock import Clock
 from cell.errors import CellError
-from cell.motion import run_to_its_end
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder
+from cell.to_its_end import run_to_its_end
 
 WITHDRAWN = "withdrawn"
 

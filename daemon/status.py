@@ -4,7 +4,8 @@ from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 from cell.errors import CellError
-from cell.procedure import PackML, Run
+from cell.packml import PackML
+from cell.procedure import Run
 from cell.store.ledger import Ledger
 from cell.store.summary import summary
 from daemon.cell_context import CellContext

@@ -8,7 +8,6 @@ target's pose keeps its meaning, the one that serves best with the arm's model o
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats.qmc import Sobol
 
 from calibration.kinematics.parametric import ParametricArm
 from calibration.kinematics.serial import SerialChain
@@ -108,6 +107,8 @@ def without_gauge(terms: ArmTerms, flange: Array, over: ArmTerms, over_flange: A
 
 def reference_joints(limits: Array, power: int = REFERENCE, seed: int = _SEED) -> Array:
     """(2 ** power, j) joints spread evenly over the ``limits`` (j, 2) rad, at most half a turn either way."""
+    from scipy.stats.qmc import Sobol  # half a second of each process that imports it
+
     low, high = np.maximum(limits[:, 0], -np.pi), np.minimum(limits[:, 1], np.pi)
     even = Sobol(len(limits), seed=seed).random_base2(power)
     return np.asarray(low + (high - low) * even)

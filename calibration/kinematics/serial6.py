@@ -7,7 +7,6 @@ branches. The spread is that of a Sobol sequence, so the same pose gives the sam
 from functools import cache
 
 import numpy as np
-from scipy.stats.qmc import Sobol
 
 from calibration.kinematics.chain import DhChain
 from calibration.kinematics.chain_arm import ChainArm, rows
@@ -68,4 +67,6 @@ class Serial6Arm(ChainArm):
 
 @cache
 def _even() -> Array:
+    from scipy.stats.qmc import Sobol  # half a second of each process that imports it
+
     return np.asarray(Sobol(6, seed=6).random_base2(_STARTS))

@@ -11,8 +11,8 @@ import pytest
 
 from cell.devices import Arm, ArmState, MotionPort, Speed, ToolSettings, TrajectoryPiece
 from cell.errors import CellError
-from cell.motion import measured_standstill
 from cell.poses import Array, from_pose6, log_xi, to_pose6
+from cell.standstill import measured_standstill
 from cell.testing import taken_again
 from cell.testing.bench import Bench, Rig, known
 from cell.testing.device import DeviceContract

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from importlib.metadata import version
 from typing import Any
 
-from cell.procedure import PackML
+from cell.packml import PackML
 from daemon.engine import Engine
 from daemon.recent_writes import RecentWrites
 

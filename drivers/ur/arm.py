@@ -7,10 +7,10 @@ from typing import Any
 from cell.clock import Clock
 from cell.devices import Arm, ArmState, Identity, ToolSettings
 from cell.errors import CellError, error
-from cell.motion import run_to_its_end
 from cell.own_delay import busy_words
 from cell.poses import Array
 from cell.samples import Stream
+from cell.to_its_end import run_to_its_end
 from drivers.life import SampledDevice
 from drivers.ur.config import UrConfig
 from drivers.ur.dashboard import Dashboard, dashboard

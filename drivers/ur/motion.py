@@ -1,8 +1,9 @@
 """The arm's motion port: moves given to the motion child, believed only when the state stream agrees."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import ExitStack
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -21,7 +22,7 @@ from drivers.ur.motion_checks import finite, open_failure, same_pose, shortened
 from drivers.ur.motion_child import BEAT_LIMIT_S
 from drivers.ur.motion_client import MotionClient
 from drivers.ur.script_end import ScriptEnd, ScriptRecord
-from drivers.ur.watch import REST_SAMPLES, ArmView, Judge, Watch, joints_judge, pose_judge
+from drivers.ur.watch import REST_SAMPLES, ArmView, Judge, Watch, joints_judge, pose_judge, until
 
 OPEN_DEADLINE_S = 8.0  # the client itself waits 5 s for its script to start
 START_SEEN_S = 3.0  # and another process may pause meanwhile
@@ -54,6 +55,7 @@ class UrMotion:
         self._brake = config.stop_decel_m_s2
         self._closed = False
         self._watching: Watch | None = None  # the latest motion
+        self._until = partial(until, arm, config)
         self._stop_following_program = arm.state.subscribe(self._note_program)
         self._urgent = ExitStack()
         self._urgent.enter_context(process_in_real_time(LOOP))  # for as long as the arm may move
@@ -411,31 +413,6 @@ class UrMotion:
 
         with self._watch(judge) as watch:
             await watch.outcome(timeout, "the stop after contact")
-
-    async def _until(
-        self, holds: Callable[[], bool], timeout: float, what: str, failure: str = "CALL_TIMEOUT"
-    ) -> None:
-        """Wait for a sample after which ``holds`` is true; ``failure`` when those of ``timeout`` s show none.
-
-        ``STALE_DATA`` when no such samples come: a silence says nothing of what was waited for.
-        """
-        began = self._clock.now()
-        seen: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
-
-        def look(sample: Sample[ArmState]) -> None:
-            late = sample.t + self._config.time_offset_s - began > timeout
-            if not seen.done() and (holds() or late):
-                seen.set_result(holds())
-
-        undo = self._arm.state.subscribe(look)
-        try:
-            await asyncio.wait([seen], timeout=timeout + self._config.lost_after_s)
-        finally:
-            undo()
-        if not seen.done():
-            raise self._arm.lost or error("STALE_DATA", f"{what}: the arm gave no state in {timeout:g} s")
-        if not seen.result():
-            raise error(failure, f"{what} was not seen in {timeout:g} s")
 
     def _note_program(self, sample: Sample[ArmState]) -> None:
         # A configured offset shifts the arm's samples, and not the kicks that they are compared with.

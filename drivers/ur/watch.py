@@ -11,6 +11,7 @@ from cell.devices import ArmState
 from cell.errors import CellError, error
 from cell.poses import Array
 from cell.samples import GAP_S, Sample, Stream
+from drivers.ur.config import UrConfig
 from drivers.ur.framing import Message
 from drivers.ur.motion_client import MotionClient
 from drivers.ur.script_end import ScriptEnd, ScriptRecord
@@ -203,3 +204,34 @@ def pose_judge(T_base_tcp: RigidTransform, tolerance_m: float, tolerance_rad: fl
         )
 
     return lambda sample: arrival.judge(sample, there, away)
+
+
+async def until(
+    arm: ArmView,
+    config: UrConfig,
+    holds: Callable[[], bool],
+    timeout: float,
+    what: str,
+    failure: str = "CALL_TIMEOUT",
+) -> None:
+    """Wait for a sample after which ``holds`` is true; ``failure`` when those of ``timeout`` s show none.
+
+    ``STALE_DATA`` when no such samples come: a silence says nothing of what was waited for.
+    """
+    began = arm.state.clock.now()
+    seen: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+
+    def look(sample: Sample[ArmState]) -> None:
+        late = sample.t + config.time_offset_s - began > timeout
+        if not seen.done() and (holds() or late):
+            seen.set_result(holds())
+
+    undo = arm.state.subscribe(look)
+    try:
+        await asyncio.wait([seen], timeout=timeout + config.lost_after_s)
+    finally:
+        undo()
+    if not seen.done():
+        raise arm.lost or error("STALE_DATA", f"{what}: the arm gave no state in {timeout:g} s")
+    if not seen.result():
+        raise error(failure, f"{what} was not seen in {timeout:g} s")

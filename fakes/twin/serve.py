@@ -89,6 +89,7 @@ class Twin:
         return devices
 
     async def __aenter__(self) -> "Twin":
+        self.world.truth(self.controller.now())  # what it needs is made before anything keeps time
         make_private(self.folder)
         self._control = await serve_control(self.folder, self._handle)
         self.cell_toml.unlink(missing_ok=True)  # whoever waits for it must not find an old one

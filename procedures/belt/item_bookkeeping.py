@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from cell.errors import CellError
-from cell.procedure import PackML, Run
+from cell.packml import PackML
+from cell.procedure import Run
 from procedures.belt.item_tracking import BeltWatch
 from procedures.belt.items import Item, Outcome, life
 

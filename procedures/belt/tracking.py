@@ -24,7 +24,8 @@ from procedures.belt.item_bookkeeping import ItemBookkeeping
 from procedures.belt.item_tracking import BeltWatch
 from procedures.belt.items import Outcome
 from procedures.belt.live import BeltLive
-from procedures.belt.motion.picker import GRIPPER_STUCK, Picker
+from procedures.belt.motion.gripper_work import STUCK
+from procedures.belt.motion.picker import Picker
 from procedures.belt.motion.tool_joints import ToolJoints
 from procedures.belt.outcome import result_of
 from procedures.belt.prediction_check import predicted
@@ -172,7 +173,7 @@ class _Picking:
 
     async def _open_gripper(self) -> None:
         if not await self.run.gripper().release(self.config.grip_timeout_s):
-            raise error("GRIPPER_STUCK", GRIPPER_STUCK)
+            raise error("GRIPPER_STUCK", STUCK)
 
     async def _pick_from_rest(self, lease: MotionLease) -> bool:
         """From wherever the arm stands; see :meth:`_pick`."""

@@ -16,10 +16,11 @@ import numpy as np
 
 from cell.devices import Arm, BoardView, DepthCamera, Frame
 from cell.errors import AbortError, CellError, RefusedError, error
-from cell.motion import MotionLease, measured_standstill
+from cell.motion import MotionLease
 from cell.poses import Array, to_pose6
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
 from cell.run_values import RunValues
+from cell.standstill import measured_standstill
 from procedures.arm_setup import arm_robot
 from procedures.hand_eye.config import ConeCaptureConfig
 from procedures.hand_eye.health import keep_trends

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from cell.errors import CellError, error
-from cell.motion import run_to_its_end
 from cell.procedure import Procedure, Run
 from cell.run_values import RunValues
+from cell.to_its_end import run_to_its_end
 from procedures.iso9283.config import Iso9283Config
 from procedures.iso9283.judging import solve_iso9283
 from procedures.iso9283.plan import kinematics_of, point_of

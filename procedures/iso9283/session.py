@@ -11,10 +11,11 @@ import numpy as np
 from calibration.identification.registration import Registration, robust_register
 from cell.devices import Speed, StablePoint
 from cell.errors import CellError, error
-from cell.motion import MotionLease, measured_standstill
+from cell.motion import MotionLease
 from cell.poses import Array, from_pose6
 from cell.procedure import FinishRequested, Run
 from cell.samples import Sample
+from cell.standstill import measured_standstill
 from procedures.arm_setup import lease_settings
 from procedures.iso9283.config import Iso9283Config
 from procedures.iso9283.plan import (

@@ -16,9 +16,10 @@ import numpy as np
 from calibration.tool_frame.meeting import FALSE_ALARM
 from cell.calibrations import tool_calibration
 from cell.errors import CellError, present
-from cell.motion import MotionLease, run_to_its_end
+from cell.motion import MotionLease
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
 from cell.run_values import RunValues
+from cell.to_its_end import run_to_its_end
 from procedures.laser.check import known_of, measure, measurement_of, solved_measurement
 from procedures.laser.config import LaserUpdateConfig
 from procedures.laser.judging import DEG, not_confirmed, why_not, worth_another

@@ -8,10 +8,11 @@ import numpy as np
 
 from cell.devices import JointState
 from cell.errors import CellError, error, present
-from cell.motion import MotionLease, measured_standstill
+from cell.motion import MotionLease
 from cell.poses import Array
 from cell.procedure import Run
 from cell.samples import Sample
+from cell.standstill import measured_standstill
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.plan import Visit
 from procedures.tracker.states import State

@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 
 from cell.calibrations import kinematics
 from cell.errors import CellError, error
-from cell.motion import run_to_its_end
 from cell.procedure import Procedure, Proposal, Run
 from cell.run_values import RunValues
+from cell.to_its_end import run_to_its_end
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.feasible_poses import payload_of, robot_of
 from procedures.tracker.health import keep_trends

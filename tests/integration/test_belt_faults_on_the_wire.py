@@ -12,7 +12,7 @@ import pytest
 from pyModbusTCP.client import ModbusClient
 
 from cell.errors import CellError, catalogue
-from cell.procedure import PackML
+from cell.packml import PackML
 from cell.store.journal import read_journal
 from cell.store.ledger import Ledger
 from cell.store.runs import JOURNAL_FILE

@@ -13,8 +13,8 @@ from typing import Any
 from cell.clock import MonotonicClock
 from cell.devices import ToolSettings
 from cell.errors import error
-from cell.motion import measured_standstill
 from cell.poses import from_pose6
+from cell.standstill import measured_standstill
 from cell.testing.taken_again import play
 from drivers.ur import UrArm
 from drivers.ur.motion import UrMotion

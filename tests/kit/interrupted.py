@@ -4,7 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from cell.procedure import PackML, Run
+from cell.packml import PackML
+from cell.procedure import Run
 from daemon.plc import PlcFace
 from tests.kit.object_cell import ObjectCell
 

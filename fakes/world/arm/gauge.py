@@ -6,7 +6,6 @@ all poses is no error of the arm: it is another place of its base, and of what i
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
-from scipy.stats.qmc import Sobol
 
 from cell.poses import Array, adjoint, exp_xi, log_xi
 from fakes.world.arm.kinematics import JOINTS, Chain
@@ -22,6 +21,8 @@ def serving(believed: Chain, true: TrueArm, ranges: Array) -> tuple[RigidTransfo
 
     ``q`` are spread evenly over ``ranges`` (6, 2) rad, at most half a turn either way.
     """
+    from scipy.stats.qmc import Sobol  # half a second, which a twin with a perfect arm does not need
+
     low, high = np.maximum(ranges[:, 0], -np.pi), np.minimum(ranges[:, 1], np.pi)
     Q = low + (high - low) * Sobol(JOINTS, seed=_SEED).random_base2(_SPREAD)
     arm, truly = believed.forward(Q), true.forward(Q)

@@ -4,7 +4,6 @@ The picker decides every 20 ms, from what is known then, where the tool goes nex
 state that the one before is in, so a forecast that changes bends the path and never breaks it.
 """
 
-import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine
 from typing import Any
 
@@ -12,8 +11,8 @@ import numpy as np
 
 from calibration.belt.arm_time import MotionLimits, rest_to_rest
 from calibration.belt.pursuit import FixedPoint, Leg, Ride, State
-from cell.devices import Gripper, TrajectoryPiece
-from cell.errors import CellError, error, present
+from cell.devices import TrajectoryPiece
+from cell.errors import CellError, present
 from cell.guard import MotionGuard
 from cell.poses import Array
 from cell.procedure import Run
@@ -22,6 +21,7 @@ from procedures.belt.item_bookkeeping import ItemBookkeeping
 from procedures.belt.item_tracking import BeltWatch
 from procedures.belt.items import CONTACT, Item, Outcome
 from procedures.belt.motion.blend import blend_for
+from procedures.belt.motion.gripper_work import GripperWork
 from procedures.belt.motion.item_selection import Choice
 from procedures.belt.motion.meeting import Aim, strategy
 from procedures.belt.motion.servo_lag import Lag
@@ -32,7 +32,6 @@ from procedures.belt.states import PickState as S
 STEP_S = 0.02  # between decisions
 LEARN_S = 0.04  # between looks at what has come in, but for the last of the way to an item
 LEAD_S = 0.012  # from a decision to where it begins to act
-GRIPPER_STUCK = "the confirm input stays on after the gripper was opened"
 CLOSE = frozenset({S.DESCEND, S.GRIP})
 MET_M, MET_M_S, MET_RAD = 0.0003, 0.02, 0.02  # from rest on an item
 DOUBT_S, DOUBT_M = 0.15, 0.0003  # a belt that may be so far off so soon is waited for just above its item
@@ -72,9 +71,8 @@ class Picker:
         self._aim: Aim | None = None
         self._meets_only = classic or not config.follow
         self._strategy = strategy(config, watch, wait.p[:3], self._descent_s)
-        self._gripper: Gripper = run.gripper()
+        self._gripper = GripperWork(run.gripper(), config.grip_timeout_s)
         self._arm = run.arm()
-        self._task: asyncio.Task[bool] | None = None
         self._lag = Lag()
         self._held = self._is_cautious = False
         self._foot_m = 0.0
@@ -109,7 +107,7 @@ class Picker:
                 t = max(t + STEP_S, clock.now() + LEAD_S)
                 here = on_piece(piece, t)  # where the arm is sent then, also when the plan changes
         finally:
-            await self._end_task()
+            await self._gripper.end()
             if self._item is not None and self._item.touched:  # in the gripper, or where the arm stopped
                 self._bookkeeping.carried, self._item = self._item, None
             self._bookkeeping.streaming = False
@@ -252,7 +250,7 @@ class Picker:
         self._in_hand.note(t, CONTACT)
         self._t_contact, self._tries = t, 1
         await self._run.enter(S.GRIP)
-        self._begin(self._gripper.grip(self._config.grip_timeout_s))
+        self._gripper.begin_grip()
         self._phase = self._grip
 
     # -- phases of a tool that meets an item and does not follow it
@@ -318,13 +316,13 @@ class Picker:
 
     async def _grip(self, t: float) -> bool:
         """Move with the item until it is held, at least for the dwell and at most to the edge of the zone."""
-        held, out = self._answer(), self._follow(t)
+        held, out = self._gripper.answer(), self._follow(t)
         if not out and (held is None or t < self._t_contact + self._config.dwell_s):
             return True
         held = bool(held)
         if not held and not out and self._tries < self._config.grip_tries and not self._meets_only:
             self._in_hand.note(t, "not held")
-            self._begin(self._gripper.release(self._config.grip_timeout_s))
+            self._gripper.begin_release()
             self._phase = self._grip_again
             return True
         return await self._end_grip(t, held)
@@ -335,7 +333,7 @@ class Picker:
         self._held = held
         await self._run.enter(S.LIFT)
         if not held:
-            self._begin(self._gripper.release(self._config.grip_timeout_s))
+            self._gripper.begin_release()
             await self._end_item(Outcome.GRIP_FAILED)
         self._foot_m = float(self._path.at(t).p[2])
         self._path.rise(t, self._above)
@@ -346,9 +344,9 @@ class Picker:
         """The item slid when the fingers closed, as the belt changed just then: open them, and once more."""
         if self._follow(t):
             return await self._end_grip(t, False)
-        if self._opened():
+        if self._gripper.opened():
             self._tries += 1
-            self._begin(self._gripper.grip(self._config.grip_timeout_s))
+            self._gripper.begin_grip()
             self._phase = self._grip
         return True
 
@@ -367,7 +365,7 @@ class Picker:
             await self._run.enter(S.PLACE)
             self._path.begin(t, self._place, self._above)
             self._phase = self._to_place
-        elif self._opened():
+        elif self._gripper.opened():
             await self._run.enter(S.RETURN)
             self._phase = self._ready
         return True
@@ -382,14 +380,14 @@ class Picker:
     async def _put_down(self, t: float) -> bool:
         self._path.go(t, self._place, np.zeros(4), apart=True)
         if self._path.t1 - t <= 0.5 * STEP_S:
-            if not self._gripper.holding(0.1):
+            if not self._gripper.holding():
                 await self._end_item(Outcome.LOST)
-            self._begin(self._gripper.release(self._config.grip_timeout_s))
+            self._gripper.begin_release()
             self._phase = self._release
         return True
 
     async def _release(self, t: float) -> bool:
-        if not self._opened():
+        if not self._gripper.opened():
             return True
         if self._item is not None:
             await self._end_item(Outcome.PICKED)
@@ -441,27 +439,3 @@ class Picker:
         item, self._item = self._item, None
         if item is not None:
             self._bookkeeping.end(item, outcome)
-
-    # -- the gripper works beside the stream
-
-    def _begin(self, work: Coroutine[Any, Any, bool]) -> None:
-        if self._task is not None and not self._task.done():
-            self._task.cancel()
-        self._task = asyncio.create_task(work, name="gripper")
-
-    def _answer(self) -> bool | None:
-        """What the gripper's last command came to; None while it works."""
-        task = present(self._task, "command that the gripper works on")
-        return task.result() if task.done() else None
-
-    def _opened(self) -> bool:
-        """Whether the gripper is open, by its own answer. ``GRIPPER_STUCK`` when it does not get so."""
-        if (free := self._answer()) is False:
-            raise error("GRIPPER_STUCK", GRIPPER_STUCK)
-        return free is True
-
-    async def _end_task(self) -> None:
-        task, self._task = self._task, None
-        if task is not None and not task.done():
-            task.cancel()
-            await asyncio.wait([task])  # not awaited itself: a cancelled stream must not take it for its own

@@ -9,7 +9,8 @@ import pytest
 
 from cell.errors import LatchError
 from cell.interruptions import Interruptions
-from cell.procedure import PackML, Run
+from cell.packml import PackML
+from cell.procedure import Run
 from fakes.object import run_virtual
 from tests.chaos.test_engine_fault_matrix import BRISK, PLAN, check_stops, quick_solver
 from tests.kit.interrupted import Struck, run_struck, silence_at

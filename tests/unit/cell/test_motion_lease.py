@@ -11,8 +11,9 @@ from scipy.spatial.transform import RigidTransform
 from cell.devices import ArmState, ToolSettings, TrajectoryPiece
 from cell.errors import CellError, error
 from cell.interruptions import Interruptions
-from cell.motion import TAKE_UP_REST_S, measured_standstill
+from cell.motion import TAKE_UP_REST_S
 from cell.samples import Sample
+from cell.standstill import measured_standstill
 from fakes.object.loop import run_virtual
 from tests.kit.motion_bench import (
     TARGET,

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from cell.clock import MonotonicClock
 from cell.errors import CellError, InputError
-from cell.procedure import PackML
+from cell.packml import PackML
 from cell.store.files import AppendFile, append_lines, read_json, set_aside, to_json, write_atomic
 from cell.store.framed import HEADER, FramedWriter, read_framed
 from cell.store.journal import Journal, read_journal

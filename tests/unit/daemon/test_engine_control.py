@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from cell.errors import CellError, error
-from cell.procedure import PackML
+from cell.packml import PackML
 from fakes.object import run_virtual
 from tests.kit.object_cell import JOB, WHO, no_report, open_cell, refused, write_config
 

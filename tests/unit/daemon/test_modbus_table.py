@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymodbus.client.mixin import ModbusClientMixin
 
-from cell.procedure import PackML
+from cell.packml import PackML
 from daemon.modbus import Command, register_table
 from daemon.modbus.pdu import ModbusError, respond
 

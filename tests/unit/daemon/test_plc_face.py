@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from cell.errors import CellError, catalogue
-from cell.procedure import PackML
+from cell.packml import PackML
 from daemon.config import CellConfig
 from daemon.modbus import Command
 from daemon.plc import PlcFace

@@ -1,0 +1,52 @@
+"""The gripper's command under way, beside the stream of set-points."""
+
+import asyncio
+from collections.abc import Coroutine
+from typing import Any
+
+from cell.devices import Gripper
+from cell.errors import error, present
+
+STUCK = "the confirm input stays on after the gripper was opened"
+HOLDING_AGE_S = 0.1
+
+
+class GripperWork:
+    """One command at a time: a new one ends the one before."""
+
+    def __init__(self, gripper: Gripper, timeout_s: float) -> None:
+        self._gripper, self._timeout_s = gripper, timeout_s
+        self._task: asyncio.Task[bool] | None = None
+
+    def begin_grip(self) -> None:
+        self._begin(self._gripper.grip(self._timeout_s))
+
+    def begin_release(self) -> None:
+        self._begin(self._gripper.release(self._timeout_s))
+
+    def holding(self) -> bool:
+        """Whether the gripper holds something now."""
+        return self._gripper.holding(HOLDING_AGE_S)
+
+    def answer(self) -> bool | None:
+        """What the last command came to; None while the gripper works."""
+        task = present(self._task, "command that the gripper works on")
+        return task.result() if task.done() else None
+
+    def opened(self) -> bool:
+        """Whether the gripper is open, by its own answer. ``GRIPPER_STUCK`` when it does not get so."""
+        if (free := self.answer()) is False:
+            raise error("GRIPPER_STUCK", STUCK)
+        return free is True
+
+    async def end(self) -> None:
+        """Cancel what is under way."""
+        task, self._task = self._task, None
+        if task is not None and not task.done():
+            task.cancel()
+            await asyncio.wait([task])  # not awaited itself: a cancelled stream must not take it for its own
+
+    def _begin(self, work: Coroutine[Any, Any, bool]) -> None:
+        if self._task is not None and not self._task.done():
+            self._task.cancel()
+        self._task = asyncio.create_task(work, name="gripper")
