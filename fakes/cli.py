@@ -28,7 +28,7 @@ _EXIT_CODES = {
     Reaction.INTERNAL: EXIT_INTERNAL,
 }
 
-app = typer.Typer(help="The twin of a cell on real protocols.", add_completion=False, no_args_is_help=True)
+app = typer.Typer(add_completion=False, no_args_is_help=True)
 operator_app = typer.Typer(help="What the operator does in the running twin.", no_args_is_help=True)
 app.add_typer(operator_app, name="operator")
 tool_app = typer.Typer(help="What happens to the tool in the running twin.", no_args_is_help=True)
@@ -47,16 +47,24 @@ Folder = Annotated[
 def twin(
     context: typer.Context,
     folder: Folder,
-    scenario: Annotated[str | None, typer.Option(help="Scenario file, or the name of a shipped one.")] = None,
+    scenario: Annotated[
+        str | None, typer.Option(help="Scenario file, or the name of a shipped one, as bay.")
+    ] = None,
     bind: Annotated[str | None, typer.Option(help="Loopback address of the arm, e.g. 127.0.0.2.")] = None,
     operator: Annotated[str, typer.Option(help="manual, or auto: moves the target on by itself.")] = "manual",
     with_parent: Annotated[bool, typer.Option(help="End when the starting process ends.")] = False,
 ) -> None:
-    """Serve the twin of SCENARIO until Ctrl-C or SIGTERM."""
+    """The twin of a cell on real protocols: serves SCENARIO until Ctrl-C or SIGTERM.
+
+    It writes a cell.toml for 'cellward run' into its folder, and prints where.
+    """
     if context.invoked_subcommand is not None:
         return
     if scenario is None:
-        raise typer.BadParameter("a scenario is needed", param_hint="--scenario")
+        from fakes.world.scenario import shipped_scenarios
+
+        known = ", ".join(shipped_scenarios())
+        raise typer.BadParameter(f"a scenario is needed: a file, or one of {known}", param_hint="--scenario")
     if bind is not None and not _is_loopback(bind):
         raise typer.BadParameter(f"{bind} is not a loopback address 127.x.y.z", param_hint="--bind")
     if operator not in ("manual", "auto"):
@@ -210,7 +218,7 @@ def main() -> None:
     try:
         app()
     except CellError as exc:
-        err.print(f"{exc.code} {exc}", highlight=False, soft_wrap=True)
+        err.print(f"Error {exc.code}: {exc}", highlight=False, soft_wrap=True)
         err.print(exc.hint, highlight=False, soft_wrap=True)
         raise SystemExit(_EXIT_CODES[exc.reaction]) from None
 

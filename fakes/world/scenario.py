@@ -212,7 +212,8 @@ class Scenario(_Strict):
         elif source.is_file():
             text = source.read_text("utf-8")
         else:
-            raise error("FILE_MISSING", f"scenario {path} is neither a file nor a shipped scenario")
+            known = ", ".join(shipped_scenarios())
+            raise error("FILE_MISSING", f"scenario {path} is neither a file nor a shipped scenario ({known})")
         return cls.parse(text, str(path))
 
     @classmethod
@@ -322,3 +323,9 @@ def _known_keys() -> set[str]:
             keys.add(info.alias or name)
             todo.append(info.annotation)
     return keys
+
+
+def shipped_scenarios() -> list[str]:
+    """The names that ``load`` takes without a folder."""
+    found = files("fakes").joinpath("scenarios").iterdir()
+    return sorted(entry.name.removesuffix(".toml") for entry in found if entry.name.endswith(".toml"))

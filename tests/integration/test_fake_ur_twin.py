@@ -102,7 +102,7 @@ def test_faults_are_injected_by_name_and_cleared(subject: Running) -> None:
         (("fault", "gap", "--device", "toaster"), 2, "no device"),
         (("operator", "place", "9"), 2, "does not exist"),
         (("--scenario", "hand_eye", "--bind", HOST), 4, "already runs"),
-        (("--scenario", "nowhere"), 2, "neither a file nor a shipped scenario"),
+        (("--scenario", "nowhere"), 2, "neither a file nor a shipped scenario (bay, belt, "),
         (("--scenario", "hand_eye", "--bind", "10.0.0.1"), 2, "not a loopback address"),
     ],
 )
