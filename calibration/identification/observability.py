@@ -18,6 +18,8 @@ from cell.poses import Array
 _NULL = 1e-10  # of the largest eigenvalue, columns of equal size; real directions are above 1e-6
 _CLEAR = 1e-6  # of the largest eigenvalue at poses everywhere: what good poses show beyond doubt
 _SMALL = 0.03  # of the largest entry of a combination: not worth a word
+# Of a parameter in all open directions together: which basis of them an eigenvalue solver finds is its own.
+_TAKES_PART = 0.01
 _STILL = 0.01  # rad or m that a joint must move
 _SAME = 1e-3  # rad or m; closer joint vectors are one pose
 _RANDOM_POSES = 80
@@ -73,7 +75,7 @@ def observe(problem: Problem, J: Array, weight: Array, x: Array) -> Observabilit
         rank_alone=p - alone.count,
         rank_possible=p - general.count,
         unidentifiable=(*_combinations(model, alone.vectors), *_with_tracker(model, whole, alone)),
-        open=np.any(np.abs((whole.vectors / whole.scale[:, None])[:p]) > 1e-3, axis=1),
+        open=np.linalg.norm((whole.vectors / whole.scale[:, None])[:p], axis=1) > _TAKES_PART,
         lacking=lacking,
         condition=whole.condition,
     )

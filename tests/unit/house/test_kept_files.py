@@ -41,6 +41,10 @@ RUNS = [(cell, n) for cell, jobs in JOBS.items() for n in range(1, len(jobs) + 1
 SOLVED = [
     (cell, n) for cell, n in RUNS if JOBS[cell][n - 1] in ("cone-capture", "laser-check", "tracker-sampling")
 ]
+# Their posterior is drawn by random walks, and a processor that rounds otherwise walks otherwise. On the
+# machine that made it a run of any kind replays to a billionth: the tests of the jobs hold that.
+DRAWN = ("laser-reference", "laser-check", "laser-update")
+POINTS = ("p_new", "p_ref", "T_flange_tool", "dp_flange", "shift_m", "flange_offset_base")
 # A figure of each kind that does not depend on the limits and values of the cell, which a data set lacks.
 FIGURES = {"hand-eye": "T_flange_camera", "laser": "p_new", "kincal": "T_tracker_base"}
 
@@ -111,14 +115,33 @@ def test_a_result_of_an_earlier_version_fits_its_model(unpacked: Path, cell: str
     assert subject.verdict == recorded["verdict"]
 
 
+def _of_the_rounding(difference: dict[str, Any], share: float = 1e-7, least: float = 1e-12) -> bool:
+    """Whether a figure differs as another processor's rounding makes it differ."""
+    was, now = difference["recorded"], difference["now"]
+    return type(was) is float and type(now) is float and abs(now - was) < share * abs(was) + least
+
+
+def _of_the_draw(difference: dict[str, Any], small_m: float) -> bool:
+    """Whether a figure differs as another draw does: a point by less than ``small_m``, others by a few
+    percent or, where they are zero but for the draw, by a millionth.
+    """
+    if any(f"{name}[" in difference["where"] for name in POINTS):
+        return _of_the_rounding(difference, 0.0, small_m)
+    return _of_the_rounding(difference, 0.05, 1e-6)
+
+
 @pytest.mark.parametrize(("cell", "number"), RUNS)
 def test_the_data_of_an_earlier_version_give_the_answer_that_it_found(
-    command: Any, cell: str, number: int
+    command: Any, unpacked: Path, cell: str, number: int
 ) -> None:
     ran = command(cell)("replay", number, "--json")
     subject = json.loads(ran.out)
-    assert subject["tolerance"] == 1e-9, "relative; other processors may round differently"
-    assert (ran.code, subject["differences"]) == (0, []), ran.err
+    assert subject["tolerance"] == 1e-9, "relative"
+    if JOBS[cell][number - 1] in DRAWN:
+        small = Sample(unpacked / cell).run(number).read_result()["uncertainty"]["U_point_m"] / 100
+        assert [d for d in subject["differences"] if not _of_the_draw(d, small)] == []
+    else:
+        assert [d for d in subject["differences"] if not _of_the_rounding(d)] == [], ran.err
     assert {"result", "uncertainty", "residuals", "heldout"} >= {
         w.split(".")[0] for w in subject["not_recorded"]
     }
