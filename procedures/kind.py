@@ -27,6 +27,7 @@ class Kind:
     ``asked`` are the further options that it takes; ``compare``: ``(first, second) -> Comparison``.
     ``expectation``: ``(setup, config) -> figures`` of what a configured job can reach, with ``text``,
     ``problems`` and ``cautions``; ``truth``: ``(result, truth, folder) -> Judged`` beside a twin's truth;
+    ``rehearsal``: ``(setup, config) -> Rehearsal``, what a twin needs for it;
     ``live`` and ``live_page``: ``(numbers, rows) -> line`` and ``(title, rows, reload_s) -> HTML`` of a run
     that goes on. ``data_file`` is the data set in a run folder. A reference that begins with ":" is in
     ``module``.
@@ -44,6 +45,7 @@ class Kind:
     compare: str = ""
     expectation: str = ""
     truth: str = ""
+    rehearsal: str = ""
     live: str = ""
     live_page: str = ""
     module: str = ""
@@ -58,6 +60,7 @@ class Kind:
             "compare",
             "expectation",
             "truth",
+            "rehearsal",
             "live",
             "live_page",
         ):
@@ -82,6 +85,7 @@ _ALL = (
         compare="procedures.hand_eye.comparison:compare_hand_eye",
         expectation="procedures.hand_eye.expectation:cone_expectation",
         truth="procedures.hand_eye.truth:judge_camera",
+        rehearsal="procedures.hand_eye.rehearsal:rehearse_cone",
     ),
     Kind(
         name="axbc",
@@ -102,6 +106,7 @@ _ALL = (
         report="procedures.laser.report.layout:LASER",
         expectation="procedures.laser.expectation:laser_expectation",
         truth="procedures.laser.truth:judge_beams",
+        rehearsal="procedures.laser.rehearsal:rehearse_reference",
     ),
     Kind(
         name="laser",
@@ -114,6 +119,7 @@ _ALL = (
         solve="procedures.laser.solve.solver:solve_laser",
         compare="procedures.laser.comparison:compare_laser",
         truth="procedures.laser.truth:judge_tool",
+        rehearsal="procedures.laser.rehearsal:rehearse_measurement",
     ),
     Kind(
         name="kincal",
@@ -128,6 +134,7 @@ _ALL = (
         compare="procedures.tracker.comparison:compare_arms",
         expectation="procedures.tracker.expectation:tracker_expectation",
         truth="procedures.tracker.truth:judge_arm",
+        rehearsal="procedures.tracker.rehearsal:rehearse_sampling",
     ),
     Kind(
         name="belt-calibration",
@@ -137,6 +144,7 @@ _ALL = (
         jobs=("procedures.belt.calibrating.procedure:BeltCalibration",),
         report="procedures.belt.report.calibration:BELT_CALIBRATION",
         truth="procedures.belt.truth:judge_belt",
+        rehearsal="procedures.belt.rehearsal:rehearse_calibration",
     ),
     Kind(
         name="belt-tracking",
@@ -147,6 +155,7 @@ _ALL = (
         report="procedures.belt.report.layout:BELT_TRACKING",
         expectation="procedures.belt.expectation:belt_expectation",
         truth="procedures.belt.truth:judge_picks",
+        rehearsal="procedures.belt.rehearsal:rehearse_picking",
         live="procedures.belt.live_words:live_line",
         live_page="procedures.belt.report.live:live_page",
     ),
@@ -165,6 +174,7 @@ _ALL = (
         jobs=("procedures.latency.procedure:LatencyCalibration",),
         plan="procedures.laser.plan_words:sweep_plan_lines",
         truth="procedures.latency.truth:judge_delay",
+        rehearsal="procedures.laser.rehearsal:rehearse_measurement",
     ),
     Kind(
         name="iso9283",
@@ -176,6 +186,7 @@ _ALL = (
         report="procedures.iso9283.report.layout:ISO9283",
         compare="procedures.iso9283.comparison:compare_iso9283",
         expectation="procedures.iso9283.expectation:iso9283_expectation",
+        rehearsal="procedures.iso9283.rehearsal:rehearse_test",
     ),
 )
 KINDS: Mapping[str, Kind] = {kind.name: kind for kind in _ALL}

@@ -16,6 +16,7 @@ from daemon.cli import (
     offline,
     prune,
     recover,
+    rehearse,
     setup,
 )
 
@@ -31,7 +32,7 @@ app = typer.Typer(
 )
 
 PANELS = {
-    "Start here": (demo.demo, setup.init, check.check, setup.run, setup.token),
+    "Start here": (demo.demo, setup.init, check.check, rehearse.rehearse, setup.run, setup.token),
     "Jobs": (
         jobs.status,
         jobs.watch,

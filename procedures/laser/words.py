@@ -80,7 +80,10 @@ def reference_lines(found: ReferenceResult) -> list[str]:
         if at is not None:
             lines.append(f"  the tool's point meets {name} with the flange at [{_mms(at)}] mm in base")
     U = found.uncertainty.U_point_m
-    lines.append(f"  U = {mm(U)}: 95 % of the errors of the tool's point in the beams are below this")
+    lines.append(
+        f"  U = {mm(U)}: 95 % of the errors of the tool's point in the beams are below this; how accurately "
+        "the arm itself knows that place is not in it, and cancels in a check"
+    )
     return lines + _delays(None, answer.tau, answer.hysteresis_m)
 
 

@@ -1,0 +1,115 @@
+"""What a configuration tells of a cell's world: as much as a twin needs to stand in for it.
+
+Nominal values only. Lengths are metres, angles radians; a pose is (6,), translation and rotation vector, in
+the frames that its name says. A part that a job does not need is None.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+Pose = Sequence[float]
+
+
+@dataclass(frozen=True)
+class KnownCamera:
+    """A camera, and the target that it is calibrated with.
+
+    ``T_mount_camera``: nominal, in the flange, or in the base when it is ``fixed``; ``T_flange_target``: the
+    same of a target on the flange. ``q_look``: joints where the camera sees the target, ``distance_m`` away.
+    ``scale_sigma``: share by which the target's size is unknown; ``flatness_m``: how far it may bend.
+    """
+
+    fixed: bool
+    T_mount_camera: Pose
+    target: Mapping[str, Any]
+    placements: int
+    q_look: Sequence[float]
+    distance_m: float
+    T_flange_target: Pose | None = None
+    scale_sigma: float = 0.002
+    flatness_m: float = 0.0002
+
+
+@dataclass(frozen=True)
+class KnownBeam:
+    """A light beam: at joints ``q_aux`` the tool's point is beside it and above it.
+
+    ``across`` is the level unit direction of the way through it in the base, ``distance_m`` long;
+    ``along_m`` is how far to its left it is crossed a second time.
+    """
+
+    channel: int
+    q_aux: Sequence[float]
+    across: Sequence[float]
+    distance_m: float
+    along_m: float
+
+
+@dataclass(frozen=True)
+class KnownBeams:
+    """Crossed beams by the name of their input; the search goes down by ``reach_m`` at most."""
+
+    beams: Mapping[str, KnownBeam]
+    pin_radius_m: float
+    reach_m: float
+
+
+@dataclass(frozen=True)
+class KnownReflector:
+    """A reflector's centre in the flange, or in the base when it is a monument, and the way it looks."""
+
+    point: Sequence[float]
+    monument: bool = False
+    normal: Sequence[float] | None = None
+    half_angle_rad: float = 0.52
+
+
+@dataclass(frozen=True)
+class KnownTracker:
+    """A laser tracker and what it can see."""
+
+    T_base_tracker: Pose
+    reflectors: Mapping[str, KnownReflector]
+
+
+@dataclass(frozen=True)
+class KnownBelt:
+    """A belt with its encoder: direction (unit, base), scale, height of its surface, and a point above it.
+
+    ``above`` (3,) is in the base; items come through below it. They are between the two heights.
+    """
+
+    m_per_count: float
+    dir: Sequence[float]
+    z_m: float
+    above: Sequence[float]
+    speed_m_s: float
+    item_heights_m: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class KnownGripper:
+    """A gripper on digital outputs of the arm; ``confirm`` is an input, None when there is none."""
+
+    output: int
+    confirm: int | None
+
+
+@dataclass(frozen=True)
+class KnownCell:
+    """The arm with its tool, and the parts that one job needs.
+
+    ``robot`` is a ROBOT as docs/data-sets.md has it, ``tool`` the section of ``[robot]``.
+    """
+
+    robot: Mapping[str, Any]
+    tool: Mapping[str, Any]
+    payload_kg: float
+    q_start: Sequence[float]
+    camera: KnownCamera | None = None
+    beams: KnownBeams | None = None
+    tracker: KnownTracker | None = None
+    belt: KnownBelt | None = None
+    gripper: KnownGripper | None = None
+    parts: tuple[str, ...] = field(default=("camera", "beams", "tracker", "belt", "gripper"), init=False)

@@ -1,0 +1,1 @@
+"""A job on a twin of the very cell that is configured, before anything real moves."""

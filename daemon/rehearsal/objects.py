@@ -1,0 +1,130 @@
+"""The configured cell with devices that are objects of a twin, and a twin that suits it.
+
+The twin is reached by its name alone: what ships with the daemon does not import it.
+"""
+
+import importlib
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, cast
+
+from cell.errors import CellError, error
+from cell.known_cell import KnownCell
+from daemon.cli.predict import setup_of
+from daemon.config import CellConfig
+from daemon.config.drivers import DRIVERS
+from daemon.config.findings import Findings
+from daemon.config.load import check_config
+from daemon.job_config import make_procedure
+from procedures.kind import kind_named, load
+from procedures.registry import JOBS
+from procedures.rehearsal import Rehearsal
+
+TWIN = "fakes.likely"
+# A rehearsal has no use for who may watch and trigger the daemon, and for how late a computer may be.
+LEFT_OUT = ("modbus", "http", "can", "supervisor")
+
+
+class Twin(Protocol):
+    """What the twin's module offers: a scenario for a known cell, and the drivers and the clock for it."""
+
+    CLOCK: str
+    DRIVERS: Mapping[str, str]
+
+    def likely_scenario(self, known: KnownCell, seed: int) -> str: ...
+
+
+@dataclass(frozen=True)
+class RehearsedCell:
+    """The cell of objects that ``jobs`` run in, one after the other; the last one is rehearsed."""
+
+    config: CellConfig
+    jobs: tuple[str, ...]
+    rehearsal: Rehearsal
+
+
+def rehearsed_cell(config: CellConfig, path: Path, job: str, seed: int, folder: Path) -> RehearsedCell:
+    """A cell drawn by ``seed`` around the configuration ``path``, with its files in ``folder``.
+
+    ``UNKNOWN_JOB``; ``CONFIG_INVALID`` says what the job or a twin of this cell lacks.
+    """
+    rehearsal = rehearsal_of(config, job)
+    twin = cast(Twin, importlib.import_module(TWIN))
+    try:
+        text = twin.likely_scenario(_known(config, rehearsal), seed)
+    except ValueError as exc:
+        raise error("CONFIG_INVALID", f"{path}: no twin can be made for it: {exc}") from exc
+    scenario = folder / "scenario.toml"
+    scenario.write_text(text, "utf-8")
+    jobs = (*rehearsal.before, job)
+    raw = tomllib.loads(path.read_text("utf-8-sig"))
+    tables = _with_objects(config, raw, jobs, twin, folder)
+    made = check_config(tables, Findings(f"the twin of {path}"), JOBS, DRIVERS, path)
+    return RehearsedCell(made, jobs, rehearsal)
+
+
+def rehearsal_of(config: CellConfig, job: str) -> Rehearsal:
+    """What ``job`` needs of a twin; ``UNKNOWN_JOB`` or ``CONFIG_INVALID`` when it cannot be rehearsed."""
+    reference = kind_named(JOBS[job].kind).rehearsal if job in JOBS else ""
+    if not reference:
+        known = ", ".join(name for name, j in JOBS.items() if kind_named(j.kind).rehearsal)
+        raise error("UNKNOWN_JOB", f"there is no job '{job}' that can be rehearsed; there is {known}")
+    try:
+        procedure = make_procedure(JOBS[job], config, {})
+        found: Rehearsal = load(reference)(setup_of(config), procedure.config)
+    except CellError as exc:
+        raise error("CONFIG_INVALID", f"{job} cannot be rehearsed: {exc.detail}") from exc
+    return found
+
+
+def _known(config: CellConfig, rehearsal: Rehearsal) -> KnownCell:
+    return KnownCell(
+        robot=config.robot.robot_spec(),
+        tool=config.robot.tool.model_dump(),
+        payload_kg=config.robot.payload_kg,
+        q_start=config.poses[rehearsal.look],
+        camera=rehearsal.camera,
+        beams=rehearsal.beams,
+        tracker=rehearsal.tracker,
+        belt=rehearsal.belt,
+        gripper=rehearsal.gripper,
+    )
+
+
+def _with_objects(
+    config: CellConfig, raw: Mapping[str, Any], jobs: tuple[str, ...], twin: Twin, folder: Path
+) -> dict[str, Any]:
+    """The tables of ``raw`` with the devices that ``jobs`` use as objects, and without all others."""
+    used = {role for name in jobs for role in make_procedure(JOBS[name], config, {}).uses()}
+    roles = {role: name for role, name in config.robot.roles().items() if role in used}
+    devices = {
+        name: {"driver": twin.DRIVERS[role], "scenario": str(folder / "scenario.toml")}
+        for role, name in roles.items()
+    }
+    unused = {*config.robot.roles(), "observed_model"} - set(roles)
+    # The twin's arm was never calibrated, so its moves go by its controller's model.
+    robot = {k: v for k, v in raw["robot"].items() if k not in unused} | {"use_kinematics": False, **roles}
+    kept = {k: v for k, v in raw.items() if k not in LEFT_OUT}
+    return {
+        **kept,
+        "cell": {
+            "name": config.cell.name,
+            "twin": True,
+            "clock": twin.CLOCK,
+            "state_dir": str(folder / "state"),
+            "control_socket": str(folder / "control.sock"),
+        },
+        "robot": robot,
+        "device": devices,
+        "job": {name: _section(raw, name, name != jobs[-1]) for name in raw.get("job", {}) if name in jobs},
+    }
+
+
+def _section(raw: Mapping[str, Any], name: str, accepted: bool) -> dict[str, Any]:
+    """``[job.NAME]``; the result of an ``accepted`` one is what the next job stands on."""
+    section = dict(raw["job"][name])
+    if accepted:
+        section["accept"] = {**section.get("accept", {}), "auto": True}
+    return section

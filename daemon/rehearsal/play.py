@@ -1,0 +1,117 @@
+"""Play the runs of a rehearsal on virtual time, and tell what came of the last one."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from cell.store.runs import RunFolder, load_run
+from daemon.config import CellConfig
+from daemon.demo.ending import beside_truth
+from daemon.demo.fast import run_objects
+from daemon.demo.steps import Bump, Step
+from daemon.rehearsal.objects import RehearsedCell, rehearsed_cell
+from procedures.beside_truth import Judged
+
+BUMP = Bump((0.0012, -0.0007, 0.0005), (0.008, -0.006))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a job ended in one twin.
+
+    ``seconds`` are the cell's, not the computer's. ``stated`` is what the job says of its result, ``off`` how
+    far the result is from the twin's truth; ``good`` whether the two agree. ``lost`` are poses and passes
+    that fell out, with the reason; ``report`` is a file.
+    """
+
+    seed: int
+    ended: str
+    seconds: float
+    verdict: str = ""
+    stated: str = ""
+    off: str = ""
+    good: bool = False
+    why: list[str] = field(default_factory=list)
+    lost: list[str] = field(default_factory=list)
+    report: str = ""
+
+    @property
+    def succeeded(self) -> bool:
+        return self.ended == "complete" and self.verdict in ("pass", "warn") and self.good
+
+    def as_dict(self) -> dict[str, Any]:
+        return {**asdict(self), "succeeded": self.succeeded}
+
+
+def rehearse(config: CellConfig, path: Path, job: str, seed: int, folder: Path) -> Outcome:
+    """``job`` in a twin drawn by ``seed``; its files stay in ``folder``. Errors as of ``rehearsed_cell``."""
+    cell = rehearsed_cell(config, path, job, seed, folder)
+    runs, _ = run_objects(cell.config, _steps(cell))
+    where = Path(cell.config.cell.state_dir) / "runs"
+    for run_id, _truth in runs[:-1]:
+        before = load_run(where, run_id)
+        if (before.read_end() or {}).get("outcome") != "complete":
+            return _failed(before, seed, f"{before.job}, which has to come first, did not end well")
+    run_id, truth = runs[-1]
+    return _outcome(load_run(where, run_id), truth, seed)
+
+
+def _steps(cell: RehearsedCell) -> list[Step]:
+    rehearsal, job = cell.rehearsal, cell.jobs[-1]
+    steps = [Step(name, 0, 0, 0, "", after=None) for name in cell.jobs[:-1]]
+    last = Step(
+        job,
+        0,
+        0,
+        0,
+        "",
+        moves_board=rehearsal.moves_board,
+        bump=BUMP if rehearsal.bumps_tool else None,
+        picks=rehearsal.items,
+        given_camera=rehearsal.calibrated_camera,
+    )
+    return [*steps, last]
+
+
+def _outcome(run: RunFolder, truth: dict[str, Any], seed: int) -> Outcome:
+    end, result = run.read_end() or {}, run.read_result()
+    if end.get("outcome") != "complete" or result is None:
+        return _failed(run, seed)
+    judged: Judged | None = None
+    if result["result"] is not None:
+        judged = beside_truth(result, truth, run.path)
+    report = run.path / "report.html"
+    return Outcome(
+        seed=seed,
+        ended="complete",
+        seconds=_seconds(run),
+        verdict=str(result["verdict"]),
+        stated="" if judged is None else judged.stated,
+        off="" if judged is None else judged.off,
+        good=judged is not None and judged.good,
+        why=[str(reason) for reason in result.get("reasons") or ()],
+        lost=_lost(run.read_journal()),
+        report=str(report) if report.exists() else "",
+    )
+
+
+def _failed(run: RunFolder, seed: int, first: str = "") -> Outcome:
+    end = run.read_end() or {}
+    failure = end.get("error") or {}
+    text = f"{failure.get('text')} ({failure.get('code')}). {failure.get('hint')}" if failure else ""
+    why = [sentence for sentence in (first, text) if sentence]
+    return Outcome(
+        seed, str(end.get("outcome", "interrupted")), _seconds(run), why=why, lost=_lost(run.read_journal())
+    )
+
+
+def _seconds(run: RunFolder) -> float:
+    times = [line["t"] for line in run.read_journal() if isinstance(line.get("t"), int | float)]
+    return float(times[-1] - times[0]) if times else 0.0
+
+
+def _lost(journal: Sequence[dict[str, Any]]) -> list[str]:
+    """Poses that were skipped and passes that were not used, each with the reason."""
+    events = ("pose skipped", "pass not used")
+    return [f"{line['event']}: {line.get('why', '')}" for line in journal if line.get("event") in events]

@@ -1,0 +1,45 @@
+"""What a rehearsal found, for people."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+from daemon.rehearsal.play import Outcome
+
+MOST_LINES = 5
+
+
+def outcome_lines(job: str, outcome: Outcome) -> Iterator[str]:
+    """One twin: how it ended, how good the result was, and what fell out."""
+    verdict = f", verdict {outcome.verdict}" if outcome.verdict else ""
+    yield f"{job}, twin {outcome.seed}: {outcome.ended} after {_time(outcome.seconds)} of the cell{verdict}"
+    for sentence in outcome.why:
+        yield f"  {sentence}"
+    if outcome.stated:
+        words = "agrees with" if outcome.good else "does NOT agree with"
+        yield f"  stated: {outcome.stated}; off the twin's truth: {outcome.off}, which {words} it"
+    for text, number in Counter(outcome.lost).most_common(MOST_LINES):
+        yield f"  fell out: {text}" + (f" ({number} times)" if number > 1 else "")
+    more = len(set(outcome.lost)) - MOST_LINES
+    if more > 0:
+        yield f"  and {more} more reasons in the journal"
+    if outcome.report:
+        yield f"  report: {outcome.report}"
+
+
+def summary_lines(job: str, outcomes: Sequence[Outcome]) -> Iterator[str]:
+    """All twins together; nothing where there is one."""
+    if len(outcomes) < 2:
+        return
+    good = sum(outcome.succeeded for outcome in outcomes)
+    times = [outcome.seconds for outcome in outcomes if outcome.ended == "complete"]
+    span = f", in {_time(min(times))} to {_time(max(times))} of the cell" if times else ""
+    agreeing = sum(outcome.good for outcome in outcomes)
+    yield (
+        f"{job}: ended well in {good} of {len(outcomes)} twins{span}; the result agreed with the truth in "
+        f"{agreeing}"
+    )
+
+
+def _time(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest} s" if minutes else f"{rest} s"

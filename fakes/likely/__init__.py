@@ -1,0 +1,9 @@
+"""A cell that was never seen: a scenario drawn from what its configuration tells, with usual imperfections.
+
+:func:`likely_scenario` is all that others need; each file here draws one part and says where its sizes come
+from. Two seeds give two cells that the same configuration fits.
+"""
+
+from fakes.likely.draw import CLOCK, DRIVERS, likely_scenario
+
+__all__ = ["CLOCK", "DRIVERS", "likely_scenario"]

@@ -1,0 +1,43 @@
+"""A belt that runs not quite as drawn, boxes on it, and the gripper."""
+
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from cell.known_cell import KnownBelt, KnownGripper
+
+SCALE, TURN_RAD = 0.001, 0.002  # of a roller's diameter, and of a belt against the arm's base: assumptions
+UPSTREAM_M = 1.0  # the first item, before the point that the arm waits above
+SPACING_M = 0.4
+SERIAL = "999966001"
+
+
+def draw_belt(known: KnownBelt, rng: np.random.Generator) -> dict[str, Any]:
+    """``belt`` and ``items`` of a scenario's world."""
+    direction = Rotation.from_rotvec([0.0, 0.0, TURN_RAD * rng.standard_normal()]).apply(known.dir)
+    origin = [float(known.above[0]), float(known.above[1]), known.z_m]
+    low, high = known.item_heights_m
+    return {
+        "belt": {
+            "serial": SERIAL,
+            "m_per_count": known.m_per_count * float(1.0 + SCALE * rng.standard_normal()),
+            "origin": origin,
+            "dir": direction.tolist(),
+            "profile": [{"speed_m_s": known.speed_m_s}],
+        },
+        "items": {
+            "height_m": [low + 0.25 * (high - low), high - 0.25 * (high - low)],
+            "spacing_m": SPACING_M,
+            "jitter_m": 0.05,
+            "lateral_m": 0.03,
+            "yaw_rad": 0.4,
+            "first_m": UPSTREAM_M,
+        },
+    }
+
+
+def draw_gripper(known: KnownGripper, rng: np.random.Generator) -> dict[str, Any]:
+    """``gripper`` of a scenario's world."""
+    confirm = {} if known.confirm is None else {"confirm": known.confirm}
+    return {"output": known.output, **confirm}

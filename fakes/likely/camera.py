@@ -1,0 +1,82 @@
+"""A camera that is not quite where it was drawn, whose lens has moved, before a board that was printed."""
+
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from cell.known_cell import KnownCamera
+from cell.poses import Array, from_pose6, to_pose6
+from fakes.world.arm.kinematics import Chain
+
+WIDTH, HEIGHT, FOCAL_PX = 1280, 800, 800.0  # 77 degrees, the camera that predictions assume as well
+DIST = [0.021, -0.043, 0.0006, -0.0004, 0.0]
+MOUNT_M, MOUNT_RAD = 0.004, 0.015  # of brackets as they are made and screwed on, each axis: an assumption
+# What an autofocus does to focal length and centre (the scenario workshop has the source); sigma of a draw.
+TOLD_FOCAL, TOLD_CENTRE_PX = 0.0015, 1.0
+# Where a person puts a board that should face the camera: tilt about each axis, and off the line of sight.
+TILT_RAD, ASIDE_M, TURN_RAD = 0.25, 0.03, 0.6
+SERIAL = "99992200001"
+
+
+def draw_camera(known: KnownCamera, arm: Chain, rng: np.random.Generator) -> dict[str, Any]:
+    """``camera``, ``target``, ``target_print`` and ``placement`` of a scenario's world."""
+    off = RigidTransform.from_components(
+        MOUNT_M * rng.standard_normal(3), Rotation.from_rotvec(MOUNT_RAD * rng.standard_normal(3))
+    )
+    mount = from_pose6(known.T_mount_camera) * off
+    camera = {
+        "serial": SERIAL,
+        "width": WIDTH,
+        "height": HEIGHT,
+        "K": [FOCAL_PX, FOCAL_PX, *(np.array([WIDTH, HEIGHT]) / 2 + rng.normal(0.0, 5.0, 2)).tolist()],
+        "dist": DIST,
+        "T_base_camera" if known.fixed else "T_flange_camera": to_pose6(mount).tolist(),
+        "nominal": list(known.T_mount_camera),
+        "told": {
+            "focal": float(TOLD_FOCAL * rng.standard_normal()),
+            "centre_px": (TOLD_CENTRE_PX * rng.standard_normal(2)).tolist(),
+        },
+    }
+    return {
+        "camera": camera,
+        "target": dict(known.target),
+        "target_print": {
+            "scale_x": float(known.scale_sigma * rng.standard_normal()),
+            "scale_y": float(known.scale_sigma * rng.standard_normal()),
+            "bow_m": float(known.flatness_m * rng.uniform(-1.0, 1.0)),
+            "bow_rad": float(rng.uniform(0.0, np.pi)),
+        },
+        "placement": [_placement(known, mount, arm, i, rng) for i in range(known.placements)],
+    }
+
+
+def _placement(
+    known: KnownCamera, mount: RigidTransform, arm: Chain, number: int, rng: np.random.Generator
+) -> dict[str, Any]:
+    if known.fixed:
+        if known.T_flange_target is None:
+            raise ValueError("a fixed camera needs [robot] T_flange_target_nominal")
+        nominal = from_pose6(known.T_flange_target)
+        turned = Rotation.from_rotvec([0.0, 0.0, TURN_RAD * number]) * Rotation.from_rotvec(
+            MOUNT_RAD * rng.standard_normal(3)
+        )
+        off = RigidTransform.from_components(MOUNT_M * rng.standard_normal(3), turned)
+        return {"T_flange_target": to_pose6(nominal * off).tolist()}
+    tilt = Rotation.from_rotvec([*(TILT_RAD * rng.uniform(-1.0, 1.0, 2)), TURN_RAD * rng.uniform(-1.0, 1.0)])
+    middle = np.array([*(ASIDE_M * rng.uniform(-1.0, 1.0, 2)), known.distance_m])
+    # A marker's z points out of it, the z of other targets into them.
+    facing = Rotation.from_euler("x", np.pi if known.target["type"] == "aruco-marker" else 0.0)
+    turned = tilt * facing
+    corner = middle - turned.apply(_middle(known.target))
+    seen = RigidTransform.from_components(corner, turned)
+    base = arm.forward(np.array(known.q_look)) * mount * seen
+    return {"T_base_target": to_pose6(base).tolist()}
+
+
+def _middle(target: Any) -> Array:
+    """(3,) m: the middle of a board in its own frame, whose origin is a corner; a marker's is its middle."""
+    for across, down, size in (("squares_x", "squares_y", "square_m"), ("columns", "rows", "square_m")):
+        if across in target:
+            return np.array([target[across], target[down], 0.0]) * float(target[size]) / 2.0
+    return np.zeros(3)

@@ -1,0 +1,55 @@
+"""The whole scenario: the arm, and whatever parts are known."""
+
+from typing import Any
+
+import numpy as np
+
+from cell.known_cell import KnownCell
+from fakes.likely.arm import believed, draw_arm, draw_tool
+from fakes.likely.beams import draw_beams
+from fakes.likely.belt import draw_belt, draw_gripper
+from fakes.likely.camera import draw_camera
+from fakes.likely.tracker import draw_tracker
+from fakes.world.scenario import SCHEMA, Scenario
+from fakes.world.toml_text import to_toml
+
+CLOCK = "fakes.object:VirtualClock"
+# The driver of the object face that stands in for a device, by role.
+DRIVERS = {
+    "arm": "fakes.object:ObjectArm",
+    "flange_camera": "fakes.object:ObjectCamera",
+    "fixed_camera": "fakes.object:ObjectCamera",
+    "beams": "fakes.object:ObjectInputs",
+    "tracker": "fakes.object:ObjectTracker",
+    "belt": "fakes.object:ObjectEncoder",
+    "gripper": "fakes.object:ObjectGripper",
+}
+
+
+def likely_scenario(known: KnownCell, seed: int) -> str:
+    """TOML text of a scenario; the same ``seed`` draws the same cell.
+
+    ``CONFIG_INVALID`` when what is known does not make a cell; ``ValueError`` when a beam or a board has no
+    room where the configuration wants it.
+    """
+    # One generator a part: what one part draws changes nothing of the others.
+    rngs = dict(zip(("arm", *known.parts), np.random.default_rng(seed).spawn(6), strict=True))
+    arm = believed(known)
+    world: dict[str, Any] = {
+        "seed": seed,
+        "arm": draw_arm(known, rngs["arm"]),
+        "tool": draw_tool(known),
+    }
+    if known.camera is not None:
+        world |= draw_camera(known.camera, arm, rngs["camera"])
+    if known.beams is not None:
+        world |= draw_beams(known, arm, rngs["beams"])
+    if known.tracker is not None:
+        world |= draw_tracker(known.tracker, rngs["tracker"])
+    if known.belt is not None:
+        world |= draw_belt(known.belt, rngs["belt"])
+    if known.gripper is not None:
+        world["gripper"] = draw_gripper(known.gripper, rngs["gripper"])
+    text = to_toml({"schema": SCHEMA, "world": world})
+    Scenario.parse(text, "the likely cell")
+    return text

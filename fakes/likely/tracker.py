@@ -1,0 +1,32 @@
+"""A tracker somewhere near its nominal place, and reflectors near theirs."""
+
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from cell.known_cell import KnownTracker
+from cell.poses import from_pose6, to_pose6
+
+PLACE_M, PLACE_RAD = 0.02, 0.005  # how well a tripod is put down where a sketch has it: an assumption
+POINT_M = 0.003  # how well a person measures where a reflector is screwed on
+SERIAL = "99994400001"
+LINK_M = 0.045  # radius of the links, which hide what is behind them
+
+
+def draw_tracker(known: KnownTracker, rng: np.random.Generator) -> dict[str, Any]:
+    """``tracker`` and ``reflectors`` of a scenario's world."""
+    off = RigidTransform.from_components(
+        PLACE_M * rng.standard_normal(3), Rotation.from_rotvec(PLACE_RAD * rng.standard_normal(3))
+    )
+    reflectors = {}
+    for name, reflector in known.reflectors.items():
+        point = np.array(reflector.point) + POINT_M * rng.standard_normal(3)
+        reflectors[name] = {"on": "base" if reflector.monument else "arm", "point": point.tolist()}
+        if reflector.normal is not None:
+            reflectors[name] |= {"normal": list(reflector.normal), "half_angle_rad": reflector.half_angle_rad}
+    place = to_pose6(from_pose6(known.T_base_tracker) * off).tolist()
+    return {
+        "tracker": {"serial": SERIAL, "T_base_tracker": place, "arm_radius_m": LINK_M},
+        "reflectors": reflectors,
+    }

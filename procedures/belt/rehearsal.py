@@ -1,0 +1,78 @@
+"""Picking from a belt, and calibrating one, on a twin."""
+
+import numpy as np
+
+from calibration.kinematics import robot_from_spec
+from cell.known_cell import KnownBelt, KnownCamera, KnownGripper
+from cell.poses import from_pose6
+from procedures.belt.calibrating.config import BeltCalibrationConfig
+from procedures.belt.config import BeltTrackingConfig, ItemLook
+from procedures.rehearsal import Rehearsal, cannot, joints, needed, nominal, target
+from procedures.setup import Setup
+
+SPEED_M_S = 0.15  # no configuration says how fast a belt runs
+PICKS = 10
+
+
+def rehearse_picking(setup: Setup, job: BeltTrackingConfig) -> Rehearsal:
+    """``CONFIG_INVALID`` says what the configuration lacks."""
+    needed(setup, "arm", "fixed_camera", "belt", "gripper")
+    gripper = setup.devices[setup.roles["gripper"]]
+    known = KnownGripper(int(getattr(gripper, "output", 0)), getattr(gripper, "confirm", None))
+    look, q = joints(setup, job.wait_pose)
+    return Rehearsal(
+        look,
+        camera=_camera(setup, q),
+        belt=_belt(setup, q, job.belt_z_m, job.items),
+        gripper=known,
+        items=job.picks or PICKS,
+        calibrated_camera=True,
+    )
+
+
+def rehearse_calibration(setup: Setup, job: BeltCalibrationConfig) -> Rehearsal:
+    """``CONFIG_INVALID`` says what the configuration lacks."""
+    needed(setup, "arm", "fixed_camera", "belt")
+    if job.source != "camera" or job.belt_z_m is None:
+        raise cannot('source = "touch": the belt is touched by a person, and a twin has none')
+    picking = setup.job(BeltTrackingConfig)
+    look, q = joints(setup, None if picking is None else picking.wait_pose)
+    return Rehearsal(
+        look,
+        camera=_camera(setup, q),
+        belt=_belt(setup, q, job.belt_z_m, job.items),
+        calibrated_camera=True,
+    )
+
+
+def _camera(setup: Setup, q: list[float]) -> KnownCamera:
+    """The camera above the belt; the board that it was calibrated with hangs out of its sight."""
+    names = list(setup.values.targets)
+    if not names:
+        raise cannot("there is no [target.NAME], with which the fixed camera was calibrated; add it")
+    board, stated = target(setup, names[0])
+    return KnownCamera(
+        fixed=True,
+        T_mount_camera=nominal(setup, "T_base_camera_nominal"),
+        target=board,
+        placements=1,
+        q_look=q,
+        distance_m=1.0,
+        T_flange_target=setup.nominal["T_flange_target_nominal"] or [0.0, 0.0, -0.5, 0.0, 0.0, 0.0],
+        **stated,
+    )
+
+
+def _belt(setup: Setup, q: list[float], z_m: float, items: ItemLook) -> KnownBelt:
+    if setup.values.belt is None:
+        raise cannot("[robot] belt_nominal is missing, around which the twin's belt would be drawn; give it")
+    tool = from_pose6(setup.values.tool["T_flange_tool"])
+    above = (robot_from_spec(setup.values.robot).forward(np.array(q)) * tool).translation
+    return KnownBelt(
+        m_per_count=float(setup.values.belt["m_per_count"]),
+        dir=[float(v) for v in setup.values.belt["dir"]],
+        z_m=z_m,
+        above=[float(v) for v in above],
+        speed_m_s=SPEED_M_S,
+        item_heights_m=(items.min_height_m, items.max_height_m),
+    )

@@ -1,0 +1,20 @@
+"""A laser tracker on a twin: the instrument near its nominal place, and the reflectors near theirs."""
+
+from collections.abc import Mapping, Sequence
+
+from cell.known_cell import KnownReflector, KnownTracker
+from procedures.rehearsal import Rehearsal, cannot, joints, needed
+from procedures.setup import Setup
+
+
+def rehearse_with_tracker(
+    setup: Setup,
+    look: str | None,
+    T_base_tracker: Sequence[float] | None,
+    reflectors: Mapping[str, KnownReflector],
+) -> Rehearsal:
+    """``CONFIG_INVALID`` says what the configuration lacks."""
+    needed(setup, "arm", "tracker")
+    if T_base_tracker is None:
+        raise cannot("T_base_tracker_nominal of the job says where the twin's tracker would stand; give it")
+    return Rehearsal(joints(setup, look)[0], tracker=KnownTracker(list(T_base_tracker), reflectors))

@@ -1,0 +1,68 @@
+"""What a job needs of a cell before it can be rehearsed on a twin, and what people do meanwhile."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from cell.errors import CellError, error
+from cell.known_cell import KnownBeams, KnownBelt, KnownCamera, KnownGripper, KnownTracker
+from procedures.setup import Setup
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """The parts of the cell that the job meets, as its configuration tells them.
+
+    ``look`` is the name of the pose at which the arm stands before the job. ``before`` are jobs that it needs
+    the results of. ``moves_board``: the operator places the target anew at each prompt; ``bumps_tool``: the
+    tool is hit just before the job; after ``items`` the job is finished, 0: it ends by itself.
+    ``calibrated_camera``: a calibration of the fixed camera is in effect before.
+    """
+
+    look: str
+    camera: KnownCamera | None = None
+    beams: KnownBeams | None = None
+    tracker: KnownTracker | None = None
+    belt: KnownBelt | None = None
+    gripper: KnownGripper | None = None
+    before: tuple[str, ...] = ()
+    moves_board: bool = False
+    bumps_tool: bool = False
+    items: int = 0
+    calibrated_camera: bool = False
+
+
+def joints(setup: Setup, name: str | None) -> tuple[str, list[float]]:
+    """Name and joints (6,) rad of a pose in ``[poses]``, of ``home`` without a name; ``CONFIG_INVALID``."""
+    name = name or "home"
+    if name not in setup.poses:
+        raise cannot(f"[poses] has no '{name}', from which the twin's arm would start; teach it")
+    return name, list(setup.poses[name])
+
+
+def nominal(setup: Setup, key: str) -> list[float]:
+    """A nominal pose (6,) of ``[robot]``; ``CONFIG_INVALID`` without it."""
+    pose = setup.nominal[key]
+    if pose is None:
+        raise cannot(f"[robot] has no {key}, around which the twin's own would be drawn; give it")
+    return list(pose)
+
+
+def needed(setup: Setup, *roles: str) -> None:
+    """``CONFIG_INVALID`` with one sentence for each role that no device plays."""
+    if missing := setup.missing(*roles):
+        raise cannot("; ".join(missing))
+
+
+def target(setup: Setup, name: str) -> tuple[Mapping[str, Any], dict[str, float]]:
+    """A target of ``[target]``, and how well its size and flatness are known as far as it says so."""
+    if name not in setup.values.targets:
+        raise cannot(f"there is no [target.{name}]; the job names it")
+    section = dict(setup.values.targets[name])
+    stated = {key: float(section[key]) for key in ("scale_sigma", "flatness_m") if section.get(key)}
+    return section, stated
+
+
+def cannot(why: str) -> CellError:
+    """The job cannot be rehearsed with this configuration."""
+    return error("CONFIG_INVALID", why)

@@ -1,0 +1,144 @@
+"""``cellward rehearse``: a job on a twin of the configured cell."""
+
+import json
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cell.errors import CellError
+from daemon.config import load_config
+from daemon.rehearsal.objects import rehearsal_of, rehearsed_cell
+from daemon.rehearsal.play import Outcome
+from daemon.rehearsal.words import outcome_lines, summary_lines
+from fakes.world.scenario import Scenario
+from tests.kit.cli_harness import CommandLine
+from tests.kit.example_cell import whole_example
+
+FEW = {
+    "placements = 3": "placements = 1",
+    "poses_per_placement = 20": "poses_per_placement = 6",
+}
+BELT_SPEEDS = {
+    "speed_m_s = 0.25\naccel_m_s2 = 0.5\njoint_speed_rad_s = 0.8": (
+        "speed_m_s = 1.5\naccel_m_s2 = 6.0\njoint_speed_rad_s = 2.5"
+    )
+}
+
+
+@pytest.fixture(autouse=True)
+def _logging_as_before() -> Iterator[None]:
+    """A rehearsal sends the log to a file of its own."""
+    root = logging.getLogger()
+    handlers, level = root.handlers[:], root.level
+    yield
+    for handler in set(root.handlers) - set(handlers):
+        handler.close()
+    root.handlers[:], root.level = handlers, level
+
+
+def test_a_capture_is_rehearsed_on_a_twin_of_the_example(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cellward = CommandLine(monkeypatch, capsys, whole_example(tmp_path, FEW))
+    ran = cellward("rehearse", "cone-capture", "--json", "--out", str(tmp_path / "out"))
+    rehearsal = json.loads(ran.out)["rehearsals"][0]
+    assert rehearsal["ended"] == "complete"
+    assert rehearsal["seconds"] > 10.0
+    assert rehearsal["stated"]
+    assert rehearsal["off"]
+    assert ran.code == (0 if rehearsal["succeeded"] else 1)
+
+
+@pytest.mark.parametrize(
+    ("job", "parts"),
+    [
+        ("cone-capture", {"camera", "target"}),
+        ("laser-reference", {"beams", "io"}),
+        ("laser-update", {"beams", "io"}),
+        ("latency-calibration", {"beams", "io"}),
+        ("tracker-sampling", {"tracker", "reflectors"}),
+        ("belt-calibration", {"camera", "belt", "items"}),
+        ("belt-tracking", {"camera", "belt", "items", "gripper"}),
+    ],
+)
+def test_a_twin_has_what_its_job_meets_and_no_address_of_the_cell(
+    job: str, parts: set[str], tmp_path: Path
+) -> None:
+    path = whole_example(tmp_path, BELT_SPEEDS)
+    subject = rehearsed_cell(load_config(path), path, job, 1, tmp_path)
+    world = Scenario.load(tmp_path / "scenario.toml").world
+    present = {name for name in ("camera", "target", "beams", "io", "tracker") if getattr(world, name)}
+    present |= {name for name in ("reflectors", "belt", "items", "gripper") if getattr(world, name)}
+    assert parts <= present
+    assert subject.jobs[-1] == job
+    assert subject.config.cell.twin
+    assert {device.driver.partition(":")[0] for device in subject.config.device.values()} == {"fakes.object"}
+    assert "192.168" not in json.dumps(subject.config.model_dump(mode="json"))
+
+
+def test_the_same_seed_draws_the_same_cell_and_another_one_another(tmp_path: Path) -> None:
+    path = whole_example(tmp_path)
+    config, texts = load_config(path), []
+    for seed in (1, 1, 2):
+        rehearsed_cell(config, path, "laser-update", seed, tmp_path)
+        texts.append((tmp_path / "scenario.toml").read_text("utf-8"))
+    assert texts[0] == texts[1]
+    assert texts[0] != texts[2]
+
+
+def test_what_a_twin_draws_is_around_what_the_configuration_says(tmp_path: Path) -> None:
+    path = whole_example(tmp_path)
+    config = load_config(path)
+    rehearsed_cell(config, path, "cone-capture", 3, tmp_path)
+    camera = Scenario.load(tmp_path / "scenario.toml").world.camera
+    assert camera is not None
+    assert camera.nominal == config.robot.T_flange_camera_nominal
+    assert camera.T_flange_camera != camera.nominal
+    assert camera.T_flange_camera == pytest.approx(camera.nominal, abs=0.08)
+
+
+@pytest.mark.parametrize(
+    ("job", "replaced", "words"),
+    [
+        ("cone", {}, "there is no job 'cone' that can be rehearsed; there is cone-capture"),
+        ("laser-check", {"[job.laser-reference]": "[job.laser-check]\n[other]"}, "[job.laser-reference]"),
+        ("belt-tracking", {"belt_nominal = {": "# belt_nominal = {"}, "belt_nominal is missing"),
+        ("tracker-sampling", {"T_base_tracker_nominal": "# T_base"}, "T_base_tracker_nominal of the job"),
+        (
+            "cone-capture",
+            {"T_flange_camera_nominal": "# T_flange_camera_nominal"},
+            "has no T_flange_camera_nominal",
+        ),
+    ],
+)
+def test_what_the_configuration_lacks_is_said(
+    job: str, replaced: dict[str, str], words: str, tmp_path: Path
+) -> None:
+    if "[job.laser-reference]" in replaced:  # the whole section goes
+        replaced = {}
+        path = whole_example(tmp_path)
+        text = path.read_text("utf-8")
+        begin, end = text.index("[job.laser-reference]"), text.index("[job.tracker-sampling]")
+        path.write_text(text[:begin] + text[end:], "utf-8")
+    else:
+        path = whole_example(tmp_path, replaced | BELT_SPEEDS)
+    with pytest.raises(CellError) as refused:
+        rehearsal_of(load_config(path), job)
+    assert words in refused.value.detail
+
+
+def test_a_rehearsal_says_how_it_ended_and_what_fell_out() -> None:
+    lost = ["pose skipped: outside the workspace"] * 2 + [f"pose skipped: {n}" for n in range(6)]
+    bad = Outcome(2, "aborted", 12.0, why=["No plan (3010). Move the board."], lost=lost)
+    good = Outcome(1, "complete", 95.0, "pass", "0.1 mm", "0.05 mm", True)
+    text = "\n".join(outcome_lines("cone-capture", bad))
+    assert "twin 2: aborted after 12 s of the cell" in text
+    assert "No plan (3010)" in text
+    assert "outside the workspace (2 times)" in text
+    assert "and 2 more reasons" in text
+    assert "off the twin's truth: 0.05 mm, which agrees with it" in "\n".join(outcome_lines("x", good))
+    (line,) = summary_lines("cone-capture", [good, bad])
+    assert line.startswith("cone-capture: ended well in 1 of 2 twins, in 1 min 35 s to 1 min 35 s")
+    assert (good.succeeded, bad.succeeded) == (True, False)
