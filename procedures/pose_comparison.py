@@ -4,14 +4,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtrc, chdtri
+from scipy.special import chdtrc, chdtri, ndtri
 
 from cell.errors import error
 from cell.formats.result import Covariance
 from cell.poses import Array
 from procedures.words import deg, mm, sigma_text
 
-SIGNIFICANT_P = 0.05
+FALSE_ALARM = 1.0 / 300.0  # how often two measurements of the same pose are called different
+FOUND = 0.99  # how often a shift of the size that is promised is
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,14 @@ class PoseComparison:
 
     @property
     def significant(self) -> bool:
-        return self.p < SIGNIFICANT_P
+        return self.p < FALSE_ALARM
+
+    @property
+    def detectable_m(self) -> float:
+        """A shift that is called different with 99 % at least, whichever way it points."""
+        worst = float(np.sqrt(np.max(np.linalg.eigvalsh(self.cov[:3, :3]))))
+        limit = float(np.sqrt(chdtri(self.degrees_of_freedom, FALSE_ALARM)))
+        return worst * (limit + float(ndtri(FOUND)))
 
     def as_dict(self) -> dict[str, Any]:
         return {
@@ -39,6 +47,8 @@ class PoseComparison:
             "degrees_of_freedom": self.degrees_of_freedom,
             "p": self.p,
             "significant": self.significant,
+            "false_alarm": FALSE_ALARM,
+            "detectable_m": self.detectable_m,
         }
 
     def text(self, first: str, second: str) -> str:
@@ -61,8 +71,10 @@ class PoseComparison:
                 f"  x, y, z {axes} mm; about x, y, z {turns} deg (in {frame})",
                 f"  standard uncertainty of the difference {sigma_text(self.cov.tolist())}",
                 f"  squared Mahalanobis distance {self.m2:.1f} with {dof} degrees of freedom "
-                f"(95 % below {chdtri(dof, 0.05):.1f}), p = {self.p:.3g}",
+                f"(limit {chdtri(dof, FALSE_ALARM):.1f}), p = {self.p:.3g}",
                 f"  {verdict}",
+                f"  (chance alone goes beyond it in 1 of {1.0 / FALSE_ALARM:.0f} comparisons, a shift of "
+                f"{mm(self.detectable_m, 4)} in 99 of 100)",
                 "  (the uncertainties are taken as independent; an error common to both runs does not show)",
             ]
         )

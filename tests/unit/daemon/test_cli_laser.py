@@ -225,6 +225,19 @@ def test_compare_weighs_the_displacements_of_two_checks(cell: CellOnDisk, subjec
     assert "(in the flange)" in subject("compare", 1, 2).out
 
 
+def test_what_one_good_tool_of_twenty_shows_by_chance_is_no_difference(
+    cell: CellOnDisk, subject: CommandLine
+) -> None:
+    cell.add_run(1, laser_result(), outcome="complete")
+    cell.add_run(2, laser_result(x_mm=1.252), outcome="complete")
+    found = json.loads(subject("compare", 1, 2, "--json").out)
+    assert found["p"] < 0.05
+    assert (found["significant"], found["false_alarm"]) == (False, pytest.approx(1.0 / 300.0))
+    cell.add_run(3, laser_result(x_mm=1.2 + 1e3 * found["detectable_m"]), outcome="complete")
+    assert json.loads(subject("compare", 1, 3, "--json").out)["significant"]
+    assert "1 of 300" in subject("compare", 1, 3).out
+
+
 def test_compare_without_tilt_uses_the_point_alone(cell: CellOnDisk, subject: CommandLine) -> None:
     cell.add_run(1, laser_result(), outcome="complete")
     flat = laser_result(x_mm=1.3)
