@@ -79,6 +79,15 @@ class World:
         """Where the tool truly is."""
         return RigidTransform.from_components(P_REF + self.shift, Rotation.from_rotvec(self.turn))
 
+    def first_contact(self, beam: str) -> float:
+        """How high (m) the straight tool's point is over the middle of a beam when it first breaks it."""
+        true = self.beams[beam]
+        # Of a flat end the rim comes first where the beam rises.
+        reach = BEAM_RADIUS_M
+        if not self.part.round:
+            reach = (self.part.radius + BEAM_RADIUS_M) * abs(float(true.direction[2]))
+        return reach - 0.5 * BAND_M
+
     def move(self, to: Array) -> None:
         """A move of the flange to ``to`` (3,) that nobody watches."""
         self.t += 0.3 + float(np.linalg.norm(to - self.at)) / SPEED.tcp_m_s

@@ -26,19 +26,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices; the other 
 import numpy as np
 
 from bench._laser_tally import Tally
-from bench._laser_world import (
-    BAND_M,
-    BEAM_RADIUS_M,
-    DOWN,
-    FLAT,
-    P_REF,
-    POINT,
-    ROUND,
-    Record,
-    World,
-    search,
-    take,
-)
+from bench._laser_world import DOWN, FLAT, P_REF, POINT, ROUND, Record, World, search, take
 from bench.laser_height import CELLS, LATE_GAP_S, tell
 from calibration.tool_frame.repeatability import stated_sigma
 from cell.poses import Array, from_pose6, to_pose6
@@ -48,7 +36,6 @@ from procedures.laser.record import DATA_FILE, SECOND, THIRD
 from procedures.laser.solving import compare_second, solve_current, solve_new_reference
 
 COUNT = 20
-FIRST_CONTACT_M = BEAM_RADIUS_M - 0.5 * BAND_M  # of the tool's end over the middle of a beam
 STATED_M = stated_sigma("ur10e")
 T_REF = [*P_REF.tolist(), 0.0, 0.0, 0.0]
 NOMINAL = {
@@ -93,7 +80,8 @@ class Fixture:
             n = np.cross(true.direction, [0.0, 0.0, 1.0])
             n /= np.linalg.norm(n)
             across.append((n, float(n @ off)))
-            heights.append(float(np.cross(n, true.direction) @ off) - FIRST_CONTACT_M)
+            height = float(np.cross(n, true.direction) @ off)
+            heights.append(height - self.world.first_contact(name))
         J = np.stack([n for n, _ in across] + [np.array([0.0, 0.0, 1.0])])
         off = np.linalg.solve(J, np.array([*(e for _, e in across), float(np.mean(heights))]))
         return DOWN.inv().apply(off), np.array(self.reference["cov"])[:3, :3]
