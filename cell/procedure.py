@@ -192,6 +192,7 @@ class Run:
         self.packml = PackML.STARTING
         self.step, self.steps = 0, 0
         self.prompt: tuple[int, str] | None = None
+        self.skippable = False  # what the prompt asks for may be left out
         self.result: dict[str, Any] | None = None
         self.visited: list[tuple[StrEnum | None, StrEnum]] = []
         self.live: dict[str, float] = {}  # numbers of now, by the names of registers
@@ -204,6 +205,7 @@ class Run:
         self._released = asyncio.Event()
         self._answered = asyncio.Event()
         self._prompts = 0
+        self._skipped = False
         self.steps_taken = cell.interruptions(self)
 
     # -- what a procedure calls
@@ -266,13 +268,14 @@ class Run:
         if gap is not None and gap[1] > since:
             raise error("STALE_DATA", f"the arm gave no state for {gap[1] - gap[0]:.3f} s within the step")
 
-    async def ask(self, text: str) -> None:
-        """Hold with the arm at rest until an operator confirms this prompt."""
+    async def ask(self, text: str, *, skippable: bool = False) -> bool:
+        """Hold with the arm at rest until an operator confirms this prompt; False when what a ``skippable``
+        one asks for was skipped."""
         if self._finish:
             raise FinishRequested
         self._prompts += 1
         prompt_id = self.id % 65536 * 65536 + self._prompts
-        self.prompt = (prompt_id, text)
+        self.prompt, self.skippable, self._skipped = (prompt_id, text), skippable, False
         self._answered.clear()
         self.note("operator", event="prompt", prompt=prompt_id, text=text)
         self._set_packml(PackML.HELD)
@@ -283,6 +286,7 @@ class Run:
         if self._finish:
             raise FinishRequested
         self._set_packml(PackML.HOLDING if self._hold_wanted else PackML.EXECUTE)
+        return not self._skipped
 
     @property
     def wants_rest(self) -> bool:
@@ -380,11 +384,20 @@ class Run:
 
     def confirm(self, prompt_id: int, who: str) -> None:
         """The operator says that what prompt ``prompt_id`` asked for is done."""
+        self._answer("confirm", prompt_id, who)
+
+    def skip(self, prompt_id: int, who: str) -> None:
+        """The operator leaves out what prompt ``prompt_id`` asked for; the job goes on without it."""
+        if self.prompt is not None and self.prompt[0] == prompt_id and not self.skippable:
+            raise error("NOT_NOW", f"prompt {prompt_id} cannot be skipped: confirm it, or finish the job")
+        self._answer("skip", prompt_id, who)
+
+    def _answer(self, event: str, prompt_id: int, who: str) -> None:
         if self.prompt is None or self.prompt[0] != prompt_id:
             waiting = f"prompt {self.prompt[0]} is open" if self.prompt else "no prompt is open"
-            raise error("NOT_NOW", f"prompt {prompt_id} cannot be confirmed, {waiting}")
-        self.note("operator", event="confirm", prompt=prompt_id, who=who)
-        self.prompt = None
+            raise error("NOT_NOW", f"prompt {prompt_id} is not open, {waiting}")
+        self.note("operator", event=event, prompt=prompt_id, who=who)
+        self.prompt, self._skipped = None, event == "skip"
         self._answered.set()
 
     def finish(self) -> None:

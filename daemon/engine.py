@@ -141,6 +141,9 @@ class Engine:
     async def confirm(self, prompt_id: int, who: str) -> None:
         self._active().confirm(prompt_id, who)
 
+    async def skip(self, prompt_id: int, who: str) -> None:
+        self._active().skip(prompt_id, who)
+
     async def finish(self, who: str) -> None:
         run = self._active()
         run.note("operator", event="finish", who=who)

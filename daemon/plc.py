@@ -76,6 +76,8 @@ class PlcFace:
                 self._acknowledged_run = engine.last["run_id"] if engine.last else None
             case 10:
                 await engine.confirm(command.argument_uint32, who)
+            case 11:
+                await engine.skip(command.argument_uint32, who)
             case _:
                 raise error("ARGUMENT_INVALID", f"there is no command {command.code}")
 

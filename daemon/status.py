@@ -48,7 +48,7 @@ def status_of(engine: Shown) -> dict[str, Any]:
         "steps_taken_again": len(run.steps_taken.taken_again) if run else 0,
         "silences_in_a_row": run.steps_taken.in_a_row if run else 0,
         "live": dict(run.live) if run else {},
-        "prompt": {"id": run.prompt[0], "text": run.prompt[1]} if run and run.prompt else None,
+        "prompt": _prompt_of(run) if run else None,
         "error": engine.error.as_dict() if engine.error else None,
         "latched": context.broker.latched is not None,
         "last_run": engine.last,
@@ -59,6 +59,12 @@ def status_of(engine: Shown) -> dict[str, Any]:
         "devices": context.supervisor.status(),
         "loop_lag": engine.loop_lag(),
     }
+
+
+def _prompt_of(run: Run) -> dict[str, Any] | None:
+    if run.prompt is None:
+        return None
+    return {"id": run.prompt[0], "text": run.prompt[1], "skippable": run.skippable}
 
 
 def live_of(engine: Shown, since: Mapping[str, int]) -> dict[str, Any]:

@@ -169,6 +169,10 @@ class Observation(Strict):
 
     index: Whole
     group: Whole = 0
+    base: Whole | None = Field(
+        None, description="place of the target's stand, which several groups may share"
+    )
+    planned: Whole | None = Field(None, description="place on the cone round the target, counted from 0")
     image: str | None = None
     corners: list[Pixel | None] | None = None
     frames: list[FrameEntry] = Field(default_factory=list)

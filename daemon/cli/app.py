@@ -39,6 +39,7 @@ PANELS = {
         live.live,
         jobs.start,
         jobs.confirm,
+        jobs.skip,
         jobs.finish,
         jobs.abort,
         jobs.halt,

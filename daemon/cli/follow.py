@@ -46,7 +46,8 @@ def _watch(daemon: ControlClient, run_id: int, bar: ProgressBar) -> dict[str, An
 
 def prompt_text(prompt: Mapping[str, Any]) -> str:
     """What the operator is asked for, and how to answer."""
-    return f"{prompt['text']}\n  then, in another terminal: cellward confirm {prompt['id']}"
+    skip = f", or to leave it out: cellward skip {prompt['id']}" if prompt.get("skippable") else ""
+    return f"{prompt['text']}\n  then, in another terminal: cellward confirm {prompt['id']}{skip}"
 
 
 def finished(end: Mapping[str, Any], as_json: bool, config: Path | None) -> None:

@@ -126,6 +126,14 @@ def confirm(
     _tell(config, "confirm", f"Prompt {prompt} is confirmed; the job goes on.", prompt_id=prompt)
 
 
+def skip(
+    prompt: Annotated[int, typer.Argument(help="The number that the prompt shows.", show_default=False)],
+    config: ConfigOption = None,
+) -> None:
+    """Leave out what a prompt asks for, such as one placement; the job goes on and the arm may move."""
+    _tell(config, "skip", f"What prompt {prompt} asks for is left out; the job goes on.", prompt_id=prompt)
+
+
 def finish(config: ConfigOption = None) -> None:
     """End the job at its next checkpoint and solve with the data so far."""
     _tell(config, "finish", "The job ends at its next checkpoint and keeps its data.")

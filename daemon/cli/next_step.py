@@ -29,7 +29,8 @@ def possible(status: Mapping[str, Any]) -> str:
     """The commands that the daemon takes in its present state."""
     state = status["packml"]
     if prompt := status.get("prompt"):
-        verbs = [f"confirm {prompt['id']}", "finish", "abort", "halt"]
+        skip = [f"skip {prompt['id']}"] if prompt.get("skippable") else []
+        verbs = [f"confirm {prompt['id']}", *skip, "finish", "abort", "halt"]
     elif status.get("job"):
         stopping = state in ("STOPPING", "ABORTING", "COMPLETING", "CLEARING")
         held = state in ("HELD", "HOLDING", "SUSPENDED")

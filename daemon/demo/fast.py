@@ -122,8 +122,8 @@ async def _run_step(engine: Engine, step: Step, world: Any, clock: Clock) -> int
             if status["prompt"] is not None:
                 if step.moves_board:
                     placement += 1
-                    world.operator.confirm(placement, clock.now())
-                    say(f"the operator moved the board to place {placement + 1}")
+                    world.operator.confirm(placement - 1, clock.now())
+                    say(f"the operator put the board at place {placement}")
                 await engine.confirm(status["prompt"]["id"], WHO)
                 say("the operator confirmed")
             await clock.sleep(POLL_S)

@@ -144,7 +144,7 @@ def _run_step(plc: Plc, step: Step, folder: Path, children: tuple[Child, ...]) -
         _bump(plc, folder, step.bump)
     _start(plc, step)
     say(f"the PLC started job {step.number} ({step.job}) over Modbus")
-    answered, placement, told, finished = 0, 1, 0, False
+    answered, placement, told, finished = 0, 0, 0, False
     with ProgressBar() as bar:
         while (status := plc.poll()).busy:
             for child in children:
@@ -191,7 +191,7 @@ def _play_operator(plc: Plc, folder: Path, step: Step, placement: int) -> str:
     if not step.moves_board:
         return "the operator accepts what is proposed"
     _tell_twin(plc, folder, "operator", "place", str(placement))
-    return f"the operator moved the board to place {placement}"
+    return f"the operator put the board at place {placement}"
 
 
 def _bump(plc: Plc, folder: Path, bump: Bump) -> None:

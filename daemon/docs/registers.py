@@ -31,8 +31,9 @@ exception but a result code.
 3. Wait until `acknowledged_sequence` is that sequence, then read `result_code`.
 
 A start must find 0 in `flags`, in the three arguments and in control bit 1: they are reserved, and a start
-that sets one is refused with 6103. Commands other than 1, 8 and 10 do not look at the arguments. A refusal is
-0x8000 plus the error's number, so 6001 (a job is running) is 0x9771; [errors.md](errors.md) lists them.
+that sets one is refused with 6103. Commands other than 1, 8, 10 and 11 do not look at the arguments. A
+refusal is 0x8000 plus the error's number, so 6001 (a job is running) is 0x9771;
+[errors.md](errors.md) lists them.
 
 The same sequence again does nothing, so a lost reply may be retried. What stands in the block when the daemon
 starts is no command. Abort and halt withdraw commands before them that are still under way. Completion is not

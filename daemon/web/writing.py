@@ -17,6 +17,7 @@ from daemon.web.sessions import Session
 NEEDS: Mapping[str, Role] = {
     "start": "operator",
     "confirm": "operator",
+    "skip": "operator",
     "finish": "operator",
     "abort": "viewer",  # whoever is logged in may stop
     "halt": "viewer",

@@ -31,10 +31,28 @@ class ConeCaptureConfig(BaseModel):
         description="where the camera is: on the flange, or fixed and the target on the flange",
     )
     placements: int = Field(10, ge=1, le=60, description="how often the board is placed anew")
+    bases: int | None = Field(
+        None,
+        ge=1,
+        le=60,
+        description="places of the board's stand; with it placements are bases x tilts, and are not given",
+    )
+    tilts: int = Field(1, ge=1, le=20, description="tilts of the board on its stand at each of the bases")
     poses_per_placement: int = Field(20, ge=3, le=60, description="an even number balances the cone")
     min_poses_per_placement: int = Field(
-        3, ge=3, le=60, description="a placement with fewer usable poses ends the job"
+        3,
+        ge=3,
+        le=60,
+        description="a placement with fewer usable poses does not count, and is asked for again",
     )
+    new_place_t_m: float = Field(
+        0.01,
+        gt=0,
+        le=0.5,
+        description="a board that moved less, and turned less than new_place_r_rad, "
+        "since an earlier placement counts as not moved",
+    )
+    new_place_r_rad: float = Field(0.035, gt=0, le=1.0, description="see new_place_t_m")
     cone_half_angle_rad: float = Field(
         0.44, gt=0.1, lt=1.0, description="between the cone's axis and the poses on it"
     )
@@ -76,6 +94,22 @@ class ConeCaptureConfig(BaseModel):
     def sigma_of_camera(self) -> dict[str, float] | None:
         """``camera.sigma`` of the data set."""
         return None if self.camera_sigma is None else self.camera_sigma.model_dump(exclude_none=True)
+
+    @model_validator(mode="after")
+    def _bases_x_tilts(self) -> Self:
+        if self.bases is None:
+            if self.tilts != 1:
+                raise ValueError("tilts needs bases: the placements are bases x tilts")
+            return self
+        wanted = self.bases * self.tilts
+        if "placements" in self.model_fields_set and self.placements != wanted:
+            raise ValueError(
+                f"placements is {self.placements}, bases x tilts is {wanted}; leave placements out"
+            )
+        if wanted > 60:
+            raise ValueError(f"bases x tilts is {wanted}; at most 60 placements are taken")
+        self.placements = wanted
+        return self
 
     @model_validator(mode="after")
     def _enough_poses(self) -> Self:

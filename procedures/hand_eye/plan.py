@@ -27,9 +27,11 @@ from cell.errors import error
 from cell.poses import Array, from_pose6, to_pose6
 from cell.run_values import RunValues
 from procedures.arm_setup import lease_settings
+from procedures.hand_eye.advice import lost_text, where_to_move
 from procedures.hand_eye.prediction import Prediction
 
 MIN_VIEWS = 4
+MOST_LOST = 0.5  # of the poses of a placement; a board that loses more is badly placed
 
 
 @dataclass(frozen=True)
@@ -57,9 +59,14 @@ class BoardObservation:
             dict(camera),
         )
 
+    @classmethod
+    def of_board(cls, board: Mapping[str, Any], camera: Mapping[str, Any]) -> "BoardObservation":
+        """What :meth:`board` was made of."""
+        return cls(**board, camera=dict(camera))
+
     def board(self) -> dict[str, Any]:
         """What tells later whether the board still lies there."""
-        return {"ids": self.ids, "corners": self.corners}
+        return {"ids": self.ids, "corners": self.corners, "q": self.q, "T_base_flange": self.T_base_flange}
 
     def intrinsics(self) -> Intrinsics:
         c = self.camera
@@ -98,6 +105,7 @@ class PlacementPlan:
 
     poses: list[Visit]
     listing: dict[str, Any]
+    poor: str = ""  # why most poses are lost, and what would help
 
     def as_dict(self) -> dict[str, Any]:
         return self.listing
@@ -145,12 +153,20 @@ def plan_placement(request: PlanRequest) -> PlacementPlan:
         lambda q: guard.describe(q).as_dict(),
     )
     needed = max(request.min_poses - len(request.finished), 0)
-    if not request.finished and (problem := plan.shortfall(needed)) is not None:
-        raise problem
+    short = None if request.finished else plan.shortfall(needed)
+    poor = ""
+    few = int(np.ceil(MOST_LOST * (request.poses - len(request.finished))))
+    if short is not None or len(plan.poses) < few:
+        poor = lost_text(plan.rejected, request.poses)
+        if short is not None and len(plan.poses) >= needed:  # enough poses, and they tell too little
+            poor = short.detail
+        poor += f": {where_to_move(cone, guard.model, guard.check_path_joints, max(few, needed))}"
+    if short is not None:
+        raise error(short.name, poor)
     listing = plan.as_dict()
     if len(plan.poses) >= MIN_VIEWS:
         listing["predicted"] = prediction.told(plan)
-    return PlacementPlan([Visit(p.index, [float(v) for v in p.q]) for p in plan.poses], listing)
+    return PlacementPlan([Visit(p.index, [float(v) for v in p.q]) for p in plan.poses], listing, poor)
 
 
 def plan_search(values: RunValues, view: BoardObservation) -> list[list[float]]:

@@ -71,9 +71,17 @@ class CaptureRecord:
         for group in adopted.complete:
             self.complete_placement(group)
 
-    def begin_placement(self, group: int, start_q: Sequence[float], board: Mapping[str, Any]) -> None:
-        """A placement starts with the arm at ``start_q`` (6,) rad and the board seen as ``board``."""
-        self._append({"kind": "placement", "group": group, "start_q": list(start_q), "board": dict(board)})
+    def begin_placement(
+        self, group: int, start_q: Sequence[float], board: Mapping[str, Any], base: int | None = None
+    ) -> None:
+        """A placement starts with the arm at ``start_q`` (6,) rad and the board seen as ``board``.
+
+        ``base`` is the number of its stand's place, where the job has bases.
+        """
+        where = {} if base is None else {"base": base}
+        self._append(
+            {"kind": "placement", "group": group, "start_q": list(start_q), "board": dict(board), **where}
+        )
 
     def add_pose(self, observation: Mapping[str, Any]) -> None:
         """One finished pose; on disk when this returns."""
@@ -103,7 +111,9 @@ class CaptureRecord:
             "schema": "cellward.capture/1",
             **self.header,
             "observations": [
-                {k: v for k, v in o.items() if k != "planned"} | {"notes": {"planned": o["planned"]}}
+                o
+                if (base := self.placements.get(o["group"], {}).get("base")) is None
+                else {**o, "base": base}
                 for o in self.observations
             ],
         }

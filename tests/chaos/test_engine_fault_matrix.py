@@ -10,7 +10,7 @@ import pytest
 
 from cell.procedure import Run
 from fakes.object import run_virtual
-from procedures.hand_eye.cone_capture import State
+from procedures.hand_eye.states import State
 from tests.chaos.matrix import Kind, assert_aborted, covering, inject_at, kind, put_right, short
 from tests.kit.object_cell import ObjectCell, no_report, open_cell, write_config
 from tests.kit.whole_results import whole
@@ -44,7 +44,7 @@ ANSWER = whole(
     }
 )
 
-# When a fault comes. The prompt is where the job asks for the second placement.
+# When a fault comes. The prompt is where the job asks for a placement.
 PROMPT = "prompt"
 MOMENTS = [*(s.value for s in State if s is not State.SEARCH), PROMPT]
 BEFORE = {"prepare", "place"}
@@ -78,7 +78,7 @@ KINDS = [
     kind("camera", "silence", "DEVICE_LOST", BEFORE_THE_END),
     kind("camera", "freeze", "CAMERA_FAULT", AT_THE_NEXT_LEASE),
     # The operator who places the board anew brings it back.
-    kind("camera", "lost-board", "BOARD_NOT_SEEN", BEFORE | LENT - {"return"}),
+    kind("camera", "lost-board", "CAPTURE_INCOMPLETE", BEFORE | LENT - {"return"}),
 ]
 
 

@@ -40,6 +40,9 @@ class RecordingEngine:
     async def confirm(self, prompt_id: int, who: str) -> None:
         await self._ask("confirm", prompt_id, who)
 
+    async def skip(self, prompt_id: int, who: str) -> None:
+        await self._ask("skip", prompt_id, who)
+
     async def finish(self, who: str) -> None:
         await self._ask("finish", who)
 

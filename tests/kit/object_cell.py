@@ -162,11 +162,22 @@ class ObjectCell:
 
     # -- running jobs
 
-    async def start(self, **how: Any) -> int:
-        """Start the cell's job, or ``job``; returns the run's number."""
+    async def start(self, *, placed: bool = True, **how: Any) -> int:
+        """Start the cell's job, or ``job``; returns the run's number.
+
+        ``placed``: the operator says at once that the board stands where the first placement is to be.
+        """
         params, job = how.pop("params", {}), how.pop("job", self.job)
         begun = await self.engine.start(StartRequest(job, params, WHO, "test", **how))
+        if placed and job == JOB:
+            await self.until(lambda: self.engine.status()["prompt"] or self._under_way(), "a prompt")
+            if not self._under_way():
+                await self.answer()
         return int(begun["run_id"])
+
+    def _under_way(self) -> bool:
+        """Whether the job is beyond the first thing that it asks, or ended."""
+        return not self.engine.active or self.engine.status()["state"] not in (None, "prepare", "place")
 
     async def dry_run(self) -> dict[str, Any]:
         """``run_id`` and ``plan`` of the cell's job, listed without a move."""
@@ -184,10 +195,17 @@ class ObjectCell:
         return self.end(run_id)
 
     async def answer(self) -> None:
-        """Move the board to the next place and confirm, if a prompt is open."""
+        """Move the board to the next place (it stands where the first is to be) and confirm, if asked.
+
+        This operator finishes a job that has trouble with a placement.
+        """
         run = self.engine.run
         if run is not None and run.prompt is not None:
-            if self.plant.world.operator.placements:
+            text = run.prompt[1]
+            if "Or skip the placement" in text and "since the interruption" not in text:
+                await self.engine.finish(WHO)
+                return
+            if self.plant.world.operator.placements and not text.startswith("Placement 1 "):
                 self.plant.world.operator.move_on(self.clock.now())
             await self.engine.confirm(run.prompt[0], WHO)
 

@@ -150,7 +150,8 @@ class WireCell:
         while time.monotonic() < give_up:
             status = self.status()
             if status["prompt"]:
-                ask(self.folder, {"do": "operator", "next": True})
+                if not status["prompt"]["text"].startswith("Placement 1 "):  # there it stands
+                    ask(self.folder, {"do": "operator", "next": True})
                 self.call("confirm", prompt_id=status["prompt"]["id"])
             if status["job"] is None and status["last_run"]:
                 last: dict[str, Any] = status["last_run"]

@@ -101,7 +101,7 @@ def test_a_board_that_was_moved_meanwhile_gets_a_placement_of_its_own(
         adopted = await cell.start(adopt=run_id)
         end = await cell.finished(adopted)
         assert end["outcome"] == "complete", end["error"]
-        assert len(cell.notes(adopted, "board moved since the interruption")) == 1
+        assert len(cell.notes(adopted, "board moved since its last pose")) == 1
         asked = 1  # a placement with too few poses does not count, so one more is asked for
         assert len(cell.notes(adopted, "prompt")) == asked
         taken = finished_poses(cell, adopted)

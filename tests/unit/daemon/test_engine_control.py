@@ -78,7 +78,7 @@ def test_a_stop_while_the_run_is_being_made_ends_it_before_it_begins(
 ) -> None:
     async def main() -> None:
         async with open_cell(write_config(tmp_path)) as cell:
-            start = asyncio.create_task(cell.start())
+            start = asyncio.create_task(cell.start(placed=False))
             await asyncio.sleep(0)  # the start now waits for the ledger
             assert not start.done()
             await getattr(cell.engine, verb)("another channel")
@@ -131,7 +131,7 @@ def test_finish_at_a_checkpoint_keeps_the_data_and_solves(state: str, seen: int,
                 entered = len(visited)
 
             cell.engine.subscribe(count)
-            end = await cell.run_job()
+            end = await cell.finished(await cell.start(placed=False))
             await asyncio.wait(finish)
             path = cell.folder(1).path / "poses.jsonl"
             poses = path.read_text("utf-8").count('"kind": "pose"')
@@ -179,7 +179,7 @@ def test_pause_holds_at_rest_until_resume(tmp_path: Path) -> None:
             end = await cell.finished(run_id)
             assert end["outcome"] == "complete"
             names = [n["packml"] for n in cell.journal(run_id) if "packml" in n and not n.get("terminal")]
-            assert names == ["HOLDING", "HELD", "UNHOLDING", "EXECUTE"]
+            assert names == ["HELD", "EXECUTE", "HOLDING", "HELD", "UNHOLDING", "EXECUTE"]  # first the prompt
 
     run_virtual(main())
 
@@ -193,7 +193,8 @@ def test_resume_before_the_checkpoint_takes_the_pause_back(tmp_path: Path) -> No
             await cell.engine.resume(WHO)
             assert cell.engine.packml is PackML.EXECUTE
             assert (await cell.finished(run_id))["outcome"] == "complete"
-            assert not [n for n in cell.journal(run_id) if n.get("packml") == "HELD"]
+            held = [n for n in cell.journal(run_id) if n.get("packml") == "HELD"]
+            assert len(held) == 1, "only while it asked for the first placement"
 
     run_virtual(main())
 

@@ -13,6 +13,7 @@ from tests.kit.page_rig import ROLES, TOKENS, PageRig, http_section, on_page
 PARAMS: dict[str, dict[str, Any]] = {
     "start": {"job": "laser-check"},
     "confirm": {"prompt_id": 65537},
+    "skip": {"prompt_id": 65537},
     "accept": {"result_id": 4},
     "reject": {"result_id": 5, "why": "the board was loose"},
     "rollback": {"name": "T_flange_camera"},

@@ -19,7 +19,7 @@ from tests.kit.object_cell import WHO, ObjectCell, no_report, open_cell, write_c
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
 
-START, FINISH, ABORT, HALT, PAUSE, RESUME, RESET, ACCEPT, ACKNOWLEDGE, CONFIRM = range(1, 11)
+START, FINISH, ABORT, HALT, PAUSE, RESUME, RESET, ACCEPT, ACKNOWLEDGE, CONFIRM, SKIP = range(1, 12)
 ACCEPTED = 1
 READY, BUSY, DONE, FAULT, WARNING, RESULT_VALID = 1 << 0, 1 << 1, 1 << 2, 1 << 3, 1 << 4, 1 << 6
 ARM_OK, CAMERA_OK, STOPPED_BY_SAFETY, TWIN = 1 << 7, 1 << 8, 1 << 13, 1 << 14
@@ -43,9 +43,15 @@ class Panel:
     def has(self, bit: int) -> bool:
         return bool(self.read("status") & bit)
 
+    async def start_placed(self) -> None:
+        """Start, and confirm that the board stands where the first placement is to be."""
+        assert await self.send(START, job=1) == ACCEPTED
+        await self.cell.until(lambda: self.read("prompt_id"), "a prompt")
+        assert await self.send(CONFIRM, number=self.read("prompt_id")) == ACCEPTED
+
     async def run_to_the_end(self, placements: int = 1) -> None:
         """Start, and confirm each prompt by the register that shows it."""
-        assert await self.send(START, job=1) == ACCEPTED
+        await self.start_placed()
         for _ in range(placements - 1):
             await self.cell.until(lambda: self.read("prompt_id"), "a prompt")
             self.cell.plant.world.operator.move_on(self.cell.clock.now())
@@ -79,6 +85,8 @@ def test_a_plc_runs_a_whole_job_and_reads_what_came_of_it(tmp_path: Path) -> Non
         assert panel.has(BUSY)
         assert not panel.has(READY)
         assert (panel.read("active_job"), panel.read("run_id")) == (1, 1)
+        await cell.until(lambda: panel.read("prompt_id"), "a prompt")
+        assert await panel.send(CONFIRM, number=panel.read("prompt_id")) == ACCEPTED
         await cell.until_state("settle")
         assert (panel.read("step"), panel.read("steps")) == (0, 8)
         await cell.until(lambda: panel.read("prompt_id"), "a prompt")
@@ -137,7 +145,7 @@ def test_figures_of_the_last_run_are_not_shown_beside_the_number_of_the_next(tmp
 
 def test_a_run_that_solved_nothing_shows_no_result(tmp_path: Path) -> None:
     async def script(cell: ObjectCell, panel: Panel) -> None:
-        await panel.send(START, job=1)
+        await panel.start_placed()
         await cell.until_state("move")
         assert await panel.send(ABORT) == ACCEPTED
         await cell.until(lambda: not panel.has(BUSY), "the end")
@@ -161,7 +169,8 @@ def test_a_run_that_solved_nothing_shows_no_result(tmp_path: Path) -> None:
         (CONFIRM, 0, 77, "NOT_NOW"),
         (ACCEPT, 0, 1, "NOT_ALLOWED"),
         (0, 0, 0, "ARGUMENT_INVALID"),
-        (11, 0, 0, "ARGUMENT_INVALID"),
+        (SKIP, 0, 77, "NOT_NOW"),
+        (12, 0, 0, "ARGUMENT_INVALID"),
     ],
 )
 def test_a_command_that_cannot_be_carried_out_comes_back_with_the_number_of_the_reason(
@@ -189,7 +198,7 @@ def test_a_second_start_is_refused_as_busy_and_a_wrong_prompt_confirms_nothing(t
 
 def test_pause_resume_and_finish_reach_the_job(tmp_path: Path) -> None:
     async def script(cell: ObjectCell, panel: Panel) -> None:
-        await panel.send(START, job=1)
+        await panel.start_placed()
         await cell.until_state("settle")
         assert await panel.send(PAUSE) == ACCEPTED
         await cell.until(lambda: panel.read("packml_state") == PackML.HELD, "Held")
@@ -217,7 +226,7 @@ def test_accepting_needs_the_configuration_and_a_result_that_waits(tmp_path: Pat
 
 def test_a_protective_stop_shows_its_bits_and_code_until_the_reset(tmp_path: Path) -> None:
     async def script(cell: ObjectCell, panel: Panel) -> None:
-        await panel.send(START, job=1)
+        await panel.start_placed()
         await cell.until_state("move")
         cell.plant.controller.inject("protective-stop")
         await cell.until(lambda: not panel.has(BUSY), "the end")
@@ -269,7 +278,7 @@ def test_a_lost_device_takes_its_bit_and_ready_away(tmp_path: Path) -> None:
 def test_a_lost_heartbeat_holds_the_job_and_its_return_does_not_resume_it(tmp_path: Path) -> None:
     async def script(cell: ObjectCell, panel: Panel) -> None:
         panel.subject.heartbeat_changed(False)  # nothing runs, nothing happens
-        await panel.send(START, job=1)
+        await panel.start_placed()
         await cell.until_state("settle")
         panel.subject.heartbeat_changed(False)
         await cell.until(lambda: panel.read("packml_state") == PackML.HELD, "Held")

@@ -5,12 +5,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform
 
 from cell.errors import error
 from cell.motion import MotionLease
 from fakes.object import VirtualClock, run_virtual
-from procedures.hand_eye.cone_capture import ConeCapture, State
+from procedures.hand_eye.cone_capture import ConeCapture
+from procedures.hand_eye.states import State
 from tests.kit.object_cell import WHO, ObjectCell, no_report, open_cell, write_config
 
 __all__ = ["no_report"]
@@ -145,6 +148,63 @@ async def adopted_at_every_point(folder: Path) -> set[Edge]:
         return edges | taken(cell)
 
 
+async def placed_again_after(folder: Path, job: dict[str, Any], spoil: Any) -> set[Edge]:
+    """``spoil`` the first try of the only placement; the operator puts it right when the job asks."""
+    async with open_cell(write_config(folder, job={"poses_per_placement": 3, **job})) as cell:
+        spoil(cell)
+        run_id = await cell.start(placed=False)
+        for _ in range(2):
+            await cell.until(lambda: cell.engine.run is not None and cell.engine.run.prompt, "a prompt")
+            prompt = cell.engine.status()["prompt"]
+            if "Placement 1 of 1: put" not in prompt["text"]:
+                cell.plant.world.operator.put_back(cell.clock.now())
+            await cell.engine.confirm(prompt["id"], WHO)
+        assert (await cell.finished(run_id))["outcome"] == "complete"
+        return taken(cell)
+
+
+async def badly_placed(folder: Path) -> set[Edge]:
+    """The operator hears that most poses are lost, and leaves the board where it is."""
+
+    def farther(cell: ObjectCell) -> None:
+        mounts = cell.plant.world.T_mount_target
+        outward = mounts[0].translation * [1.0, 1.0, 0.0]
+        mounts[0] = RigidTransform.from_translation(0.1 * outward / np.linalg.norm(outward)) * mounts[0]
+
+    return await placed_again_after(folder, {"poses_per_placement": 12, "distance_m": 1.55}, farther)
+
+
+async def board_taken_away_at_its_second_pose(folder: Path) -> set[Edge]:
+    def take_away(cell: ObjectCell) -> None:
+        cell.at_state("move", lambda: cell.plant.world.operator.remove(cell.clock.now()))
+
+    return await placed_again_after(folder, {"retries_per_pose": 0}, take_away)
+
+
+async def one_placement_skipped(folder: Path) -> set[Edge]:
+    async with open_cell(write_config(folder, job={"placements": 2, "poses_per_placement": 3})) as cell:
+        run_id = await cell.start(placed=False)
+        await cell.until(lambda: cell.engine.status()["prompt"], "a prompt")
+        await cell.engine.skip(cell.engine.status()["prompt"]["id"], WHO)
+        assert (await cell.finished(run_id))["outcome"] == "complete"
+        return taken(cell)
+
+
+async def lost_in_the_search(folder: Path) -> set[Edge]:
+    config = write_config(folder, job={"poses_per_placement": 3, "seek_timeout_s": 1.0})
+    robot = config.robot.model_copy(update={"T_flange_camera_nominal": None})
+    async with open_cell(config.model_copy(update={"robot": robot})) as cell:
+        operator = cell.plant.world.operator
+        cell.at_state("move", lambda: operator.remove(cell.clock.now()))
+        run_id = await cell.start(placed=False)
+        for _ in range(2):
+            await cell.until(lambda: cell.engine.run is not None and cell.engine.run.prompt, "a prompt")
+            operator.put_back(cell.clock.now())
+            await cell.engine.confirm(cell.engine.status()["prompt"]["id"], WHO)
+        assert (await cell.finished(run_id))["outcome"] == "complete"
+        return taken(cell)
+
+
 WALKS = (
     two_placements,
     search_first,
@@ -154,6 +214,10 @@ WALKS = (
     finished_at("move"),
     poses_that_the_guard_forbids,
     adopted_at_every_point,
+    badly_placed,
+    board_taken_away_at_its_second_pose,
+    lost_in_the_search,
+    one_placement_skipped,
 )
 
 

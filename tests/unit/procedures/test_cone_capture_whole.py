@@ -42,11 +42,12 @@ def test_a_job_finds_the_truth_within_its_own_uncertainty(setup: str, tmp_path: 
             assert {f.name for f in cell.folder(run_id).path.iterdir()} >= FILES
             assert {o["group"] for o in cell.poses(run_id)} == {0, 1}
             assert len(cell.poses(run_id)) == 12
-            assert len(cell.notes(run_id, "prompt")) == len(cell.notes(run_id, "confirm")) == 1
+            assert len(cell.notes(run_id, "prompt")) == len(cell.notes(run_id, "confirm")) == 2
             assert cell.journal(run_id)[-1]["terminal"] is True
             (known,) = cell.notes(run_id, "known so far")  # after the first placement
             assert known["error95_t_m"] > cell.result(run_id)["uncertainty"]["error95_t_m"]
-            (asked,) = cell.notes(run_id, "prompt")
+            first, asked = cell.notes(run_id, "prompt")
+            assert first["text"].startswith("Placement 1 of 2: ")
             assert "So far the camera's pose is known to" in asked["text"]
             assert len(cell.notes(run_id, "standstill")) == 2
             assert cell.at_rest()

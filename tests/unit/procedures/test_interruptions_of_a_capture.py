@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from fakes.object import run_virtual
-from procedures.hand_eye.cone_capture import State
+from procedures.hand_eye.states import State
 from tests.chaos.matrix import inject_at, kind
 from tests.chaos.test_engine_fault_matrix import BRISK, ON_THE_WAY_S, PLAN, check_stops, quick_solver
 from tests.kit.object_cell import no_report, open_cell, write_config

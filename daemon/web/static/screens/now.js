@@ -53,6 +53,8 @@ function Prompt({ state }) {
     <${Actions}>${(telling) => html`
       <${Action} kind="go" disabled=${!may("operator")}
         run=${telling(() => ask("confirm", { prompt_id: status.prompt.id }))}>${t("now.confirm")}</${Action}>
+      ${status.prompt.skippable && html`<${Action} disabled=${!may("operator")}
+        run=${telling(() => ask("skip", { prompt_id: status.prompt.id }))}>${t("now.skip")}</${Action}>`}
       <${Action} disabled=${!may("operator")} run=${telling(() => ask("finish"))}>${t("now.finish")}</${Action}>`}
     </${Actions}>
     <${NoRole} role="operator" />
