@@ -12,9 +12,9 @@ from cell.clock import Clock
 from cell.devices import EncoderState, Identity
 from cell.errors import CellError, error
 from cell.samples import Quality, Sample, Stream
+from drivers.can_bus.link import CanLink
 from drivers.can_encoder.config import BusConfig
 from drivers.can_encoder.counts import Missing, Unwrap
-from drivers.can_encoder.link import CanLink
 from drivers.can_encoder.stamps import Stamps, stamps_for
 from drivers.life import SampledDevice
 

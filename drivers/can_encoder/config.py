@@ -4,7 +4,7 @@ from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from drivers.can_encoder.bus_address import BusAddress, parse_bus
+from drivers.can_bus.address import BusAddress, parse_bus
 from drivers.life import TIME_OFFSET
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 import can
 
 from cell.clock import Clock, ClockModel
-from drivers.can_encoder.bus_address import BusAddress
+from drivers.can_bus.address import BusAddress
 
 _KERNEL_DT_S = 50e-6
 _KERNEL_SLACK_S = 0.05  # a stamp further outside its bracket is not believed

@@ -9,7 +9,7 @@ from contextlib import suppress
 
 import pytest
 
-from drivers.can_encoder.arrivals import Arrivals
+from drivers.can_bus.arrivals import Arrivals
 
 
 @pytest.fixture

@@ -16,8 +16,8 @@ from cell.clock import MonotonicClock
 from cell.devices import EncoderState
 from cell.errors import CellError
 from cell.samples import Sample
+from drivers.can_bus.address import BusAddress, parse_bus
 from drivers.can_encoder import RawCanEncoder
-from drivers.can_encoder.bus_address import BusAddress, parse_bus
 from drivers.can_encoder.config import CanopenEncoderConfig, RawCanEncoderConfig
 from drivers.can_encoder.counts import Missing, Unwrap
 from drivers.can_encoder.sdo import SdoAbort, SdoClient

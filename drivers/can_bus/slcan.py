@@ -12,8 +12,8 @@ from contextlib import suppress
 import can
 from can.interfaces.slcan import slcanBus
 
-from drivers.can_encoder.arrivals import Arrivals
-from drivers.can_encoder.bus_address import BusAddress
+from drivers.can_bus.address import BusAddress
+from drivers.can_bus.arrivals import Arrivals
 
 _LONGEST_LINE = 64
 _FRAME = re.compile(r"[tTrR]")

@@ -17,7 +17,7 @@ from can.interfaces.socketcand.socketcand import (
     convert_can_message_to_ascii_message,
 )
 
-from drivers.can_encoder.bus_address import BusAddress
+from drivers.can_bus.address import BusAddress
 
 _CHUNK = 16384
 _LONGEST = 200
