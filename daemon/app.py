@@ -12,6 +12,7 @@ from cell.clock import MonotonicClock
 from cell.errors import CellError
 from cell.motion import MotionBroker
 from cell.store.ledger import Ledger
+from daemon.can.face import CanFace
 from daemon.cell_context import CellContext
 from daemon.collector import collect_at_rest, freeze_start_up
 from daemon.composition import supervised_devices
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 log = logging.getLogger("cellward")
 
 SEQUENCE_KEY = "modbus.acknowledged_sequence"
+CAN_SEQUENCE_KEY = "can.acknowledged_sequence"
 WATCHDOG_PERIOD_S = 1.0
 
 
@@ -116,6 +118,10 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
         if modbus is not None:
             await modbus.start()
             stack.push_async_callback(modbus.stop)
+        if config.can.enabled:
+            trigger = _can(config, engine, plc, writes)
+            await trigger.start()
+            stack.push_async_callback(trigger.stop)
         control = ControlServer(Path(config.cell.control_socket), engine, writes.audit("control"))
         await control.start()
         stack.push_async_callback(control.stop)
@@ -137,6 +143,20 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
                 log.critical("the task '%s' ended, so the daemon does", task.get_name())
                 task.result()
         log.info("stopping")
+
+
+def _can(config: CellConfig, engine: Engine, plc: PlcFace, writes: RecentWrites) -> CanFace:
+    ledger = engine.ledger
+    return CanFace(
+        config.can,
+        engine.context.clock,
+        plc.handle,
+        plc.snapshot,
+        audit=writes.audit("can"),
+        on_plc=plc.heartbeat_changed,
+        last_sequence=ledger.get_state(CAN_SEQUENCE_KEY, 0),
+        remember=lambda sequence: ledger.set_state(CAN_SEQUENCE_KEY, sequence),
+    )
 
 
 def _modbus(config: CellConfig, engine: Engine, plc: PlcFace, writes: RecentWrites) -> ModbusFace:

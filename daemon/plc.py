@@ -71,7 +71,7 @@ class PlcFace:
             case 7:
                 await engine.reset(who)
             case 8:
-                await self._accept(command.argument_uint32, who)
+                await self._accept(command, who)
             case 9:
                 self._acknowledged_run = engine.last["run_id"] if engine.last else None
             case 10:
@@ -81,9 +81,11 @@ class PlcFace:
             case _:
                 raise error("ARGUMENT_INVALID", f"there is no command {command.code}")
 
-    async def _accept(self, run_id: int, who: str) -> None:
-        if not self._config.modbus.allow_accept:
-            raise error("NOT_ALLOWED", "[modbus] allow_accept is false")
+    async def _accept(self, command: Command, who: str) -> None:
+        channel = self._config.can if command.channel == "can" else self._config.modbus
+        if not channel.allow_accept:
+            raise error("NOT_ALLOWED", f"[{command.channel}] allow_accept is false")
+        run_id = command.argument_uint32
         waiting = await asyncio.to_thread(self._engine.ledger.open_results_of, run_id)
         if not waiting:
             raise error("NOT_NOW", f"run {run_id} has no result that waits for a decision")

@@ -26,6 +26,11 @@ class PlcHeartbeat:
         self.lost = False
 
     @property
+    def heard(self) -> bool:
+        """It has been seen since the start."""
+        return self._beat_at is not None
+
+    @property
     def alive(self) -> bool:
         """It has been seen and is not lost."""
         return self._beat_at is not None and not self.lost

@@ -21,6 +21,7 @@ from daemon.config.findings import ConfigInvalid, Findings, did_you_mean, with_d
 from daemon.config.locate import locate
 from daemon.config.models import (
     UR_MODELS,
+    CanSection,
     CellSection,
     DeviceSection,
     FixedSections,
@@ -74,6 +75,7 @@ class CellConfig(BaseModel):
     device: dict[str, SerializeAsAny[DeviceSection]]
     target: dict[str, dict[str, Any]]
     modbus: ModbusSection
+    can: CanSection
     http: HttpSection
     job: dict[str, dict[str, Any]]
     warnings: list[str] = Field(default_factory=list, exclude=True)

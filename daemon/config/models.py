@@ -5,6 +5,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from drivers.can_bus.address import parse_bus
+
 UR_MODELS = (
     "ur3", "ur5", "ur10", "ur3e", "ur5e", "ur7e", "ur10e", "ur12e", "ur16e", "ur20", "ur30",
 )  # fmt: skip
@@ -61,6 +63,12 @@ def _network(value: str) -> str:
     return value
 
 
+def _bus(value: str) -> str:
+    parse_bus(value)
+    return value
+
+
+CanId = Annotated[int, Field(ge=0x001, le=0x7FF)]
 Bind = Annotated[str, AfterValidator(_bind)]
 Pose6 = Annotated[list[float], Field(min_length=6, max_length=6)]
 Joints = Annotated[list[float], Field(min_length=6, max_length=6)]
@@ -301,6 +309,43 @@ class UserSection(Section):
     )
 
 
+class CanSection(Section):
+    """The CAN trigger: the commands of the Modbus server on a bus, which an encoder may share.
+
+    A bus has no sender identity, so whoever is on it may command.
+    """
+
+    enabled: bool = Field(default=False, description="true: commands are taken from the bus")
+    bus: Annotated[str, AfterValidator(_bus)] = Field(
+        default="socketcan:can0", description="as the key bus of an encoder; the same text is the same bus"
+    )
+    command_id: CanId = Field(default=0x300, description="identifier of the PLC's command frames, 11 bits")
+    acknowledge_id: CanId = Field(default=0x301, description="identifier of our acknowledge frames")
+    status_id: CanId = Field(default=0x302, description="identifier of our status frames")
+    node: int = Field(default=126, ge=1, le=127, description="our heartbeat has the identifier 0x700 + node")
+    heartbeat_s: float = Field(
+        default=0.1, ge=0.02, le=10.0, description="period of heartbeat and status frames"
+    )
+    plc_node: int | None = Field(
+        default=None, ge=1, le=127, description="the PLC's heartbeat is 0x700 + plc_node; none: not watched"
+    )
+    heartbeat_timeout_s: float = Field(
+        default=1.0,
+        ge=0.2,
+        le=60.0,
+        description="silence of the PLC's heartbeat, once seen, that holds the job",
+    )
+    allow_accept: bool = Field(default=False, description="command 8 may accept results")
+
+    @model_validator(mode="after")
+    def _identifiers_differ(self) -> Self:
+        nodes = [0x700 + node for node in (self.node, self.plc_node) if node is not None]
+        numbers = [self.command_id, self.acknowledge_id, self.status_id, *nodes]
+        if len(set(numbers)) < len(numbers):
+            raise ValueError("command_id, acknowledge_id, status_id and the heartbeats must all differ")
+        return self
+
+
 class HttpSection(Section):
     """The operator's page. Nothing can be done on it without a token; without this section there is none."""
 
@@ -362,6 +407,7 @@ class FixedSections(Section):
     limits: LimitsSection = Field(default_factory=lambda: LimitsSection(), description="of every motion")
     poses: dict[str, Joints] = Field(default_factory=dict, description="named safe poses, always joints, rad")
     modbus: ModbusSection = Field(default_factory=lambda: ModbusSection(), description="the server for a PLC")
+    can: CanSection = Field(default_factory=lambda: CanSection(), description="the CAN trigger")
     http: HttpSection = Field(
         default_factory=lambda: HttpSection(enabled=False), description="the operator's page"
     )

@@ -7,6 +7,7 @@ from typing import Any
 
 from daemon.config import init_text, json_schema
 from daemon.docs.architecture import architecture_page
+from daemon.docs.can import can_page
 from daemon.docs.config import config_page
 from daemon.docs.errors import errors_page
 from daemon.docs.jobs import jobs_page
@@ -22,6 +23,7 @@ def generated(jobs: Mapping[str, Any]) -> dict[str, str]:
     schema = json.dumps(json_schema(jobs), indent=1, ensure_ascii=False, sort_keys=True)
     return {
         "docs/registers.md": registers_page(register_table()),
+        "docs/can.md": can_page(register_table()),
         "docs/errors.md": errors_page(),
         "docs/results.md": results_page(),
         "docs/config.md": config_page(jobs),

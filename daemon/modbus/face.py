@@ -23,12 +23,12 @@ from daemon.modbus.command import (
 from daemon.modbus.pdu import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusError
 from daemon.modbus.server import ModbusServer
 from daemon.modbus.table import RegisterTable, register_table
+from daemon.plc_heartbeat import PlcHeartbeat
 
 log = logging.getLogger("cellward.modbus")
 
 PROTOCOL_VERSION = 0x0100
 HEARTBEAT_S = 0.1
-WATCH_S = 0.05
 SNAPSHOT_AGE_S = 0.01
 DONE_BIT, PLC_OK_BIT, TOGGLE_BIT = (
     register_table().bit("status", name)
@@ -66,7 +66,7 @@ class ModbusFace:
     ) -> None:
         self._config, self._clock = config, clock
         self._on_command, self._snapshot = on_command, snapshot
-        self._on_plc, self._on_picks = on_plc, on_picks
+        self._on_picks = on_picks
         self._table = table or register_table()
         self._low_first = config.word_order == "low-first"
         self._allowed = [ipaddress.ip_network(entry) for entry in config.allow_clients]
@@ -78,8 +78,7 @@ class ModbusFace:
         self._control_seen = False
         self._reset_wanted: set[asyncio.Task[int]] = set()
         self._started = clock.now()
-        self._beat_at: float | None = None
-        self._plc_lost = False
+        self._plc = PlcHeartbeat(clock, config.heartbeat_timeout_s, self._auditor.note, on_plc)
         self._cached: tuple[float, Mapping[str, Any]] | None = None
         host, port = split_bind(config.bind)
         self._server = ModbusServer(
@@ -102,12 +101,12 @@ class ModbusFace:
     @property
     def plc_heard(self) -> bool:
         """Whether a PLC's heartbeat has been seen since the start."""
-        return self._beat_at is not None
+        return self._plc.heard
 
     @property
     def plc_alive(self) -> bool:
         """The PLC's heartbeat has been seen and is not lost."""
-        return self._beat_at is not None and not self._plc_lost
+        return self._plc.alive
 
     async def start(self) -> None:
         """Serve, unless ``[modbus] enabled`` is false; ``ADDRESS_NOT_SERVED``."""
@@ -115,7 +114,7 @@ class ModbusFace:
             return
         await self._server.start()
         self._auditor.start()
-        self._watch = asyncio.create_task(self._watch_heartbeat(), name="modbus heartbeat watch")
+        self._watch = asyncio.create_task(self._plc.watch(), name="modbus heartbeat watch")
         log.info("Modbus on %s:%d, writing %s", *self.address, self._config.allow_write)
 
     async def stop(self) -> None:
@@ -166,7 +165,7 @@ class ModbusFace:
         if set(changed) - {BEAT} or address > BEAT or address + len(values) <= BEAT:
             self._auditor.note(client, what, True, f"values {_shown(values)}")
         if BEAT in changed:
-            self._beat(client)
+            self._plc.beat(client)
         if address <= CONTROL < address + len(values):
             self._control_written(before[CONTROL], client)
         if address <= SEQUENCE < address + len(values):
@@ -217,7 +216,7 @@ class ModbusFace:
         """The result code of one command; a stop is carried out whatever heartbeat and enable bit say."""
         if command.code == 0:
             return refused("ARGUMENT_INVALID")
-        if command.code not in STOPPING and self._plc_lost:
+        if command.code not in STOPPING and self._plc.lost:
             return refused("PLC_SILENT")
         if command.code == START and self._config.require_enable and not self.control & ENABLE:
             return refused("NOT_ENABLED")
@@ -285,31 +284,6 @@ class ModbusFace:
             "heartbeat": beat,
             "protocol_version": PROTOCOL_VERSION,
         }
-
-    def _beat(self, client: str) -> None:
-        self._beat_at = self._clock.now()
-        if self._plc_lost:
-            self._plc_lost = False
-            log.info("the heartbeat of the PLC is back")
-            self._auditor.note(client, "heartbeat back", True)
-            self._tell(True)
-
-    async def _watch_heartbeat(self) -> None:
-        limit = self._config.heartbeat_timeout_s
-        while True:
-            await self._clock.sleep(WATCH_S)
-            if self._beat_at is None or self._plc_lost or self._clock.now() - self._beat_at <= limit:
-                continue
-            self._plc_lost = True
-            log.warning("no heartbeat of the PLC for %g s: holding, and refusing new commands", limit)
-            self._auditor.note("PLC", "heartbeat lost", False, f"silent for {limit:g} s")
-            self._tell(False)
-
-    def _tell(self, alive: bool) -> None:
-        try:
-            self._on_plc(alive)
-        except Exception:
-            log.exception("the loss or return of the PLC's heartbeat could not be handled")
 
 
 def _shown(values: Sequence[int]) -> str:

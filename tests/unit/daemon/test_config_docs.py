@@ -11,7 +11,6 @@ from cell.errors import catalogue
 from cell.kinds import plays
 from daemon.config import DRIVERS, driver_class, init_text
 from daemon.config.not_in_version import JOBS as JOBS_OF_LATER_VERSIONS
-from daemon.config.not_in_version import SECTIONS as SECTIONS_OF_LATER_VERSIONS
 from daemon.config.roles import ROLES
 from daemon.docs import generated, stale
 from daemon.modbus import register_table
@@ -84,12 +83,6 @@ def test_what_this_version_does_not_have_is_in_no_manual_and_in_no_example() -> 
     pages = generated(JOBS)
     for name in JOBS_OF_LATER_VERSIONS:
         assert not [page for page, text in pages.items() if name in text]
-    schema = json.loads(pages["docs/cell.schema.json"])
-    example = tomllib.loads(init_text())
-    for section in SECTIONS_OF_LATER_VERSIONS:
-        assert section not in schema["properties"]
-        assert section not in example
-        assert f"## [{section}]" not in pages["docs/config.md"]
 
 
 @pytest.mark.parametrize("driver", sorted(DRIVERS))

@@ -255,7 +255,8 @@ def test_all_findings_come_at_once_in_order_with_line_key_and_hint(tmp_path: Pat
             '[http.user.anna]\nrole = "boss"\ntoken_sha256 = "x"\n[poses]',
             "10: http.user.anna.token_sha256: ",
         ),
-        ("[poses]", "[can]\nenabled = true\n[poses]", "8: can: The CAN trigger is not in this version"),
+        ("[poses]", '[can]\nbus = "vcan0"\n[poses]', "9: can.bus: bus 'vcan0' should begin with socketcan:"),
+        ("[poses]", "[can]\nstatus_id = 0x77E\n[poses]", "8: can: command_id, acknowledge_id, status_id and"),
         ("[poses]", "[job.drift-check]\n[poses]", "8: job.drift-check: the job 'drift-check' is not"),
         ('flange_camera = "camera"', 'flange_camera = "beams"', "5: robot.flange_camera: the role 'flange_"),
         ('flange_camera = "camera"', 'gripper = "camera"', "5: robot.gripper: the role 'gripper' needs"),
@@ -319,14 +320,6 @@ def test_what_is_allowed_but_hardly_meant_is_a_warning(tmp_path: Path) -> None:
     ]
     (tmp_path / "cell.toml").chmod(0o666)
     assert "everybody may write" in load_config(tmp_path / "cell.toml", JOBS, DRIVERS).warnings[0]
-
-
-def test_a_section_of_a_later_version_that_is_switched_off_is_only_warned_of(tmp_path: Path) -> None:
-    text = "[can]\nenabled = false\n[poses]"
-    subject = load(tmp_path, GOOD.replace("[poses]", text))
-    assert [w.split(":", 1)[1] for w in subject.warnings] == [
-        "8: can: The CAN trigger is not in this version; the section has no effect, remove it",
-    ]
 
 
 def test_an_arm_without_a_workspace_is_refused_before_a_lease_would_be(tmp_path: Path) -> None:
