@@ -126,6 +126,15 @@ class BeltEstimator:
             self._latest = (size, TravelForecast(self.encoder.m_per_count, motion, around, past, changes))
         return self._latest[1]
 
+    def keep_up(self) -> None:
+        """Make one of the past forecasts by which a forecast's uncertainty is measured, where one is due.
+
+        Who decides on a loop calls it now and then: all that fell due since the last decision take long.
+        """
+        due = next((at for at in self._searches(len(self)) if at not in self._motions), None)
+        if due is not None:
+            self._origin(due)
+
     def travel_at(self, t: float) -> float | None:
         """Travel at ``t`` from the counts on both sides of it, m; None outside of what was counted."""
         forecast = self.forecast()
@@ -194,9 +203,12 @@ class BeltEstimator:
 
     def _past(self, size: int) -> list[Motion]:
         """The last motions at the regular searches before frame ``size``, oldest first."""
+        return [self._origin(at) for at in self._searches(size)]
+
+    def _searches(self, size: int) -> range:
+        """The frames before ``size`` at which it is regularly searched, as far back as they count."""
         last = size - size % self._every
-        ats = range(max(last - _ORIGINS * self._every, _LEARNING * self._every), last + 1, self._every)
-        return [self._origin(at) for at in ats]
+        return range(max(last - _ORIGINS * self._every, _LEARNING * self._every), last + 1, self._every)
 
     def _around(self, size: int, motion: Motion, t: Array) -> tuple[Array, Array]:
         """Travel (counts) at past ``t`` (k,) from the first ``size`` frames, and its standard deviation."""

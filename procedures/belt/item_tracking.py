@@ -119,6 +119,7 @@ class BeltWatch:
         """
         now = self._encoder.counts.clock.now()
         forecast = self.forecast = self.tracker.belt.forecast()
+        self.tracker.belt.keep_up()
         self._tracks.clear()
         if (waited := self.stall.look(now)) is not None:
             self.tell("camera stall" if self.stall.on else "camera back", waited_s=round(waited, 3))

@@ -204,3 +204,18 @@ def test_a_count_from_the_past_is_dropped_and_counted() -> None:
     subject = BeltEstimator(Encoder(M_PER_COUNT, None, PERIOD))
     subject.extend([(0.0, 0), (0.005, 10), (0.002, 4), (0.010, 20)])
     assert (len(subject), subject.disordered) == (3, 1)
+
+
+def test_who_keeps_up_decides_the_same_and_makes_no_past_forecast_then() -> None:
+    subject, late = Belt("constant", 5), Belt("constant", 5)
+    for t in np.arange(1.0, 9.0, 0.1):
+        subject.until(t)
+        subject.estimator.keep_up()
+    late.until(subject.stamps[subject.fed - 1])
+    made = len(subject.estimator._motions)
+    now, then = subject.estimator.forecast(), late.estimator.forecast()
+    assert now is not None
+    assert then is not None
+    assert now.sigma(now.now - 0.1, now.now + 0.5) == then.sigma(then.now - 0.1, then.now + 0.5)
+    assert len(subject.estimator._motions) == made
+    assert len(late.estimator._motions) >= 20, "which all had to be made at that moment"
