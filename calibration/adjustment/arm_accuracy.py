@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.adjustment.arm_terms import gears_and_sag, reference_joints
+from calibration.adjustment.arm_terms import free_amplitudes, joint_errors, reference_joints
 from calibration.adjustment.hand_eye import Adjusted
 from calibration.adjustment.unknowns import GEARS, GEOMETRY, ArmKnown, arm_terms
 from calibration.hand_eye import se3
-from calibration.kinematics.joint_errors import JointErrors
 from calibration.kinematics.parametric import ParametricArm
 from cell.poses import Array, adjoint
 
@@ -107,21 +106,10 @@ def corrected_arm(found: Adjusted, arm: ArmKnown) -> tuple[ParametricArm, Array]
 def arm_with(numbers: Array, arm: ArmKnown) -> tuple[ParametricArm, Array]:
     """As :func:`corrected_arm`, with the ``numbers`` (a,) of its geometry and its gears in that order."""
     geometry, gears = np.split(numbers, [len(arm.model.names)])
-    names = gears_and_sag(arm.model.base, arm.Q[:1], arm.prior).names
-    amplitude = dict(zip(names, map(float, gears), strict=True))
-    rows: list[tuple[str, int, Array, float, float]] = []
-    for j in range(arm.model.joints):
-        for times in (1, 2):
-            of = np.zeros(arm.model.joints)
-            of[j] = times
-            sine, cosine = (amplitude[f"gear{j + 1}.{wave}{times}"] for wave in ("sin", "cos"))
-            rows.append((f"gear{j + 1}.{times}", j, of, sine, cosine))
-    for name, j, links in (("sag2.upper", 1, 1), ("sag2.fore", 1, 2), ("sag3.fore", 2, 2)):
-        of = np.zeros(arm.model.joints)
-        of[1 : 1 + links] = 1.0
-        rows.append((name, j, of, 0.0, amplitude[name]))
-    own, joints, waves_of, sines, cosines = zip(*rows, strict=True)
-    errors = JointErrors(own, np.array(joints), np.array(waves_of), np.array(sines), np.array(cosines))
+    errors = joint_errors(arm.model.base)
+    amplitudes = np.zeros(len(errors.amplitudes))
+    amplitudes[free_amplitudes(errors)] = gears
+    errors = errors.moved(amplitudes)
     base = arm.model.base
     with_errors = replace(arm.model, base=replace(base, errors=errors.beside(base.errors)))
     return with_errors, arm.model.nominal + geometry

@@ -8,7 +8,10 @@ target's pose keeps its meaning, the one that serves best with the arm's model o
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from calibration.hand_eye import se3
+from calibration.kinematics.joint_errors import JointErrors, of_gears, of_sag
 from calibration.kinematics.parametric import ParametricArm
 from calibration.kinematics.serial import SerialChain
 from cell.poses import Array, adjoint
@@ -49,27 +52,26 @@ def geometry(arm: ParametricArm, Q: Array, prior: ArmPrior) -> ArmTerms:
 
 
 def gears_and_sag(chain: SerialChain, Q: Array, prior: ArmPrior) -> ArmTerms:
-    """Errors of the joints' angles once and twice a turn, and the loaded joints giving way to gravity.
+    """Errors of the joints' angles once and twice a turn, and the loaded joints giving way to gravity."""
+    errors = joint_errors(chain)
+    at_flange = _into_flange(chain.flange(Q), chain.jacobians(Q))[:, :, errors.joint]
+    columns = np.concatenate([at_flange * wave.T[:, None] for wave in errors.waves(Q)], axis=2)
+    free = free_amplitudes(errors)
+    names = tuple(name for name, is_free in zip(errors.amplitudes, free, strict=True) if is_free)
+    sigma = np.array([prior.gear if name.startswith("gear") else prior.sag for name in names])
+    return ArmTerms(names, sigma, columns[:, :, free], np.zeros((12, len(sigma))))
 
-    Joints 2 and 3 of an upright arm carry its weight: their torque goes with the cosines of the links'
-    angles to the horizontal.
-    """
-    J = chain.jacobians(Q)
-    at_flange = _into_flange(chain.flange(Q), J)
-    names, sigma, columns = [], [], []
-    for j in range(chain.joints):
-        for times in (1, 2):
-            for wave, of in (("sin", np.sin), ("cos", np.cos)):
-                names.append(f"gear{j + 1}.{wave}{times}")
-                sigma.append(prior.gear)
-                columns.append(at_flange[:, :, j] * of(times * Q[:, j])[:, None])
-    upper = np.cos(Q[:, 1])
-    fore = np.cos(Q[:, 1] + Q[:, 2])
-    for name, j, load in (("sag2.upper", 1, upper), ("sag2.fore", 1, fore), ("sag3.fore", 2, fore)):
-        names.append(name)
-        sigma.append(prior.sag)
-        columns.append(at_flange[:, :, j] * load[:, None])
-    return ArmTerms(tuple(names), np.array(sigma), np.stack(columns, axis=2), np.zeros((12, len(sigma))))
+
+def joint_errors(chain: SerialChain) -> JointErrors:
+    """The errors of gears and sag that a chain may have; zero so far."""
+    gears = of_gears(chain.coupling, chain.sliding)
+    return of_sag(chain.coupling, chain.alpha, chain.sliding).beside(gears)
+
+
+def free_amplitudes(errors: JointErrors) -> NDArray[np.bool_]:
+    """Which amplitudes are unknowns: weight goes with the cosine of a link's angle to the horizontal, which
+    the joints of an upright arm count from."""
+    return np.array([not (n.startswith("sag") and n.endswith(".sin")) for n in errors.amplitudes])
 
 
 def twists(arm: ParametricArm, Q: Array) -> Array:
@@ -95,13 +97,13 @@ def without_gauge(terms: ArmTerms, flange: Array, over: ArmTerms, over_flange: A
     poses (k, 4, 4).
     """
     scale = np.array([1.0] * 3 + [_LEVER_M] * 3)
-    base = adjoint(_inverse(over_flange)) * scale[:, None]
+    base = adjoint(se3.inverse(over_flange)) * scale[:, None]
     own = np.broadcast_to(np.diag(scale), base.shape)
     A = np.concatenate([base, own], axis=2).reshape(-1, 12)
     b = (over.columns * scale[:, None]).reshape(len(A), -1)
     fit = np.linalg.lstsq(A, b, rcond=None)[0]
     fit = np.asarray(fit, dtype=float)
-    columns = terms.columns - adjoint(_inverse(flange)) @ fit[:6] - fit[6:]
+    columns = terms.columns - adjoint(se3.inverse(flange)) @ fit[:6] - fit[6:]
     return ArmTerms(terms.names, terms.sigma, columns, fit)
 
 
@@ -118,10 +120,3 @@ def _into_flange(T: Array, J: Array) -> Array:
     """Velocities (n, 6, j) of the flange's origin in the base, in the flange's frame instead."""
     R = np.swapaxes(T[:, :3, :3], 1, 2)
     return np.concatenate([R @ J[:, :3], R @ J[:, 3:]], axis=1)
-
-
-def _inverse(T: Array) -> Array:
-    out = np.zeros_like(T)
-    Rt = np.swapaxes(T[:, :3, :3], 1, 2)
-    out[:, :3, :3], out[:, :3, 3:], out[:, 3, 3] = Rt, -Rt @ T[:, :3, 3:], 1.0
-    return out

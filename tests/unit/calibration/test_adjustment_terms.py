@@ -51,7 +51,10 @@ def test_twists_are_the_flanges_motions_for_each_number_of_the_chain() -> None:
 
 def test_gears_and_sag_are_the_flanges_motions_for_errors_of_the_joints() -> None:
     subject, step = gears_and_sag(MODEL.base, JOINTS, ArmPrior()), 1e-6
-    off = {"gear4.cos2": (3, np.cos(2 * JOINTS[:, 3])), "sag2.fore": (1, np.cos(JOINTS[:, 1] + JOINTS[:, 2]))}
+    off = {
+        "gear4.2.cos": (3, np.cos(2 * JOINTS[:, 3])),
+        "sag2.fore.cos": (1, np.cos(JOINTS[:, 1] + JOINTS[:, 2])),
+    }
     for name, (joint, wave) in off.items():
         Q = JOINTS.copy()
         Q[:, joint] += step * wave
