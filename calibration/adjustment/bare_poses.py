@@ -12,7 +12,6 @@ from calibration.adjustment.jackknife import Checked, checked
 from calibration.adjustment.lens_terms import ImageTerms
 from calibration.adjustment.mount import Mounted, on_true_arm
 from calibration.adjustment.unknowns import GEARS, GEOMETRY, ArmKnown, State, unknowns
-from calibration.hand_eye.noise import MOST
 from calibration.hand_eye.solution import Solution
 
 
@@ -29,7 +28,7 @@ def adjust_poses(solution: Solution, arm: ArmKnown | None) -> Mounted:
         dict(solution.noise.sigma),
         dict.fromkeys(free, 1.0),
         frozenset([*solution.noise.estimated, *free]),
-        MOST,
+        solution.noise.most,
     )
     n = problem.n
     images = ImageTerms(np.zeros((n, 6, 0)), np.zeros((n, 0, 0)), np.zeros((n, 0)))

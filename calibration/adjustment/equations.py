@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.hand_eye.noise import inverse_spd
 from cell.poses import Array
 
 _NOTHING = 1e-100  # information below this would overflow when it is scaled to one
@@ -143,10 +144,3 @@ def equations(obs: Observations, V: Array, px2: float, prior: Prior, at: Array) 
     N += obs.info / px2 + np.diag(prior.precision)
     g += obs.pull / px2 + prior.precision * (at - prior.mean)
     return Equations(0.5 * (N + N.T), g, inverse, carry, local, weight)
-
-
-def inverse_spd(V: Array) -> Array:
-    """Inverses of symmetric matrices (n, k, k) that mix metres and radians."""
-    s = 1.0 / np.sqrt(np.einsum("nii->ni", V))
-    scale = s[:, :, None] * s[:, None, :]
-    return np.asarray(np.linalg.inv(V * scale + 1e-13 * np.eye(V.shape[1])) * scale)

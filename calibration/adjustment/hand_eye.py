@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from calibration.adjustment.components import Components, estimated
-from calibration.adjustment.equations import Equations, inverse_spd
+from calibration.adjustment.equations import Equations
 from calibration.adjustment.jackknife import Checked, checked, jackknife
 from calibration.adjustment.lens_terms import (
     ImageTerms,
@@ -37,7 +37,7 @@ from calibration.adjustment.unknowns import (
     observations,
     unknowns,
 )
-from calibration.hand_eye.noise import MOST
+from calibration.hand_eye.noise import inverse_spd
 from calibration.hand_eye.normal import linearise
 from calibration.hand_eye.pnp import refine_poses
 from calibration.hand_eye.problem import Problem
@@ -120,7 +120,7 @@ def adjust(
             {k: v for k, v in solution.noise.sigma.items() if "pose" not in k},
             dict.fromkeys(free, 1.0),
             frozenset([*solution.noise.estimated, *free]),
-            MOST,
+            solution.noise.most,
         ),
     )
     now, seen = camera, views

@@ -7,7 +7,7 @@ Source: Patterson and Thompson 1971; scoring as in Searle, Casella and McCulloch
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,7 @@ _START = {"sigma_px": 0.3, "sigma_flange_t": 2e-4, "sigma_flange_r": 2e-4}
 _START_POSE = {"sigma_pose_t": 1e-3, "sigma_pose_r": 1e-3}
 _FLOOR = {"sigma_px": 1e-3, "sigma_flange_t": 1e-7, "sigma_flange_r": 1e-7}
 _SMALLEST = 1e-7
-# A factory-calibrated arm is good to about 1 mm at 1 m of reach. Where the data ask for more, something else
-# is wrong with them (a bending bracket, a lens), and an attitude that explains every shift makes X worse.
+# A factory-calibrated arm is good to about 1 mm at 1 m of reach; what is beyond that is doubted.
 MOST = {"sigma_flange_r": 1e-3}
 REML_POSES = 200  # noise levels from this many poses are good to a few per cent, which is enough to weight
 _OF_PLACEMENT = 6  # poses of a placement that are kept together, or all where it has fewer
@@ -30,14 +29,16 @@ _OF_PLACEMENT = 6  # poses of a placement that are kept together, or all where i
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations by name: pixels, metres, radians. ``estimated`` names those not given."""
+    """Standard deviations by name: pixels, metres, radians. ``estimated`` names those not given, of which
+    those in ``most`` do not get larger than that."""
 
     sigma: Mapping[str, float]
     estimated: tuple[str, ...] = ()
+    most: Mapping[str, float] = field(default_factory=MOST.copy)
 
     @property
-    def at_limit(self) -> tuple[str, ...]:
-        """Estimated levels that the data would raise beyond what is plausible."""
+    def implausible(self) -> tuple[str, ...]:
+        """Estimated levels that are, or would be without a limit, beyond what an arm in working order has."""
         return tuple(k for k in self.estimated if self.sigma[k] >= 0.999 * MOST.get(k, np.inf))
 
     def as_dict(self) -> dict[str, object]:
@@ -45,8 +46,11 @@ class Noise:
         return {**{k: float(v) for k, v in self.sigma.items()}, "estimated": list(self.estimated)}
 
 
-def first_noise(lin: Linearised, given: Mapping[str, float]) -> Noise:
-    """Levels to start from: those given, the corners' from their own residuals, a guess for the rest.
+def first_noise(
+    lin: Linearised, given: Mapping[str, float], most: Mapping[str, float] | None = None
+) -> Noise:
+    """Levels to start from: those given, the corners' from their own residuals, a guess for the rest; with
+    the limits ``most``, ``MOST`` unless given.
 
     Flange noise and the noise of bare poses cannot be told apart: without corners the flange's enters only
     when it is given.
@@ -66,7 +70,8 @@ def first_noise(lin: Linearised, given: Mapping[str, float]) -> Noise:
         if rows.any():
             level = np.sqrt(float(np.median(problem.sse[rows] / problem.dof[rows])))
             sigma["sigma_px"] = max(level, _FLOOR["sigma_px"])
-    return Noise(sigma, tuple(k for k in names if k not in given))
+    limits = MOST if most is None else most
+    return Noise(sigma, tuple(k for k in names if k not in given), dict(limits))
 
 
 def shapes(lin: Linearised, names: tuple[str, ...]) -> Array:
@@ -100,10 +105,10 @@ def weights(lin: Linearised, noise: Noise) -> Array:
 
 
 def inverse_spd(V: Array) -> Array:
-    """Inverses of symmetric matrices (n, 6, 6) that mix metres and radians."""
+    """Inverses of symmetric matrices (n, k, k) that mix metres and radians."""
     s = 1.0 / np.sqrt(np.einsum("nii->ni", V))
     scale = s[:, :, None] * s[:, None, :]
-    return np.asarray(np.linalg.inv(V * scale + 1e-13 * np.eye(6)) * scale)
+    return np.asarray(np.linalg.inv(V * scale + 1e-13 * np.eye(V.shape[1])) * scale)
 
 
 def reml(lin: Linearised, noise: Noise, most: int | None = REML_POSES, iterations: int = 40) -> Noise:
@@ -121,7 +126,7 @@ def reml(lin: Linearised, noise: Noise, most: int | None = REML_POSES, iteration
     free = np.array([k in noise.estimated for k in names])
     theta = np.log(np.array([noise.sigma[k] ** 2 for k in names]))
     floor = np.log(np.array([_FLOOR.get(k, _SMALLEST) ** 2 for k in names]))
-    ceiling = np.log(np.array([MOST.get(k, np.inf) ** 2 for k in names]))
+    ceiling = np.log(np.array([noise.most.get(k, np.inf) ** 2 for k in names]))
     for _ in range(iterations):
         score, info = _score(lin, parts, np.exp(theta), names)
         active = free & ~((theta <= floor + 1e-9) & (score < 0.0))
@@ -136,7 +141,7 @@ def reml(lin: Linearised, noise: Noise, most: int | None = REML_POSES, iteration
         if abs(float(step @ score)) < 1e-3:
             break
     sigma = dict(zip(names, np.exp(0.5 * theta), strict=True))
-    return Noise({k: float(v) for k, v in sigma.items()}, noise.estimated)
+    return replace(noise, sigma={k: float(v) for k, v in sigma.items()})
 
 
 def _score(lin: Linearised, parts: Array, square: Array, names: tuple[str, ...]) -> tuple[Array, Array]:

@@ -30,9 +30,17 @@ class RobustFit:
     distance: Array
 
 
-def robust_fit(problem: Problem, given: Mapping[str, float], start: Estimate | None = None) -> RobustFit:
-    """Solve, find blunders, solve again without them; noise levels follow the used observations."""
-    lin, noise = _tukey(problem, start or closed_form(problem), given)
+def robust_fit(
+    problem: Problem,
+    given: Mapping[str, float],
+    start: Estimate | None = None,
+    most: Mapping[str, float] | None = None,
+) -> RobustFit:
+    """Solve, find blunders, solve again without them; noise levels follow the used observations.
+
+    ``most``: limits of estimated noise levels, unless those of an arm in working order.
+    """
+    lin, noise = _tukey(problem, start or closed_form(problem), given, most)
     squared = _squared(lin, noise)
     used = squared < _limit(problem, squared, trusted=False)
     for _ in range(_ROUNDS):
@@ -74,10 +82,12 @@ def _limit(problem: Problem, squared: Array, trusted: bool) -> float:
     return scale * 6.0 * float(fdtri(6, left, 1.0 - _CHANCE / max(problem.n, 1)))
 
 
-def _tukey(problem: Problem, at: Estimate, given: Mapping[str, float]) -> tuple[Linearised, Noise]:
+def _tukey(
+    problem: Problem, at: Estimate, given: Mapping[str, float], most: Mapping[str, float] | None
+) -> tuple[Linearised, Noise]:
     """A few re-weighted solutions with a scale from the median, so that half the data may be wrong."""
     lin = linearise(problem, at)
-    noise = first_noise(lin, given)
+    noise = first_noise(lin, given, most)
     for _ in range(3):
         P = weights(lin, noise)
         squared = squared_distances(lin.r, P)

@@ -10,11 +10,11 @@ from scipy.special import chdtri
 from calibration.hand_eye import se3
 from calibration.hand_eye.ambiguity import candidates, choose
 from calibration.hand_eye.noise import Noise, weights
+from calibration.hand_eye.noise_limit import fit_within_limits
 from calibration.hand_eye.normal import normal, squared_distances
 from calibration.hand_eye.observability import Refusal, refuse
 from calibration.hand_eye.pnp import solve_pnp
 from calibration.hand_eye.problem import Estimate, Groups, Problem, Setup
-from calibration.hand_eye.robust import robust_fit
 from calibration.hand_eye.views import CornerSet
 from cell.devices import Intrinsics
 from cell.poses import Array
@@ -94,7 +94,7 @@ def solve(
     refusal = refuse(part, given_noise.get("sigma_flange_r", 0.0))
     if refusal is not None:
         return refusal
-    fit = robust_fit(part, given_noise)
+    fit = fit_within_limits(part, given_noise)
     used = fit_rows.copy()
     used[fit_rows] = fit.used
     if not fit.used.all():

@@ -49,6 +49,13 @@ class Spread(Part):
     resolved: bool = Field(description="Whether the spread stands out from noise.")
 
 
+class TwoSpreads(Part):
+    """The two consistency figures by arm, lens and target as they are configured."""
+
+    spread_within: Spread | None = Field(description="Of the estimates within placements.")
+    spread_across: Spread | None = Field(description="Of the estimates of several placements.")
+
+
 class Estimates(Part):
     """What simple solvers find in one placement."""
 
@@ -152,6 +159,10 @@ class HandEyeAnswer(Part):
     rejected: list[Rejected] = Field(description="Every observation that was not used.")
     spread_within: Spread | None = Field(description="Of the estimates within placements.")
     spread_across: Spread | None = Field(description="Of the estimates of several placements.")
+    as_configured: TwoSpreads | None = Field(
+        default=None,
+        description="With method `adjustment`: both without what was found of arm, lens and target.",
+    )
     estimates: dict[str, Estimates] = Field(description="Of simple solvers, by placement.")
     noise: NoiseInUse = Field(description="Noise levels in use.")
     intrinsics: Intrinsics | None = Field(default=None, description="Only when they were estimated.")

@@ -98,11 +98,19 @@ def _covered(uncertainty: HandEyeUncertainty) -> str:
 def spread_lines(answer: HandEyeAnswer) -> list[str]:
     """The two consistency figures, each with the floor that noise alone gives."""
     both = (("within", answer.spread_within), ("across", answer.spread_across))
-    return [f"spread {where} placements {_spread_text(spread)}" for where, spread in both if spread]
+    first = answer.as_configured
+    before = {} if first is None else {"within": first.spread_within, "across": first.spread_across}
+    return [
+        f"spread {where} placements {_spread_text(spread, before.get(where))}"
+        for where, spread in both
+        if spread
+    ]
 
 
-def _spread_text(spread: Spread) -> str:
+def _spread_text(spread: Spread, configured: Spread | None) -> str:
     text = f"{mm(spread.t_norm)}, {deg(spread.r)}"
+    if configured is not None:
+        text += f", as configured {mm(configured.t_norm)}, {deg(configured.r)}"
     if spread.floor_t is not None:
         text += f" (noise alone gives {mm(spread.floor_t)}, {deg(spread.floor_r)}"
         text += ")" if spread.resolved else ": not resolved)"

@@ -1,7 +1,7 @@
 """Captures as real cells give them, and what people get wrong in them, each with its code."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import cv2
@@ -44,7 +44,7 @@ def good(rng: np.random.Generator, joints: bool, plan: str | None = None) -> Doc
     document: Document = {
         "schema": "cellward.capture/1",
         "setup": measured.setup,
-        "camera": {"width": 1280, "height": 800, "K": list(CAMERA.K), "dist": []},
+        "camera": asdict(CAMERA),
         "target": dict(BOARD),
         "observations": [
             {

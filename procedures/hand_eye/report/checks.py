@@ -51,13 +51,15 @@ def _spread_table(answer: Any) -> Html:
                 if key == "spread_across"
                 else "needs three poses in a placement"
             )
-            rows.append((name, DASH, DASH, why, meaning))
+            rows.append((name, DASH, DASH, DASH, why, meaning))
             continue
         resolved = "resolved" if spread.get("resolved") else "not resolved"
         figure = f"{mm(spread.get('t_norm'))}, {deg(spread.get('r'))}"
         floor = f"{mm(spread.get('floor_t'))}, {deg(spread.get('floor_r'))}"
-        rows.append((name, figure, floor, resolved, el("span", meaning, class_="note")))
-    return table(("", "figure", "noise floor", "", "what it is"), rows)
+        before = dig(answer, "as_configured", key)
+        told = DASH if before is None else f"{mm(before.get('t_norm'))}, {deg(before.get('r'))}"
+        rows.append((name, told, figure, floor, resolved, el("span", meaning, class_="note")))
+    return table(("", "as configured", "with what was found", "noise floor", "", "what it is"), rows)
 
 
 def _estimates(source: HandEyeSource) -> Html | None:

@@ -17,7 +17,6 @@ from calibration.adjustment.arm_accuracy import (
 from calibration.adjustment.hand_eye import Adjusted, adjust, as_found
 from calibration.adjustment.jackknife import Checked
 from calibration.adjustment.unknowns import ArmKnown
-from calibration.hand_eye.noise import Noise
 from calibration.hand_eye.problem import Estimate, Problem
 from calibration.hand_eye.solution import Measurements, Solution
 from calibration.kinematics.families import ArmSpec, robot_document
@@ -31,7 +30,7 @@ from procedures.hand_eye.known_parts import KnownParts, known_parts
 from procedures.hand_eye.solve.arm import JOINTS, GivenArm
 from procedures.hand_eye.solve.camera import CameraChoice
 from procedures.hand_eye.solve.capture import CaptureSet
-from procedures.hand_eye.solve.result import Adjustment, names, pose6
+from procedures.hand_eye.solve.result import Adjustment, names, pose6, spreads
 from procedures.hand_eye.solve.target_check import target_warnings
 
 METHOD = "adjustment"
@@ -87,7 +86,7 @@ def by_adjustment(
         arm = ArmKnown(given.spec.arm, given.Q, limits, known.arm)
     expected = known.target if factor == 1.0 else replace(known.target, scale=_SIZE_UNKNOWN)
     found = adjust(measured, solution, camera.camera, arm, known.lens, expected)
-    answer = _answer(found, known, factor)
+    answer = _answer(found, known, factor) | {"as_configured": spreads(solution)}
     warnings = target_warnings(found, known.target, factor)
     if arm is None or robot is None:
         warnings.append(
@@ -157,7 +156,7 @@ def _solution(first: Solution, problem: Problem, found: Adjusted) -> Solution:
         at=Estimate(found.X, found.W),
         cov=found.cov,
         cov_W=found.cov_W,
-        noise=Noise(dict(found.components.sigma), first.noise.estimated),
+        noise=replace(first.noise, sigma=dict(found.components.sigma)),
         excess=found.excess,
     )
 

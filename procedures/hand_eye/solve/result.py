@@ -15,7 +15,7 @@ from calibration.hand_eye.leave_out import (
     pose_distances,
     spread_about_mean,
 )
-from calibration.hand_eye.noise import weights
+from calibration.hand_eye.noise import MOST, weights
 from calibration.hand_eye.normal import Linearised, linearise
 from calibration.hand_eye.observability import rotations, still_pairs
 from calibration.hand_eye.problem import Problem
@@ -95,23 +95,39 @@ def _answer(solved: Solved, lin: Linearised, P: Array) -> dict[str, object]:
     solution = solved.solution
     X, W, words = names(solution.problem.setup)
     labels = _labels(solved)
-    perfect = lin.problem.cov_px * solution.noise.sigma.get("sigma_px", 0.0) ** 2
-    found = placements(lin.problem, lin.at, P, perfect)
-    within, across = spread_within(found), spread_across(found)
+    found = _estimates_of_placements(solution, lin, P)
     answer: dict[str, object] = {
         X: pose6(solution.at.X),
         "direction": words,
         W: {labels[int(g)]: pose6(T) for g, T in zip(solution.groups, solution.at.W, strict=True)},
         "cov": None if solved.cov is None else solved.cov.tolist(),
         "rejected": _rejected(solved),
-        "spread_within": None if within is None else within.as_dict(),
-        "spread_across": None if across is None else across.as_dict(),
+        **_two_spreads(found),
         "estimates": {labels[int(solution.groups[p.group])]: _estimates(p) for p in found},
         "noise": solution.noise.as_dict(),
     }
     if solved.camera.estimated is not None:
         answer["intrinsics"] = solved.camera.estimated
     return answer if solved.adjustment is None else answer | solved.adjustment.answer
+
+
+def spreads(solution: Solution) -> dict[str, object]:
+    """``spread_within`` and ``spread_across`` of a solution."""
+    lin = linearise(solution.problem.take(solution.used), solution.at)
+    return _two_spreads(_estimates_of_placements(solution, lin, weights(lin, solution.noise)))
+
+
+def _estimates_of_placements(solution: Solution, lin: Linearised, P: Array) -> list[PlacementEstimates]:
+    perfect = lin.problem.cov_px * solution.noise.sigma.get("sigma_px", 0.0) ** 2
+    return placements(lin.problem, lin.at, P, perfect)
+
+
+def _two_spreads(found: list[PlacementEstimates]) -> dict[str, object]:
+    within, across = spread_within(found), spread_across(found)
+    return {
+        "spread_within": None if within is None else within.as_dict(),
+        "spread_across": None if across is None else across.as_dict(),
+    }
 
 
 def _labels(solved: Solved) -> dict[int, str]:
@@ -294,20 +310,25 @@ def _warnings(solved: Solved) -> list[tuple[str, str]]:
         text = ", ".join(f"{index[i]}-{index[j]} ({np.degrees(a):.2f} deg)" for i, j, a in still[:8])
         more = f" and {len(still) - 8} more" if len(still) > 8 else ""
         out.append(("pairs.no-rotation", f"consecutive observations without rotation: {text}{more}"))
-    for name in solved.solution.noise.at_limit:
+    noise = solved.solution.noise
+    for name in noise.implausible:
+        how = (
+            "it was held there, which predicts left-out poses better, and the covariance is widened instead"
+            if name in noise.most
+            else f"{noise.sigma[name]:.2g} is in use, which predicts left-out poses better"
+        )
         out.append(
             (
                 "noise.at-limit",
-                f"the residuals ask for a {name} beyond what an arm in working order has "
-                f"({solved.solution.noise.sigma[name]:.2g}): look for a bending bracket, a loose target or a "
-                "wrong lens model; the covariance is widened by the excess",
+                f"the residuals ask for a {name} beyond what an arm in working order has ({MOST[name]:g}): "
+                f"look for a bending bracket, a loose target or a wrong lens model; {how}",
             )
         )
     out += _arm_warning(solved)
     total, used = len(solved.loaded.F), int(solved.solution.used.sum())
     if total - used > _MANY_REJECTED * total:
         out.append(("observations.rejected", f"{total - used} of {total} observations were not used"))
-    if solved.solution.excess > 1.0 and not solved.solution.noise.at_limit:
+    if solved.solution.excess > 1.0 and not noise.implausible:
         factor = float(np.sqrt(solved.solution.excess))
         given = len(solved.solution.noise.estimated) < len(solved.solution.noise.sigma)
         what = "the given noise" if given else "noise"

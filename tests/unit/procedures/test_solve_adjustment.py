@@ -2,6 +2,7 @@
 
 import json
 from copy import deepcopy
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,7 @@ def imperfect() -> tuple[World, dict[str, Any]]:
     return cell, {
         "schema": "cellward.capture/1",
         "setup": "eye-in-hand",
-        "camera": {"width": 1280, "height": 800, "K": list(CAMERA.K), "dist": list(CAMERA.dist)},
+        "camera": asdict(CAMERA),
         "target": BOARD,
         "robot": {"model": "ur10e"},
         "observations": observations,
@@ -81,6 +82,8 @@ def test_the_result_says_what_was_found_and_where_the_uncertainty_comes_from(
     whole = np.sqrt(sum(part["t"] ** 2 for part in budget))
     assert whole == pytest.approx(subject["uncertainty"]["sigma_t_norm"])
     assert subject["uncertainty"]["covers"] == ["arm", "gears", "sag", "lens", "target"]
+    first, now = subject["result"]["as_configured"]["spread_across"], subject["result"]["spread_across"]
+    assert now["t_norm"] < first["t_norm"], "what was found makes the placements agree better"
 
 
 def test_the_arms_accuracy_is_told_from_the_board_alone(
