@@ -11,9 +11,13 @@ SURE_SCALAR = 1.531
 
 @dataclass(frozen=True)
 class Judged:
-    """A result beside the truth: ``stated`` by the job, ``off`` the truth, and the whole comparison."""
+    """A result beside the truth: ``stated`` by the job, ``off`` the truth, and the whole comparison.
+
+    ``inside95``: whether each error is below the 95 % limit stated for it; None where none is stated.
+    """
 
     good: bool
     text: str
     stated: str
     off: str
+    inside95: bool | None = None

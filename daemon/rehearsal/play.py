@@ -21,7 +21,8 @@ class Outcome:
     """How a job ended in one twin.
 
     ``seconds`` are the cell's, not the computer's. ``stated`` is what the job says of its result, ``off`` how
-    far the result is from the twin's truth; ``good`` whether the two agree. ``lost`` are poses and passes
+    far the result is from the twin's truth; ``good`` whether the two agree, ``inside95`` whether
+    each error is below the 95 % limit that was stated, None where none was. ``lost`` are poses and passes
     that fell out, with the reason; ``report`` is a file.
     """
 
@@ -32,6 +33,7 @@ class Outcome:
     stated: str = ""
     off: str = ""
     good: bool = False
+    inside95: bool | None = None
     why: list[str] = field(default_factory=list)
     lost: list[str] = field(default_factory=list)
     report: str = ""
@@ -90,6 +92,7 @@ def _outcome(run: RunFolder, truth: dict[str, Any], seed: int) -> Outcome:
         stated="" if judged is None else judged.stated,
         off="" if judged is None else judged.off,
         good=judged is not None and judged.good,
+        inside95=None if judged is None else judged.inside95,
         why=[str(reason) for reason in result.get("reasons") or ()],
         lost=_lost(run.read_journal()),
         report=str(report) if report.exists() else "",

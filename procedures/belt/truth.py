@@ -29,7 +29,7 @@ def judge_belt(result: BeltCalibrationResult, truth: Mapping[str, Any], folder: 
     apart = f"{100 * off:.3f} %, {degrees(turn):.3f} deg"
     words = "consistent with" if good else "NOT consistent with"
     text = f"travel of one count and direction are off by {apart}\n{words} the stated 95 % limits, {stated}"
-    return Judged(good, text, stated, apart)
+    return Judged(good, text, stated, apart, off <= share and turn <= turn95)
 
 
 def judge_picks(result: BeltTrackingResult, truth: Mapping[str, Any], folder: Path) -> Judged:

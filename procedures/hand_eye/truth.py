@@ -70,7 +70,16 @@ def judge_camera(result: HandEyeResult, truth: Mapping[str, Any], folder: Path) 
         text if arm is None else f"{text}\n{arm.text}",
         f"standard uncertainty {_size_text(sigma)}",
         _size_text(off),
+        _inside95(result, off),
     )
+
+
+def _inside95(result: HandEyeResult, off: Array) -> bool | None:
+    """Whether translation and rotation are both within what is stated of them."""
+    limits = result.uncertainty.error95_t_m, result.uncertainty.error95_r_rad
+    if limits[0] is None or limits[1] is None:
+        return None
+    return bool(np.linalg.norm(off[:3]) <= limits[0] and np.linalg.norm(off[3:]) <= limits[1])
 
 
 def judge_corrected(

@@ -35,6 +35,7 @@ def judge_tool(result: LaserResult, truth: Mapping[str, Any], folder: Path) -> J
     update = result.inputs.update
     accepted = update is not None and bool(update.committed)
     good = (accepted or update is None) and apart <= SURE_POINT * U and tilt <= SURE_TILT * U_tilt
+    beyond = apart > U or tilt > U_tilt
     rows = [
         (f"point {axis}, mm", *(f"{1e3 * v[i]:.4f}" for v in (found.translation, true.translation, off)))
         for i, axis in enumerate("xyz")
@@ -45,13 +46,13 @@ def judge_tool(result: LaserResult, truth: Mapping[str, Any], folder: Path) -> J
         table(("", "found", "truth", "error"), rows),
         f"the point is {1e3 * apart:.4f} mm off (U95 {1e3 * U:.4f} mm), "
         f"the axis {degrees(tilt):.4f} deg (U95 {degrees(U_tilt):.4f} deg)",
-        f"{words} the stated uncertainty{_beyond(apart > U or tilt > U_tilt) if good else ''}",
+        f"{words} the stated uncertainty{_beyond(beyond) if good else ''}",
     ]
     if update is not None:
         effect = "the second scan met the reference and the new frame is in effect"
         text.append(effect if accepted else "the new frame was NOT put into effect")
     stated = f"U95 {1e3 * U:.3f} mm, {degrees(U_tilt):.3f} deg"
-    return Judged(good, "\n".join(text), stated, f"{1e3 * apart:.3f} mm, {degrees(tilt):.3f} deg")
+    return Judged(good, "\n".join(text), stated, f"{1e3 * apart:.3f} mm, {degrees(tilt):.3f} deg", not beyond)
 
 
 def _beyond(beyond: bool) -> str:
@@ -96,6 +97,7 @@ def judge_beams(result: ReferenceResult, truth: Mapping[str, Any], folder: Path)
         f"{text}\n{words} the stated uncertainty (U95 of the point {1e3 * limit / SURE_POINT:.4f} mm)",
         stated,
         f"{1e3 * worst:.3f} mm",
+        worst <= result.uncertainty.U_point_m,
     )
 
 

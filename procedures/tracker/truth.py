@@ -59,7 +59,8 @@ def judge_arm(result: KincalResult, truth: Mapping[str, Any], folder: Path) -> J
         f"{words} the promise: 95 % below {_mm(promised)} mm at the worst place",
     ]
     stated = f"95 % below {1e3 * promised:.3f} mm"
-    return Judged(good, "\n".join(text), stated, f"95 % below {1e3 * float(np.percentile(off, 95)):.3f} mm")
+    p95 = float(np.percentile(off, 95))
+    return Judged(good, "\n".join(text), stated, f"95 % below {1e3 * p95:.3f} mm", p95 <= promised)
 
 
 def _errors(answer: KincalAnswer, truth: Mapping[str, Any], samples: list[Any]) -> Array:
