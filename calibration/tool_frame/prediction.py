@@ -17,7 +17,7 @@ from calibration.tool_frame.bounds import Model, Rows
 from calibration.tool_frame.geometry import BEAMS
 from calibration.tool_frame.meeting import length95
 from calibration.tool_frame.posterior import posterior
-from calibration.tool_frame.standstills import SHARED, together, widened
+from calibration.tool_frame.standstills import together, widened
 from cell.poses import Array
 
 K95 = 1.96
@@ -110,8 +110,9 @@ def predict(
 
 def near_pairs(pairs: int, step: float, sigma: float) -> float:
     """How many of ``pairs`` ways there and back of a search in height are near the end of a flat tool, where
-    a hit or a miss is chance: the others halve ``step`` (m) down to some ``sigma`` (m)."""
-    return max(pairs - float(np.log2(max(step / (_CHANCE * sigma), 1.0))), 1.0)
+    a hit or a miss is chance: before, each way halves ``step`` (m) down to some ``sigma`` (m)."""
+    halvings = float(np.log2(max(step / (_CHANCE * sigma), 1.0)))
+    return max(pairs - 0.5 * halvings, 1.0)
 
 
 def height_variance(resolution: float, sigma: float, pairs: float) -> float:
@@ -119,9 +120,9 @@ def height_variance(resolution: float, sigma: float, pairs: float) -> float:
     the tool's end, and to ``resolution`` (m). ``sigma`` (m) is what a single way scatters by along the tool.
 
     A hit or a miss tells 2/pi of what a measured height would (Fisher's information of a probit at its
-    middle); a way out and the way back have half of their variance in common.
+    middle). The way back has a height of its own, so the arm came to rest anew before it.
     """
-    return resolution**2 / 12.0 + 0.5 * np.pi * 0.5 * (1.0 + SHARED) * sigma**2 / max(pairs, 1.0)
+    return resolution**2 / 12.0 + 0.5 * np.pi * 0.5 * sigma**2 / max(pairs, 1.0)
 
 
 def _rows(

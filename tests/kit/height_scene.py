@@ -63,11 +63,9 @@ def searched(
     search = HeightSearch(0.0, step, CHORD_M, False, scatter_of(sigma * np.sqrt(2.0)), FAST, SLOW, PERIOD_S)
     seen: list[Glimpse] = []
     found = sought(search, seen)
-    for k in range(most):
+    for k in range(2 * most):  # the way back has a height of its own, and a standstill before it
         then = found.next
-        seen += [
-            Glimpse(g.height, k, g.hit, g.lengths, g.chance, g.beyond)
-            for g in pairs_at(rng, end, truth, [then.height], sigma, then.speed)
-        ]
+        depth = truth - then.height - sigma * float(rng.normal())
+        seen.append(crossed(rng, end, depth, then.height, k, then.speed))
         found = sought(search, seen)
     return found, truth

@@ -182,7 +182,7 @@ def test_the_height_that_is_predicted_is_about_what_a_search_comes_to() -> None:
     sigma = 1e-5
     rng = np.random.default_rng(5)
     errors, stated = [], []
-    for _ in range(24):
+    for _ in range(12):
         found, truth = searched(rng, FLAT_END, sigma)
         errors.append(found.mean - truth)
         stated.append(found.sigma)
