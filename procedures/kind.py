@@ -92,9 +92,13 @@ _ALL = (
         words="procedures.eye_to_hand.words:axbc_lines",
         result="procedures.eye_to_hand.result:AxbcResult",
         data_file="axbc.json",
+        jobs=("procedures.eye_to_hand.check:EyeToHandCheck",),
+        plan="procedures.eye_to_hand.words:axbc_plan_lines",
         report="procedures.eye_to_hand.report.layout:EYE_TO_HAND",
         solve="procedures.eye_to_hand.solve.solver:solve_axbc",
         asked=("targets",),
+        expectation="procedures.eye_to_hand.expectation:eye_to_hand_expectation",
+        truth="procedures.eye_to_hand.truth:judge_standard",
     ),
     Kind(
         name="laser-reference",

@@ -11,10 +11,11 @@ from calibration.planning.cone import (
 from calibration.planning.layout import plan_telling_cone
 from calibration.planning.mounting import EyeInHand, EyeToHand, Mounting
 from calibration.planning.plan import ConePlan, PlannedPose, RejectedPose
-from calibration.planning.planner import Checker, ConeRequest, plan_cone
+from calibration.planning.planner import Checker, ConeRequest, plan_cone, plan_views
 from calibration.planning.prediction import PredictedUncertainty
 from calibration.planning.search import SearchMove, search_moves
 from calibration.planning.view import view_faults
+from calibration.planning.volume import Volume, candidate_views, spread_views
 
 __all__ = [
     "Checker",
@@ -29,12 +30,16 @@ __all__ = [
     "PredictedUncertainty",
     "RejectedPose",
     "SearchMove",
+    "Volume",
     "board_centre",
     "candidate_axes",
+    "candidate_views",
     "cone_poses",
     "plan_cone",
     "plan_telling_cone",
+    "plan_views",
     "rotation_spread",
     "search_moves",
+    "spread_views",
     "view_faults",
 ]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from calibration.planning.cone import ConeAxis, ConeShape, candidate_axes, cone_poses
+from calibration.planning.cone import ConeAxis, ConeShape, board_centre, candidate_axes, cone_poses
 from calibration.planning.mounting import Mounting
 from calibration.planning.plan import ConePlan, PlannedPose, RejectedPose
 from calibration.planning.view import view_faults
@@ -54,7 +54,8 @@ def plan_cone(
     plans: list[ConePlan] = []
     for tried, axis in enumerate(axes, start=1):
         enough = len(max(plans, key=_merit).poses) if plans else 0
-        tour = _Tour(request, model, checker, axis, enough)
+        views = cone_poses(axis.T_target_cone, request.shape).inv()
+        tour = _Tour(request, views, model, checker, enough)
         plans.append(ConePlan(tour.visits(describe), tour.rejected, axis, tried))
         if not tour.rejected:
             break
@@ -62,22 +63,35 @@ def plan_cone(
     return ConePlan(best.poses, best.rejected, best.axis, len(plans))
 
 
+def plan_views(
+    request: ConeRequest,
+    views: RigidTransform,
+    model: ArmModel,
+    checker: Checker,
+    describe: Describer | None = None,
+) -> ConePlan:
+    """A plan of the given T_camera_target (n), in their order; ``request.shape`` has as many poses."""
+    tour = _Tour(request, views, model, checker, 0)
+    here = RigidTransform.from_translation(board_centre(request.target_points))
+    return ConePlan(tour.visits(describe), tour.rejected, ConeAxis(here, "over the camera's volume"), 1)
+
+
 def _merit(plan: ConePlan) -> tuple[int, float]:
     return len(plan.poses), round(plan.spread_rad, 2) - 1e-4 * plan.travel_rad
 
 
 class _Tour:
-    """One candidate axis: visits the ring from the pose nearest to the start, and reports what is lost.
+    """One ring of views: visits it from the pose nearest to the start, and reports what is lost.
 
     It gives up early when it cannot visit more than ``to_beat`` poses.
     """
 
     def __init__(
-        self, request: ConeRequest, model: ArmModel, checker: Checker, axis: ConeAxis, to_beat: int
+        self, request: ConeRequest, views: RigidTransform, model: ArmModel, checker: Checker, to_beat: int
     ) -> None:
         self._to_beat = to_beat
         self._request, self._model, self._checker = request, model, checker
-        self._views = cone_poses(axis.T_target_cone, request.shape).inv()
+        self._views = views
         self._flanges = request.mounting.flange(self._views)
         self._visits: list[tuple[int, Array]] = []
         self._lost: dict[int, str] = {}

@@ -4,7 +4,7 @@ from typing import Any
 
 from daemon.config.findings import Findings
 
-JOBS = ("eye-to-hand-check", "slot-insertion", "drift-check")
+JOBS = ("slot-insertion", "drift-check")
 
 
 def take_out(raw: dict[str, Any], findings: Findings) -> dict[str, Any]:

@@ -288,7 +288,13 @@ class Capture:
         self, seen: BoardSeen, calibration: dict[str, Any], finished: Sequence[dict[str, Any]] = ()
     ) -> PlacementPlan:
         """Plan the placement's poses in the worker; poses already finished are left out."""
-        request = PlanRequest(
+        request = await self._plan_request(seen, calibration, finished)
+        return await self.run.worker.call(plan_placement, request)
+
+    async def _plan_request(
+        self, seen: BoardSeen, calibration: dict[str, Any], finished: Sequence[dict[str, Any]]
+    ) -> PlanRequest:
+        return PlanRequest(
             setup=self.config.setup,
             values=self.run.values,
             target=self.target,
@@ -302,7 +308,6 @@ class Capture:
             finished=[int(o["planned"]) for o in finished],
             placements=self.config.placements,
         )
-        return await self.run.worker.call(plan_placement, request)
 
     async def _search(self, lease: MotionLease, seen: BoardSeen) -> dict[str, Any]:
         """Six small checked moves find a first X when no nominal one is configured."""

@@ -123,7 +123,7 @@ def plan_placement(request: PlanRequest) -> PlacementPlan:
     points = make_target(request.target).points
     seen = camera_to_target(view, points)
     flange = from_pose6(view.T_base_flange)
-    mounting = _mounting(request.setup, request.calibration, flange, seen)
+    mounting = mounting_of(request.setup, request.calibration, flange, seen)
     cone = ConeRequest(
         mounting=mounting,
         shape=ConeShape(
@@ -207,7 +207,7 @@ def camera_to_target(view: BoardObservation, points: Array) -> RigidTransform:
     return RigidTransform.from_matrix(poses.C[0])
 
 
-def _mounting(
+def mounting_of(
     setup: Setup, calibration: Mapping[str, Any], flange: RigidTransform, seen: RigidTransform
 ) -> Mounting:
     if setup == "eye-in-hand":

@@ -1,0 +1,161 @@
+"""Job ``eye-to-hand-check``: a fixed camera judged by a target at a known place on the flange.
+
+The target is found, poses over the camera's volume are planned and checked, and each is visited and measured
+by the steps of a capture. Raw data are on disk before anything is solved.
+"""
+
+import asyncio
+import json
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, ClassVar
+
+from calibration.planning import Volume
+from cell.calibrations import kinematics
+from cell.errors import error
+from cell.poses import from_pose6, to_pose6
+from cell.procedure import FinishRequested, Procedure, Proposal, Run
+from cell.run_values import RunValues
+from cell.store.files import write_atomic
+from procedures.eye_to_hand.config import EyeToHandCheckConfig
+from procedures.eye_to_hand.plan import VolumeRequest, plan_volume
+from procedures.eye_to_hand.solve.data import FILE_NAME
+from procedures.eye_to_hand.solve.solver import solve_axbc
+from procedures.hand_eye.capturing import Capture
+from procedures.hand_eye.judging import BoardSeen
+from procedures.hand_eye.plan import PlacementPlan
+from procedures.hand_eye.states import TRANSITIONS, S, State
+
+CAMERA, SETUP = "fixed_camera", "eye-to-hand"
+
+
+class EyeToHandCheck(Procedure):
+    """A given hand-eye of a fixed camera, against a target at a known place on the flange."""
+
+    name: ClassVar[str] = "eye-to-hand-check"
+    number: ClassVar[int] = 8
+    kind: ClassVar[str] = "axbc"
+    Config = EyeToHandCheckConfig
+    State = State
+    TRANSITIONS: ClassVar[dict[Any, frozenset[Any]]] = TRANSITIONS
+    CHECKPOINTS: ClassVar[frozenset[Any]] = frozenset({S.PLACE, S.SEEK, S.MOVE})
+
+    config: EyeToHandCheckConfig
+
+    def uses(self) -> tuple[str, ...]:
+        return ("arm", CAMERA)
+
+    def check(self, values: RunValues) -> None:
+        for key, known in (("target", values.targets), ("start_pose", values.poses)):
+            name = getattr(self.config, key)
+            if name is not None and name not in known:
+                raise error("ARGUMENT_INVALID", f"{key} '{name}' is unknown; there is {', '.join(known)}")
+
+    def proposal(self, run: Run) -> Proposal | None:
+        answer = (run.result or {}).get("result")
+        if answer is None or self.config.propose == "none":
+            return None
+        auto = self.config.accept.auto
+        if self.config.propose == "camera":
+            X = to_pose6(from_pose6(answer["T_camera_base"]).inv())
+            return Proposal("T_base_camera", [float(v) for v in X], auto)
+        if answer["correction"]["chosen"] != "model" or answer["robot"] is None:
+            return None
+        device = run.cell.device("arm").name
+        return Proposal(kinematics(device), kinematics_value(answer, run.values), auto)
+
+    async def run(self, run: Run) -> None:
+        capture = CheckCapture(self.config, run)
+        with suppress(FinishRequested):
+            await capture.take_all()
+        await capture.solve()
+
+    async def dry_run(self, run: Run) -> dict[str, Any]:
+        """The plan from the target as it is seen now, with every check; nothing moves."""
+        capture = CheckCapture(self.config, run)
+        await capture.camera.set_target(capture.target)
+        seen = await capture.seek()
+        plan = await capture.plan(seen, capture.calibration or {})
+        return plan.as_dict()
+
+    @classmethod
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+        return solve_axbc(path, calls=1)
+
+
+class CheckCapture(Capture):
+    """A capture of one placement whose poses lie over the camera's volume."""
+
+    def __init__(self, config: EyeToHandCheckConfig, run: Run) -> None:
+        super().__init__(config.capture(), run, run.camera(CAMERA))
+        self.check = config
+        if self.calibration is None or "X" not in self.calibration:
+            raise error(
+                "ARGUMENT_INVALID",
+                "there is no hand-eye to check: give [robot] T_base_camera_nominal, or calibrate with "
+                'cone-capture, setup = "eye-to-hand", and accept its result',
+            )
+        self.given: list[float] = [float(v) for v in self.calibration["X"]]
+
+    async def plan(
+        self, seen: BoardSeen, calibration: dict[str, Any], finished: Sequence[dict[str, Any]] = ()
+    ) -> PlacementPlan:
+        """Plan the poses in the worker; poses already finished are left out."""
+        check = self.check
+        common = await self._plan_request(seen, calibration, finished)
+        volume = Volume(check.poses, check.nearest_m, check.farthest_m, check.tilt_rad)
+        return await self.run.worker.call(plan_volume, VolumeRequest(common, volume))
+
+    async def solve(self) -> None:
+        """Write ``axbc.json``, solve it in the worker, and leave the result to be proposed."""
+        run, taken = self.run, len(self.record.observations)
+        await run.enter(S.SOLVE, f"{taken} poses")
+        if taken < self.check.min_poses:
+            needed = self.check.min_poses
+            raise error("CAPTURE_INCOMPLETE", f"{taken} poses were finished, {needed} are needed")
+        path = await asyncio.to_thread(self._write)
+        run.note("solve", event="started", observations=taken)
+        run.result = await run.worker.call(solve_run, path)
+
+    def _write(self) -> Path:
+        check, header = self.check, self.record.header
+        T_camera_base = to_pose6(from_pose6(self.given).inv())
+        data = {
+            "schema": "cellward.axbc/1",
+            "robot": header["robot"],
+            "camera": header["camera"],
+            "marker": header["target"],
+            "T_marker_flange": list(check.T_marker_flange),
+            "sigma_C": {"t": check.place_sigma_t_m, "r": check.place_sigma_r_rad},
+            "X_measured_T_camera_base": [float(v) for v in T_camera_base],
+            "limits": {"t": check.accept.max_error_t_m, "r": check.accept.max_error_r_rad},
+            "observations": [_observation(o) for o in self.record.observations],
+        }
+        path = self.run.folder / FILE_NAME
+        write_atomic(path, json.dumps(data, allow_nan=False))
+        return path
+
+
+def solve_run(path: Path) -> dict[str, Any]:
+    """The result of a run's data set, for the worker process."""
+    return solve_axbc(path, calls=1)
+
+
+def kinematics_value(answer: Mapping[str, Any], values: RunValues) -> dict[str, Any]:
+    """What ``kinematics.<device>`` holds: the arm with its errors, as a fixed camera found them."""
+    correction = answer["correction"]
+    return {
+        "schema": "cellward.kinematics/1",
+        "robot": answer["robot"],
+        "controller": dict(values.robot),
+        "payload_kg": values.payload_kg,
+        "rms_registration_only": correction["cv_constant"],
+        "rms_calibrated": correction["cv_model"],
+        "held_out": len(answer["places"]),
+    }
+
+
+def _observation(taken: Mapping[str, Any]) -> dict[str, Any]:
+    own = {k: v for k, v in taken.items() if k not in ("group", "planned")}
+    return own | {"notes": {"planned": taken["planned"]}}

@@ -1,0 +1,136 @@
+"""The whole check of a fixed camera on virtual time, judged against the twin's truth."""
+
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.poses import exp_xi, from_pose6, log_xi, to_pose6
+from daemon.config import CellConfig, load_config
+from fakes.object import run_virtual
+from fakes.world.scenario import Scenario
+from tests.kit.object_cell import ObjectCell, no_report, on_disk, open_cell, write_config
+
+__all__ = ["no_report"]
+pytestmark = pytest.mark.usefixtures("no_report")
+
+CHECK = "eye-to-hand-check"
+MAHALANOBIS_LIMIT = 22.5  # 99.9 % of a chi-squared with 6 degrees of freedom
+
+
+def given_place(off_m: float = 0.0) -> list[float]:
+    """C, the flange in the board, of the scenario's first placement; ``off_m`` along its x."""
+    placement = Scenario.load("hand_eye_to_hand").world.placement[0].T_flange_target
+    C = from_pose6(placement).inv() * exp_xi([off_m, 0.0, 0.0, 0.0, 0.0, 0.0])
+    return [float(v) for v in to_pose6(C)]
+
+
+def config(folder: Path, *, off_m: float = 0.0, scenario: str = "hand_eye_to_hand", **job: Any) -> CellConfig:
+    section = {
+        "target": "board",
+        "T_marker_flange": given_place(off_m),
+        "start_pose": "home",
+        "poses": 20,
+        "min_poses": 12,
+        "frames_per_pose": 2,
+        "settle_s": 0.1,
+        "nearest_m": 0.4,
+        "farthest_m": 0.7,
+        **job,
+    }
+    return write_config(folder, scenario, jobs={CHECK: section})
+
+
+def give_hand_eye(cell: ObjectCell, off_m: float = 0.0) -> None:
+    """An earlier calibration of the camera: the twin's own pose, ``off_m`` off."""
+    true = from_pose6(cell.plant.world.truth()["T_base_camera"])
+    T = [float(v) for v in to_pose6(true * exp_xi([off_m, 0.0, 0.0, 0.0, 0.0, 0.0]))]
+    nominal = cell.config.robot.T_base_camera_nominal
+    drawn = None if nominal is None else list(nominal)
+    entry = on_disk(cell.ledger.propose, "T_base_camera", T, {}, 0, drawn)
+    on_disk(cell.ledger.accept, entry, "test")
+
+
+def off_in_sigmas_squared(cell: ObjectCell, result: dict[str, Any]) -> float:
+    found = from_pose6(result["result"]["T_camera_base"])
+    xi = log_xi(found.inv() * from_pose6(cell.plant.world.truth()["T_base_camera"]).inv())
+    return float(xi @ np.linalg.solve(np.array(result["result"]["cov"]), xi))
+
+
+def test_a_good_hand_eye_passes_and_the_standard_is_right_within_its_uncertainty(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with open_cell(config(tmp_path), job=CHECK) as cell:
+            give_hand_eye(cell)
+            end = await cell.run_job()
+            result = cell.result(1)
+            assert end["outcome"] == "complete", end
+            assert result["result"]["blamed"] == "none"
+            assert off_in_sigmas_squared(cell, result) < MAHALANOBIS_LIMIT
+            assert len(result["result"]["places"]) >= 12
+            assert cell.at_rest()
+
+    run_virtual(main())
+
+
+def test_a_camera_that_was_moved_is_blamed_and_a_new_pose_is_offered(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with open_cell(config(tmp_path, propose="camera"), job=CHECK) as cell:
+            give_hand_eye(cell, off_m=0.004)
+            await cell.run_job()
+            found = cell.result(1)
+            assert found["result"]["blamed"] == "X"
+            assert found["verdict"] == "fail"
+            assert found["reasons"][0].startswith("max_error_t_m")
+
+    run_virtual(main())
+
+
+def test_a_target_that_is_not_where_the_drawing_has_it_is_blamed(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with open_cell(config(tmp_path, off_m=0.004), job=CHECK) as cell:
+            give_hand_eye(cell)
+            await cell.run_job()
+            assert cell.result(1)["result"]["blamed"] == "C"
+
+    run_virtual(main())
+
+
+def erring_scenario(folder: Path) -> str:
+    """The same cell with an arm that is about 2 mm off its drawing."""
+    text = files("fakes").joinpath("scenarios/hand_eye_to_hand.toml").read_text("utf-8")
+    error = Scenario.load("tracker").world.arm.error.model_dump()
+    rows = "\n".join(f"{key} = {list(row)}" for key, row in error.items())
+    path = folder / "scenario.toml"
+    path.write_text(text.replace("[world.tool]", f"[world.arm.error]\n{rows}\n\n[world.tool]", 1), "utf-8")
+    return str(path)
+
+
+def test_accepted_kinematics_correct_the_daemons_own_moves_and_the_camera_sees_it(tmp_path: Path) -> None:
+    scenario = erring_scenario(tmp_path)
+
+    async def positioning(use: bool) -> tuple[float, str]:
+        config(tmp_path, scenario=scenario, propose="kinematics", poses=24)
+        toml = tmp_path / "cell.toml"
+        toml.write_text(
+            toml.read_text().replace("[robot]", f"[robot]\nuse_kinematics = {str(use).lower()}", 1)
+        )
+        async with open_cell(load_config(toml), job=CHECK) as cell:
+            if not use:
+                give_hand_eye(cell)
+            run_id = await cell.start()
+            end = await cell.finished(run_id)
+            assert end["outcome"] == "complete", end
+            if not use:
+                (offered,) = cell.ledger.waiting_results()
+                assert offered["name"] == "kinematics.arm"
+                on_disk(cell.ledger.accept, offered["id"], "test")
+            answer = cell.result(run_id)["result"]
+            return answer["positioning"]["t_rms"], answer["correction"]["chosen"]
+
+    before, way = run_virtual(positioning(use=False))
+    after, _ = run_virtual(positioning(use=True))
+    print(f"positioning {1e3 * before:.3f} mm RMS ({way}), {1e3 * after:.3f} mm with the accepted kinematics")
+    assert way == "model"
+    assert after < before / 3.0
