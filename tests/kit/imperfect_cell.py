@@ -6,6 +6,7 @@ the nominal arm. The true X is the one that serves best with the nominal arm ove
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -54,8 +55,20 @@ class World:
     gear: Array
     camera: Intrinsics
     points: Array
-    base: Array
-    flange: Array
+
+    @property
+    def base(self) -> Array:
+        return self._serving[0]
+
+    @property
+    def flange(self) -> Array:
+        return self._serving[1]
+
+    @cached_property
+    def _serving(self) -> tuple[Array, Array]:
+        """Base and flange (4, 4) with which the nominal arm is nearest to the true one."""
+        Q = reference_joints(ARM.joint_limits, 13, seed=77)
+        return base_and_flange(MODEL.base.flange(Q), self.true_flange(Q))
 
     @property
     def X(self) -> Array:
@@ -105,13 +118,7 @@ def world(
         turn = rng.uniform(0, np.pi)
         across = off @ (np.cos(turn), np.sin(turn))
         points[:, 2] += rng.choice([-1.0, 1.0]) * 2e-4 * (across / np.abs(across).max()) ** 2
-    return World(chain, gear, camera, points, *_serving(chain, gear))
-
-
-def _serving(chain: SerialChain, gear: Array) -> tuple[Array, Array]:
-    """Base and flange (4, 4) with which the nominal arm is nearest to the true one."""
-    Q = reference_joints(ARM.joint_limits, 13, seed=77)
-    return base_and_flange(MODEL.base.flange(Q), chain.flange(Q + _joint_error(Q, gear)))
+    return World(chain, gear, camera, points)
 
 
 def capture(rng: np.random.Generator, cell: World, plan: str) -> tuple[Measurements, Array]:
