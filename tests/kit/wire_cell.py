@@ -144,14 +144,22 @@ class WireCell:
         self.pauses.require_explained(last["steps_taken_again"])
         return last
 
+    def move_board(self) -> None:
+        """As the twin's operator does when the job asks."""
+        ask(self.folder, {"do": "operator", "next": True})
+
     def wait_for_end(self, timeout: float) -> dict[str, Any]:
         """The last run's end; the operator of the twin moves the board whenever the job asks."""
         give_up = time.monotonic() + timeout
         while time.monotonic() < give_up:
             status = self.status()
             if status["prompt"]:
+<<<<<<< HEAD
                 if not status["prompt"]["text"].startswith("Placement 1 "):  # there it stands
                     ask(self.folder, {"do": "operator", "next": True})
+=======
+                self.move_board()
+>>>>>>> 3c17124 (Try the page in a browser and its API on a daemon, and tell how to use it)
                 self.call("confirm", prompt_id=status["prompt"]["id"])
             if status["job"] is None and status["last_run"]:
                 last: dict[str, Any] = status["last_run"]

@@ -10,8 +10,10 @@ from typing import Any
 
 import pytest
 
+from cell.errors import CellError
 from daemon.web.page_files import page_files
-from tests.kit.page_rig import PageRig, on_page
+from daemon.web.server import WebServer
+from tests.kit.page_rig import PageRig, RecordedStates, http_section, on_page
 
 STATIC = files("daemon.web").joinpath("static")
 
@@ -214,3 +216,16 @@ def test_a_newcomer_is_never_given_a_state_from_before_anybody_watched() -> None
         assert (await states(subject, 1))[0]["status"]["packml"] == "ABORTED"
 
     on_page(use, look_without_login=True)
+
+
+def test_a_port_that_is_taken_is_said_with_the_section_to_change() -> None:
+    async def use(subject: PageRig) -> None:
+        host, port = subject.server.address
+        second = WebServer(
+            http_section(bind=f"{host}:{port}"), subject.engine, RecordedStates(subject.engine), None
+        )
+        with pytest.raises(CellError, match=r"\[http\] bind"):
+            await second.start()
+        await second.stop()
+
+    on_page(use)

@@ -18,10 +18,10 @@ export function Login() {
     }
   };
   if (cell.me && !cell.me.users) {
-    return html`<${Card} wide title=${t("login.title")}><p>${t("login.no_users")}</p>
+    return html`<h1>${t("login.title")}</h1><${Card} wide><p>${t("login.no_users")}</p>
       <pre>cellward token NAME --role operator</pre></${Card}>`;
   }
-  return html`<${Card} wide title=${t("login.title")}>
+  return html`<h1>${t("login.title")}</h1><${Card} wide>
     <p>${t("login.about")}</p>
     <form onSubmit=${send}>
       <label>${t("login.token")}

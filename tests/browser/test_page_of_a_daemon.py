@@ -1,0 +1,93 @@
+"""The page's API of a whole daemon: what it tells of runs, results, trends, the cell and its registers."""
+
+import re
+
+import pytest
+
+from tests.kit.page_cell import TOKENS, PageCell
+
+pytestmark = pytest.mark.wire
+
+
+def test_runs_are_listed_newest_first_with_who_started_them(subject: PageCell) -> None:
+    assert [(run["run_id"], run["outcome"], run["who"]) for run in subject.get("/api/runs")] == [
+        (2, "aborted", "anna"),
+        (1, "complete", "anna"),
+    ]
+
+
+def test_a_failed_run_tells_its_cause_and_its_journal(subject: PageCell) -> None:
+    run = subject.get("/api/runs/2")
+    assert run["error"]["text"] == "The arm is lost"
+    assert "start" in run["journal"]
+    assert subject.get("/api/runs/77")["error"]["name"] == "NOT_FOUND"
+
+
+def test_a_report_is_shown_in_a_sandbox_that_can_ask_the_cell_nothing(subject: PageCell) -> None:
+    assert "<title>report</title>" in subject.get("/api/runs/1/report")
+    policy = subject.headers("/api/runs/1/report")["Content-Security-Policy"]
+    assert policy.startswith("sandbox allow-scripts")
+    assert "allow-same-origin" not in policy
+    assert "default-src 'none'" in policy
+    assert subject.get("/api/runs/2/report")["error"]["name"] == "NOT_FOUND"
+
+
+def test_pictures_are_given_by_name_and_nothing_else_of_the_disk_is(subject: PageCell) -> None:
+    assert subject.headers("/api/runs/1/picture/0000-0-0.png")["Content-Type"] == "image/png"
+    for name in ("..%2frun.json", "%2e%2e%2frun.json", "run.json", "..", "%2fetc%2fpasswd", "x.png"):
+        answer = subject.get(f"/api/runs/1/picture/{name}")
+        assert "schema" not in str(answer)
+        assert "root:" not in str(answer)
+        assert answer == "404 Not Found" or answer["error"]["name"] == "NOT_FOUND", name
+
+
+def test_a_result_shows_what_was_before_what_changes_and_its_warnings(subject: PageCell) -> None:
+    found = subject.get("/api/results")
+    assert [(entry["id"], entry["state"], entry["why"]) for entry in found] == [
+        (2, "proposed", None),
+        (1, "committed", "the first one"),
+    ]
+    waiting = subject.get("/api/results/2")
+    assert waiting["before"]["pose"] == [0.0, -0.08, 0.05, 0.0, 0.0, 0.0]
+    assert waiting["before_version"] == 1
+    assert waiting["warnings"]
+    assert "in effect from the next job on" in waiting["use"]
+    assert {figure["name"]: figure["value"] for figure in waiting["figures"]}["error95_t_m"] == 0.00031
+
+
+def test_trends_come_oldest_first_in_si_units(subject: PageCell) -> None:
+    points = subject.get("/api/trends")["tool.offset_x_m.gripper"]
+    assert [value for _, value in points] == [0.0001, 0.0002, 0.0004]
+
+
+def test_every_job_says_what_keeps_it_from_starting(subject: PageCell) -> None:
+    jobs = {job["name"]: job for job in subject.get("/api/jobs")}
+    assert jobs["cone-capture"]["last"]["run_id"] == 2
+    assert all(job["obstacle"] is not None for job in jobs.values())  # there is no device at all
+    assert not any(job["configured"] for job in jobs.values())
+
+
+def test_registers_and_who_may_write_are_shown(subject: PageCell) -> None:
+    registers = {register["name"]: register for register in subject.get("/api/plc")["registers"]}
+    assert registers["packml_state"]["words"] == "idle"
+    assert "twin" in registers["status"]["bits"]
+    writers = subject.get("/api/cell")["writers"]
+    assert writers["users"] == {"vera": "viewer", "otto": "operator", "ida": "integrator"}
+    assert writers["modbus"] is None
+
+
+def test_no_answer_to_a_visitor_holds_a_digest_of_a_token_or_the_log(subject: PageCell) -> None:
+    for path in ("/api/cell", "/api/me", "/api/runs/1", "/api/jobs"):
+        assert re.search(r"[0-9a-f]{64}", str(subject.get(path))) is None, path
+    assert subject.get("/api/log")["error"]["name"] == "LOGIN_NEEDED"
+
+
+def test_metrics_are_in_the_format_of_prometheus(subject: PageCell) -> None:
+    text = subject.get("/metrics", Authorization=f"Bearer {TOKENS['vera']}")
+    assert 'cellward_info{cell="bay-3"' in text
+    assert "cellward_results_waiting 1.0" in text
+    assert "\ncellward_packml_state 4.0" in text
+
+
+def test_the_arm_that_is_not_there_is_refused_in_words(subject: PageCell) -> None:
+    assert subject.get("/api/joints")["error"]["name"] == "DEVICE_NOT_READY"
