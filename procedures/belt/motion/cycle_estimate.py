@@ -23,7 +23,6 @@ from procedures.belt.motion.tool_path import pursuit_limits, within_joint_speed
 SPEEDS_M_S = (0.1, 0.2, 0.3)
 SLOWEST_SHARE = 0.1  # of the first of these speeds: a belt that is being set up
 _STEP_M = 0.04  # between joints on a way
-_LOOKS = 24  # along a leg
 
 
 @dataclass(frozen=True)
@@ -194,13 +193,7 @@ class CycleEstimate:
 
     def _fastest(self, leg: Leg) -> float:
         """The highest joint speed on ``leg``, rad/s."""
-        times = np.linspace(leg.t0, leg.t1, _LOOKS)
-        q = self._joints_at(State.still(leg.at(leg.t0).p))[0]
-        fastest = 0.0
-        for t in times:
-            q, speeds = self._tool.joints(leg.at(float(t)), q)
-            fastest = max(fastest, float(np.max(np.abs(speeds))))
-        return fastest
+        return self._tool.fastest(leg, self._joints_at(State.still(leg.at(leg.t0).p))[0])
 
 
 def _cleared(leg: Leg, height_m: float) -> float:
