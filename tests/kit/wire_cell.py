@@ -134,8 +134,12 @@ class WireCell:
         return all(d["state"] == "READY" for d in devices)
 
     def start_job(self, job: str) -> int:
+        """Start it; that the board stands where a capture's first placement is to be is said at once."""
         self.pauses.forget()
         run: dict[str, int] = self.call("start", job=job)
+        if job == "cone-capture":
+            wait_for(lambda: bool(self.status()["prompt"]), "question for the first placement", 30.0)
+            self.call("confirm", prompt_id=self.status()["prompt"]["id"])
         return run["run_id"]
 
     def undisturbed_end(self, timeout: float) -> dict[str, Any]:
@@ -154,12 +158,8 @@ class WireCell:
         while time.monotonic() < give_up:
             status = self.status()
             if status["prompt"]:
-<<<<<<< HEAD
                 if not status["prompt"]["text"].startswith("Placement 1 "):  # there it stands
-                    ask(self.folder, {"do": "operator", "next": True})
-=======
-                self.move_board()
->>>>>>> 3c17124 (Try the page in a browser and its API on a daemon, and tell how to use it)
+                    self.move_board()
                 self.call("confirm", prompt_id=status["prompt"]["id"])
             if status["job"] is None and status["last_run"]:
                 last: dict[str, Any] = status["last_run"]
