@@ -16,6 +16,7 @@ from drivers.can_bus.link import CanLink
 from drivers.can_encoder.config import BusConfig
 from drivers.can_encoder.counts import Missing, Unwrap
 from drivers.can_encoder.stamps import Stamps, stamps_for
+from drivers.can_encoder.suspicions import Flood, TwoSenders
 from drivers.life import SampledDevice
 
 log = logging.getLogger("cellward.devices")
@@ -39,6 +40,7 @@ class CanEncoder(SampledDevice, ABC):
         self._link: CanLink | None = None
         self._stamps: Stamps = stamps_for(config.address, config.period_s, clock)
         self._unwrap, self._missing = Unwrap(modulus), Missing(config.period_s)
+        self._two, self._flood = TwoSenders(), Flood(config.period_s)
         self._seq = 0
         self._running = False  # positions are believed
         self._heard = 0.0
@@ -141,6 +143,7 @@ class CanEncoder(SampledDevice, ABC):
     def _start_counting(self) -> None:
         """Count from zero, in an epoch that has just begun."""
         self._unwrap, self._missing = Unwrap(self.modulus), Missing(self.period_s)
+        self._two, self._flood = TwoSenders(), Flood(self.period_s)
         self._heard = self._clock.now()
         self._running = True
 
@@ -172,8 +175,26 @@ class CanEncoder(SampledDevice, ABC):
             except ValueError as exc:
                 self._lose(error("ENCODER_RANGE", f"{self.name}: position {exc}"))
                 return
+            if (strange := self._strange(count, stamp.heard)) is not None:
+                self._lose(strange)
+                return
             self._seq += 1 + self._missing.add(stamp.heard)
             self.counts.push(Sample(EncoderState(count, raw), t, stamp.dt, self._seq, self._quality))
+
+    def _strange(self, count: int, heard: float) -> CellError | None:
+        """What no single encoder at its timer sends."""
+        if self._two.seen(count):
+            return error(
+                "ENCODER_TWO_SENDERS",
+                f"{self.name} on {self._bus_config.bus}: the positions go to and fro between two places",
+            )
+        if (rate := self._flood.seen(heard)) is not None:
+            return error(
+                "ENCODER_FLOOD",
+                f"{self.name} on {self._bus_config.bus}: {rate:.0f} frames a second, its timer would send "
+                f"{1.0 / self.period_s:.0f}",
+            )
+        return None
 
     # -- loss
 

@@ -18,7 +18,8 @@ from drivers.can_encoder.words import emergency_words, state_words
 
 log = logging.getLogger("cellward.devices")
 
-_EMERGENCY_ID, _HEARTBEAT_ID = 0x080, 0x700
+_SYNC_ID, _EMERGENCY_ID, _HEARTBEAT_ID = 0x080, 0x080, 0x700
+_SHORT_FRAMES = 3
 _BOOT_UP, _OPERATIONAL = 0, 5
 _SDO_TIMEOUT_S = 0.2
 _MOST_BOOTS = 3  # during one setup
@@ -43,6 +44,8 @@ class CanopenEncoder(CanEncoder):
         self._boots = 0
         self._resets = 0
         self._starting: asyncio.Task[None] | None = None
+        self._syncing: asyncio.Task[None] | None = None
+        self._short = 0
         self._beat = 0.0
         self._wrong_beats = 0
         self._state = _OPERATIONAL
@@ -51,10 +54,12 @@ class CanopenEncoder(CanEncoder):
 
     async def close(self) -> None:
         """End everything; the node goes on sending."""
-        starting, self._starting = self._starting, None
-        if starting is not None:
-            starting.cancel()
-            await asyncio.wait([starting])
+        tasks = [task for task in (self._starting, self._syncing) if task is not None]
+        self._starting = self._syncing = None
+        for task in tasks:
+            task.cancel()
+        if tasks:
+            await asyncio.wait(tasks)
         await super().close()
 
     def health(self) -> dict[str, Any]:
@@ -84,7 +89,9 @@ class CanopenEncoder(CanEncoder):
                 break
         else:
             raise error("DEVICE_LOST", f"{self.name}: node {self._config.node} restarts again and again")
-        self._setup, self.modulus = setup, setup.modulus
+        self._setup, self.modulus, self._short = setup, setup.modulus, 0
+        if setup.by_sync and (self._syncing is None or self._syncing.done()):
+            self._syncing = self._spawn(self._send_sync(), "sync")
         self._beat, self._wrong_beats, self._state = self._clock.now(), 0, _OPERATIONAL
         return setup.identity
 
@@ -92,11 +99,35 @@ class CanopenEncoder(CanEncoder):
         if message.arbitration_id != self._config.position_id or message.is_extended_id:
             return None
         setup = self._setup
-        if setup is None or len(message.data) < setup.position.stop:
+        if setup is None:
+            return None
+        if len(message.data) < setup.position.stop:
+            self._too_short(message, setup.position.stop)
             return None
         if setup.speed is not None:
             self._speed = int.from_bytes(message.data[setup.speed], "little", signed=True)
         return int.from_bytes(message.data[setup.position], "little")
+
+    def _too_short(self, message: can.Message, needed: int) -> None:
+        """Nothing that was mapped by us: somebody changed it, or somebody else sends."""
+        self._short += 1
+        if self._running and self._short >= _SHORT_FRAMES:
+            self._lose(
+                error(
+                    "PROTOCOL_VIOLATION",
+                    f"{self.name}: frames {self._config.position_id:#x} have {len(message.data)} bytes, the "
+                    f"position needs {needed}: another device sends with this identifier, or the mapping was "
+                    "changed",
+                )
+            )
+
+    async def _send_sync(self) -> None:
+        """For an encoder that sends with SYNC only."""
+        link, due = self._opened(self._link), self._clock.now()
+        while self._life.good:
+            await link.send(_SYNC_ID, b"")
+            due = max(due + self.period_s, self._clock.now())
+            await self._clock.sleep(due - self._clock.now())
 
     def _other(self, message: can.Message) -> None:
         number, node, data = message.arbitration_id, self._config.node, bytes(message.data)

@@ -7,6 +7,9 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from drivers.can_bus.address import BusAddress, parse_bus
 from drivers.life import TIME_OFFSET
 
+FRAME_BITS = 135  # of eight bytes and an 11-bit identifier with the most stuff bits (Bosch, CAN 2.0)
+MOST_LOAD = 0.7  # of the bus by one encoder; others have to be heard too
+
 
 class BusConfig(BaseModel):
     """Keys that every encoder on CAN has."""
@@ -44,6 +47,17 @@ class BusConfig(BaseModel):
             raise ValueError(f"lost_after_s = {self.lost_after_s:g} should be three times period_s or more")
         return self
 
+    @model_validator(mode="after")
+    def _bus_carries_the_frames(self) -> Self:
+        rate = parse_bus(self.bus).bit_rate
+        if rate and (share := FRAME_BITS / self.period_s / rate) > MOST_LOAD:
+            raise ValueError(
+                f"period_s = {self.period_s:g}: its position frames alone would fill {100 * share:.0f} % of "
+                f"a bus with {rate} bit/s; make period_s longer or the bus faster, "
+                f"{100 * MOST_LOAD:.0f} % are the most"
+            )
+        return self
+
     @property
     def address(self) -> BusAddress:
         """Where the bus is."""
@@ -71,7 +85,7 @@ class CanopenEncoderConfig(BusConfig):
     range_counts: int | None = Field(
         default=None,
         ge=2,
-        le=0xFFFFFFFF,
+        le=1 << 32,
         description="Written to 6002h with scaling on: the count goes back to 0 there; absent: left as it is",
     )
 

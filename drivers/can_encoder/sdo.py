@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 
 from cell.errors import error
-from drivers.can_encoder.words import abort_words
+from drivers.can_encoder.words import WRONG_LENGTH, abort_words
 
 _READ, _ABORT = 0x40, 0x80
 _READ_REPLY, _WRITE_REPLY = 0x40, 0x60  # upper three bits
@@ -37,6 +37,10 @@ class SdoClient:
 
     async def read(self, index: int, sub: int = 0) -> int:
         """An unsigned number of up to four bytes; ``SdoAbort``, or ``DEVICE_LOST`` without an answer."""
+        return (await self.read_sized(index, sub))[0]
+
+    async def read_sized(self, index: int, sub: int = 0) -> tuple[int, int | None]:
+        """The number as :meth:`read` gives it, and how many bytes it has where the node says so."""
         reply = await self._ask(bytes([_READ]) + _place(index, sub) + bytes(4))
         if reply[0] & 0xE0 != _READ_REPLY or not reply[0] & 0x02:
             await self._send(
@@ -44,8 +48,23 @@ class SdoClient:
                 bytes([_ABORT]) + _place(index, sub) + _NOT_EXPEDITED.to_bytes(4, "little"),
             )
             raise SdoAbort(index, sub, _NOT_EXPEDITED)
-        size = 4 - (reply[0] >> 2 & 3) if reply[0] & 0x01 else 4
-        return int.from_bytes(reply[4 : 4 + size], "little")
+        size = 4 - (reply[0] >> 2 & 3) if reply[0] & 0x01 else None
+        return int.from_bytes(reply[4 : 4 + (size or 4)], "little"), size
+
+    async def write_sized(self, index: int, sub: int, value: int, usual: int) -> None:
+        """Write in the size that the node says the object has, else in the ``usual`` one.
+
+        Makers give the times of an object 16 bits, as CiA 301 has them, or 32. A node that refuses the length
+        all the same is asked for the other.
+        """
+        _, told = await self.read_sized(index, sub)
+        size = told or usual
+        try:
+            await self.write(index, sub, value, size)
+        except SdoAbort as exc:
+            if exc.code not in WRONG_LENGTH:
+                raise
+            await self.write(index, sub, value, 6 - size if size in (2, 4) else usual)
 
     async def write(self, index: int, sub: int, value: int, size: int) -> None:
         """Write ``size`` bytes; errors as :meth:`read`."""

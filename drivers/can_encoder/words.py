@@ -25,6 +25,8 @@ _ABORTS = {
     0x08000022: "data cannot be stored in the present state of the device",
 }
 NOT_THERE = (0x06020000, 0x06090011)
+WRONG_LENGTH = (0x06070010, 0x06070012, 0x06070013)
+READ_ONLY = 0x06010002
 
 # By the longest matching beginning of the four digits (CiA 301, table of emergency codes).
 _EMERGENCIES = {

@@ -118,7 +118,7 @@ def test_a_range_that_is_wished_for_is_written_and_read_back() -> None:
     assert value(node, 0x6002) == 20000
     refused("ENCODER_RANGE", "wanted are 20000", replace(0x6002, 0, Entry(4, lambda: 7000, lambda v: None)),
             range_counts=20000)  # fmt: skip
-    refused("ENCODER_RANGE", "range of 0 counts", replace(0x6002, 0, constant(4, 0)))
+    refused("ENCODER_RANGE", "range of 1 counts", replace(0x6002, 0, constant(4, 1)))
     refused("ENCODER_REFUSED", "6001h:00h: value out of range", units_per_revolution=100)
 
 

@@ -1,0 +1,42 @@
+"""Frames that no single encoder at its timer sends are noticed, and ordinary ones are not."""
+
+import numpy as np
+import pytest
+
+from drivers.can_encoder.suspicions import Flood, TwoSenders
+
+PERIOD_S = 0.005
+
+
+@pytest.mark.parametrize("other", [0, 7, 3])
+def test_two_nodes_on_one_identifier_are_seen_whatever_the_second_does(other: int) -> None:
+    subject = TwoSenders()
+    told = [subject.seen(10 * k if k % 2 else 50000 + other * k) for k in range(60)]
+    assert any(told)
+
+
+def test_a_belt_that_runs_stops_shakes_or_turns_back_is_one_sender() -> None:
+    rng = np.random.default_rng(1)
+    for speed in (0.0, 0.4, 30.0, 4000.0):
+        subject, way = TwoSenders(), np.cumsum(np.full(2000, speed) * np.sin(np.arange(2000) / 100.0))
+        shaken = way + rng.integers(-2, 3, 2000)
+        assert not any(subject.seen(int(x)) for x in shaken), speed
+
+
+def test_a_position_that_is_set_once_is_one_sender() -> None:
+    subject = TwoSenders()
+    assert not any(subject.seen(k if k < 100 else 50000 + k) for k in range(200))
+
+
+def test_frames_by_the_timer_are_no_flood_and_those_with_every_count_are() -> None:
+    by_timer, by_event = Flood(PERIOD_S), Flood(PERIOD_S)
+    assert not any(by_timer.seen(k * PERIOD_S) for k in range(2000))
+    told = [by_event.seen(k / 1500.0) for k in range(2000)]
+    assert told[-1] == pytest.approx(1500.0, rel=0.01)
+
+
+def test_a_burst_after_a_stall_is_no_flood() -> None:
+    subject = Flood(PERIOD_S)
+    times = [k * PERIOD_S for k in range(400)]
+    times = [t if not 1.0 < t < 1.4 else 1.4 for t in times]
+    assert not any(subject.seen(t) for t in times)
