@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.items.face import face_in_colour, filled, height_sigma, mostly, spread, without_holes
 from calibration.items.rim import measured_rim
 from calibration.items.shape import Outline, outline
 from cell.devices import Intrinsics, ItemView
@@ -31,9 +32,10 @@ _COARSE = 4  # px between the points that the first look takes
 _MARGIN = 20  # px around an item that its rim may need
 _RIM, _FEWEST_PX = 9, 50  # px along the rim where a side may pass for the top; px of a face
 _LEVEL_M = 0.02  # from where it should be, depth may have the belt
-_CLEAR = 17  # px about what stands out, where depth is neither that nor the belt
+_CLEAR = 33  # px about what stands out, where depth is neither that nor the belt
 _RIM_PX = 3  # closer to the edge of the picture an item may be cut
-_BAND_M = 0.004  # of depth about an upper face; stereo is no better
+_BAND_M, _BAND_SIGMAS = 0.004, 2.5  # of depth about an upper face, at least; of its own noise there
+_SAME_M = 0.015  # about an upper face, where that noise is looked at
 
 
 @dataclass(frozen=True)
@@ -107,7 +109,7 @@ class ItemDetector:
 
     def _candidates(self, depth: Depth, level: float) -> Iterator[tuple[int, int, int, int]]:
         """Boxes x0, y0, x1, y1 (px) around what stands out."""
-        coarse = depth[::_COARSE, ::_COARSE]
+        coarse = without_holes(depth[::_COARSE, ::_COARSE])
         height = self._heights(coarse, self._slope) - level
         low, high = 0.5 * self.spec.min_height_m, self.spec.max_height_m + _BAND_M
         mask = ((height > low) & (height < high) & (coarse > 0) & self._inside).astype(np.uint8)
@@ -130,41 +132,54 @@ class ItemDetector:
         if valid.sum() < _FEWEST_PX:
             return None
         top = float(np.percentile(height[valid], 70.0))
-        face = _largest(valid & (np.abs(height - top) < _BAND_M))
+        band = max(_BAND_M, _BAND_SIGMAS * spread(height[valid & (np.abs(height - top) < _SAME_M)]))
+        picture = colour[y0:y1, x0:x1]
+        level_with, lower = valid & (np.abs(height - top) < band), (window > 0) & (height < top - band)
+        face = face_in_colour(picture, filled(level_with, window == 0), valid, level_with, lower)
         if face is None:
             return None
         inner = cv2.erode(face.astype(np.uint8), np.ones((_RIM, _RIM), np.uint8)).astype(bool)
+        inner &= window > 0
         if inner.sum() < _FEWEST_PX:
             return None
-        top = float(np.mean(height[inner])) - self._beside(height, window > 0, valid)
+        inner &= np.abs(height - float(np.median(height[inner]))) < band
+        top = float(np.mean(height[inner])) - self._beside(height, window > 0, mostly(valid) | face)
         if not self.spec.min_height_m <= top <= self.spec.max_height_m:
             return None
-        rim = measured_rim(colour[y0:y1, x0:x1], face, partial(self._foot, np.array([x0, y0]), top))
+        rim = measured_rim(picture, face, partial(self._foot, np.array([x0, y0]), top))
         if rim is None:
             return None
         pixels = rim.points + np.array([x0, y0])
         edge = np.array([self.camera.width, self.camera.height]) - 1.0 - _RIM_PX
         if np.any(pixels < _RIM_PX) or np.any(pixels > edge):
             return None
-        return self._view(outline(self._on_face(pixels, top), self._normal), top, rim.sigma_px)
+        shape = outline(self._on_face(pixels, top), self._normal)
+        return self._view(shape, top, rim.sigma_px, height_sigma(height, inner, top))
 
     def _beside(self, height: Array, seen: NDArray[np.bool_], stands: NDArray[np.bool_]) -> float:
         """The height (m) that depth gives to the belt around what ``stands`` out; 0 where it shows none."""
         clear = ~cv2.dilate(stands.astype(np.uint8), np.ones((_CLEAR, _CLEAR), np.uint8)).astype(bool)
-        belt = height[seen & clear & (np.abs(height) < 0.5 * self.spec.min_height_m)]
-        return float(np.mean(belt)) if len(belt) > _FEWEST_PX else 0.0
+        belt = height[seen & clear & (np.abs(height) < _LEVEL_M)]
+        if len(belt) <= _FEWEST_PX:
+            return 0.0
+        middle = float(np.median(belt))
+        near = np.abs(belt - middle) < max(0.5 * self.spec.min_height_m, _BAND_SIGMAS * spread(belt))
+        return float(np.mean(belt[near]))
 
-    def _view(self, shape: Outline, height: float, sigma_px: float) -> ItemView | None:
+    def _view(self, shape: Outline, height: float, sigma_px: float, height_m: float) -> ItemView | None:
+        """A height that is off by ``height_m`` shifts what is seen at a slant along the belt."""
         low, high = self.spec.size_m
         if not low <= shape.length <= high:
             return None
         metres_per_px = float(shape.centre[2]) / float(self._K[0, 0])
+        upright = abs(float(shape.centre @ self._normal)) / float(np.linalg.norm(shape.centre))
+        slant = float(np.sqrt(1.0 - upright**2)) / upright
         return ItemView(
             point=shape.centre,
             axis=shape.axis,
             size_m=(shape.length, shape.width),
             height_m=height,
-            sigma_m=sigma_px * metres_per_px,
+            sigma_m=float(np.hypot(sigma_px * metres_per_px, slant * height_m)),
         )
 
     def _on_face(self, pixels: Array, height: float) -> Array:
@@ -194,14 +209,3 @@ class ItemDetector:
         mask = np.zeros(shape, np.uint8)
         cv2.fillPoly(mask, [np.round(pixels / _COARSE).astype(np.int32)], 1)
         return mask.astype(bool)
-
-
-def _largest(mask: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
-    """The largest connected part of ``mask``, without specks and holes of noise."""
-    clean = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    clean = cv2.morphologyEx(clean, cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(clean, connectivity=4)
-    if count < 2:
-        return None
-    best = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
-    return np.asarray(labels == best)

@@ -1,0 +1,43 @@
+"""Items are found, and placed by colour, where depth has the holes, edges and noise of a stereo pair."""
+
+import numpy as np
+import pytest
+
+from tests.kit.item_scene import SIZE, T_BASE_CAMERA, Scene
+from tests.kit.stereo_depth import Stereo
+
+PLACES = [(x, y, yaw) for x, yaw in ((-0.2, 0.3), (0.05, 1.2), (0.3, 2.4)) for y in (-0.7, -0.5)]
+
+
+@pytest.mark.parametrize(
+    "stereo",
+    [Stereo(), Stereo(holes=0.1), Stereo(holes=0.3), Stereo(scale=1.02), Stereo(noise_px=0.2)],
+    ids=["plain", "10 % holes", "30 % holes", "2 % scale", "0.2 px noise"],
+)
+def test_an_item_is_where_it_says_within_its_uncertainty(stereo: Stereo) -> None:
+    scene, rng = Scene(), np.random.default_rng(7)
+    detector = scene.detector()
+    off, says = [], []
+    for x, y, yaw in PLACES:
+        colour, depth = scene.picture([(x, y, yaw)])
+        (item,) = detector.find(colour, stereo.seen(depth, rng))
+        off.append(float(np.linalg.norm(T_BASE_CAMERA.apply(item.point)[:2] - [x, y])))
+        says.append(item.sigma_m)
+        assert T_BASE_CAMERA.apply(item.point)[2] == pytest.approx(SIZE[2], abs=0.003)
+    assert np.sqrt(np.mean(np.square(off))) <= 0.5e-3
+    assert np.mean(np.array(off) <= 3.0 * np.array(says)) == 1.0
+
+
+def test_a_height_that_nobody_knows_well_makes_a_slanted_sight_less_sure() -> None:
+    scene, rng = Scene(), np.random.default_rng(7)
+    detector = scene.detector()
+    colour, depth = scene.picture([(0.3, -0.5, 0.3)])
+    (drawn,), (seen,) = detector.find(colour, depth), detector.find(colour, Stereo(0.3).seen(depth, rng))
+    assert seen.sigma_m > drawn.sigma_m
+
+
+def test_an_empty_belt_under_noise_shows_no_item() -> None:
+    scene, rng = Scene(), np.random.default_rng(7)
+    detector = scene.detector()
+    colour, depth = scene.picture([])
+    assert detector.find(colour, Stereo(noise_px=0.2, holes=0.1).seen(depth, rng)) == ()
