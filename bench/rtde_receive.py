@@ -120,7 +120,7 @@ def cost_per_package(count: int = 5000) -> tuple[float, float]:
     words = {"robot_mode": "INT32", "safety_mode": "INT32", "safety_status_bits": "UINT32"}
     words |= {"runtime_state": "UINT32", "actual_digital_input_bits": "UINT64"}
     words |= {"actual_digital_output_bits": "UINT64", "timestamp": "DOUBLE", "payload": "DOUBLE"}
-    words |= {"target_speed_fraction": "DOUBLE", "payload_cog": "VECTOR3D"}
+    words |= {"target_speed_fraction": "DOUBLE", "speed_scaling": "DOUBLE", "payload_cog": "VECTOR3D"}
     recipe = Recipe(1, NAMES, tuple(words.get(n, "VECTOR6D") for n in NAMES))
     feed.begin(recipe, FREQUENCY_HZ)
     rest = bytes(recipe.layout.size - 8)

@@ -103,6 +103,7 @@ class ArmState:
     digital_out: int
     stamp: float  # controller's own clock, s
     model: ArmModel | None = None
+    speed_scaling: float = 1.0  # share of full speed at which the controller runs what it is sent
 
     @property
     def T_base_flange(self) -> RigidTransform:
@@ -206,6 +207,11 @@ class Arm(Device, Protocol):
     @property
     def state(self) -> Readings[ArmState]:
         """The state stream."""
+        ...
+
+    @property
+    def expected_lag_s(self) -> float:
+        """How late the arm is on the set-points of a stream as far as its settings tell, s."""
         ...
 
     @property

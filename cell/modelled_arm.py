@@ -86,6 +86,10 @@ class ModelledArm:
         return ModelledPort(await self._arm.open_motion(tool), self._arm, self._models)
 
     @property
+    def expected_lag_s(self) -> float:
+        return self._arm.expected_lag_s
+
+    @property
     def motion_begun(self) -> bool:
         return self._arm.motion_begun
 

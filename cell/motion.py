@@ -13,6 +13,7 @@ from scipy.spatial.transform import RigidTransform
 from cell.clock import Clock
 from cell.devices import Arm, ArmState, MotionPort, Speed, ToolSettings, TrajectoryPiece
 from cell.errors import CellError, RefusedError, error
+from cell.following import Following, along, require_full_speed
 from cell.interruptions import SILENCES, Interruptions
 from cell.poses import Array, to_pose6
 from cell.program_end import ProgramWatch, program_ended
@@ -236,8 +237,12 @@ class MotionLease:
             return await self._live_port().guarded_move(T_base_flange, self._speed, max_force_n, max_travel_m)
 
     async def stream(self, pieces: AsyncIterator[TrajectoryPiece]) -> None:
-        """Follow polynomials; five points of every piece pass the guard before it is sent."""
-        await self._movable_state()
+        """Follow polynomials; five points of every piece pass the guard before it is sent.
+
+        ``ARM_SPEED_SCALED`` below the controller's full speed, at the begin or on the way;
+        ``ARM_NOT_FOLLOWING`` when the arm is not on the way that was sent.
+        """
+        require_full_speed(self._arm.name, await self._movable_state())
         self._recorder.note("motion", event="stream")
         guarded = self._guarded(pieces)
         try:
@@ -248,13 +253,11 @@ class MotionLease:
                 await guarded.aclose()
 
     async def _guarded(self, pieces: AsyncIterator[TrajectoryPiece]) -> AsyncIterator[TrajectoryPiece]:
+        following = Following(self._arm.name, self._arm.state)
         try:
             async for piece in pieces:
-                powers = np.arange(len(piece.coefficients))
-                spans = np.linspace(0.0, piece.t1 - piece.t0, 5)[:, None]
-                Q = spans**powers @ piece.coefficients
-                Qd = (powers[1:] * spans ** powers[:-1]) @ piece.coefficients[1:]
-                self._guard.check_setpoints(Q, Qd)
+                self._guard.check_setpoints(*along(piece))
+                following.sent(piece)
                 yield piece
         finally:  # who makes the pieces ends now, not when somebody collects the garbage
             if isinstance(pieces, AsyncGenerator):

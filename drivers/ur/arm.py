@@ -59,6 +59,11 @@ class UrArm(SampledDevice):
         """The controller's address, for what else speaks with it."""
         return self._config.host
 
+    @property
+    def expected_lag_s(self) -> float:
+        """The look-ahead time: a stream is late by that and a little more."""
+        return self._config.servo_lookahead_s
+
     async def open(self) -> None:
         """Connect the state stream, the primary port and the dashboard; the robot's program is untouched."""
         await self.close()

@@ -22,6 +22,7 @@ _DOUBLES = (
     "actual_TCP_speed",
     "actual_TCP_force",
     "target_speed_fraction",
+    "speed_scaling",
 )
 _WORDS = (
     "robot_mode",
@@ -34,6 +35,7 @@ _WORDS = (
 _TYPES = {
     "timestamp": "DOUBLE",
     "target_speed_fraction": "DOUBLE",
+    "speed_scaling": "DOUBLE",
     "payload": "DOUBLE",
     "payload_cog": "VECTOR3D",
     "robot_mode": "INT32",
@@ -191,8 +193,13 @@ class StateFeed:
             digital_in=words[4],
             digital_out=words[5],
             stamp=stamp,
+            speed_scaling=self._scaling(float(block[32]), words[3]),
         )
         self.stream.push(Sample(state, t, 0.5 / self._frequency_hz, self._seq))
+
+    def _scaling(self, limiter: float, runtime_state: int) -> float:
+        """What the slider leaves, and the limiter of the program that runs: without one it says nothing."""
+        return min(self.speed_fraction, limiter) if runtime_state == PLAYING else self.speed_fraction
 
 
 def available(recipe: Recipe) -> tuple[str, ...]:

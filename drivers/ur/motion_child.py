@@ -268,8 +268,9 @@ class MotionChild:
         self, horizon_s: float, ramp: float, lookahead: float, gain: float, decel: float
     ) -> bool:
         self._idle()
-        # Servoing lags by the look-ahead time, so the last set-point is held for longer than that.
-        self._follower = Follower(min(horizon_s, BEAT_LIMIT_S), ramp, lookahead + 0.04, gap_s=lookahead)
+        # Servoing lags by the look-ahead time, so the last set-point is held for longer than that: after four
+        # of them a low-pass of that time has left 2 % of the way.
+        self._follower = Follower(min(horizon_s, BEAT_LIMIT_S), ramp, 4.0 * lookahead + 0.04, gap_s=lookahead)
         self._servo = (lookahead, gain, decel)
         self._servoing = False
         self._next_setpoint = time.monotonic()

@@ -33,6 +33,8 @@ class ObjectArmConfig(BaseModel):
     stale_after_s: float = Field(default=0.05, gt=0, le=1)
     lost_after_s: float = Field(default=0.1, gt=0, le=5)
     joint_tolerance_rad: float = Field(default=0.001, gt=0, le=0.05)
+    servo_lookahead_s: float = Field(default=0.05, ge=0.03, le=0.2)
+    servo_gain: float = Field(default=500.0, ge=100.0, le=2000.0)
 
 
 class ObjectArm(ObjectDevice):
@@ -62,6 +64,11 @@ class ObjectArm(ObjectDevice):
         await super().open()
         self.connections += 1
         self._cell.start()
+
+    @property
+    def expected_lag_s(self) -> float:
+        """How late the arm is on its set-points as far as the configuration tells."""
+        return 0.0 if self.world.config.arm.servo.lag == "none" else self.config.servo_lookahead_s
 
     async def identify(self) -> Identity:
         """Who the controller is; ``DEVICE_IDENTITY`` when the config expects another serial."""
@@ -146,15 +153,20 @@ class ObjectArm(ObjectDevice):
         segment = track.segment_at(t)
         modes = (c.robot_mode, c.safety_mode, c.program, id(c.T_flange_tcp))
         if self._resting is not None and self._resting[:2] == (segment, modes):
-            return replace(self._resting[2], stamp=c.stamp(t), digital_in=self.world.arm_digital_in(t))
+            return replace(
+                self._resting[2],
+                stamp=c.stamp(t),
+                digital_in=self.world.arm_digital_in(t),
+                speed_scaling=c.speed_fraction,
+            )
         state = self._measure(t)
-        if t >= segment.t_end:
+        if t >= segment.t_end and self.world.reported.exact:
             self._resting = (segment, modes, state)
         return state
 
     def _measure(self, t: float) -> ArmState:
         c = self.controller
-        q, qd = self.world.track.at(t)
+        q, qd = self.world.reported.joints(t, *self.world.track.at(t))
         if self._tcp[0] is not c.T_flange_tcp:
             self._tcp = c.T_flange_tcp, c.T_flange_tcp.as_matrix(), to_pose6(c.T_flange_tcp)
         _, T_flange_tcp, tcp_offset6 = self._tcp
@@ -163,7 +175,7 @@ class ObjectArm(ObjectDevice):
         tcp_speed = np.zeros(6)
         if np.any(qd):
             tcp_speed = self.world.believed.jacobian(q, tcp_offset6[:3]) @ qd
-        force = self.world.contact_force(t, c.T_flange_tcp)
+        force = self.world.contact_force(t, c.T_flange_tcp) + self.world.reported.force(t)
         for array in (q, qd, tcp_offset6, tcp_pose6, tcp_speed, force):
             array.flags.writeable = False
         return ArmState(
@@ -179,4 +191,5 @@ class ObjectArm(ObjectDevice):
             digital_in=self.world.arm_digital_in(t),
             digital_out=0,
             stamp=c.stamp(t),
+            speed_scaling=c.speed_fraction,
         )

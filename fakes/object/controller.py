@@ -41,6 +41,7 @@ class Controller(Plant):
         self.T_flange_tcp = RigidTransform.identity()
         self.payload_kg = 0.0
         self.hanging_calls = 0
+        self.speed_fraction = 1.0  # the speed slider
         self.died_of: CellError | None = None
         self.rebooted = False
         self._booted_at = clock.now()
@@ -57,6 +58,7 @@ class Controller(Plant):
             "watchdog": self._watchdog,
             "stall": self._stall,
             "hang": self._hang,
+            "speed-slider": self._speed_slider,
         }
 
     def stamp(self, t: float) -> float:
@@ -115,6 +117,7 @@ class Controller(Plant):
         """An operator puts the arm right: released, powered, in remote mode, no program, registers free."""
         self.robot_mode, self.safety_mode, self.remote = RUNNING, SafetyMode.NORMAL, True
         self.registers_free, self.hanging_calls, self.rebooted = True, 0, False
+        self.speed_fraction = 1.0
         if self.program is Program.FOREIGN:
             self._end_program()
         super().clear()
@@ -162,6 +165,9 @@ class Controller(Plant):
 
     def _stall(self) -> None:
         self.brake(_HARD_STOP)
+
+    def _speed_slider(self, fraction: float) -> None:
+        self.speed_fraction = min(max(fraction, 0.01), 1.0)
 
     def _hang(self, calls: int = 1) -> None:
         self.hanging_calls = calls

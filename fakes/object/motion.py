@@ -16,6 +16,8 @@ from cell.poses import Array, log_xi
 from cell.samples import Readings
 from fakes.object.controller import Controller
 from fakes.world.arm.kinematics import UnreachableError
+from fakes.world.arm.segments import Polynomial
+from fakes.world.arm.servo import lag_s
 from fakes.world.world import World
 
 T = TypeVar("T")
@@ -24,6 +26,7 @@ STOP_DECEL_M_S2 = 5.0
 FORCE_PERIOD_S = 0.002
 MAX_STREAM_STEP_RAD = 0.05
 LATE_S = 0.01
+WIRE_S = 0.004  # from here into force; 4 to 6 ms on a real one (Universal_Robots_Client_Library issue 86)
 
 
 class Settings(Protocol):
@@ -35,6 +38,10 @@ class Settings(Protocol):
     def stale_after_s(self) -> float: ...
     @property
     def joint_tolerance_rad(self) -> float: ...
+    @property
+    def servo_lookahead_s(self) -> float: ...
+    @property
+    def servo_gain(self) -> float: ...
 
 
 class MovedArm(Protocol):
@@ -66,6 +73,7 @@ class ObjectMotionPort:
         self._dead: CellError | None = None
         self._connection = arm.connections
         self._ended_by: CellError | None = None  # before it was closed
+        self._sent: Polynomial | None = None  # the newest piece of a stream
         self._brake = STOP_DECEL_M_S2  # no gentler than the move is, or a stop would carry past its end
         # Whoever drops the port without closing it stops kicking the watchdog.
         self._left = weakref.finalize(self, arm.controller.abandon, run)
@@ -138,6 +146,7 @@ class ObjectMotionPort:
         """
         await self._enter()
         source, ends = aiter(pieces), inf
+        self._sent = None
         while (piece := await self._next_piece(source, ends)) is not None:
             self._follow(piece)
             ends = piece.t1
@@ -157,11 +166,14 @@ class ObjectMotionPort:
         start = max(piece.t0, self._clock.now())
         if start >= piece.t1:
             return
-        ahead = (start - piece.t0) ** np.arange(len(piece.coefficients)) @ piece.coefficients
-        step = float(np.max(np.abs(ahead - self._world.track.at(start)[0])))
+        before, self._sent = self._sent, Polynomial(start, piece.t1, piece.t0, piece.coefficients)
+        here = self._world.track.at(start)[0] if before is None else before.at(start)[0]
+        step = float(np.max(np.abs(self._sent.at(start)[0] - here)))
         if step > MAX_STREAM_STEP_RAD:
             raise error("MOTION_LIMIT", f"a set-point of the stream jumps by {step:.3f} rad")
-        self._world.track.follow(start, piece.t1, piece.t0, piece.coefficients)
+        lag, config = self._world.config.arm.servo.lag, self._arm.config
+        late = WIRE_S + lag_s(config.servo_lookahead_s, config.servo_gain)
+        self._world.track.follow(self._sent, lag, late)
 
     async def set_tool(self, tool: ToolSettings) -> None:
         """Another TCP and payload, at rest."""

@@ -16,6 +16,7 @@ from cell.poses import Array, from_pose6
 from fakes.ur.runtime import ScriptError, Steps
 from fakes.world.arm.kinematics import Chain, UnreachableError, rotation_vector
 from fakes.world.arm.linear_path import LinearPath
+from fakes.world.arm.servo import Servo, lag_s
 from fakes.world.arm.track import Track
 
 Plan = Generator[None, None, float]  # a cycle per step; returns when the arm will be at rest
@@ -50,8 +51,9 @@ def _transform(pose6: tuple[float, ...]) -> RigidTransform:
 class Arm:
     """Motion primitives; times are the controller cycle's own time (s on the twin's clock)."""
 
-    def __init__(self, track: Track, believed: Chain, tool: Tool) -> None:
+    def __init__(self, track: Track, believed: Chain, tool: Tool, servo: Servo | None = None) -> None:
         self.track, self.believed, self.tool = track, believed, tool
+        self._servo = servo
         self.t = 0.0  # the present cycle
         self.halts = 0  # grows whenever something other than the program stops the arm
         self.speed_fraction = 1.0
@@ -216,10 +218,19 @@ class Arm:
         # Joint acceleration is bounded by the TCP's, so the joints may follow within the cycle.
         self.track.speed_joints(self.t, speeds, max(float(np.max(np.abs(speeds - qd))) / self.period, 1.0))
 
-    def servo(self, q: ArrayLike, dt: float) -> None:
-        """servoj: be at ``q`` in ``dt`` seconds."""
+    def servo(self, q: ArrayLike, dt: float, lookahead_s: float, gain: float) -> None:
+        """servoj: be at ``q`` in ``dt`` seconds, or as late as look-ahead and gain make the arm."""
         self._require_position_control()
-        self.track.servo(self.t, _finite(q), max(dt, self.period))
+        goal, dt = _finite(q), max(dt, self.period)
+        if self._servo is not None:
+            late_s = lag_s(_positive(lookahead_s), _positive(gain))
+            goal = self._servo.step(self.t, self.q, goal, late_s, self.period, self.speed_fraction)
+        self.track.servo(self.t, goal, dt)
+
+    @property
+    def limiting(self) -> float:
+        """What the limits of the joints leave of the speed that is wanted while set-points are followed."""
+        return 1.0 if self._servo is None else self._servo.limiting(self.t)
 
 
 def _finite(values: ArrayLike) -> Array:

@@ -7,6 +7,8 @@ from typing import Any
 from cell.errors import error
 from fakes.ur.controller import Controller
 from fakes.ur.robot import Identity
+from fakes.world.arm.joint_speeds import fastest_joints
+from fakes.world.arm.servo import Servo
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
 
@@ -31,7 +33,14 @@ def controller_for(world: World, bind: str) -> Controller:
         )
     identity = Identity(arm.model, arm.serial, parse_version(arm.version), arm.factory.deltas())
     made = Controller(
-        bind, identity, world.track, world.believed, world.contact_force, digital_in=world.arm_digital_in
+        bind,
+        identity,
+        world.track,
+        world.believed,
+        world.contact_force,
+        digital_in=world.arm_digital_in,
+        servo=None if arm.servo.lag == "none" else Servo(arm.servo, fastest_joints(arm.model)),
+        reported=world.reported,
     )
     made.robot.io.listeners.append(lambda word: world.set_arm_output(made.now(), word))
     return made

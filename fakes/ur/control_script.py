@@ -83,7 +83,7 @@ class ControlProgram:
         self._threads: dict[str, Steps] = {}
         self._speed: Callable[[], None] | None = None
         self._speed_linear = True
-        self._servo: tuple[list[float], float] | None = None
+        self._servo: tuple[list[float], float, float, float] | None = None
         self._circular: tuple[list[float], float, float] | None = None
         self._jog: tuple[list[float], float] | None = None
         self._contact_seen = False
@@ -241,7 +241,8 @@ class ControlProgram:
         yield from self._arm.stop(self._registers.double_in(0), self._speed_linear)
 
     def _begin_servo(self, q: list[float]) -> None:
-        self._servo = (q, self._registers.double_in(8))
+        r = self._registers
+        self._servo = (q, r.double_in(8), r.double_in(9), r.double_in(10))
 
     def _servo_stop(self) -> Steps:
         self._servo = self._circular = None

@@ -17,6 +17,8 @@ from fakes.ur.rtde import RtdeConnection, RtdeServer
 from fakes.ur.scripting import ScriptPort
 from fakes.wire.ticker import Ticker
 from fakes.world.arm.kinematics import Chain, chain
+from fakes.world.arm.reported import Reported
+from fakes.world.arm.servo import Servo
 from fakes.world.arm.track import Track
 
 SCRIPT_PORT = 30003
@@ -39,11 +41,22 @@ class Controller:
     contact: ContactForce = no_contact
     now: Callable[[], float] = time.monotonic
     digital_in: DigitalIn = nothing_wired
+    servo: Servo | None = None
+    reported: Reported | None = None
 
     def __post_init__(self) -> None:
         believed = self.believed or chain(self.identity.model, self.identity.deltas)
         self.faults = StreamFaults()
-        self.robot = Robot(self.identity, self.track, believed, self.now, self.contact, self.digital_in)
+        self.robot = Robot(
+            self.identity,
+            self.track,
+            believed,
+            self.now,
+            self.contact,
+            self.digital_in,
+            self.servo,
+            self.reported,
+        )
         self.rtde = RtdeServer(self.robot, self.faults)
         self.dashboard = Dashboard(self.robot)
         self.scripts = ScriptPort(self.robot)

@@ -24,7 +24,10 @@ from fakes.ur.runtime import Program, Runtime, RuntimeState, ScriptError, Steps
 from fakes.ur.safety import RobotMode, Safety, SafetyMode
 from fakes.ur.tcp import TcpKinematics
 from fakes.world.arm.kinematics import Chain, LinkDeltas
+from fakes.world.arm.reported import Reported
+from fakes.world.arm.servo import Servo
 from fakes.world.arm.track import Track
+from fakes.world.arm.truth import ReportedTruth
 
 log = logging.getLogger("cellward.twin.arm")
 
@@ -122,7 +125,8 @@ class Instant:
     @cached_property
     def tcp_force(self) -> list[float]:
         """What the controller reports: of its own zeroed sensor, or of one that a client writes."""
-        return self.robot.force_sensor.report(self._q, self.contact_force)
+        felt = _floats(np.array(self.contact_force) + self.robot.reported.force(self.t))
+        return self.robot.force_sensor.report(self._q, felt)
 
     @property
     def control_step(self) -> int:
@@ -132,7 +136,7 @@ class Instant:
     def raw_wrench(self) -> list[float]:
         """The sensor's own reading: in the flange, tool weight not compensated (the tool weighs nothing)."""
         turn = self.robot.arm.believed.matrix(self._q)[:3, :3].T
-        force = np.array(self.contact_force)
+        force = np.array(self.contact_force) + self.robot.reported.force(self.t)
         return _floats(np.concatenate([turn @ force[:3], turn @ force[3:]]))
 
     @cached_property
@@ -162,10 +166,13 @@ class Robot:
         now: Callable[[], float],
         contact: ContactForce = no_contact,
         digital_in: DigitalIn = nothing_wired,
+        servo: Servo | None = None,
+        reported: Reported | None = None,
     ) -> None:
         self.identity, self.now, self._contact, self._digital_in = identity, now, contact, digital_in
         self.tool = Tool()
-        self.arm = Arm(track, believed, self.tool)
+        self.arm = Arm(track, believed, self.tool, servo)
+        self.reported = reported or Reported(ReportedTruth(), 0)
         self.arm.period = 1.0 / identity.rate
         self.tcp = TcpKinematics(believed)
         self.modes = ControlModes(self.arm)
@@ -188,6 +195,11 @@ class Robot:
     @property
     def rate(self) -> float:
         return self.identity.rate
+
+    @property
+    def speed_scaling(self) -> float:
+        """The share of full speed at which the controller runs: the slider's, and less at a joint's limit."""
+        return self.io.speed_fraction * self.arm.limiting
 
     @property
     def robot_status_bits(self) -> int:
@@ -231,7 +243,7 @@ class Robot:
 
     def instant(self, t: float) -> Instant:
         """The state at ``t`` with the controller's own stamp: seconds since its boot."""
-        q, qd = self.arm.track.at(t)
+        q, qd = self.reported.joints(t, *self.arm.track.at(t))
         return Instant(self, t, t - self.boot_time + self.clock_offset, q, qd)
 
     def contact_force(self, t: float | None = None) -> Array:
@@ -251,7 +263,8 @@ class Robot:
     def zero_force_sensor(self) -> None:
         """zero_ftsensor()."""
         now = self.instant(self.arm.t)
-        self.force_sensor.zero(self.arm.q, now.contact_force)
+        felt = np.array(now.contact_force) + self.reported.force(now.t)
+        self.force_sensor.zero(self.arm.q, _floats(felt))
 
     def set_payload(self, mass: float, centre: Sequence[float]) -> None:
         """Payload in kg; a null centre of gravity keeps the one before, as the script does."""

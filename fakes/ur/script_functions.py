@@ -74,7 +74,8 @@ class ScriptFunctions:
         gain: Value = 300.0,
     ) -> Steps:
         end = self._arm.t + number(t, "servoj: t")
-        self._arm.servo(six(q, "servoj"), number(t, "servoj: t"))
+        late = number(lookahead_time, "servoj: lookahead_time"), number(gain, "servoj: gain")
+        self._arm.servo(six(q, "servoj"), number(t, "servoj: t"), *late)
         yield from self._wait(end)
 
     def speedj(self, qd: Value, a: Value = 0.5, t: Value = 0.0) -> Steps:

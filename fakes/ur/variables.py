@@ -126,7 +126,7 @@ def _states() -> Iterator[tuple[str, Output]]:
     yield "runtime_state", Output("UINT32", lambda r, s: r.runtime.state)
     yield "robot_status_bits", Output("UINT32", lambda r, s: r.robot_status_bits)
     yield "safety_status_bits", Output("UINT32", lambda r, s: r.safety.status_bits)
-    yield "speed_scaling", Output("DOUBLE", lambda r, s: r.io.speed_fraction)
+    yield "speed_scaling", Output("DOUBLE", lambda r, s: r.speed_scaling)
     yield "target_speed_fraction", Output("DOUBLE", lambda r, s: r.io.speed_fraction)
     yield "actual_momentum", Output("DOUBLE", Constant(0.0))
     yield "actual_execution_time", Output("DOUBLE", Constant(0.4))

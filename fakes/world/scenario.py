@@ -25,6 +25,7 @@ from fakes.world.tracker.truth import ReflectorTruth, TrackerTruth
 SCHEMA = "cellward.scenario/1"
 OBSERVED, OBSERVED_MODEL = "palletizer", "palletizer.json"
 ROBOT_FILE = "robot.json"
+IDEAL: Mapping[str, tuple[str, ...]] = {"arm": ("servo", "reported")}  # keys that an ideal world leaves out
 
 
 class _Strict(BaseModel):
@@ -42,6 +43,10 @@ class Obstacle(_Strict):
 class WorldTruth(_Strict):
     """``[world]``."""
 
+    ideal: bool = Field(
+        default=False,
+        description="a kinder world than any cell: what IDEAL lists is left out, whatever the scenario says",
+    )
     seed: int = Field(default=1, ge=0)
     arm: ArmTruth
     tool: ToolTruth = ToolTruth()
@@ -90,6 +95,18 @@ class WorldTruth(_Strict):
     def target_mounts(self) -> list[list[float]]:
         """The target's true poses in what carries it: the base, or the flange."""
         return [p.T_base_target or p.T_flange_target or [] for p in self.placement]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _perhaps_ideal(cls, tables: Any) -> Any:
+        if not isinstance(tables, dict) or tables.get("ideal") is not True:
+            return tables
+        kinder = {
+            name: {key: value for key, value in tables[name].items() if key not in unkind}
+            for name, unkind in IDEAL.items()
+            if isinstance(tables.get(name), dict)
+        }
+        return {**tables, **kinder}
 
     @model_validator(mode="after")
     def _camera_and_target_come_together(self) -> Self:

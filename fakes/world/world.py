@@ -22,6 +22,7 @@ from fakes.world.arm.gauge import serving
 from fakes.world.arm.joint_errors import joint_errors
 from fakes.world.arm.kinematics import LinkDeltas, chain_of, frames_at_zero
 from fakes.world.arm.repeatability import Repeatability
+from fakes.world.arm.reported import Reported
 from fakes.world.arm.segments import Segment
 from fakes.world.arm.shape import capsule_shape, ur_shape
 from fakes.world.arm.tool_motion import ToolMotion
@@ -124,6 +125,7 @@ class World:
             at_zero = frames_at_zero(*truth.arm.drawing(LinkDeltas()))
             self.shape = capsule_shape(robot, at_zero, self.true)
         self.track = Track(t0, truth.arm.q_start)
+        self.reported = Reported(truth.arm.reported, truth.seed)
         self.T_flange_tool = from_pose6(truth.tool.T_flange_tool)  # nominal
         self.tool = ToolShape(t0, truth.tool)
         self.target = truth.target or {}

@@ -83,6 +83,18 @@ class BeltTrackingConfig(_Strict):
         le=10,
         description="closings on an item that is followed; it may slide under the first",
     )
+    failed_grips: int = Field(
+        default=5, ge=0, le=100, description="so many in a row are an alarm, GRIPS_FAILED; 0: never"
+    )
+    on_failed_grips: Literal["end", "hold"] = Field(
+        default="end", description="end the job at that alarm, or hold it at rest until somebody confirms"
+    )
+    following_limit_m: float = Field(
+        default=0.003,
+        gt=0,
+        le=0.1,
+        description="so far the tool may be beside its set-points at an item; more ends the job",
+    )
     align: bool = Field(default=True, description="turn the tool to the item")
     follow: bool = Field(default=True, description="move with the item during the grip")
     choice: Literal["leaving first", "soonest"] = Field(

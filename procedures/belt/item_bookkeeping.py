@@ -21,8 +21,10 @@ class ItemBookkeeping:
     has the time, and which item is in hand. ``picks``: how many are wanted, 0 for no end. ``carried`` is what
     the gripper had when the stream ended: it is picked once it is put down, and lost otherwise."""
 
-    def __init__(self, run: Run, watch: BeltWatch, picks: int) -> None:
+    def __init__(self, run: Run, watch: BeltWatch, picks: int, failed_grips: int) -> None:
         self._run, self._watch, self._picks = run, watch, picks
+        self._failed_grips = failed_grips
+        self.failed_in_a_row = 0
         self._writing: list[asyncio.Task[None]] = []
         self._published = -np.inf
         self.streaming = False
@@ -53,14 +55,25 @@ class ItemBookkeeping:
             forecast = self._watch.forecast
             position = 0.0 if forecast is None else forecast.travel(forecast.now)
             self._run.publish(
-                belt_speed_m_s=self._watch.speed(), belt_position_m=position, **self._watch.queue.live()
+                belt_speed_m_s=self._watch.speed(),
+                belt_position_m=position,
+                **self._watch.queue.live(),
             )
 
     def end(self, item: Item, outcome: Outcome) -> None:
         """This became of ``item``, unless it has ended."""
         if item.outcome is None:
             self._watch.queue.end(item, outcome, self._run.clock.now())
+            if outcome is Outcome.GRIP_FAILED:
+                self.failed_in_a_row += 1
+            elif outcome is Outcome.PICKED:
+                self.failed_in_a_row = 0
             self._ended(item, outcome)
+
+    @property
+    def grips_fail(self) -> bool:
+        """Whether so many grips in a row took nothing that it is an alarm."""
+        return 0 < self._failed_grips <= self.failed_in_a_row
 
     def end_carried(self, outcome: Outcome) -> None:
         """This became of what was carried, if anything was."""

@@ -8,11 +8,16 @@ from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.encoder_alarms import emergency_warnings
 from procedures.belt.item_tracking import LOOK_BACK_S, BeltWatch
 from procedures.belt.items import Outcome
+from procedures.belt.motion.arm_following import ArmFollowing
 from procedures.belt.result import BeltTrackingResult, CameraStalls, PickingAnswer, PickingInputs, Slip
 
 
 def result_of(
-    watch: BeltWatch, config: BeltTrackingConfig, values: RunValues, duration_s: float
+    watch: BeltWatch,
+    following: ArmFollowing,
+    config: BeltTrackingConfig,
+    values: RunValues,
+    duration_s: float,
 ) -> dict[str, Any]:
     """Counters, rates and what items were lost to. The verdict warns when items were missed."""
     counts = watch.queue.counts
@@ -55,6 +60,9 @@ def result_of(
             slips=[Slip(t=slip.t, along_m=slip.by, sigma_m=slip.sigma) for slip in watch.slips],
             jumps_m=list(watch.jumps),
             camera_stalls=CameraStalls(count=stall.count, longest_s=stall.longest_s),
+            arm_lag_s=following.lag.s if following.looks else None,
+            following_rms_m=following.rms_m,
+            following_largest_m=following.largest_m if following.looks else None,
             follow=config.follow,
             method=config.method,
         ),

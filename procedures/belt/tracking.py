@@ -24,6 +24,7 @@ from procedures.belt.item_bookkeeping import ItemBookkeeping
 from procedures.belt.item_tracking import BeltWatch
 from procedures.belt.items import Outcome
 from procedures.belt.live import BeltLive
+from procedures.belt.motion.arm_following import ArmFollowing
 from procedures.belt.motion.gripper_work import STUCK
 from procedures.belt.motion.picker import Picker
 from procedures.belt.motion.tool_joints import ToolJoints
@@ -76,7 +77,7 @@ class BeltTracking(Procedure):
             await self._watched(run, picking)
             duration_s = run.clock.now() - started
         await run.enter(S.REPORT)
-        run.result = result_of(picking.watch, self.config, run.values, duration_s)
+        run.result = result_of(picking.watch, picking.arm_following, self.config, run.values, duration_s)
         if (path := run.folder / DATA_FILE).exists():
             try:
                 run.result |= await run.worker.call(predicted, path)
@@ -123,7 +124,8 @@ class _Picking:
         self.watch = BeltWatch(run.encoder(), self.camera, self.camera_to_belt, belt_of(values), config)
         self.watch.learnt = BeltLive(run).look
         self.watch.tell = lambda event, **what: run.note("decision", event=event, **what)
-        self.bookkeeping = ItemBookkeeping(run, self.watch, config.picks)
+        self.arm_following = ArmFollowing(self.arm.expected_lag_s, config.following_limit_m)
+        self.bookkeeping = ItemBookkeeping(run, self.watch, config.picks, config.failed_grips)
         self.q_wait: Array = np.array(values.poses[config.wait_pose])
         self.q_place: Array = np.array(values.poses[config.place_pose])
         self.model = arm_model(values)
@@ -206,14 +208,37 @@ class _Picking:
         """Stream until the belt stands (True) or enough is picked (False); pauses end in READY."""
         run = self.run
         wait, place = self.tool.state(self.q_wait), self._place()
-        picker = Picker(run, self.config, self.watch, self.bookkeeping, self.tool, self.guard, wait, place)
+        picker = Picker(
+            run,
+            self.config,
+            self.watch,
+            self.bookkeeping,
+            self.arm_following,
+            self.tool,
+            self.guard,
+            wait,
+            place,
+        )
         while not picker.enough:
             await self._until_picks_are_wanted()
             await lease.stream(picker.pieces(self.arm.state.latest(0.1).value.q))
-            if picker.standing:
+            if self.bookkeeping.grips_fail:
+                await run.enter(S.READY)
+                await self._alarm()
+            elif picker.standing:
                 return True
             await run.enter(S.READY)
         return False
+
+    async def _alarm(self) -> None:
+        """Grip after grip took nothing: somebody has to look, and the arm rests."""
+        failed = self.bookkeeping.failed_in_a_row
+        alarm = error("GRIPS_FAILED", f"{failed} in a row")
+        if self.config.on_failed_grips == "end":
+            raise alarm
+        self.run.note("error", **alarm.as_dict())
+        await self.run.ask(f"{failed} grips in a row took nothing. Look at gripper and items, then confirm.")
+        self.bookkeeping.failed_in_a_row = 0
 
     async def _until_picks_are_wanted(self) -> None:
         """Somebody outside wants no new picks for now: suspended, at rest above the belt."""

@@ -34,5 +34,10 @@ def belt_tracking_lines(found: BeltTrackingResult) -> list[str]:
     if answer.success is not None:
         lines.append(f"  {100 * answer.success:.1f} % of those that were tried")
     lines += [f"  missed, {cause}: {count}" for cause, count in answer.misses.items()]
+    if answer.arm_lag_s is not None and answer.following_rms_m is not None:
+        lines.append(
+            f"  the arm is {1e3 * answer.arm_lag_s:.0f} ms late on its set-points, which is made up for; "
+            f"during grips the tool was {mm(answer.following_rms_m)} RMS beside them"
+        )
     how = "moving with the item" if answer.follow else "standing"
     return [*lines, f"  gripped {how}, method {answer.method}"]

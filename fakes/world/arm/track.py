@@ -17,6 +17,8 @@ from fakes.world.arm.kinematics import Chain
 from fakes.world.arm.linear_path import LinearPath
 from fakes.world.arm.profile import Ramp, Trapezoid
 from fakes.world.arm.segments import Hold, JointMove, JointSpeed, JointStop, PathMove, Polynomial, Segment
+from fakes.world.arm.smoothed import Smoothed
+from fakes.world.arm.truth import Lag
 
 MAX_JOINT_RAD_S = 3.5  # a servo set-point further away is approached at this speed
 
@@ -158,9 +160,17 @@ class Track:
         self.append(Polynomial(t, t + T, t, np.array([q0, qd0, c2, c3])))
         return self.end_time
 
-    def follow(self, t: float, t1: float, origin: float, coefficients: ArrayLike) -> float:
-        """Follow joint polynomials in ``time - origin`` until ``t1``, then brake unless more comes."""
-        self.append(Polynomial(t, t1, origin, np.array(coefficients, dtype=float)))
+    def follow(self, sent: Polynomial, lag: Lag = "none", late_s: float = 0.0) -> float:
+        """Follow joint polynomials to their end, then brake unless more comes; ``late_s`` behind them."""
+        match lag:
+            case "none":
+                self.append(sent)
+            case "delay":
+                self.append(
+                    Polynomial(sent.t0 + late_s, sent.t1 + late_s, sent.origin + late_s, sent.coefficients)
+                )
+            case "low-pass":
+                self.append(Smoothed(sent, late_s, self.at(sent.t0)[0]))
         return self.end_time
 
     def _rest_state(self, t: float, decel: float) -> tuple[float, Array]:

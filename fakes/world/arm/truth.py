@@ -1,6 +1,6 @@
 """The tables of a scenario that describe the arm and its tool."""
 
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -11,6 +11,7 @@ from cell.poses import Array
 from fakes.world.arm.kinematics import MODELS, LinkDeltas, dh_parameters
 from fakes.world.beams.truth import CapsuleTruth, Three
 
+Lag = Literal["none", "delay", "low-pass"]
 Six = Annotated[list[float], Field(min_length=6, max_length=6)]
 
 
@@ -44,6 +45,24 @@ class JointErrorsTruth(_Strict):
     )
 
 
+class ServoTruth(_Strict):
+    """``[world.arm.servo]``: how the arm follows set-points; see :mod:`fakes.world.arm.servo`."""
+
+    lag: Lag = Field(
+        default="none",
+        description="none: on each set-point at once, whatever the speed slider and the joints' limits",
+    )
+
+
+class ReportedTruth(_Strict):
+    """``[world.arm.reported]``: how far what the controller reports is off what is so."""
+
+    q_noise_rad: float = Field(default=0.0, ge=0, le=0.001, description="sigma of each joint")
+    qd_noise_rad_s: float = Field(default=0.0, ge=0, le=0.01, description="sigma of each joint's speed")
+    force_bias_n: float = Field(default=0.0, ge=0, le=50, description="of the TCP force, in one direction")
+    force_walk_n: float = Field(default=0.0, ge=0, le=50, description="of each of the slow waves in it")
+
+
 class ArmTruth(_Strict):
     """The robot: what its controller believes, and how far the true one is from that."""
 
@@ -59,8 +78,13 @@ class ArmTruth(_Strict):
     factory: Links = Links()
     error: Links = Links()
     joint_errors: JointErrorsTruth = JointErrorsTruth()
+    servo: ServoTruth = ServoTruth()
+    reported: ReportedTruth = ReportedTruth()
     repeatability_t_m: float = Field(
-        default=0.0, ge=0, le=0.01, description="sigma per axis, new at each standstill"
+        default=0.0,
+        ge=0,
+        le=0.01,
+        description="sigma per axis, new at each standstill; ISO 9283's RP of a data sheet is 3.6 times that",
     )
     repeatability_r_rad: float = Field(default=0.0, ge=0, le=0.01)
 

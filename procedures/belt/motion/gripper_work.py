@@ -1,9 +1,10 @@
 """The gripper's command under way, beside the stream of set-points."""
 
 import asyncio
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from typing import Any
 
+from cell.clock import Clock
 from cell.devices import Gripper
 from cell.errors import error, present
 
@@ -12,17 +13,18 @@ HOLDING_AGE_S = 0.1
 
 
 class GripperWork:
-    """One command at a time: a new one ends the one before."""
+    """One command at a time: a new one ends the one before. Each is given when the arm is where it belongs,
+    at a time of the cell's clock: the stream decides earlier than that, by what the arm is late."""
 
-    def __init__(self, gripper: Gripper, timeout_s: float) -> None:
-        self._gripper, self._timeout_s = gripper, timeout_s
+    def __init__(self, gripper: Gripper, clock: Clock, timeout_s: float) -> None:
+        self._gripper, self._clock, self._timeout_s = gripper, clock, timeout_s
         self._task: asyncio.Task[bool] | None = None
 
-    def begin_grip(self) -> None:
-        self._begin(self._gripper.grip(self._timeout_s))
+    def begin_grip(self, t: float) -> None:
+        self._begin(t, self._gripper.grip)
 
-    def begin_release(self) -> None:
-        self._begin(self._gripper.release(self._timeout_s))
+    def begin_release(self, t: float) -> None:
+        self._begin(t, self._gripper.release)
 
     def holding(self) -> bool:
         """Whether the gripper holds something now."""
@@ -46,7 +48,11 @@ class GripperWork:
             task.cancel()
             await asyncio.wait([task])  # not awaited itself: a cancelled stream must not take it for its own
 
-    def _begin(self, work: Coroutine[Any, Any, bool]) -> None:
+    def _begin(self, t: float, command: Callable[[float], Coroutine[Any, Any, bool]]) -> None:
+        async def give() -> bool:
+            await self._clock.sleep(max(t - self._clock.now(), 0.0))
+            return await command(self._timeout_s)
+
         if self._task is not None and not self._task.done():
             self._task.cancel()
-        self._task = asyncio.create_task(work, name="gripper")
+        self._task = asyncio.create_task(give(), name="gripper")

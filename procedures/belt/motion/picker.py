@@ -13,6 +13,7 @@ from calibration.belt.arm_time import MotionLimits, rest_to_rest
 from calibration.belt.pursuit import FixedPoint, Leg, Ride, State
 from cell.devices import TrajectoryPiece
 from cell.errors import CellError, present
+from cell.following import along
 from cell.guard import MotionGuard
 from cell.poses import Array
 from cell.procedure import Run
@@ -20,18 +21,18 @@ from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.item_bookkeeping import ItemBookkeeping
 from procedures.belt.item_tracking import BeltWatch
 from procedures.belt.items import CONTACT, Item, Outcome
+from procedures.belt.motion.arm_following import ArmFollowing
 from procedures.belt.motion.blend import blend_for
 from procedures.belt.motion.gripper_work import GripperWork
 from procedures.belt.motion.item_selection import Choice
 from procedures.belt.motion.meeting import Aim, strategy
-from procedures.belt.motion.servo_lag import Lag
 from procedures.belt.motion.tool_joints import ToolJoints, on_piece
 from procedures.belt.motion.tool_path import AHEAD_S, ToolPath, pursuit_limits
 from procedures.belt.states import PickState as S
 
 STEP_S = 0.02  # between decisions
 LEARN_S = 0.04  # between looks at what has come in, but for the last of the way to an item
-LEAD_S = 0.012  # from a decision to where it begins to act
+LEAD_S = 0.012  # from a decision to the set-points that come of it
 CLOSE = frozenset({S.DESCEND, S.GRIP})
 MET_M, MET_M_S, MET_RAD = 0.0003, 0.02, 0.02  # from rest on an item
 DOUBT_S, DOUBT_M = 0.15, 0.0003  # a belt that may be so far off so soon is waited for just above its item
@@ -48,6 +49,7 @@ class Picker:
         config: BeltTrackingConfig,
         watch: BeltWatch,
         bookkeeping: ItemBookkeeping,
+        following: ArmFollowing,
         tool: ToolJoints,
         guard: MotionGuard,
         wait: State,
@@ -71,15 +73,16 @@ class Picker:
         self._aim: Aim | None = None
         self._meets_only = classic or not config.follow
         self._strategy = strategy(config, watch, wait.p[:3], self._descent_s)
-        self._gripper = GripperWork(run.gripper(), config.grip_timeout_s)
+        self._gripper = GripperWork(run.gripper(), run.clock, config.grip_timeout_s)
         self._arm = run.arm()
-        self._lag = Lag()
+        self._following, self._lag = following, following.lag
         self._held = self._is_cautious = False
         self._foot_m = 0.0
         self._item: Item | None = None
         self._awaited: Item | None = None  # on its way to the zone
         self._t_contact, self._tries = 0.0, 0
         self._phase: Callable[[float], Coroutine[Any, Any, bool]] = self._ready
+        self._guard = guard
         self._path = ToolPath(tool, limits, guard, wait)
         self._choice = Choice(config, watch, tool, float(wait.p[3]), self._descent_s)
         self._learnt = -np.inf
@@ -89,8 +92,9 @@ class Picker:
     async def pieces(self, q: Array) -> AsyncIterator[TrajectoryPiece]:
         """Set-points from rest at ``q`` (6,) on, until :attr:`standing`, a wish for rest, or enough picks."""
         clock = self._run.clock
-        t = clock.now() + LEAD_S
+        t = clock.now() + self._lead_s
         self._path.start(t, q, self._wait)
+        self._lag.begin(clock.now(), q)
         self._phase, self.standing, self._standing_since = self._ready, False, None
         here = q, np.zeros(6)
         self._bookkeeping.streaming = True
@@ -101,16 +105,30 @@ class Picker:
                     return
                 piece = self._path.piece(t, here)
                 self._keep(t)
-                if clock.now() < t + AHEAD_S:  # a piece that is over would only end the one in use
-                    yield self._lag.ahead(piece)
-                await clock.sleep(max(t + STEP_S - LEAD_S - clock.now(), 0.0))
-                t = max(t + STEP_S, clock.now() + LEAD_S)
+                # A piece that is over would only end the one in use.
+                if clock.now() < t - self._lag.delay_s + AHEAD_S:
+                    yield self._lag.ahead(piece, self._allowed)
+                await clock.sleep(max(t + STEP_S - self._lead_s - clock.now(), 0.0))
+                t = max(t + STEP_S, clock.now() + self._lead_s)
                 here = on_piece(piece, t)  # where the arm is sent then, also when the plan changes
         finally:
             await self._gripper.end()
             if self._item is not None and self._item.touched:  # in the gripper, or where the arm stopped
                 self._bookkeeping.carried, self._item = self._item, None
             self._bookkeeping.streaming = False
+
+    def _allowed(self, piece: TrajectoryPiece) -> bool:
+        """Whether the guard would let these set-points pass."""
+        try:
+            self._guard.check_setpoints(*along(piece))
+        except CellError:
+            return False
+        return True
+
+    @property
+    def _lead_s(self) -> float:
+        """From a decision to when the arm acts on it."""
+        return LEAD_S + self._lag.delay_s
 
     def _keep(self, t: float) -> None:
         """This set-point, for whoever looks at the run later."""
@@ -123,11 +141,14 @@ class Picker:
     async def _learn(self) -> None:
         now = self._run.clock.now()
         if (sample := self._arm.state.last()) is not None:
-            self._lag.look(sample.t, sample.value.q)
+            wanted = self._lag.look(sample.t, sample.value.q)
+            if self._run.state is S.GRIP and wanted is not None:
+                self._following.look(*(self._tool.state(q).p[:3] for q in (sample.value.q, wanted)))
         if self._run.state not in CLOSE and now - self._learnt < LEARN_S - 0.5 * STEP_S:
             return
         self._learnt = now
         self._bookkeeping.look(self._item)
+        self._run.live.update(self._following.live())
         self._judge_belt(now)
 
     def _judge_belt(self, now: float) -> None:
@@ -158,7 +179,8 @@ class Picker:
 
     @property
     def _rest_wanted(self) -> bool:
-        return self._run.wants_rest or not self._run.work_wanted or self.standing or self.enough
+        wanted = self._run.wants_rest or not self._run.work_wanted or self.standing or self.enough
+        return wanted or self._bookkeeping.grips_fail
 
     # -- phases: each decides about the leg from ``t`` on; False ends the stream
 
@@ -250,7 +272,7 @@ class Picker:
         self._in_hand.note(t, CONTACT)
         self._t_contact, self._tries = t, 1
         await self._run.enter(S.GRIP)
-        self._gripper.begin_grip()
+        self._gripper.begin_grip(t - LEAD_S)
         self._phase = self._grip
 
     # -- phases of a tool that meets an item and does not follow it
@@ -322,7 +344,7 @@ class Picker:
         held = bool(held)
         if not held and not out and self._tries < self._config.grip_tries and not self._meets_only:
             self._in_hand.note(t, "not held")
-            self._gripper.begin_release()
+            self._gripper.begin_release(t - LEAD_S)
             self._phase = self._grip_again
             return True
         return await self._end_grip(t, held)
@@ -333,7 +355,7 @@ class Picker:
         self._held = held
         await self._run.enter(S.LIFT)
         if not held:
-            self._gripper.begin_release()
+            self._gripper.begin_release(t - LEAD_S)
             await self._end_item(Outcome.GRIP_FAILED)
         self._foot_m = float(self._path.at(t).p[2])
         self._path.rise(t, self._above)
@@ -346,7 +368,7 @@ class Picker:
             return await self._end_grip(t, False)
         if self._gripper.opened():
             self._tries += 1
-            self._gripper.begin_grip()
+            self._gripper.begin_grip(t - LEAD_S)
             self._phase = self._grip
         return True
 
@@ -382,7 +404,7 @@ class Picker:
         if self._path.t1 - t <= 0.5 * STEP_S:
             if not self._gripper.holding():
                 await self._end_item(Outcome.LOST)
-            self._gripper.begin_release()
+            self._gripper.begin_release(t - LEAD_S)
             self._phase = self._release
         return True
 

@@ -16,6 +16,7 @@ PERIOD = 0.002
 TYPES = {
     "timestamp": "DOUBLE",
     "target_speed_fraction": "DOUBLE",
+    "speed_scaling": "DOUBLE",
     "payload": "DOUBLE",
     "payload_cog": "VECTOR3D",
     "robot_mode": "INT32",
@@ -50,6 +51,7 @@ def values(stamp: float, **changes: Value) -> dict[str, Value]:
     base |= {
         "timestamp": stamp,
         "target_speed_fraction": 1.0,
+        "speed_scaling": 1.0,
         "payload": 1.25,
         "payload_cog": (0.0, 0.01, 0.05),
         "robot_mode": 7,

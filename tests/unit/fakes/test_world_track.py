@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from cell.poses import from_pose6, log_xi
 from fakes.world.arm.kinematics import UnreachableError, chain
+from fakes.world.arm.segments import Polynomial
 from fakes.world.arm.track import Track
 
 CHAIN = chain("ur10e")
@@ -153,7 +154,7 @@ def test_a_distant_servo_set_point_is_not_jumped_to(subject: Track) -> None:
 
 def test_polynomials_are_followed_exactly(subject: Track) -> None:
     c = np.array([Q0, 0 * Q0, np.full(6, 0.3)])
-    subject.follow(1.0, 2.0, 1.0, c)
+    subject.follow(Polynomial(1.0, 2.0, 1.0, c))
     assert np.allclose(subject.at(1.5)[0], Q0 + 0.3 * 0.25)
     assert np.allclose(subject.at(2.0)[1], 0.6)
     assert subject.end_time == pytest.approx(2.0 + 0.6 / 8.0)

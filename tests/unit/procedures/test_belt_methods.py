@@ -6,9 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.devices import TrajectoryPiece
 from fakes.object import run_virtual
-from procedures.belt.motion.servo_lag import Lag
 from tests.kit.object_cell import no_report
 from tests.kit.picking_cell import contact_errors, picking_cell, picking_config
 
@@ -35,22 +33,3 @@ def test_an_item_that_is_met_and_not_followed_slides_under_the_tool(
             assert np.linalg.norm(contact_errors(cell)) < 0.02
 
     run_virtual(scene())
-
-
-def test_a_lag_is_measured_on_the_arms_own_state_and_taken_off() -> None:
-    subject, lag = Lag(), 0.006
-    slope = np.array([0.4, -0.2, 0.0, 0.3, 0.0, 0.1])
-    for t in np.arange(0.0, 4.0, 0.02):
-        sent = subject.ahead(TrajectoryPiece(t, t + 0.1, np.array([t * slope, slope])))
-        assert sent.t1 - sent.t0 == pytest.approx(0.1)
-        now = t + 0.01
-        # An arm that is late by ``lag`` on what it was sent, which was sent early.
-        subject.look(now, (now + subject.s - lag) * slope)
-    assert subject.s == pytest.approx(lag, abs=2e-4)
-
-
-def test_an_arm_at_rest_tells_nothing_about_its_lag() -> None:
-    subject = Lag()
-    subject.ahead(TrajectoryPiece(0.0, 1.0, np.zeros((2, 6))))
-    subject.look(0.5, np.full(6, 0.01))
-    assert subject.s == 0.0

@@ -1,0 +1,56 @@
+"""What a controller reports beside what is so: noise of joints and speeds, and a force that wanders.
+
+All of it is a function of time and of the seed, so that two looks at one cycle agree.
+"""
+
+from functools import cached_property
+
+import numpy as np
+
+from cell.poses import Array
+from fakes.world.arm.truth import ReportedTruth
+
+_DRAWN_FOR = 0x5E2F
+_CYCLE_S, _CYCLES = 0.002, 4099
+_WALKS, _PERIODS_S = 4, (10.0, 40.0)
+
+
+class Reported:
+    """Noise to add to what is reported at ``t``."""
+
+    def __init__(self, truth: ReportedTruth, seed: int) -> None:
+        self._truth, self._seed = truth, seed
+
+    @property
+    def exact(self) -> bool:
+        """Whether joints and speeds are reported as they are."""
+        return not (self._truth.q_noise_rad or self._truth.qd_noise_rad_s)
+
+    def joints(self, t: float, q: Array, qd: Array) -> tuple[Array, Array]:
+        """Joints and speeds (6,) as they are told."""
+        if self.exact:
+            return q, qd
+        draw = self._draws[int(t / _CYCLE_S) % _CYCLES]
+        return q + self._truth.q_noise_rad * draw[:6], qd + self._truth.qd_noise_rad_s * draw[6:]
+
+    def force(self, t: float) -> Array:
+        """Force and moment (6,) that the sensor shows without a contact."""
+        force = np.zeros(6)
+        if self._truth.force_bias_n or self._truth.force_walk_n:
+            phase, pace, way = self._walk
+            force[:3] = self._truth.force_bias_n * way[0]
+            force[:3] += self._truth.force_walk_n * np.sin(phase + pace * t) @ way[1:]
+        return force
+
+    @cached_property
+    def _draws(self) -> Array:
+        return np.random.default_rng([self._seed, _DRAWN_FOR]).standard_normal((_CYCLES, 12))
+
+    @cached_property
+    def _walk(self) -> tuple[Array, Array, Array]:
+        """Phases and paces (k,) of slow waves, and directions (1 + k, 3)."""
+        rng = np.random.default_rng([self._seed, _DRAWN_FOR, 1])
+        way = rng.standard_normal((1 + _WALKS, 3))
+        way /= np.linalg.norm(way, axis=1, keepdims=True)
+        pace = 2.0 * np.pi / rng.uniform(*_PERIODS_S, _WALKS)
+        return rng.uniform(0.0, 2.0 * np.pi, _WALKS), pace, way

@@ -1,0 +1,52 @@
+"""How the arm follows its set-points: its lag, and how far the tool is beside where it is meant to be."""
+
+from math import sqrt
+
+import numpy as np
+
+from cell.errors import error
+from cell.poses import Array
+from procedures.belt.motion.servo_lag import Lag
+
+_FORGET = 0.1  # of squares: about ten looks, a fifth of a second
+
+
+class ArmFollowing:
+    """Of one run. Distances are of the tool's point from its set-points at the same time, at an item."""
+
+    def __init__(self, expected_lag_s: float, limit_m: float) -> None:
+        self.lag = Lag(expected_lag_s)
+        self._limit_m = limit_m
+        self._squares = 0.0
+        self._lately: float | None = None
+        self.looks = 0
+        self.largest_m = 0.0
+
+    @property
+    def rms_m(self) -> float | None:
+        """Of all looks; None before the first."""
+        return sqrt(self._squares / self.looks) if self.looks else None
+
+    @property
+    def lately_m(self) -> float:
+        """RMS of the last looks; 0 before the first."""
+        return 0.0 if self._lately is None else sqrt(self._lately)
+
+    def live(self) -> dict[str, float]:
+        """Numbers of now."""
+        return {"arm_lag_s": self.lag.s, "following_error_m": self.lately_m}
+
+    def look(self, tool: Array, wanted: Array) -> None:
+        """The tool's point (3,) as it is and as it is meant to be; ``ARM_NOT_FOLLOWING`` over the limit."""
+        square = float(np.sum((tool - wanted) ** 2))
+        self.looks += 1
+        self._squares += square
+        self.largest_m = max(self.largest_m, sqrt(square))
+        before = square if self._lately is None else self._lately
+        self._lately = before + _FORGET * (square - before)
+        if self.lately_m > self._limit_m:
+            raise error(
+                "ARM_NOT_FOLLOWING",
+                f"the tool was {1e3 * self.lately_m:.1f} mm beside its set-points at an item; "
+                f"following_limit_m is {1e3 * self._limit_m:g} mm",
+            )

@@ -1,0 +1,92 @@
+"""The twin's arm follows set-points as a controller lets it: late, under the slider, within its joints."""
+
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+from cell.poses import Array
+from fakes.world.arm.joint_speeds import fastest_joints
+from fakes.world.arm.reported import Reported
+from fakes.world.arm.segments import Polynomial
+from fakes.world.arm.servo import Servo
+from fakes.world.arm.smoothed import Smoothed
+from fakes.world.arm.truth import Lag, ReportedTruth, ServoTruth
+from fakes.world.scenario import Scenario
+
+PERIOD_S, LATE_S = 0.002, 0.05
+RATE = np.array([0.2, -0.3, 0.5, 0.0, 1.0, 0.1])
+
+
+def driven(lag: Lag, rate: Array, seconds: float, fraction: float = 1.0) -> tuple[Servo, list[Array]]:
+    """The arm, cycle after cycle, on set-points that run at ``rate`` (rad/s) from rest."""
+    subject, q = Servo(ServoTruth(lag=lag), fastest_joints("ur10e")), [np.zeros(6)]
+    for k in range(round(seconds / PERIOD_S)):
+        t = k * PERIOD_S
+        q.append(subject.step(t, q[-1], rate * t, LATE_S, PERIOD_S, fraction))
+    return subject, q
+
+
+@pytest.mark.parametrize("lag", ["delay", "low-pass"])
+def test_on_a_steady_way_the_arm_is_late_by_look_ahead_and_gain(lag: Lag) -> None:
+    _, q = driven(lag, RATE, 1.0)
+    behind = RATE * 1.0 - q[-1]
+    assert np.allclose(behind, RATE * LATE_S, atol=2.0 * PERIOD_S)
+
+
+@pytest.mark.parametrize("lag", ["delay", "low-pass"])
+def test_under_the_speed_slider_the_arm_falls_behind_for_as_long_as_it_lasts(lag: Lag) -> None:
+    behind = [RATE[4] * s - driven(lag, RATE, s, fraction=0.5)[1][-1][4] for s in (0.5, 1.0, 2.0)]
+    assert behind[2] - behind[1] == pytest.approx(0.5, abs=0.02)
+    assert behind[1] - behind[0] == pytest.approx(0.25, abs=0.02)
+
+
+def test_no_joint_turns_faster_than_its_model_lets_and_that_scales_the_controller() -> None:
+    subject, q = driven("delay", np.array([3.0, 0.0, 0.0, 0.0, 0.0, 0.0]), 1.0)
+    assert np.max(np.diff(np.array(q), axis=0)) / PERIOD_S <= np.deg2rad(120.0) + 1e-9
+    assert subject.limiting(1.0 - PERIOD_S) == pytest.approx(np.deg2rad(120.0) / 3.0, abs=0.01)
+    assert subject.limiting(2.0) == 1.0
+
+
+def test_polynomials_through_a_low_pass_are_what_integrating_them_gives() -> None:
+    c = np.array([np.zeros(6), RATE, -0.4 * RATE, 0.3 * RATE])
+    sent = Polynomial(1.0, 1.4, 1.0, c)
+    subject = Smoothed(sent, LATE_S, np.zeros(6))
+    q, h = np.zeros(6), 1e-4
+    for t in np.arange(1.0, sent.t_end + 0.2, h):
+        middle = sent.at(t + 0.5 * h)[0]
+        q = middle + np.exp(-h / LATE_S) * (q - middle)
+    assert np.allclose(subject.at(sent.t_end + 0.2)[0], q, atol=1e-6)
+    for t in (1.1, 1.39, 1.41, 1.5):
+        slope = (subject.at(t + 1e-6)[0] - subject.at(t - 1e-6)[0]) / 2e-6
+        assert np.allclose(subject.at(t)[1], slope, atol=1e-6)
+    end, speed = subject.at(subject.t_end)
+    assert np.allclose(end, sent.at(sent.t_end)[0])
+    assert not speed.any()
+
+
+def test_what_is_reported_is_noisy_about_what_is_so_and_two_looks_agree() -> None:
+    subject = Reported(ReportedTruth(q_noise_rad=1e-5, qd_noise_rad_s=5e-5, force_bias_n=2.0), seed=3)
+    q = np.array([subject.joints(t, np.zeros(6), np.zeros(6)) for t in np.arange(0.0, 4.0, 0.01)])
+    assert np.std(q[:, 0]) == pytest.approx(1e-5, rel=0.1)
+    assert np.std(q[:, 1]) == pytest.approx(5e-5, rel=0.1)
+    assert np.array_equal(subject.joints(1.0, RATE, RATE)[0], subject.joints(1.0, RATE, RATE)[0])
+    assert np.linalg.norm(subject.force(2.0)) == pytest.approx(2.0)
+
+
+def test_a_force_without_contact_walks_by_newtons() -> None:
+    subject = Reported(ReportedTruth(force_walk_n=2.0), seed=3)
+    force = np.array([subject.force(t) for t in np.arange(0.0, 60.0, 0.5)])
+    assert 2.0 < float(np.ptp(force[:16, 2])) + float(np.ptp(force[:, 0])) < 20.0
+
+
+def test_an_ideal_world_leaves_out_what_is_unkind() -> None:
+    real = Scenario.load("picking").world
+    ideal = Scenario.parse(_text().replace("ideal = false", "ideal = true")).world
+    assert real.arm.servo.lag == "delay"
+    assert ideal.arm.servo == ServoTruth()
+    assert ideal.arm.reported == ReportedTruth()
+
+
+def _text() -> str:
+    return files("fakes").joinpath("scenarios/picking.toml").read_text("utf-8")
