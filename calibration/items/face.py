@@ -109,4 +109,4 @@ def _largest(mask: NDArray[np.uint8]) -> Mask | None:
     one = (labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))).astype(np.uint8)
     contours, _ = cv2.findContours(one, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     cv2.drawContours(one, contours, -1, 1, thickness=cv2.FILLED)
-    return one.astype(bool)
+    return np.asarray(one > 0)

@@ -124,13 +124,13 @@ class _Picking:
         self.watch = BeltWatch(run.encoder(), self.camera, self.camera_to_belt, belt_of(values), config)
         self.watch.learnt = BeltLive(run).look
         self.watch.tell = lambda event, **what: run.note("decision", event=event, **what)
-        self.arm_following = ArmFollowing(self.arm.expected_lag_s, config.following_limit_m)
         self.bookkeeping = ItemBookkeeping(run, self.watch, config.picks, config.failed_grips)
         self.q_wait: Array = np.array(values.poses[config.wait_pose])
         self.q_place: Array = np.array(values.poses[config.place_pose])
         self.model = arm_model(values)
         self.tool = ToolJoints(self.model, from_pose6(values.tool["T_flange_tool"]), self.q_wait)
         self.guard = lease_settings(values)[0]
+        self.arm_following = ArmFollowing(self.arm.expected_lag_s, config.following_limit_m, self.guard)
         for key, q in (("wait_pose", self.q_wait), ("place_pose", self.q_place)):
             lean = self.tool.lean(q)
             if lean > UPRIGHT_RAD:

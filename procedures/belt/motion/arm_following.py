@@ -4,7 +4,10 @@ from math import sqrt
 
 import numpy as np
 
-from cell.errors import error
+from cell.devices import TrajectoryPiece
+from cell.errors import CellError, error
+from cell.following import along
+from cell.guard import MotionGuard
 from cell.poses import Array
 from procedures.belt.motion.servo_lag import Lag
 
@@ -14,13 +17,29 @@ _FORGET = 0.1  # of squares: about ten looks, a fifth of a second
 class ArmFollowing:
     """Of one run. Distances are of the tool's point from its set-points at the same time, at an item."""
 
-    def __init__(self, expected_lag_s: float, limit_m: float) -> None:
+    def __init__(self, expected_lag_s: float, limit_m: float, guard: MotionGuard) -> None:
         self.lag = Lag(expected_lag_s)
-        self._limit_m = limit_m
+        self._limit_m, self._guard = limit_m, guard
         self._squares = 0.0
         self._lately: float | None = None
         self.looks = 0
         self.largest_m = 0.0
+
+    @property
+    def delay_s(self) -> float:
+        """How early set-points are sent."""
+        return self.lag.delay_s
+
+    def ahead(self, piece: TrajectoryPiece) -> TrajectoryPiece:
+        """``piece`` as it is sent: the guard lets its set-points pass, as it does those of ``piece``."""
+        return self.lag.ahead(piece, self._allowed)
+
+    def _allowed(self, piece: TrajectoryPiece) -> bool:
+        try:
+            self._guard.check_setpoints(*along(piece))
+        except CellError:
+            return False
+        return True
 
     @property
     def rms_m(self) -> float | None:

@@ -13,7 +13,6 @@ from calibration.belt.arm_time import MotionLimits, rest_to_rest
 from calibration.belt.pursuit import FixedPoint, Leg, Ride, State
 from cell.devices import TrajectoryPiece
 from cell.errors import CellError, present
-from cell.following import along
 from cell.guard import MotionGuard
 from cell.poses import Array
 from cell.procedure import Run
@@ -75,14 +74,13 @@ class Picker:
         self._strategy = strategy(config, watch, wait.p[:3], self._descent_s)
         self._gripper = GripperWork(run.gripper(), run.clock, config.grip_timeout_s)
         self._arm = run.arm()
-        self._following, self._lag = following, following.lag
+        self._following = following
         self._held = self._is_cautious = False
         self._foot_m = 0.0
         self._item: Item | None = None
         self._awaited: Item | None = None  # on its way to the zone
         self._t_contact, self._tries = 0.0, 0
         self._phase: Callable[[float], Coroutine[Any, Any, bool]] = self._ready
-        self._guard = guard
         self._path = ToolPath(tool, limits, guard, wait)
         self._choice = Choice(config, watch, tool, float(wait.p[3]), self._descent_s)
         self._learnt = -np.inf
@@ -92,9 +90,9 @@ class Picker:
     async def pieces(self, q: Array) -> AsyncIterator[TrajectoryPiece]:
         """Set-points from rest at ``q`` (6,) on, until :attr:`standing`, a wish for rest, or enough picks."""
         clock = self._run.clock
-        t = clock.now() + self._lead_s
+        t = clock.now() + (LEAD_S + self._following.delay_s)
         self._path.start(t, q, self._wait)
-        self._lag.begin(clock.now(), q)
+        self._following.lag.begin(clock.now(), q)
         self._phase, self.standing, self._standing_since = self._ready, False, None
         here = q, np.zeros(6)
         self._bookkeeping.streaming = True
@@ -106,29 +104,16 @@ class Picker:
                 piece = self._path.piece(t, here)
                 self._keep(t)
                 # A piece that is over would only end the one in use.
-                if clock.now() < t - self._lag.delay_s + AHEAD_S:
-                    yield self._lag.ahead(piece, self._allowed)
-                await clock.sleep(max(t + STEP_S - self._lead_s - clock.now(), 0.0))
-                t = max(t + STEP_S, clock.now() + self._lead_s)
+                if clock.now() < t - self._following.delay_s + AHEAD_S:
+                    yield self._following.ahead(piece)
+                await clock.sleep(max(t + STEP_S - (LEAD_S + self._following.delay_s) - clock.now(), 0.0))
+                t = max(t + STEP_S, clock.now() + (LEAD_S + self._following.delay_s))
                 here = on_piece(piece, t)  # where the arm is sent then, also when the plan changes
         finally:
             await self._gripper.end()
             if self._item is not None and self._item.touched:  # in the gripper, or where the arm stopped
                 self._bookkeeping.carried, self._item = self._item, None
             self._bookkeeping.streaming = False
-
-    def _allowed(self, piece: TrajectoryPiece) -> bool:
-        """Whether the guard would let these set-points pass."""
-        try:
-            self._guard.check_setpoints(*along(piece))
-        except CellError:
-            return False
-        return True
-
-    @property
-    def _lead_s(self) -> float:
-        """From a decision to when the arm acts on it."""
-        return LEAD_S + self._lag.delay_s
 
     def _keep(self, t: float) -> None:
         """This set-point, for whoever looks at the run later."""
@@ -141,7 +126,7 @@ class Picker:
     async def _learn(self) -> None:
         now = self._run.clock.now()
         if (sample := self._arm.state.last()) is not None:
-            wanted = self._lag.look(sample.t, sample.value.q)
+            wanted = self._following.lag.look(sample.t, sample.value.q)
             if self._run.state is S.GRIP and wanted is not None:
                 self._following.look(*(self._tool.state(q).p[:3] for q in (sample.value.q, wanted)))
         if self._run.state not in CLOSE and now - self._learnt < LEARN_S - 0.5 * STEP_S:

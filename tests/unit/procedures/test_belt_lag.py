@@ -11,6 +11,7 @@ from cell.following import MOST_LAG_S
 from cell.poses import Array
 from procedures.belt.motion.arm_following import ArmFollowing
 from procedures.belt.motion.servo_lag import Lag
+from tests.kit.motion_bench import OpenGuard
 
 STEP_S = 0.02
 SLOPE = np.array([0.4, -0.2, 0.0, 0.3, 0.0, 0.1])
@@ -108,7 +109,7 @@ def test_set_points_that_the_guard_refuses_are_sent_without_making_up_for_the_lo
 
 
 def test_a_tool_that_stays_beside_its_set_points_ends_the_job() -> None:
-    subject = ArmFollowing(0.05, limit_m=0.003)
+    subject = ArmFollowing(0.05, limit_m=0.003, guard=OpenGuard())  # type: ignore[arg-type]
     here = np.zeros(3)
     for _ in range(50):
         subject.look(here, np.array([0.0, 0.002, 0.0]))
