@@ -8,6 +8,7 @@ import pytest
 
 from cell.errors import CellError
 from daemon.decisions import require_read, use_of, warnings_of
+from daemon.modbus.command import Command
 from daemon.plc import PlcFace
 from fakes.object import run_virtual
 from tests.kit.object_cell import WHO, no_report, open_cell, refused, write_config
@@ -91,7 +92,7 @@ def test_a_plc_that_may_accept_goes_by_its_bit_that_warns(tmp_path: Path) -> Non
         async with open_cell(config) as cell:
             row = cell.ledger.propose("T_flange_camera", [0.0] * 6, WARNED, 7, None)
             face = PlcFace(config.model_copy(update={"modbus": modbus}), cell.engine)
-            await face._accept(7, "PLC 10.0.0.5")
+            await face._accept(Command(8, 1, args=(0, 7, 0, 0, 0, 0)), "PLC 10.0.0.5")
             assert cell.ledger.result(row)["state"] == "committed"
 
     run_virtual(main())
