@@ -9,10 +9,11 @@ def controller_state(controller: Controller) -> dict[str, Any]:
     """JSON-able snapshot; lengths in m, angles in rad, times in s."""
     robot = controller.robot
     now = robot.instant(robot.now())
+    q, qd = robot.arm.track.at(now.t)  # as they are, not as they are reported
     program = robot.runtime.program
     return {
-        "q": now.q,
-        "qd": now.qd,
+        "q": q.tolist(),
+        "qd": qd.tolist(),
         "tcp_pose": now.tcp_pose6,
         "tcp_offset": list(robot.tool.offset6),
         "payload_kg": robot.tool.payload,

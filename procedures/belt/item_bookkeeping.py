@@ -29,6 +29,7 @@ class ItemBookkeeping:
         self._published = -np.inf
         self.streaming = False
         self.carried: Item | None = None
+        self.was_held = False  # the gripper had confirmed that it holds what is carried
 
     async def beside(self, work: Coroutine[Any, Any, None]) -> None:
         """Do ``work`` and look meanwhile; what fails first ends both."""
@@ -75,6 +76,10 @@ class ItemBookkeeping:
         """Whether so many grips in a row took nothing that it is an alarm."""
         return 0 < self._failed_grips <= self.failed_in_a_row
 
+    def carry(self, item: Item, held: bool) -> None:
+        """The arm stopped with ``item``; ``held`` says whether the gripper had confirmed that it holds it."""
+        self.carried, self.was_held = item, held
+
     def end_carried(self, outcome: Outcome) -> None:
         """This became of what was carried, if anything was."""
         item, self.carried = self.carried, None
@@ -93,7 +98,7 @@ class ItemBookkeeping:
 
     async def close(self) -> None:
         """The last count, however the job ended; returns when the ledger has every item that ended."""
-        self.end_carried(Outcome.LOST)
+        self.end_carried(Outcome.LOST)  # nobody looked whether the gripper holds it
         self._end_missed(self._run.clock.now(), None)
         queue = self._watch.queue
         self._run.note("decision", event="counted", seen=queue.seen, waiting=queue.length)

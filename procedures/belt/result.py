@@ -176,10 +176,13 @@ class PickingAnswer(Part):
     jumps_m: Annotated[list[float], Unit("m")] = Field(description="Of the encoder's position.")
     camera_stalls: CameraStalls = Field(description="Times without pictures.")
     arm_lag_s: Seconds | None = Field(
-        description="How late the arm was on its set-points, made up for; null before the first grip."
+        default=None,
+        description="How late the arm was on its set-points, made up for; null before the first grip.",
     )
-    following_rms_m: Metres | None = Field(description="Tool beside its set-points during grips.")
-    following_largest_m: Metres | None = Field(description="The largest of those.")
+    following_rms_m: Metres | None = Field(
+        default=None, description="Tool beside its set-points during grips."
+    )
+    following_largest_m: Metres | None = Field(default=None, description="The largest of those.")
     follow: bool = Field(description="Whether the tool moved with the item while it gripped.")
     method: str = Field(description="How contacts were predicted.")
 

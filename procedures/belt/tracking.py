@@ -200,7 +200,8 @@ class _Picking:
         if held := self.run.gripper().holding(HELD_S):
             await lease.move_joints(self.q_place)
         await self._open_gripper()
-        self.bookkeeping.end_carried(Outcome.PICKED if held else Outcome.LOST)
+        not_held = Outcome.LOST if self.bookkeeping.was_held else Outcome.GRIP_FAILED
+        self.bookkeeping.end_carried(Outcome.PICKED if held else not_held)
         if held:
             self.run.steps_taken.part_done()
 

@@ -112,7 +112,8 @@ class Picker:
         finally:
             await self._gripper.end()
             if self._item is not None and self._item.touched:  # in the gripper, or where the arm stopped
-                self._bookkeeping.carried, self._item = self._item, None
+                self._bookkeeping.carry(self._item, self._held)
+                self._item = None
             self._bookkeeping.streaming = False
 
     def _keep(self, t: float) -> None:
@@ -255,7 +256,7 @@ class Picker:
     async def _close(self, t: float) -> None:
         """In contact."""
         self._in_hand.note(t, CONTACT)
-        self._t_contact, self._tries = t, 1
+        self._t_contact, self._tries, self._held = t, 1, False
         await self._run.enter(S.GRIP)
         self._gripper.begin_grip(t - LEAD_S)
         self._phase = self._grip
