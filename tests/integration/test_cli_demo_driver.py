@@ -54,7 +54,7 @@ def test_a_good_run_ends_with_0_and_shows_the_answer_beside_the_truth(
     shown = capsys.readouterr()
     assert shown.out.splitlines()[0].startswith("Cellward demo")
     assert "ETA" in shown.out.splitlines()[0]
-    assert (folder / "placed").read_text() == "2\n"
+    assert (folder / "placed").read_text() == "1\n"
     for told in ("6.05000", "6.00000", "consistent with the stated", "report.html"):
         assert told in shown.out
     assert "over Modbus" in shown.err

@@ -118,8 +118,9 @@ def _bent(rng: np.random.Generator, document: Document) -> None:
 
 
 def _mirrored_images(_: np.random.Generator, document: Document) -> None:
+    last = document["camera"]["width"] - 1.0
     for o in document["observations"]:
-        o["corners"] = [[1279.0 - u, v] for u, v in o["corners"]]
+        o["corners"] = [[last - u, v] for u, v in o["corners"]]
 
 
 def _mirrored_numbers(_: np.random.Generator, document: Document) -> None:

@@ -271,7 +271,7 @@ def test_watch_prints_a_line_a_change_until_the_daemon_goes(
 def test_the_decisions_on_results_say_what_is_in_effect(
     cell: CellOnDisk, engine: TalkingEngine, subject: CommandLine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def accept(result_id: int, who: str, warned: bool = False) -> dict[str, Any]:
+    async def accept(result_id: int, who: str, warned: bool = False, why: str = "") -> dict[str, Any]:
         use = "T_flange_camera version 2 is in effect from the next job on."
         return {"id": result_id, "name": "T_flange_camera", "version": 2, "use": use}
 

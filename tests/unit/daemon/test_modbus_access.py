@@ -21,7 +21,7 @@ pytestmark = pytest.mark.wire
         ("06001f0001", "06001f0001"),  # its last register
         ("0603e80001", "8602"),  # the mirror is for reading
         ("10001f0002040001 0001", "9002"),
-        ("060000000b", "8603"),  # there is no command 11
+        ("060000000c", "8603"),  # there is no command 12
         ("06000b0010", "8603"),  # there is no control bit 4
         ("0300000021", "8302"),
         ("0300200001", "8302"),

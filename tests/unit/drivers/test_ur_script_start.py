@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -13,6 +14,7 @@ from drivers.ur.config import UrConfig
 from drivers.ur.feed import PLAYING, STOPPED
 from drivers.ur.motion import UrMotion
 from drivers.ur.script_end import Kicks, ScriptRecord
+from drivers.ur.watch import until
 from fakes.object import VirtualClock, run_virtual
 from tests.unit.drivers.test_ur_setting_the_tool import states
 
@@ -24,6 +26,7 @@ def scene_of(runtime: int) -> tuple[SimpleNamespace, UrMotion]:
     subject = object.__new__(UrMotion)
     subject._arm = SimpleNamespace(state=cell.state, lost=None)  # type: ignore[assignment]
     subject._clock, subject._config = clock, UrConfig(host="h")
+    subject._until = partial(until, subject._arm, subject._config)
     subject.script = ScriptRecord(cell.kicks, 0.1)
     subject.script.expect()
     cell.state.subscribe(lambda s: subject.script.note(cell.runtime, s.t))

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,6 +18,7 @@ from drivers.ur.config import UrConfig
 from drivers.ur.feed import PLAYING, STOPPED
 from drivers.ur.motion import UrMotion
 from drivers.ur.script_end import Kicks, ScriptRecord
+from drivers.ur.watch import until
 from fakes.object import VirtualClock, run_virtual
 
 TOOL = ToolSettings(from_pose6([0.0, 0.0, 0.18, 0.0, 0.0, 0.0]), 1.2)
@@ -53,6 +55,7 @@ def setting(play: Play, answer_after_s: float, refused: bool = False) -> CellErr
             state=cell.state, feed=cell.feed, lost=None, fault=lambda: None, tcp_read_back=lambda tcp: None
         )
         subject._tool, subject._clock, subject._config = TOOL, clock, UrConfig(host="h")
+        subject._until = partial(until, subject._arm, subject._config)
         subject.script = ScriptRecord(cell.kicks, 0.1)
         subject.script.expect()
         cell.state.subscribe(lambda s: subject.script.note(cell.runtime, s.t))

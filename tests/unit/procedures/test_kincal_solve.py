@@ -286,7 +286,7 @@ def test_a_question_that_a_kind_cannot_answer_is_refused(tmp_path: Path) -> None
     path = make_scene("ur10e", 13, 30).write(tmp_path)
     run = CliRunner().invoke(app, ["solve", "laser", str(path), "--targets", str(path)])
     assert run.exit_code != 0
-    assert "--targets is for kincal" in str(run.exception)
+    assert "--targets is for axbc, kincal" in str(run.exception)
 
 
 def test_a_method_that_does_not_exist_is_refused(tmp_path: Path) -> None:
