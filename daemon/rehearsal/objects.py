@@ -97,7 +97,8 @@ def _with_objects(
     config: CellConfig, raw: Mapping[str, Any], jobs: tuple[str, ...], twin: Twin, folder: Path
 ) -> dict[str, Any]:
     """The tables of ``raw`` with the devices that ``jobs`` use as objects, and without all others."""
-    used = {role for name in jobs for role in make_procedure(JOBS[name], config, {}).uses()}
+    # A twin has an arm, whether the job moves it or not.
+    used = {"arm"} | {role for name in jobs for role in make_procedure(JOBS[name], config, {}).uses()}
     roles = {role: name for role, name in config.robot.roles().items() if role in used}
     devices = {
         name: {"driver": twin.DRIVERS[role], "scenario": str(folder / "scenario.toml")}
