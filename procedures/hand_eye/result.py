@@ -39,7 +39,11 @@ class LeftOut(Part):
 
 
 class Spread(Part):
-    """How consistent the estimates of simple solvers are. That is no accuracy."""
+    """How consistent weighted estimates of three poses each are. That is no accuracy.
+
+    Each is one step from the weighted solution, so it is smaller than what unweighted ones give
+    (`neighbour_spread`), and cannot be held against figures that are published for the cone method.
+    """
 
     t: Vector = Field(description="Along the axes.")
     t_norm: Metres = Field(description="Its length.")
@@ -54,6 +58,48 @@ class TwoSpreads(Part):
 
     spread_within: Spread | None = Field(description="Of the estimates within placements.")
     spread_across: Spread | None = Field(description="Of the estimates of several placements.")
+
+
+class BaseSpread(Part):
+    """The two spreads of the placements at one place of the target's stand."""
+
+    within: Spread | None = Field(description="Of the estimates within placements.")
+    across: Spread | None = Field(description="Of the estimates of several placements.")
+
+
+class PlainSpread(Part):
+    """A standard deviation, without its noise floor."""
+
+    t: Vector = Field(description="Along the axes.")
+    t_norm: Metres = Field(description="Its length.")
+    r: Radians = Field(description="Of the rotation.")
+
+
+class NeighbourBase(Part):
+    """The unweighted spreads of the placements at one place of the target's stand."""
+
+    within: PlainSpread | None = Field(description="Of the estimates within placements.")
+    across: PlainSpread | None = Field(description="Of the means of several placements.")
+
+
+class NeighbourSpread(Part):
+    """The classic cone method: unweighted AX = XB on each three neighbours on the cone.
+
+    Nothing is weighted or left out as a blunder, so these figures may be held against published ones.
+    """
+
+    within: PlainSpread | None = Field(
+        description="RMS over placements of the standard deviation of the estimates of each."
+    )
+    across: PlainSpread | None = Field(description="Standard deviation of the means of the placements.")
+    across_least_squares: PlainSpread | None = Field(
+        description="The same with the least-squares estimate of each placement for its mean."
+    )
+    by_base: dict[str, NeighbourBase] = Field(description="The two by place of the stand, where told apart.")
+    pose: Pose | None = Field(description="The camera's pose as the mean of the means.")
+    triples: int = Field(description="How many estimates there are.")
+    skipped: int = Field(description="How many sets of three neighbours determine none.")
+    order: str = Field(description="`planned`: by the place on the cone; `observations`: as they were taken.")
 
 
 class Estimates(Part):
@@ -159,6 +205,12 @@ class HandEyeAnswer(Part):
     rejected: list[Rejected] = Field(description="Every observation that was not used.")
     spread_within: Spread | None = Field(description="Of the estimates within placements.")
     spread_across: Spread | None = Field(description="Of the estimates of several placements.")
+    spread_by_base: dict[str, BaseSpread] | None = Field(
+        default=None, description="The two by place of the target's stand; null where it is not told."
+    )
+    neighbour_spread: NeighbourSpread | None = Field(
+        default=None, description="The same two by the classic cone method, unweighted."
+    )
     as_configured: TwoSpreads | None = Field(
         default=None,
         description="With method `adjustment`: both without what was found of arm, lens and target.",

@@ -11,6 +11,7 @@ from procedures.hand_eye.result import (
     HandEyeResult,
     HandEyeUncertainty,
     MovedCamera,
+    NeighbourSpread,
     Spread,
     TargetScale,
 )
@@ -104,7 +105,17 @@ def spread_lines(answer: HandEyeAnswer) -> list[str]:
         f"spread {where} placements {_spread_text(spread, before.get(where))}"
         for where, spread in both
         if spread
-    ]
+    ] + _unweighted(answer.neighbour_spread)
+
+
+def _unweighted(classic: NeighbourSpread | None) -> list[str]:
+    """The same figures by the classic cone method, which published ones may be held against."""
+    if classic is None:
+        return []
+    both = (("within", classic.within), ("across", classic.across))
+    told = [f"{where} placements {mm(one.t_norm)}, {deg(one.r)}" for where, one in both if one is not None]
+    order = "the cone's order" if classic.order == "planned" else "the order in which they were taken"
+    return [f"unweighted, from neighbours in {order}: spread {'; '.join(told)}"] if told else []
 
 
 def _spread_text(spread: Spread, configured: Spread | None) -> str:

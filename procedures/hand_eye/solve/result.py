@@ -26,6 +26,7 @@ from cell.formats.result import Result, Warning_
 from cell.poses import Array, to_pose6
 from procedures.hand_eye.solve.camera import CameraChoice
 from procedures.hand_eye.solve.capture import CaptureSet
+from procedures.hand_eye.solve.neighbours import Neighbours
 
 _CROSS_CHECK_POSES = 60  # OpenCV's solvers take the square of this many pairs
 _MANY_REJECTED = 0.25
@@ -55,6 +56,7 @@ class Solved:
     method: str
     warnings: list[tuple[str, str]]
     inputs: dict[str, object]
+    neighbours: Neighbours
     adjustment: Adjustment | None = None
 
 
@@ -103,6 +105,8 @@ def _answer(solved: Solved, lin: Linearised, P: Array) -> dict[str, object]:
         "cov": None if solved.cov is None else solved.cov.tolist(),
         "rejected": _rejected(solved),
         **_two_spreads(found),
+        "spread_by_base": _by_base(solved, found),
+        "neighbour_spread": solved.neighbours.as_dict(),
         "estimates": {labels[int(solution.groups[p.group])]: _estimates(p) for p in found},
         "noise": solution.noise.as_dict(),
     }
@@ -128,6 +132,19 @@ def _two_spreads(found: list[PlacementEstimates]) -> dict[str, object]:
         "spread_within": None if within is None else within.as_dict(),
         "spread_across": None if across is None else across.as_dict(),
     }
+
+
+def _by_base(solved: Solved, found: list[PlacementEstimates]) -> dict[str, object] | None:
+    """The two spreads of the placements at each place of the target's stand, where places are told apart."""
+    base = {o.group: o.base for o in solved.loaded.capture.observations if o.base is not None}
+    labels = _labels(solved)
+    at = [base.get(int(labels[int(solved.solution.groups[p.group])])) for p in found]
+    out: dict[str, object] = {}
+    for b in sorted({b for b in at if b is not None}):
+        part = [p for p, where in zip(found, at, strict=True) if where == b]
+        both = _two_spreads(part)
+        out[str(b)] = {"within": both["spread_within"], "across": both["spread_across"]}
+    return out or None
 
 
 def _labels(solved: Solved) -> dict[int, str]:

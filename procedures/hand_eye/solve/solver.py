@@ -1,10 +1,11 @@
 """Hand-eye calibration from a capture data set: the one path of jobs, replay and ``cellward solve``."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,12 +20,15 @@ from cell.errors import error
 from cell.formats.result import Result, Warning_
 from procedures.hand_eye.solve.adjustment import METHOD as ADJUSTMENT
 from procedures.hand_eye.solve.adjustment import NO_ARM, by_adjustment, why_not
+from procedures.hand_eye.solve.alike import alike_warnings
 from procedures.hand_eye.solve.arm import given_arm
 from procedures.hand_eye.solve.camera import CameraChoice, check_views, choose_camera
 from procedures.hand_eye.solve.capture import CaptureSet, load_capture
 from procedures.hand_eye.solve.copies import leave_copies_out
 from procedures.hand_eye.solve.match import check_match, check_units, doubts
+from procedures.hand_eye.solve.neighbours import CLASSIC, CLASSIC_LEAST_SQUARES, neighbours_of
 from procedures.hand_eye.solve.order_check import order_warnings
+from procedures.hand_eye.solve.other_robot import with_robot
 from procedures.hand_eye.solve.result import Adjustment, Solved, fill_result
 from procedures.hand_eye.solve.target_check import side_warnings
 from procedures.hand_eye.solve.target_size import size_factor, sized
@@ -41,6 +45,7 @@ def solve_hand_eye(
     *,
     method: str | None = None,
     predict: Path | None = None,
+    robot: Path | Mapping[str, Any] | None = None,
     progress: Progress | None = None,
     calls: int = 2,
 ) -> dict[str, object]:
@@ -48,19 +53,24 @@ def solve_hand_eye(
 
     ``method`` is ``adjustment`` (weighted maximum likelihood with arm, lens and target as unknowns; the
     default for observations with corners), ``ml`` (the same with arm, lens and target as they are given; the
-    default for bare poses) or one of OpenCV's ``tsai``, ``park``, ``horaud``, ``daniilidis``. ``predict`` is
-    a ``cellward.capture-query/1``: joints whose flange poses are wanted.
+    default for bare poses), one of OpenCV's ``tsai``, ``park``, ``horaud``, ``daniilidis``, or the
+    unweighted cone method: ``classic``, or ``classic-least-squares`` with its other means. ``predict`` is a
+    ``cellward.capture-query/1``: joints whose flange poses are wanted. ``robot`` is a ROBOT, or the file of
+    one: the flange poses are then its at the stored joints.
     ``progress(stage, done, total)`` is called now and then. ``solve_seconds`` is the shortest time of
     ``calls`` calls; a job, which nobody compares by it, needs one. Bad input raises an ``InputError``; data
     that cannot determine the answer give a result with verdict ``fail``.
     """
-    if method not in (None, ML, ADJUSTMENT, *METHODS):
-        known = ", ".join((ADJUSTMENT, ML, *METHODS))
+    known_methods = (ADJUSTMENT, ML, *METHODS, CLASSIC, CLASSIC_LEAST_SQUARES)
+    if method not in (None, *known_methods):
+        known = ", ".join(known_methods)
         raise error("ARGUMENT_INVALID", f"method is {method!r}; it must be one of {known}")
     if predict is not None and method not in (None, ADJUSTMENT):
         raise error("ARGUMENT_INVALID", f"--predict needs method {ADJUSTMENT!r}; leave --method out")
     with one_thread():
         loaded = load_capture(Path(path), progress)
+        if robot is not None:
+            with_robot(loaded, robot)
         camera = choose_camera(loaded, adjusts=method in (None, ADJUSTMENT))
         check_views(loaded, camera.camera)
         if progress is not None:
@@ -113,6 +123,7 @@ def _solve(
         if isinstance(solution, Refusal):
             return _refused(loaded, solution, warnings, inputs)
     inputs["solve_seconds"] = seconds
+    neighbours = neighbours_of(loaded, rows, solution.problem)
     check_match(loaded, rows, measured, camera.camera, arm_of[0], solution)
     check_units(loaded, solution.at.X)
     warnings += side_warnings(loaded, solution.problem.take(solution.used))
@@ -131,9 +142,14 @@ def _solve(
         solution, measured = found.solution, found.measured
         camera, told = found.camera, found.told
         cov, warnings = solution.cov, [*warnings, *found.warnings]
+    elif method in (CLASSIC, CLASSIC_LEAST_SQUARES):
+        solution, cov = _with_pose(solution, neighbours.pose(method)), None
     elif method != ML:
         solution, cov = _by_classic(solution, method)
-    solved = Solved(loaded, rows, measured, camera, solution, cov, method, warnings, inputs, told)
+    labels = [str(loaded.group[rows][solution.problem.group == g][0]) for g in solution.groups]
+    parent = "base" if loaded.capture.setup == "eye-in-hand" else "flange"
+    warnings = [*warnings, *alike_warnings(solution.at.W, labels, parent)]
+    solved = Solved(loaded, rows, measured, camera, solution, cov, method, warnings, inputs, neighbours, told)
     return fill_result(solved)
 
 
@@ -214,6 +230,12 @@ def _by_classic(solution: Solution, method: str) -> tuple[Solution, np.ndarray |
     X = solve_classic(part, method)
     if X is None:
         raise error("ARGUMENT_INVALID", f"method {method!r} gives no answer for these data; use 'ml'")
+    return _with_pose(solution, X), jackknife(part, method, X)
+
+
+def _with_pose(solution: Solution, X: np.ndarray) -> Solution:
+    """The solution with another X, and the mean target poses that go with it."""
+    part = solution.problem.take(solution.used)
     own = part.target_poses(X)
     W = np.stack([se3.mean_pose(own[part.group == g]) for g in range(part.groups)])
-    return replace(solution, at=Estimate(X, W)), jackknife(part, method, X)
+    return replace(solution, at=Estimate(X, W))

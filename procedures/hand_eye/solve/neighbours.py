@@ -1,0 +1,99 @@
+"""The classic cone method's figures of a capture: unweighted estimates in the order on the cone."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.hand_eye import se3
+from calibration.hand_eye.neighbours import (
+    Deviation,
+    NeighbourEstimates,
+    across,
+    mean_of_means,
+    neighbour_estimates,
+    within,
+)
+from calibration.hand_eye.problem import Problem
+from calibration.hand_eye.solution import weak_views
+from cell.errors import error
+from cell.formats.capture import Observation
+from cell.poses import Array, to_pose6
+from procedures.hand_eye.solve.capture import CaptureSet
+
+CLASSIC, CLASSIC_LEAST_SQUARES = "classic", "classic-least-squares"
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """The estimates of all placements; ``bases`` says at which base (-1: not told) each stands."""
+
+    found: list[NeighbourEstimates]
+    bases: NDArray[np.int64]
+    planned: bool  # in the order on the cone, else in that of the observations
+
+    def pose(self, method: str) -> Array:
+        """X (4, 4) by ``method``; ``ARGUMENT_INVALID`` where no placement determines one."""
+        X = mean_of_means(self.found, method == CLASSIC_LEAST_SQUARES)
+        if X is None:
+            raise error(
+                "ARGUMENT_INVALID",
+                f"method {method!r} needs three neighbouring poses in a placement that turn about two axes; "
+                "leave --method out",
+            )
+        return X
+
+    def as_dict(self) -> dict[str, object]:
+        """``neighbour_spread`` of the result."""
+        bases = sorted({int(b) for b in self.bases if b >= 0})
+        X = mean_of_means(self.found)
+        return {
+            "within": _written(within(self.found)),
+            "across": _written(across(self.found)),
+            "across_least_squares": _written(across(self.found, least_squares=True)),
+            "by_base": {
+                str(b): {"within": _written(within(part)), "across": _written(across(part))}
+                for b in bases
+                for part in [[p for p in self.found if self.bases[p.group] == b]]
+            },
+            "pose": None if X is None else [float(v) for v in to_pose6(se3.transforms(X))],
+            "triples": sum(len(p.X) for p in self.found),
+            "skipped": sum(p.skipped for p in self.found),
+            "order": "planned" if self.planned else "observations",
+        }
+
+
+def neighbours_of(loaded: CaptureSet, rows: NDArray[np.int64], problem: Problem) -> Neighbours:
+    """Of the problem whose observations are ``rows`` of ``loaded``, those with too poor an image left out."""
+    weak = weak_views(problem)
+    kept = np.array([i for i in range(problem.n) if i not in weak], dtype=np.int64)
+    told = [loaded.capture.observations[int(rows[i])] for i in kept]
+    places = [_planned(o) for o in told]
+    planned = all(place is not None for place in places)
+    place = np.array([p if p is not None else k for k, p in enumerate(places)], dtype=np.int64)
+    if not planned:
+        place = np.arange(len(kept))
+    part = problem.take(kept)
+    return Neighbours(neighbour_estimates(part, place), _bases(told, part), planned)
+
+
+def _planned(observation: Observation) -> int | None:
+    """Its place on the cone; data sets of before kept it among the notes."""
+    if observation.planned is not None:
+        return observation.planned
+    notes = observation.notes
+    place = notes.get("planned") if isinstance(notes, dict) else None
+    return place if isinstance(place, int) else None
+
+
+def _bases(told: Sequence[Observation], problem: Problem) -> NDArray[np.int64]:
+    bases = np.full(problem.groups, -1, dtype=np.int64)
+    for observation, group in zip(told, problem.group, strict=True):
+        if observation.base is not None:
+            bases[int(group)] = observation.base
+    return bases
+
+
+def _written(found: Deviation | None) -> dict[str, object] | None:
+    return None if found is None else found.as_dict()
