@@ -18,6 +18,7 @@ from fakes.world.belt.item_truth import GripperTruth, ItemsTruth
 from fakes.world.belt.truth import BeltTruth
 from fakes.world.camera.truth import CameraTruth, Placement, PrintTruth
 from fakes.world.palletizer.truth import ObservedTruth
+from fakes.world.rack.truth import RackTruth
 from fakes.world.toml_text import to_toml
 from fakes.world.tracker.lines_form import LinesForm
 from fakes.world.tracker.truth import ReflectorTruth, TrackerTruth
@@ -63,6 +64,7 @@ class WorldTruth(_Strict):
     belt: BeltTruth | None = None
     items: ItemsTruth | None = None
     gripper: GripperTruth | None = None
+    rack: RackTruth | None = Field(default=None, description="slots and parts; not beside items of a belt")
     observed: ObservedTruth | None = Field(default=None, description="an arm that its own program moves")
     tracker: TrackerTruth | None = None
     reflectors: dict[str, ReflectorTruth] = Field(
@@ -140,6 +142,12 @@ class WorldTruth(_Strict):
     def _items_lie_on_a_belt(self) -> Self:
         if self.items is not None and self.belt is None:
             raise ValueError("items lie on a belt: give [world.belt] too")
+        return self
+
+    @model_validator(mode="after")
+    def _one_kind_of_things_to_take(self) -> Self:
+        if self.items is not None and self.rack is not None:
+            raise ValueError("a gripper takes items of a belt or parts of a rack: give one of the two")
         return self
 
     @model_validator(mode="after")

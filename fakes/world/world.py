@@ -39,6 +39,7 @@ from fakes.world.belt.items import Items
 from fakes.world.camera.printed import printed_target
 from fakes.world.camera.truth import CameraTruth
 from fakes.world.palletizer.observed import ObservedPalletizer
+from fakes.world.rack.rack import Rack
 from fakes.world.scenario import Obstacle, Scenario, WorldTruth
 from fakes.world.tracker.tracker import Tracker
 
@@ -153,9 +154,10 @@ class World:
         self.items: Items | None = None
         if truth.items is not None and self.belt is not None:
             self.items = Items(truth.items, self.belt, truth.seed)
+        self.rack = None if truth.rack is None else Rack(truth.rack, self.true_flange, t0)
         self.gripper: Gripper | None = None
         if truth.gripper is not None:
-            self.gripper = Gripper(truth.gripper, self.items, self.tool_point)
+            self.gripper = Gripper(truth.gripper, self.items or self.rack, self.tool_point)
         self.inputs = None if truth.io is None else InputModule(truth.io, self.beams, t0)
         self.tracker: Tracker | None = None
         if (tracker := truth.tracker) is not None:
@@ -307,15 +309,19 @@ class World:
         return Scene(t, placement, flange, camera, target, seen)
 
     def contact_force(self, t: float, T_flange_tcp: RigidTransform) -> Array:
-        """Force (N) of obstacles on the true tool's tip and its moment (Nm) about the TCP, (6,), in the
-        base."""
+        """Force (N) of obstacles on the true tool's tip, and of a rack on the part that is held, and their
+        moment (Nm) about the TCP, (6,), in the base."""
         force = np.zeros(6)
+        if self.rack is not None:
+            force[:3], at = self.rack.force(t)
+            if force.any():
+                force[3:] = np.cross(at - (self.true_flange(t) * T_flange_tcp).translation, force[:3])
         if self.config.obstacle:
             flange = self.true_flange(t)
             tip = (flange * self.T_flange_tool_at(t)).translation
-            for obstacle in self.config.obstacle:
-                force[:3] += _push(obstacle, tip)
-            force[3:] = np.cross(tip - (flange * T_flange_tcp).translation, force[:3])
+            pushed = sum((_push(obstacle, tip) for obstacle in self.config.obstacle), np.zeros(3))
+            force[:3] += pushed
+            force[3:] += np.cross(tip - (flange * T_flange_tcp).translation, pushed)
         return force
 
     def truth(self, t: float = inf) -> dict[str, Any]:
@@ -335,6 +341,7 @@ class World:
             "beams": {name: beam.model_dump() for name, beam in self.config.beams.items()},
             **({} if self.tracker is None else {"tracker": self.tracker.told(t)}),
             **self._belt_truth(t),
+            **({} if self.rack is None or t == inf else {"rack": self.rack.truth_at(t)}),
             "robot": {
                 "model": self.config.arm.name,
                 "serial": self.config.arm.serial,

@@ -6,13 +6,12 @@ events in time, and what came of them is found when somebody asks about a time a
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from cell.poses import Array
 from fakes.world.belt.item_truth import GripperTruth
-from fakes.world.belt.items import Items
 
 _SPAN_S = 0.002  # over which the motion of tool and item is compared
 _LOOK_BACK_S = 4.0
@@ -33,11 +32,23 @@ class Contact:
     slide_m_s: float | None = None
 
 
+class Takeable(Protocol):
+    """What lies about for fingers to close on, by number."""
+
+    def nearest(self, t: float, point: Array) -> tuple[int, Array] | None:
+        """What has its grasp point closest to ``point`` (3,), and that grasp point (3,), in the base."""
+        ...
+
+    def grasp_point(self, number: int, t: float) -> Array: ...
+    def take(self, number: int, t: float) -> None: ...
+    def let_go(self, number: int, t: float) -> None: ...
+
+
 class Gripper:
     """``tool_point(t)`` (3,) is the true tool's point in the base."""
 
     def __init__(
-        self, truth: GripperTruth, items: Items | None, tool_point: Callable[[float], Array]
+        self, truth: GripperTruth, items: Takeable | None, tool_point: Callable[[float], Array]
     ) -> None:
         self.truth, self._items, self._tool = truth, items, tool_point
         self.contacts: list[Contact] = []
@@ -61,14 +72,22 @@ class Gripper:
         """Let happen what was due until ``t``."""
         while self._due and self._due[0][0] <= t:
             at, close = self._due.pop(0)
+            if not close:
+                self._let_go(at)
             self._held.append((at, self._close(at) if close else None))
 
     def empty(self, t: float) -> int | None:
         """Somebody takes out what is held at ``t``, and the fingers stay as they are; returns what it was."""
         held = self.holds(t)
         if held is not None:
+            self._let_go(t)
             self._held.append((t, None))
         return held
+
+    def _let_go(self, t: float) -> None:
+        held = self._held[-1][1] if self._held else None
+        if held is not None and self._items is not None:
+            self._items.let_go(held, t)
 
     def truth_at(self, t: float) -> dict[str, Any]:
         """What is held, and every closing so far, as plain values."""
@@ -92,7 +111,9 @@ class Gripper:
             self._items.take(number, t)
         return number if taken else None
 
-    def _touch(self, items: Items, t: float, number: int) -> tuple[float | None, tuple[float, float] | None]:
+    def _touch(
+        self, items: Takeable, t: float, number: int
+    ) -> tuple[float | None, tuple[float, float] | None]:
         """When the tool first came down to the item's face before ``t``, and how far beside its middle."""
 
         def gap(at: float) -> Array:

@@ -66,6 +66,9 @@ class Items:
         for listener in tuple(self.listeners):
             listener(number, t)
 
+    def let_go(self, number: int, t: float) -> None:
+        """It is not on the belt for that."""
+
     def taken(self) -> dict[int, float]:
         """When each item was taken that was."""
         return dict(self._taken)
