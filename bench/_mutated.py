@@ -129,7 +129,7 @@ def _runs(folder: Path) -> list[Case]:
     for number in (1, 2):
         run = cell.add_run(number, None, outcome="complete", verdict="pass", error=None)
         hand_eye_scene.make_scene(number, count=8).write(run.path)
-        run.write_result(solve_hand_eye(run.path))
+        run.write_result(solve_hand_eye(run.path).as_json())
         names.append(run.path.relative_to(folder))
     files = tuple(
         str(names[1] / n) for n in ("run.json", "journal.jsonl", "end.json", "result.json", "capture.json")

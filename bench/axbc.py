@@ -115,7 +115,7 @@ def solved(data: dict[str, object], wanted: Array | None = None, Q: Array | None
                 "q_near": Q.tolist(),
             }
             targets.write_text(json.dumps(asked), "utf-8")
-        return solve_axbc(folder, targets=targets, calls=1)
+        return solve_axbc(folder, targets=targets, calls=1).as_json()
 
 
 def executed(scene: EyeToHandScene, commands: Array, Q: Array) -> float:

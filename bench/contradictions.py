@@ -65,9 +65,9 @@ def codes(document: Document) -> set[str]:
         except InputError as exc:
             front = exc.detail.removeprefix(f"{path}: ").split(": ")[0]
             return {word for word in front.replace(" or ", " ").split() if "." in word} or {front}
-    found = {str(w["code"]) for w in result["warnings"]}  # type: ignore[attr-defined]
-    if result["result"] is None:
-        found.add(f"refused {result['reasons']}")
+    found = {warning.code for warning in result.warnings}
+    if result.result is None:
+        found.add(f"refused {result.reasons}")
     return found - FREE
 
 

@@ -29,11 +29,14 @@ from bench._laser_tally import Tally
 from bench._laser_world import DOWN, FLAT, P_REF, POINT, ROUND, Record, World, search, take
 from bench.laser_height import CELLS, LATE_GAP_S, tell
 from calibration.tool_frame.repeatability import stated_sigma
+from cell.errors import present
 from cell.poses import Array, from_pose6, to_pose6
 from procedures.laser.config import LaserCheckConfig, LaserUpdateConfig, Search
 from procedures.laser.judging import judge_check, judge_moved, why_not, worth_another
 from procedures.laser.record import DATA_FILE, SECOND, THIRD
-from procedures.laser.solving import compare_second, solve_current, solve_new_reference
+from procedures.laser.result import LaserAnswer, LaserResult, MovedTest, ReferenceResult
+from procedures.laser.solve.solver import solve_laser
+from procedures.laser.solving import compare_second, solve_new_reference
 
 COUNT = 20
 STATED_M = stated_sigma("ur10e")
@@ -66,9 +69,9 @@ class Fixture:
         self.plan: Search = search(LATE_GAP_S if late else None)
         path, _ = self._scan("reference", 2, P_REF, NOMINAL, None)
         solved = solve_new_reference(path, {"T_flange_tool": T_REF})
-        if solved["result"] is None:
-            raise NoAnswerError("; ".join(solved["reasons"]))
-        self.reference: dict[str, Any] = solved["result"]
+        if not isinstance(solved, ReferenceResult):
+            raise NoAnswerError("; ".join(solved.reasons))
+        self.reference: dict[str, Any] = solved.as_json()["result"]
         self.header = {**NOMINAL, "beams": self.reference["beams"]}
 
     def beams_off(self) -> tuple[Array, Array]:
@@ -90,16 +93,19 @@ class Fixture:
         """The tool by this against the straight one."""
         self.world = self.world.bent(shift, np.array([*turn, 0.0]))
 
-    def measure(self, name: str, T_now: list[float]) -> tuple[Path, dict[str, Any], Record]:
+    def measure(self, name: str, T_now: list[float]) -> tuple[Path, LaserResult, Record]:
         """The data set, the judged result and the ways of a scan with the frame ``T_now``."""
         path, record = self._scan(name, 1, from_pose6(T_now).translation, self.header, self.reference)
         known = {"T_flange_tool_ref": T_REF, "T_flange_tool_last": T_now, "offset_s": 0.0}
-        return path, judge_check(solve_current(path), known, UPDATE), record
+        judged = judge_check(solve_laser(path, calls=1), known, UPDATE)
+        if not isinstance(judged, LaserResult):
+            raise NoAnswerError("; ".join(judged.reasons))
+        return path, judged, record
 
-    def refused(self, first: Path, found: dict[str, Any]) -> str:
+    def refused(self, first: Path, found: LaserAnswer) -> str:
         """Why the frame of ``found`` is not put into effect, empty when it is."""
         known = {"T_flange_tool": T_REF, "R_base_flange": NOMINAL["R_base_flange"]}
-        p = from_pose6(found["T_flange_tool"]).translation
+        p = from_pose6(frame_of(found)).translation
         for name in (SECOND, THIRD):
             self._scan(f"{first.parent.name}/{name}", 1, p, self.header, self.reference)
             second = compare_second(first, found, known)
@@ -108,12 +114,12 @@ class Fixture:
                 break
         return why
 
-    def moved(self, name: str, T_now: list[float]) -> dict[str, Any]:
+    def moved(self, name: str, T_now: list[float]) -> MovedTest:
         """The test of a check with the frame ``T_now`` in effect."""
         _, judged, _ = self.measure(name, T_now)
         known = {"T_flange_tool_ref": T_REF, "T_flange_tool_last": T_now}
-        test: dict[str, Any] = judge_moved(judged, known, CHECK)["result"]["moved"]
-        return test
+        tested = judge_moved(judged, known, CHECK)
+        return present(tested.result.moved if isinstance(tested, LaserResult) else None, "test of a check")
 
     def _scan(
         self, name: str, places: int, tool: Array, header: dict[str, Any], reference: dict[str, Any] | None
@@ -133,6 +139,11 @@ class Fixture:
         return path, record
 
 
+def frame_of(found: LaserAnswer) -> list[float]:
+    """``T_flange_tool`` of a measurement that was judged."""
+    return present(found.T_flange_tool, "frame that was measured")
+
+
 @patch("procedures.laser.solve.solver.held_out", lambda *_: None)  # nobody looks at it here
 def one(folder: Path, cell: str, seed: int, tally: Tally, gates: bool) -> None:
     """One fixture: reference, bump, measurement, and the verdicts."""
@@ -147,12 +158,13 @@ def one(folder: Path, cell: str, seed: int, tally: Tally, gates: bool) -> None:
     rng = subject.rng
     subject.bend(rng.uniform(-1e-3, 1e-3, 3), rng.uniform(-8e-3, 8e-3, 2))
     began = subject.world.t
-    path, judged, record = subject.measure("update", T_REF)
-    found = judged["result"]
-    if found is None:
-        tally.failed.append("; ".join(judged["reasons"]))
+    try:
+        path, judged, record = subject.measure("update", T_REF)
+    except NoAnswerError as refusal:
+        tally.failed.append(str(refusal))
         return
-    tally.take(found, to_pose6(subject.world.T_flange_tool).tolist())
+    found = judged.result
+    tally.take(judged.as_json()["result"], to_pose6(subject.world.T_flange_tool).tolist())
     tally.ways.append(record.ways)
     tally.near.append(record.near)
     tally.seconds.append(subject.world.t - began)
@@ -161,16 +173,16 @@ def one(folder: Path, cell: str, seed: int, tally: Tally, gates: bool) -> None:
     if why := subject.refused(path, found):
         tally.refused.append(why)
         return
-    test = subject.moved("check", found["T_flange_tool"])
+    test = subject.moved("check", frame_of(found))
     tally.checks += 1
-    tally.called_moved += test["moved"]
+    tally.called_moved += test.moved
     way = rng.standard_normal(3)
-    off = test["detectable_m"] * way / np.linalg.norm(way)
-    p = from_pose6(found["T_flange_tool"]).translation
+    off = present(test.detectable_m, "shift that is found") * way / np.linalg.norm(way)
+    p = from_pose6(frame_of(found)).translation
     # Counted from the frame in effect, so that the tool is off it by just that size.
     subject.bend(p - P_REF + off, subject.world.turn[:2])
     tally.bumps += 1
-    tally.found += subject.moved("bumped", found["T_flange_tool"])["moved"]
+    tally.found += subject.moved("bumped", frame_of(found)).moved
 
 
 def main(arguments: list[str]) -> int:

@@ -29,6 +29,7 @@ from cell.devices import (
     ObservedArm,
 )
 from cell.errors import CellError, error
+from cell.formats.result import Envelope
 from cell.interruptions import Interruptions
 from cell.kinds import D, as_kind
 from cell.modelled_arm import ArmModels, ModelledArm
@@ -74,7 +75,7 @@ class Cell(Protocol):
         """The lease on the arm with the run's limits and guard, and ``tool`` or else the run's tool."""
         ...
 
-    async def propose(self, run: "Run", proposal: "Proposal", result: Mapping[str, Any]) -> int:
+    async def propose(self, run: "Run", proposal: "Proposal", result: Envelope) -> int:
         """Enter a proposed calibration in the ledger; returns its number."""
         ...
 
@@ -159,7 +160,7 @@ class Procedure(ABC):
         """The plan without moving anything: a JSON-able list of poses with every check."""
 
     @classmethod
-    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:
         """The result from the data set ``path``, solved and judged as the run did.
 
         ``info`` is its ``run.json``, ``recorded`` its result.
@@ -193,7 +194,7 @@ class Run:
         self.step, self.steps = 0, 0
         self.prompt: tuple[int, str] | None = None
         self.skippable = False  # what the prompt asks for may be left out
-        self.result: dict[str, Any] | None = None
+        self.result: Envelope | None = None
         self.visited: list[tuple[StrEnum | None, StrEnum]] = []
         self.live: dict[str, float] = {}  # numbers of now, by the names of registers
         self.traces: dict[str, Trace] = {}

@@ -10,6 +10,7 @@ from typing import Any
 from cell.clock import Clock
 from cell.devices import Arm, Device
 from cell.errors import CellError, error
+from cell.formats.result import Envelope
 from cell.interruptions import InterruptionLimits, Interruptions
 from cell.kinds import as_kind
 from cell.motion import MotionBroker, MotionLease
@@ -78,7 +79,7 @@ class CellContext:
         arm = as_kind(self.supervisor.devices[self._named("arm")].device, Arm)
         return self.broker.lease(run.as_modelled(arm), guard, settings, speed, run, after, run.steps_taken)
 
-    async def propose(self, run: Run, proposal: Proposal, result: Mapping[str, Any]) -> int:
+    async def propose(self, run: Run, proposal: Proposal, result: Envelope) -> int:
         return await asyncio.to_thread(enter_proposal, run, self.ledger, proposal, result)
 
     async def accept(self, run: Run, result_id: int, who: str, *, commit: bool) -> None:

@@ -371,7 +371,7 @@ class Engine:
             final, outcome = PackML.COMPLETE, "complete"
         if isinstance(failure, LatchError):
             self.context.broker.latch(failure)
-        verdict = run.result.get("verdict") if run.result else None
+        verdict = run.result.verdict if run.result else None
         end = {
             "outcome": outcome,
             "packml": final.name,
@@ -392,7 +392,8 @@ class Engine:
                 with suppress(CellError):
                     await asyncio.to_thread(self.ledger.end_run, run.id, outcome, verdict)
         figures = await asyncio.to_thread(figures_of, run)
-        shown = await asyncio.to_thread(summary_of, run.result)
+        document = None if run.result is None else await asyncio.to_thread(run.result.as_json)
+        shown = await asyncio.to_thread(summary_of, document)
         self.last = {
             "run_id": run.id,
             "job": run.procedure.name,

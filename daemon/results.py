@@ -4,11 +4,10 @@ import asyncio
 import logging
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from cell.calibrations import rests_on_kinematics
 from cell.errors import CellError, error
-from cell.formats.result import NO_FIGURES, Envelope, Figures
+from cell.formats.result import NO_FIGURES, Envelope, Figures, StepTakenAgain
 from cell.procedure import Procedure, Proposal, Run
 from cell.store.files import plain
 from cell.store.ledger import Ledger
@@ -26,18 +25,19 @@ async def propose_results(run: Run, folder: RunFolder, ledger: Ledger) -> None:
     """
     if run.result is None:
         return
-    proposal = None if run.result["verdict"] == "fail" else run.procedure.proposal(run)
+    proposal = None if run.result.verdict == "fail" else run.procedure.proposal(run)
     renewed = run.proposed | ({proposal.name} if proposal else set())
     run.result = with_interruptions(with_model(run.result, run.values, renewed), run)
-    await asyncio.to_thread(folder.write_result, run.result)
-    await asyncio.to_thread(_read, run.result, str(folder.path / "result.json"))
+    await asyncio.to_thread(_write, run.result, folder)
     if proposal is not None:  # before the report, which names the result and the command that decides
         await asyncio.to_thread(_propose, run, ledger, proposal, run.result)
     await _write_report(run)
 
 
-def _read(result: Mapping[str, Any], where: str) -> Envelope:
-    return read_result(plain(result), where)
+def _write(result: Envelope, folder: RunFolder) -> None:
+    document = plain(result.as_json())
+    folder.write_result(document)
+    read_result(document, str(folder.path / "result.json"))
 
 
 def figures_of(run: Run) -> Figures:
@@ -45,16 +45,16 @@ def figures_of(run: Run) -> Figures:
     if run.result is None:
         return NO_FIGURES
     try:
-        return _read(run.result, f"the result of run {run.id}").figures()
+        return read_result(plain(run.result.as_json()), f"the result of run {run.id}").figures()
     except CellError as exc:
         log.error("registers show nothing of the result: %s", exc)
         return NO_FIGURES
 
 
-def with_interruptions(result: Mapping[str, Any], run: Run) -> dict[str, Any]:
+def with_interruptions(result: Envelope, run: Run) -> Envelope:
     """``result`` with the steps that short silences made the run take again, in its ``inputs``."""
-    inputs = {**(result.get("inputs") or {}), "steps_taken_again": run.steps_taken.taken_again}
-    return {**result, "inputs": inputs} if run.steps_taken.taken_again else dict(result)
+    again = [StepTakenAgain.model_validate(step) for step in run.steps_taken.taken_again]
+    return result.with_inputs(steps_taken_again=again) if again else result
 
 
 def note_arm_model(run: Run) -> None:
@@ -81,7 +81,7 @@ async def _write_report(run: Run) -> None:
         run.note("error", event="no report", why=f"{type(exc).__name__}: {exc}")
 
 
-def enter_proposal(run: Run, ledger: Ledger, proposal: Proposal, result: Mapping[str, Any]) -> int:
+def enter_proposal(run: Run, ledger: Ledger, proposal: Proposal, result: Envelope) -> int:
     """A proposed calibration in the ledger, with the configured value that it would replace.
 
     Where its meaning rests on the arm's kinematics, the ledger notes the model that the run worked with.
@@ -95,7 +95,7 @@ def enter_proposal(run: Run, ledger: Ledger, proposal: Proposal, result: Mapping
     run.proposed.add(proposal.name)
     told = with_model(result, run.values, run.proposed)
     result_id = ledger.propose(
-        proposal.name, proposal.value, told, run.id, configured, model, run.folder.name
+        proposal.name, proposal.value, told.as_json(), run.id, configured, model, run.folder.name
     )
     run.note("decision", event="proposed", name=proposal.name, result_id=result_id)
     return result_id
@@ -112,9 +112,9 @@ def reject_left_open(ledger: Ledger, jobs: Mapping[str, type[Procedure]]) -> lis
     return found
 
 
-def _propose(run: Run, ledger: Ledger, proposal: Proposal, result: dict[str, Any]) -> None:
+def _propose(run: Run, ledger: Ledger, proposal: Proposal, result: Envelope) -> None:
     result_id = enter_proposal(run, ledger, proposal, result)
     run.check_record()
-    if proposal.auto and result["verdict"] == "pass":
+    if proposal.auto and result.verdict == "pass":
         ledger.accept(result_id, "policy")
         run.note("decision", event="accepted", name=proposal.name, result_id=result_id, by="policy")

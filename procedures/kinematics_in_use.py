@@ -6,12 +6,14 @@ that is merely proposed is never used.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 from cell.calibrations import kinematics, on_flange, rests_on_kinematics
 from cell.errors import error, present
+from cell.formats.result import ArmModel, Envelope, Warning_
 from cell.run_values import CONTROLLER, RunValues
 
+R = TypeVar("R", bound=Envelope)
 SAME_LOAD_KG = 1e-3  # an arm bends under its load: a calibration holds for the one it was made with
 DIFFER, LOAD = "kinematics.differ", "kinematics.payload"  # codes of warnings in results
 
@@ -123,25 +125,18 @@ def misfits(values: RunValues) -> dict[str, str]:
     return {name: why for name in names if (why := made_otherwise(values, name))}
 
 
-def with_model(result: Mapping[str, Any], values: RunValues, renewed: set[str]) -> dict[str, Any]:
+def with_model(result: R, values: RunValues, renewed: set[str]) -> R:
     """A result that names the model it was made with, and warns of what fits it less than well.
 
     Those are values on the flange from another model, but for the ``renewed`` ones, and another load. The
     verdict is the job's own: it stays.
     """
-    model = values.arm_model
-    warnings = [
-        {"code": DIFFER, "text": text}
-        for name, text in misfits(values).items()
-        if on_flange(name) and name not in renewed
+    found = [
+        (DIFFER, text) for name, text in misfits(values).items() if on_flange(name) and name not in renewed
     ]
     if in_use(values) is not None:
         load = other_load(_measured(values), values.payload_kg)
-        warnings += [{"code": LOAD, "text": load}] if load else []
-    inputs = {**(result.get("inputs") or {}), "arm_model": dict(model)}
-    there = list(result.get("warnings") or [])
-    return {
-        **result,
-        "inputs": inputs,
-        "warnings": [*there, *(w for w in warnings if w not in there)],
-    }
+        found += [(LOAD, load)] if load else []
+    new = [warning for warning in Warning_.each(found) if warning not in result.warnings]
+    named = result.with_inputs(arm_model=ArmModel.model_validate(dict(values.arm_model)))
+    return named.changed(warnings=[*result.warnings, *new])

@@ -5,14 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from cell.errors import error
+from cell.formats.result import Envelope
 from procedures.kind import kind_named
 from procedures.registry import JOBS
 
 
-def solve_again(
-    job: str, folder: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]
-) -> dict[str, Any]:
-    """The result document of a run from its folder; ``info`` is its ``run.json``, ``recorded`` its result.
+def solve_again(job: str, folder: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:
+    """The result of a run from its folder; ``info`` is its ``run.json``, ``recorded`` its result.
 
     ``NOT_FOUND`` when the run has no data set, or its job none at all.
     """

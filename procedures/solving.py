@@ -1,12 +1,14 @@
-"""Data sets whose numbers lead beyond what can be computed: one coded error for all solvers."""
+"""What all solvers share: data that determine no answer, and numbers that cannot be computed with."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import wraps
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, Protocol, TypeVar
 
 import numpy as np
+from pydantic import ValidationError
 
 from cell.errors import error
+from cell.formats.result import Inputs, Result, Warning_
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -28,12 +30,45 @@ def within_limits(solver: Callable[P, T]) -> Callable[P, T]:
                 return solver(*args, **kwargs)
         except (np.linalg.LinAlgError, ArithmeticError, MemoryError) as exc:
             raise _beyond(args, exc) from exc
+        except ValidationError as exc:
+            first = exc.errors(include_url=False)[0]
+            if first["type"] != "finite_number":  # a defect of the solver, and not of its data
+                raise
+            raise _beyond(args, ArithmeticError(f"{'.'.join(map(str, first['loc']))} has no size")) from exc
         except ValueError as exc:
             if "infs or NaNs" not in str(exc):  # SciPy's words for a matrix that overflowed
                 raise
             raise _beyond(args, exc) from exc
 
     return call
+
+
+class Refusal(Protocol):
+    """Why data determine no answer: a fixed ``name``, and the same in ``words``."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def words(self) -> str: ...
+
+
+def refused(
+    kind: str,
+    refusal: Refusal,
+    warnings: Iterable[tuple[str, str]],
+    inputs: Mapping[str, Any] | Inputs,
+    **observability: Any,
+) -> Result:
+    """The result of data that determine no answer; ``observability`` says what else is known of them."""
+    return Result(
+        kind=kind,
+        verdict="fail",
+        reasons=[str(refusal)],
+        warnings=Warning_.each(warnings),
+        result=None,
+        observability={"refused": refusal.name, **observability},
+        inputs=inputs if isinstance(inputs, Inputs) else Inputs.model_validate(inputs),
+    )
 
 
 def _beyond(args: Sequence[object], exc: Exception) -> Exception:

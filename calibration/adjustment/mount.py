@@ -8,6 +8,7 @@ uncertainty: the less is known of an arm, the less a known place says.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy.special import chdtri
@@ -67,7 +68,7 @@ class Suspicion:
     both: float
 
     @property
-    def blamed(self) -> str:
+    def blamed(self) -> Literal["none", "X", "C", "cannot-tell"]:
         """``none``, ``X`` (the camera), ``C`` (the target's place), or ``cannot-tell``.
 
         Something is wrong when giving one of them up explains far more than chance does. It is that one, when

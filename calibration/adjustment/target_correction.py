@@ -7,6 +7,7 @@ fold are predicted from the other folds. A way that is not surely better than a 
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,10 @@ from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye import se3
 from cell.poses import Array
 
-NONE, CONSTANT, MODEL = "none", "constant", "model"
+Way = Literal["none", "constant", "model"]
+NONE: Way = "none"
+CONSTANT: Way = "constant"
+MODEL: Way = "model"
 FOLDS = 5
 _SURE = 2.0  # standard errors by which the squared errors must be smaller
 
@@ -39,8 +43,8 @@ class Camera:
 class Choice:
     """``cv``: RMS distance (m) of the target from where each way predicts it, unseen; ``chosen`` of them."""
 
-    chosen: str
-    cv: dict[str, float] = field(default_factory=dict)
+    chosen: Way
+    cv: dict[Way, float] = field(default_factory=dict)
 
 
 def source_mean(F: Array, C: Array, W: Array) -> Array:

@@ -5,9 +5,9 @@ keys that it does not know are kept, so that a result of a later version can be 
 answer is read as a plain ``Result`` whatever its kind.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -57,6 +57,12 @@ class Part(BaseModel):
         found: dict[str, Any] = dump(self)
         return {k: v for k, v in found.items() if v is not None or k in self.model_fields_set}
 
+    def changed(self, **fields: Any) -> Self:
+        """A copy with other values in these fields; ``TypeError`` for a name that is no field."""
+        if unknown := fields.keys() - type(self).model_fields.keys():
+            raise TypeError(f"{type(self).__name__} has no field {', '.join(sorted(unknown))}")
+        return self.model_copy(update=fields)
+
 
 class Empty(Part):
     """A table without figures."""
@@ -82,6 +88,11 @@ class Warning_(Part):
 
     code: str = Field(description="Fixed name.")
     text: str = Field(description="The finding in words.")
+
+    @classmethod
+    def each(cls, found: Iterable[tuple[str, str]]) -> list[Self]:
+        """Of pairs of code and text."""
+        return [cls(code=code, text=text) for code, text in found]
 
 
 class ArmModel(Part):
@@ -144,6 +155,23 @@ class Envelope(Part):
         """What registers show of it."""
         return Figures()
 
+    def judged(self, reasons: Sequence[str], warnings: Sequence[Warning_] = ()) -> Self:
+        """With more findings: any of the ``reasons``, which stand first, fails it; warnings make a pass a
+        warn."""
+        verdict = "fail" if reasons else "warn" if warnings and self.verdict == "pass" else self.verdict
+        return self.changed(
+            verdict=verdict, reasons=[*reasons, *self.reasons], warnings=[*self.warnings, *warnings]
+        )
+
+    def with_inputs(self, **figures: Any) -> Self:
+        """With these figures in its ``inputs``."""
+        return self.model_copy(update={"inputs": self.made_from().changed(**figures)})
+
+    def made_from(self) -> Inputs:
+        """Its ``inputs``; a kind of another package may have none."""
+        own = getattr(self, "inputs", None)
+        return own if isinstance(own, Inputs) else Inputs()
+
     def as_json(self) -> dict[str, Any]:
         """Plain values with the names of the format."""
         return self.model_dump(mode="json", by_alias=True)
@@ -157,7 +185,7 @@ class Result(Envelope):
     residuals: dict[str, Any] = Field(default_factory=dict)
     heldout: dict[str, Any] = Field(default_factory=dict)
     observability: dict[str, Any] = Field(default_factory=dict)
-    inputs: dict[str, Any] = Field(default_factory=dict)
+    inputs: Inputs = Field(default_factory=Inputs)
 
     def figures(self) -> Figures:
         return NO_FIGURES if self.result is None else Figures()

@@ -167,7 +167,9 @@ def replay(run: RunArgument, config: ConfigOption = None, as_json: JsonOption = 
     folder = load(config, run)
     recorded = result_of(folder)
     with reading(folder.path):
-        everywhere = differences(recorded, solve_again(folder.job, folder.path, folder.info, recorded))
+        everywhere = differences(
+            recorded, solve_again(folder.job, folder.path, folder.info, recorded).as_json()
+        )
     found = [d for d in everywhere if not d["added"]]
     added = [d["where"] for d in everywhere if d["added"]]
     if as_json:

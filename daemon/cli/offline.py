@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from cell.errors import error
+from cell.formats.result import Envelope
 from daemon.cli.failures import FAILED
 from daemon.cli.options import JsonOption
 from daemon.cli.output import out, out_json, say
@@ -83,8 +84,8 @@ def solve_data(kind: str, path: Path, method: str | None, **asked: Path | None) 
         )
     solver = load(KINDS[kind].solve)
     with ProgressBar() as bar:
-        result: dict[str, Any] = solver(path, method=method, progress=bar.show, **files)
-    return result
+        found: Envelope = solver(path, method=method, progress=bar.show, **files)
+    return found.as_json()
 
 
 def _write(path: Path, result: dict[str, Any]) -> None:

@@ -1,7 +1,5 @@
 """What a run of picking came to, as ``cellward.result/1``."""
 
-from typing import Any
-
 from cell.formats.result import Empty, Warning_
 from cell.run_values import RunValues
 from procedures.belt.config import BeltTrackingConfig
@@ -18,7 +16,7 @@ def result_of(
     config: BeltTrackingConfig,
     values: RunValues,
     duration_s: float,
-) -> dict[str, Any]:
+) -> BeltTrackingResult:
     """Counters, rates and what items were lost to. The verdict warns when items were missed."""
     counts = watch.queue.counts
     picks = counts[Outcome.PICKED]
@@ -73,4 +71,4 @@ def result_of(
         inputs=PickingInputs(
             belt=None if values.belt is None else dict(values.belt), versions=dict(values.versions)
         ),
-    ).as_json()
+    )

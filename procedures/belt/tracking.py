@@ -13,6 +13,7 @@ from scipy.spatial.transform import RigidTransform
 
 from calibration.belt.pursuit import State
 from cell.errors import InputError, error
+from cell.formats.result import Envelope, read_as
 from cell.motion import MotionLease
 from cell.poses import Array, from_pose6
 from cell.procedure import FinishRequested, Procedure, Run
@@ -29,8 +30,9 @@ from procedures.belt.motion.gripper_work import STUCK
 from procedures.belt.motion.picker import Picker
 from procedures.belt.motion.tool_joints import ToolJoints
 from procedures.belt.outcome import result_of
-from procedures.belt.prediction_check import predicted
+from procedures.belt.prediction_check import with_predictions
 from procedures.belt.record import DATA_FILE, PickRecord, header_of
+from procedures.belt.result import BeltTrackingResult
 from procedures.belt.states import CHECKPOINTS, PICKING, PickState
 from procedures.kinematics_in_use import require_same_model
 
@@ -77,10 +79,11 @@ class BeltTracking(Procedure):
             await self._watched(run, picking)
             duration_s = run.clock.now() - started
         await run.enter(S.REPORT)
-        run.result = result_of(picking.watch, picking.arm_following, self.config, run.values, duration_s)
+        picked = result_of(picking.watch, picking.arm_following, self.config, run.values, duration_s)
+        run.result = picked
         if (path := run.folder / DATA_FILE).exists():
             try:
-                run.result |= await run.worker.call(predicted, path)
+                run.result = await run.worker.call(with_predictions, picked, path)
             except InputError as exc:  # what was picked stays what it was
                 run.note("solve", event="not solved", why=str(exc))
 
@@ -102,9 +105,9 @@ class BeltTracking(Procedure):
         return {"poses": picking.poses(), "note": "the way to an item is planned when it is seen"}
 
     @classmethod
-    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:
         """What was picked is in journal and ledger; solved is where items were predicted to be."""
-        return {**recorded, **predicted(path)}
+        return with_predictions(read_as(BeltTrackingResult, recorded), path)
 
 
 def belt_of(values: RunValues) -> Mapping[str, Any]:

@@ -14,12 +14,14 @@ from typing import Any, ClassVar
 from calibration.planning import Volume
 from cell.calibrations import kinematics
 from cell.errors import error
+from cell.formats.result import Envelope
 from cell.poses import from_pose6, to_pose6
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
 from cell.run_values import RunValues
 from cell.store.files import write_atomic
 from procedures.eye_to_hand.config import EyeToHandCheckConfig
 from procedures.eye_to_hand.plan import VolumeRequest, plan_volume
+from procedures.eye_to_hand.result import AxbcAnswer, AxbcResult
 from procedures.eye_to_hand.solve.data import FILE_NAME
 from procedures.eye_to_hand.solve.solver import solve_axbc
 from procedures.hand_eye.capturing import Capture
@@ -53,14 +55,14 @@ class EyeToHandCheck(Procedure):
                 raise error("ARGUMENT_INVALID", f"{key} '{name}' is unknown; there is {', '.join(known)}")
 
     def proposal(self, run: Run) -> Proposal | None:
-        answer = (run.result or {}).get("result")
-        if answer is None or self.config.propose == "none":
+        if not isinstance(run.result, AxbcResult) or self.config.propose == "none":
             return None
+        answer = run.result.result
         auto = self.config.accept.auto
         if self.config.propose == "camera":
-            X = to_pose6(from_pose6(answer["T_camera_base"]).inv())
+            X = to_pose6(from_pose6(answer.T_camera_base).inv())
             return Proposal("T_base_camera", [float(v) for v in X], auto)
-        if answer["correction"]["chosen"] != "model" or answer["robot"] is None:
+        if answer.correction.chosen != "model" or answer.robot is None:
             return None
         device = run.cell.device("arm").name
         return Proposal(kinematics(device), kinematics_value(answer, run.values), auto)
@@ -80,7 +82,7 @@ class EyeToHandCheck(Procedure):
         return plan.as_dict()
 
     @classmethod
-    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:
         return solve_axbc(path, calls=1)
 
 
@@ -137,22 +139,21 @@ class CheckCapture(Capture):
         return path
 
 
-def solve_run(path: Path) -> dict[str, Any]:
+def solve_run(path: Path) -> Envelope:
     """The result of a run's data set, for the worker process."""
     return solve_axbc(path, calls=1)
 
 
-def kinematics_value(answer: Mapping[str, Any], values: RunValues) -> dict[str, Any]:
+def kinematics_value(answer: AxbcAnswer, values: RunValues) -> dict[str, Any]:
     """What ``kinematics.<device>`` holds: the arm with its errors, as a fixed camera found them."""
-    correction = answer["correction"]
     return {
         "schema": "cellward.kinematics/1",
-        "robot": answer["robot"],
+        "robot": answer.robot,
         "controller": dict(values.robot),
         "payload_kg": values.payload_kg,
-        "rms_registration_only": correction["cv_constant"],
-        "rms_calibrated": correction["cv_model"],
-        "held_out": len(answer["places"]),
+        "rms_registration_only": answer.correction.cv_constant,
+        "rms_calibrated": answer.correction.cv_model,
+        "held_out": len(answer.places),
     }
 
 

@@ -1,15 +1,14 @@
 """The verdict of a check: the given hand-eye and the target's place against their limits."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 from cell.formats.axbc import Limits
+from procedures.eye_to_hand.result import AxbcAnswer
 from procedures.words import deg, mm
 
 HAND_EYE, PLACE = "hand-eye.off", "target.place"
 _SURE = 2.0  # standard deviations
-_FIGURES = (("t", "max_error_t_m", mm), ("r", "max_error_r_rad", deg))
 
 
 @dataclass(frozen=True)
@@ -23,12 +22,12 @@ class _Held:
     shown: str
 
 
-def reasons_against(answer: Mapping[str, Any], limits: Limits) -> list[str]:
+def reasons_against(answer: AxbcAnswer, limits: Limits) -> list[str]:
     """Why the given hand-eye is surely beyond a limit, each reason with the limit's name."""
     return [f"{h.said}, the limit is {h.shown}" for h in _held_against(answer, limits) if h.least > h.limit]
 
 
-def doubts_about(answer: Mapping[str, Any], limits: Limits) -> list[tuple[str, str]]:
+def doubts_about(answer: AxbcAnswer, limits: Limits) -> list[tuple[str, str]]:
     """Where the data cannot tell whether the given hand-eye is within its limits."""
     return [
         (HAND_EYE, f"{h.said}, so these data cannot tell whether it is within {h.shown}")
@@ -37,10 +36,11 @@ def doubts_about(answer: Mapping[str, Any], limits: Limits) -> list[tuple[str, s
     ]
 
 
-def blame_warning(blamed: object, C_off: Mapping[str, float]) -> list[tuple[str, str]]:
+def blame_warning(answer: AxbcAnswer) -> list[tuple[str, str]]:
     """What is to be said of the part that does not fit."""
+    blamed = answer.blamed
     if blamed == "C":
-        off = f"{mm(C_off['t'])} and {deg(C_off['r'])}"
+        off = f"{mm(answer.C_offset.t)} and {deg(answer.C_offset.r)}"
         return [(PLACE, f"C as given is off by {off}: measure the target's place on the flange again")]
     if blamed == "X":
         return [(HAND_EYE, "the given hand-eye does not fit the images, and the target's place does")]
@@ -52,8 +52,12 @@ def blame_warning(blamed: object, C_off: Mapping[str, float]) -> list[tuple[str,
     return []
 
 
-def _held_against(answer: Mapping[str, Any], limits: Limits) -> Iterator[_Held]:
-    for key, name, words in _FIGURES:
-        size, twice, limit = answer["eval"][key], _SURE * answer["eval_sigma"][key], getattr(limits, key)
-        said = f"{name}: the given hand-eye is off by {words(size)} +- {words(twice)} (95 %)"
-        yield _Held(said, size - twice, size + twice, limit, words(limit))
+def _held_against(answer: AxbcAnswer, limits: Limits) -> Iterator[_Held]:
+    size, sigma = answer.eval, answer.eval_sigma
+    for name, off, own, limit, words in (
+        ("max_error_t_m", size.t, sigma.t, limits.t, mm),
+        ("max_error_r_rad", size.r, sigma.r, limits.r, deg),
+    ):
+        twice = _SURE * own
+        said = f"{name}: the given hand-eye is off by {words(off)} +- {words(twice)} (95 %)"
+        yield _Held(said, off - twice, off + twice, limit, words(limit))

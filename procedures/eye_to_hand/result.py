@@ -69,6 +69,10 @@ class TargetCorrection(Part):
     cv_constant: Metres = Field(description="The same with the constant correction.")
     cv_model: Metres | None = Field(default=None, description="The same through the arm's model.")
 
+    def by_way(self) -> dict[str, float | None]:
+        """The three figures by the name of the way."""
+        return {"none": self.cv_none, "constant": self.cv_constant, "model": self.cv_model}
+
 
 class NoiseFound(Part):
     """Standard deviations that the plain solution was weighted by."""
@@ -155,5 +159,4 @@ class AxbcResult(Envelope):
 
     def figures(self) -> Figures:
         correction = self.result.correction
-        cv = {"none": correction.cv_none, "constant": correction.cv_constant, "model": correction.cv_model}
-        return Figures(kinematic_rms_m=cv[correction.chosen] or 0.0)
+        return Figures(kinematic_rms_m=correction.by_way()[correction.chosen] or 0.0)

@@ -59,8 +59,7 @@ def place_text(answer: AxbcAnswer) -> str:
 def correction_text(answer: AxbcAnswer) -> str:
     """What correcting targets brings, at poses that were not looked at."""
     cv = answer.correction
-    parts = [("none", cv.cv_none), ("constant", cv.cv_constant), ("model", cv.cv_model)]
-    told = ", ".join(f"{WAYS[way]} {mm(rms)}" for way, rms in parts if rms is not None)
+    told = ", ".join(f"{WAYS[way]} {mm(rms)}" for way, rms in cv.by_way().items() if rms is not None)
     end = (
         "none of them is surely better than none, so targets stay as they are"
         if cv.chosen == "none"

@@ -417,5 +417,4 @@ class Capture:
             raise error("CAPTURE_INCOMPLETE", "no pose was finished")
         path = await asyncio.to_thread(self.record.write_data_set)
         run.note("solve", event="started", observations=len(self.record.observations))
-        limits = self.config.accept.model_dump()
-        run.result = await run.worker.call(solve_within_limits, path, limits)
+        run.result = await run.worker.call(solve_within_limits, path, self.config.accept)

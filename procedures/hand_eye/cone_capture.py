@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from cell.errors import error
+from cell.formats.result import Envelope
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
 from cell.run_values import RunValues
 from procedures.hand_eye.capturing import Capture
-from procedures.hand_eye.config import ConeCaptureConfig
-from procedures.hand_eye.health import keep_trends
+from procedures.hand_eye.config import Acceptance, ConeCaptureConfig
+from procedures.hand_eye.health import keep_health
+from procedures.hand_eye.result import HandEyeResult
 from procedures.hand_eye.solve.solver import solve_hand_eye
 from procedures.hand_eye.states import TRANSITIONS, S, State
 from procedures.hand_eye.verdict import judged
@@ -43,10 +45,8 @@ class ConeCapture(Procedure):
                 raise error("ARGUMENT_INVALID", f"{key} '{name}' is unknown; there is {', '.join(known)}")
 
     def proposal(self, run: Run) -> Proposal | None:
-        answer = (run.result or {}).get("result")
-        if answer is None:
-            return None
-        return Proposal(self._pose_name, answer[self._pose_name], self.config.accept.auto)
+        pose = run.result.result.pose() if isinstance(run.result, HandEyeResult) else None
+        return None if pose is None else Proposal(*pose, self.config.accept.auto)
 
     @property
     def _pose_name(self) -> str:
@@ -61,7 +61,7 @@ class ConeCapture(Procedure):
         with suppress(FinishRequested):
             await capture.take_all()
         await capture.solve()
-        await keep_trends(run, self.config.setup, self._pose_name)
+        await keep_health(run, self.config.setup, self._pose_name)
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """The plan from the board as it is seen now, with every check; nothing moves."""
@@ -74,7 +74,7 @@ class ConeCapture(Procedure):
         return plan.as_dict()
 
     @classmethod
-    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:
         again = solve_hand_eye(path, method=(recorded.get("inputs") or {}).get("method"), calls=1)
         limits = (info.get("job_config") or {}).get("accept")
-        return judged(again, limits) if limits else again
+        return judged(again, Acceptance.model_validate(limits)) if limits else again

@@ -258,6 +258,10 @@ class HandEyeAnswer(Part):
         found = {"T_flange_camera": self.T_flange_camera, "T_base_camera": self.T_base_camera}
         return next(((name, pose) for name, pose in found.items() if pose is not None), None)
 
+    def targets(self) -> dict[str, list[float]]:
+        """pose6 of the target by placement: in the base, or in the flange."""
+        return self.T_base_target or self.T_flange_target or {}
+
 
 class LeavingOut(Part):
     """The stated covariance against the jackknife; beyond the limit it was enlarged to it."""

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -52,8 +51,8 @@ class _Arrivals:
 
 
 @within_limits
-def solve_iso9283(path: Path, limits: Mapping[str, float | None]) -> dict[str, Any]:
-    """``cellward.result/1`` of kind ``iso9283`` from a data set, judged by ``max_AP_m`` and ``max_RP_m``.
+def solve_iso9283(path: Path, limits: Mapping[str, float | None]) -> Iso9283Result:
+    """The result from a data set, judged by ``max_AP_m`` and ``max_RP_m``.
 
     ``ISO9283_INCOMPLETE`` when a pose has fewer than two arrivals.
     """
@@ -118,7 +117,7 @@ def solve_iso9283(path: Path, limits: Mapping[str, float | None]) -> dict[str, A
     return Iso9283Result(
         verdict="fail" if reasons else "warn" if warnings else "pass",
         reasons=[*reasons, *(text for _, text in warnings)],
-        warnings=[Warning_(code=c, text=t) for c, t in warnings],
+        warnings=Warning_.each(warnings),
         result=answer,
         uncertainty=Iso9283Uncertainty(
             AP_U={p.name: p.AP_U for p in poses},
@@ -139,7 +138,7 @@ def solve_iso9283(path: Path, limits: Mapping[str, float | None]) -> dict[str, A
             corrected=data.corrected,
             payload_kg=data.payload_kg,
         ),
-    ).as_json()
+    )
 
 
 def _arrivals(data: Iso9283) -> _Arrivals:

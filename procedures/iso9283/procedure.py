@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from cell.errors import CellError, error
+from cell.formats.result import Envelope
 from cell.procedure import Procedure, Run
 from cell.run_values import RunValues
 from cell.to_its_end import run_to_its_end
@@ -14,6 +15,7 @@ from procedures.iso9283.judging import solve_iso9283
 from procedures.iso9283.plan import kinematics_of, point_of
 from procedures.iso9283.session import Session
 from procedures.iso9283.states import CHECKPOINTS, TRANSITIONS, State
+from procedures.trends import keep_trends
 
 
 class Iso9283Test(Procedure):
@@ -54,15 +56,17 @@ class Iso9283Test(Procedure):
         path = await asyncio.to_thread(session.write)
         run.note("solve", event="started", samples=len(session.record.samples))
         limits = {"max_AP_m": self.config.max_AP_m, "max_RP_m": self.config.max_RP_m}
-        run.result = result = await run.worker.call(solve_iso9283, path, limits)
-        await _keep_trends(run, result)
+        run.result = found = await run.worker.call(solve_iso9283, path, limits)
+        how = "corrected" if found.result.corrected else "uncorrected"
+        worst = {"AP": found.result.AP_max, "RP": found.result.RP_max}  # RP tells wear, AP a bent arm
+        await keep_trends(run, {f"iso9283.{k}_m.{how}.{run.arm().name}": v for k, v in worst.items()})
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """Every pose with the guard's findings and the order of visits; nothing moves."""
         return (await Session(self.config, run).plan()).listing
 
     @classmethod
-    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:
         limits = {key: info["job_config"].get(key) for key in ("max_AP_m", "max_RP_m")}
         return solve_iso9283(path, limits)
 
@@ -75,15 +79,3 @@ async def _keep_what_is_left(run: Run, session: Session) -> None:
         await asyncio.to_thread(session.write)
     except CellError as second:  # as a full disk; what ended the run is the reason
         run.note("error", **second.as_dict())
-
-
-async def _keep_trends(run: Run, result: dict[str, Any]) -> None:
-    """The worst figures over the runs: wear shows in RP, a bent or bumped arm in AP."""
-    answer = result["result"]
-    how = "corrected" if answer["corrected"] else "uncorrected"
-    histories = {}
-    for key in ("AP", "RP"):
-        name = f"iso9283.{key}_m.{how}.{run.arm().name}"
-        points = await run.cell.add_trend(name, answer[f"{key}_max"])
-        histories[name] = [[t, v] for t, v in points]
-    result["inputs"]["trend"] = histories

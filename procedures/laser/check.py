@@ -5,11 +5,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
+from cell.formats.result import Envelope, Result
 from cell.procedure import Procedure, Run
 from cell.run_values import RunValues
 from cell.store.files import read_json
 from procedures.laser.config import LaserCheckConfig, LaserUpdateConfig, Search
-from procedures.laser.health import keep_trends
+from procedures.laser.health import keep_health
 from procedures.laser.judging import finished_early, judge_check, judge_moved
 from procedures.laser.measurement import (
     Measurement,
@@ -21,11 +22,12 @@ from procedures.laser.measurement import (
 )
 from procedures.laser.record import PassRecord
 from procedures.laser.reference import LaserReference
-from procedures.laser.solving import solve_current
+from procedures.laser.result import LaserResult
+from procedures.laser.solve.solver import solve_laser
 from procedures.laser.states import CHECKPOINTS, SCAN, ScanState
 
 S = ScanState
-Judged = Callable[[Path, Mapping[str, Any], Mapping[str, Any]], dict[str, Any]]
+Judged = Callable[[Path, Mapping[str, Any], Mapping[str, Any]], LaserResult | Result]
 
 
 class LaserCheck(Procedure):
@@ -59,7 +61,7 @@ class LaserCheck(Procedure):
         return await measurement.plan()
 
     @classmethod
-    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:
         return solved_check(path, known_of(RunValues.of(info["values"])), info["job_config"])
 
 
@@ -73,8 +75,8 @@ def measurement_of(run: Run, config: LaserCheckConfig | LaserUpdateConfig) -> Me
 
 async def measure(
     run: Run, measurement: Measurement, config: LaserCheckConfig | LaserUpdateConfig, judged: Judged
-) -> dict[str, Any]:
-    """One scan of both beams, solved and judged by ``judged``; the document, which is ``run.result`` too."""
+) -> None:
+    """One scan of both beams, solved and judged by ``judged``, to ``run.result``."""
     await run.enter(S.PREPARE)
     measurement.check_fixture()
     record = PassRecord(run.folder)
@@ -91,11 +93,11 @@ async def measure(
         record.write_data_set, header, reference["passes"], record.passes, scan.complete
     )
     run.note("solve", event="started", passes=len(record.passes))
-    run.result = result = await run.worker.call(judged, path, known_of(run.values), config.model_dump())
-    if moved := (result["result"] or {}).get("moved"):
-        run.note("decision", event="tool moved" if moved["moved"] else "tool has not moved", **moved)
-    await keep_trends(run)
-    return result
+    run.result = found = await run.worker.call(judged, path, known_of(run.values), config.model_dump())
+    if isinstance(found, LaserResult) and (test := found.result.moved) is not None:
+        event = "tool moved" if test.moved else "tool has not moved"
+        run.note("decision", event=event, **test.model_dump())
+    await keep_health(run)
 
 
 def known_of(values: RunValues) -> dict[str, Any]:
@@ -108,12 +110,14 @@ def known_of(values: RunValues) -> dict[str, Any]:
     }
 
 
-def solved_check(path: Path, known: Mapping[str, Any], config: Mapping[str, Any]) -> dict[str, Any]:
+def solved_check(path: Path, known: Mapping[str, Any], config: Mapping[str, Any]) -> LaserResult | Result:
     """As :func:`solved_measurement`, and whether the tool has moved."""
     return judge_moved(solved_measurement(path, known, config), known, config)
 
 
-def solved_measurement(path: Path, known: Mapping[str, Any], config: Mapping[str, Any]) -> dict[str, Any]:
-    """``cellward.result/1`` of a measurement against a reference, judged; for the worker process."""
+def solved_measurement(
+    path: Path, known: Mapping[str, Any], config: Mapping[str, Any]
+) -> LaserResult | Result:
+    """The result of a measurement against a reference, judged; for the worker process."""
     early = finished_early("laser", read_json(path))
-    return early or judge_check(solve_current(path), known, config)
+    return early or judge_check(solve_laser(path, calls=1), known, config)

@@ -1,29 +1,21 @@
 """Health numbers of the beams and the tool, kept over the runs so that drift is seen before scrap."""
 
-from typing import Any
-
 from cell.procedure import Run
+from procedures.laser.result import LaserResult, ReferenceResult
+from procedures.trends import keep_trends
 
 AXES = ("x", "y", "z")
 
 
-async def keep_trends(run: Run) -> None:
-    """Add what this run measured to the trends, and their histories to the result's inputs."""
-    result = run.result
-    if result is None or result["result"] is None:
+async def keep_health(run: Run) -> None:
+    """Add what this run measured to the trends."""
+    found = run.result
+    if not isinstance(found, LaserResult | ReferenceResult):
         return
-    histories: dict[str, Any] = {}
-    for name, value in _numbers(run, result["result"]).items():
-        histories[name] = [[t, v] for t, v in await run.cell.add_trend(name, value)]
-    result.setdefault("inputs", {})["trend"] = histories
-
-
-def _numbers(run: Run, answer: dict[str, Any]) -> dict[str, float]:
-    device, tool = run.inputs("beams").name, run.values.tool["name"]
-    found: dict[str, Any] = {
-        f"beams.latency_s.{device}": answer.get("latency_s"),
-        f"beams.hysteresis_m.{device}": answer.get("hysteresis_m"),
-    }
-    for axis, value in zip(AXES, answer.get("dp_flange") or (), strict=False):
-        found[f"tool.offset_{axis}_m.{tool}"] = value
-    return {name: float(value) for name, value in found.items() if value is not None}
+    numbers = {f"beams.hysteresis_m.{run.inputs('beams').name}": found.result.hysteresis_m}
+    if isinstance(found, LaserResult):
+        numbers[f"beams.latency_s.{run.inputs('beams').name}"] = found.result.latency_s
+        tool = run.values.tool["name"]
+        for axis, value in zip(AXES, found.result.dp_flange, strict=True):
+            numbers[f"tool.offset_{axis}_m.{tool}"] = value
+    await keep_trends(run, numbers)

@@ -6,12 +6,14 @@ checks, and never less than a floor for what the covariance does not hold.
 """
 
 from collections.abc import Mapping
-from math import isfinite
 from typing import Any
+
+from pydantic import ValidationError
 
 from calibration.tool_frame.meeting import FALSE_ALARM, detectable, length95, length_beyond
 from cell.errors import error
 from cell.poses import Array
+from procedures.laser.result import Apart, MovedTest
 
 FLOOR_M = 0.0001  # twice the repeatability that makers state for arms of this size, in pose after pose
 FLOOR_RAD = 0.002
@@ -25,36 +27,35 @@ def tolerance(cov: Array, floor: float, chance: float = FALSE_ALARM) -> float:
 
 
 def whether_moved(
-    found: Mapping[str, Any], cov: Array, config: Mapping[str, Any], same_frame: bool, tilted: bool
-) -> dict[str, Any]:
+    found: Apart, cov: Array, config: Mapping[str, Any], same_frame: bool, tilted: bool
+) -> MovedTest:
     """The test of a check: how far the tool moved against the frame in effect, and the tolerance.
 
-    ``found`` has ``shift`` (m) and ``tilt_rad`` against the frame in effect, and ``cov`` (6, 6) is that of
-    the measurement against the reference. ``same_frame``: the frame in effect is the reference's; another one
-    was measured as well, and is taken to be as uncertain. ``tolerance_m`` and ``tolerance_rad`` of ``config``
-    replace the tolerances that are found here; ``false_alarm`` is the chance that they keep. A shift of
-    ``detectable_m`` is found with 99 % at least. Without a tilt (``tilted``) the axis is not tested.
-    ``SOLVE_REFUSED`` when a figure is no finite number: it would compare as not moved.
+    ``found`` is against the frame in effect, and ``cov`` (6, 6) is that of the measurement against the
+    reference. ``same_frame``: the frame in effect is the reference's; another one was measured as well and is
+    taken to be as uncertain. ``tolerance_m`` and ``tolerance_rad`` of ``config`` replace the tolerances that
+    are found here; ``false_alarm`` is the chance that they keep. A shift of ``detectable_m`` is found with
+    99 % at least. Without a tilt (``tilted``) the axis is not tested. ``SOLVE_REFUSED`` when a figure is no
+    finite number: it would compare as not moved.
     """
     both = cov if same_frame else 2.0 * cov
     point, axis = both[:3, :3], both[3:, 3:]
     allowed, chance = config["tolerance_m"], config.get("false_alarm", FALSE_ALARM)
     limit = tolerance(point, FLOOR_M, chance) if allowed is None else allowed
-    test: dict[str, Any] = {
-        "shift_m": found["shift"],
-        "U_shift_m": length95(point),
-        "tolerance_m": limit,
-        "detectable_m": detectable(point, limit),
-        "false_alarm": chance,
-        "tilt_rad": None,
-        "U_tilt_rad": None,
-        "tolerance_rad": None,
-    }
-    if tilted:
-        turn = config["tolerance_rad"]
-        turn = tolerance(axis, FLOOR_RAD, chance) if turn is None else turn
-        test |= {"tilt_rad": found["tilt_rad"], "U_tilt_rad": length95(axis), "tolerance_rad": turn}
-    if missing := [name for name, figure in test.items() if figure is not None and not isfinite(figure)]:
-        raise error("SOLVE_REFUSED", f"{', '.join(missing)} of the check is not a finite number")
-    turned = tilted and test["tilt_rad"] > test["tolerance_rad"]
-    return {"moved": bool(test["shift_m"] > test["tolerance_m"] or turned), **test}
+    turn = config["tolerance_rad"]
+    turn = tolerance(axis, FLOOR_RAD, chance) if tilted and turn is None else turn
+    try:
+        return MovedTest(
+            moved=bool(found.shift > limit or (tilted and found.tilt_rad > turn)),
+            shift_m=found.shift,
+            U_shift_m=length95(point),
+            tolerance_m=limit,
+            detectable_m=detectable(point, limit),
+            false_alarm=chance,
+            tilt_rad=found.tilt_rad if tilted else None,
+            U_tilt_rad=length95(axis) if tilted else None,
+            tolerance_rad=turn if tilted else None,
+        )
+    except ValidationError as exc:
+        names = ", ".join(str(wrong["loc"][0]) for wrong in exc.errors(include_url=False))
+        raise error("SOLVE_REFUSED", f"{names} of the check is not a finite number") from exc

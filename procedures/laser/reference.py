@@ -6,14 +6,16 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from cell.calibrations import laser_reference
+from cell.formats.result import Envelope, Result
 from cell.procedure import Procedure, Proposal, Run
 from cell.run_values import RunValues
 from cell.store.files import read_json
 from procedures.laser.config import LaserReferenceConfig, Search
-from procedures.laser.health import keep_trends
+from procedures.laser.health import keep_health
 from procedures.laser.judging import finished_early, judge_reference
 from procedures.laser.measurement import Measurement, check_poses, check_speeds, nominal_header
 from procedures.laser.record import PassRecord
+from procedures.laser.result import ReferenceResult
 from procedures.laser.solving import solve_new_reference
 from procedures.laser.states import CHECKPOINTS, SCAN, ScanState
 
@@ -43,10 +45,10 @@ class LaserReference(Procedure):
         check_speeds(c.model_dump(), values)
 
     def proposal(self, run: Run) -> Proposal | None:
-        answer = (run.result or {}).get("result")
-        if answer is None:
+        if not isinstance(run.result, ReferenceResult):
             return None
-        return Proposal(laser_reference(run.values.tool["name"]), answer, self.config.accept.auto)
+        document = run.result.result.model_dump(mode="json", by_alias=True)
+        return Proposal(laser_reference(run.values.tool["name"]), document, self.config.accept.auto)
 
     async def run(self, run: Run) -> None:
         await run.enter(S.PREPARE)
@@ -66,7 +68,7 @@ class LaserReference(Procedure):
         run.note("solve", event="started", passes=len(record.passes))
         known = known_of(self.config, run.values, measurement.search.device)
         run.result = await run.worker.call(solved_reference, path, known, self.config.model_dump())
-        await keep_trends(run)
+        await keep_health(run)
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """Every move with the guard's findings; nothing moves."""
@@ -75,7 +77,7 @@ class LaserReference(Procedure):
         return await measurement.plan()
 
     @classmethod
-    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:
         config = LaserReferenceConfig.model_validate(info["job_config"])
         known = known_of(config, RunValues.of(info["values"]), info["config"]["robot"]["beams"])
         return solved_reference(path, known, info["job_config"])
@@ -96,7 +98,9 @@ def known_of(config: LaserReferenceConfig, values: RunValues, device: str) -> di
     }
 
 
-def solved_reference(path: Path, known: Mapping[str, Any], config: Mapping[str, Any]) -> dict[str, Any]:
-    """``cellward.result/1`` of a reference, judged; for the worker process."""
+def solved_reference(
+    path: Path, known: Mapping[str, Any], config: Mapping[str, Any]
+) -> ReferenceResult | Result:
+    """The result of a reference, judged; for the worker process."""
     early = finished_early("laser-reference", read_json(path))
     return early or judge_reference(solve_new_reference(path, known), config)

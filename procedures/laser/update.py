@@ -16,6 +16,7 @@ import numpy as np
 from calibration.tool_frame.meeting import FALSE_ALARM
 from cell.calibrations import tool_calibration
 from cell.errors import CellError, present
+from cell.formats.result import Envelope, Result
 from cell.motion import MotionLease
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
 from cell.run_values import RunValues
@@ -33,6 +34,7 @@ from procedures.laser.measurement import (
 )
 from procedures.laser.record import DATA_FILE, SECOND, THIRD, PassRecord
 from procedures.laser.reference import LaserReference
+from procedures.laser.result import LaserResult, SecondScan, Update
 from procedures.laser.scan import Scan
 from procedures.laser.solving import compare_second
 from procedures.laser.states import CHECKPOINTS, SCAN
@@ -95,11 +97,12 @@ class LaserUpdate(Procedure):
 
     async def run(self, run: Run) -> None:
         measurement = measurement_of(run, self.config)
-        result = await measure(run, measurement, self.config, solved_measurement)
-        if result["result"] is None or result["verdict"] == "fail":
-            run.note("decision", event="nothing proposed", why="; ".join(result["reasons"]))
+        await measure(run, measurement, self.config, solved_measurement)
+        found = present(run.result, "result of a measurement")
+        if not isinstance(found, LaserResult) or found.verdict == "fail":
+            run.note("decision", event="nothing proposed", why="; ".join(found.reasons))
             return
-        await _Candidate(self.config, run, measurement, result).decide()
+        await _Candidate(self.config, run, measurement, found).decide()
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """Every move of the first scan with the guard's findings; nothing moves."""
@@ -110,7 +113,7 @@ class LaserUpdate(Procedure):
         return {**plan, "note": f"{plan['note']}; {again}"}
 
     @classmethod
-    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:
         return solved_update(path, RunValues.of(info["values"]), info["job_config"], recorded)
 
 
@@ -118,11 +121,12 @@ class _Candidate:
     """A measured tool frame on its way to be committed or rejected, never left in between."""
 
     def __init__(
-        self, config: LaserUpdateConfig, run: Run, measurement: Measurement, result: dict[str, Any]
+        self, config: LaserUpdateConfig, run: Run, measurement: Measurement, measured: LaserResult
     ) -> None:
-        self.config, self.run, self.measurement, self.result = config, run, measurement, result
+        self.config, self.run, self.measurement = config, run, measurement
+        self.measured, self.told = measured, Update()
         self.name = run.values.tool["name"]
-        self.tool = {**run.values.tool, "T_flange_tool": self.result["result"]["T_flange_tool"]}
+        self.tool = {**run.values.tool, "T_flange_tool": measured.result.T_flange_tool}
         self.why = "the run ended before the candidate was confirmed"
         self.open: int | None = None  # the proposal's number until it is decided
 
@@ -150,7 +154,7 @@ class _Candidate:
 
     async def _propose(self) -> None:
         proposal = Proposal(tool_calibration(self.name), self.tool["T_flange_tool"], False)
-        self.open = await self.run.cell.propose(self.run, proposal, self.result)
+        self.open = await self.run.cell.propose(self.run, proposal, self.measured)
 
     async def _commit(self) -> None:
         await self.run.cell.commit(self.run, self._number)
@@ -159,13 +163,13 @@ class _Candidate:
 
     async def _reject(self, result_id: int) -> None:
         self._tell(committed=False, why=self.why)
-        not_confirmed(self.result, self.why)
+        self._keep(not_confirmed(self.measured, self.why))
         await self.run.cell.reject(self.run, result_id, self.why)
 
     async def _accepted(self) -> bool:
         """By policy, or by the operator: a confirm accepts, everything else rejects."""
         run = self.run
-        if self.config.accept.auto and self.result["verdict"] == "pass":
+        if self.config.accept.auto and self.measured.verdict == "pass":
             await run.cell.accept(run, self._number, "policy", commit=False)
             self._tell(accepted_by="policy")
             return True
@@ -193,7 +197,7 @@ class _Candidate:
         if self.why:
             await self.run.enter(S.REJECT, self.why)
 
-    async def _scan_and_compare(self, name: str) -> dict[str, Any] | None:
+    async def _scan_and_compare(self, name: str) -> SecondScan | None:
         """One scan with the candidate into the folder ``name``; what it and those before it say, or None."""
         run = self.run
         await run.enter(S.VERIFY, f"{name} scan, with the candidate tool")
@@ -212,13 +216,11 @@ class _Candidate:
             record.write_data_set, header, reference["passes"], record.passes, scan.complete
         )
         known = {k: reference[k] for k in ("T_flange_tool", "R_base_flange")}
-        first, chance = self.result["result"], self.config.false_alarm
-        found: dict[str, Any] = await run.worker.call(
-            compare_second, run.folder / DATA_FILE, first, known, chance
-        )
+        first, chance = self.measured.result, self.config.false_alarm
+        found = await run.worker.call(compare_second, run.folder / DATA_FILE, first, known, chance)
         self._tell(second_scan=found)
         self.why = why_not(found, self.config.max_U_m)
-        run.note("decision", event=f"{name} scan", **found)
+        run.note("decision", event=f"{name} scan", **found.model_dump())
         return found
 
     async def _scan_again(self, scan: Scan) -> None:
@@ -233,40 +235,43 @@ class _Candidate:
 
     def _tell(self, **facts: Any) -> None:
         """Into the result's ``inputs``: what was decided, and why."""
-        self.result.setdefault("inputs", {}).setdefault("update", {}).update(facts)
+        self.told = self.told.changed(**facts)
+        self._keep(self.measured.with_inputs(update=self.told))
+
+    def _keep(self, measured: LaserResult) -> None:
+        self.measured = self.run.result = measured
 
     def _question(self) -> str:
-        answer, U = self.result["result"], self.result["uncertainty"]["U_point_m"]
-        dx, dy, dz = (1e3 * v for v in answer["dp_flange"])
+        answer = self.measured.result
+        U = present(self.measured.uncertainty.U_point_m, "uncertainty of a measurement")
+        last = present(answer.against_last, "measurement that was judged")
+        dx, dy, dz = (1e3 * v for v in answer.dp_flange)
         turned = "the tilt was not measured"
-        if answer["drot_flange"] is not None:
-            tilt = float(np.linalg.norm(answer["drot_flange"]))
+        if answer.drot_flange is not None:
+            tilt = float(np.linalg.norm(answer.drot_flange))
             turned = f"its axis turned by {DEG * tilt:.2f} deg"
-        last = answer["against_last"]
         return (
             f"Tool '{self.name}': its point moved by {dx:+.3f}, {dy:+.3f}, {dz:+.3f} mm in the flange since "
             f"the reference, {turned} (95 % uncertainty of the point {1e3 * U:.3f} mm). Against the frame in "
-            f"effect it moved by {1e3 * last['shift']:.3f} mm and {DEG * last['tilt_rad']:.2f} deg. Confirm "
+            f"effect it moved by {1e3 * last.shift:.3f} mm and {DEG * last.tilt_rad:.2f} deg. Confirm "
             "to accept the new frame and try it in a second scan; finish or abort to reject it."
         )
 
 
 def solved_update(
     path: Path, values: RunValues, config: Mapping[str, Any], recorded: Mapping[str, Any]
-) -> dict[str, Any]:
-    """The result document of an update from its data sets, the second scan's included if there is one.
+) -> LaserResult | Result:
+    """The result of an update from its data sets, the second scan's included if there is one.
 
     What a person decided is taken from ``recorded``, the result as the run left it.
     """
-    result = solved_measurement(path, known_of(values), config)
+    found = solved_measurement(path, known_of(values), config)
     decided = recorded.get("inputs", {}).get("update", {})
-    if result["result"] is None or not decided:
-        return result
+    if not isinstance(found, LaserResult) or not decided:
+        return found
     why = decided.get("why", "")
     if (path.parent / SECOND / path.name).exists():
         chance = config.get("false_alarm", FALSE_ALARM)
-        compared = compare_second(path, result["result"], known_reference(values), chance)
+        compared = compare_second(path, found.result, known_reference(values), chance)
         why = why_not(compared, config["max_U_m"]) or why
-    if why:
-        not_confirmed(result, why)
-    return result
+    return not_confirmed(found, why) if why else found

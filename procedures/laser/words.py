@@ -35,10 +35,10 @@ def laser_lines(found: LaserResult) -> list[str]:
 
 def _moved(test: MovedTest) -> list[str]:
     """The test of a check, whatever came of it: the figure against the frame in effect, and its tolerance."""
-    verdict, told = "the tool has moved" if test.moved else "the tool has not moved", test.model_dump()
-    lines = [f"  {verdict} against the tool frame in effect: point {point_words(told)}"]
-    if test.tilt_rad is not None:
-        lines.append(f"    axis {axis_words(told)}")
+    verdict = "the tool has moved" if test.moved else "the tool has not moved"
+    lines = [f"  {verdict} against the tool frame in effect: point {point_words(test)}"]
+    if axis := axis_words(test):
+        lines.append(f"    axis {axis}")
     if (size := test.detectable_m) is not None:
         lines.append(f"    a shift of {mm(size)} is found in 99 of 100 checks")
     return lines

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 
 from cell.calibrations import time_offset
 from cell.errors import error
+from cell.formats.result import Envelope, Result
 from cell.motion import MotionLease
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
 from cell.run_values import RunValues
@@ -20,10 +21,11 @@ from cell.store.files import to_json, write_atomic
 from procedures.laser.plan import note_plan
 from procedures.laser.reference import LaserReference
 from procedures.latency.beams import Beams
-from procedures.latency.config import LatencyCalibrationConfig
+from procedures.latency.config import Acceptance, LatencyCalibrationConfig
 from procedures.latency.delayed_device import DelayedDevice
 from procedures.latency.result import LatencyResult
 from procedures.latency.solver import DATA_FILE, SCHEMA, solve_latency
+from procedures.trends import keep_trends
 
 
 class State(StrEnum):
@@ -75,10 +77,10 @@ class LatencyCalibration(Procedure):
             )
 
     def proposal(self, run: Run) -> Proposal | None:
-        answer = (run.result or {}).get("result")
-        if answer is None:
+        if not isinstance(run.result, LatencyResult):
             return None
-        return Proposal(time_offset(answer["source"]), answer["time_offset_s"], self.config.accept.auto)
+        answer = run.result.result
+        return Proposal(time_offset(answer.source), answer.time_offset_s, self.config.accept.auto)
 
     async def run(self, run: Run) -> None:
         source = self._source(run)
@@ -95,19 +97,19 @@ class LatencyCalibration(Procedure):
         if not source.passes:
             raise error("LASER_INCOMPLETE", "no pass was taken")
         path = await asyncio.to_thread(self._write_data_set, run, source)
-        run.result = await run.worker.call(solve_within_limits, path, self.config.accept.model_dump())
-        if (answer := run.result["result"]) is not None:
+        found = await run.worker.call(solve_within_limits, path, self.config.accept)
+        run.result = found
+        if isinstance(found, LatencyResult):
             name = f"{source.role}.latency_s.{source.device}"
-            trend = await run.cell.add_trend(name, answer["time_offset_s"])
-            run.result["inputs"]["trend"] = {name: [list(point) for point in trend]}
+            await keep_trends(run, {name: found.result.time_offset_s})
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """Every move with the guard's findings; nothing moves."""
         return await self._source(run).plan()
 
     @classmethod
-    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
-        return solve_within_limits(path, info["job_config"]["accept"])
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:
+        return solve_within_limits(path, Acceptance.model_validate(info["job_config"]["accept"]))
 
     async def _excite(self, run: Run, source: DelayedDevice, lease: MotionLease) -> None:
         await run.enter(S.APPROACH, source.device)
@@ -137,22 +139,21 @@ class LatencyCalibration(Procedure):
         return path
 
 
-def solve_within_limits(path: Path, limits: Mapping[str, Any]) -> dict[str, Any]:
+def solve_within_limits(path: Path, limits: Acceptance) -> LatencyResult | Result:
     """The result held against the limits of the job; for the worker process."""
     result = solve_latency(path)
     if not isinstance(result, LatencyResult):
-        return result.as_json()
+        return result
     low, high = result.result.interval95_s
     reasons = []
-    if high - low > limits["max_interval_s"]:
+    if high - low > limits.max_interval_s:
         reasons.append(
             f"max_interval_s: the 95 % interval is {1e3 * (high - low):.2f} ms wide, the limit is "
-            f"{1e3 * limits['max_interval_s']:g} ms; take more passes or poll faster"
+            f"{1e3 * limits.max_interval_s:g} ms; take more passes or poll faster"
         )
-    if abs(result.result.time_offset_s) > limits["max_offset_s"]:
+    if abs(result.result.time_offset_s) > limits.max_offset_s:
         reasons.append(
             f"max_offset_s: the delay is {1e3 * result.result.time_offset_s:.1f} ms, the limit is "
-            f"{1e3 * limits['max_offset_s']:g} ms"
+            f"{1e3 * limits.max_offset_s:g} ms"
         )
-    changed = {"verdict": "fail", "reasons": reasons} if reasons else {}
-    return result.model_copy(update=changed).as_json()
+    return result.judged(reasons)

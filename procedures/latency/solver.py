@@ -38,7 +38,7 @@ def solve_latency(path: Path) -> LatencyResult | Result:
     file = path / DATA_FILE if path.is_dir() else path
     data = _read(file)
     crossings = SIGNALS[data["signal"]](data)
-    inputs = {"path": str(file), "passes": len(data["passes"]), "source": data["source"]}
+    inputs = LatencyInputs(path=str(file), passes=len(data["passes"]), source=data["source"])
     if (why := undetermined(crossings)) is not None:
         return Result(kind="latency", verdict="fail", reasons=[why], result=None, inputs=inputs)
     began = time.perf_counter()
@@ -67,12 +67,7 @@ def solve_latency(path: Path) -> LatencyResult | Result:
             if found.hysteresis is not None
             else ["the hysteresis: with one speed it is part of the delay"]
         ),
-        inputs=LatencyInputs(
-            path=str(file),
-            passes=len(data["passes"]),
-            source=data["source"],
-            solve_seconds=time.perf_counter() - began,
-        ),
+        inputs=inputs.changed(solve_seconds=time.perf_counter() - began),
     )
 
 

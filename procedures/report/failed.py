@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from cell.formats.result import Result
 from cell.store.files import write_atomic
 from procedures.report.figure import plotly_script
 from procedures.report.html import Html, bullets, document, el, join, note, paragraph, section
@@ -13,6 +14,7 @@ from procedures.report.timeline import timeline
 from procedures.report.write import FILE_NAME, subtitle
 
 MOST_ENTRIES = 30
+NO_RESULT = Result(kind="", verdict="fail", result=None)
 
 
 def write_failed_report(folder: Path, path: Path | None = None) -> Path:
@@ -22,13 +24,14 @@ def write_failed_report(folder: Path, path: Path | None = None) -> Path:
     ``DISK_FAILED``.
     """
     path = path or folder / FILE_NAME
-    source = of_folder(Source, {}, folder, "")
+    source = of_folder(Source, NO_RESULT, folder, "")
     run = source.run
     outcome = source.end.get("outcome") or "has no end: it goes on, or was interrupted"
     how = f"ended {outcome}" if source.end else outcome
     title = f"Run {run.get('run_id', folder.name)} ({run.get('job', 'unknown job')}) {how}, without a result"
+    early = "" if source.end else ". The report was drawn before the run had ended"
     last = replace(source, journal=source.journal[-MOST_ENTRIES:])
-    shown = f"The last {len(last.journal)} of {len(source.journal)} entries of the journal"
+    shown = f"The last {len(last.journal)} of {len(source.journal)} entries of the journal{early}"
     body = join(
         [
             el("header", el("h1", title), el("p", subtitle(source))),
@@ -42,7 +45,7 @@ def write_failed_report(folder: Path, path: Path | None = None) -> Path:
     return path
 
 
-def _cause(source: Source) -> Html:
+def _cause(source: Source[Any]) -> Html:
     """State, cause, code and hint. Ages of samples and lags of the loop are in the error's own sentence."""
     failure = source.end.get("error")
     state = source.end.get("packml")
@@ -59,7 +62,7 @@ def _cause(source: Source) -> Html:
     )
 
 
-def _taken_again(source: Source) -> Html | None:
+def _taken_again(source: Source[Any]) -> Html | None:
     """The short silences of devices before the end."""
     silences = [e for e in source.journal if e.get("event") in ("interrupted", "interrupted too often")]
     return section("Short silences of devices", bullets(_told(e) for e in silences)) if silences else None

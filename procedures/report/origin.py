@@ -12,9 +12,9 @@ from procedures.report.source import Source
 _ELSEWHERE = ("sampling", "trend")  # sections of their own show these
 
 
-def inputs_section(source: Source) -> Html:
+def inputs_section(source: Source[Any]) -> Html:
     """Everything a second person needs to come to the same result."""
-    inputs = source.result.get("inputs")
+    inputs = source.result.made_from().model_dump(mode="json")
     rows: list[tuple[object, object]] = []
     run = source.run
     rows += _rows(
@@ -36,22 +36,22 @@ def inputs_section(source: Source) -> Html:
             ("arm", dig(values, "robot", "model")),
         )
     rows += _rows(("calibrations in effect", _versions(values)))
-    if isinstance(inputs, Mapping):
-        shown = {"solve_seconds": _seconds, "arm_model": _model, "steps_taken_again": _taken_again}
-        rows += [
-            (key.replace("_", " "), shown.get(key, _plain)(value))
-            for key, value in inputs.items()
-            if key not in _ELSEWHERE
-        ]
-    rows.append(("schema", source.result.get("schema")))
+    shown = {"solve_seconds": _seconds, "arm_model": in_words, "steps_taken_again": _taken_again}
+    rows += [
+        (key.replace("_", " "), shown.get(key, _plain)(value))
+        for key, value in inputs.items()
+        if key not in _ELSEWHERE
+    ]
+    rows.append(("schema", source.result.schema_))
     return section("Inputs", table((), [(el("b", a), b) for a, b in rows]))
 
 
-def figures_section(source: Source) -> Html:
+def figures_section(source: Source[Any]) -> Html:
     """The answer as it stands in the file, for kinds that have no sections of their own."""
-    if source.answer is None:
+    answer = source.result.as_json().get("result")
+    if answer is None:
         return section("The result", absent("There is no answer."))
-    rows = [(el("b", key), el("code", to_json(value))) for key, value in source.answer.items()]
+    rows = [(el("b", key), el("code", to_json(value))) for key, value in answer.items()]
     return section("The result", table((), rows))
 
 
@@ -70,10 +70,6 @@ def _plain(value: Any) -> object:
     if isinstance(value, Mapping):
         return ", ".join(f"{k} {_plain(v)}" for k, v in value.items()) or "none"
     return to_json(value) if isinstance(value, list) else str(value)
-
-
-def _model(value: Any) -> object:
-    return in_words(value) if isinstance(value, Mapping) and "name" in value else _plain(value)
 
 
 def _seconds(value: Any) -> str:

@@ -1,5 +1,7 @@
 """The report of a kind of result that has none of its own: its figures as they are."""
 
+from typing import Any
+
 from procedures.report.html import Html
 from procedures.report.layout import Layout, Page
 from procedures.report.origin import figures_section, inputs_section
@@ -8,11 +10,11 @@ from procedures.report.timeline import timeline_section
 from procedures.report.verdict import banner
 
 
-def _verdict_section(source: Source) -> Html:
+def _verdict_section(source: Source[Any]) -> Html:
     return banner(source, {}, "Correct what the reason names, and solve again.")
 
 
-def _plain_page(source: Source) -> Page[Source]:
+def _plain_page(source: Source[Any]) -> Page[Source[Any]]:
     rest = (timeline_section, inputs_section)
     return Page(top=(_verdict_section, figures_section), left=(), right=(), rest=rest)
 
@@ -20,6 +22,6 @@ def _plain_page(source: Source) -> Page[Source]:
 PLAIN = Layout(
     source=Source,
     data_file="",
-    title=lambda source: f"Result: {source.result.get('kind')}",
+    title=lambda source: f"Result: {source.result.kind}",
     page=_plain_page,
 )

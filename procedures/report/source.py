@@ -4,25 +4,27 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 from cell.errors import CellError
+from cell.formats.result import Envelope, Result
 from cell.store.files import read_json
 
 JOURNAL_FILE = "journal.jsonl"
 RESULT_FILE = "result.json"
 TRUTH_FILE = "truth.json"  # of a twin, written by the demo
-S = TypeVar("S", bound="Source")
+E = TypeVar("E", bound=Envelope)
+S = TypeVar("S", bound="Source[Any]")
 
 
 @dataclass
-class Source:
-    """One result with its surroundings; what is not there is empty, and ``missing`` says why.
+class Source(Generic[E]):
+    """One result of kind ``E`` with its surroundings; what is not there is empty, and ``missing`` says why.
 
     A kind of result whose sections want more than this has a class of its own (``HandEyeSource``).
     """
 
-    result: Mapping[str, Any]
+    result: Envelope
     data: Path | None = None
     run: Mapping[str, Any] = field(default_factory=dict)
     end: Mapping[str, Any] = field(default_factory=dict)
@@ -30,21 +32,25 @@ class Source:
     missing: list[str] = field(default_factory=list)
     folder: Path | None = None
     truth: Mapping[str, Any] = field(default_factory=dict)
+    misfit: str = ""  # why the result does not fit the model of its kind
 
     @property
-    def answer(self) -> Mapping[str, Any] | None:
-        """``result.result``: None when the data could not determine it."""
-        found = self.result.get("result")
-        return found if isinstance(found, Mapping) else None
+    def found(self) -> E | None:
+        """The result as the model of its kind; None when the data could not determine an answer."""
+        return None if isinstance(self.result, Result) else cast(E, self.result)
+
+    def known(self, key: str) -> Any:
+        """What ``observability`` says under ``key`` of data that determine no answer; None of others."""
+        return self.result.observability.get(key) if isinstance(self.result, Result) else None
 
 
-def read_result(folder: Path) -> Mapping[str, Any]:
+def read_document(folder: Path) -> Mapping[str, Any]:
     """``result.json`` of a run folder; the one file that a report cannot do without."""
     result = read_json(folder / RESULT_FILE)
     return result if isinstance(result, Mapping) else {}
 
 
-def of_folder(cls: type[S], result: Mapping[str, Any], folder: Path, data_file: str) -> S:
+def of_folder(cls: type[S], result: Envelope, folder: Path, data_file: str) -> S:
     """A run folder with its result; everything else may be missing and is said to be."""
     source = cls(result, folder=folder)
     data = folder / data_file

@@ -15,17 +15,17 @@ _ROUTINE_EVENTS = {"pose taken", "lease", "move_joints", "move_linear", "standst
 _MOST_ROWS = 200
 
 
-def timeline_section(source: Source) -> Html | None:
+def timeline_section(source: Source[Any]) -> Html | None:
     """The run of a result of any kind."""
     return timeline(source)
 
 
-def events(source: Source, *names: str) -> Counter[str]:
+def events(source: Source[Any], *names: str) -> Counter[str]:
     """How often each of the events ``names`` stands in the journal; those that do not are left out."""
     return Counter(str(e["event"]) for e in _timed(source) if e.get("event") in names)
 
 
-def timeline(source: Source, summary: str = "") -> Html | None:
+def timeline(source: Source[Any], summary: str = "") -> Html | None:
     """``summary`` (without its full stop), a strip of the states, and a table; None without a run."""
     if not source.run and not source.journal:
         return None
@@ -36,19 +36,16 @@ def timeline(source: Source, summary: str = "") -> Html | None:
     origin = float(entries[0]["t"])
     rows = [(f"{e['t'] - origin:.1f}", e.get("kind"), _what(e)) for e in entries if _notable(e)]
     more = len(rows) - _MOST_ROWS
-    words = [f"{summary}."] if summary else []
-    if not source.end and not source.result:  # a result is drawn first, and the end says the same
-        words.append("The report was drawn before the run had ended.")
     return section(
         title,
-        note(" ".join(words)) if words else None,
+        note(f"{summary}.") if summary else None,
         _strip(entries, origin),
         table(("s", "kind", "what"), rows[:_MOST_ROWS], "rl"),
         note(f"{more} more entries are in journal.jsonl.") if more > 0 else None,
     )
 
 
-def _timed(source: Source) -> list[dict[str, Any]]:
+def _timed(source: Source[Any]) -> list[dict[str, Any]]:
     return [e for e in source.journal if number(e.get("t")) is not None]
 
 

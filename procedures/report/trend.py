@@ -10,7 +10,7 @@ from plotly.subplots import make_subplots
 
 from procedures.report.figure import PALETTE, dressed, embed, label, legend_below
 from procedures.report.html import Html, absent, note, section
-from procedures.report.numbers import dig, number
+from procedures.report.numbers import number
 from procedures.report.source import Source
 
 _UNITS = {
@@ -39,11 +39,11 @@ _PANELS = (
 )
 
 
-def trend_section(source: Source) -> Html | None:
+def trend_section(source: Source[Any]) -> Html | None:
     """One panel a number, with the values of earlier runs; the last dot is this run."""
     title = "Over the runs"
-    found = dig(source.result, "inputs", "trend")
-    histories = {str(k): _history(v) for k, v in found.items()} if isinstance(found, Mapping) else {}
+    found = source.result.made_from().trend or {}
+    histories = {name: _history(points) for name, points in found.items()}
     panels = [(words, _chosen(histories, prefix)) for prefix, words in _PANELS]
     drawn = [(words, mine) for words, mine in panels if mine]
     if not drawn:

@@ -6,14 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from cell.errors import error
+from cell.errors import CellError, error
+from cell.formats.result import Envelope, Result, read_as
 from cell.store.files import write_atomic
-from procedures.kind import kind_of, load
+from procedures.kind import kind_of, load, read_result
 from procedures.report.figure import plotly_script
 from procedures.report.html import Html, absent, document, el, join
 from procedures.report.layout import Layout, Section
-from procedures.report.numbers import dig
-from procedures.report.source import Source, of_folder, read_result
+from procedures.report.plain import PLAIN
+from procedures.report.source import RESULT_FILE, Source, of_folder, read_document
 
 FILE_NAME = "report.html"
 
@@ -39,26 +40,41 @@ def write_report(
     return path
 
 
-def from_folder(folder: Path) -> Source:
+def from_folder(folder: Path) -> Source[Any]:
     """A run folder as the sections of its kind want it."""
-    result = read_result(folder)
-    layout = layout_of(result)
-    source: Source = of_folder(layout.source, result, folder, layout.data_file)
+    document = read_document(folder)
+    layout = layout_of(document)
+    result, misfit = _read(document, str(folder / RESULT_FILE))
+    source: Source[Any] = of_folder(Source if misfit else layout.source, result, folder, layout.data_file)
+    source.misfit = misfit
     return source
 
 
-def from_result(result: Mapping[str, Any], data: Path | None) -> Source:
+def from_result(document: Mapping[str, Any], data: Path | None) -> Source[Any]:
     """A result alone; its data set is ``data``, or what ``inputs.path`` names."""
-    named = dig(result, "inputs", "path")
+    layout = layout_of(document)
+    result, misfit = _read(document, "the result")
+    named = getattr(result.made_from(), "path", None)
     if data is None and isinstance(named, str):
         data = Path(named)
-    source: Source = layout_of(result).source(result, data)
+    source: Source[Any] = Source(result, data) if misfit else layout.source(result, data)
+    source.misfit = misfit
     return source
 
 
-def render(source: Source) -> str:
+def _read(document: Mapping[str, Any], where: str) -> tuple[Envelope, str]:
+    """The result, and why it does not fit the model of its kind; it has its figures all the same then."""
+    try:
+        return read_result(document, where), ""
+    except CellError as exc:
+        if exc.name != "RESULT_INVALID":
+            raise
+        return read_as(Result, document, where), str(exc)
+
+
+def render(source: Source[Any]) -> str:
     """The whole file as text."""
-    layout = layout_of(source.result)
+    layout = PLAIN if source.misfit else layout_of({"kind": source.result.kind})
     title, page = layout.title(source), layout.page(source)
     columns = [el("div", *(_guarded(part, source) for part in parts)) for parts in (page.left, page.right)]
     body = join(
@@ -67,6 +83,7 @@ def render(source: Source) -> str:
             *(_guarded(part, source) for part in page.top),
             el("div", *columns, class_="pair"),
             *(_guarded(part, source) for part in page.rest),
+            absent(f"Shown as plain figures: {source.misfit}") if source.misfit else None,
             *(absent(line) for line in source.missing),
             el(
                 "footer",
@@ -83,7 +100,7 @@ def layout_of(result: Mapping[str, Any]) -> Layout[Any]:
     return found
 
 
-def _guarded(part: Section[Any], source: Source) -> Html | None:
+def _guarded(part: Section[Any], source: Source[Any]) -> Html | None:
     """A section, or a sentence in its place when what it needs is damaged."""
     try:
         return part(source)
@@ -92,7 +109,7 @@ def _guarded(part: Section[Any], source: Source) -> Html | None:
         return absent(f"The section '{name}' cannot be drawn from this result: {type(exc).__name__}: {exc}")
 
 
-def subtitle(source: Source) -> str:
+def subtitle(source: Source[Any]) -> str:
     """Cell, run, job and start in one line."""
     run = source.run
     if not run:

@@ -1,26 +1,22 @@
 """Health numbers of an arm's geometry, kept over the runs so that wear is seen before scrap."""
 
-from typing import Any
-
 from cell.procedure import Run
+from procedures.tracker.result import KincalResult
+from procedures.trends import keep_trends
 
 
-async def keep_trends(run: Run) -> None:
-    """Add what this run measured to the trends, and their histories to the result's inputs."""
-    result = run.result
-    if result is None or result["result"] is None:
+async def keep_health(run: Run) -> None:
+    """Add what this run measured to the trends."""
+    found = run.result
+    if not isinstance(found, KincalResult):
         return
-    sampling = result["inputs"]["sampling"]
-    accuracy = result["result"]["absolute_accuracy"]
-    arm, tracker = sampling["arm"], sampling["tracker"]
+    sampling, accuracy = found.inputs.sampling, found.result.absolute_accuracy
+    if sampling is None or accuracy is None:
+        return
     numbers = {
-        f"kinematics.rms_before_m.{arm}": accuracy["before"],
-        f"kinematics.rms_after_m.{arm}": accuracy["after"],
+        f"kinematics.rms_before_m.{sampling.arm}": accuracy.before,
+        f"kinematics.rms_after_m.{sampling.arm}": accuracy.after,
     }
-    if sampling["monuments"] is not None:
-        numbers[f"tracker.drift_m.{tracker}"] = sampling["monuments"]["max_moved_m"]
-    histories: dict[str, Any] = {}
-    for name, value in numbers.items():
-        if value is not None:
-            histories[name] = [[t, v] for t, v in await run.cell.add_trend(name, float(value))]
-    result["inputs"]["trend"] = histories
+    if sampling.monuments is not None:
+        numbers[f"tracker.drift_m.{sampling.tracker}"] = sampling.monuments.max_moved_m
+    await keep_trends(run, numbers)

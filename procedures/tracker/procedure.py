@@ -7,13 +7,15 @@ from typing import Any, ClassVar
 
 from cell.calibrations import kinematics
 from cell.errors import CellError, error
+from cell.formats.result import Envelope
 from cell.procedure import Procedure, Proposal, Run
 from cell.run_values import RunValues
 from cell.to_its_end import run_to_its_end
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.feasible_poses import payload_of, robot_of
-from procedures.tracker.health import keep_trends
+from procedures.tracker.health import keep_health
 from procedures.tracker.judging import proposal_value, solve_within_limits
+from procedures.tracker.result import KincalResult
 from procedures.tracker.sampling import Sampling
 from procedures.tracker.states import CHECKPOINTS, TRANSITIONS, State
 
@@ -43,7 +45,7 @@ class TrackerSampling(Procedure):
         check_payload(self.config, values)
 
     def proposal(self, run: Run) -> Proposal | None:
-        if run.result is None or run.result.get("result") is None:
+        if not isinstance(run.result, KincalResult):
             return None
         value = proposal_value(
             run.result, payload_of(self.config, run.values), robot_of(run.values, self.config)
@@ -65,8 +67,8 @@ class TrackerSampling(Procedure):
             raise error("TRACKER_INCOMPLETE", f"{len(sampling.record.samples)} poses were finished")
         path = await asyncio.to_thread(sampling.write)
         run.note("solve", event="started", samples=len(sampling.record.samples))
-        run.result = await run.worker.call(solve_within_limits, path, self.config.model_dump())
-        await keep_trends(run)
+        run.result = await run.worker.call(solve_within_limits, path, self.config.accept.max_error_m)
+        await keep_health(run)
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """Every pose with the guard's findings and what the plan promises; nothing moves."""
@@ -78,9 +80,9 @@ class TrackerSampling(Procedure):
         return plan.listing
 
     @classmethod
-    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:
         method = (recorded.get("inputs") or {}).get("method")
-        return solve_within_limits(path, info["job_config"], method)
+        return solve_within_limits(path, info["job_config"]["accept"]["max_error_m"], method)
 
 
 async def _with_what_is_left(run: Run, sampling: Sampling, failure: CellError) -> CellError:

@@ -263,12 +263,20 @@ class DoubtfulSample(Part):
     warnings: list[str] = Field(description="What the tracker said.")
 
 
+class MonumentMoved(Part):
+    """How far one monument was from where the first look saw it."""
+
+    shift_m: Vector = Field(description="In the tracker.")
+    moved_m: Metres = Field(description="Its length.")
+    sigma_m: Metres = Field(description="Standard deviation along one axis.")
+
+
 class MonumentLook(Part):
     """One look at the monuments."""
 
     after: int = Field(description="Samples measured before it.")
     t: Seconds = Field(description="Time of the look.")
-    moved: dict[str, Any] = Field(description="By name: `shift_m`, `moved_m`, `sigma_m` (m).")
+    moved: dict[str, MonumentMoved] = Field(description="By name, those that were seen again.")
 
 
 class Monuments(Explained):

@@ -13,7 +13,7 @@ from fakes.object import run_virtual
 from procedures.hand_eye.states import State
 from tests.chaos.matrix import Kind, assert_aborted, covering, inject_at, kind, put_right, short
 from tests.kit.object_cell import ObjectCell, no_report, open_cell, write_config
-from tests.kit.whole_results import whole
+from tests.kit.whole_results import made
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report", "quick_solver")
@@ -33,7 +33,7 @@ PLAN = {
     "max_duration_s": 25.0,
     "accept": {"auto": True},
 }
-ANSWER = whole(
+ANSWER = made(
     {
         "schema": "cellward.result/1",
         "kind": "hand-eye",

@@ -15,7 +15,7 @@ from fakes.world.scenario import Scenario
 from fakes.world.world import World
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.plan import PlanRequest, plan_sampling
-from procedures.tracker.solve.solver import solve_kincal
+from tests.kit.solved import solve_kincal
 from tests.kit.tracker_cell import nominal_tracker, reflectors, rms, true_errors
 from tests.kit.wire_cell import WireCell, wait_for, wire_cell
 from tests.unit.procedures.test_iso9283_job import CENTRE, EDGE, POINT, towards_the_tracker

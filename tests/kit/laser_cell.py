@@ -16,6 +16,7 @@ from cell.poses import Array, from_pose6, to_pose6
 from daemon.config import CellConfig
 from fakes.object import VirtualClock
 from procedures.laser.plan import PlanRequest, plan_scan
+from procedures.laser.result import LaserAnswer
 from procedures.laser.solving import compare_second
 from tests.kit.object_cell import ObjectCell, on_disk, open_cell, write_config
 
@@ -126,9 +127,10 @@ def the_plain_rule_misses(
     ref = from_pose6(reference["T_flange_tool"])
     t = ref.translation + np.array(first["flange_offset_base"])
     plain = to_pose6(RigidTransform.from_components(t, ref.rotation)).tolist()
-    found = compare_second(folder / "laser.json", {**first, "T_flange_tool": plain}, reference)
-    assert not found["meets"]
-    assert found["apart"] == pytest.approx(by_m, abs=found["U_m"]), "x is doubled"
+    answer = LaserAnswer.model_validate({**first, "T_flange_tool": plain})
+    found = compare_second(folder / "laser.json", answer, reference)
+    assert not found.meets
+    assert found.apart == pytest.approx(by_m, abs=found.U_m), "x is doubled"
 
 
 _PLANS: dict[str, str] = {}

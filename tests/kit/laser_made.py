@@ -6,10 +6,12 @@ from typing import Any
 
 import pytest
 
+from cell.formats.result import Envelope
 from daemon.config import CellConfig
 from procedures.laser.config import LaserReferenceConfig, Search
+from procedures.laser.result import SecondScan
 from tests.kit.laser_cell import TOOL
-from tests.kit.whole_results import whole
+from tests.kit.whole_results import made
 
 T_TOOL = [0.0, 0.0, 0.18, 0.0, 0.0, 0.0]
 
@@ -44,30 +46,30 @@ class Solved:
     misses: list[float] = field(default_factory=list)  # of the scans with the candidate, as shares of U
     verdict: str = "pass"
 
-    def current(self, *_: Any) -> dict[str, Any]:
+    def current(self, *_: Any, **__: Any) -> Any:
         answer = {"dp_flange": self.dp, "drot_flange": self.drot, "tau": self.tau, "hysteresis_m": 0.0001}
         return self.result("laser", {**answer, "cov": [[0.0] * 6] * 6})
 
-    def reference(self, *_: Any) -> dict[str, Any]:
+    def reference(self, *_: Any) -> Any:
         plane = {"gap_m": 0.0003, "slope_rad": {"xs": 0.001, "ys": -0.001}}
         return self.result("laser-reference", {"tau": self.tau, "plane": plane})
 
-    def second(self, path: Path, *_: Any) -> dict[str, Any]:
+    def second(self, path: Path, *_: Any) -> SecondScan:
         scans = sum((path.parent / name / path.name).exists() for name in ("second", "third"))
         share = self.misses[scans - 1] if self.misses else 0.0 if self.meets else 10.0
         apart = share * self.U
-        return {
-            "meets": share <= 1.0,
-            "scans": scans,
-            "false_alarm": 1.0 / 300.0,
-            "apart": apart,
-            "U_m": self.U,
-            "U_point_m": self.U_second,
-            "reasons": [],
-        }
+        return SecondScan(
+            meets=share <= 1.0,
+            scans=scans,
+            false_alarm=1.0 / 300.0,
+            apart=apart,
+            U_m=self.U,
+            U_point_m=self.U_second,
+            reasons=[],
+        )
 
-    def result(self, kind: str, answer: dict[str, Any]) -> dict[str, Any]:
-        return whole(
+    def result(self, kind: str, answer: dict[str, Any]) -> Envelope:
+        return made(
             {
                 "kind": kind,
                 "verdict": self.verdict,
@@ -82,7 +84,7 @@ class Solved:
 def answer_at_once(patch: pytest.MonkeyPatch) -> Solved:
     """Put a stand-in where the jobs call the solver; what it answers can be set."""
     solved = Solved()
-    patch.setattr("procedures.laser.check.solve_current", solved.current)
+    patch.setattr("procedures.laser.check.solve_laser", solved.current)
     patch.setattr("procedures.laser.reference.solve_new_reference", solved.reference)
     patch.setattr("procedures.laser.update.compare_second", solved.second)
     return solved

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cell.poses import Array
+from tests.kit.whole_results import whole
 
 DOWN = Rotation.from_rotvec([np.pi, 0.0, 0.0])
 BEAMS: dict[str, dict[str, list[float]]] = {
@@ -102,32 +103,32 @@ def measured(shift: Sequence[float], turn: Sequence[float] | None) -> dict[str, 
     for axis, value in zip("xyz", shift, strict=True):
         trend[f"tool.offset_{axis}_m.pin"] = [[t, value * k / 11] for k, t in enumerate(days)]
     second = {"apart_m": [8e-6, -5e-6, 4e-6], "apart": 1.02e-5, "U_m": 3.3e-5, "meets": True}
-    return {
-        "schema": "cellward.result/1",
-        "kind": "laser",
-        "verdict": "pass",
-        "reasons": [],
-        "warnings": [],
-        "result": {
-            "dp_flange": list(shift),
-            "drot_flange": None if turn is None else list(turn),
-            "flange_offset_base": (-DOWN.apply(shift)).tolist(),
-            "tau": LATENCY_S,
-            "latency_s": LATENCY_S,
-            "cov": np.diag(np.square(sigma)).tolist(),
-            "against_reference": moved,
-            "against_last": moved,
-        },
-        "uncertainty": {"U_point_m": 0.0000229},
-        "residuals": {},
-        "heldout": {},
-        "observability": {},
-        "inputs": {
-            "solve_seconds": 0.012,
-            "trend": trend,
-            "update": {"second_scan": second, "committed": True, "accepted_by": "policy"},
-        },
-    }
+    return whole(
+        {
+            "schema": "cellward.result/1",
+            "kind": "laser",
+            "verdict": "pass",
+            "reasons": [],
+            "warnings": [],
+            "result": {
+                "dp_flange": list(shift),
+                "drot_flange": None if turn is None else list(turn),
+                "flange_offset_base": (-DOWN.apply(shift)).tolist(),
+                "tau": LATENCY_S,
+                "latency_s": LATENCY_S,
+                "cov": np.diag(np.square(sigma)).tolist(),
+                "rejected": [],
+                "against_reference": moved,
+                "against_last": moved,
+            },
+            "uncertainty": {"U_point_m": 0.0000229},
+            "inputs": {
+                "solve_seconds": 0.012,
+                "trend": trend,
+                "update": {"second_scan": second, "committed": True, "accepted_by": "policy"},
+            },
+        }
+    )
 
 
 def reference_document(passes: Sequence[Any]) -> dict[str, Any]:
@@ -140,6 +141,7 @@ def reference_document(passes: Sequence[Any]) -> dict[str, Any]:
         "beams": BEAMS,
         "hits": hits,
         "passes": list(passes),
+        "tau": LATENCY_S,
         "tau_s": LATENCY_S,
         "cov": np.diag([1e-10] * 3 + [4e-8] * 2 + [0.0]).tolist(),
         "plane": {"gap_m": -0.0003, "slope_rad": {"xs": 0.0, "ys": -0.001}},

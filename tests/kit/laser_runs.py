@@ -5,8 +5,8 @@ from collections.abc import Callable
 from typing import Any
 
 from daemon.cli.replay import differences
-from procedures.replay import solve_again
 from tests.kit.object_cell import ObjectCell
+from tests.kit.solved import solve_again
 
 JOB = "laser-update"
 AUTO = {"accept": {"auto": True}}

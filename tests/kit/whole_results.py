@@ -24,6 +24,11 @@ def whole(given: Mapping[str, Any]) -> dict[str, Any]:
     return _filled(_example(given["kind"]), given)
 
 
+def made(given: Mapping[str, Any]) -> Any:
+    """``whole`` as the model of its kind."""
+    return read_result(whole(given))
+
+
 @cache
 def _example(kind: str) -> Envelope:
     """The stored result of that kind with the most keys."""

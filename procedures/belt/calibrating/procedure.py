@@ -17,6 +17,7 @@ import numpy as np
 from cell.calibrations import belt_scale
 from cell.devices import EncoderState, Frame
 from cell.errors import CellError, error
+from cell.formats.result import Envelope
 from cell.poses import from_pose6, to_pose6
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
 from cell.run_values import RunValues
@@ -27,6 +28,8 @@ from procedures.belt.calibrating.rows import ItemFollower, count_at, motion_of
 from procedures.belt.calibrating.solving import solve_within_limits
 from procedures.belt.camera_to_belt import CameraToBelt
 from procedures.belt.encoder_alarms import Emergencies
+from procedures.belt.result import BeltCalibrationResult
+from procedures.trends import keep_trends
 
 CAMERA = "fixed_camera"
 LOOK_S = 0.2
@@ -78,10 +81,10 @@ class BeltCalibration(Procedure):
         _camera_to_belt(self.config, values)
 
     def proposal(self, run: Run) -> Proposal | None:
-        answer = (run.result or {}).get("result")
-        if answer is None:
+        if not isinstance(run.result, BeltCalibrationResult):
             return None
-        value = {key: answer[key] for key in ("m_per_count", "dir")}
+        answer = run.result.result
+        value = {"m_per_count": answer.m_per_count, "dir": answer.dir}
         return Proposal(belt_scale(run.encoder().name), value, self.config.accept.auto)
 
     async def run(self, run: Run) -> None:
@@ -99,11 +102,10 @@ class BeltCalibration(Procedure):
                 await asyncio.to_thread(session.record.flush)
         await run.enter(S.SOLVE, session.progress())
         path = await asyncio.to_thread(session.record.write_data_set, session.header())
-        run.result = await run.worker.call(solve_within_limits, path, self.config.model_dump())
-        if (answer := run.result["result"]) is not None:
+        run.result = found = await run.worker.call(solve_within_limits, path, self.config.model_dump())
+        if isinstance(found, BeltCalibrationResult):
             name = f"belt.m_per_count.{run.encoder().name}"
-            trend = await run.cell.add_trend(name, answer["m_per_count"])
-            run.result["inputs"]["trend"] = {name: [list(point) for point in trend]}
+            await keep_trends(run, {name: found.result.m_per_count})
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """What is waited for; nothing moves."""
@@ -116,7 +118,7 @@ class BeltCalibration(Procedure):
         return {"poses": [], "note": f"the job moves nothing; it waits for {what}"}
 
     @classmethod
-    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:
         return solve_within_limits(path, info["job_config"])
 
 

@@ -37,8 +37,8 @@ _TURNED_RAD, _OTHER_SHARE = 0.1, 0.05  # from the configured belt, before a pers
 
 
 @within_limits
-def solve_within_limits(path: Path, config: Mapping[str, Any]) -> dict[str, Any]:
-    """``cellward.result/1`` of the data set at ``path``; ``config`` is the job's as plain values."""
+def solve_within_limits(path: Path, config: Mapping[str, Any]) -> BeltCalibrationResult | Result:
+    """The result of the data set at ``path``; ``config`` is the job's as plain values."""
     data = read_data_set(path)
     began = time.perf_counter()
     rows = rows_of(data)
@@ -53,8 +53,7 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> dict[str, Any]
         solve_seconds=time.perf_counter() - began,
     )
     if isinstance(answer, Refusal):
-        why, told = [str(answer)], inputs.model_dump()
-        return Result(kind=KIND, verdict="fail", reasons=why, result=None, inputs=told).as_json()
+        return Result(kind=KIND, verdict="fail", reasons=[str(answer)], result=None, inputs=inputs)
     items = len(np.unique(rows.items[answer.used]))
     parted = Parted(answer, rows, [], None)
     if data["source"] == "camera":
@@ -96,7 +95,7 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> dict[str, Any]
         heldout=BeltHeldOut(rms_m=answer.heldout),
         observability=BeltObservability(undetermined=_open(data, answer)),
         inputs=inputs,
-    ).as_json()
+    )
 
 
 def _answer(data: Mapping[str, Any], rows: Rows, touch_sigma_m: float) -> BeltScale | Refusal:

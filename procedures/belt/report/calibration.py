@@ -1,6 +1,5 @@
 """The report of a belt calibration: scale and direction, and every sighting beside the motion found."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,10 +9,11 @@ from plotly.subplots import make_subplots
 
 from cell.poses import Array
 from procedures.belt.calibrating.record import DATA_FILE
+from procedures.belt.result import BeltCalibrationResult
 from procedures.report.figure import PALETTE, REJECTED, dressed, embed, figure
 from procedures.report.html import Html, absent, bullets, facts, note, section
 from procedures.report.layout import Layout, Page
-from procedures.report.numbers import DASH, dig, mm, number
+from procedures.report.numbers import DASH, dig, mm
 from procedures.report.origin import inputs_section
 from procedures.report.source import Source
 from procedures.report.timeline import timeline_section
@@ -31,19 +31,19 @@ _AXES = ("along the belt", "across it", "up")
 
 
 @dataclass
-class CalibrationSource(Source):
+class CalibrationSource(Source[BeltCalibrationResult]):
     """A result of kind ``belt-calibration``."""
 
     def sightings(self) -> "Sightings | None":
         """Every sighting or touch; None where the result lists none."""
-        rows = dig(self.result, "residuals", "per_sighting")
-        if not isinstance(rows, list) or not rows:
+        rows = None if self.found is None else self.found.residuals.per_sighting
+        if not rows:
             return None
         return Sightings(
-            np.array([row["count"] for row in rows], dtype=float),
-            np.array([row["off_m"] for row in rows], dtype=float).reshape(-1, 3),
-            np.array([row["item"] for row in rows]),
-            np.array([bool(row["used"]) for row in rows]),
+            np.array([row.count for row in rows], dtype=float),
+            np.array([row.off_m for row in rows], dtype=float).reshape(-1, 3),
+            np.array([row.item for row in rows]),
+            np.array([row.used for row in rows]),
         )
 
 
@@ -60,13 +60,10 @@ class Sightings:
 def verdict_section(source: CalibrationSource) -> Html:
     """The verdict, why, and four figures to take away."""
     top = banner(source, _REMEDY, "Correct what the reason names, and calibrate again.")
-    answer = source.answer
-    if answer is None:
+    found = source.found
+    if found is None:
         return top
-    m, half = (
-        number(dig(answer, "m_per_count")),
-        number(dig(source.result, "uncertainty", "half_m_per_count")),
-    )
+    m, half = found.result.m_per_count, found.uncertainty.half_m_per_count
     share = DASH if not m or half is None else f"{100 * half / abs(m):.3f} %"
     return Html(
         top
@@ -74,8 +71,8 @@ def verdict_section(source: CalibrationSource) -> Html:
             (
                 (_micron(m), "of the belt's travel for one count"),
                 (f"± {share}", "95 % interval of it"),
-                (f"± {_mrad(dig(answer, 'dir_95_rad'))}", "95 % interval of the direction, in each plane"),
-                (mm(dig(source.result, "heldout", "rms_m")), "RMS of sightings that were set aside"),
+                (f"± {_mrad(found.result.dir_95_rad)}", "95 % interval of the direction, in each plane"),
+                (mm(found.heldout.rms_m), "RMS of sightings that were set aside"),
             )
         )
     )
@@ -83,50 +80,43 @@ def verdict_section(source: CalibrationSource) -> Html:
 
 def result_section(source: CalibrationSource) -> Html | None:
     """Scale and direction, beside the configured belt."""
-    answer = source.answer
-    if answer is None:
+    found = source.found
+    if found is None:
         return None
-    way = [number(v) or 0.0 for v in dig(answer, "dir") or [0.0, 0.0, 0.0]]
-    low_high = dig(answer, "m_per_count_95")
-    interval = DASH if not isinstance(low_high, list) else " … ".join(_micron(v) for v in low_high)
+    answer, way = found.result, [*found.result.dir, 0.0][:3]
+    low_high = answer.m_per_count_95
+    interval = DASH if low_high is None else " … ".join(_micron(v) for v in low_high)
     rows: list[tuple[str, object, str]] = [
-        ("One count", _micron(dig(answer, "m_per_count")), f"95 %: {interval}; negative: the counter falls."),
+        ("One count", _micron(answer.m_per_count), f"95 %: {interval}; negative: the counter falls."),
         (
             "Direction",
             ", ".join(f"{v:.5f}" for v in way),
             f"The way the belt ran, in the base: {np.degrees(np.arctan2(way[1], way[0])):.3f}° from x "
             f"towards y, rising by {np.degrees(np.arcsin(np.clip(way[2], -1, 1))):.3f}°.",
         ),
-        ("Longest way of an item", mm(dig(answer, "travel_m")), "The longer, the surer is the scale."),
+        ("Longest way of an item", mm(answer.travel_m), "The longer, the surer is the scale."),
         (
             "Sightings",
-            f"{dig(answer, 'sightings')} of {dig(answer, 'items')} items",
-            f"They scatter by {mm(dig(source.result, 'residuals', 'sigma_m'))} along each axis.",
+            f"{answer.sightings} of {answer.items} items",
+            f"They scatter by {mm(found.residuals.sigma_m)} along each axis.",
         ),
     ]
-    configured = _configured(source)
+    configured = dig(source.run, "values", "configured", f"belt.{found.inputs.device}")
     if configured is not None:
         rows.append(
             ("Configured", _micron(dig(configured, "m_per_count")), f"Direction {dig(configured, 'dir')}.")
         )
-    open_ = dig(source.result, "observability", "undetermined") or []
-    return section("Scale and direction", facts(rows), bullets(open_))
-
-
-def _configured(source: CalibrationSource) -> Mapping[str, Any] | None:
-    device = dig(source.result, "inputs", "device")
-    found = dig(source.run, "values", "configured", f"belt.{device}")
-    return found if isinstance(found, Mapping) else None
+    return section("Scale and direction", facts(rows), bullets(found.observability.undetermined))
 
 
 def ways_section(source: CalibrationSource) -> Html | None:
     """The way of each item over the counts: one slope for all."""
-    answer, seen = source.answer, source.sightings()
-    if answer is None:
+    found, seen = source.found, source.sightings()
+    if found is None:
         return None
     if seen is None:
         return section("Sightings against counts", absent("The result lists no sightings."))
-    m = float(answer["m_per_count"])
+    m = found.result.m_per_count
     fig = figure(360, showlegend=False)
     begin = float(seen.count.min())
     for k, i in enumerate(np.unique(seen.item)):
@@ -158,7 +148,7 @@ def ways_section(source: CalibrationSource) -> Html | None:
 def residuals_section(source: CalibrationSource) -> Html | None:
     """What is left of each sighting, along, across and up."""
     seen = source.sightings()
-    if source.answer is None or seen is None:
+    if seen is None:
         return None
     fig = make_subplots(1, 3, subplot_titles=_AXES, horizontal_spacing=0.07)
     dressed(fig, 300, showlegend=False)
@@ -199,14 +189,12 @@ def _dots(x: Array, y: Array, tint: str, name: str) -> Any:
     )
 
 
-def _micron(value: Any) -> str:
-    plain = number(value)
-    return DASH if plain is None else f"{1e6 * plain:.3f} µm"
+def _micron(value: float) -> str:
+    return f"{1e6 * value:.3f} µm"
 
 
-def _mrad(value: Any) -> str:
-    plain = number(value)
-    return DASH if plain is None else f"{1e3 * plain:.2f} mrad"
+def _mrad(value: float | None) -> str:
+    return DASH if value is None else f"{1e3 * value:.2f} mrad"
 
 
 def _page(_source: CalibrationSource) -> Page[CalibrationSource]:

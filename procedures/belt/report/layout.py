@@ -13,7 +13,7 @@ from procedures.belt.report.plots import (
 from procedures.belt.report.source import BeltSource, ItemLife
 from procedures.report.html import Html, absent, el, note, section, table
 from procedures.report.layout import Layout, Page
-from procedures.report.numbers import DASH, dig, number
+from procedures.report.numbers import DASH
 from procedures.report.origin import inputs_section
 from procedures.report.timeline import timeline
 from procedures.report.verdict import banner, cards
@@ -32,19 +32,18 @@ _MOST_LINES = 4000  # of the journal; a day of picking has a hundred times as ma
 def verdict_section(source: BeltSource) -> Html:
     """The verdict, why, and four figures to take away."""
     top = banner(source, {}, "Correct what the reason names, and start again.")
-    answer = source.answer
-    if answer is None:
+    if source.found is None:
         return top
-    rate, success = number(dig(answer, "picks_per_minute")), number(dig(answer, "success"))
-    misses = dig(answer, "misses") or {}
+    answer = source.found.result
+    rate, success = answer.picks_per_minute, answer.success
     return Html(
         top
         + cards(
             (
-                (str(dig(answer, "picks")), "items picked"),
+                (str(answer.picks), "items picked"),
                 (DASH if rate is None else f"{rate:.1f}", "picks per minute, waiting included"),
                 (DASH if success is None else f"{100 * success:.1f} %", "of those that were tried"),
-                (str(sum(int(n) for n in misses.values())), f"missed of {dig(answer, 'seen')} seen"),
+                (str(sum(answer.misses.values())), f"missed of {answer.seen} seen"),
             )
         )
     )
@@ -52,13 +51,12 @@ def verdict_section(source: BeltSource) -> Html:
 
 def causes_section(source: BeltSource) -> Html | None:
     """Misses by their causes, with what to look at."""
-    answer = source.answer
-    if answer is None:
+    if source.found is None:
         return None
-    misses = dig(answer, "misses") or {}
+    misses = source.found.result.misses
     rows = [(el("b", cause), misses.get(cause, 0), words) for cause, words in _CAUSES.items()]
     rows += [(el("b", cause), n, "") for cause, n in misses.items() if cause not in _CAUSES]
-    left = dig(answer, "counters", "queue_length")
+    left = source.found.result.counters.get("queue_length")
     return section(
         "Misses by cause",
         table(("cause", "items", "what to look at"), rows, "lrl"),

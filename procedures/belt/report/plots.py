@@ -24,7 +24,7 @@ _STEPS = (
 def outcomes_section(source: BeltSource) -> Html | None:
     """How many items had ended which way by when."""
     title = "Picks and misses over time"
-    if source.answer is None:
+    if source.found is None:
         return None
     if not source.lives:
         return section(title, absent("No item had ended."))
@@ -53,7 +53,7 @@ def timing_section(source: BeltSource) -> Html | None:
     """How long each pick took, part by part."""
     title = "Times of each pick"
     picked = [life for life in source.lives if life.outcome == "picked"]
-    if source.answer is None:
+    if source.found is None:
         return None
     if not picked:
         return section(title, absent("Nothing was picked."))
@@ -90,7 +90,7 @@ def contacts_section(source: BeltSource) -> Html | None:
     """Where in the zone items were met; near its far edge the arm is at its limit."""
     title = "Where items were met"
     steps, zone = source.steps, dig(source.run, "job_config", "zone")
-    if source.answer is None:
+    if source.found is None:
         return None
     if isinstance(steps, str):
         return section(title, absent(steps))
@@ -128,7 +128,7 @@ def speed_section(source: BeltSource) -> Html | None:
     """The belt's speed count by count, and what the estimator made of it at the time."""
     title = "Speed of the belt"
     counts, steps, scale = source.counts, source.steps, source.scale
-    if source.answer is None:
+    if source.found is None:
         return None
     if isinstance(counts, str):
         return section(title, absent(counts))
@@ -161,7 +161,7 @@ def speed_section(source: BeltSource) -> Html | None:
 def belief_section(source: BeltSource) -> Html | None:
     """Counts beside the position that was estimated when they came."""
     rows = source.belief
-    if source.answer is None:
+    if source.found is None:
         return None
     if isinstance(rows, str):
         return section("Counts beside the estimated position", absent(rows))

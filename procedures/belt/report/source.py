@@ -20,7 +20,8 @@ from procedures.belt.record import (
     STEPS_FILE,
     read_rows,
 )
-from procedures.report.numbers import dig, number
+from procedures.belt.result import BeltTrackingResult
+from procedures.report.numbers import number
 from procedures.report.source import Source
 
 _LARGEST = 64 * 2**20  # bytes of a framed file that a report still reads
@@ -47,7 +48,7 @@ class ItemLife:
 
 
 @dataclass
-class BeltSource(Source):
+class BeltSource(Source[BeltTrackingResult]):
     """A result of kind ``belt-tracking``."""
 
     @cached_property
@@ -104,9 +105,13 @@ class BeltSource(Source):
     @property
     def scale(self) -> float | None:
         """Metres per count."""
-        return number(dig(self.result, "inputs", "belt", "m_per_count"))
+        return number(self._belt.get("m_per_count"))
 
     @property
     def way(self) -> Array:
         """(3,) unit vector of the belt in the base."""
-        return np.array(dig(self.result, "inputs", "belt", "dir") or [1.0, 0.0, 0.0], dtype=float)
+        return np.array(self._belt.get("dir") or [1.0, 0.0, 0.0], dtype=float)
+
+    @property
+    def _belt(self) -> Mapping[str, Any]:
+        return (None if self.found is None else self.found.inputs.belt) or {}

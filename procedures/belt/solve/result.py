@@ -1,7 +1,6 @@
 """The result of an intercept data set: answers, how sure they are, and what later data say of them."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -10,6 +9,20 @@ from calibration.belt.tracking import Track
 from cell.formats.intercept import Detection, Query
 from cell.formats.result import Result, Warning_
 from cell.poses import Array
+from procedures.belt.result import (
+    BeltFromSightings,
+    ForecastHeldOut,
+    ForecastResiduals,
+    InterceptAnswer,
+    InterceptInputs,
+    InterceptObservability,
+    InterceptResult,
+    InterceptUncertainty,
+    QueryAnswer,
+    QueryUncertainty,
+    SightingCheck,
+    TravelCheck,
+)
 from procedures.belt.solve.answers import BLIND, UNSEEN, Answer, Solved
 from procedures.belt.solve.data import InterceptSet
 
@@ -35,14 +48,14 @@ def refusal(loaded: InterceptSet, method: str) -> Result | None:
         kind=KIND,
         verdict="fail",
         reasons=[f"{name}: {words}"],
-        warnings=_warnings(loaded.warnings),
+        warnings=Warning_.each(loaded.warnings),
         result=None,
         observability={"refused": name, "unobservable": [words]},
         inputs=_inputs(loaded, method),
     )
 
 
-def fill_result(loaded: InterceptSet, solved: Solved, method: str, seconds: float) -> Result:
+def fill_result(loaded: InterceptSet, solved: Solved, method: str, seconds: float) -> InterceptResult:
     """The whole result: ``warn`` when anything is to be warned of, ``fail`` when no query is answered."""
     scale = belt_from_sightings(loaded, solved)
     known = [solved.tracker.track(item) for item in solved.tracker.items]
@@ -64,62 +77,57 @@ def fill_result(loaded: InterceptSet, solved: Solved, method: str, seconds: floa
             0,
             "no-answers: nothing was known when the queries were asked; are all stamps seconds of one clock?",
         )
-    return Result(
-        kind=KIND,
+    return InterceptResult(
         verdict="fail" if blind else "warn" if warnings else "pass",
         reasons=reasons,
-        warnings=_warnings(warnings),
-        result={"answers": [_as_answer(a) for a in answers], "method": method},
+        warnings=Warning_.each(warnings),
+        result=InterceptAnswer(answers=[_as_answer(a) for a in answers], method=method),
         uncertainty=_uncertainty(answers),
         residuals=_residuals(solved, tracks, scale),
         heldout=_held_out(loaded, solved),
         observability=_observability(loaded, scale),
-        inputs={**_inputs(loaded, method), "solve_seconds": seconds},
+        inputs=_inputs(loaded, method).changed(solve_seconds=seconds),
     )
 
 
-def _warnings(found: list[tuple[str, str]]) -> list[Warning_]:
-    return [Warning_(code=c, text=t) for c, t in found]
-
-
-def _inputs(loaded: InterceptSet, method: str) -> dict[str, Any]:
+def _inputs(loaded: InterceptSet, method: str) -> InterceptInputs:
     limits = loaded.arm.limits
-    return {
-        "method": method,
-        "counts": len(loaded.t),
-        "detections": len(loaded.detections),
-        "queries": len(loaded.queries),
-        "m_per_count": loaded.encoder.m_per_count,
-        "dir": loaded.direction.tolist(),
-        "modulus": loaded.encoder.modulus,
-        "period_s": loaded.encoder.period,
-        "latency_mean_s": loaded.data.latency_mean,
-        "limits": {"v": limits.v, "a": limits.a, "j": limits.j},
-        "t2_s": loaded.arm.descent_s,
-        "dwell_s": loaded.dwell,
-    }
+    return InterceptInputs(
+        method=method,
+        counts=len(loaded.t),
+        detections=len(loaded.detections),
+        queries=len(loaded.queries),
+        m_per_count=loaded.encoder.m_per_count,
+        dir=loaded.direction.tolist(),
+        modulus=loaded.encoder.modulus,
+        period_s=loaded.encoder.period,
+        latency_mean_s=loaded.data.latency_mean,
+        limits={"v": limits.v, "a": limits.a, "j": limits.j},
+        t2_s=loaded.arm.descent_s,
+        dwell_s=loaded.dwell,
+    )
 
 
-def _as_answer(a: Answer) -> dict[str, Any]:
-    nothing = [[None, None]] * len(a.query.horizons)
-    return {
-        "id": a.query.id,
-        "t": a.query.t,
-        "pred": nothing if a.pred is None else a.pred.tolist(),
-        "t_pick": a.t_pick,
-        "p_pick": None if a.p_pick is None else a.p_pick.tolist(),
-    }
+def _as_answer(a: Answer) -> QueryAnswer:
+    nothing: list[list[float | None]] = [[None, None]] * len(a.query.horizons)
+    return QueryAnswer(
+        id=a.query.id,
+        t=a.query.t,
+        pred=nothing if a.pred is None else a.pred.tolist(),
+        t_pick=a.t_pick,
+        p_pick=None if a.p_pick is None else a.p_pick.tolist(),
+    )
 
 
-def _uncertainty(answers: list[Answer]) -> dict[str, Any]:
+def _uncertainty(answers: list[Answer]) -> InterceptUncertainty:
     rows = [
-        {
-            "id": a.query.id,
-            "t": a.query.t,
-            "cov": None if a.cov is None else a.cov.tolist(),
-            "cov_pick": None if a.cov_pick is None else a.cov_pick.tolist(),
-            "motion": None if a.track is None else a.track.forecast.motion.name,
-        }
+        QueryUncertainty(
+            id=a.query.id,
+            t=a.query.t,
+            cov=None if a.cov is None else a.cov.tolist(),
+            cov_pick=None if a.cov_pick is None else a.cov_pick.tolist(),
+            motion=None if a.track is None else a.track.forecast.motion.name,
+        )
         for a in answers
     ]
     meaning = (
@@ -129,32 +137,32 @@ def _uncertainty(answers: list[Answer]) -> dict[str, Any]:
     )
     if all(a.cov is None for a in answers):
         meaning = "the classic method gives none" if any(a.pred is not None for a in answers) else "no answer"
-    return {"answers": rows, "meaning": meaning}
+    return InterceptUncertainty(answers=rows, meaning=meaning)
 
 
-def _residuals(solved: Solved, tracks: Sequence[Track], scale: BeltScale | None) -> dict[str, Any]:
+def _residuals(solved: Solved, tracks: Sequence[Track], scale: BeltScale | None) -> ForecastResiduals:
     levels = solved.tracker.levels()
     forecast = solved.tracker.belt.forecast()
     share = None if forecast is None else forecast.motion.timed.share
     often = [t.residuals()[t.place.used] for t in tracks if len(t.sightings) > 1]
     off = np.concatenate([np.zeros((0, 2)), *often])
-    return {
-        "counts_sigma": None if forecast is None else forecast.motion.judge.sigma,
-        "stamp_share": share,
-        "camera_sigma_m": levels.camera,
-        "latency_sigma_s": levels.latency,
-        "along_rms_m": _rms(off[:, 0].tolist()),
-        "across_rms_m": _rms(off[:, 1].tolist()),
-        "belt_from_sightings": None if scale is None else scale.as_dict(),
-        "meaning": "sightings of one item about its mean on the belt; residuals are not accuracy",
-    }
+    return ForecastResiduals(
+        counts_sigma=None if forecast is None else forecast.motion.judge.sigma,
+        stamp_share=share,
+        camera_sigma_m=levels.camera,
+        latency_sigma_s=levels.latency,
+        along_rms_m=_rms(off[:, 0].tolist()),
+        across_rms_m=_rms(off[:, 1].tolist()),
+        belt_from_sightings=None if scale is None else BeltFromSightings.model_validate(scale.as_dict()),
+        meaning="sightings of one item about its mean on the belt; residuals are not accuracy",
+    )
 
 
 def _rms(values: list[float]) -> float | None:
     return float(np.sqrt(np.mean(np.square(values)))) if values else None
 
 
-def _held_out(loaded: InterceptSet, solved: Solved) -> dict[str, Any]:
+def _held_out(loaded: InterceptSet, solved: Solved) -> ForecastHeldOut:
     """Every answer judged by what came after its query: counts, and sightings of the same item."""
     belt = solved.tracker.belt
     travel: dict[float, list[float]] = {}
@@ -165,11 +173,11 @@ def _held_out(loaded: InterceptSet, solved: Solved) -> dict[str, Any]:
                 predicted = float(a.track.forecast.travels(np.array([a.query.t + h]))[0])
                 travel.setdefault(float(h), []).append(predicted - seen)
     sightings = [float(np.linalg.norm(d)) for d in _later_sightings(loaded, solved)]
-    return {
-        "travel": [{"horizon": h, "rms_m": _rms(v), "count": len(v)} for h, v in sorted(travel.items())],
-        "later_sightings": {"rms_m": _rms(sightings), "count": len(sightings)},
-        "meaning": "forecasts against counts and sightings from after the query, which they did not use",
-    }
+    return ForecastHeldOut(
+        travel=[TravelCheck(horizon=h, rms_m=_rms(v), count=len(v)) for h, v in sorted(travel.items())],
+        later_sightings=SightingCheck(rms_m=_rms(sightings), count=len(sightings)),
+        meaning="forecasts against counts and sightings from after the query, which they did not use",
+    )
 
 
 def _later_sightings(loaded: InterceptSet, solved: Solved) -> Iterator[Array]:
@@ -202,14 +210,14 @@ def belt_from_sightings(loaded: InterceptSet, solved: Solved) -> BeltScale | Non
     return found if isinstance(found, BeltScale) else None
 
 
-def _observability(loaded: InterceptSet, scale: BeltScale | None) -> dict[str, Any]:
+def _observability(loaded: InterceptSet, scale: BeltScale | None) -> InterceptObservability:
     words = [
         "a constant error of all exposure times shifts every item along the belt and cannot be seen here",
         "a stop or start that has not begun cannot be predicted",
     ]
     if scale is None:
         words.append("m_per_count and dir are taken as given: no item was seen often enough to check them")
-    return {"unobservable": words}
+    return InterceptObservability(unobservable=words)
 
 
 def _encoder_warnings(solved: Solved) -> list[tuple[str, str]]:

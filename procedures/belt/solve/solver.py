@@ -3,9 +3,10 @@
 import time
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from cell.errors import error
+from cell.formats.result import Result
+from procedures.belt.result import InterceptResult
 from procedures.belt.solve.answers import solve_adaptive, solve_classic
 from procedures.belt.solve.data import load_intercept
 from procedures.belt.solve.result import fill_result, refusal
@@ -17,8 +18,8 @@ ADAPTIVE, CLASSIC = "adaptive", "classic"
 @within_limits
 def solve_intercept(
     path: Path, *, method: str | None = None, progress: Progress | None = None
-) -> dict[str, Any]:
-    """The result (``cellward.result/1``) of an intercept data set: its JSON file, or a folder with one.
+) -> InterceptResult | Result:
+    """The result of an intercept data set: its JSON file, or a folder with one.
 
     ``method`` is ``adaptive`` (the default) or ``classic``. Each answer is made of data
     stamped at or before its query. Bad input raises an ``InputError``; data that cannot determine the
@@ -30,7 +31,7 @@ def solve_intercept(
     loaded = load_intercept(Path(path))
     refused = refusal(loaded, chosen)
     if refused is not None:
-        return refused.as_json()
+        return refused
     solve = solve_adaptive if chosen == ADAPTIVE else solve_classic
     count = len(loaded.queries)
     seconds = []
@@ -40,7 +41,7 @@ def solve_intercept(
         seconds.append(time.perf_counter() - start)
         if seconds[0] > LONG_S:
             break
-    return fill_result(loaded, solved, chosen, min(seconds)).as_json()
+    return fill_result(loaded, solved, chosen, min(seconds))
 
 
 def _show(progress: Progress, before: int, total: int, done: int) -> None:

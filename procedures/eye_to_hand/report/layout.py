@@ -5,12 +5,13 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
+from procedures.eye_to_hand.result import AxbcResult
 from procedures.eye_to_hand.solve.data import FILE_NAME
 from procedures.eye_to_hand.words import BLAMED, WAYS
 from procedures.report.figure import BEFORE, NOW, embed, figure
-from procedures.report.html import Html, absent, el, facts, note, section, table
+from procedures.report.html import Html, el, facts, note, section, table
 from procedures.report.layout import Layout, Page
-from procedures.report.numbers import deg, dig, mm
+from procedures.report.numbers import deg, mm
 from procedures.report.origin import inputs_section
 from procedures.report.source import Source
 from procedures.report.space import base_axes, lines, space
@@ -24,66 +25,62 @@ _REMEDY = {
 _LONGEST_M = 0.12  # an arrow of the map
 
 
-def verdict_section(source: Source) -> Html:
+def verdict_section(source: Source[AxbcResult]) -> Html:
     """The verdict, why, and four figures to take away."""
     top = banner(source, _REMEDY, "Correct what the reason names, and check again.")
-    answer = source.answer
-    if answer is None:
+    if source.found is None:
         return top
-    chosen = str(dig(answer, "correction", "chosen"))
+    answer = source.found.result
+    chosen = answer.correction.chosen
     return Html(
         top
         + cards(
             (
-                (mm(dig(answer, "eval", "t")), "the given hand-eye is off by, at the base"),
-                (deg(dig(answer, "eval", "r")), "and is turned by"),
-                (mm(dig(answer, "C_offset", "t")), "the target is off its given place by"),
+                (mm(answer.eval.t), "the given hand-eye is off by, at the base"),
+                (deg(answer.eval.r), "and is turned by"),
+                (mm(answer.C_offset.t), "the target is off its given place by"),
                 (
-                    mm(dig(answer, "correction", f"cv_{chosen}")),
-                    f"held-out error of the target, corrected by {WAYS.get(chosen, chosen)}",
+                    mm(answer.correction.by_way()[chosen]),
+                    f"held-out error of the target, corrected by {WAYS[chosen]}",
                 ),
             )
         )
     )
 
 
-def judgement_section(source: Source) -> Html | None:
+def judgement_section(source: Source[AxbcResult]) -> Html | None:
     """What was given, what the images say of it, and which of it is blamed."""
-    answer = source.answer
-    if answer is None:
+    if source.found is None:
         return None
+    answer = source.found.result
     rows: list[tuple[str, object, str]] = [
         (
             "Hand-eye as given",
-            f"{mm(dig(answer, 'eval', 't'))}, {deg(dig(answer, 'eval', 'r'))}",
-            f"Off the standard, which knows it to {mm(dig(answer, 'eval_sigma', 't'))}, "
-            f"{deg(dig(answer, 'eval_sigma', 'r'))} (standard deviation).",
+            f"{mm(answer.eval.t)}, {deg(answer.eval.r)}",
+            f"Off the standard, which knows it to {mm(answer.eval_sigma.t)}, "
+            f"{deg(answer.eval_sigma.r)} (standard deviation).",
         ),
         (
             "Target's place as given",
-            f"{mm(dig(answer, 'C_offset', 't'))}, {deg(dig(answer, 'C_offset', 'r'))}",
+            f"{mm(answer.C_offset.t)}, {deg(answer.C_offset.r)}",
             "Off the place that images and arm alone find; its error is common to all poses.",
         ),
         (
             "Blamed",
-            el("b", str(dig(answer, "blamed"))),
-            f"{BLAMED.get(str(dig(answer, 'blamed')), '')}.",
+            el("b", answer.blamed),
+            f"{BLAMED[answer.blamed]}.",
         ),
     ]
-    priors = dig(source.result, "uncertainty", "priors") or {}
-    rows += [(f"Known of {part}", told, "") for part, told in priors.items()]
+    rows += [(f"Known of {part}", told, "") for part, told in source.found.uncertainty.priors.items()]
     return section("What was given, and what the images say of it", facts(rows))
 
 
-def map_section(source: Source) -> Html | None:
+def map_section(source: Source[AxbcResult]) -> Html | None:
     """The flange through the camera against the reported one, over the workspace."""
-    places = dig(source.answer, "places")
-    if source.answer is None:
+    if source.found is None:
         return None
-    title = "Positioning over the workspace"
-    if not isinstance(places, list) or not places:
-        return section(title, absent("The result lists no poses."))
-    p, d = (np.array([place[key] for place in places], dtype=float) for key in ("p", "d"))
+    answer = source.found.result
+    p, d = np.array([place.p for place in answer.places]), np.array([place.d for place in answer.places])
     longest = float(np.linalg.norm(d, axis=1).max())
     scale = _LONGEST_M / longest if longest > 0.0 else 0.0
     fig = figure(480, scene=space(np.vstack([p, p + scale * d, np.zeros((1, 3))]), 0.1))
@@ -93,13 +90,13 @@ def map_section(source: Source) -> Html | None:
     )
     for trace in base_axes(0.15):
         fig.add_trace(trace)
-    rms = dig(source.answer, "positioning", "t_rms")
     return section(
-        title,
+        "Positioning over the workspace",
         embed(fig, "positioning"),
         note(
-            f"Where the given hand-eye sees the flange, less where the arm reports it: {mm(rms)} RMS, "
-            f"{mm(longest)} at most. Arrows are {scale:.0f} times as long as what they show."
+            "Where the given hand-eye sees the flange, less where the arm reports it: "
+            f"{mm(answer.positioning.t_rms)} RMS, {mm(longest)} at most. "
+            f"Arrows are {scale:.0f} times as long as what they show."
         ),
     )
 
@@ -118,20 +115,15 @@ def _dots(p: Any, d: Any) -> Any:
     )
 
 
-def correction_section(source: Source) -> Html | None:
+def correction_section(source: Source[AxbcResult]) -> Html | None:
     """The three ways to correct targets, at poses that were not looked at."""
-    found = dig(source.answer, "correction")
-    if found is None:
+    if source.found is None:
         return None
-    chosen = dig(found, "chosen")
+    correction = source.found.result.correction
     rows = [
-        (
-            el("b", words) if way == chosen else words,
-            mm(dig(found, f"cv_{way}")),
-            "chosen" if way == chosen else "",
-        )
-        for way, words in WAYS.items()
-        if dig(found, f"cv_{way}") is not None
+        (el("b", WAYS[way]), mm(rms), "chosen") if way == correction.chosen else (WAYS[way], mm(rms), "")
+        for way, rms in correction.by_way().items()
+        if rms is not None
     ]
     return section(
         "Correcting targets",
@@ -143,7 +135,7 @@ def correction_section(source: Source) -> Html | None:
     )
 
 
-def _page(_source: Source) -> Page[Source]:
+def _page(_source: Source[AxbcResult]) -> Page[Source[AxbcResult]]:
     return Page(
         top=(verdict_section, judgement_section),
         left=(map_section,),
@@ -152,8 +144,6 @@ def _page(_source: Source) -> Page[Source]:
     )
 
 
-def _title(_source: Source) -> str:
-    return "Eye-to-hand check"
-
-
-EYE_TO_HAND = Layout(source=Source, data_file=FILE_NAME, title=_title, page=_page)
+EYE_TO_HAND = Layout(
+    source=Source[AxbcResult], data_file=FILE_NAME, title=lambda _source: "Eye-to-hand check", page=_page
+)

@@ -1,7 +1,6 @@
 """What an AXB = C solution tells: the standard, what was given against it, and the map of the workspace."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,19 @@ from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye import se3
 from calibration.hand_eye.solution import Solution
 from calibration.kinematics.families import robot_document
+from cell.formats.result import Rejected
 from cell.poses import Array, adjoint
+from procedures.eye_to_hand.result import (
+    AxbcAnswer,
+    AxbcResiduals,
+    NoiseFound,
+    Place,
+    PlaceOff,
+    PoseSize,
+    Positioning,
+    Suspicion,
+    TargetCorrection,
+)
 from procedures.eye_to_hand.solve.data import AxbcData
 from procedures.hand_eye.solve.arm import GivenArm
 from procedures.hand_eye.solve.result import pose6
@@ -41,7 +52,7 @@ class Found:
         return self.solution.problem.C[self.rows]
 
 
-def answer_of(data: AxbcData, found: Found, choice: Choice, arm: GivenArm | None) -> dict[str, Any]:
+def answer_of(data: AxbcData, found: Found, choice: Choice, arm: GivenArm | None) -> AxbcAnswer:
     standard = found.standard
     T = se3.inverse(standard.X)
     A = adjoint(standard.X)
@@ -55,27 +66,29 @@ def answer_of(data: AxbcData, found: Found, choice: Choice, arm: GivenArm | None
     places, positioning = _positioning(data, found)
     judged = suspicion(found.alone, data.camera, data.place)
     beyond = max(found.alone.scale.values(), default=0.0) > ARM_WORSE
-    return {
-        "T_camera_base": pose6(T),
-        "direction": "base in camera",
-        "cov": cov.tolist(),
-        "mean": pose6(se3.inverse(source_mean(found.F, found.C, data.place.T))),
-        "eval": _lengths(off),
-        "eval_sigma": _along(off, cov),
-        "C_offset": _place_off(data.place, found.alone),
-        "blamed": "arm" if judged.blamed == "none" and beyond else judged.blamed,
-        "suspicion": {"X": judged.X, "C": judged.W, "both": judged.both},
-        "positioning": positioning,
-        "places": places,
-        "correction": {"chosen": choice.chosen, **{f"cv_{way}": rms for way, rms in choice.cv.items()}},
-        "robot": robot,
-        "scale": {k: float(v) for k, v in found.alone.scale.items()},
-        "noise": found.solution.noise.as_dict(),
-        "rejected": [
-            {"index": data.seen.indices[k], "reason": reason}
+    return AxbcAnswer(
+        T_camera_base=pose6(T),
+        direction="base in camera",
+        cov=cov.tolist(),
+        mean=pose6(se3.inverse(source_mean(found.F, found.C, data.place.T))),
+        eval=_lengths(off),
+        eval_sigma=_along(off, cov),
+        C_offset=_place_off(data.place, found.alone),
+        blamed="arm" if judged.blamed == "none" and beyond else judged.blamed,
+        suspicion=Suspicion(X=judged.X, C=judged.W, both=judged.both),
+        positioning=positioning,
+        places=places,
+        correction=TargetCorrection(
+            chosen=choice.chosen, **{f"cv_{way}": rms for way, rms in choice.cv.items()}
+        ),
+        robot=robot,
+        scale={k: float(v) for k, v in found.alone.scale.items()},
+        noise=NoiseFound.model_validate(found.solution.noise.as_dict()),
+        rejected=[
+            Rejected(index=data.seen.indices[k], reason=reason)
             for k, reason in sorted(_left_out(data, found).items())
         ],
-    }
+    )
 
 
 def _left_out(data: AxbcData, found: Found) -> dict[int, str]:
@@ -83,11 +96,11 @@ def _left_out(data: AxbcData, found: Found) -> dict[int, str]:
     return dict(data.seen.unusable) | {int(rows[k]): text for k, text in found.solution.reasons.items()}
 
 
-def _lengths(xi: Array) -> dict[str, float]:
-    return {"t": float(np.linalg.norm(xi[:3])), "r": float(np.linalg.norm(xi[3:]))}
+def _lengths(xi: Array) -> PoseSize:
+    return PoseSize(t=float(np.linalg.norm(xi[:3])), r=float(np.linalg.norm(xi[3:])))
 
 
-def _along(xi: Array, cov: Array) -> dict[str, float]:
+def _along(xi: Array, cov: Array) -> PoseSize:
     """Standard deviations of the lengths of ``xi``, along it; the largest one where it is zero."""
     out = {}
     for key, part in (("t", slice(0, 3)), ("r", slice(3, 6))):
@@ -95,51 +108,53 @@ def _along(xi: Array, cov: Array) -> dict[str, float]:
         own = cov[part, part]
         variance = xi[part] @ own @ xi[part] / size**2 if size > 0.0 else np.linalg.eigvalsh(own)[-1]
         out[key] = float(np.sqrt(variance))
-    return out
+    return PoseSize(**out)
 
 
-def _place_off(given: Given, alone: Mounted) -> dict[str, object]:
+def _place_off(given: Given, alone: Mounted) -> PlaceOff:
     """How far the target's place is from the given one, as a motion of T_marker_flange on its right."""
     C, found = se3.inverse(given.T), se3.inverse(alone.W)
     A = adjoint(alone.W)
     off = se3.log(se3.inverse(C) @ found)
-    return {
-        **_lengths(off),
-        "xi": off.tolist(),
-        "cov": (A @ alone.cov_W @ A.T).tolist(),
-        "T_marker_flange": pose6(found),
-    }
+    size = _lengths(off)
+    return PlaceOff(
+        t=size.t,
+        r=size.r,
+        xi=off.tolist(),
+        cov=(A @ alone.cov_W @ A.T).tolist(),
+        T_marker_flange=pose6(found),
+    )
 
 
-def _positioning(data: AxbcData, found: Found) -> tuple[list[dict[str, object]], dict[str, float]]:
+def _positioning(data: AxbcData, found: Found) -> tuple[list[Place], Positioning]:
     """The flange through the given camera against the reported one (source 001), pose by pose."""
     seen = data.camera.T @ found.C @ se3.inverse(data.place.T)
     off = se3.log(se3.inverse(found.F) @ seen)
     apart = seen[:, :3, 3] - found.F[:, :3, 3]
     rows = data.seen.usable()[found.rows]
-    places: list[dict[str, object]] = [
-        {
-            "index": data.seen.indices[int(row)],
-            "p": F[:3, 3].tolist(),
-            "d": d.tolist(),
-            "r": float(np.linalg.norm(xi[3:])),
-        }
+    places = [
+        Place(
+            index=data.seen.indices[int(row)],
+            p=F[:3, 3].tolist(),
+            d=d.tolist(),
+            r=float(np.linalg.norm(xi[3:])),
+        )
         for row, F, d, xi in zip(rows, found.F, apart, off, strict=True)
     ]
-    rms = {
-        "t_rms": float(np.sqrt(np.mean(np.sum(apart**2, axis=1)))),
-        "r_rms": float(np.sqrt(np.mean(np.sum(off[:, 3:] ** 2, axis=1)))),
-    }
+    rms = Positioning(
+        t_rms=float(np.sqrt(np.mean(np.sum(apart**2, axis=1)))),
+        r_rms=float(np.sqrt(np.mean(np.sum(off[:, 3:] ** 2, axis=1)))),
+    )
     return places, rms
 
 
-def residuals_of(found: Found) -> dict[str, object]:
+def residuals_of(found: Found) -> AxbcResiduals:
     distance = found.solution.distance[found.rows]
-    return {
-        "meaning": "how far observations are from the plain solution, in units of its noise; no accuracy",
-        "distance_rms": float(np.sqrt(np.mean(distance**2))),
-        "excess": float(found.solution.excess),
-    }
+    return AxbcResiduals(
+        meaning="how far observations are from the plain solution, in units of its noise; no accuracy",
+        distance_rms=float(np.sqrt(np.mean(distance**2))),
+        excess=float(found.solution.excess),
+    )
 
 
 def arm_text(alone: Mounted) -> str:

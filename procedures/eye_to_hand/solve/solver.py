@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from calibration.hand_eye.solution import Measurements, solve
 from cell.errors import error
 from cell.formats.result import Result, Warning_
 from procedures.eye_to_hand.judging import blame_warning, doubts_about, reasons_against
+from procedures.eye_to_hand.result import AxbcHeldOut, AxbcInputs, AxbcResult, AxbcUncertainty
 from procedures.eye_to_hand.solve.answer import ARM_WORSE, Found, answer_of, arm_text, residuals_of
 from procedures.eye_to_hand.solve.commands import Ways, answer_targets
 from procedures.eye_to_hand.solve.data import AxbcData, load_axbc
@@ -26,7 +28,7 @@ from procedures.hand_eye.solve.adjustment import NO_ARM
 from procedures.hand_eye.solve.arm import JOINTS, GivenArm, given_arm
 from procedures.hand_eye.solve.camera import CameraChoice, check_views, choose_camera
 from procedures.hand_eye.solve.solver import given_noise, measurements, one_thread
-from procedures.solving import Progress, within_limits
+from procedures.solving import Progress, refused, within_limits
 from procedures.timed import timed
 
 _AS_GIVEN = LensPrior(focal=1e-6, aspect=1e-6, centre_px=1e-3, radial=1e-6, tangential=1e-6)
@@ -41,8 +43,8 @@ def solve_axbc(
     targets: Path | None = None,
     progress: Progress | None = None,
     calls: int = 2,
-) -> dict[str, object]:
-    """The result (``cellward.result/1``) of a ``cellward.axbc/1``: its folder or its file.
+) -> AxbcResult | Result:
+    """The result of a ``cellward.axbc/1``: its folder or its file.
 
     ``targets`` is a ``cellward.axbc-targets/1``: poses of the flange in the camera whose commands are wanted.
     ``calls``: how often it is solved to tell its time. Bad input raises an ``InputError``.
@@ -53,14 +55,14 @@ def solve_axbc(
         data = load_axbc(Path(path), progress)
         camera = choose_camera(data.seen, adjusts=True)
         check_views(data.seen, camera.camera)
-        return _solve(data, camera, targets, calls).as_json()
+        return _solve(data, camera, targets, calls)
 
 
-def _solve(data: AxbcData, camera: CameraChoice, targets: Path | None, calls: int) -> Result:
+def _solve(data: AxbcData, camera: CameraChoice, targets: Path | None, calls: int) -> AxbcResult | Result:
     loaded = data.seen
     rows = loaded.usable()
     warnings = [*loaded.warnings, *camera.warnings]
-    inputs: dict[str, object] = {"observations": len(loaded.F), "usable": len(rows)}
+    inputs: dict[str, Any] = {"observations": len(loaded.F), "usable": len(rows)}
     arm_of = given_arm(loaded, rows)
     measured = measurements(loaded, rows)
     _one_kind(loaded.path, measured)
@@ -68,7 +70,7 @@ def _solve(data: AxbcData, camera: CameraChoice, targets: Path | None, calls: in
     find = partial(_find, data, measured, camera, arm_of[0], known)
     found, inputs["solve_seconds"] = timed(find, calls)
     if isinstance(found, Refusal):
-        return _refused(found, warnings, inputs)
+        return refused("axbc", found, warnings, inputs, unobservable=[found.words])
     if arm_of[0] is None:
         warnings.append((NO_ARM, f"{arm_of[1]}: the uncertainty holds for an arm without errors only"))
     choice = _choice(data, found)
@@ -78,34 +80,33 @@ def _solve(data: AxbcData, camera: CameraChoice, targets: Path | None, calls: in
     if targets is not None:
         model = None if found.arm is None else (found.standard, found.arm)
         constant = source_mean(found.F, found.C, data.place.T)
-        answer["commands"], more = answer_targets(
-            targets, Ways(data.camera.T, constant, model), choice.chosen
-        )
+        commands, more = answer_targets(targets, Ways(data.camera.T, constant, model), choice.chosen)
+        answer = answer.changed(commands=commands)
         warnings += more
     reasons: list[str] = []
-    warnings += blame_warning(answer["blamed"], answer["C_offset"])
+    warnings += blame_warning(answer)
     if (limits := data.document.limits) is not None:
         reasons = reasons_against(answer, limits)
         warnings += doubts_about(answer, limits)
-    return Result(
+    return AxbcResult(
         kind="axbc",
         verdict="fail" if reasons else "warn" if warnings else "pass",
         reasons=[*reasons, *(text for _, text in warnings)],
-        warnings=[Warning_(code=c, text=t) for c, t in warnings],
+        warnings=Warning_.each(warnings),
         result=answer,
-        uncertainty={
-            "meaning": "of T_camera_base, perturbation on the right: noise, arm, gears, sag, lens and target",
-            "cov": answer["cov"],
-            "priors": dict(known.sources) | data.known,
-        },
+        uncertainty=AxbcUncertainty(
+            meaning="of T_camera_base, perturbation on the right: noise, arm, gears, sag, lens and target",
+            cov=answer.cov,
+            priors=dict(known.sources) | data.known,
+        ),
         residuals=residuals_of(found),
-        heldout={
-            "meaning": "RMS distance of the target from where each way predicts it, from the other folds",
-            "folds": 5,
-            "observations": len(found.rows),
+        heldout=AxbcHeldOut(
+            meaning="RMS distance of the target from where each way predicts it, from the other folds",
+            folds=5,
+            observations=len(found.rows),
             **{f"rms_{way}": rms for way, rms in choice.cv.items()},
-        },
-        inputs={**inputs, "used": len(found.rows)},
+        ),
+        inputs=AxbcInputs(**inputs, used=len(found.rows)),
     )
 
 
@@ -167,15 +168,3 @@ def _choice(data: AxbcData, found: Found) -> Choice:
         return with_place(adjust_poses(replace(found.solution, used=used), arm), data.place)
 
     return choose(given, found.F, found.C, Corrected(arm, arm.Q[found.rows], model))
-
-
-def _refused(refusal: Refusal, warnings: list[tuple[str, str]], inputs: dict[str, object]) -> Result:
-    return Result(
-        kind="axbc",
-        verdict="fail",
-        reasons=[str(refusal)],
-        warnings=[Warning_(code=c, text=t) for c, t in warnings],
-        result=None,
-        observability={"refused": refusal.name, "unobservable": [refusal.words]},
-        inputs=inputs,
-    )

@@ -1,12 +1,11 @@
 """The first page: the verdict, the answer with its uncertainty, and the limits it is judged by."""
 
-from typing import Any
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from procedures.hand_eye.report.budget import covered
 from procedures.hand_eye.report.source import HandEyeSource
+from procedures.hand_eye.result import HandEyeResult
 from procedures.report.html import Html, absent, el, note, section, table
 from procedures.report.numbers import DASH, K95, covariance, deg, degs, dig, mm, mms, number, radius95
 from procedures.report.verdict import banner, cards
@@ -26,42 +25,37 @@ _REMEDY = {
 def verdict_section(source: HandEyeSource) -> Html:
     """The verdict, why, and four figures to take away."""
     top = banner(source, _REMEDY, "Correct what the reason names, take the poses again, and solve again.")
-    return top if source.answer is None else Html(top + _cards(source))
+    return top if source.found is None else Html(top + _cards(source.found))
 
 
-def _cards(source: HandEyeSource) -> Html:
-    cov = covariance(dig(source.answer, "cov"))
+def _cards(found: HandEyeResult) -> Html:
+    cov = covariance(found.result.cov)
     t95, r95 = (DASH, DASH) if cov is None else (mm(radius95(cov[:3, :3])), deg(radius95(cov[3:, 3:])))
-    held = dig(source.result, "heldout", "rms")
-    used, total = (dig(source.result, "inputs", key) for key in ("used", "observations"))
+    held, made = found.heldout.rms, found.inputs
     return cards(
         (
-            (t95, f"95 % of position errors of the camera are below this. Covered: {covered(source)}"),
-            (r95, f"95 % of its rotation errors are below this. Covered: {covered(source)}"),
+            (t95, f"95 % of position errors of the camera are below this. Covered: {covered(found)}"),
+            (r95, f"95 % of its rotation errors are below this. Covered: {covered(found)}"),
             (
-                f"{mm(dig(held, 't'))}, {deg(dig(held, 'r'))}",
+                f"{mm(held.t)}, {deg(held.r)}",
                 "held-out check: target's pose by poses that the solution did not see, RMS",
             ),
             (
-                f"{_or_dash(used)} of {_or_dash(total)}",
+                f"{made.used} of {made.observations}",
                 "observations used; each one left out has its reason",
             ),
         )
     )
 
 
-def _or_dash(value: Any) -> str:
-    return DASH if value is None else str(value)
-
-
 def result_section(source: HandEyeSource) -> Html:
     """X in millimetres and degrees, with 95 % intervals along the axes of the frame it is given in."""
-    X, parent = source.X, source.parent
+    X, parent, found = source.X, source.parent, source.found
     title = f"The result: camera in {parent}"
-    if X is None:
+    if X is None or found is None:
         return section(title, absent("There is no answer, so there is no pose to show."))
     rotation = Rotation.from_matrix(X[:3, :3])
-    cov = covariance(dig(source.answer, "cov"))
+    cov = covariance(found.result.cov)
     rows: list[list[object]] = [["position, mm", *mms(X[:3, 3])]]
     if cov is not None:
         turned = X[:3, :3] @ cov[:3, :3] @ X[:3, :3].T
@@ -76,14 +70,14 @@ def result_section(source: HandEyeSource) -> Html:
             ]
         )
     quaternion = ", ".join(f"{v:.6f}" for v in rotation.as_quat())
-    raw = ", ".join(f"{number(v) or 0.0:.9g}" for v in dig(source.answer, source.name))
+    raw = ", ".join(f"{v:.9g}" for v in (found.result.pose() or ("", []))[1])
     return section(
         title,
         table((el("code", source.name), "x", "y", "z"), rows, "lrrr"),
         note(
             f"The pose of the camera (x right, y down, z forward) in the {parent}: it maps points in the "
             f"camera to points in the {parent}. The intervals come from the covariance of the solution "
-            f"(1.96 standard deviations). They cover {covered(source)}. Intervals are not residuals."
+            f"(1.96 standard deviations). They cover {covered(found)}. Intervals are not residuals."
             if cov is not None
             else "This method gave no covariance for these data, so no interval can be stated."
         ),
@@ -94,10 +88,10 @@ def result_section(source: HandEyeSource) -> Html:
 
 def limits_section(source: HandEyeSource) -> Html | None:
     """The limits of the job beside the figures they apply to."""
-    if source.answer is None:
+    if source.found is None:
         return None
     limits = dig(source.run, "job_config", "accept")
-    cov = covariance(dig(source.answer, "cov"))
+    cov = covariance(source.found.result.cov)
     rows = []
     for name, limit, value, shown in (
         ("95 % error of the position", "max_error_t_m", None if cov is None else radius95(cov[:3, :3]), mm),

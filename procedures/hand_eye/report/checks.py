@@ -1,34 +1,18 @@
 """What else speaks for or against the result: consistency, held-out checks, other solvers, noise, lens."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from procedures.hand_eye.report.source import HandEyeSource
+from procedures.hand_eye.result import Distance, HandEyeAnswer, Intrinsics, LeftOut
 from procedures.report.html import Html, absent, bullets, el, facts, note, paragraph, section, table
-from procedures.report.numbers import DASH, deg, dig, mm, mms, number, px
-
-_SPREADS = (
-    (
-        "spread_within",
-        "Within placements",
-        "RMS over the placements of the standard deviation of the simple estimates, one from each three "
-        "neighbouring poses.",
-    ),
-    (
-        "spread_across",
-        "Across placements",
-        "Standard deviation of the means of the placements. It shows errors that change with the arm's "
-        "posture.",
-    ),
-)
+from procedures.report.numbers import DASH, deg, mm, mms, px
 
 
 def consistency_section(source: HandEyeSource) -> Html | None:
     """The two spreads with their noise floors."""
-    if source.answer is None:
+    if source.found is None:
         return None
+    answer = source.found.result
     body: list[object] = [
         note(
             "Two consistency figures. The floor is what a perfect arm would show with the same noise and "
@@ -36,107 +20,104 @@ def consistency_section(source: HandEyeSource) -> Html | None:
             "resolved. They are neither accuracy nor repeatability."
         )
     ]
-    body.append(_spread_table(source.answer))
-    body.append(_estimates(source))
+    body.append(_spread_table(answer))
+    body.append(_estimates(source, answer))
     return section("Consistency of simple estimates", *body)
 
 
-def _spread_table(answer: Any) -> Html:
-    rows = []
-    for key, name, meaning in _SPREADS:
-        spread = dig(answer, key)
+def _spread_table(answer: HandEyeAnswer) -> Html:
+    plain = answer.as_configured
+    rows: list[tuple[object, ...]] = []
+    for name, spread, before, needs, meaning in (
+        (
+            "Within placements",
+            answer.spread_within,
+            None if plain is None else plain.spread_within,
+            "needs three poses in a placement",
+            "RMS over the placements of the standard deviation of the simple estimates, one from each three "
+            "neighbouring poses.",
+        ),
+        (
+            "Across placements",
+            answer.spread_across,
+            None if plain is None else plain.spread_across,
+            "needs two placements or more",
+            "Standard deviation of the means of the placements. It shows errors that change with the arm's "
+            "posture.",
+        ),
+    ):
         if spread is None:
-            why = (
-                "needs two placements or more"
-                if key == "spread_across"
-                else "needs three poses in a placement"
-            )
-            rows.append((name, DASH, DASH, DASH, why, meaning))
+            rows.append((name, DASH, DASH, DASH, needs, meaning))
             continue
-        resolved = "resolved" if spread.get("resolved") else "not resolved"
-        figure = f"{mm(spread.get('t_norm'))}, {deg(spread.get('r'))}"
-        floor = f"{mm(spread.get('floor_t'))}, {deg(spread.get('floor_r'))}"
-        before = dig(answer, "as_configured", key)
-        told = DASH if before is None else f"{mm(before.get('t_norm'))}, {deg(before.get('r'))}"
+        resolved = "resolved" if spread.resolved else "not resolved"
+        told = DASH if before is None else f"{mm(before.t_norm)}, {deg(before.r)}"
+        figure, floor = (
+            f"{mm(spread.t_norm)}, {deg(spread.r)}",
+            f"{mm(spread.floor_t)}, {deg(spread.floor_r)}",
+        )
         rows.append((name, told, figure, floor, resolved, el("span", meaning, class_="note")))
     return table(("", "as configured", "with what was found", "noise floor", "", "what it is"), rows)
 
 
-def _estimates(source: HandEyeSource) -> Html | None:
-    found = dig(source.answer, "estimates")
+def _estimates(source: HandEyeSource, answer: HandEyeAnswer) -> Html | None:
     X = source.X
-    if not isinstance(found, Mapping) or X is None:
+    if X is None:
         return None
     rows = []
-    for group, entry in found.items():
-        mean = dig(entry, "mean")
-        shown = [DASH] * 3 if not isinstance(mean, list) else mms(np.array(mean[:3]) - X[:3, 3])
-        rows.append((_placement(group), _text(dig(entry, "triples")), _text(dig(entry, "skipped")), *shown))
+    for group, entry in answer.estimates.items():
+        shown = [DASH] * 3 if entry.mean is None else mms(np.array(entry.mean[:3]) - X[:3, 3])
+        rows.append((f"placement {int(group) + 1}", entry.triples, entry.skipped, *shown))
     head = ("mean of the simple estimates minus result", "estimates", "skipped", "x, mm", "y, mm", "z, mm")
     return table(head, rows, "lrrrrr")
 
 
-def _placement(group: object) -> str:
-    name = str(group)
-    return f"placement {int(name) + 1}" if name.isdigit() else name
-
-
-def _text(value: Any) -> str:
-    return DASH if value is None else str(value)
-
-
 def held_out_section(source: HandEyeSource) -> Html | None:
     """Figures from solutions that did not see what they are judged by."""
-    if source.answer is None:
+    if source.found is None:
         return None
-    held, loo = source.result.get("heldout"), dig(source.result, "residuals", "loo_mean")
-    rows: list[tuple[str, object, str]] = []
-    if dig(held, "rms") is not None:
-        meaning = (
-            f"The poses were left out in {_text(dig(held, 'folds'))} parts. Each part was judged by a "
-            "solution from the rest: target's pose, RMS. It has the arm's errors in it at the places that "
-            "were visited."
-        )
-        rows.append((f"Held out, {_text(dig(held, 'folds'))} parts, RMS", _pair(dig(held, "rms")), meaning))
-    if dig(held, "mean") is not None:
-        rows.append(("Held out, mean", _pair(dig(held, "mean")), "The same as a mean distance."))
-    if dig(held, "rejected"):
-        meaning = f"The same with the {_text(dig(held, 'rejected'))} poses that the solution left out."
-        rows.append(("Held out, with those left out, RMS", _pair(dig(held, "rms_with_rejected")), meaning))
-    if dig(held, "rms_by_placement", "t") is not None:
+    held, loo = source.found.heldout, source.found.residuals.loo_mean
+    meaning = (
+        f"The poses were left out in {held.folds} parts. Each part was judged by a "
+        "solution from the rest: target's pose, RMS. It has the arm's errors in it at the places that "
+        "were visited."
+    )
+    rows: list[tuple[str, object, str]] = [
+        (f"Held out, {held.folds} parts, RMS", pair(held.rms), meaning),
+        ("Held out, mean", pair(held.mean), "The same as a mean distance."),
+    ]
+    if held.rejected and held.rms_with_rejected is not None:
+        meaning = f"The same with the {held.rejected} poses that the solution left out."
+        rows.append(("Held out, with those left out, RMS", pair(held.rms_with_rejected), meaning))
+    if held.rms_by_placement is not None and held.rms_by_placement.t is not None:
         meaning = (
             "Each placement of the target judged by a solution from the others, RMS: the arm's errors at a "
             "place that the solution has not seen."
         )
-        rows.append(("Held out, by placement, RMS", _pair(dig(held, "rms_by_placement")), meaning))
-    if loo is not None:
-        meaning = "Each pose judged by a solution from all others, mean distance."
-        rows.append(("Leave one out, mean", _pair(loo), meaning))
-    body = facts(rows) if rows else absent("The result has no held-out check.")
-    return section("Held-out check", body)
+        rows.append(("Held out, by placement, RMS", pair(held.rms_by_placement), meaning))
+    meaning = "Each pose judged by a solution from all others, mean distance."
+    rows.append(("Leave one out, mean", pair(loo), meaning))
+    return section("Held-out check", facts(rows))
 
 
-def _pair(value: Any) -> str:
-    return f"{mm(dig(value, 't'))}, {deg(dig(value, 'r'))}"
+def pair(value: Distance | LeftOut) -> str:
+    """A distance between poses."""
+    return f"{mm(value.t)}, {deg(value.r)}"
 
 
 def cross_check_section(source: HandEyeSource) -> Html | None:
     """X of ordinary solvers beside ours."""
-    found = dig(source.result, "residuals", "cross_check")
-    if source.answer is None:
+    if source.found is None:
         return None
-    title = "Cross-check with ordinary solvers"
-    if not isinstance(found, Mapping) or not found:
+    title, found = "Cross-check with ordinary solvers", source.found.residuals
+    if not found.cross_check:
         return section(title, absent("The result has no cross-check."))
-    own = dig(source.result, "residuals", "spread_mean")
-    rows = [("this result", DASH, DASH, mm(dig(own, "t")), deg(dig(own, "r")))]
-    for method, entry in found.items():
-        away, spread = dig(entry, "from_ours"), dig(entry, "spread_mean")
+    rows = [("this result", DASH, DASH, mm(found.spread_mean.t), deg(found.spread_mean.r))]
+    for method, entry in found.cross_check.items():
         if entry is None:
             rows.append((_method(method), "gave no answer", "", "", ""))
             continue
-        figures = (mm(dig(away, "t")), deg(dig(away, "r")), mm(dig(spread, "t")), deg(dig(spread, "r")))
-        rows.append((_method(method), *figures))
+        away, spread = entry.from_ours, entry.spread_mean
+        rows.append((_method(method), mm(away.t), deg(away.r), mm(spread.t), deg(spread.r)))
     return section(
         title,
         table(
@@ -157,23 +138,45 @@ def _method(name: object) -> str:
 
 
 def noise_section(source: HandEyeSource) -> Html | None:
-    """The noise levels behind the weights, and the lens that was used."""
-    if source.answer is None:
+    """The noise levels behind the weights."""
+    if source.found is None:
         return None
-    noise = source.answer.get("noise")
-    estimated = dig(noise, "estimated") or []
+    noise, excess = source.found.result.noise, source.found.uncertainty.excess
     rows: list[tuple[str, object, str]] = []
-    for key, name, shown, meaning in (
-        ("sigma_px", "Corner noise", px, "One standard deviation of a corner in one image."),
-        ("sigma_flange_t", "Flange position noise", mm, "Error of the arm's reported positions, each axis."),
-        ("sigma_flange_r", "Flange rotation noise", deg, "Error of the arm's reported rotations, each axis."),
-        ("sigma_pose_t", "Target position noise", mm, "Error of the given poses of the target, each axis."),
-        ("sigma_pose_r", "Target rotation noise", deg, "Error of their rotations, each axis."),
+    for key, value, name, shown, meaning in (
+        ("sigma_px", noise.sigma_px, "Corner noise", px, "One standard deviation of a corner in one image."),
+        (
+            "sigma_flange_t",
+            noise.sigma_flange_t,
+            "Flange position noise",
+            mm,
+            "Error of the arm's reported positions, each axis.",
+        ),
+        (
+            "sigma_flange_r",
+            noise.sigma_flange_r,
+            "Flange rotation noise",
+            deg,
+            "Error of the arm's reported rotations, each axis.",
+        ),
+        (
+            "sigma_pose_t",
+            noise.sigma_pose_t,
+            "Target position noise",
+            mm,
+            "Error of the given poses of the target, each axis.",
+        ),
+        (
+            "sigma_pose_r",
+            noise.sigma_pose_r,
+            "Target rotation noise",
+            deg,
+            "Error of their rotations, each axis.",
+        ),
     ):
-        if (value := dig(noise, key)) is not None:
-            how = "estimated from these data" if key in estimated else "given"
+        if value is not None:
+            how = "estimated from these data" if key in noise.estimated else "given"
             rows.append((name, f"{shown(value)} ({how})", meaning))
-    excess = number(dig(source.result, "uncertainty", "excess"))
     if excess is not None:
         meaning = (
             "Factor by which the residuals exceed what the noise levels explain. The covariance, and so "
@@ -185,73 +188,71 @@ def noise_section(source: HandEyeSource) -> Html | None:
 
 def intrinsics_section(source: HandEyeSource) -> Html | None:
     """The intrinsics in use, and how well they fit."""
-    if source.answer is None:
+    if source.found is None:
         return None
-    used = source.answer.get("intrinsics")
-    if used is None:
-        fit = px(dig(source.result, "residuals", "reprojection_rms_px"))
-        if (lens := source.answer.get("lens")) is not None:
-            return section("Intrinsics", *_adjusted_lens(lens, fit))
-        words = (
-            f"The given intrinsics were used. With them the corners of each image fit a pose with {fit} RMS; "
-            "the solver compares this with freely estimated intrinsics and says so when they do not fit."
-        )
-        return section("Intrinsics", paragraph(words))
-    K, sigma = dig(used, "K") or [], dig(used, "sigma_K") or []
+    answer, fit = source.found.result, px(source.found.residuals.reprojection_rms_px)
+    if (used := answer.intrinsics) is not None:
+        return section("Intrinsics", *_estimated_lens(used))
+    if answer.lens is not None:
+        return section("Intrinsics", *_adjusted_lens(answer.lens, fit))
+    words = (
+        f"The given intrinsics were used. With them the corners of each image fit a pose with {fit} RMS; "
+        "the solver compares this with freely estimated intrinsics and says so when they do not fit."
+    )
+    return section("Intrinsics", paragraph(words))
+
+
+def _estimated_lens(used: Intrinsics) -> list[object]:
     rows = [
         (name, f"{k:.2f} px", f"± {1.96 * s:.2f} px")
-        for name, k, s in zip(("fx", "fy", "cx", "cy"), K, sigma, strict=False)
+        for name, k, s in zip(("fx", "fy", "cx", "cy"), used.K, used.sigma_K or [], strict=False)
     ]
-    dist = ", ".join(f"{v:.5f}" for v in dig(used, "dist") or []) or "none"
-    return section(
-        "Intrinsics",
-        paragraph(
-            f"Estimated from these images, because {_text(dig(used, 'why'))}; fit {px(dig(used, 'rms_px'))} "
-            "RMS."
-        ),
+    return [
+        paragraph(f"Estimated from these images, because {used.why}; fit {px(used.rms_px)} RMS."),
         table(("", "estimate", "95 %"), rows, "lrr"),
-        note("Distortion, in OpenCV's order: ", el("code", dist)),
+        _distortion(used),
         note(
             "Errors of the intrinsics shift the camera's pose along its line of sight and are hard to see "
             "in residuals."
         ),
-    )
+    ]
 
 
-def _adjusted_lens(lens: Any, fit: str) -> list[object]:
+def _adjusted_lens(lens: Intrinsics, fit: str) -> list[object]:
     """The lens that belongs to the pose: as the camera says, with what was found of it."""
-    K = ", ".join(f"{v:.2f}" for v in dig(lens, "K") or [])
-    dist = ", ".join(f"{v:.5f}" for v in dig(lens, "dist") or []) or "none"
     return [
         paragraph(
             "The given intrinsics were the start; what was found of the lens is below, and the camera's pose "
             f"belongs to it. With it the corners of each image fit a pose with {fit} RMS."
         ),
-        note("fx, fy, cx, cy (px): ", el("code", K)),
-        note("Distortion, in OpenCV's order: ", el("code", dist)),
+        note("fx, fy, cx, cy (px): ", el("code", ", ".join(f"{v:.2f}" for v in lens.K))),
+        _distortion(lens),
     ]
+
+
+def _distortion(lens: Intrinsics) -> Html:
+    dist = ", ".join(f"{v:.5f}" for v in lens.dist) or "none"
+    return note("Distortion, in OpenCV's order: ", el("code", dist))
 
 
 def observability_section(source: HandEyeSource) -> Html:
     """What the data could not determine, or determine least, in words."""
-    found = source.result.get("observability")
-    lines: list[object] = [el("b", f"Not determined: {words}") for words in dig(found, "unobservable") or []]
-    rms = dig(found, "rotation_rms_rad")
-    if isinstance(rms, list) and rms:
-        angles = ", ".join(f"{np.degrees(v):.1f}°" for v in rms)
-        frame = _text(dig(found, "axes_frame"))
-        lines.append(
-            f"The arm turned by {angles} RMS about its three main axes of rotation (in the {frame}). Two of "
-            "them must be clearly above zero; the larger they are, the better the position is known."
-        )
-    if dig(found, "weakest"):
-        lines.append(f"Determined least: {dig(found, 'weakest')}.")
-    if dig(found, "ambiguity"):
-        lines.append(f"Left open: {dig(found, 'ambiguity')}.")
-    if source.answer is not None:
-        lines.append(
-            "Not tested by these data: the arm's accuracy away from the poses visited. A tracker or a "
-            "measured point tests that."
-        )
-    body = bullets(lines) if lines else absent("The result says nothing of observability.")
-    return section("What the data could not determine", body)
+    title, found = "What the data could not determine", source.found
+    if found is None:
+        refused = source.known("unobservable") or ["nothing more is known of it"]
+        return section(title, bullets(el("b", f"Not determined: {words}") for words in refused))
+    seen = found.observability
+    lines: list[object] = [el("b", f"Not determined: {words}") for words in seen.unobservable]
+    angles = ", ".join(f"{np.degrees(v):.1f}°" for v in seen.rotation_rms_rad)
+    lines.append(
+        f"The arm turned by {angles} RMS about its three main axes of rotation (in the {seen.axes_frame}). "
+        "Two of them must be clearly above zero; the larger they are, the better the position is known."
+    )
+    lines.append(f"Determined least: {seen.weakest}.")
+    if seen.ambiguity is not None:
+        lines.append(f"Left open: {seen.ambiguity}.")
+    lines.append(
+        "Not tested by these data: the arm's accuracy away from the poses visited. A tracker or a "
+        "measured point tests that."
+    )
+    return section(title, bullets(lines))

@@ -11,7 +11,6 @@ from calibration.hand_eye import se3
 from calibration.hand_eye.leave_out import spread_about_mean
 from cell.poses import Array
 from procedures.hand_eye.report.measured import Measured
-from procedures.hand_eye.report.scene import rejected_of
 from procedures.hand_eye.report.source import HandEyeSource
 from procedures.report.figure import colour, dressed, embed
 from procedures.report.html import Html, absent, note, paragraph, section, table
@@ -48,7 +47,7 @@ def _spreads(source: HandEyeSource, old: Array, new: Array) -> list[Html]:
     measured = source.measured
     if measured is None:
         return [absent("The data set is not at hand, so the spread under both poses cannot be shown.")]
-    rejected = rejected_of(source)
+    rejected = source.rejected
     used = measured.seen & np.array([int(i) not in rejected for i in measured.index])
     if used.sum() < 2:
         return [absent("Fewer than two usable observations: there is no spread to show.")]

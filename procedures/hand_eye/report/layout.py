@@ -36,7 +36,7 @@ def timeline_section(source: HandEyeSource) -> Html | None:
 
 def _page(source: HandEyeSource) -> Page[HandEyeSource]:
     """What the data could not determine stands at the top when that is all there is to say."""
-    answered = source.answer is not None
+    answered = source.found is not None
     return Page(
         top=(verdict_section,),
         left=(result_section, limits_section) if answered else (observability_section,),

@@ -1,9 +1,7 @@
 """The poses behind a result, measured again from its data set, so that any X can be judged by them."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -14,13 +12,10 @@ from calibration.hand_eye.ambiguity import turns
 from calibration.hand_eye.views import CornerSet
 from cell.devices import Intrinsics
 from cell.poses import Array
-from procedures.hand_eye.solve.capture import CaptureSet, load_capture
-from procedures.report.numbers import dig, matrix4
-
-_TURNED = {
-    "eye-in-hand": ("T_flange_camera", "T_base_target"),
-    "eye-to-hand": ("T_base_camera", "T_flange_target"),
-}
+from procedures.hand_eye.result import HandEyeAnswer
+from procedures.hand_eye.result import Intrinsics as EstimatedIntrinsics
+from procedures.hand_eye.solve.capture import load_capture
+from procedures.report.numbers import matrix4
 
 
 @dataclass(frozen=True)
@@ -50,23 +45,24 @@ class Measured:
         return se3.inverse(G) @ X @ self.C
 
 
-def measure(data: Path, result: Mapping[str, Any]) -> Measured:
-    """Read ``data`` and find T_camera_target of each observation, starting where ``result`` expects it.
+def measure(data: Path, answer: HandEyeAnswer | None) -> Measured:
+    """Read ``data`` and find T_camera_target of each observation, starting where ``answer`` expects it.
 
     Without an answer only the flange poses are known. Raises what reading a data set raises.
     """
     loaded = load_capture(data)
-    camera = _camera(loaded, result)
+    used = None if answer is None else answer.intrinsics
+    camera = loaded.camera if used is None else _intrinsics(used)
     setup = loaded.capture.setup
-    X_name, W_name = _TURNED[setup]
-    X = matrix4(dig(result, "result", X_name))
-    W = dig(result, "result", W_name)
+    pose = None if answer is None else answer.pose()
+    X = None if pose is None else matrix4(pose[1])
+    W = {} if answer is None else answer.targets()
     C = np.full((len(loaded.F), 4, 4), np.nan)
     motions = turns(loaded.target.points, loaded.target.symmetries)
-    for k, (view, pose) in enumerate(zip(loaded.views, loaded.poses, strict=True)):
-        if pose is not None:
-            C[k] = pose
-        place = matrix4(dig(W, str(int(loaded.group[k]))))
+    for k, (view, bare) in enumerate(zip(loaded.views, loaded.poses, strict=True)):
+        if bare is not None:
+            C[k] = bare
+        place = matrix4(W.get(str(int(loaded.group[k]))))
         if view is None or camera is None or X is None or place is None:
             continue
         G = loaded.F[k] if setup == "eye-to-hand" else se3.inverse(loaded.F[k])
@@ -82,13 +78,9 @@ def measure(data: Path, result: Mapping[str, Any]) -> Measured:
     )
 
 
-def _camera(loaded: CaptureSet, result: Mapping[str, Any]) -> Intrinsics | None:
-    """The intrinsics that the result was made with."""
-    used = dig(result, "result", "intrinsics")
-    if not isinstance(used, Mapping):
-        return loaded.camera
-    fx, fy, cx, cy = (float(v) for v in used["K"])
-    return Intrinsics(int(used["width"]), int(used["height"]), (fx, fy, cx, cy), tuple(used["dist"]))
+def _intrinsics(used: EstimatedIntrinsics) -> Intrinsics:
+    fx, fy, cx, cy = used.K
+    return Intrinsics(used.width, used.height, (fx, fy, cx, cy), tuple(used.dist))
 
 
 def _pose(view: CornerSet, camera: Intrinsics, expected: Array, motions: Array) -> Array:

@@ -11,17 +11,7 @@ from procedures.hand_eye.report.measured import Measured
 from procedures.hand_eye.report.source import HandEyeSource
 from procedures.report.figure import REJECTED, colour, dressed, embed, figure
 from procedures.report.html import Html, absent, note, section
-from procedures.report.numbers import dig
 from procedures.report.space import base_axes, lines, space, with_gaps
-
-
-def rejected_of(source: HandEyeSource) -> dict[int, str]:
-    """Index and reason of each observation that was not used."""
-    listed = dig(source.answer, "rejected")
-    if source.answer is None:
-        listed = dig(source.result, "observability", "unusable")
-    rows = listed if isinstance(listed, list) else []
-    return {int(dig(r, "index")): str(dig(r, "reason")) for r in rows if dig(r, "index") is not None}
 
 
 def scene_section(source: HandEyeSource) -> Html:
@@ -71,7 +61,7 @@ def boards(source: HandEyeSource, measured: Measured) -> list[tuple[int, int | N
 def _scene(source: HandEyeSource, measured: Measured) -> Any:
     fig = figure(450, margin={"l": 0, "r": 0, "t": 0, "b": 0})
     groups = sorted(set(measured.group.tolist()))
-    rejected = rejected_of(source)
+    rejected = source.rejected
     poses = camera_poses(source, measured)
     outlines = boards(source, measured)
     size = _size(poses, outlines)
@@ -160,7 +150,7 @@ def views_section(source: HandEyeSource) -> Html | None:
     )
     dressed(fig, 380)
     groups = sorted(set(measured.group.tolist()))
-    rejected = rejected_of(source)
+    rejected = source.rejected
     poses = camera_poses(source, measured)
     outlines = boards(source, measured)
     ray = poses[:, :3, 3] + 1.2 * _size(poses, outlines) * poses[:, :3, 2]

@@ -1,6 +1,5 @@
 """What the sections of a hand-eye report ask for: X, the targets, the pose before, the poses measured."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -8,23 +7,22 @@ from calibration.hand_eye.observability import axes_frame
 from cell.errors import CellError
 from cell.poses import Array
 from procedures.hand_eye.report.measured import Measured, measure
+from procedures.hand_eye.result import HandEyeResult
 from procedures.report.numbers import dig, matrix4
 from procedures.report.source import Source
 
 _NAME_OF = {"eye-in-hand": "T_flange_camera", "eye-to-hand": "T_base_camera"}
-_TARGET_OF = {"eye-in-hand": "T_base_target", "eye-to-hand": "T_flange_target"}
 
 
 @dataclass
-class HandEyeSource(Source):
+class HandEyeSource(Source[HandEyeResult]):
     """A hand-eye result; its data set is a capture."""
 
     @property
     def setup(self) -> str:
-        stated = dig(self.result, "inputs", "setup")
-        if stated in _NAME_OF:
-            return str(stated)
-        return "eye-to-hand" if dig(self.answer, "T_base_camera") is not None else "eye-in-hand"
+        if self.found is not None:
+            return self.found.inputs.setup
+        return str(getattr(self.result.made_from(), "setup", "eye-in-hand"))
 
     @property
     def name(self) -> str:
@@ -44,15 +42,22 @@ class HandEyeSource(Source):
     @property
     def X(self) -> Array | None:
         """The answer (4, 4)."""
-        return matrix4(dig(self.answer, self.name))
+        pose = None if self.found is None else self.found.result.pose()
+        return None if pose is None else matrix4(pose[1])
 
     @property
     def targets(self) -> dict[int, Array]:
         """The pose (4, 4) of the target in each placement."""
-        found = dig(self.answer, _TARGET_OF[self.setup])
-        poses = found.items() if isinstance(found, Mapping) else ()
-        matrices = ((int(group), matrix4(pose)) for group, pose in poses if str(group).lstrip("-").isdigit())
+        poses = {} if self.found is None else self.found.result.targets()
+        matrices = ((int(group), matrix4(pose)) for group, pose in poses.items())
         return {group: T for group, T in matrices if T is not None}
+
+    @property
+    def rejected(self) -> dict[int, str]:
+        """Index and reason of each observation that was not used."""
+        if self.found is None:
+            return {int(r["index"]): str(r["reason"]) for r in self.known("unusable") or []}
+        return {r.index: r.reason for r in self.found.result.rejected}
 
     @property
     def before(self) -> tuple[str, Array] | None:
@@ -72,7 +77,7 @@ class HandEyeSource(Source):
             self.missing.append("No data set is at hand, so the poses cannot be drawn.")
             return None
         try:
-            return measure(self.data, self.result)
+            return measure(self.data, None if self.found is None else self.found.result)
         except CellError as exc:
             self.missing.append(f"The data set cannot be read: {exc}")
             return None

@@ -11,7 +11,6 @@ from procedures.hand_eye.report.source import HandEyeSource
 from procedures.hand_eye.result import HandEyeAnswer, HandEyeResult
 from procedures.hand_eye.solve.capture import FILE_NAME
 from procedures.hand_eye.truth import arm_beside_truth, judge
-from procedures.kind import read_result
 from procedures.report.html import Html, note, section, table
 from procedures.report.numbers import K95, deg, mm
 
@@ -22,11 +21,9 @@ Row = tuple[str, str, str, str, str]
 
 
 def truth_section(source: HandEyeSource) -> Html | None:
-    """Found and stated beside what the twin knows; None for a real cell, of which nobody knows it."""
-    if not source.truth or source.answer is None:
-        return None
-    result = read_result(source.result)
-    if not isinstance(result, HandEyeResult) or not result.result.cov:
+    """Found and stated beside what the twin knows; None for a real cell, where it is unknown."""
+    result = source.found
+    if not source.truth or result is None or not result.result.cov:
         return None
     rows = [*_pose(result, source.truth), *_parts(result.result, source.truth), *_arm(source, result)]
     return section(

@@ -1,6 +1,7 @@
 """The result of a hand-eye solution: every figure with its name, in the form of docs/data-sets.md."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +18,30 @@ from calibration.hand_eye.leave_out import (
 )
 from calibration.hand_eye.noise import MOST, weights
 from calibration.hand_eye.normal import Linearised, linearise
-from calibration.hand_eye.observability import rotations, still_pairs
+from calibration.hand_eye.observability import axes_frame, rotations, still_pairs
 from calibration.hand_eye.problem import Problem
 from calibration.hand_eye.solution import Measurements, Solution
 from calibration.hand_eye.spread import PlacementEstimates, placements, spread_across, spread_within
 from calibration.hand_eye.views import undistort
-from cell.formats.result import Result, Warning_
+from cell.formats.result import Rejected, Warning_
 from cell.poses import Array, to_pose6
+from procedures.hand_eye.result import (
+    BaseSpread,
+    CrossCheck,
+    Distance,
+    Estimates,
+    HandEyeAnswer,
+    HandEyeHeldOut,
+    HandEyeInputs,
+    HandEyeObservability,
+    HandEyeResiduals,
+    HandEyeResult,
+    HandEyeUncertainty,
+    ObservationResidual,
+    Spread,
+    TwoSpreads,
+)
+from procedures.hand_eye.result import LeftOut as MeanLeftOut
 from procedures.hand_eye.solve.camera import CameraChoice
 from procedures.hand_eye.solve.capture import CaptureSet
 from procedures.hand_eye.solve.neighbours import Neighbours
@@ -39,8 +57,8 @@ _LEAST_PX = 0.05
 class Adjustment:
     """What method ``adjustment`` adds: ``answer`` and ``uncertainty`` are entries of those tables."""
 
-    answer: dict[str, object]
-    uncertainty: dict[str, object]
+    answer: dict[str, Any]
+    uncertainty: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -55,29 +73,28 @@ class Solved:
     cov: Array | None
     method: str
     warnings: list[tuple[str, str]]
-    inputs: dict[str, object]
+    inputs: dict[str, Any]
     neighbours: Neighbours
     adjustment: Adjustment | None = None
 
 
-def fill_result(solved: Solved) -> Result:
+def fill_result(solved: Solved) -> HandEyeResult:
     """The whole result; the verdict is ``warn`` when anything is to be warned of."""
     solution = solved.solution
     part = solution.problem.take(solution.used)
     lin = linearise(part, solution.at)
     P = weights(lin, solution.noise)
     warnings = solved.warnings + _warnings(solved)
-    return Result(
-        kind="hand-eye",
+    return HandEyeResult(
         verdict="warn" if warnings else "pass",
         reasons=[text for _, text in warnings],
-        warnings=[Warning_(code=c, text=t) for c, t in warnings],
-        result=_answer(solved, lin, P),
+        warnings=Warning_.each(warnings),
+        result=HandEyeAnswer.model_validate(_answer(solved, lin, P)),
         uncertainty=_uncertainty(solved),
         residuals=_residuals(solved, lin, P),
         heldout=_held_out(solved, lin, P),
         observability=_observability(solved, part),
-        inputs={**solved.inputs, "used": int(solution.used.sum()), "groups": len(solution.groups)},
+        inputs=HandEyeInputs(**solved.inputs, used=int(solution.used.sum()), groups=len(solution.groups)),
     )
 
 
@@ -93,18 +110,20 @@ def pose6(T: Array) -> list[float]:
     return [float(v) for v in to_pose6(se3.transforms(T))]
 
 
-def _answer(solved: Solved, lin: Linearised, P: Array) -> dict[str, object]:
+def _answer(solved: Solved, lin: Linearised, P: Array) -> dict[str, Any]:
     solution = solved.solution
     X, W, words = names(solution.problem.setup)
     labels = _labels(solved)
     found = _estimates_of_placements(solution, lin, P)
-    answer: dict[str, object] = {
+    two = _two_spreads(found)
+    answer: dict[str, Any] = {
         X: pose6(solution.at.X),
         "direction": words,
         W: {labels[int(g)]: pose6(T) for g, T in zip(solution.groups, solution.at.W, strict=True)},
         "cov": None if solved.cov is None else solved.cov.tolist(),
         "rejected": _rejected(solved),
-        **_two_spreads(found),
+        "spread_within": two.spread_within,
+        "spread_across": two.spread_across,
         "spread_by_base": _by_base(solved, found),
         "neighbour_spread": solved.neighbours.as_dict(),
         "estimates": {labels[int(solution.groups[p.group])]: _estimates(p) for p in found},
@@ -115,7 +134,7 @@ def _answer(solved: Solved, lin: Linearised, P: Array) -> dict[str, object]:
     return answer if solved.adjustment is None else answer | solved.adjustment.answer
 
 
-def spreads(solution: Solution) -> dict[str, object]:
+def spreads(solution: Solution) -> TwoSpreads:
     """``spread_within`` and ``spread_across`` of a solution."""
     lin = linearise(solution.problem.take(solution.used), solution.at)
     return _two_spreads(_estimates_of_placements(solution, lin, weights(lin, solution.noise)))
@@ -126,24 +145,24 @@ def _estimates_of_placements(solution: Solution, lin: Linearised, P: Array) -> l
     return placements(lin.problem, lin.at, P, perfect)
 
 
-def _two_spreads(found: list[PlacementEstimates]) -> dict[str, object]:
+def _two_spreads(found: list[PlacementEstimates]) -> TwoSpreads:
     within, across = spread_within(found), spread_across(found)
-    return {
-        "spread_within": None if within is None else within.as_dict(),
-        "spread_across": None if across is None else across.as_dict(),
-    }
+    return TwoSpreads(
+        spread_within=None if within is None else Spread.model_validate(within.as_dict()),
+        spread_across=None if across is None else Spread.model_validate(across.as_dict()),
+    )
 
 
-def _by_base(solved: Solved, found: list[PlacementEstimates]) -> dict[str, object] | None:
+def _by_base(solved: Solved, found: list[PlacementEstimates]) -> dict[str, BaseSpread] | None:
     """The two spreads of the placements at each place of the target's stand, where places are told apart."""
     base = {o.group: o.base for o in solved.loaded.capture.observations if o.base is not None}
     labels = _labels(solved)
     at = [base.get(int(labels[int(solved.solution.groups[p.group])])) for p in found]
-    out: dict[str, object] = {}
+    out: dict[str, BaseSpread] = {}
     for b in sorted({b for b in at if b is not None}):
         part = [p for p, where in zip(found, at, strict=True) if where == b]
         both = _two_spreads(part)
-        out[str(b)] = {"within": both["spread_within"], "across": both["spread_across"]}
+        out[str(b)] = BaseSpread(within=both.spread_within, across=both.spread_across)
     return out or None
 
 
@@ -152,47 +171,47 @@ def _labels(solved: Solved) -> dict[int, str]:
     return {int(k): str(g) for k, g in enumerate(np.unique(solved.loaded.group[solved.rows]))}
 
 
-def _estimates(placement: PlacementEstimates) -> dict[str, object]:
+def _estimates(placement: PlacementEstimates) -> Estimates:
     least = placement.least_squares
-    return {
-        "mean": pose6(se3.mean_pose(placement.X)) if len(placement.X) else None,
-        "least_squares": None if least is None else pose6(least),
-        "triples": len(placement.X),
-        "skipped": placement.skipped,
-    }
+    return Estimates(
+        mean=pose6(se3.mean_pose(placement.X)) if len(placement.X) else None,
+        least_squares=None if least is None else pose6(least),
+        triples=len(placement.X),
+        skipped=placement.skipped,
+    )
 
 
-def _rejected(solved: Solved) -> list[dict[str, object]]:
+def _rejected(solved: Solved) -> list[Rejected]:
     index = solved.loaded.indices
     reasons = dict(solved.loaded.unusable)
     reasons |= {int(solved.rows[k]): text for k, text in solved.solution.reasons.items()}
-    return [{"index": index[k], "reason": reasons[k]} for k in sorted(reasons)]
+    return [Rejected(index=index[k], reason=reasons[k]) for k in sorted(reasons)]
 
 
-def _uncertainty(solved: Solved) -> dict[str, object]:
+def _uncertainty(solved: Solved) -> HandEyeUncertainty:
     cov = solved.cov
     if cov is None:
-        return {"meaning": f"method {solved.method} gave no covariance for these data"}
+        return HandEyeUncertainty(meaning=f"method {solved.method} gave no covariance for these data")
     sigma = np.sqrt(np.maximum(np.diag(cov), 0.0))
     labels = _labels(solved)
     solution = solved.solution
     more = {} if solved.adjustment is None else solved.adjustment.uncertainty
-    return {
-        "cov": cov.tolist(),
-        "sigma_t": sigma[:3].tolist(),
-        "sigma_r": sigma[3:].tolist(),
-        "sigma_t_norm": float(np.linalg.norm(sigma[:3])),
-        "sigma_r_norm": float(np.linalg.norm(sigma[3:])),
-        "cov_targets": {
+    return HandEyeUncertainty(
+        cov=cov.tolist(),
+        sigma_t=sigma[:3].tolist(),
+        sigma_r=sigma[3:].tolist(),
+        sigma_t_norm=float(np.linalg.norm(sigma[:3])),
+        sigma_r_norm=float(np.linalg.norm(sigma[3:])),
+        cov_targets={
             labels[int(g)]: c.tolist() for g, c in zip(solution.groups, solution.cov_W, strict=True)
         },
-        "excess": solution.excess,
+        excess=solution.excess,
         **more,
-        "meaning": "covariance of a perturbation on the right, translation (m) first, one standard deviation",
-    }
+        meaning="covariance of a perturbation on the right, translation (m) first, one standard deviation",
+    )
 
 
-def _residuals(solved: Solved, lin: Linearised, P: Array) -> dict[str, object]:
+def _residuals(solved: Solved, lin: Linearised, P: Array) -> HandEyeResiduals:
     solution, problem = solved.solution, solved.solution.problem
     used = solution.used
     own = problem.target_poses(solution.at.X)
@@ -203,35 +222,35 @@ def _residuals(solved: Solved, lin: Linearised, P: Array) -> dict[str, object]:
     through = _through_arm(solved)
     corners = (problem.dof + 6.0) / 2.0
     index = solved.loaded.indices
-    return {
-        "spread_mean_all": {"t": float(t_all.mean()), "r": float(r_all.mean())},
-        "spread_mean": {"t": float(t.mean()), "r": float(r.mean())},
-        "loo_mean": leave_one_out(lin, P).means(),
-        "reprojection_rms_px": (
+    return HandEyeResiduals(
+        spread_mean_all=Distance(t=float(t_all.mean()), r=float(r_all.mean())),
+        spread_mean=Distance(t=float(t.mean()), r=float(r.mean())),
+        loo_mean=MeanLeftOut(**leave_one_out(lin, P).means()),
+        reprojection_rms_px=(
             float(np.sqrt(np.sum(problem.sse[seen]) / np.sum(corners[seen]))) if seen.any() else None
         ),
-        "reprojection_through_arm_rms_px": (
+        reprojection_through_arm_rms_px=(
             float(np.sqrt(np.average(through[seen] ** 2, weights=corners[seen]))) if seen.any() else None
         ),
-        "per_observation": [
-            {
-                "index": index[int(row)],
-                "group": int(solved.loaded.group[row]),
-                "used": bool(used[k]),
-                "t": float(t_all[k]),
-                "r": float(r_all[k]),
-                "reprojection_px": None if solved.measured.views[k] is None else float(px[k]),
-                "through_arm_px": None if np.isnan(through[k]) else float(through[k]),
-                "corners": None if solved.measured.views[k] is None else round(float(corners[k])),
-                "distance": None if np.isnan(solution.distance[k]) else float(solution.distance[k]),
-            }
+        per_observation=[
+            ObservationResidual(
+                index=index[int(row)],
+                group=int(solved.loaded.group[row]),
+                used=bool(used[k]),
+                t=float(t_all[k]),
+                r=float(r_all[k]),
+                reprojection_px=None if solved.measured.views[k] is None else float(px[k]),
+                through_arm_px=None if np.isnan(through[k]) else float(through[k]),
+                corners=None if solved.measured.views[k] is None else round(float(corners[k])),
+                distance=None if np.isnan(solution.distance[k]) else float(solution.distance[k]),
+            )
             for k, row in enumerate(solved.rows)
         ],
-        "cross_check": _cross_check(solution),
-    }
+        cross_check=_cross_check(solution),
+    )
 
 
-def _held_out(solved: Solved, lin: Linearised, P: Array) -> dict[str, object]:
+def _held_out(solved: Solved, lin: Linearised, P: Array) -> HandEyeHeldOut:
     left_out, placement = held_out(lin, P), by_placement(lin, P)
     problem, at = solved.solution.problem, solved.solution.at
     known = np.isin(problem.group, solved.solution.groups)
@@ -243,17 +262,17 @@ def _held_out(solved: Solved, lin: Linearised, P: Array) -> dict[str, object]:
         np.concatenate([left_out.t, t]),
         np.concatenate([left_out.r, r]),
     )
-    return {
-        "folds": 5,
-        "observations": len(left_out.rows),
-        "mean": left_out.means(),
-        "rms": left_out.rms(),
-        "rejected": len(rows),
-        "rms_with_rejected": every.rms(),
-        "rms_by_placement": placement.rms(),
-        "meaning": "target pose seen by observations that the solution did not use, against its own; by "
+    return HandEyeHeldOut(
+        folds=5,
+        observations=len(left_out.rows),
+        mean=MeanLeftOut(**left_out.means()),
+        rms=MeanLeftOut(**left_out.rms()),
+        rejected=len(rows),
+        rms_with_rejected=MeanLeftOut(**every.rms()),
+        rms_by_placement=MeanLeftOut(**placement.rms()),
+        meaning="target pose seen by observations that the solution did not use, against its own; by "
         "placement: against the others of its placement, which the solution did not use at all",
-    }
+    )
 
 
 def _through_arm(solved: Solved) -> Array:
@@ -275,10 +294,10 @@ def _through_arm(solved: Solved) -> Array:
     return out
 
 
-def _cross_check(solution: Solution) -> dict[str, object]:
+def _cross_check(solution: Solution) -> dict[str, CrossCheck | None]:
     """X of OpenCV's solvers beside ours: their distance, and the spread of the target that they leave."""
     part = _thinned(solution.problem.take(solution.used))
-    out: dict[str, object] = {}
+    out: dict[str, CrossCheck | None] = {}
     for method in METHODS:
         X = solve_classic(part, method)
         if X is None:
@@ -286,11 +305,11 @@ def _cross_check(solution: Solution) -> dict[str, object]:
             continue
         dt, dr = pose_distances(X[None], solution.at.X)
         t, r = spread_about_mean(part.target_poses(X), part.group)
-        out[method] = {
-            "pose": pose6(X),
-            "from_ours": {"t": float(dt[0]), "r": float(dr[0])},
-            "spread_mean": {"t": float(t.mean()), "r": float(r.mean())},
-        }
+        out[method] = CrossCheck(
+            pose=pose6(X),
+            from_ours=Distance(t=float(dt[0]), r=float(dr[0])),
+            spread_mean=Distance(t=float(t.mean()), r=float(r.mean())),
+        )
     return out
 
 
@@ -302,21 +321,23 @@ def _thinned(problem: Problem) -> Problem:
     return problem.take(rows)
 
 
-def _observability(solved: Solved, part: Problem) -> dict[str, object]:
+def _observability(solved: Solved, part: Problem) -> HandEyeObservability:
     turned = rotations(part)
-    return {
-        **turned.as_dict(part.setup),
-        "unobservable": [],
-        "weakest": (
+    return HandEyeObservability(
+        rotation_rms_rad=turned.rms.tolist(),
+        rotation_axes=turned.axes.T.tolist(),
+        axes_frame=axes_frame(part.setup),
+        unobservable=[],
+        weakest=(
             "translation along the axis of the widest rotation (about the second axis the arm turned by "
             f"{np.degrees(turned.rms[1]):.1f} deg RMS)"
         ),
-        "ambiguity": (
+        ambiguity=(
             "the target frame may be turned by a symmetry of the target; X does not depend on it"
             if len(solved.loaded.target.symmetries) > 1
             else None
         ),
-    }
+    )
 
 
 def _warnings(solved: Solved) -> list[tuple[str, str]]:

@@ -17,7 +17,8 @@ from calibration.hand_eye.observability import Refusal
 from calibration.hand_eye.problem import Estimate
 from calibration.hand_eye.solution import Measurements, Solution, solve
 from cell.errors import error
-from cell.formats.result import Result, Warning_
+from cell.formats.result import Result
+from procedures.hand_eye.result import HandEyeResult
 from procedures.hand_eye.solve.adjustment import METHOD as ADJUSTMENT
 from procedures.hand_eye.solve.adjustment import NO_ARM, by_adjustment, why_not
 from procedures.hand_eye.solve.alike import alike_warnings
@@ -32,7 +33,7 @@ from procedures.hand_eye.solve.other_robot import with_robot
 from procedures.hand_eye.solve.result import Adjustment, Solved, fill_result
 from procedures.hand_eye.solve.target_check import side_warnings
 from procedures.hand_eye.solve.target_size import size_factor, sized
-from procedures.solving import Progress, within_limits
+from procedures.solving import Progress, refused, within_limits
 from procedures.timed import timed
 
 ML = "ml"
@@ -48,8 +49,8 @@ def solve_hand_eye(
     robot: Path | Mapping[str, Any] | None = None,
     progress: Progress | None = None,
     calls: int = 2,
-) -> dict[str, object]:
-    """The result (``cellward.result/1``) of a capture data set: its folder or its ``capture.json``.
+) -> HandEyeResult | Result:
+    """The result of a capture data set: its folder or its ``capture.json``.
 
     ``method`` is ``adjustment`` (weighted maximum likelihood with arm, lens and target as unknowns; the
     default for observations with corners), ``ml`` (the same with arm, lens and target as they are given; the
@@ -78,7 +79,7 @@ def solve_hand_eye(
         result = _solve(loaded, camera, method, predict, calls)
         if progress is not None:
             progress("solve", 1, 1)
-    return result.as_json()
+    return result
 
 
 @contextmanager
@@ -94,11 +95,11 @@ def one_thread() -> Iterator[None]:
 
 def _solve(
     loaded: CaptureSet, camera: CameraChoice, asked: str | None, predict: Path | None, calls: int
-) -> Result:
+) -> HandEyeResult | Result:
     warnings = [*loaded.warnings, *camera.warnings]
     warnings += leave_copies_out(loaded)
     rows = loaded.usable()
-    inputs: dict[str, object] = {
+    inputs: dict[str, Any] = {
         "setup": loaded.capture.setup,
         "method": asked or ADJUSTMENT,
         "observations": len(loaded.F),
@@ -199,23 +200,10 @@ def measurements(loaded: CaptureSet, rows: np.ndarray) -> Measurements:
 
 
 def _refused(
-    loaded: CaptureSet, refusal: Refusal, warnings: list[tuple[str, str]], inputs: dict[str, object]
+    loaded: CaptureSet, refusal: Refusal, warnings: list[tuple[str, str]], inputs: dict[str, Any]
 ) -> Result:
-    return Result(
-        kind="hand-eye",
-        verdict="fail",
-        reasons=[str(refusal)],
-        warnings=[Warning_(code=c, text=t) for c, t in warnings],
-        result=None,
-        observability={
-            "refused": refusal.name,
-            "unobservable": [refusal.words],
-            "unusable": [
-                {"index": loaded.indices[k], "reason": r} for k, r in sorted(loaded.unusable.items())
-            ],
-        },
-        inputs=inputs,
-    )
+    unusable = [{"index": loaded.indices[k], "reason": r} for k, r in sorted(loaded.unusable.items())]
+    return refused("hand-eye", refusal, warnings, inputs, unobservable=[refusal.words], unusable=unusable)
 
 
 def _by_classic(solution: Solution, method: str) -> tuple[Solution, np.ndarray | None]:

@@ -3,9 +3,10 @@
 from procedures.iso9283.record import DATA_FILE
 from procedures.iso9283.report.plots import arrivals_section, deviation_section, drift_section
 from procedures.iso9283.report.source import IsoSource
-from procedures.report.html import Html, absent, bullets, el, facts, note, section, table
+from procedures.iso9283.result import Figure, PoseResult
+from procedures.report.html import Html, bullets, el, facts, note, section, table
 from procedures.report.layout import Layout, Page
-from procedures.report.numbers import DASH, dig, mm, mms, number
+from procedures.report.numbers import DASH, mm, mms
 from procedures.report.origin import inputs_section
 from procedures.report.timeline import timeline_section
 from procedures.report.trend import trend_section
@@ -20,17 +21,17 @@ _REMEDY = {
 def verdict_section(source: IsoSource) -> Html:
     """The verdict, why, and four figures to take away."""
     top = banner(source, _REMEDY, "Correct what the reason names, and test again.")
-    if source.answer is None:
+    if source.found is None:
         return top
-    tracker = dig(source.answer, "tracker")
+    answer = source.found.result
     return Html(
         top
         + cards(
             (
-                (mm(dig(source.answer, "AP_max")), "AP of the worst pose; never below the tracker's own"),
-                (mm(dig(source.answer, "RP_max")), "RP of the worst pose; never below the tracker's own"),
-                (mm(dig(tracker, "AP_95_m")), "AP that the tracker alone may read of a perfect arm (95 %)"),
-                (mm(dig(tracker, "RP_m")), "RP that the tracker alone reads of a perfect arm"),
+                (mm(answer.AP_max), "AP of the worst pose; never below the tracker's own"),
+                (mm(answer.RP_max), "RP of the worst pose; never below the tracker's own"),
+                (mm(answer.tracker.AP_95_m), "AP that the tracker alone may read of a perfect arm (95 %)"),
+                (mm(answer.tracker.RP_m), "RP that the tracker alone reads of a perfect arm"),
             )
         )
     )
@@ -38,33 +39,31 @@ def verdict_section(source: IsoSource) -> Html:
 
 def figures_section(source: IsoSource) -> Html | None:
     """AP and RP pose by pose, each beside the tracker's, with the formulas."""
-    if source.answer is None:
+    if source.found is None:
         return None
-    title = "Accuracy and repeatability"
-    if not source.poses:
-        return section(title, absent("The result has no poses."))
+    title, formula = "Accuracy and repeatability", source.found.result.formula
     head = ("pose", "AP", "measured", "± 95 %", "tracker", "RP", "measured", "95 % interval", "tracker", "n")
     rows = []
     for pose in source.poses:
         rows.append(
             [
-                el("b", pose.get("name")),
+                el("b", pose.name),
                 _figure(pose, "AP"),
-                mm(pose.get("AP_measured")),
-                mm(pose.get("AP_U")),
-                mm(pose.get("AP_tracker")),
+                mm(pose.AP_measured),
+                mm(pose.AP_U),
+                mm(pose.AP_tracker),
                 _figure(pose, "RP"),
-                mm(pose.get("RP_measured")),
-                _interval(pose.get("RP_95")),
-                mm(pose.get("RP_tracker")),
-                pose.get("cycles"),
+                mm(pose.RP_measured),
+                _interval(pose.RP_95),
+                mm(pose.RP_tracker),
+                pose.cycles,
             ]
         )
-    formula = dig(source.answer, "formula")
     return section(
         title,
         table(head, rows, "lrrrrrrrrr"),
-        *(note(el("code", dig(formula, key))) for key in ("AP", "RP")),
+        note(el("code", formula.AP)),
+        note(el("code", formula.RP)),
         note(
             "'tracker' is what a perfect arm would read, from the stated noise at the range of the pose; "
             "averaging is given no credit. A figure with ≤ was measured below that, so the tracker's own "
@@ -73,26 +72,24 @@ def figures_section(source: IsoSource) -> Html | None:
     )
 
 
-def _figure(pose: object, key: str) -> Html:
-    shown = mm(dig(pose, key))
-    return el("b", shown if dig(pose, f"{key}_resolved") else f"≤ {shown}")
+def _figure(pose: PoseResult, key: Figure) -> Html:
+    value, _, resolved = pose.figure(key)
+    return el("b", mm(value) if resolved else f"≤ {mm(value)}")
 
 
-def _interval(value: object) -> str:
-    if not isinstance(value, list) or len(value) != 2:
+def _interval(value: list[float] | None) -> str:
+    if value is None:
         return DASH
-    low, high = mms([float(v) for v in value])
+    low, high = mms(value)
     return f"{low} … {high}"
 
 
 def conditions_section(source: IsoSource) -> Html | None:
     """What it holds for: kinematics, speed, payload, cycles, and how the tracker was placed."""
-    if source.answer is None:
+    if source.found is None:
         return None
-    answer, place = source.answer, dig(source.answer, "registration")
-    version = dig(answer, "kinematics_version")
-    corrected = bool(dig(answer, "corrected"))
-    fitted = dig(place, "how") == "fit"
+    answer = source.found.result
+    place, version, corrected = answer.registration, answer.kinematics_version, answer.corrected
     rows: list[tuple[str, object, str]] = [
         (
             "Commanded",
@@ -101,27 +98,26 @@ def conditions_section(source: IsoSource) -> Html | None:
         ),
         (
             "Cycles",
-            f"{dig(answer, 'cycles')} of {dig(answer, 'cycles_wanted')}",
+            f"{answer.cycles} of {answer.cycles_wanted}",
             "Every pose is always reached from the same one; the standard has 30.",
         ),
         (
             "Speed and payload",
-            f"{100 * (number(dig(answer, 'speed_share')) or 0):g} %, {dig(answer, 'payload_kg')} kg",
+            f"{100 * answer.speed_share:g} %, {answer.payload_kg} kg",
             "Share of the cell's limits, which may be lower than the arm's own; the figures hold for these.",
         ),
         (
             "The tracker's place",
-            "fitted to these poses" if fitted else "from the calibration",
-            f"The barycentres are {mm(dig(place, 'rms_m'))} off in it (RMS), "
-            f"{mm(dig(place, 'rms_best_m'))} in the place that suits them best.",
+            "fitted to these poses" if place.how == "fit" else "from the calibration",
+            f"The barycentres are {mm(place.rms_m)} off in it (RMS), "
+            f"{mm(place.rms_best_m)} in the place that suits them best.",
         ),
     ]
-    open_ = dig(source.result, "observability", "undetermined") or []
     return section(
         "What it holds for",
         facts(rows),
         el("h3", "Not measured"),
-        bullets(open_),
+        bullets(source.found.observability.undetermined),
     )
 
 
@@ -135,9 +131,9 @@ def _page(_source: IsoSource) -> Page[IsoSource]:
 
 
 def _title(source: IsoSource) -> str:
-    if source.answer is None:
+    if source.found is None:
         return "Pose accuracy and repeatability"
-    how = "corrected" if dig(source.answer, "corrected") else "uncorrected"
+    how = "corrected" if source.found.result.corrected else "uncorrected"
     return f"Pose accuracy and repeatability, {how}"
 
 

@@ -9,19 +9,19 @@ from plotly.subplots import make_subplots
 from procedures.iso9283.report.source import IsoSource
 from procedures.report.figure import PALETTE, SOFT, dressed, embed, figure, label, legend_below
 from procedures.report.html import Html, absent, note, paragraph, section
-from procedures.report.numbers import dig, mm, number
+from procedures.report.numbers import mm
 
 _AXES = "xyz"
 
 
 def deviation_section(source: IsoSource) -> Html | None:
     """Barycentre minus commanded place, along the axes of the base."""
-    if source.answer is None or not source.poses:
+    if not source.poses:
         return None
     fig = figure(320, barmode="group")
-    names = [label(p.get("name")) for p in source.poses]
+    names = [label(p.name) for p in source.poses]
     for axis, letter in enumerate(_AXES):
-        values = [1e3 * float(p["deviation"][axis]) for p in source.poses]
+        values = [1e3 * p.deviation[axis] for p in source.poses]
         fig.add_trace(
             go.Bar(
                 x=names,
@@ -41,22 +41,22 @@ def deviation_section(source: IsoSource) -> Html | None:
 
 def arrivals_section(source: IsoSource) -> Html | None:
     """Every arrival about the barycentre of its pose, from above and from the side."""
-    if source.answer is None or not source.poses:
+    if not source.poses:
         return None
     title = "Every arrival"
-    drawn = [(p, source.arrivals(str(p.get("name")))) for p in source.poses]
+    drawn = [(p, source.arrivals(p.name)) for p in source.poses]
     if not any(len(off) for _, (_, off) in drawn):
         return section(title, absent("The result does not list its arrivals."))
-    fig = make_subplots(2, len(drawn), subplot_titles=[label(p.get("name")) for p, _ in drawn],
+    fig = make_subplots(2, len(drawn), subplot_titles=[label(p.name) for p, _ in drawn],
                         horizontal_spacing=0.035, vertical_spacing=0.09)  # fmt: skip
     dressed(fig, 470, margin={"l": 60, "r": 10, "t": 30, "b": 44})
     limit = 1.1e3 * max(float(np.abs(off).max(initial=0.0)) for _, (_, off) in drawn)
-    limit = max(limit, 1.1e3 * max(number(p.get("RP")) or 0.0 for p, _ in drawn))
+    limit = max(limit, 1.1e3 * max(p.RP for p, _ in drawn))
     for column, (pose, (cycles, off)) in enumerate(drawn, start=1):
         for row, (a, b) in enumerate(((0, 1), (0, 2)), start=1):
             fig.add_trace(_dots(cycles, off, a, b), row, column)
-            for key, dash in (("RP_measured", "solid"), ("RP_tracker", "dot")):
-                fig.add_trace(_circle(number(pose.get(key)) or 0.0, dash), row, column)
+            for radius_m, dash in ((pose.RP_measured, "solid"), (pose.RP_tracker, "dot")):
+                fig.add_trace(_circle(radius_m, dash), row, column)
             anchor = (row - 1) * len(drawn) + column
             axis = f"x{anchor}" if anchor > 1 else "x"
             fig.update_xaxes(
@@ -100,16 +100,15 @@ def _circle(radius_m: float, dash: str) -> Any:
 
 def drift_section(source: IsoSource) -> Html | None:
     """All poses over the cycles, along each axis, and whether they moved together."""
-    if source.answer is None or not source.poses:
+    if source.found is None:
         return None
-    title = "During the test"
-    moved = dig(source.answer, "drift")
+    title, moved = "During the test", source.found.result.drift
     if moved is None:
         return section(title, absent("Fewer than six cycles: nothing can be said of drift."))
     fig = make_subplots(1, 3, subplot_titles=_AXES, horizontal_spacing=0.07)
     dressed(fig, 280)
     for k, pose in enumerate(source.poses):
-        cycles, off = source.arrivals(str(pose.get("name")))
+        cycles, off = source.arrivals(pose.name)
         for axis in range(3):
             fig.add_trace(
                 go.Scatter(
@@ -118,7 +117,7 @@ def drift_section(source: IsoSource) -> Html | None:
                     mode="lines+markers",
                     marker={"size": 4},
                     line={"color": PALETTE[k], "width": 1},
-                    name=label(pose.get("name")),
+                    name=label(pose.name),
                     legendgroup=str(k),
                     showlegend=axis == 0,
                     hovertemplate="cycle %{x}: %{y:.4f} mm<extra></extra>",
@@ -129,12 +128,12 @@ def drift_section(source: IsoSource) -> Html | None:
             fig.update_xaxes(title_text="cycle", row=1, col=axis + 1)
     fig.update_yaxes(title_text="mm", row=1, col=1)
     fig.update_layout(legend={**legend_below(280), "x": 1.0, "xanchor": "right"})
-    words = "more than noise explains" if dig(moved, "beyond_noise") else "within noise"
+    words = "more than noise explains" if moved.beyond_noise else "within noise"
     return section(
         title,
         embed(fig, "drift"),
         paragraph(
             "From the first third of the cycles to the last, all poses moved together by "
-            f"{mm(dig(moved, 'distance_m'))}, {words}."
+            f"{mm(moved.distance_m)}, {words}."
         ),
     )

@@ -1,15 +1,14 @@
 """The first page of a crossed-beam report: the verdict, the answer with its uncertainty, and its limits."""
 
-from typing import Any
-
 import numpy as np
 
 from procedures.laser.moved_words import NAME as MOVED
 from procedures.laser.moved_words import axis_words, point_words
 from procedures.laser.report.checks import ms
-from procedures.laser.report.source import LaserSource, vector
+from procedures.laser.report.source import LaserSource
+from procedures.laser.result import MovedTest
 from procedures.report.html import Html, absent, el, note, paragraph, section, table
-from procedures.report.numbers import DASH, K95, deg, degs, dig, mm, mms
+from procedures.report.numbers import DASH, K95, deg, degs, mm, mms
 from procedures.report.verdict import banner, cards
 
 _BENT = (
@@ -37,30 +36,32 @@ _OTHERWISE = "Correct what the reason names, and measure again."
 def verdict_section(source: LaserSource) -> Html:
     """The verdict, why, and four figures to take away."""
     top = banner(source, _REMEDY, _OTHERWISE, _became(source))
-    if source.answer is None:
+    if source.found is None:
         return top
     return Html(top + (_reference_cards(source) if source.is_reference else _cards(source)))
 
 
 def _became(source: LaserSource) -> Html | None:
     """What an update came to; it is not the same as its verdict."""
-    if (test := dig(source.answer, "moved")) is not None:
+    if source.measured is None:
+        return None
+    if (test := source.measured.result.moved) is not None:
         return _test_of(test)
-    update = dig(source.result, "inputs", "update")
-    if dig(update, "committed") is True:
-        by = dig(update, "accepted_by")
+    update = source.measured.inputs.update
+    if update is None or update.committed is None:
+        return None
+    if update.committed:
+        by = update.accepted_by
         return paragraph(f"The new tool frame is in effect from the next job on, accepted by {by}.")
-    if dig(update, "committed") is False:
-        return paragraph(f"The new tool frame was not put into effect: {dig(update, 'why')}.")
-    return None
+    return paragraph(f"The new tool frame was not put into effect: {update.why}.")
 
 
-def _test_of(test: Any) -> Html:
+def _test_of(test: MovedTest) -> Html:
     """The test of a check in a sentence, also when the tool has not moved."""
-    found = "has moved" if test["moved"] else "has not moved"
+    found = "has moved" if test.moved else "has not moved"
     words = f"The tool {found} against the frame in effect: its point by {point_words(test)}"
-    if test["tilt_rad"] is not None:
-        words += f", its axis by {axis_words(test)}"
+    if axis := axis_words(test):
+        words += f", its axis by {axis}"
     return paragraph(f"{words}.")
 
 
@@ -83,13 +84,13 @@ def _cards(source: LaserSource) -> Html:
 
 
 def _reference_cards(source: LaserSource) -> Html:
-    passes = dig(source.answer, "passes")
+    passes = None if source.made is None else source.made.result.passes
     return cards(
         (
             (mm(source.U), "U: 95 % of the errors of the tool's point in the beams are below this"),
             (mm(source.plane_gap), "height between the two beams where they cross"),
             (ms(source.delay), "delay of the beams' signals, from the ways out and back"),
-            (str(len(passes)) if isinstance(passes, list) else DASH, "ways across the beams that were used"),
+            (DASH if passes is None else str(len(passes)), "ways across the beams that were used"),
         )
     )
 
@@ -100,7 +101,7 @@ def result_section(source: LaserSource) -> Html:
         return _beams_section(source)
     title = "The result: the tool's point in the flange"
     dp, drot, cov = source.dp, source.drot, source.cov
-    if dp is None:
+    if dp is None or source.measured is None:
         return section(title, absent("There is no answer, so there is nothing to show."))
     sigma = None if cov is None else np.sqrt(np.maximum(np.diag(cov), 0.0))
     rows: list[list[object]] = [["moved by, mm", *mms(dp)]]
@@ -110,8 +111,7 @@ def result_section(source: LaserSource) -> Html:
         rows.append(["axis turned by, °", *degs(drot)])
         if sigma is not None:
             rows.append(["± 95 %, °", *degs(K95 * sigma[3:])])
-    if (offset := vector(dig(source.answer, "flange_offset_base"))) is not None:
-        rows.append(["flange at the beams moved in base, mm", *mms(offset)])
+    rows.append(["flange at the beams moved in base, mm", *mms(source.measured.result.flange_offset_base)])
     return section(
         title,
         table((el("code", "dp_flange"), "x", "y", "z"), rows, "lrrr"),
@@ -126,13 +126,13 @@ def result_section(source: LaserSource) -> Html:
 def _beams_section(source: LaserSource) -> Html:
     """Where the beams are, and where the flange was when the tool's point met them."""
     title = "The result: the beams in the base"
-    if source.answer is None or not source.beams:
+    if source.made is None or not source.beams:
         return section(title, absent("There is no answer, so there is nothing to show."))
     rows: list[list[object]] = []
     for name, beam in source.beams.items():
         rows.append([f"beam {name} through, mm", *mms(beam.point)])
         rows.append(["along", *(f"{v:.6f}".replace("-", "\N{MINUS SIGN}") for v in beam.direction)])
-        if (hit := vector(dig(source.answer, "hits", name))) is not None:
+        if (hit := source.made.result.hits.get(name)) is not None:
             rows.append(["flange when the point meets it, mm", *mms(hit)])
     return section(
         title,

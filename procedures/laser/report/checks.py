@@ -1,70 +1,74 @@
 """Single figures of a crossed-beam measurement, its held-out check, and what it leaves open."""
 
-from typing import Any
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from procedures.laser.report.source import LaserSource, vector
+from procedures.laser.report.source import LaserSource
+from procedures.laser.result import RejectedPass
 from procedures.report.html import Html, absent, bullets, el, facts, note, section, table
-from procedures.report.numbers import DASH, K95, deg, dig, mm, number
+from procedures.report.numbers import DASH, K95, deg, mm
 
 _MOST_ROWS = 30
-_SETS = {"current": "now", "reference": "reference"}
 
 
-def ms(seconds: Any) -> str:
+def ms(seconds: float | None) -> str:
     """Seconds as milliseconds."""
-    plain = number(seconds)
-    return DASH if plain is None else f"{1e3 * plain:.2f} ms"
+    return DASH if seconds is None else f"{1e3 * seconds:.2f} ms"
 
 
 def figures_section(source: LaserSource) -> Html | None:
     """Uncertainty by direction, delay, hysteresis and noise, each with what it means."""
-    if source.answer is None:
+    found = source.found
+    if found is None:
         return None
-    found = source.result.get("uncertainty")
     rows: list[tuple[str, object, str]] = []
-    for key, name, shown, meaning in (
-        ("U_xy_m", "U across the tool", mm, "95 % of the errors across the tool's axis are below this."),
-        ("U_z_m", "U along the tool", mm, "95 % of the errors along it: from the search in height."),
-        ("U_tilt_rad", "U of the tilt", deg, "95 % of the errors of the tilt: from the two heights."),
-        ("U_gap_m", "U of the height between the beams", mm, "95 % of the errors of that height."),
-        ("noise_m", "Noise", mm, "Scatter of the edges beside the intervals between polls, one sigma."),
-    ):
-        value = number(dig(found, key)) or number(dig(source.answer, "plane", key))
-        if value is not None:
+    for name, value, shown, meaning in _sizes(source):
+        if value:
             rows.append((name, shown(value), meaning))
-    if (turn := vector(dig(source.answer, "axis_turn_flange"))) is not None:
+    turn = None if source.made is None else source.made.result.axis_turn_flange
+    if turn is not None:
         meaning = "How the axis of this tool stands against the one that was configured."
         rows.append(("Axis of the tool", deg(float(np.linalg.norm(turn))), meaning))
     if source.delay is not None:
         meaning = "From the break of a beam to the stamp of its poll; half of what out and back disagree by."
-        rows.append(("Delay of the signals", _pm(ms, source.delay, dig(found, "sigma_tau_s")), meaning))
-    hysteresis = number(dig(source.answer, "hysteresis_m"))
-    if hysteresis is not None:
+        rows.append(("Delay of the signals", _pm(ms, source.delay, found.uncertainty.sigma_tau_s), meaning))
+    if (hysteresis := found.result.hysteresis_m) is not None:
+        sigma = None if source.measured is None else source.measured.uncertainty.sigma_hysteresis_m
         meaning = "A shift along the way that does not depend on the speed; passes of two speeds show it."
-        rows.append(("Hysteresis", _pm(mm, hysteresis, dig(found, "sigma_hysteresis_m")), meaning))
+        rows.append(("Hysteresis", _pm(mm, hysteresis, sigma), meaning))
     return section("In figures", facts(rows)) if rows else None
 
 
-def _pm(shown: Any, value: Any, sigma: Any) -> str:
-    plain = number(sigma)
-    return shown(value) if plain is None else f"{shown(value)} ± {shown(K95 * plain)} (95 %)"
+def _sizes(source: LaserSource) -> Iterator[tuple[str, float | None, Callable[[float], str], str]]:
+    noise_m = None if source.found is None else source.found.uncertainty.noise_m
+    if source.measured is not None:
+        U = source.measured.uncertainty
+        yield "U across the tool", U.U_xy_m, mm, "95 % of the errors across the tool's axis are below this."
+        yield "U along the tool", U.U_z_m, mm, "95 % of the errors along it: from the search in height."
+        yield "U of the tilt", U.U_tilt_rad, deg, "95 % of the errors of the tilt: from the two heights."
+    if source.made is not None:
+        gap_m = source.made.result.plane.U_gap_m
+        yield "U of the height between the beams", gap_m, mm, "95 % of the errors of that height."
+    yield "Noise", noise_m, mm, "Scatter of the edges beside the intervals between polls, one sigma."
+
+
+def _pm(shown: Callable[[float], str], value: float, sigma: float | None) -> str:
+    return shown(value) if sigma is None else f"{shown(value)} ± {shown(K95 * sigma)} (95 %)"
 
 
 def held_out_section(source: LaserSource) -> Html | None:
     """Edges judged by solutions that did not see their pass."""
-    if source.answer is None or source.is_reference:
+    if source.measured is None:
         return None
-    held = source.result.get("heldout")
-    title = "Held-out check"
-    if number(dig(held, "rms_m")) is None:
+    title, held = "Held-out check", source.measured.heldout
+    if held.rms_m is None:
         return section(title, absent("The result has no held-out check."))
     row = (
         "Held out, RMS",
-        mm(dig(held, "rms_m")),
-        f"{dig(held, 'edges')} edges of {dig(held, 'passes')} passes, each against a solution without its "
-        f"pair of passes. A perfect solution would have {mm(dig(held, 'expected_m'))}, as an edge may be "
+        mm(held.rms_m),
+        f"{held.edges} edges of {held.passes} passes, each against a solution without its "
+        f"pair of passes. A perfect solution would have {mm(held.expected_m)}, as an edge may be "
         "anywhere between two polls.",
     )
     return section(title, facts([row]))
@@ -72,9 +76,9 @@ def held_out_section(source: LaserSource) -> Html | None:
 
 def open_section(source: LaserSource) -> Html:
     """What was not determined, and the passes that were left out."""
-    found = source.result.get("observability")
-    lines: list[object] = [f"Not determined: {words}." for words in dig(found, "undetermined") or []]
-    if source.answer is not None:
+    open_ = source.known("undetermined") if source.found is None else source.found.observability.undetermined
+    lines: list[object] = [f"Not determined: {words}." for words in open_ or []]
+    if source.found is not None:
         lines.append(
             "Not tested by these data: whether the beams still stand where the reference found them. A "
             "fixture that was moved looks like a tool that was bent."
@@ -85,14 +89,10 @@ def open_section(source: LaserSource) -> Html:
 
 def _rejected(source: LaserSource) -> Html | None:
     """One row for the passes of a beam that were left out for the same reason."""
-    listed = dig(source.answer, "rejected")
-    if listed is None:
-        listed = dig(source.result, "residuals", "rejected")
     grouped: dict[tuple[str, str, str], list[int]] = {}
-    for entry in listed if isinstance(listed, list) else []:
-        why = str(dig(entry, "reason")).split(":")[0]
-        key = (_SETS.get(str(dig(entry, "set")), "reference"), str(dig(entry, "beam")), why)
-        grouped.setdefault(key, []).append(int(number(dig(entry, "index")) or 0))
+    for entry in source.rejected:
+        where = "now" if isinstance(entry, RejectedPass) and entry.set_ == "current" else "reference"
+        grouped.setdefault((where, entry.beam, entry.reason.split(":")[0]), []).append(entry.index)
     if not grouped:
         return None
     rows = [(where, beam, str(len(own)), _ranges(own), why) for (where, beam, why), own in grouped.items()]

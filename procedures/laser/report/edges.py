@@ -13,7 +13,7 @@ from procedures.laser.report.passes import Estimate, Shown
 from procedures.laser.report.source import LaserSource
 from procedures.report.figure import BEFORE, NOW, dressed, embed, label, legend_below
 from procedures.report.html import Html, absent, note, section
-from procedures.report.numbers import dig, mm, number
+from procedures.report.numbers import mm
 
 TINT = {False: BEFORE, True: NOW}
 _FAINT = {False: "#a9c1de", True: "#eec5a3"}
@@ -195,8 +195,9 @@ def _by_height(rows: Sequence[tuple[float, int]]) -> list[list[tuple[float, int]
 def residuals_section(source: LaserSource) -> Html | None:
     """How far each edge is off the estimate."""
     found, estimate = source.shown, source.estimate
-    if found is None or estimate is None:
+    if found is None or estimate is None or source.measured is None:
         return None
+    left = source.measured.residuals
     fig = make_subplots(1, 2, subplot_titles=[f"beam {b}" for b in BEAMS], horizontal_spacing=0.1)
     dressed(fig, 330)
     named: set[str] = set()
@@ -209,19 +210,13 @@ def residuals_section(source: LaserSource) -> Html | None:
         fig.update_xaxes(title_text="number of the pass", row=1, col=column)
         fig.update_yaxes(title_text="mm" if column == 1 else None, zeroline=True, row=1, col=column)
     fig.update_layout(legend=legend_below(330))
-    rms, perfect = (number(dig(source.result, "residuals", key)) for key in ("rms_m", "expected_m"))
     return section(
         "Edges against the estimate",
         embed(fig, "edge-residuals"),
         note(
             "Middle of each interval less the estimated edge, out ▸ or back ◂; the bar is the interval. "
-            "Where polling alone limits the measurement, every bar reaches zero"
-            + (
-                "."
-                if rms is None or perfect is None
-                else f", and the middles scatter by {mm(perfect)} RMS; here it is {mm(rms)}."
-            )
-            + " A residual is not an accuracy."
+            "Where polling alone limits the measurement, every bar reaches zero, and the middles scatter by "
+            f"{mm(left.expected_m)} RMS; here it is {mm(left.rms_m)}. A residual is not an accuracy."
         ),
     )
 

@@ -13,7 +13,7 @@ Row = tuple[str, Any, Any, Callable[[Any], str]]  # name, value, limit, how it i
 
 def limits_section(source: LaserSource) -> Html | None:
     """Against the reference, against the frame in effect, and the uncertainty that is allowed."""
-    if source.answer is None:
+    if source.found is None:
         return None
     limits = dig(source.run, "job_config")
     rows = _reference_rows(source, limits) if source.is_reference else _check_rows(source, limits)
@@ -30,31 +30,39 @@ def limits_section(source: LaserSource) -> Html | None:
 
 def _check_rows(source: LaserSource, limits: Any) -> list[Row]:
     rows: list[Row] = []
-    for key, words in (("against_reference", "the reference"), ("against_last", "the frame in effect")):
-        found = dig(source.answer, key)
-        bent = f"off {words}, to count as bent"
-        rows.append((f"point {bent}", dig(found, "shift"), dig(limits, key, "max_shift_m"), mm))
-        rows.append((f"axis {bent}", dig(found, "tilt_rad"), dig(limits, key, "max_tilt_rad"), deg))
-    if (test := dig(source.answer, "moved")) is not None:
+    if source.measured is None:
+        return rows
+    answer, update = source.measured.result, source.measured.inputs.update
+    for key, apart, words in (
+        ("against_reference", answer.against_reference, "the reference"),
+        ("against_last", answer.against_last, "the frame in effect"),
+    ):
+        if apart is not None:
+            bent = f"off {words}, to count as bent"
+            rows.append((f"point {bent}", apart.shift, dig(limits, key, "max_shift_m"), mm))
+            rows.append((f"axis {bent}", apart.tilt_rad, dig(limits, key, "max_tilt_rad"), deg))
+    if (test := answer.moved) is not None:
         words = "off the frame in effect, to count as moved"
-        rows.append((f"point {words}", dig(test, "shift_m"), dig(test, "tolerance_m"), mm))
-        rows.append((f"axis {words}", dig(test, "tilt_rad"), dig(test, "tolerance_rad"), deg))
+        rows.append((f"point {words}", test.shift_m, test.tolerance_m, mm))
+        rows.append((f"axis {words}", test.tilt_rad, test.tolerance_rad, deg))
     rows.append(("uncertainty U of the point", source.U, dig(limits, "max_U_m"), mm))
-    second = dig(source.result, "inputs", "update", "second_scan")
-    if second is not None and limits is not None:
-        rows.append(("point off the reference, tried", dig(second, "apart"), dig(second, "U_m"), mm))
+    if limits is not None and update is not None and (second := update.second_scan) is not None:
+        rows.append(("point off the reference, tried", second.apart, second.U_m, mm))
     return rows
 
 
 def _odds(source: LaserSource) -> str:
     """What a test of two results misses, and how often it calls a good tool wrong."""
-    test = dig(source.answer, "moved") or dig(source.result, "inputs", "update", "second_scan")
-    chance, size = number(dig(test, "false_alarm")), number(dig(test, "detectable_m"))
-    if chance is None or size is None:
+    if source.measured is None:
         return ""
+    update = source.measured.inputs.update
+    test = source.measured.result.moved or (update.second_scan if update is not None else None)
+    if test is None or test.false_alarm is None or test.detectable_m is None:
+        return ""
+    size = mm(test.detectable_m)
     return (
-        f" A good tool is judged not to be in {odds(chance)} of such tests at most; an error of {mm(size)} "
-        "of its point is found in 99 of 100 at least."
+        f" A good tool is judged not to be in {odds(test.false_alarm)} of such tests at most; an error of "
+        f"{size} of its point is found in 99 of 100 at least."
     )
 
 

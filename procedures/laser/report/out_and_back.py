@@ -12,7 +12,6 @@ from procedures.laser.report.passes import Shown, pairs
 from procedures.laser.report.source import LaserSource
 from procedures.report.figure import dressed, embed, legend_below
 from procedures.report.html import Html, absent, note, section
-from procedures.report.numbers import dig, number
 
 
 def out_and_back_section(source: LaserSource) -> Html | None:
@@ -21,11 +20,12 @@ def out_and_back_section(source: LaserSource) -> Html | None:
     if found is None:
         return None
     title = "Out against back"
+    hysteresis_m = None if source.found is None else source.found.result.hysteresis_m
     if not any(pairs(found, beam, current) for beam in BEAMS for current in (False, True)):
         return section(title, absent("No way out has a way back beside it."))
     return section(
         title,
-        embed(_figure(found, number(dig(source.answer, "hysteresis_m")) or 0.0), "out-back"),
+        embed(_figure(found, hysteresis_m or 0.0), "out-back"),
         note(
             "Middle of the way out less that of the way back at once after it, along the way across, with "
             "the delay and the hysteresis taken off. What is left is the width of the intervals between "

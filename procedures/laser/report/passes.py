@@ -1,9 +1,8 @@
 """The passes of a data set as the report draws them; edges and reasons are those of the estimator."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,9 @@ from calibration.tool_frame.geometry import BEAMS, frames, rotated, seen_turn, t
 from calibration.tool_frame.scene import ToolFrameScene
 from calibration.tool_frame.selection import Selection, select
 from cell.poses import Array
-from procedures.report.numbers import dig, number
+from procedures.laser.result import LaserResult, RejectedPass, RejectedReferencePass
+
+Rejected = Sequence[RejectedPass | RejectedReferencePass]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +40,7 @@ class Shown:
         return self.seen.crossings.get(place)
 
 
-def shown(scene: ToolFrameScene, tau: float, rejected: Any = ()) -> Shown:
+def shown(scene: ToolFrameScene, tau: float, rejected: Rejected = ()) -> Shown:
     """``tau`` (s) is what is left of the delay in the stamps of the polls, ``rejected`` the result's list."""
     beams = frames(scene.beams, scene.R, scene.tool)
     seen = see(scene, beams, tau)
@@ -49,10 +50,9 @@ def shown(scene: ToolFrameScene, tau: float, rejected: Any = ()) -> Shown:
     return Shown(scene, seen, chosen, np.array(heights), {**chosen.reasons, **_rejected(scene, rejected)})
 
 
-def _rejected(scene: ToolFrameScene, listed: Any) -> dict[int, str]:
+def _rejected(scene: ToolFrameScene, listed: Rejected) -> dict[int, str]:
     """Place and reason of the passes that a result names by set and number."""
-    rows = listed if isinstance(listed, list) else []
-    why = {(dig(r, "set") == "current", dig(r, "index")): str(dig(r, "reason")) for r in rows}
+    why = {(isinstance(r, RejectedPass) and r.set_ == "current", r.index): r.reason for r in listed}
     places = ((k, why.get((p.current, p.index))) for k, p in enumerate(scene.passes))
     return {k: reason for k, reason in places if reason is not None}
 
@@ -108,24 +108,19 @@ class Estimate:
         return found
 
 
-def estimate(
-    scene: ToolFrameScene, answer: Mapping[str, Any], observability: Mapping[str, Any]
-) -> Estimate | None:
-    """From a result of kind ``laser``; None where it does not hold the places of the edges."""
-    places, dp = dig(observability, "edges_m"), dig(answer, "dp_flange")
-    if not isinstance(places, Mapping) or not isinstance(dp, list):
-        return None
+def estimate(scene: ToolFrameScene, measured: LaserResult) -> Estimate:
+    """From a result of kind ``laser``."""
+    answer, seen = measured.result, measured.observability
     beams = frames(scene.beams, scene.R, scene.tool)
-    turn = dig(answer, "drot_flange") or [0.0, 0.0, 0.0]
-    own = {b: number(dig(observability, "own_tilt_rad", b)) or 0.0 for b in BEAMS}
+    turn = answer.drot_flange or [0.0, 0.0, 0.0]
+    own = {b: seen.own_tilt_rad.get(b) or 0.0 for b in BEAMS}
     then = turned_axis(beams, scene.R @ scene.tool.axis, own)
     now = rotated(then, scene.R @ np.array(turn))
-    moved = scene.R @ np.array(dp)
+    moved = scene.R @ np.array(answer.dp_flange)
     tilt, shift, rise = {}, {}, {}
     for b, frame in beams.items():
         tilt[b, False], tilt[b, True] = own[b], seen_turn(frame, now)
         shift[b, False], shift[b, True] = 0.0, float(frame.n @ moved)
         rise[b, False], rise[b, True] = 0.0, float(frame.w @ moved)
-    edges = {b: np.array(places[b], dtype=float) for b in BEAMS if isinstance(places.get(b), list)}
-    hysteresis, lag = (number(dig(answer, key)) or 0.0 for key in ("hysteresis_m", "lag_s"))
-    return Estimate(edges, tilt, shift, rise, hysteresis, lag)
+    edges = {b: np.array(places, dtype=float) for b, places in seen.edges_m.items()}
+    return Estimate(edges, tilt, shift, rise, answer.hysteresis_m or 0.0, answer.lag_s or 0.0)

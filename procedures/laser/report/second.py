@@ -1,6 +1,5 @@
 """The second scan of an update: did the tool's point, with the new frame, meet the reference?"""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,26 +9,25 @@ from cell.poses import Array
 from procedures.laser.report.source import LaserSource, vector
 from procedures.report.figure import BEFORE, NOW, SOFT, embed, figure
 from procedures.report.html import Html, absent, note, paragraph, section
-from procedures.report.numbers import dig, mm, mms, number
+from procedures.report.numbers import mm, mms
 
 
 def second_section(source: LaserSource) -> Html | None:
     """None for a run that was no update."""
-    update = dig(source.result, "inputs", "update")
-    if not isinstance(update, Mapping):
+    update = None if source.measured is None else source.measured.inputs.update
+    if update is None:
         return None
-    title = "The new tool frame, tried"
-    second = dig(update, "second_scan")
-    refused = dig(update, "committed") is False
-    why = paragraph(f"The new frame was not put into effect: {dig(update, 'why')}.") if refused else None
+    title, second, why = "The new tool frame, tried", update.second_scan, None
+    if update.committed is False:
+        why = paragraph(f"The new frame was not put into effect: {update.why}.")
     if second is None:
         return section(title, why, absent("There was no second scan with the new tool frame."))
-    apart, U = number(dig(second, "apart")), number(dig(second, "U_m"))
+    apart, U = second.apart, second.U_m
     if apart is None or U is None:
         return section(title, why, absent("The second scan could not be solved."))
-    verdict = "meets the reference" if dig(second, "meets") else "does not meet the reference"
-    times = " twice, as the first time it missed narrowly" if dig(second, "scans") == 2 else ""
-    at = vector(dig(second, "apart_m"))
+    verdict = "meets the reference" if second.meets else "does not meet the reference"
+    times = " twice, as the first time it missed narrowly" if second.scans == 2 else ""
+    at = vector(second.apart_m)
     return section(
         title,
         paragraph(

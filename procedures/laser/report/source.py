@@ -1,8 +1,8 @@
 """What the sections of a crossed-beam report ask for: the tool before and now, beams, hits, second scan."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,26 +13,42 @@ from cell.errors import CellError
 from cell.formats.laser import LaserData
 from cell.poses import Array
 from procedures.laser.report.passes import Estimate, Shown, estimate, shown
+from procedures.laser.result import LaserResult, ReferenceResult, RejectedPass, RejectedReferencePass
 from procedures.laser.solve.data import load_laser, scene_of
-from procedures.report.numbers import covariance, dig, number, radius95
+from procedures.report.numbers import covariance, dig, radius95
 from procedures.report.source import Source
 
 
-def vector(value: Any) -> Array | None:
-    """(3,) of three finite numbers, None for anything else."""
-    if not isinstance(value, list | tuple) or len(value) != 3 or any(number(v) is None for v in value):
-        return None
-    return np.array(value, dtype=float)
+def vector(value: Sequence[float] | None) -> Array | None:
+    """(3,), None of nothing."""
+    return None if value is None else np.array(value, dtype=float)
 
 
 @dataclass
-class LaserSource(Source):
+class LaserSource(Source[LaserResult | ReferenceResult]):
     """A result of ``laser`` or ``laser-reference``; its data set is ``cellward.laser/1``."""
 
     @property
     def is_reference(self) -> bool:
         """Whether the run made a reference rather than measuring against one."""
-        return self.result.get("kind") == "laser-reference"
+        return self.result.kind == "laser-reference"
+
+    @property
+    def measured(self) -> LaserResult | None:
+        """What a check or an update found; None of others and without an answer."""
+        return self.found if isinstance(self.found, LaserResult) else None
+
+    @property
+    def made(self) -> ReferenceResult | None:
+        """The reference that a run made; None of others and without an answer."""
+        return self.found if isinstance(self.found, ReferenceResult) else None
+
+    @property
+    def rejected(self) -> Sequence[RejectedPass | RejectedReferencePass]:
+        """The passes that were not used across the beams."""
+        if self.made is not None:
+            return self.made.residuals.rejected
+        return [] if self.measured is None else self.measured.result.rejected
 
     @cached_property
     def loaded(self) -> LaserData | None:
@@ -59,20 +75,19 @@ class LaserSource(Source):
         """The passes; None, with a line in ``missing``, when they do not make a measurement."""
         if self.scene is None:
             return None
-        left = (number(dig(self.answer, key)) for key in ("tau", "tau_s"))
+        tau = None if self.found is None else self.found.result.tau
         try:
-            tau = next((v for v in left if v is not None), 0.0)
-            return shown(self.scene, tau, dig(self.answer, "rejected"))
+            return shown(self.scene, tau or 0.0, () if self.measured is None else self.rejected)
         except Refusal as exc:
             self.missing.append(f"The passes of the data set cannot be drawn: {exc.words}.")
             return None
 
     @cached_property
     def estimate(self) -> Estimate | None:
-        """Where the solution has the edges; None for a reference or without an answer."""
-        if self.scene is None or self.answer is None:
+        """Where the solution has the edges; None for a reference, without an answer or without passes."""
+        if self.scene is None or self.shown is None or self.measured is None:
             return None
-        return estimate(self.scene, self.answer, self.result.get("observability") or {})
+        return estimate(self.scene, self.measured)
 
     @property
     def tool_id(self) -> str | None:
@@ -94,22 +109,22 @@ class LaserSource(Source):
     @property
     def dp(self) -> Array | None:
         """(3,) m: displacement of the tool's point, in the flange."""
-        return vector(dig(self.answer, "dp_flange"))
+        return None if self.measured is None else np.array(self.measured.result.dp_flange)
 
     @property
     def drot(self) -> Array | None:
         """(3,) rad: rotation vector from the axis then to the axis now; None when it was not measured."""
-        return vector(dig(self.answer, "drot_flange"))
+        return None if self.measured is None else vector(self.measured.result.drot_flange)
 
     @property
     def cov(self) -> Array | None:
         """(6, 6) of the answer; the rows of the rotation are zero when it was not measured."""
-        return covariance(dig(self.answer, "cov"))
+        return None if self.found is None else covariance(self.found.result.cov)
 
     @property
     def U(self) -> float | None:
         """The length (m) that 95 % of the errors of the point stay below."""
-        stated = number(dig(self.result, "uncertainty", "U_point_m"))
+        stated = None if self.found is None else self.found.uncertainty.U_point_m
         if stated is not None or self.cov is None:
             return stated
         return radius95(self.cov[:3, :3])
@@ -117,20 +132,20 @@ class LaserSource(Source):
     @property
     def plane_gap(self) -> float | None:
         """How much higher one beam is than the other where they cross, m; of a reference."""
-        gap = number(dig(self.answer, "plane", "gap_m"))
-        return None if gap is None else abs(gap)
+        return None if self.made is None else abs(self.made.result.plane.gap_m)
 
     @property
     def slopes(self) -> dict[str, float]:
         """Angle (rad) of each beam to base x-y; of a reference."""
-        found = {name: number(dig(self.answer, "plane", "slope_rad", name)) for name in BEAMS}
-        return {name: abs(slope) for name, slope in found.items() if slope is not None}
+        found = {} if self.made is None else self.made.result.plane.slope_rad
+        return {name: abs(slope) for name, slope in found.items()}
 
     @property
     def delay(self) -> float | None:
         """What the signals are late by, s; without a run what is left in the stamps of the data."""
-        found = (number(dig(self.answer, key)) for key in ("latency_s", "tau", "tau_s"))
-        return next((v for v in found if v is not None), None)
+        if self.measured is not None and self.measured.result.latency_s is not None:
+            return self.measured.result.latency_s
+        return None if self.found is None else self.found.result.tau
 
     @property
     def beams(self) -> dict[str, Line]:
@@ -138,19 +153,16 @@ class LaserSource(Source):
         return self._found_beams() if self.scene is None else dict(self.scene.beams)
 
     def _found_beams(self) -> dict[str, Line]:
-        found = {}
-        for name in BEAMS if self.is_reference else ():
-            point, direction = (vector(dig(self.answer, "beams", name, key)) for key in ("point", "dir"))
-            if point is not None and direction is not None and np.any(direction):
-                found[name] = Line.of(point.tolist(), direction.tolist())
-        return found
+        found = {} if self.made is None else self.made.result.beams
+        return {name: Line.of(beam.point, beam.dir) for name, beam in found.items() if any(beam.dir)}
 
     @property
     def hits(self) -> dict[str, Array]:
         """Where in the base (3,) m the tool's point meets each beam, as the reference has it."""
         if self.scene is None:
             return {}
-        document = self.answer if self.is_reference else dig(self.run, "values", "laser_reference")
-        flange = {name: vector(dig(document, "hits", name)) for name in BEAMS}
+        stored = dig(self.run, "values", "laser_reference", "hits") or {}
+        hits = stored if self.made is None else self.made.result.hits
+        flange = {name: vector(hits.get(name)) for name in BEAMS}
         point = self.scene.R @ self.scene.tool.p
         return {name: at + point for name, at in flange.items() if at is not None}

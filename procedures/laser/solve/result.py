@@ -1,7 +1,6 @@
 """The figures of a crossed-beam solution as a result document."""
 
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,8 +17,30 @@ from calibration.tool_frame.out_and_back import UNSEEN_DELAY
 from calibration.tool_frame.scene import ToolFrameScene
 from calibration.tool_frame.solution import Solution
 from cell.formats.laser import LaserData
-from cell.formats.result import Result, Warning_
+from cell.formats.result import Empty, Warning_
 from cell.poses import Array
+from procedures.laser.result import (
+    BeamLine,
+    BeamUncertainty,
+    LaserAnswer,
+    LaserHeldOut,
+    LaserInputs,
+    LaserObservability,
+    LaserResiduals,
+    LaserResult,
+    LaserUncertainty,
+    OutBack,
+    PassResidual,
+    Plane,
+    ReferenceAnswer,
+    ReferenceObservability,
+    ReferenceResiduals,
+    ReferenceResult,
+    ReferenceUncertainty,
+    RejectedPass,
+    RejectedReferencePass,
+    SetName,
+)
 
 K95 = 1.96
 SPEED_CODE, BLUNDER_CODE, UNUSED_CODE = "laser.speed", "laser.rejected", "laser.not-used"
@@ -32,44 +53,44 @@ def fill_result(
     rest: Residuals,
     checks: Residuals | None,
     warnings: list[tuple[str, str]],
-    inputs: dict[str, Any],
-) -> Result:
+    inputs: LaserInputs,
+) -> LaserResult:
     """The document of kind ``laser``."""
     dp = solution.dp if classic is None else classic.dp
     drot = solution.drot if classic is None else None
     lateral = solution.lateral
-    answer: dict[str, Any] = {
-        "dp_flange": dp.tolist(),
-        "drot_flange": None if drot is None else drot.tolist(),
-        "flange_offset_base": (-scene.R @ dp).tolist(),
-        "p_new": (scene.tool.p + dp).tolist(),
-        "axis_new": None if drot is None else rotated(scene.tool.axis, drot).tolist(),
-        "tau": None if UNSEEN_DELAY in solution.undetermined else _tau(lateral),
-        "hysteresis_m": lateral.value("hysteresis"),
-        "lag_s": lateral.value("lag"),
-        "cov": solution.cov.tolist() if classic is None else None,
-        "rejected": _rejected(scene, solution),
-    }
+    answer = LaserAnswer(
+        dp_flange=dp.tolist(),
+        drot_flange=None if drot is None else drot.tolist(),
+        flange_offset_base=(-scene.R @ dp).tolist(),
+        p_new=(scene.tool.p + dp).tolist(),
+        axis_new=None if drot is None else rotated(scene.tool.axis, drot).tolist(),
+        tau=None if UNSEEN_DELAY in solution.undetermined else _tau(lateral),
+        hysteresis_m=lateral.value("hysteresis"),
+        lag_s=lateral.value("lag"),
+        cov=solution.cov.tolist() if classic is None else None,
+        rejected=_rejected(scene, solution),
+    )
     if classic is not None:
-        answer["flange_offset_base"] = classic.offset.tolist()
-        answer["source_rule_dp"] = classic.source_rule.tolist()
+        answer = answer.changed(
+            flange_offset_base=classic.offset.tolist(), source_rule_dp=classic.source_rule.tolist()
+        )
         warnings = [*warnings, ("laser.classic", "the classic method gives no uncertainty")]
     warnings = [*warnings, *_selection_warnings(scene, solution)]
-    return Result(
-        kind="laser",
+    return LaserResult(
         verdict="warn" if warnings else "pass",
-        warnings=[Warning_(code=c, text=t) for c, t in warnings],
+        warnings=Warning_.each(warnings),
         result=answer,
-        uncertainty=_uncertainty(scene, solution) if classic is None else {},
+        uncertainty=_uncertainty(scene, solution) if classic is None else LaserUncertainty(),
         residuals=_residuals(scene, solution, rest),
-        heldout={}
+        heldout=LaserHeldOut()
         if checks is None
-        else {
-            "rms_m": checks.rms,
-            "expected_m": checks.expected,
-            "edges": len(checks.rest),
-            "passes": len(set(checks.source.tolist())),
-        },
+        else LaserHeldOut(
+            rms_m=checks.rms,
+            expected_m=checks.expected,
+            edges=len(checks.rest),
+            passes=len(set(checks.source.tolist())),
+        ),
         observability=_observability(solution),
         inputs=inputs,
     )
@@ -81,37 +102,41 @@ def _tau(lateral: Lateral) -> float | None:
     return lateral.value("tau") if now is None else now
 
 
-def _uncertainty(scene: ToolFrameScene, solution: Solution) -> dict[str, Any]:
+def _uncertainty(scene: ToolFrameScene, solution: Solution) -> LaserUncertainty:
     a = scene.tool.axis
     flat = np.eye(3) - np.outer(a, a)
     point = solution.cov[:3, :3]
-    return {
-        "U_xy_m": length95(flat @ point @ flat),
-        "U_z_m": None if solution.z_sigma is None else K95 * solution.z_sigma,
-        "U_point_m": length95(point),
-        "U_tilt_rad": None if solution.drot is None else length95(solution.cov[3:, 3:]),
-        "sigma_m": np.sqrt(np.diag(point)).tolist(),
-        "sigma_rad": np.sqrt(np.diag(solution.cov)[3:]).tolist(),
-        "sigma_tau_s": solution.lateral.deviation("tau"),
-        "sigma_hysteresis_m": solution.lateral.deviation("hysteresis"),
-        "sigma_lag_s": solution.lateral.deviation("lag"),
-        "noise_m": solution.lateral.sigma,
-        "effective_points": solution.lateral.effective,
-    }
+    return LaserUncertainty(
+        U_xy_m=length95(flat @ point @ flat),
+        U_z_m=None if solution.z_sigma is None else K95 * solution.z_sigma,
+        U_point_m=length95(point),
+        U_tilt_rad=None if solution.drot is None else length95(solution.cov[3:, 3:]),
+        sigma_m=np.sqrt(np.diag(point)).tolist(),
+        sigma_rad=np.sqrt(np.diag(solution.cov)[3:]).tolist(),
+        sigma_tau_s=solution.lateral.deviation("tau"),
+        sigma_hysteresis_m=solution.lateral.deviation("hysteresis"),
+        sigma_lag_s=solution.lateral.deviation("lag"),
+        noise_m=solution.lateral.sigma,
+        effective_points=solution.lateral.effective,
+    )
 
 
-def _rejected(scene: ToolFrameScene, solution: Solution) -> list[dict[str, Any]]:
+def _rejected(scene: ToolFrameScene, solution: Solution) -> list[RejectedPass]:
     """Every pass that tells nothing across the beams, with the reason; misses are not among them."""
     reasons = {**solution.selection.reasons, **solution.rejected}
     return [
-        {
-            "set": "current" if scene.passes[k].current else "reference",
-            "index": scene.passes[k].index,
-            "beam": scene.passes[k].beam,
-            "reason": reason,
-        }
+        RejectedPass(
+            set=_set_of(scene, k),
+            index=scene.passes[k].index,
+            beam=scene.passes[k].beam,
+            reason=reason,
+        )
         for k, reason in sorted(reasons.items())
     ]
+
+
+def _set_of(scene: ToolFrameScene, k: int) -> SetName:
+    return "current" if scene.passes[k].current else "reference"
 
 
 def _selection_warnings(scene: ToolFrameScene, solution: Solution) -> list[tuple[str, str]]:
@@ -142,45 +167,45 @@ def _named(scene: ToolFrameScene, places: list[int]) -> str:
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-def _residuals(scene: ToolFrameScene, solution: Solution, rest: Residuals) -> dict[str, Any]:
+def _residuals(scene: ToolFrameScene, solution: Solution, rest: Residuals) -> LaserResiduals:
     lateral = solution.lateral
     value = {name: float(lateral.linear[k]) for k, name in enumerate(lateral.model.names)}
     now = {**value, "tau": value.get("tau_current", value["tau"])}
     centres = {k: centre(c, now if c.source.current else value) for k, c in solution.seen.crossings.items()}
-    return {
-        "rms_m": rest.rms,
-        "expected_m": rest.expected,
-        "per_pass": [
+    return LaserResiduals(
+        rms_m=rest.rms,
+        expected_m=rest.expected,
+        per_pass=[
             _pass_line(scene, k, c, rest, centres[k]) for k, c in sorted(solution.seen.crossings.items())
         ],
-        "out_back": [
-            {
-                "set": "current" if scene.passes[a].current else "reference",
-                "beam": scene.passes[a].beam,
-                "indices": [scene.passes[a].index, scene.passes[b].index],
-                "m": centres[a] - centres[b],
-            }
+        out_back=[
+            OutBack(
+                set=_set_of(scene, a),
+                beam=scene.passes[a].beam,
+                indices=[scene.passes[a].index, scene.passes[b].index],
+                m=centres[a] - centres[b],
+            )
             for a, b in _pairs(scene, solution)
         ],
-    }
+    )
 
 
-def _pass_line(scene: ToolFrameScene, k: int, c: Crossing, rest: Residuals, centre: float) -> dict[str, Any]:
+def _pass_line(scene: ToolFrameScene, k: int, c: Crossing, rest: Residuals, centre: float) -> PassResidual:
     own = rest.rest[rest.source == k]
-    return {
-        "set": "current" if scene.passes[k].current else "reference",
-        "index": scene.passes[k].index,
-        "beam": scene.passes[k].beam,
-        "dir": scene.passes[k].direction,
-        "above_m": float(np.mean(c.above)),
-        "edges": c.edges,
-        "chord_m": c.chord,
-        "speed_m_s": c.speed,
-        "speed_change": max(c.speed_change, 0.0) if np.isfinite(c.speed_change) else None,
-        "centre_m": centre,
-        "used": bool(len(own)),
-        "rms_m": float(np.sqrt(np.mean(own**2))) if len(own) else None,
-    }
+    return PassResidual(
+        set=_set_of(scene, k),
+        index=scene.passes[k].index,
+        beam=scene.passes[k].beam,
+        dir=scene.passes[k].direction,
+        above_m=float(np.mean(c.above)),
+        edges=c.edges,
+        chord_m=c.chord,
+        speed_m_s=c.speed,
+        speed_change=max(c.speed_change, 0.0) if np.isfinite(c.speed_change) else None,
+        centre_m=centre,
+        used=bool(len(own)),
+        rms_m=float(np.sqrt(np.mean(own**2))) if len(own) else None,
+    )
 
 
 def _pairs(scene: ToolFrameScene, solution: Solution) -> list[tuple[int, int]]:
@@ -196,83 +221,85 @@ def _pairs(scene: ToolFrameScene, solution: Solution) -> list[tuple[int, int]]:
     return found
 
 
-def _observability(solution: Solution) -> dict[str, Any]:
+def _observability(solution: Solution) -> LaserObservability:
     model = solution.lateral.model
     spin, tilt = 1, 0 if solution.drot is not None else 2
     height = 1 if solution.z_sigma is None else 0
     switching = "hysteresis, and clearing later than breaking: with one speed part of tau and of the chord"
-    return {
-        "rank": 6 - spin - tilt - height,
-        "of": 6,
-        "undetermined": [*solution.undetermined, *([] if model.several_speeds else [switching])],
-        "unknowns": model.names,
-        "own_tilt_rad": {b: solution.lateral.value(f"own tilt {b}") for b in model.own_tilts},
-        "edges_m": {b: solution.lateral.edges(b).tolist() for b in BEAMS},
-        "heights_m": {
+    return LaserObservability(
+        rank=6 - spin - tilt - height,
+        of=6,
+        undetermined=[*solution.undetermined, *([] if model.several_speeds else [switching])],
+        unknowns=model.names,
+        own_tilt_rad={b: solution.lateral.value(f"own tilt {b}") for b in model.own_tilts},
+        edges_m={b: solution.lateral.edges(b).tolist() for b in BEAMS},
+        heights_m={
             f"{'current' if current else 'reference'} {beam}": [height, sigma]
             for (beam, current), (height, sigma) in solution.heights.items()
         },
-        "lever_m": dict(solution.lever),
-    }
+        lever_m=dict(solution.lever),
+    )
 
 
 def fill_reference(
-    data: LaserData, found: FoundBeams, warnings: list[tuple[str, str]], inputs: dict[str, Any]
-) -> Result:
+    data: LaserData, found: FoundBeams, warnings: list[tuple[str, str]], inputs: LaserInputs
+) -> ReferenceResult:
     """The document of kind ``laser-reference``."""
     R = np.asarray(_matrix(data))
     point = R.T @ found.cov @ R
     cov = np.zeros((6, 6))
     cov[:3, :3] = point
-    answer = {
-        "beams": {
-            b: {"point": f.line.point.tolist(), "dir": f.line.direction.tolist()}
+    answer = ReferenceAnswer(
+        beams={
+            b: BeamLine(point=f.line.point.tolist(), dir=f.line.direction.tolist())
             for b, f in found.beams.items()
         },
-        "hits": {b: f.hit.tolist() for b, f in found.beams.items()},
-        "tau": found.tau,
-        "hysteresis_m": found.hysteresis,
-        "lag_s": found.lag,
-        "plane": {
-            "gap_m": found.plane_gap,
-            "U_gap_m": found.U_plane_gap,
-            "slope_rad": {b: f.slope for b, f in found.beams.items()},
-        },
-        "axis_turn_flange": None if found.axis_turn is None else found.axis_turn.tolist(),
-        "cov": cov.tolist(),
-    }
+        hits={b: f.hit.tolist() for b, f in found.beams.items()},
+        tau=found.tau,
+        hysteresis_m=found.hysteresis,
+        lag_s=found.lag,
+        plane=Plane(
+            gap_m=found.plane_gap,
+            U_gap_m=found.U_plane_gap,
+            slope_rad={b: f.slope for b, f in found.beams.items()},
+        ),
+        axis_turn_flange=None if found.axis_turn is None else found.axis_turn.tolist(),
+        cov=cov.tolist(),
+    )
     gaps = np.array(list(found.out_back.values()))
-    return Result(
-        kind="laser-reference",
+    return ReferenceResult(
         verdict="warn" if warnings else "pass",
-        warnings=[Warning_(code=c, text=t) for c, t in warnings],
+        warnings=Warning_.each(warnings),
         result=answer,
-        uncertainty={
-            "U_point_m": length95(found.cov),
-            "sigma_tau_s": found.sigma_tau,
-            "beams": {
-                b: {
-                    "sigma_point_m": np.sqrt(np.diag(f.cov_point)).tolist(),
-                    "sigma_dir": np.sqrt(np.diag(f.cov_direction)).tolist(),
-                    "places_apart_m": f.apart,
-                }
+        uncertainty=ReferenceUncertainty(
+            U_point_m=length95(found.cov),
+            sigma_tau_s=found.sigma_tau,
+            beams={
+                b: BeamUncertainty(
+                    sigma_point_m=np.sqrt(np.diag(f.cov_point)).tolist(),
+                    sigma_dir=np.sqrt(np.diag(f.cov_direction)).tolist(),
+                    places_apart_m=f.apart,
+                )
                 for b, f in found.beams.items()
             },
-            "noise_m": found.noise,
-        },
-        residuals={
-            "out_back_rms_m": float(np.sqrt(np.mean(gaps**2))) if len(gaps) else None,
-            "out_back_max_m": float(np.max(np.abs(gaps))) if len(gaps) else None,
-            "chord_m": dict(found.chords),
-            "rejected": [
-                {"index": found.scene.passes[k].index, "beam": found.scene.passes[k].beam, "reason": r}
+            noise_m=found.noise,
+        ),
+        residuals=ReferenceResiduals(
+            out_back_rms_m=float(np.sqrt(np.mean(gaps**2))) if len(gaps) else None,
+            out_back_max_m=float(np.max(np.abs(gaps))) if len(gaps) else None,
+            chord_m=dict(found.chords),
+            rejected=[
+                RejectedReferencePass(
+                    index=found.scene.passes[k].index, beam=found.scene.passes[k].beam, reason=r
+                )
                 for k, r in sorted({**found.selection.reasons, **found.rejected}.items())
             ],
-        },
-        observability={
-            "undetermined": ["spin about the tool's axis"]
+        ),
+        observability=ReferenceObservability(
+            undetermined=["spin about the tool's axis"]
             + ([] if found.hysteresis is not None else ["hysteresis: with one speed it is part of tau"])
-        },
+        ),
+        heldout=Empty(),
         inputs=inputs,
     )
 

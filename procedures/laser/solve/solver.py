@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,10 +17,11 @@ from calibration.tool_frame.scene import Refusal
 from calibration.tool_frame.solution import solve
 from cell.errors import error
 from cell.formats.laser import LaserData
-from cell.formats.result import Result, Warning_
+from cell.formats.result import Result
+from procedures.laser.result import LaserInputs, LaserResult, Passes, ReferenceResult
 from procedures.laser.solve.data import load_laser, scene_of, unit_warnings
 from procedures.laser.solve.result import fill_reference, fill_result
-from procedures.solving import within_limits
+from procedures.solving import refused, within_limits
 
 CLASSIC = "classic"
 METHODS = (INTERVAL, AVERAGING, CLASSIC)
@@ -37,8 +38,8 @@ def solve_laser(
     progress: Progress | None = None,
     limits: Mapping[str, float] | None = None,
     calls: int = 2,
-) -> dict[str, Any]:
-    """``cellward.result/1`` of kind ``laser`` from a data set, its folder or its ``laser.json``.
+) -> LaserResult | Result:
+    """The result of kind ``laser`` from a data set, its folder or its ``laser.json``.
 
     ``method`` is ``interval`` (the likelihood of the polls' intervals, the default), ``averaging`` (their
     middles, otherwise the same) or ``classic``. ``limits`` may hold ``max_shift_m`` and
@@ -63,8 +64,8 @@ def solve_laser(
         if chosen == CLASSIC:
             classic, seconds = _timed(lambda: solve_classic(scene, solution.seen), calls)
     except Refusal as refusal:
-        return _refused("laser", refusal, warnings, inputs).as_json()
-    inputs["solve_seconds"] = seconds
+        return _refused("laser", refusal, warnings, inputs)
+    inputs = inputs.changed(solve_seconds=seconds)
     _tell(progress, "held out", 0)
     checks = None
     if classic is None:
@@ -73,12 +74,12 @@ def solve_laser(
         scene, solution, classic, own_residuals(solution), checks, [*warnings, *solution.warnings], inputs
     )
     _tell(progress, "held out", 1)
-    return _limited(result, limits or {}).as_json()
+    return _limited(result, limits or {})
 
 
 @within_limits
-def solve_reference(path: Path, progress: Progress | None = None, calls: int = 2) -> dict[str, Any]:
-    """``cellward.result/1`` of kind ``laser-reference`` from the reference passes of a data set.
+def solve_reference(path: Path, progress: Progress | None = None, calls: int = 2) -> ReferenceResult | Result:
+    """The result of kind ``laser-reference`` from the reference passes of a data set.
 
     They cross each beam at two places 40 mm apart or more. ``current.passes`` may be empty, and is not
     looked at. ``calls`` as in :func:`solve_laser`.
@@ -89,20 +90,21 @@ def solve_reference(path: Path, progress: Progress | None = None, calls: int = 2
     inputs = _inputs(file, data, INTERVAL)
     _tell(progress, "solve", 0)
     try:
-        found, inputs["solve_seconds"] = _timed(lambda: find_beams(scene), calls)
+        found, seconds = _timed(lambda: find_beams(scene), calls)
     except Refusal as refusal:
-        return _refused("laser-reference", refusal, warnings, inputs).as_json()
+        return _refused("laser-reference", refusal, warnings, inputs)
     _tell(progress, "solve", 1)
-    return fill_reference(data, found, [*warnings, *found.warnings], inputs).as_json()
+    inputs = inputs.changed(solve_seconds=seconds)
+    return fill_reference(data, found, [*warnings, *found.warnings], inputs)
 
 
-def _inputs(file: Path, data: LaserData, method: str) -> dict[str, Any]:
-    return {
-        "path": str(file),
-        "method": method,
-        "tool": data.tool.id,
-        "passes": {"reference": len(data.reference.passes), "current": len(data.current.passes)},
-    }
+def _inputs(file: Path, data: LaserData, method: str) -> LaserInputs:
+    return LaserInputs(
+        path=str(file),
+        method=method,
+        tool=data.tool.id,
+        passes=Passes(reference=len(data.reference.passes), current=len(data.current.passes)),
+    )
 
 
 def _timed(call: Callable[[], T], calls: int) -> tuple[T, float]:
@@ -115,24 +117,14 @@ def _timed(call: Callable[[], T], calls: int) -> tuple[T, float]:
     return found, min(seconds)
 
 
-def _refused(kind: str, refusal: Refusal, warnings: list[tuple[str, str]], inputs: dict[str, Any]) -> Result:
-    return Result(
-        kind=kind,
-        verdict="fail",
-        reasons=[str(refusal)],
-        warnings=[Warning_(code=c, text=t) for c, t in warnings],
-        result=None,
-        observability={"refused": refusal.name, "undetermined": [refusal.words]},
-        inputs=inputs,
-    )
+def _refused(kind: str, refusal: Refusal, warnings: list[tuple[str, str]], inputs: LaserInputs) -> Result:
+    return refused(kind, refusal, warnings, inputs, undetermined=[refusal.words])
 
 
-def _limited(result: Result, limits: Mapping[str, float]) -> Result:
+def _limited(result: LaserResult, limits: Mapping[str, float]) -> LaserResult:
     """Fail with the limit's name when the tool is bent beyond it; nothing is corrected then."""
-    if (answer := result.result) is None:
-        return result
     reasons = []
-    shift, turn = float(np.linalg.norm(answer["dp_flange"])), answer["drot_flange"]
+    shift, turn = float(np.linalg.norm(result.result.dp_flange)), result.result.drot_flange
     if (limit := limits.get("max_shift_m")) is not None and shift > limit:
         reasons.append(
             f"bent-tool: max_shift_m: the point is {1e3 * shift:.3f} mm off the reference, the limit is "
@@ -144,9 +136,7 @@ def _limited(result: Result, limits: Mapping[str, float]) -> Result:
             f"bent-tool: max_tilt_rad: the axis is {np.degrees(tilt):.3f} deg off the reference, the limit "
             f"is {np.degrees(limit):.3f} deg"
         )
-    if not reasons:
-        return result
-    return result.model_copy(update={"verdict": "fail", "reasons": [*reasons, *result.reasons]})
+    return result.judged(reasons)
 
 
 def _tell(progress: Progress | None, stage: str, done: int) -> None:

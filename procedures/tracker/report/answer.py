@@ -4,20 +4,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from procedures.report.html import Html, absent, el, facts, note, section, table
-from procedures.report.numbers import DASH, degs, dig, mm, mms, number
+from procedures.report.numbers import DASH, degs, mm, mms
 from procedures.report.verdict import banner, cards
 from procedures.tracker.report.source import KincalSource
+from procedures.tracker.result import NoiseInUse
 
-_FIGURES = (
-    ("nominal", "rms_nominal", "nominal", "The nominal arm, in the place of the tracker that was found."),
-    (
-        "registration_only",
-        "rms_registration_only",
-        "registration only",
-        "The nominal arm, in the place of the tracker that suits it best: what registration gives alone.",
-    ),
-    ("calibrated", "rms_calibrated", "calibrated", "The calibrated arm, each time without these poses."),
+_NOMINAL = "The nominal arm, in the place of the tracker that was found."
+_REGISTERED = (
+    "The nominal arm, in the place of the tracker that suits it best: what registration gives alone."
 )
+_CALIBRATED = "The calibrated arm, each time without these poses."
 _REMEDY = {
     "too-few-poses": "Measure more poses: every pose gives three numbers, and none of them twice.",
     "poses-not-distinct": "Measure at joints that differ; the same pose again tells nothing of the arm.",
@@ -30,13 +26,14 @@ _OTHERWISE = "Correct what the reason names, measure again, and let the job choo
 def verdict_section(source: KincalSource) -> Html:
     """The verdict, why, and four figures to take away."""
     top = banner(source, _REMEDY, _OTHERWISE)
-    if source.answer is None:
+    found = source.found
+    if found is None:
         return top
-    before = number(dig(source.answer, "rms_registration_only"))
-    after = number(dig(source.answer, "rms_calibrated"))
+    before, after = found.result.rms_registration_only, found.result.rms_calibrated
     gain = DASH if not before or not after else f"{before / after:.{0 if before > 10.0 * after else 1}f} ×"
-    predicted = dig(source.result, "uncertainty", "predicted_95", "workspace")
-    places = len(dig(predicted, "places") or [])
+    predicted = found.uncertainty.predicted_95
+    worst = None if predicted is None else predicted.workspace.max
+    places = 0 if predicted is None else len(predicted.workspace.places)
     return Html(
         top
         + cards(
@@ -49,7 +46,7 @@ def verdict_section(source: KincalSource) -> Html:
                 (mm(before), "held-out error of the nominal arm in the place that suits it best (RMS)"),
                 (gain, "better than the nominal arm, on poses that the solution did not see"),
                 (
-                    mm(dig(predicted, "max")),
+                    mm(worst),
                     "95 % of prediction errors through noise of the readings stay below this at the worst of "
                     f"{places} places; what the arm's model lacks is not in it",
                 ),
@@ -60,25 +57,27 @@ def verdict_section(source: KincalSource) -> Html:
 
 def figures_section(source: KincalSource) -> Html | None:
     """Nominal, registration only and calibrated, with the tracker's uncertainty beside each."""
-    if source.answer is None:
+    found = source.found
+    if found is None:
         return None
-    title = "Held-out check"
-    axis = mm(dig(source.result, "uncertainty", "tracker", "sigma_axis"))
+    title, held, answer = "Held-out check", found.heldout, found.result
+    if not held.samples:
+        return section(title, absent("There were too few samples to hold any back."))
+    noise = found.uncertainty.tracker
+    axis = mm(None if noise is None else noise.sigma_axis)
+    range_m = DASH if noise is None else f"{noise.range_m:.2f} m"
     tracker, whose = mm(source.tracker_3d), source.whose_noise
-    held = source.result.get("heldout")
     rows = [
+        (el("b", "nominal"), mm(answer.rms_nominal), mm(held.max.nominal), axis, tracker),
         (
-            el("b", name),
-            mm(dig(source.answer, key)),
-            mm(dig(held, "max", short)),
+            el("b", "registration only"),
+            mm(answer.rms_registration_only),
+            mm(held.max.registration_only),
             axis,
             tracker,
-        )
-        for short, key, name, _ in _FIGURES
+        ),
+        (el("b", "calibrated"), mm(answer.rms_calibrated), mm(held.max.calibrated), axis, tracker),
     ]
-    judged = number(dig(held, "samples"))
-    if not judged:
-        return section(title, absent("There were too few samples to hold any back."))
     return section(
         title,
         table(
@@ -86,43 +85,37 @@ def figures_section(source: KincalSource) -> Html | None:
             rows,
             "lrrrr",
         ),
-        *(note(el("b", name), ": ", meaning) for _, _, name, meaning in _FIGURES),
+        note(el("b", "nominal"), ": ", _NOMINAL),
+        note(el("b", "registration only"), ": ", _REGISTERED),
+        note(el("b", "calibrated"), ": ", _CALIBRATED),
         note(
-            f"{judged:.0f} of {dig(source.result, 'inputs', 'used')} samples in {dig(held, 'folds')} folds, "
+            f"{held.samples} of {found.inputs.used} samples in {held.folds} folds, "
             "each judged by an arm that did not see it. "
             "The distances hold the tracker's own noise: √3 σ of single readings, less where a point "
             "averages many. σ is along one axis, "
-            f"at the middle range of {_metres(source)}; {_noise(source)}."
+            f"at the middle range of {range_m}; {_noise(answer.noise)}."
         ),
     )
 
 
-def _metres(source: KincalSource) -> str:
-    found = number(dig(source.result, "uncertainty", "tracker", "range_m"))
-    return DASH if found is None else f"{found:.2f} m"
-
-
-def _noise(source: KincalSource) -> str:
-    noise = dig(source.answer, "noise")
-    sigma0, slope = number(dig(noise, "sigma0")), number(dig(noise, "sigma_per_m"))
-    if sigma0 is None or slope is None:
-        return "its size is not stated"
+def _noise(noise: NoiseInUse) -> str:
     how = (
         "as stated for the instrument"
-        if dig(noise, "given")
+        if noise.given
         else "estimated from the residuals: the tracker's noise, which is not given, and what the model lacks"
     )
-    return f"{1e6 * sigma0:.1f} µm + {1e6 * slope:.1f} µm per metre, {how}"
+    return f"{1e6 * noise.sigma0:.1f} µm + {1e6 * noise.sigma_per_m:.1f} µm per metre, {how}"
 
 
 def place_section(source: KincalSource) -> Html | None:
     """Where the tracker stands, and what the samples were measured with."""
     T = source.T_base_tracker
-    if source.answer is None or T is None:
+    if source.found is None or T is None:
         return None
+    answer = source.found.result
     turned = Rotation.from_matrix(T[:3, :3]).as_rotvec()
     rows: list[tuple[str, object, str]] = []
-    payload = number(dig(source.answer, "payload_kg"))
+    payload = answer.payload_kg
     rows.append(
         (
             "Payload",
@@ -130,8 +123,7 @@ def place_section(source: KincalSource) -> Html | None:
             "The arm bends under it: the calibration holds for this payload.",
         )
     )
-    excess = number(dig(source.answer, "noise", "excess"))
-    if excess is not None and excess > 1.0:
+    if (excess := answer.noise.excess) > 1.0:
         rows.append(
             (
                 "Residuals over noise",
@@ -139,13 +131,12 @@ def place_section(source: KincalSource) -> Html | None:
                 "Errors that the parameters lack, as gears and bending; the uncertainties are widened by it.",
             )
         )
-    stopped = dig(source.answer, "classic")
-    if stopped is not None:
+    if (classic := answer.classic) is not None:
         rows.append(
             (
                 "Classic method",
-                f"{dig(stopped, 'iterations')} steps",
-                f"Stopped by {dig(stopped, 'stopped')}; it gives no uncertainty.",
+                f"{classic.iterations} steps",
+                f"Stopped by {classic.stopped}; it gives no uncertainty.",
             )
         )
     return section(

@@ -16,7 +16,7 @@ from procedures.tracker.solve.data import FILE_NAME
 
 
 def _title(source: KincalSource) -> str:
-    robot = dig(source.result, "inputs", "robot")
+    robot = getattr(source.result.made_from(), "robot", None)
     name = dig(robot, "model") or dig(robot, "family")
     return "Kinematic calibration" if name is None else f"Kinematic calibration: {name}"
 

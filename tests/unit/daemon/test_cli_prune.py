@@ -14,9 +14,9 @@ from cell.store.ledger import Ledger
 from cell.store.pruning import Keep, plan
 from cell.store.runs import RunFolder
 from procedures.hand_eye.record import CaptureRecord
-from procedures.hand_eye.solve.solver import solve_hand_eye
 from tests.kit.cli_harness import CellOnDisk, CommandLine, hand_eye_result
 from tests.kit.hand_eye_scene import make_scene
+from tests.kit.solved import solve_hand_eye
 
 NAME = "T_flange_camera"
 

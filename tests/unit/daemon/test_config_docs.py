@@ -14,8 +14,8 @@ from daemon.config.not_in_version import JOBS as JOBS_OF_LATER_VERSIONS
 from daemon.config.roles import ROLES
 from daemon.docs import generated, stale
 from daemon.modbus import register_table
-from procedures.laser.solve.solver import solve_laser
 from procedures.registry import JOBS
+from tests.kit.solved import solve_laser
 
 
 def test_no_generated_page_is_stale() -> None:

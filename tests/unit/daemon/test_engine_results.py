@@ -8,16 +8,28 @@ import numpy as np
 import pytest
 
 import daemon.results
+from cell.formats.result import Result
 from daemon.cli.replay import differences
 from fakes.object import run_virtual
+from procedures.hand_eye.config import Acceptance
 from procedures.hand_eye.verdict import judged, solve_within_limits
 from tests.kit.object_cell import WHO, ObjectCell, no_report, open_cell, refused, write_config
+from tests.kit.whole_results import made
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
 
 NAME = "T_flange_camera"
 GENUINE_REPORT = daemon.results._write_report
+
+
+WIDE = Acceptance(max_error_t_m=0.1, max_error_r_rad=0.1)
+
+
+def with_cov(cov: list[list[float]] | None) -> Any:
+    """A result that is good but for its covariance."""
+    parts = {"result": {"cov": cov}, "uncertainty": {"cov": cov}}
+    return made({"kind": "hand-eye", "verdict": "pass", "reasons": [], **parts})
 
 
 def only_result(cell: ObjectCell) -> dict[str, Any]:
@@ -72,8 +84,7 @@ def test_the_95_percent_errors_agree_with_a_monte_carlo_of_the_covariance() -> N
     rng = np.random.default_rng(7)
     A = rng.normal(size=(6, 6))
     cov = A @ A.T * 1e-8
-    document = {"verdict": "pass", "reasons": [], "result": {"x": 1}, "uncertainty": {"cov": cov.tolist()}}
-    found = judged(document, {"max_error_t_m": 1.0, "max_error_r_rad": 1.0})
+    found = judged(with_cov(cov.tolist()), WIDE).as_json()
     xi = rng.multivariate_normal(np.zeros(6), cov, size=200_000)
     for key, part in (("error95_t_m", xi[:, :3]), ("error95_r_rad", xi[:, 3:])):
         drawn = np.quantile(np.linalg.norm(part, axis=1), 0.95)
@@ -82,17 +93,16 @@ def test_the_95_percent_errors_agree_with_a_monte_carlo_of_the_covariance() -> N
 
 
 def test_a_refused_result_stays_as_the_solver_said() -> None:
-    refusal = {"verdict": "fail", "reasons": ["too-few-poses"], "result": None, "uncertainty": {}}
-    assert judged(refusal, {"max_error_t_m": 1e-9, "max_error_r_rad": 1e-9}) == refusal
+    refusal = Result(kind="hand-eye", verdict="fail", reasons=["too-few-poses"], result=None)
+    assert judged(refusal, Acceptance(max_error_t_m=1e-9, max_error_r_rad=1e-9)) == refusal
 
 
-@pytest.mark.parametrize("uncertainty", [{}, {"cov": None}])
-def test_a_result_without_covariance_is_within_no_limit(uncertainty: dict[str, Any]) -> None:
-    document = {"verdict": "pass", "reasons": ["x"], "result": {"x": 1}, "uncertainty": uncertainty}
-    found = judged(document, {"max_error_t_m": 1.0, "max_error_r_rad": 1.0})
-    assert found["verdict"] == "fail"
-    assert found["reasons"][0].startswith("no covariance was found")
-    assert found["result"] == {"x": 1}
+def test_a_result_without_covariance_is_within_no_limit() -> None:
+    subject = with_cov(None)
+    found = judged(subject, WIDE)
+    assert found.verdict == "fail"
+    assert found.reasons[0].startswith("no covariance was found")
+    assert found.result == subject.result
 
 
 def test_solving_the_folder_again_gives_the_same_answer(tmp_path: Path) -> None:
@@ -103,7 +113,10 @@ def test_solving_the_folder_again_gives_the_same_answer(tmp_path: Path) -> None:
 
     folder, recorded = run_virtual(main())
     limits = json.loads((folder / "run.json").read_text("utf-8"))["job_config"]["accept"]
-    assert differences(recorded, solve_within_limits(folder / "capture.json", limits)) == []
+    assert (
+        differences(recorded, solve_within_limits(folder / "capture.json", Acceptance(**limits)).as_json())
+        == []
+    )
 
 
 @pytest.mark.parametrize("way_out", ["accept", "rollback"])

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from cell.formats.result import Result, Verdict
 from daemon.cli.next_step import next_commands, possible
 from daemon.cli.result_text import result_text
 from daemon.cli.status_text import change_line, status_text, without_state
@@ -77,8 +78,8 @@ def test_a_watch_tells_a_job_that_goes_to_and_fro_once_a_step() -> None:
     assert without_state(sweep) != without_state({**sweep, "step": 1})
 
 
-def report_of(journal: list[dict[str, Any]], verdict: str = "pass") -> str:
-    result = {"verdict": verdict, "result": {"x": 1}, "reasons": [], "warnings": []}
+def report_of(journal: list[dict[str, Any]], verdict: Verdict = "pass") -> str:
+    result = Result(kind="hand-eye", verdict=verdict, result={"x": 1})
     entries = [{"kind": "decision", **entry} for entry in journal]
     return str(banner(Source(result, journal=json.loads(json.dumps(entries))), {}, ""))
 

@@ -333,8 +333,8 @@ def test_a_warning_is_a_bit_beside_a_valid_result(tmp_path: Path, monkeypatch: p
 
     genuine = verdict.solve_hand_eye
 
-    def doubtful(path: Path, **options: Any) -> dict[str, Any]:
-        return {**genuine(path, **options), "verdict": "warn"}
+    def doubtful(path: Path, **options: Any) -> Any:
+        return genuine(path, **options).changed(verdict="warn")
 
     monkeypatch.setattr(verdict, "solve_hand_eye", doubtful)
 

@@ -13,14 +13,12 @@ import pytest
 
 from bench.mutations import measure
 from cell.errors import InputError
-from procedures.belt.solve.solver import solve_intercept
 from procedures.hand_eye.solve.image_size import image_size
 from procedures.hand_eye.solve.images import read_grey
-from procedures.hand_eye.solve.solver import solve_hand_eye
 from procedures.solving import within_limits
-from procedures.tracker.solve.solver import solve_kincal
 from tests.kit import hand_eye_scene, kincal_scene
 from tests.kit.cli_harness import CellOnDisk, CommandLine, hand_eye_result
+from tests.kit.solved import solve_hand_eye, solve_intercept, solve_kincal
 
 Change = Callable[[dict[str, Any]], None]
 

@@ -13,11 +13,10 @@ from daemon.cli.replay import differences
 from daemon.demo.ending import beside_truth
 from fakes.object import run_virtual
 from procedures.belt.calibrating.rows import ItemFollower
-from procedures.belt.calibrating.solving import solve_within_limits
-from procedures.replay import solve_again
 from tests.kit.belt_teacher import Teacher
 from tests.kit.object_cell import ObjectCell, no_report, refused
 from tests.kit.picking_cell import picking_cell, picking_config
+from tests.kit.solved import solve_again, solve_belt
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -273,7 +272,7 @@ def test_an_encoder_that_drops_and_counts_anew_parts_the_items_and_the_answer_is
     data, config, result = run_virtual(scene())
     data["begins"] = []
     write_atomic(tmp_path / "belt.json", to_json(data))
-    wrong = solve_within_limits(tmp_path / "belt.json", config)
+    wrong = solve_belt(tmp_path / "belt.json", config)
     assert wrong["result"] != result["result"], "the time of the new count matters"
 
 

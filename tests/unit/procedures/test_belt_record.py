@@ -20,10 +20,9 @@ from procedures.belt.record import (
     read_rows,
     read_sightings,
 )
-from procedures.belt.solve.solver import solve_intercept
-from procedures.replay import solve_again
 from tests.kit.object_cell import no_report
 from tests.kit.picking_cell import picking_cell, picking_config
+from tests.kit.solved import solve_again, solve_intercept
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")

@@ -10,6 +10,7 @@ from procedures.hand_eye.health import moved
 from procedures.hand_eye.words import hand_eye_lines
 from procedures.kind import read_result
 from tests.kit.object_cell import no_report, on_disk, open_cell, write_config
+from tests.kit.whole_results import made
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -42,7 +43,10 @@ def test_a_second_run_is_held_against_the_version_of_the_first_and_adds_to_its_t
 
 @pytest.mark.parametrize(("shift_m", "beyond"), [(1e-4, False), (8e-4, True)])
 def test_a_shift_counts_when_two_such_results_hardly_differ_by_it(shift_m: float, beyond: bool) -> None:
-    answer = {"cov": (np.diag([1e-4] * 6) ** 2).tolist(), NAME: [0.1, 0.0, 0.05, 0.0, 0.0, 0.0]}
-    found = moved(answer, NAME, [0.1 + shift_m, 0.0, 0.05, 0.0, 0.0, 0.0], 3)
-    assert found == {"version": 3, "t": pytest.approx(shift_m), "r": 0.0, "beyond_uncertainty": beyond}
-    assert moved({"cov": None}, NAME, [0.0] * 6, 3) is None
+    cov, pose = (np.diag([1e-4] * 6) ** 2).tolist(), [0.1, 0.0, 0.05, 0.0, 0.0, 0.0]
+    answer = made({"kind": "hand-eye", "verdict": "pass", "result": {"cov": cov, NAME: pose}}).result
+    found = moved(answer, [0.1 + shift_m, 0.0, 0.05, 0.0, 0.0, 0.0], 3)
+    assert found is not None
+    assert (found.version, found.t, found.r) == (3, pytest.approx(shift_m), 0.0)
+    assert found.beyond_uncertainty is beyond
+    assert moved(answer.changed(cov=None), [0.0] * 6, 3) is None

@@ -24,10 +24,9 @@ from fakes.object import run_virtual
 from fakes.world.scenario import Scenario
 from procedures.iso9283.config import Iso9283Config
 from procedures.iso9283.expectation import iso9283_expectation
-from procedures.iso9283.judging import solve_iso9283
 from procedures.iso9283.plan import ORDER
-from procedures.replay import solve_again
 from tests.kit.object_cell import ObjectCell, no_report, on_disk, open_cell, refused, write_config
+from tests.kit.solved import solve_again, solve_iso9283
 from tests.kit.tracker_cell import BRISK, nominal_tracker
 
 __all__ = ["no_report"]

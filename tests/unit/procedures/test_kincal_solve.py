@@ -16,8 +16,8 @@ from cell.formats.result import Result
 from cell.formats.robot import parse_robot
 from cell.poses import from_pose6, to_pose6
 from daemon.cli.app import app
-from procedures.tracker.solve.solver import solve_kincal
 from tests.kit.kincal_scene import joints, make_scene
+from tests.kit.solved import solve_kincal
 
 KINDS = ("palletizer", "ur10e")
 NAMES = {"palletizer": "tx", "ur10e": "smr1.x"}

@@ -24,10 +24,10 @@ from fakes.world.scenario import Scenario
 from procedures.arm_setup import arm_model
 from procedures.kind import Kind, add_outside
 from procedures.registry import JOBS
-from procedures.tracker.solve.solver import solve_kincal
 from tests.kit.laser_cell import TOOL, laser_config
 from tests.kit.laser_made import drawn_reference
 from tests.kit.object_cell import ObjectCell, no_report, on_disk, open_cell, refused, write_config
+from tests.kit.solved import solve_kincal
 from tests.kit.tracker_cell import BRISK
 
 __all__ = ["no_report"]
@@ -98,7 +98,7 @@ class GoThere(Procedure):
                 self._keep(run, T)
                 await lease.move_linear(T * STEP)
                 self._keep(run, T * STEP)
-        run.result = Result(kind=self.kind, verdict="pass", result={"poses": len(self.went)}).as_json()
+        run.result = Result(kind=self.kind, verdict="pass", result={"poses": len(self.went)})
 
     def _keep(self, run: Run, wanted: RigidTransform) -> None:
         state = run.arm().state.latest(0.1).value

@@ -46,8 +46,8 @@ def test_what_is_beyond_a_limit_fails_by_its_name_and_stays_filled(key: str, tol
     answer = Solved(drot=[0.006, 0.008, 0.0], tau=0.05)
     wide = {"against_reference": LIMITS, "against_last": LIMITS, "max_U_m": 0.001, "max_latency_s": 0.1}
     known = {"T_flange_tool_ref": T_TOOL, "T_flange_tool_last": T_TOOL, "offset_s": 0.01}
-    assert judge_check(answer.current(), known, wide)["verdict"] == "pass"
-    result = judge_check(answer.current(), known, {**wide, key: NARROW[key]})
+    assert judge_check(answer.current(), known, wide).verdict == "pass"
+    result = judge_check(answer.current(), known, {**wide, key: NARROW[key]}).as_json()
     assert result["result"]["T_flange_tool"][:3] == pytest.approx([0.001, -0.0007, 0.18])
     if told is None:
         assert (result["verdict"], result["reasons"]) == ("warn", [])
@@ -60,7 +60,7 @@ def test_what_is_beyond_a_limit_fails_by_its_name_and_stays_filled(key: str, tol
 def test_the_last_result_is_another_tool_than_the_reference() -> None:
     known = {"T_flange_tool_ref": T_TOOL, "T_flange_tool_last": [0.002, *T_TOOL[1:]], "offset_s": 0.0}
     wide = {"against_reference": LIMITS, "against_last": LIMITS, "max_U_m": 0.001, "max_latency_s": 0.1}
-    result = judge_check(Solved().current(), known, wide)["result"]
+    result = judge_check(Solved().current(), known, wide).as_json()["result"]
     assert result["against_last"]["shift_m"] == pytest.approx([-0.001, -0.0007, 0.0])
     assert result["against_reference"]["shift_m"] == pytest.approx([0.001, -0.0007, 0.0])
 

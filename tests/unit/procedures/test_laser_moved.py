@@ -15,6 +15,7 @@ from procedures.laser.check import known_of
 from procedures.laser.config import LaserCheckConfig
 from procedures.laser.judging import judge_check, judge_moved
 from procedures.laser.moved import FALSE_ALARM, FLOOR_M, tolerance, whether_moved
+from procedures.laser.result import Apart
 from tests.kit.laser_cell import TOOL, laser_cell, laser_config, states_of_results
 from tests.kit.laser_made import T_TOOL, Solved, drawn_reference, solved
 from tests.kit.object_cell import WHO, no_report
@@ -26,6 +27,7 @@ BUMP = [0.0012, -0.0007, 0.0005]  # 1.48 mm: within the limits of a bent tool
 SIGMA_M, SIGMA_RAD = 0.0000129, 0.0006  # U of 0.036 mm
 COV = np.diag([SIGMA_M**2] * 3 + [SIGMA_RAD**2] * 2 + [0.0])
 CONFIG = LaserCheckConfig().model_dump()
+NO_SHIFT = Apart(shift_m=[0.0] * 3, shift=0.0, tilt_rad=0.0)
 KNOWN = {"T_flange_tool_ref": T_TOOL, "T_flange_tool_last": T_TOOL, "offset_s": 0.0}
 
 
@@ -33,10 +35,10 @@ def judged(
     dp: list[float], drot: list[float] | None = None, known: dict[str, Any] = KNOWN, **config: Any
 ) -> dict[str, Any]:
     """The document of a check that measured ``dp`` and ``drot`` against the reference."""
-    document = Solved(dp=dp, drot=drot, U=0.000036).current()
-    document["result"]["cov"] = COV.tolist()
+    measured = Solved(dp=dp, drot=drot, U=0.000036).current()
+    measured = measured.changed(result=measured.result.changed(cov=COV.tolist()))
     config = {**CONFIG, **config}
-    return judge_moved(judge_check(document, known, config), known, config)
+    return judge_moved(judge_check(measured, known, config), known, config).as_json()
 
 
 def test_a_tool_bumped_by_a_millimetre_and_a_half_fails_and_names_the_next_command() -> None:
@@ -93,28 +95,26 @@ def test_a_good_tool_is_called_moved_in_at_most_one_of_three_hundred_checks(same
     cov = 100.0 * COV  # far above the floors
     draws = np.random.default_rng(4).multivariate_normal(np.zeros(6), cov if same else 2.0 * cov, 60_000)
     shifts, turns = (np.linalg.norm(part, axis=1) for part in (draws[:, :3], draws[:, 3:]))
-    test = whether_moved({"shift": 0.0, "tilt_rad": 0.0}, cov, CONFIG, same, tilted=True)
-    share = np.mean((shifts > test["tolerance_m"]) | (turns > test["tolerance_rad"]))
+    test = whether_moved(NO_SHIFT, cov, CONFIG, same, tilted=True)
+    share = np.mean((shifts > test.tolerance_m) | (turns > test.tolerance_rad))
     assert 0.5 * FALSE_ALARM < share < 1.15 * FALSE_ALARM  # 200 expected, standard deviation 14
 
 
 def test_the_chance_of_a_false_alarm_is_a_key_and_sets_what_is_found() -> None:
-    cov, none = 100.0 * COV, {"shift": 0.0, "tilt_rad": 0.0}
+    cov, none = 100.0 * COV, NO_SHIFT
     often = whether_moved(none, cov, {**CONFIG, "false_alarm": 0.05}, True, tilted=True)
     seldom = whether_moved(none, cov, CONFIG, True, tilted=True)
-    assert often["tolerance_m"] < seldom["tolerance_m"]
+    assert often.tolerance_m < seldom.tolerance_m
     draws = np.random.default_rng(5).multivariate_normal(np.zeros(3), cov[:3, :3], 30_000)
     for test in (often, seldom):
-        moved = (
-            np.linalg.norm(draws + np.array([0.0, test["detectable_m"], 0.0]), axis=1) > test["tolerance_m"]
-        )
+        moved = np.linalg.norm(draws + np.array([0.0, test.detectable_m, 0.0]), axis=1) > test.tolerance_m
         assert np.mean(moved) >= 0.99
 
 
 @pytest.mark.parametrize("found", [{"shift": np.nan, "tilt_rad": 0.0}, {"shift": 0.0, "tilt_rad": np.inf}])
 def test_a_difference_that_is_no_number_is_refused_and_not_called_unmoved(found: dict[str, float]) -> None:
     with pytest.raises(CellError, match="not a finite number") as caught:
-        whether_moved(found, COV, CONFIG, True, tilted=True)
+        whether_moved(NO_SHIFT.changed(**found), COV, CONFIG, True, tilted=True)
     assert caught.value.name == "SOLVE_REFUSED"
 
 

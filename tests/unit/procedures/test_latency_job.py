@@ -23,9 +23,9 @@ from procedures.arm_setup import lease_settings
 from procedures.laser.config import LaserReferenceConfig, Search
 from procedures.latency.config import LatencyCalibrationConfig
 from procedures.latency.procedure import LatencyCalibration, State
-from procedures.latency.solver import SIGNALS, solve_latency
-from procedures.replay import solve_again
+from procedures.latency.solver import SIGNALS
 from tests.kit.object_cell import WHO, ObjectCell, no_report, on_disk, open_cell, refused, write_config
+from tests.kit.solved import solve_again, solve_latency
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")

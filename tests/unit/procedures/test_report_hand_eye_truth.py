@@ -9,9 +9,10 @@ import pytest
 
 from procedures.hand_eye.report.source import HandEyeSource
 from procedures.hand_eye.report.truth import TITLE, truth_section
-from procedures.hand_eye.solve.solver import solve_hand_eye
+from procedures.kind import read_result
 from procedures.report import write_report
 from procedures.report.source import TRUTH_FILE
+from tests.kit.solved import solve_hand_eye
 from tests.unit.procedures.test_report_page import X_TRUE, K, capture
 
 OFF = 0.004  # of the focal length that the camera tells
@@ -39,7 +40,9 @@ def truth() -> dict[str, Any]:
 
 
 def rows(folder: Path, truth: Mapping[str, Any]) -> str:
-    source = HandEyeSource(json.loads((folder / "result.json").read_text("utf-8")), folder=folder)
+    source = HandEyeSource(
+        read_result(json.loads((folder / "result.json").read_text("utf-8"))), folder=folder
+    )
     source.truth = truth
     found = truth_section(source)
     assert found is not None

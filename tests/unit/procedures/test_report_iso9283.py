@@ -80,16 +80,20 @@ def test_arrivals_are_drawn_about_their_barycentre(result: dict[str, Any]) -> No
         assert distance.mean() + 3 * distance.std(ddof=1) == pytest.approx(pose["RP_measured"])
 
 
-def test_text_is_escaped_and_a_damaged_section_says_so(result: dict[str, Any], tmp_path: Path) -> None:
+@pytest.mark.parametrize("deviation", [[0.0, 0.0, 0.0], None])
+def test_text_is_escaped_and_a_damaged_result_says_so(
+    result: dict[str, Any], tmp_path: Path, deviation: list[float] | None
+) -> None:
     damaged = copy.deepcopy(result)
     damaged["result"]["poses"][0]["name"] = HOSTILE
-    damaged["result"]["poses"][1]["deviation"] = None
+    damaged["result"]["poses"][1]["deviation"] = deviation
     (tmp_path / "result.json").write_text(json.dumps(damaged))
     (tmp_path / "run.json").write_text(json.dumps({"run_id": 1, "job": "iso9283"}))
     page = render(from_folder(tmp_path))
     assert "<img src=x" not in page
     assert "<script>alert" not in page
-    assert "The section 'deviation' cannot be drawn" in text_of(Page(page))
+    told = "result.json: result.poses[1].deviation does not fit" in text_of(Page(page))
+    assert told is (deviation is None)
 
 
 def test_the_command_line_says_what_is_resolved_and_what_is_not(result: dict[str, Any]) -> None:

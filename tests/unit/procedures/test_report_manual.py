@@ -13,9 +13,7 @@ from cell.formats import kincal, laser
 from cell.formats.capture import SCHEMA, Capture, TargetTable
 from cell.formats.reading import parse
 from cell.poses import from_pose6, log_xi
-from procedures.hand_eye.solve.solver import solve_hand_eye
-from procedures.laser.solve.solver import solve_laser
-from procedures.tracker.solve.solver import solve_kincal
+from tests.kit.solved import solve_hand_eye, solve_kincal, solve_laser
 
 MANUAL = (Path(__file__).parents[3] / "docs" / "data-sets.md").read_text("utf-8")
 ALL: list[dict[str, Any]] = [json.loads(block) for block in re.findall(r"```json\n(.*?)```", MANUAL, re.S)]

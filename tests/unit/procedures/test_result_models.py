@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from cell.errors import CellError
-from cell.formats.result import Part
+from cell.formats.result import Inputs, Part
 from cell.store.ledger import Ledger
 from daemon.docs.results import results_page
 from procedures.kind import KINDS, load, read_result
@@ -20,6 +20,8 @@ from tests.kit.whole_results import STORED, stored
 def unknown(part: object, where: str = "") -> Iterator[str]:
     """Keys of a result, by their path, that its model does not have."""
     if isinstance(part, Part):
+        if type(part) is Inputs:  # of data without an answer, whatever their kind
+            return
         yield from (f"{where}.{name}" for name in part.model_extra or ())
         for name in type(part).model_fields:
             yield from unknown(getattr(part, name), f"{where}.{name}")
@@ -50,9 +52,9 @@ def solved_examples(folder: Path) -> Iterator[tuple[str, dict[str, Any]]]:
             (folder / str(number)).mkdir()
             path = folder / str(number) / KINDS[kind].data_file
             path.write_text(block)
-            yield kind, load(KINDS[kind].solve)(path)
+            yield kind, load(KINDS[kind].solve)(path).as_json()
             if kind == "laser":
-                yield kind, load(KINDS[kind].solve)(path, method="classic")
+                yield kind, load(KINDS[kind].solve)(path, method="classic").as_json()
 
 
 def test_what_the_solvers_say_of_the_manuals_examples_has_no_key_beyond_the_models(tmp_path: Path) -> None:

@@ -14,9 +14,9 @@ from calibration.adjustment.arm_terms import reference_joints
 from calibration.hand_eye import se3
 from cell.errors import InputError
 from cell.poses import from_pose6, to_pose6
-from procedures.hand_eye.solve.solver import solve_hand_eye
 from tests.kit.hand_eye_scene import BOARD, make_scene
 from tests.kit.imperfect_cell import ARM, CAMERA, MODEL, World, capture, world
+from tests.kit.solved import solve_hand_eye
 
 
 @pytest.fixture(scope="module")

@@ -10,11 +10,11 @@ import pytest
 from calibration.hand_eye import se3
 from cell.errors import CellError
 from cell.poses import Array, from_pose6
-from procedures.eye_to_hand.solve.solver import solve_axbc
 from procedures.kind import read_result
 from procedures.report import write_report
 from tests.kit.eye_to_hand_scene import EyeToHandScene, joints, make_scene, pose6
 from tests.kit.imperfect_cell import ARM
+from tests.kit.solved import solve_axbc
 
 Answer = dict[str, Any]
 FACTORY_M = 6e-5  # of a length of an arm that its maker has calibrated

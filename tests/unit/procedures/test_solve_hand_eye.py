@@ -13,8 +13,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from cell.errors import CellError, InputError
 from cell.formats.result import Result
 from cell.poses import from_pose6, log_xi, to_pose6
-from procedures.hand_eye.solve.solver import solve_hand_eye
 from tests.kit.hand_eye_scene import BOARD, CAMERA, POINTS, X_TRUE, make_scene
+from tests.kit.solved import solve_hand_eye
 
 
 def error_of(result: dict[str, Any], name: str = "T_flange_camera") -> np.ndarray:

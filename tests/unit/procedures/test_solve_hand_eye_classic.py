@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from cell.errors import InputError
-from procedures.hand_eye.solve.solver import solve_hand_eye
 from tests.kit.contradictions import Document, good
+from tests.kit.solved import solve_hand_eye
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from bench.intercept import HORIZONS, M_PER_COUNT, SimulatedSet, make, squares
 from calibration.belt.arm_time import MotionLimits, rest_to_rest
 from cell.errors import InputError
 from daemon.cli.result_text import result_text
-from procedures.belt.solve.solver import solve_intercept
+from tests.kit.solved import solve_intercept
 
 
 @pytest.fixture

@@ -13,9 +13,9 @@ from cell.errors import CellError
 from cell.formats.laser import parse_laser
 from cell.formats.result import Result
 from procedures.laser.solve.data import unit_warnings
-from procedures.laser.solve.solver import solve_laser, solve_reference
 from tests.kit.cli_harness import CommandLine
 from tests.kit.laser_scene import DOWN, Bench, data_set, write
+from tests.kit.solved import solve_laser, solve_reference
 
 SHIFT, TURN = (0.0012, -0.0007, 0.0005), (0.006, -0.008, 0.0)
 R = DOWN.as_matrix()

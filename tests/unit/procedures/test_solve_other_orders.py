@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from procedures.hand_eye.solve.solver import solve_hand_eye
 from tests.kit.hand_eye_scene import POINTS, cone_views, make_scene
+from tests.kit.solved import solve_hand_eye
 
 CODE = "poses.order-unchecked"
 

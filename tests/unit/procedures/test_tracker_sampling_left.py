@@ -11,10 +11,10 @@ from fakes.object import run_virtual
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.record import SampleRecord
 from procedures.tracker.solve.data import read_kincal
-from procedures.tracker.solve.solver import solve_kincal
 from procedures.tracker.stored import load_stored
 from procedures.tracker.visiting import Visitor
 from tests.kit.object_cell import ObjectCell, no_report, open_cell
+from tests.kit.solved import solve_kincal
 from tests.kit.tracker_cell import JOB, monuments, planned_once, reflectors, tracker_config
 
 __all__ = ["no_report", "planned_once"]

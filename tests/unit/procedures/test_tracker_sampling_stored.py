@@ -12,11 +12,11 @@ from cell.errors import CellError
 from cell.store.files import read_json
 from daemon.cli.replay import differences
 from fakes.object import run_virtual
-from procedures.replay import solve_again
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.feasible_poses import robot_of
 from procedures.tracker.stored import load_stored
 from tests.kit.object_cell import no_report, open_cell
+from tests.kit.solved import solve_again
 from tests.kit.tracker_cell import JOB, monuments, reflectors, rms, tracker_config, true_errors
 from tests.unit.procedures.test_tracker_sampling_plan import values
 

@@ -17,8 +17,8 @@ from daemon.cli.replay import differences
 from daemon.cli.value_text import value_text
 from daemon.status import summary_of
 from fakes.object import run_virtual
-from procedures.replay import solve_again
 from tests.kit.object_cell import ObjectCell, open_cell
+from tests.kit.solved import solve_again
 from tests.kit.tracker_cell import JOB, rms, tracker_config, true_errors
 
 SCENARIOS = ("tracker", "palletizer")

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 from pydantic import BaseModel, ConfigDict, Field
 
 from cell.devices import Encoder
-from cell.formats.result import Envelope, Part
+from cell.formats.result import Envelope, Part, Verdict
 from cell.procedure import Procedure, Run
 from procedures.kind import Kind
 
@@ -59,10 +59,8 @@ class BeltStill(Procedure):
         before = belt.counts.latest(1.0).value.count
         await run.clock.sleep(self.config.seconds)
         moved = belt.counts.latest(1.0).value.count - before
-        found = StillResult(
-            kind=self.kind, verdict="pass" if moved == 0 else "fail", result=Answer(counts=moved)
-        )
-        run.result = found.as_json()
+        verdict: Verdict = "pass" if moved == 0 else "fail"
+        run.result = StillResult(kind=self.kind, verdict=verdict, result=Answer(counts=moved))
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
         return {"kind": self.kind, "seconds": self.config.seconds}
