@@ -13,7 +13,7 @@ import numpy as np
 
 from bench._expected import expect
 from calibration.belt.scale import BeltScale
-from procedures.belt.calibrating.rows import Rows
+from procedures.belt.calibrating.rows import SightingRows
 from procedures.belt.calibrating.solving import by_touch
 from tests.kit.belt_runs import BELTS, calibrated
 from tests.kit.belt_sightings import (
@@ -53,7 +53,7 @@ def touched(seed: int, touches: int, m_per_count: float) -> tuple[float, float, 
     travel += rng.uniform(0.0, m_per_count, touches) + rng.uniform(0.0, 1.0)
     points = travel[:, None] * WAY + rng.normal(0.0, TOUCH_SIGMA, (touches, 3))
     counts = np.floor(travel / m_per_count)
-    rows = Rows(np.arange(float(touches)), points, counts, np.zeros(touches, dtype=np.int64))
+    rows = SightingRows(np.arange(float(touches)), points, counts, np.zeros(touches, dtype=np.int64))
     answer = expect(BeltScale, by_touch(rows, TOUCH_SIGMA))
     half_scale, half_angle = expect(float, answer.half_scale), expect(float, answer.half_angle)
     off = answer.m_per_count / m_per_count - 1.0

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 from daemon.config import load_config
-from daemon.rehearsal.play import Outcome, rehearse
+from daemon.rehearsal.play import RehearsedRun, rehearse
 from tests.kit.example_cell import whole_example
 
 JOBS = (
@@ -54,7 +54,7 @@ def main() -> None:
                 print(f"    twin {outcome.seed}: {outcome.ended} {outcome.verdict} {why}", flush=True)
 
 
-def _played(job: str, twins: int) -> tuple[list[Outcome], float]:
+def _played(job: str, twins: int) -> tuple[list[RehearsedRun], float]:
     began, outcomes = time.process_time(), []
     for seed in range(1, twins + 1):
         with tempfile.TemporaryDirectory(prefix="cellward-rehearsal-") as folder:

@@ -19,7 +19,7 @@ from cell.clock import MonotonicClock
 from cell.samples import Stream
 from drivers.ur import UrArm
 from drivers.ur.feed import NAMES, StateFeed
-from drivers.ur.rtde import Kind as PackageKind
+from drivers.ur.rtde import PackageType as PackageKind
 from drivers.ur.rtde import Recipe, Splitter, encode
 from fakes.ur.process import running_controller
 

@@ -3,7 +3,6 @@
 import logging
 import os
 import socket
-import time
 from collections.abc import Mapping
 
 log = logging.getLogger("cellward.notify")
@@ -48,10 +47,6 @@ class Notifier:
     def watchdog(self) -> None:
         """The process is fit."""
         self.send("WATCHDOG=1")
-
-    def reloading(self) -> None:
-        """A reload begins; ``ready`` ends it."""
-        self.send("RELOADING=1", f"MONOTONIC_USEC={time.monotonic_ns() // 1000}")
 
     def stopping(self) -> None:
         """The end begins."""

@@ -15,7 +15,7 @@ from daemon.config.roles import ROLES
 from daemon.engine import WAITING, Engine
 from daemon.modbus import Command, register_table
 from daemon.start_request import StartRequest
-from daemon.warning_bits import Shown, warning_bits
+from daemon.warning_bits import WarningContext, warning_bits
 
 log = logging.getLogger("cellward.plc")
 
@@ -123,7 +123,7 @@ class PlcFace:
             "packml_state": int(engine.packml),
             "active_job": status["job_number"],
             "error_code": engine.error.code if engine.error else 0,
-            "warning_bits": warning_bits(Shown(status, last, engine.figures)),
+            "warning_bits": warning_bits(WarningContext(status, last, engine.figures)),
             "protocol_version": PROTOCOL_VERSION,
             "config_checksum": self._config.checksum,
             "run_id": status["run_id"] or (last["run_id"] if last else 0),

@@ -12,7 +12,7 @@ from cell.formats.result import Figures
 
 
 @dataclass(frozen=True)
-class Shown:
+class WarningContext:
     """What a warning may look at; ``last`` is the last run, None while a job runs or once acknowledged, and
     ``figures`` those of the last result, also then."""
 
@@ -27,34 +27,34 @@ class WarningBit:
 
     name: str
     meaning: str
-    shown: Callable[[Shown], bool]
+    shown: Callable[[WarningContext], bool]
 
 
-def _verdict_warn(cell: Shown) -> bool:
+def _verdict_warn(cell: WarningContext) -> bool:
     return cell.last is not None and cell.last.get("verdict") == "warn"
 
 
-def _steps_taken_again(cell: Shown) -> bool:
+def _steps_taken_again(cell: WarningContext) -> bool:
     return bool(cell.status["steps_taken_again"] or (cell.last or {}).get("steps_taken_again"))
 
 
-def _device_not_ready(cell: Shown) -> bool:
+def _device_not_ready(cell: WarningContext) -> bool:
     return any(device["state"] != "READY" for device in cell.status["devices"].values())
 
 
-def _interrupted(cell: Shown) -> bool:
+def _interrupted(cell: WarningContext) -> bool:
     return bool(cell.status["interrupted"])
 
 
-def _tool_moved(cell: Shown) -> bool:
+def _tool_moved(cell: WarningContext) -> bool:
     return cell.last is not None and cell.figures.tool_moved
 
 
-def _ledger_damaged(cell: Shown) -> bool:
+def _ledger_damaged(cell: WarningContext) -> bool:
     return bool(cell.status["ledger_damage"])
 
 
-def _disk_low(cell: Shown) -> bool:
+def _disk_low(cell: WarningContext) -> bool:
     return bool(cell.status["disk"].get("warning"))
 
 
@@ -82,7 +82,7 @@ WARNING_BITS = (
 )
 
 
-def warning_bits(cell: Shown) -> int:
+def warning_bits(cell: WarningContext) -> int:
     """The register's value."""
     return sum(1 << number for number, bit in enumerate(WARNING_BITS) if bit.shown(cell))
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from cell.calibrations import kinematics, on_flange, rests_on_kinematics
 from cell.errors import error, present
-from cell.formats.result import ArmModel, Envelope, Warning_
+from cell.formats.result import Envelope, ModelInUse, Warning_
 from cell.run_values import CONTROLLER, RunValues
 
 R = TypeVar("R", bound=Envelope)
@@ -138,5 +138,5 @@ def with_model(result: R, values: RunValues, renewed: set[str]) -> R:
         load = other_load(_measured(values), values.payload_kg)
         found += [(LOAD, load)] if load else []
     new = [warning for warning in Warning_.each(found) if warning not in result.warnings]
-    named = result.with_inputs(arm_model=ArmModel.model_validate(dict(values.arm_model)))
+    named = result.with_inputs(arm_model=ModelInUse.model_validate(dict(values.arm_model)))
     return named.changed(warnings=[*result.warnings, *new])

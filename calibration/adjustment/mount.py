@@ -49,7 +49,7 @@ class Mounted:
 
 
 @dataclass(frozen=True)
-class Given:
+class GivenPose:
     """A pose (4, 4) as it was given, and its covariance (6, 6), perturbation on the right."""
 
     T: Array
@@ -111,7 +111,7 @@ def on_true_arm(found: Mounted, arm: ArmKnown | None) -> Mounted:
     return Mounted(X, W, found.numbers, J @ found.cov @ J.T, found.scale)
 
 
-def with_place(found: Mounted, given: Given) -> Mounted:
+def with_place(found: Mounted, given: GivenPose) -> Mounted:
     """``found`` with the target's place on the flange known as ``given``; it says of the camera, too."""
     y = se3.log(se3.inverse(found.W) @ given.T)
     gain = np.linalg.solve(found.cov_W + given.cov, found.cov[_W]).T
@@ -126,7 +126,7 @@ def with_place(found: Mounted, given: Given) -> Mounted:
     )
 
 
-def suspicion(found: Mounted, camera: Given, place: Given) -> Suspicion:
+def suspicion(found: Mounted, camera: GivenPose, place: GivenPose) -> Suspicion:
     """How far a given T_base_camera and a given T_flange_target are from what the images say alone."""
     y = np.concatenate([se3.log(se3.inverse(found.X) @ camera.T), se3.log(se3.inverse(found.W) @ place.T)])
     S = found.cov[:12, :12].copy()

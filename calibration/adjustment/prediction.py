@@ -35,7 +35,7 @@ class PlannedViews:
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedCovariance:
     """``cov`` (6, 6) of the camera's pose, perturbation on the right; ``budget``: its variances (6,) by
     block; ``sigma`` by the names of the unknowns; ``cov_arm`` (a, a) of the arm's numbers, which come first
     among them."""
@@ -55,7 +55,7 @@ def expected(
     lens: LensPrior,
     target: TargetPrior,
     placements: int = 1,
-) -> Expected:
+) -> ExpectedCovariance:
     """``placements`` placements like this one: what the arm errs by is the same in each of them.
 
     ``noise`` has ``sigma_px``, ``sigma_flange_t`` (m) and ``sigma_flange_r`` (rad). ``arm`` has the joints of
@@ -71,7 +71,7 @@ def expected(
     eq = state.components.equations(obs, of.prior, np.zeros(6 + len(none)))
     prior = np.diag(of.prior.precision)
     eq = replace(eq, N=placements * (eq.N - prior) + prior)
-    return Expected(
+    return ExpectedCovariance(
         eq.covariance[:6, :6],
         budget(eq, of.blocks),
         dict(zip(of.names, map(float, np.sqrt(np.diag(eq.covariance)[6:])), strict=True)),

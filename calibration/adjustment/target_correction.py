@@ -27,7 +27,7 @@ _SURE = 2.0  # standard errors by which the squared errors must be smaller
 
 
 @dataclass(frozen=True)
-class Camera:
+class CameraAndTarget:
     """A camera ``X`` (4, 4) T_base_camera and a target ``W`` (4, 4) T_flange_target."""
 
     X: Array
@@ -40,7 +40,7 @@ class Camera:
 
 
 @dataclass(frozen=True)
-class Choice:
+class ChosenWay:
     """``cv``: RMS distance (m) of the target from where each way predicts it, unseen; ``chosen`` of them."""
 
     chosen: Way
@@ -61,7 +61,7 @@ class Corrected:
     by: Callable[[NDArray[np.int64]], Mounted]
 
 
-def choose(given: Camera, F: Array, C: Array, arm: Corrected | None) -> Choice:
+def choose(given: CameraAndTarget, F: Array, C: Array, arm: Corrected | None) -> ChosenWay:
     """From flange poses ``F`` and T_camera_target ``C``, (n, 4, 4); without ``arm`` there is no model."""
     n = len(F)
     fold = np.arange(n) % FOLDS
@@ -71,17 +71,17 @@ def choose(given: Camera, F: Array, C: Array, arm: Corrected | None) -> Choice:
         squared[MODEL] = np.zeros(n)
     for k in range(FOLDS):
         out, rest = np.flatnonzero(fold == k), np.flatnonzero(fold != k)
-        constant = Camera(source_mean(F[rest], C[rest], given.W), given.W)
+        constant = CameraAndTarget(source_mean(F[rest], C[rest], given.W), given.W)
         squared[CONSTANT][out] = _off(constant.marker(F[out]), seen[out])
         if arm is not None:
             found = arm.by(rest)
             flange = corrected_flange(found, arm.arm, arm.Q[out])
-            squared[MODEL][out] = _off(Camera(found.X, found.W).marker(flange), seen[out])
+            squared[MODEL][out] = _off(CameraAndTarget(found.X, found.W).marker(flange), seen[out])
     chosen = NONE
     for way in squared:
         if _surely_less(squared[way], squared[chosen]):
             chosen = way
-    return Choice(chosen, {way: float(np.sqrt(s.mean())) for way, s in squared.items()})
+    return ChosenWay(chosen, {way: float(np.sqrt(s.mean())) for way, s in squared.items()})
 
 
 def corrected_flange(found: Mounted, arm: ArmKnown, Q: Array) -> Array:

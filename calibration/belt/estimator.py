@@ -37,7 +37,7 @@ _WINDOWS, _SETTLED = 32, 4096  # such windows and instants that are kept at hand
 
 
 @dataclass(frozen=True)
-class Encoder:
+class EncoderScale:
     """``m_per_count`` (m, signed), ``modulus`` (counts, None: never wraps), ``period`` (s, nominal)."""
 
     m_per_count: float
@@ -51,7 +51,7 @@ class BeltEstimator:
     Travel is zero at the first count. Fewer than two counts give no forecast.
     """
 
-    def __init__(self, encoder: Encoder) -> None:
+    def __init__(self, encoder: EncoderScale) -> None:
         self.encoder = encoder
         self.unwrapper = Unwrapper(encoder.modulus, fastest_counts(encoder.m_per_count))
         self.frames = FrameCounter(encoder.period)

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from ruckig import InputParameter, Result, Ruckig, RuckigError, Synchronization, Trajectory
 
-from calibration.belt.tracking import Track
+from calibration.belt.tracking import ItemTrack
 from cell.errors import error
 from cell.poses import Array
 
@@ -66,7 +66,7 @@ class FixedPoint:
 class Ride:
     """An item as it is predicted now: its grasp point, and the ``yaw`` (rad) of the tool that fits it."""
 
-    def __init__(self, track: Track, yaw: float) -> None:
+    def __init__(self, track: ItemTrack, yaw: float) -> None:
         self.track = track
         self._forecast, self._way = track.forecast, np.array([*track.direction, 0.0])
         # Where the item would be at zero travel of the belt, as its place on the belt tells it.

@@ -22,7 +22,7 @@ _EDGE_M = 0.02  # of the view, where an item may be cut off
 
 
 @dataclass(frozen=True)
-class Places:
+class SightedPlaces:
     """One frame: ``places`` (k, 2) along and across the belt (m) with its travel taken off, exposed at ``t``
     (s) when the belt had made ``travel`` (m, along as the places are); ``sigma`` (m) per axis of a place."""
 
@@ -59,11 +59,11 @@ class SlipWatch:
 
     def __init__(self, alone: float) -> None:
         self._alone = alone
-        self._good: Places | None = None
-        self._doubted: list[Places] = []
+        self._good: SightedPlaces | None = None
+        self._doubted: list[SightedPlaces] = []
         self._view = (np.inf, -np.inf)  # along the belt (m): where items were seen so far
 
-    def look(self, frame: Places) -> Trust | None:
+    def look(self, frame: SightedPlaces) -> Trust | None:
         """What the frame is worth; None while that is in doubt."""
         if not len(frame.places):
             return Trust(np.inf)
@@ -88,12 +88,12 @@ class SlipWatch:
         lasts = self._doubted[-1].t - self._doubted[0].t
         return lasts if lasts > _PATIENCE_S else None
 
-    def _trusted(self, frame: Places, since: float, slip: Slip | None = None) -> Trust:
+    def _trusted(self, frame: SightedPlaces, since: float, slip: Slip | None = None) -> Trust:
         self._good = frame
         self._doubted.clear()
         return Trust(since, slip)
 
-    def _slip(self, good: Places, settled: list[Places]) -> Slip | None:
+    def _slip(self, good: SightedPlaces, settled: list[SightedPlaces]) -> Slip | None:
         """The least jump that most items made; None when nothing is recognised."""
         jumps = [_jumps(good, frame) for frame in settled]
         around = _tolerance(good, settled[-1])
@@ -112,16 +112,16 @@ class SlipWatch:
         sigma = good.sigma * float(np.sqrt((1.0 + 1.0 / len(settled)) / items))
         return Slip(settled[0].t, float(np.mean(every)), sigma, items)
 
-    def _agree(self, a: Places, b: Places) -> bool:
+    def _agree(self, a: SightedPlaces, b: SightedPlaces) -> bool:
         """Whether enough of the items lie where they lay."""
         stay = int(np.sum(np.abs(_jumps(a, b)) <= _tolerance(a, b)))
         return stay > 0 and stay >= _SHARE * self._common(a, b)
 
-    def _common(self, a: Places, b: Places) -> int:
+    def _common(self, a: SightedPlaces, b: SightedPlaces) -> int:
         """How many items both should show, by the counts."""
         return min(self._shown(a, b), self._shown(b, a))
 
-    def _shown(self, a: Places, b: Places) -> int:
+    def _shown(self, a: SightedPlaces, b: SightedPlaces) -> int:
         """How many items of ``a`` were still or already in view when ``b`` was taken."""
         if abs(b.travel - a.travel) <= _NEAR_M:
             return len(a.places)
@@ -129,11 +129,11 @@ class SlipWatch:
         return int(np.sum((along > self._view[0] + _EDGE_M) & (along < self._view[1] - _EDGE_M)))
 
 
-def _tolerance(a: Places, b: Places) -> float:
+def _tolerance(a: SightedPlaces, b: SightedPlaces) -> float:
     return max(_LEAST_M, _SIGMAS * float(np.hypot(a.sigma, b.sigma))) + _SCALE * abs(b.travel - a.travel)
 
 
-def _jumps(a: Places, b: Places) -> Array:
+def _jumps(a: SightedPlaces, b: SightedPlaces) -> Array:
     """Differences along (n,), from any place in ``a`` to any in ``b`` that lies as far across, ascending."""
     off = b.places[None] - a.places[:, None]
     level = (np.abs(off[..., 1]) <= _tolerance(a, b)) & (np.abs(off[..., 0]) <= _FAR_M)

@@ -51,7 +51,7 @@ class Meeting:
 
 
 @dataclass(frozen=True)
-class Track:
+class ItemTrack:
     """One item as it is known now; ``height`` is its z (m) where it was at ``place.at``.
 
     ``origins`` (k, 2) is where each sighting puts the item on the belt, along and across (m).
@@ -158,7 +158,7 @@ class BeltTracker:
             self._scatter.pop(item, None)
             self._levels = None
 
-    def track(self, item: str, forecast: TravelForecast | None = None) -> Track | None:
+    def track(self, item: str, forecast: TravelForecast | None = None) -> ItemTrack | None:
         """The item as known now; None when it has not been seen or nothing has been counted.
 
         ``forecast`` is the belt's of now where the caller has it already.
@@ -177,7 +177,9 @@ class BeltTracker:
             found = replace(found, var_along=found.var_along + doubt)
         levels = sorted(level[found.used])  # of an even number the upper one: no tool comes too low for that
         height = float(levels[len(levels) // 2] + self.direction[2] * forecast.travel(found.at))
-        return Track(self.direction, forecast, found, height, tuple(sightings), np.stack([along, across], 1))
+        return ItemTrack(
+            self.direction, forecast, found, height, tuple(sightings), np.stack([along, across], 1)
+        )
 
     def levels(self) -> Levels:
         """The noise of sightings, as those that have arrived show it."""

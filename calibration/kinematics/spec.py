@@ -9,7 +9,7 @@ from calibration.kinematics.chain import DhChain
 from calibration.kinematics.chain_arm import ChainArm
 from calibration.kinematics.families import arm_spec
 from calibration.kinematics.serial6 import Serial6Arm
-from calibration.kinematics.ur import DhDeltas, UrArm
+from calibration.kinematics.ur import DhDeltas, UrArmModel
 from calibration.kinematics.ur_models import UR_MODELS
 from cell.arm_model import ArmModel
 from cell.errors import error
@@ -50,7 +50,7 @@ def _chain_arm(spec: Mapping[str, Any]) -> ChainArm:
     if not isinstance(model, str) or model not in UR_MODELS:
         raise error("DATA_INVALID", f"robot: model {model!r} is not supported; supported are {supported}")
     calibration = spec.get("calibration")
-    return UrArm(model, None if calibration is None else _deltas(calibration))
+    return UrArmModel(model, None if calibration is None else _deltas(calibration))
 
 
 def measured_arm(believed: Mapping[str, Any], measured: Mapping[str, Any]) -> ArmModel:

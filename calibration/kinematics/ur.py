@@ -32,7 +32,7 @@ class DhDeltas:
     delta_alpha: Array = field(default_factory=_zeros)
 
 
-class UrArm(ChainArm):
+class UrArmModel(ChainArm):
     """One arm of Universal Robots. ``name`` is a key of ``UR_MODELS``; ``deltas`` None is the drawing.
 
     ``measured`` is the chain that a tracker found, deltas and all. The metal stays where the drawing has it.
@@ -46,8 +46,8 @@ class UrArm(ChainArm):
         self._model = model
         self.calibrated = deltas is not None or measured is not None
 
-    def measured(self, chain: DhChain) -> "UrArm":
-        return UrArm(self._name, measured=chain)
+    def measured(self, chain: DhChain) -> "UrArmModel":
+        return UrArmModel(self._name, measured=chain)
 
     def link_ends(self, Q: Array) -> Array:
         """Capsule ends from the *published* lengths.
@@ -88,7 +88,7 @@ def _shifted(nominal: DhChain, deltas: DhDeltas) -> DhChain:
 
 
 def _link_shapes(radii: LinkRadii) -> tuple[LinkShape, ...]:
-    """In the order of :meth:`UrArm.link_ends`."""
+    """In the order of :meth:`UrArmModel.link_ends`."""
     return (
         LinkShape("base", radii.base, 0),
         LinkShape("shoulder", radii.shoulder, 1),

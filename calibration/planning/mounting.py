@@ -22,10 +22,6 @@ class Mounting(Protocol):
         """``T_camera_target`` (n) expected at ``T_base_flange`` (n)."""
         ...
 
-    def target_from_flange(self, T_camera_target: RigidTransform) -> RigidTransform:
-        """``T_target_flange`` (n) at those views."""
-        ...
-
 
 @dataclass(frozen=True, eq=False)
 class EyeInHand:
@@ -51,9 +47,6 @@ class EyeInHand:
     def view(self, T_base_flange: RigidTransform) -> RigidTransform:
         return (T_base_flange * self.T_flange_camera).inv() * self.T_base_target
 
-    def target_from_flange(self, T_camera_target: RigidTransform) -> RigidTransform:
-        return (self.T_flange_camera * T_camera_target).inv()
-
 
 @dataclass(frozen=True, eq=False)
 class EyeToHand:
@@ -78,6 +71,3 @@ class EyeToHand:
 
     def view(self, T_base_flange: RigidTransform) -> RigidTransform:
         return self.T_base_camera.inv() * T_base_flange * self.T_flange_target
-
-    def target_from_flange(self, T_camera_target: RigidTransform) -> RigidTransform:
-        return self.T_flange_target.inv()

@@ -1,6 +1,6 @@
 """The first contacts of a tool with both beams: what all passes near its end say of the height."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,6 +92,3 @@ def stated(height: float, sigma: float, shape: tuple[int, int]) -> Density:
     grid = np.array([height])
     flat = np.zeros(shape)
     return Density(grid, flat[..., None], flat, flat + height, flat + sigma**2)
-
-
-Densities = Mapping[tuple[str, bool], Density]

@@ -72,7 +72,7 @@ class Limits(Strict):
     j: Annotated[float, Field(ge=1e-6), AfterValidator(at_most(1e8, "m/s^3"))]
 
 
-class Robot(Strict):
+class PickingArm(Strict):
     """Where the arm waits (base, m) and how fast it moves; ``above`` is its height over the item (m)."""
 
     limits: Limits
@@ -129,7 +129,7 @@ class Intercept(Strict):
 
     schema_: Annotated[str, Field(alias="schema")]
     belt: Belt
-    robot: Robot
+    robot: PickingArm
     encoder: Annotated[list[Count], Field(max_length=COUNTS)]
     detections: Annotated[list[Detection], Field(max_length=SAMPLES)]
     latency_mean: Duration | None = None

@@ -47,7 +47,7 @@ class KincalNoise(TrackerNoiseTable):
     sigma_constant: SigmaLength | None = None
 
 
-class Sample(Strict):
+class KincalSample(Strict):
     """One pose at rest. ``p_tracker`` is in the tracker frame, m; ``target`` names the reflector."""
 
     q: Joints
@@ -66,7 +66,7 @@ class Kincal(Strict):
     robot: dict[str, Any] | None = None
     noise: KincalNoise | None = None
     payload_kg: Payload | None = None
-    samples: Annotated[list[Sample], Field(max_length=SAMPLES)]
+    samples: Annotated[list[KincalSample], Field(max_length=SAMPLES)]
     notes: Any = None
 
 

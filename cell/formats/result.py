@@ -95,7 +95,7 @@ class Warning_(Part):
         return [cls(code=code, text=text) for code, text in found]
 
 
-class ArmModel(Part):
+class ModelInUse(Part):
     """Which model of the arm a run worked with."""
 
     name: str = Field(description="`controller`, or the calibration of the kinematics.")
@@ -116,7 +116,9 @@ class Inputs(Part):
     """What a result was made from, in what the kinds share."""
 
     solve_seconds: Seconds | None = Field(default=None, description="Wall time of the solver alone.")
-    arm_model: ArmModel | None = Field(default=None, description="Model of the arm that the run worked with.")
+    arm_model: ModelInUse | None = Field(
+        default=None, description="Model of the arm that the run worked with."
+    )
     steps_taken_again: list[StepTakenAgain] | None = Field(
         default=None, description="Steps that short silences of devices interrupted."
     )

@@ -8,7 +8,7 @@ BOOT_UP, OPERATIONAL = 0x00, 0x05
 
 
 @dataclass(frozen=True)
-class Part:
+class FrameField:
     """One number of a frame; little-endian."""
 
     name: str
@@ -23,7 +23,7 @@ class Frame:
     name: str
     key: str
     sent_by: str
-    parts: tuple[Part, ...]
+    parts: tuple[FrameField, ...]
 
     @property
     def layout(self) -> struct.Struct:
@@ -41,14 +41,16 @@ COMMAND = Frame(
     "command_id",
     "the PLC",
     (
-        Part("command", "u8", "what is asked for, as register `command`"),
-        Part("job", "u8", "which job to start, as register `job`"),
-        Part(
+        FrameField("command", "u8", "what is asked for, as register `command`"),
+        FrameField("job", "u8", "which job to start, as register `job`"),
+        FrameField(
             "sequence",
             "u16",
             "1..65535; a new value carries the command out, the same again repeats the answer",
         ),
-        Part("argument", "u32", "as `argument_1`: run id of command 8, prompt id of commands 10 and 11"),
+        FrameField(
+            "argument", "u32", "as `argument_1`: run id of command 8, prompt id of commands 10 and 11"
+        ),
     ),
 )
 ACKNOWLEDGE = Frame(
@@ -56,10 +58,10 @@ ACKNOWLEDGE = Frame(
     "acknowledge_id",
     "Cellward, once for each command",
     (
-        Part("sequence", "u16", "of the command; 0 where the frame was too short to hold one"),
-        Part("result", "u16", "as register `result_code`"),
-        Part("status", "u16", "as register `status`"),
-        Part("error", "u16", "as register `error_code`"),
+        FrameField("sequence", "u16", "of the command; 0 where the frame was too short to hold one"),
+        FrameField("result", "u16", "as register `result_code`"),
+        FrameField("status", "u16", "as register `status`"),
+        FrameField("error", "u16", "as register `error_code`"),
     ),
 )
 STATUS = Frame(
@@ -67,10 +69,10 @@ STATUS = Frame(
     "status_id",
     "Cellward, with each heartbeat",
     (
-        Part("status", "u16", "as register `status`"),
-        Part("state", "u8", "as register `packml_state`"),
-        Part("job", "u8", "as register `active_job`"),
-        Part("prompt", "u32", "as register `prompt_id`"),
+        FrameField("status", "u16", "as register `status`"),
+        FrameField("state", "u8", "as register `packml_state`"),
+        FrameField("job", "u8", "as register `active_job`"),
+        FrameField("prompt", "u32", "as register `prompt_id`"),
     ),
 )
 FRAMES = (COMMAND, ACKNOWLEDGE, STATUS)

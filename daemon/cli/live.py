@@ -37,7 +37,7 @@ def live(
     """The numbers of a running job, live: picking from a belt shows counts, items, picks and misses."""
     with connect(config) as daemon:
         know_configured_jobs(config)
-        following = Following(daemon)
+        following = LiveRows(daemon)
         following.look()
         if following.job is None:
             raise error("NOT_NOW", "no job runs; 'cellward start' starts one to look at")
@@ -49,7 +49,7 @@ def live(
         say(f"{following.job} leaves no rows to be drawn, so {plot} was not written.")
 
 
-class Following:
+class LiveRows:
     """What has come from the daemon: ``rows`` by trace, of the last :data:`KEPT_S` seconds."""
 
     def __init__(self, daemon: ControlClient) -> None:
@@ -103,7 +103,7 @@ class Following:
         return fresh
 
 
-def _follow(following: Following, plot: Path | None, seconds: float, as_json: bool) -> None:
+def _follow(following: LiveRows, plot: Path | None, seconds: float, as_json: bool) -> None:
     began = time.monotonic()
     lines, draws = Every(LINE_EACH_S), Every(DRAW_EACH_S)
     fresh: Any = following.rows
@@ -138,7 +138,7 @@ class Every:
         return True
 
 
-def _rows_out(following: Following, fresh: dict[str, list[list[float]]]) -> None:
+def _rows_out(following: LiveRows, fresh: dict[str, list[list[float]]]) -> None:
     """One object a line: the trace, and a row by its columns; then the numbers of now."""
     import json
 
@@ -148,7 +148,7 @@ def _rows_out(following: Following, fresh: dict[str, list[list[float]]]) -> None
     out(json.dumps({"live": following.numbers}))
 
 
-def _draw(following: Following, plot: Path, again: bool) -> None:
+def _draw(following: LiveRows, plot: Path, again: bool) -> None:
     title = f"{following.job}, run {following.run_id}"
     page = load(following.drawn)(title, following.rows, DRAW_EACH_S if again else None)
     temporary = plot.with_name(f".{plot.name}.tmp")

@@ -22,7 +22,7 @@ MIN_CORES, MIN_FREE_BYTES = 4, 20 * 10**9
 
 
 @dataclass(frozen=True)
-class Measured:
+class MachineFigure:
     """One figure of the machine: ``value`` in ``unit``, ``good`` within its limit, and what it means."""
 
     name: str
@@ -39,13 +39,13 @@ def machine(state_dir: Path, capture: int = 0) -> list[dict[str, Any]]:
     return [asdict(one) for one in found]
 
 
-def _cores() -> Measured:
+def _cores() -> MachineFigure:
     count = len(os.sched_getaffinity(0))
     means = "enough" if count >= MIN_CORES else f"{MIN_CORES} let solving and pictures run beside the arm"
-    return Measured("cores", count, "", count >= MIN_CORES, f"{count} cores may be used: {means}")
+    return MachineFigure("cores", count, "", count >= MIN_CORES, f"{count} cores may be used: {means}")
 
 
-def _priorities() -> Measured:
+def _priorities() -> MachineFigure:
     """Whether a thread of this process may take SCHED_RR; under the unit it is the unit's LimitRTPRIO."""
     granted: list[bool] = []
 
@@ -59,10 +59,10 @@ def _priorities() -> Measured:
         if granted == [True]
         else "not permitted to this user; the service unit permits it, a shell seldom does (LimitRTPRIO)"
     )
-    return Measured("real time", float(granted == [True]), "", granted == [True], f"SCHED_RR is {means}")
+    return MachineFigure("real time", float(granted == [True]), "", granted == [True], f"SCHED_RR is {means}")
 
 
-def _lags() -> list[Measured]:
+def _lags() -> list[MachineFigure]:
     """How late an event loop and a bare thread wake, measured side by side."""
     loop: list[float] = []
     thread: list[float] = []
@@ -87,7 +87,7 @@ def _sleep_and_note(late: list[float]) -> None:
         late.append(monotonic() - before - TICK_S)
 
 
-def _lag(name: str, what: str, late: list[float]) -> Measured:
+def _lag(name: str, what: str, late: list[float]) -> MachineFigure:
     longest = max(late)
     if longest <= LAG_SOFT_S:
         means = "good"
@@ -96,7 +96,7 @@ def _lag(name: str, what: str, late: list[float]) -> Measured:
     else:
         means = "the arm's state would be stale and jobs would be interrupted; free this machine"
     text = f"{what} woke at most {1e3 * longest:.1f} ms late in {PROBE_S:g} s: {means}"
-    return Measured(f"{name} lag", longest, "s", longest <= LAG_SOFT_S, text)
+    return MachineFigure(f"{name} lag", longest, "s", longest <= LAG_SOFT_S, text)
 
 
 def low_space(config: CellConfig) -> str | None:
@@ -106,11 +106,11 @@ def low_space(config: CellConfig) -> str | None:
     return low_text(folder, free, limit) if free < limit else None
 
 
-def _disk(state_dir: Path, capture: int = 0) -> list[Measured]:
+def _disk(state_dir: Path, capture: int = 0) -> list[MachineFigure]:
     """Free space, and how long a small file takes to be safe, in ``state_dir`` or what exists of its path."""
     folder = next(p for p in (state_dir, *state_dir.parents) if p.is_dir())
     free = free_bytes(folder)
-    space = Measured(
+    space = MachineFigure(
         "free space",
         float(free),
         "bytes",
@@ -122,10 +122,13 @@ def _disk(state_dir: Path, capture: int = 0) -> list[Measured]:
         slowest = max(_fsync(folder) for _ in range(20))
     except OSError as exc:
         why = exc.strerror or str(exc)
-        return [space, Measured("fsync", None, "s", False, f"{folder}: not written by this user ({why})")]
+        return [
+            space,
+            MachineFigure("fsync", None, "s", False, f"{folder}: not written by this user ({why})"),
+        ]
     means = "good" if slowest <= FSYNC_S else "each step of a job waits for it; use a solid-state disk"
     text = f"{folder}: a small file is safe after at most {1e3 * slowest:.1f} ms: {means}"
-    return [space, Measured("fsync", slowest, "s", slowest <= FSYNC_S, text)]
+    return [space, MachineFigure("fsync", slowest, "s", slowest <= FSYNC_S, text)]
 
 
 def _fsync(folder: Path) -> float:
@@ -137,22 +140,24 @@ def _fsync(folder: Path) -> float:
         return monotonic() - before
 
 
-def _settings() -> list[Measured]:
+def _settings() -> list[MachineFigure]:
     """What the kernel tells of itself; a file that is not there tells nothing."""
     found = []
     governor = _read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
     if governor is not None:
         good = governor == "performance"
         means = "good" if good else "the core is slow when it wakes; 'performance' keeps it fast"
-        found.append(Measured("governor", None, "", good, f"frequency governor '{governor}': {means}"))
+        found.append(MachineFigure("governor", None, "", good, f"frequency governor '{governor}': {means}"))
     runtime = _read("/proc/sys/kernel/sched_rt_runtime_us")
     if runtime is not None:
         good = int(runtime) != 0
         means = "real time is throttled only if it takes that much" if good else "no real time is possible"
-        found.append(Measured("real-time share", None, "", good, f"sched_rt_runtime_us = {runtime}: {means}"))
+        found.append(
+            MachineFigure("real-time share", None, "", good, f"sched_rt_runtime_us = {runtime}: {means}")
+        )
     kernel = os.uname()
     model = "PREEMPT_RT" if "PREEMPT_RT" in kernel.version else "no PREEMPT_RT, which a cell does not need"
-    found.append(Measured("kernel", None, "", True, f"Linux {kernel.release}: {model}"))
+    found.append(MachineFigure("kernel", None, "", True, f"Linux {kernel.release}: {model}"))
     return found
 
 

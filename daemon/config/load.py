@@ -41,7 +41,7 @@ DEEPEST = 16  # tables and arrays in each other
 _LONG_KEY = re.compile(rf"(?:[\w\"'-]+[ \t]*\.[ \t]*){{{2 * DEEPEST}}}")
 
 
-class Robot(RobotSection):
+class ResolvedRobot(RobotSection):
     """``[robot]`` with its names resolved."""
 
     spec: dict[str, Any] = Field(default_factory=dict, description="the ROBOT of the data formats")
@@ -69,7 +69,7 @@ class CellConfig(BaseModel):
     source: str
     cell: CellSection
     supervisor: SupervisorSection
-    robot: Robot
+    robot: ResolvedRobot
     limits: LimitsSection
     poses: dict[str, list[float]]
     device: dict[str, SerializeAsAny[DeviceSection]]
@@ -145,7 +145,7 @@ def check_config(
     spec = _robot_spec(raw, findings, path)
     observed = _observed_spec(raw, devices, findings, path)
     findings.raise_if_any()
-    robot = Robot.model_construct(
+    robot = ResolvedRobot.model_construct(
         **dict(fixed.robot),
         spec=spec,
         observed_spec=observed,

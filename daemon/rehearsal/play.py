@@ -17,7 +17,7 @@ BUMP = Bump((0.0012, -0.0007, 0.0005), (0.008, -0.006))
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RehearsedRun:
     """How a job ended in one twin.
 
     ``seconds`` are the cell's, not the computer's. ``stated`` is what the job says of its result, ``off`` how
@@ -46,7 +46,7 @@ class Outcome:
         return {**asdict(self), "succeeded": self.succeeded}
 
 
-def rehearse(config: CellConfig, path: Path, job: str, seed: int, folder: Path) -> Outcome:
+def rehearse(config: CellConfig, path: Path, job: str, seed: int, folder: Path) -> RehearsedRun:
     """``job`` in a twin drawn by ``seed``; its files stay in ``folder``. Errors as of ``rehearsed_cell``."""
     cell = rehearsed_cell(config, path, job, seed, folder)
     runs, _ = run_objects(cell.config, _steps(cell))
@@ -76,7 +76,7 @@ def _steps(cell: RehearsedCell) -> list[Step]:
     return [*steps, last]
 
 
-def _outcome(run: RunFolder, truth: dict[str, Any], seed: int) -> Outcome:
+def _outcome(run: RunFolder, truth: dict[str, Any], seed: int) -> RehearsedRun:
     end, result = run.read_end() or {}, run.read_result()
     if end.get("outcome") != "complete" or result is None:
         return _failed(run, seed)
@@ -84,7 +84,7 @@ def _outcome(run: RunFolder, truth: dict[str, Any], seed: int) -> Outcome:
     if result["result"] is not None:
         judged = beside_truth(result, truth, run.path)
     report = run.path / "report.html"
-    return Outcome(
+    return RehearsedRun(
         seed=seed,
         ended="complete",
         seconds=_seconds(run),
@@ -99,12 +99,12 @@ def _outcome(run: RunFolder, truth: dict[str, Any], seed: int) -> Outcome:
     )
 
 
-def _failed(run: RunFolder, seed: int, first: str = "") -> Outcome:
+def _failed(run: RunFolder, seed: int, first: str = "") -> RehearsedRun:
     end = run.read_end() or {}
     failure = end.get("error") or {}
     text = f"{failure.get('text')} ({failure.get('code')}). {failure.get('hint')}" if failure else ""
     why = [sentence for sentence in (first, text) if sentence]
-    return Outcome(
+    return RehearsedRun(
         seed, str(end.get("outcome", "interrupted")), _seconds(run), why=why, lost=_lost(run.read_journal())
     )
 

@@ -3,12 +3,12 @@
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
-from daemon.rehearsal.play import Outcome
+from daemon.rehearsal.play import RehearsedRun
 
 MOST_LINES = 5
 
 
-def outcome_lines(job: str, outcome: Outcome) -> Iterator[str]:
+def outcome_lines(job: str, outcome: RehearsedRun) -> Iterator[str]:
     """One twin: how it ended, how good the result was, and what fell out."""
     verdict = f", verdict {outcome.verdict}" if outcome.verdict else ""
     yield f"{job}, twin {outcome.seed}: {outcome.ended} after {_time(outcome.seconds)} of the cell{verdict}"
@@ -26,7 +26,7 @@ def outcome_lines(job: str, outcome: Outcome) -> Iterator[str]:
         yield f"  report: {outcome.report}"
 
 
-def summary_lines(job: str, outcomes: Sequence[Outcome]) -> Iterator[str]:
+def summary_lines(job: str, outcomes: Sequence[RehearsedRun]) -> Iterator[str]:
     """All twins together; nothing where there is one."""
     if len(outcomes) < 2:
         return

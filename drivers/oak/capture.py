@@ -16,7 +16,7 @@ from drivers.oak.files import sync_folder, write_png
 from drivers.oak.protocol import Message, error_to_json, frame_to_json
 
 
-class Capture:
+class FrameCapture:
     """Takes the first ``count`` frames exposed wholly after ``after`` and writes them on ``writer``.
 
     ``answer`` gets the reply once, when everything is on disk or cannot be. Encoding takes as long as an

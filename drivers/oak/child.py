@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from cell.devices import BoardView, Frame, Intrinsics, ItemView
 from cell.errors import CellError, error
 from cell.priority import yield_to_others
-from drivers.oak.capture import Capture
+from drivers.oak.capture import FrameCapture
 from drivers.oak.config import OakConfig
 from drivers.oak.protocol import Message, error_to_json, frame_to_json, pack, read_message
 
@@ -143,7 +143,7 @@ class VisionChild:
         self._detector: Detector | None = None
         self._finder_for: Callable[[Intrinsics], ItemFinder] | None = None
         self._finder: tuple[Intrinsics, ItemFinder] | None = None
-        self._captures: list[Capture] = []
+        self._captures: list[FrameCapture] = []
         # One thread: on a machine that is too busy, files come late before frames are missed.
         self._writer = ThreadPoolExecutor(1, "png")
 
@@ -197,7 +197,7 @@ class VisionChild:
             self._answer(message["id"], {})
         elif message["type"] == "capture":
             answer = partial(self._answer, message["id"])
-            self._captures.append(Capture(message, self._writer, answer))
+            self._captures.append(FrameCapture(message, self._writer, answer))
         else:
             raise error("PROTOCOL_VIOLATION", f"the vision child knows no command {message['type']!r}")
 

@@ -12,7 +12,7 @@ from cell.poses import Array
 from cell.samples import Quality, Sample, Stream
 from drivers.life import SampledDevice
 from drivers.tracker.geocom_config import GeocomConfig, ReflectorConfig
-from drivers.tracker.geocom_session import NoAnswer, Session
+from drivers.tracker.geocom_session import GeocomSession, NoAnswer
 from drivers.tracker.geocom_station import NO_POINT, Reading, Station
 from drivers.tracker.geocom_text import Unreadable
 from drivers.tracker.stable import StableWindow
@@ -48,7 +48,7 @@ class GeocomTracker(SampledDevice):
         self._config = config
         self._turn = asyncio.Lock()  # polling, finding and measuring one at a time
         self._link: Link | None = None
-        self._session: Session | None = None
+        self._session: GeocomSession | None = None
         self._station: Station | None = None
         self._selected: str | None = None
         self._found = False  # a reflector was found, so that one that is missing was lost
@@ -65,7 +65,7 @@ class GeocomTracker(SampledDevice):
         self.readings.new_epoch()
         self._selected, self._found, self._locked, self._tracking = None, False, False, False
         self._turn = asyncio.Lock()
-        session = Session(self._write, self._clock, self._config.checksum)
+        session = GeocomSession(self._write, self._clock, self._config.checksum)
         self._session = session
         self._station = station = Station(self.name, self._config, session, self._clock)
         try:

@@ -20,7 +20,7 @@ class NoAnswer(Exception):
 
 
 @dataclass(frozen=True)
-class Answer:
+class GeocomAnswer:
     """A reply, and the seconds between which it was asked for and came."""
 
     reply: Reply
@@ -32,7 +32,7 @@ class Answer:
         return return_code(self.reply.code)
 
 
-class Session:
+class GeocomSession:
     """Feed it with :meth:`received`; ``counts`` are for status pages."""
 
     def __init__(self, write: Callable[[bytes], None], clock: Clock, checksum: bool) -> None:
@@ -64,7 +64,7 @@ class Session:
         tries: int = 2,
         abort: bool = False,
         numbers: int = 0,
-    ) -> Answer:
+    ) -> GeocomAnswer:
         """Ask until there is a reply that can be used; :class:`NoAnswer` after ``tries`` without one.
 
         ``abort``: a procedure that moves the instrument is stopped when nobody waits for it any more.
@@ -93,7 +93,9 @@ class Session:
                 self.counts["unreadable"] += 1
         raise (None if self._ended else damage) or NoAnswer(self._ended or reason)
 
-    async def _once(self, rpc: int, parameters: tuple[Parameter, ...], timeout: float, abort: bool) -> Answer:
+    async def _once(
+        self, rpc: int, parameters: tuple[Parameter, ...], timeout: float, abort: bool
+    ) -> GeocomAnswer:
         number = next(self._numbers)
         line = request(rpc, number, *parameters, checksum=self._checksum)
         future: asyncio.Future[Reply] = asyncio.get_running_loop().create_future()
@@ -117,7 +119,7 @@ class Session:
             self._waiting = None
             if abort and given_up:
                 self._write(_ABORT)
-        return Answer(reply, begin, self._clock.now())
+        return GeocomAnswer(reply, begin, self._clock.now())
 
     def _take(self, line: bytes) -> None:
         try:

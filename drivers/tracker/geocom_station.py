@@ -13,7 +13,7 @@ from cell.poses import Array
 from drivers.tracker.frames import from_station, to_station
 from drivers.tracker.geocom_codes import Meaning, ReturnCode
 from drivers.tracker.geocom_config import GeocomConfig, ReflectorConfig
-from drivers.tracker.geocom_session import Answer, Session
+from drivers.tracker.geocom_session import GeocomAnswer, GeocomSession
 from drivers.tracker.geocom_text import Parameter
 
 _DIGITS = 15
@@ -81,7 +81,7 @@ class Reading:
 class Station:
     """Calls of one session. ``NoAnswer`` passes through; what the instrument refuses is a coded error."""
 
-    def __init__(self, name: str, config: GeocomConfig, session: Session, clock: Clock) -> None:
+    def __init__(self, name: str, config: GeocomConfig, session: GeocomSession, clock: Clock) -> None:
         self._name, self._config, self._session, self._clock = name, config, session, clock
         self._inclination = _INCLINATION[config.inclination]
         self._axis = np.zeros(3)  # of the instrument in its own coordinates, for 'coordinates'
@@ -94,7 +94,7 @@ class Station:
         timeout: float | None = None,
         motion: bool = False,
         numbers: int = 0,
-    ) -> Answer:
+    ) -> GeocomAnswer:
         """A call that succeeded, with a warning perhaps; one that finds it busy is repeated."""
         answer = await self._ask(rpc, *parameters, timeout=timeout, motion=motion, numbers=numbers)
         if not answer.code.has_data:
@@ -108,7 +108,7 @@ class Station:
         timeout: float | None = None,
         motion: bool = False,
         numbers: int = 0,
-    ) -> Answer:
+    ) -> GeocomAnswer:
         deadline = self._clock.now() + (timeout or self._config.timeout_s)
         tries = 1 if motion else self._config.lost_after_failures
         while True:
@@ -239,7 +239,7 @@ class Station:
         point, distance_time = self._decode(answer)
         return Reading(t, dt, point, answer.code, distance_time)
 
-    async def _look(self, wait_s: float) -> Answer:
+    async def _look(self, wait_s: float) -> GeocomAnswer:
         rpc, numbers = {
             "full": (Rpc.TMC_GetFullMeas, 8),
             "simple": (Rpc.TMC_GetSimpleMea, 3),
@@ -254,7 +254,7 @@ class Station:
         half = 0.5 * (answer.end - answer.begin)
         return Reading(answer.begin + half, half, None, answer.code)
 
-    def _decode(self, answer: Answer) -> tuple[Array, float | None]:
+    def _decode(self, answer: GeocomAnswer) -> tuple[Array, float | None]:
         if self._config.reading == "coordinates":
             e, n, h, time = answer.reply.floats(4)
             return np.array([e, n, h]) - self._axis, time

@@ -11,7 +11,7 @@ from cell.errors import error
 from cell.poses import Array
 from cell.samples import Sample, Stream
 from drivers.ur.rtde import Recipe
-from drivers.ur.safety import ROBOT_RUNNING, Finding, safety_finding
+from drivers.ur.safety import ROBOT_RUNNING, SafetyFinding, safety_finding
 
 # Doubles first, so that one conversion reads them all.
 _DOUBLES = (
@@ -71,7 +71,7 @@ class StateFeed:
         self.runtime_state = STOPPED
         self.speed_fraction = 1.0
         self.payload: tuple[float, Array] | None = None
-        self.finding: Finding | None = None
+        self.finding: SafetyFinding | None = None
         self.finding_arrival = 0.0
         self.repeated = 0
         self.reboots = 0
@@ -165,7 +165,7 @@ class StateFeed:
         self._modes = modes
         finding = safety_finding(*modes)
         if self._rebooted and finding is not None and finding.name == "ARM_NOT_READY":
-            finding = Finding("ARM_REBOOTED", finding.detail)
+            finding = SafetyFinding("ARM_REBOOTED", finding.detail)
         self._rebooted = self._rebooted and robot_mode != ROBOT_RUNNING
         if finding != self.finding:
             self.finding, self.finding_arrival = finding, arrival

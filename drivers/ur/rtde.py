@@ -31,7 +31,7 @@ _FORMATS = {
 }
 
 
-class Kind(IntEnum):
+class PackageType(IntEnum):
     """Package types; the values are the ASCII letters of the guide."""
 
     VERSION = ord("V")
@@ -44,14 +44,14 @@ class Kind(IntEnum):
     PAUSE = ord("P")
 
 
-_KINDS = {int(kind): kind for kind in Kind}
+_KINDS = {int(kind): kind for kind in PackageType}
 
 
 @dataclass(frozen=True)
 class Package:
     """One package without its header."""
 
-    kind: Kind
+    kind: PackageType
     payload: bytes
 
 
@@ -102,24 +102,24 @@ def _take(flat: Iterator[float], type_: str) -> Value:
     return next(flat) if count == 1 else tuple(next(flat) for _ in range(count))
 
 
-def encode(kind: Kind, payload: bytes = b"") -> bytes:
+def encode(kind: PackageType, payload: bytes = b"") -> bytes:
     """A whole package."""
     return HEADER.pack(HEADER.size + len(payload), kind) + payload
 
 
 def request_version(version: int = VERSION) -> bytes:
     """Ask for a protocol version; the reply is one byte, 1 when accepted."""
-    return encode(Kind.VERSION, struct.pack(">H", version))
+    return encode(PackageType.VERSION, struct.pack(">H", version))
 
 
 def request_outputs(names: Sequence[str], frequency_hz: float) -> bytes:
     """Subscribe to ``names`` at ``frequency_hz``."""
-    return encode(Kind.OUTPUTS, struct.pack(">d", frequency_hz) + ",".join(names).encode("ascii"))
+    return encode(PackageType.OUTPUTS, struct.pack(">d", frequency_hz) + ",".join(names).encode("ascii"))
 
 
 def request_inputs(names: Sequence[str]) -> bytes:
     """Claim input variables for writing."""
-    return encode(Kind.INPUTS, ",".join(names).encode("ascii"))
+    return encode(PackageType.INPUTS, ",".join(names).encode("ascii"))
 
 
 def parse_recipe(names: Sequence[str], payload: bytes) -> Recipe:

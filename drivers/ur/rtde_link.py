@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from cell.clock import Clock
 from cell.errors import CellError, error
 from drivers.ur import rtde
-from drivers.ur.rtde import Kind, Package, Recipe, Splitter
+from drivers.ur.rtde import Package, PackageType, Recipe, Splitter
 
 PORT = 30004
 
@@ -31,7 +31,7 @@ class RtdeLink:
         self._splitter = Splitter()
         self._on_data: OnData | None = None
         self._reply: asyncio.Future[Package] | None = None
-        self._reply_kind: Kind | None = None
+        self._reply_kind: PackageType | None = None
         self._closed = False
         self._failure: CellError | None = None
         self._loop.add_reader(sock.fileno(), self.drain)
@@ -45,7 +45,7 @@ class RtdeLink:
             raise error("DEVICE_UNREACHABLE", f"RTDE at {host}:{PORT}: {exc or 'no answer in time'}") from exc
         link = cls(host, sock, clock, on_lost)
         try:
-            reply = await link.request(rtde.request_version(), Kind.VERSION, timeout)
+            reply = await link.request(rtde.request_version(), PackageType.VERSION, timeout)
             if not rtde.parse_flag(reply):
                 raise error("PROTOCOL_VIOLATION", f"{host} refuses RTDE version {rtde.VERSION}")
         except BaseException:
@@ -55,17 +55,19 @@ class RtdeLink:
 
     async def controller_version(self, timeout: float) -> tuple[int, int, int, int]:
         """PolyScope's major, minor, bugfix and build number."""
-        reply = await self.request(rtde.encode(Kind.CONTROLLER_VERSION), Kind.CONTROLLER_VERSION, timeout)
+        reply = await self.request(
+            rtde.encode(PackageType.CONTROLLER_VERSION), PackageType.CONTROLLER_VERSION, timeout
+        )
         return rtde.parse_controller_version(reply.payload)
 
     async def setup_outputs(self, names: Sequence[str], frequency_hz: float, timeout: float) -> Recipe:
         """Choose what every data package carries; types may be ``NOT_FOUND``, which the caller judges."""
-        reply = await self.request(rtde.request_outputs(names, frequency_hz), Kind.OUTPUTS, timeout)
+        reply = await self.request(rtde.request_outputs(names, frequency_hz), PackageType.OUTPUTS, timeout)
         return rtde.parse_recipe(names, reply.payload)
 
     async def setup_inputs(self, names: Sequence[str], timeout: float) -> Recipe:
         """Claim input variables for writing; id 0 when one is ``NOT_FOUND`` or ``IN_USE``."""
-        reply = await self.request(rtde.request_inputs(names), Kind.INPUTS, timeout)
+        reply = await self.request(rtde.request_inputs(names), PackageType.INPUTS, timeout)
         return rtde.parse_recipe(names, reply.payload)
 
     async def send(self, values: bytes) -> None:
@@ -73,18 +75,18 @@ class RtdeLink:
         if self._failure is not None:
             raise self._failure
         try:
-            await self._loop.sock_sendall(self._sock, rtde.encode(Kind.DATA, values))
+            await self._loop.sock_sendall(self._sock, rtde.encode(PackageType.DATA, values))
         except OSError as exc:
             raise error("DEVICE_LOST", f"RTDE to {self.host}: {exc}") from exc
 
     async def start(self, on_data: OnData, timeout: float) -> None:
         """Start the stream: ``on_data(payload, arrival)`` on every package from now on."""
         self._on_data = on_data
-        reply = await self.request(rtde.encode(Kind.START), Kind.START, timeout)
+        reply = await self.request(rtde.encode(PackageType.START), PackageType.START, timeout)
         if not rtde.parse_flag(reply):
             raise error("PROTOCOL_VIOLATION", f"{self.host} refuses to start the RTDE stream")
 
-    async def request(self, data: bytes, kind: Kind, timeout: float) -> Package:
+    async def request(self, data: bytes, kind: PackageType, timeout: float) -> Package:
         """Send a request and return the reply of the same type; texts in between are kept aside."""
         if self._failure is not None:
             raise self._failure
@@ -133,10 +135,10 @@ class RtdeLink:
 
     def _take(self, data: bytes, arrival: float) -> None:
         for package in self._splitter.feed(data):
-            if package.kind is Kind.DATA:
+            if package.kind is PackageType.DATA:
                 if self._on_data is not None:
                     self._on_data(package.payload, arrival)
-            elif package.kind is Kind.MESSAGE:
+            elif package.kind is PackageType.MESSAGE:
                 self.messages += 1
                 self.last_message = rtde.parse_message(package.payload)
             elif package.kind is self._reply_kind and self._reply is not None:

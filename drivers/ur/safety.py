@@ -27,14 +27,14 @@ _ROBOT_MODES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class SafetyFinding:
     """An error by its catalogue name, with what was seen."""
 
     name: str
     detail: str
 
 
-def safety_finding(robot_mode: int, safety_mode: int, bits: int) -> Finding | None:
+def safety_finding(robot_mode: int, safety_mode: int, bits: int) -> SafetyFinding | None:
     """The worst thing that one package shows, or None when the arm may move.
 
     ``bits`` are RTDE's safety_status_bits. The modes are looked at as well, because the two do not
@@ -43,17 +43,17 @@ def safety_finding(robot_mode: int, safety_mode: int, bits: int) -> Finding | No
     seen = f"safety mode {safety_mode}, bits {bits:#05x}, robot mode {robot_mode}"
     emergency = (SafetyMode.SYSTEM_EMERGENCY_STOP, SafetyMode.ROBOT_EMERGENCY_STOP)
     if bits & EMERGENCY or safety_mode in emergency:
-        return Finding("ARM_EMERGENCY_STOP", seen)
+        return SafetyFinding("ARM_EMERGENCY_STOP", seen)
     if bits & (VIOLATION | FAULT) or safety_mode in (SafetyMode.VIOLATION, SafetyMode.FAULT):
-        return Finding("ARM_PROTECTIVE_STOP", f"safety violation or fault, {seen}")
+        return SafetyFinding("ARM_PROTECTIVE_STOP", f"safety violation or fault, {seen}")
     if bits & PROTECTIVE or safety_mode == SafetyMode.PROTECTIVE_STOP:
-        return Finding("ARM_PROTECTIVE_STOP", seen)
+        return SafetyFinding("ARM_PROTECTIVE_STOP", seen)
     if bits & SAFEGUARD or safety_mode == SafetyMode.SAFEGUARD_STOP:
-        return Finding("ARM_SAFEGUARD_STOP", seen)
+        return SafetyFinding("ARM_SAFEGUARD_STOP", seen)
     if robot_mode != ROBOT_RUNNING:
-        return Finding(
+        return SafetyFinding(
             "ARM_NOT_READY", f"the arm is in mode {_ROBOT_MODES.get(robot_mode, robot_mode)}, {seen}"
         )
     if safety_mode != SafetyMode.NORMAL:
-        return Finding("ARM_NOT_READY", f"safety mode {safety_mode} is not normal, {seen}")
+        return SafetyFinding("ARM_NOT_READY", f"safety mode {safety_mode} is not normal, {seen}")
     return None

@@ -11,7 +11,7 @@ from cell.guard import GuardLimits, MotionGuard, Tool
 from cell.poses import Array, from_pose6
 from procedures.arm_setup import with_job_limits
 from procedures.belt.config import BeltTrackingConfig
-from procedures.belt.motion.cycle_estimate import SPEEDS_M_S, CycleEstimate, Expected, slides
+from procedures.belt.motion.cycle_estimate import SPEEDS_M_S, CycleEstimate, ExpectedCycle, slides
 from procedures.belt.motion.tool_joints import ToolJoints
 from procedures.belt.setup_checks import belt_setup
 from procedures.belt.tracking import CAMERA, UPRIGHT_RAD
@@ -82,7 +82,7 @@ def _slide_words(job: BeltTrackingConfig) -> str:
     return f"without follow an item slides in {dwell} by {rows}"
 
 
-def _words(expected: list[Expected]) -> str:
+def _words(expected: list[ExpectedCycle]) -> str:
     rows = []
     for row in expected:
         rate = "cannot be met"
@@ -96,7 +96,9 @@ def _words(expected: list[Expected]) -> str:
     )
 
 
-def _cautions(job: BeltTrackingConfig, expectation: CycleEstimate, expected: list[Expected]) -> Iterator[str]:
+def _cautions(
+    job: BeltTrackingConfig, expectation: CycleEstimate, expected: list[ExpectedCycle]
+) -> Iterator[str]:
     least = job.dwell_s + job.grip_timeout_s
     for row in expected:
         if row.cycle_s is None:

@@ -8,10 +8,10 @@ from typing import Any, Self
 import numpy as np
 
 from calibration.belt.estimator import BeltEstimator
-from calibration.belt.estimator import Encoder as Scale
+from calibration.belt.estimator import EncoderScale as Scale
 from calibration.belt.forecast import TravelForecast
-from calibration.belt.slip import Places, Slip, SlipWatch
-from calibration.belt.tracking import BeltTracker, Track
+from calibration.belt.slip import SightedPlaces, Slip, SlipWatch
+from calibration.belt.tracking import BeltTracker, ItemTrack
 from cell.devices import DepthCamera, Encoder, EncoderState, Frame
 from cell.errors import error
 from cell.poses import Array
@@ -48,7 +48,7 @@ class BeltWatch:
         self.tracker = BeltTracker(BeltEstimator(self._scale), self._direction)
         #: The belt's motion as it was last learnt: counts come all the time, and each changes it a little.
         self.forecast: TravelForecast | None = None
-        self._tracks: dict[int, Track | None] = {}  # as it predicts them
+        self._tracks: dict[int, ItemTrack | None] = {}  # as it predicts them
         self._epoch, self._since = encoder.counts.epoch, -np.inf
         self._unplaced: list[Item] = []  # by an encoder that began to count anew
         self._over: list[tuple[Item, Outcome]] = []  # more than the queue takes
@@ -98,7 +98,7 @@ class BeltWatch:
         forecast = self.forecast
         return np.inf if forecast is None else forecast.sigma(forecast.now, forecast.now + ahead_s)
 
-    def track(self, item: Item) -> Track | None:
+    def track(self, item: Item) -> ItemTrack | None:
         """``item`` as it is predicted now, until :meth:`learn` knows more."""
         if item.number not in self._tracks:
             self._tracks[item.number] = self.tracker.track(item.key, self.forecast)
@@ -203,7 +203,9 @@ class BeltWatch:
         travel = forecast.travel(frame.t_exposure)
         sigma = max((view.sigma_m for view in frame.items or ()), default=0.0)
         along = travel * self._flat_length
-        trust = self._slip_watch.look(Places(frame.t_exposure, along, self._places(look, travel), sigma))
+        trust = self._slip_watch.look(
+            SightedPlaces(frame.t_exposure, along, self._places(look, travel), sigma)
+        )
         self._doubted.append(look)
         if trust is None:
             if (astray := self._slip_watch.astray_s) is not None:

@@ -157,12 +157,6 @@ def read_rows(path: Path, kind: np.dtype[Any]) -> NDArray[Any]:
     return np.frombuffer(b"".join(frames), dtype=kind)
 
 
-def read_sightings(path: Path) -> list[dict[str, Any]]:
-    """What the camera saw by frame: ``t``, ``recv``, ``seq``, ``items`` as [number, x, y, z, yaw]."""
-    frames, _ = read_framed(path)
-    return [json.loads(frame) for frame in frames]
-
-
 def header_of(
     config: BeltTrackingConfig, belt: Mapping[str, Any], encoder: Encoder, wait: State
 ) -> dict[str, Any]:

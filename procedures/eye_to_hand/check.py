@@ -24,7 +24,7 @@ from procedures.eye_to_hand.plan import VolumeRequest, plan_volume
 from procedures.eye_to_hand.result import AxbcAnswer, AxbcResult
 from procedures.eye_to_hand.solve.data import FILE_NAME
 from procedures.eye_to_hand.solve.solver import solve_axbc
-from procedures.hand_eye.capturing import Capture
+from procedures.hand_eye.capturing import CaptureRun
 from procedures.hand_eye.judging import BoardSeen
 from procedures.hand_eye.plan import PlacementPlan
 from procedures.hand_eye.states import TRANSITIONS, S, State
@@ -86,7 +86,7 @@ class EyeToHandCheck(Procedure):
         return solve_axbc(path, calls=1)
 
 
-class CheckCapture(Capture):
+class CheckCapture(CaptureRun):
     """A capture of one placement whose poses lie over the camera's volume."""
 
     def __init__(self, config: EyeToHandCheckConfig, run: Run) -> None:

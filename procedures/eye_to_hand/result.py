@@ -50,7 +50,7 @@ class Positioning(Part):
     r_rms: Radians = Field(description="RMS of the rotation.")
 
 
-class Place(Part):
+class MappedPose(Part):
     """One pose of the map of the workspace."""
 
     index: int = Field(description="Its number in the data set.")
@@ -100,7 +100,7 @@ class AxbcAnswer(Part):
     )
     suspicion: Suspicion = Field(description="What that rests on.")
     positioning: Positioning = Field(description="Positioning accuracy through the given hand-eye.")
-    places: list[Place] = Field(description="The same pose by pose.")
+    places: list[MappedPose] = Field(description="The same pose by pose.")
     correction: TargetCorrection = Field(description="Correction of targets.")
     robot: dict[str, Any] | None = Field(
         default=None, description="ROBOT of the arm with its errors, when the data have joints and a robot."

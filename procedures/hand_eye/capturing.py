@@ -18,7 +18,7 @@ from cell.standstill import measured_standstill
 from procedures.arm_setup import arm_robot
 from procedures.hand_eye.config import ConeCaptureConfig
 from procedures.hand_eye.judging import BoardSeen, fault_of, moved_since, repeats, shows_board
-from procedures.hand_eye.placing import Place, likeness, placement_text
+from procedures.hand_eye.placing import Placement, likeness, placement_text
 from procedures.hand_eye.plan import (
     BoardObservation,
     PlacementPlan,
@@ -58,7 +58,7 @@ class _Found:
     seen: BoardSeen
 
 
-class Capture:
+class CaptureRun:
     """The data and the devices of one run, and the steps that work on them."""
 
     def __init__(self, config: ConeCaptureConfig, run: Run, camera: DepthCamera) -> None:
@@ -83,7 +83,7 @@ class Capture:
         self._show_progress()
         adopted, problem = self.record.unfinished_placement(), ""
         while (number := self._placements_done() + self._skipped) < config.placements:
-            place = Place.of(config, number)
+            place = Placement.of(config, number)
             await run.enter(S.PLACE, problem or f"placement {number + 1} of {config.placements}")
             if adopted is None:
                 text = placement_text(config, place, problem, self._known)
@@ -105,7 +105,7 @@ class Capture:
         config = self.config
         self.run.progress(len(self.record.observations), config.placements * config.poses_per_placement)
 
-    async def _take_placement(self, place: Place, adopted: int | None) -> str:
+    async def _take_placement(self, place: Placement, adopted: int | None) -> str:
         """Take the poses of one placement, where ``adopted`` those that an interrupted one lacks.
 
         Empty when all is well; else in words what kept poses from being taken, and what to do about it.
@@ -146,7 +146,9 @@ class Capture:
         await self._look_at_what_is_known()
         return ""
 
-    async def _find(self, lease: MotionLease, place: Place, start_q: Array, adopted: bool) -> "_Found | str":
+    async def _find(
+        self, lease: MotionLease, place: Placement, start_q: Array, adopted: bool
+    ) -> "_Found | str":
         """The board, and the group that its poses belong to; or why it is to be placed anew."""
         run, record = self.run, self.record
         await run.enter(S.SEEK, f"looking for board '{self.config.target}'")

@@ -13,7 +13,7 @@ from cell.errors import error
 from cell.formats.result import Envelope
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
 from cell.run_values import RunValues
-from procedures.hand_eye.capturing import Capture
+from procedures.hand_eye.capturing import CaptureRun
 from procedures.hand_eye.config import Acceptance, ConeCaptureConfig
 from procedures.hand_eye.health import keep_health
 from procedures.hand_eye.result import HandEyeResult
@@ -57,7 +57,7 @@ class ConeCapture(Procedure):
         return "flange_camera" if self.config.setup == "eye-in-hand" else "fixed_camera"
 
     async def run(self, run: Run) -> None:
-        capture = Capture(self.config, run, run.camera(self._camera_role))
+        capture = CaptureRun(self.config, run, run.camera(self._camera_role))
         with suppress(FinishRequested):
             await capture.take_all()
         await capture.solve()
@@ -65,7 +65,7 @@ class ConeCapture(Procedure):
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """The plan from the board as it is seen now, with every check; nothing moves."""
-        capture = Capture(self.config, run, run.camera(self._camera_role))
+        capture = CaptureRun(self.config, run, run.camera(self._camera_role))
         await capture.camera.set_target(capture.target)
         seen = await capture.seek()
         if capture.calibration is None:

@@ -16,7 +16,7 @@ from procedures.words import deg, mm
 
 
 @dataclass(frozen=True)
-class Place:
+class Placement:
     """Placement ``number`` (from 0) of a capture; ``base`` and ``tilt`` (from 0) where it has bases."""
 
     number: int
@@ -24,13 +24,13 @@ class Place:
     tilt: int = 0
 
     @classmethod
-    def of(cls, config: ConeCaptureConfig, number: int) -> "Place":
+    def of(cls, config: ConeCaptureConfig, number: int) -> "Placement":
         if config.bases is None:
             return cls(number)
         return cls(number, *divmod(number, config.tilts))
 
 
-def placement_text(config: ConeCaptureConfig, place: Place, problem: str, known: str) -> str:
+def placement_text(config: ConeCaptureConfig, place: Placement, problem: str, known: str) -> str:
     """What the operator is asked for: the next placement, or what to do about the ``problem`` of this one.
 
     ``known``: how well the answer is known so far, in words.
@@ -44,7 +44,7 @@ def placement_text(config: ConeCaptureConfig, place: Place, problem: str, known:
     return f"{text} ({known[0].upper()}{known[1:]}.)" if known else text
 
 
-def _wanted(config: ConeCaptureConfig, place: Place) -> str:
+def _wanted(config: ConeCaptureConfig, place: Placement) -> str:
     in_hand = config.setup == "eye-in-hand"
     if place.number == 0:
         return "put the board on its stand" if in_hand else "mount the board on the flange"

@@ -28,7 +28,7 @@ from cell.poses import Array, from_pose6, to_pose6
 from cell.run_values import RunValues
 from procedures.arm_setup import lease_settings
 from procedures.hand_eye.advice import lost_text, where_to_move
-from procedures.hand_eye.prediction import Prediction
+from procedures.hand_eye.prediction import CapturePrediction
 
 MIN_VIEWS = 4
 MOST_LOST = 0.5  # of the poses of a placement; a board that loses more is badly placed
@@ -135,7 +135,7 @@ def plan_placement(request: PlanRequest) -> PlacementPlan:
         q_start=np.array(view.q),
         skip=frozenset(request.finished),
     )
-    prediction = Prediction.of(
+    prediction = CapturePrediction.of(
         request.setup,
         mounting,
         view.intrinsics(),

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from calibration.adjustment.arm_accuracy import position_metric
-from calibration.adjustment.prediction import Expected, PlannedViews, expected
+from calibration.adjustment.prediction import ExpectedCovariance, PlannedViews, expected
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye.problem import Setup
 from calibration.kinematics.families import arm_spec
@@ -27,7 +27,7 @@ _JOINTS = 6
 
 
 @dataclass(frozen=True)
-class Prediction:
+class CapturePrediction:
     """The adjustment of a run as it is known before it: what is seen, by what, and how well that is known."""
 
     setup: Setup
@@ -49,7 +49,7 @@ class Prediction:
         target: dict[str, Any],
         camera_sigma: dict[str, float] | None,
         placements: int,
-    ) -> "Prediction":
+    ) -> "CapturePrediction":
         """``target`` and ``camera_sigma`` as in the data set that the run will write."""
         robot = parse_robot(arm_robot(values), "robot")
         adjustable = robot if arm_spec(robot, "robot").arm.joints == _JOINTS else None
@@ -89,7 +89,7 @@ class Prediction:
             "priors": dict(self.known.sources),
         }
 
-    def _parts(self, found: Expected) -> dict[str, float]:
+    def _parts(self, found: ExpectedCovariance) -> dict[str, float]:
         """Standard uncertainties: lens and print as shares, px and m; the arm's places over its joints, m."""
         sigma = found.sigma
         parts = {
@@ -101,7 +101,7 @@ class Prediction:
         left = self._arm_left(found)
         return parts if left is None else parts | {"arm_m": left}
 
-    def _arm_left(self, found: Expected) -> float | None:
+    def _arm_left(self, found: ExpectedCovariance) -> float | None:
         """RMS position error (m) of the corrected arm over its joints; None where it is taken as exact."""
         if self._metric is None:
             return None
@@ -119,7 +119,7 @@ class Prediction:
         spec = arm_spec(parse_robot(arm_robot(self.values), "robot"), "robot")
         return ArmKnown(spec.arm, Q, np.tile([-np.pi, np.pi], (_JOINTS, 1)), self.known.arm, scale_free=False)
 
-    def _expected(self, plan: ConePlan, placements: int) -> Expected:
+    def _expected(self, plan: ConePlan, placements: int) -> ExpectedCovariance:
         F = np.stack([p.T_base_flange.as_matrix() for p in plan.poses])
         C = np.stack([p.T_camera_target.as_matrix() for p in plan.poses])
         views = PlannedViews(F, C, self.mounting.X.as_matrix(), self.points)

@@ -13,7 +13,7 @@ from cell.to_its_end import run_to_its_end
 from procedures.iso9283.config import Iso9283Config
 from procedures.iso9283.judging import solve_iso9283
 from procedures.iso9283.plan import kinematics_of, point_of
-from procedures.iso9283.session import Session
+from procedures.iso9283.session import IsoRun
 from procedures.iso9283.states import CHECKPOINTS, TRANSITIONS, State
 from procedures.trends import keep_trends
 
@@ -46,7 +46,7 @@ class Iso9283Test(Procedure):
         point_of(values, self.config)
 
     async def run(self, run: Run) -> None:
-        session = Session(self.config, run)
+        session = IsoRun(self.config, run)
         try:
             await session.take_all()
         except (Exception, asyncio.CancelledError):  # whatever it was, the arrivals are no less good
@@ -63,7 +63,7 @@ class Iso9283Test(Procedure):
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """Every pose with the guard's findings and the order of visits; nothing moves."""
-        return (await Session(self.config, run).plan()).listing
+        return (await IsoRun(self.config, run).plan()).listing
 
     @classmethod
     def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:
@@ -71,7 +71,7 @@ class Iso9283Test(Procedure):
         return solve_iso9283(path, limits)
 
 
-async def _keep_what_is_left(run: Run, session: Session) -> None:
+async def _keep_what_is_left(run: Run, session: IsoRun) -> None:
     """Write the data set of what was measured, if anything was."""
     if not session.record.samples:
         return

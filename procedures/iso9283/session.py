@@ -39,7 +39,7 @@ STANDSTILL_TIMEOUT_S = 5.0
 _FLAT_M = 0.02
 
 
-class Session:
+class IsoRun:
     """The data and the devices of one run, and the steps that work on them."""
 
     def __init__(self, config: Iso9283Config, run: Run) -> None:

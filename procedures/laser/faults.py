@@ -10,7 +10,7 @@ from procedures.laser.sweep import BeamPass
 
 
 @dataclass(frozen=True)
-class Fault:
+class PassFault:
     """``name`` is that of the catalogue."""
 
     name: str
@@ -20,7 +20,7 @@ class Fault:
         return error(self.name, f"{self.text}, in {attempts} attempts")
 
 
-def gap_of(ways: tuple[BeamPass, ...], search: SearchSection) -> Fault | None:
+def gap_of(ways: tuple[BeamPass, ...], search: SearchSection) -> PassFault | None:
     """Why the ways may have missed an edge, or None."""
     for way in ways:
         limit, text = search.max_poll_gap_s, ""
@@ -33,42 +33,44 @@ def gap_of(ways: tuple[BeamPass, ...], search: SearchSection) -> Fault | None:
         elif way.state_gap_s > limit:
             text = f"no state of the arm for {1e3 * way.state_gap_s:.0f} ms"
         if text:
-            return Fault("LASER_POLL_GAP", f"beam {way.beam.name}: {text}")
+            return PassFault("LASER_POLL_GAP", f"beam {way.beam.name}: {text}")
     return None
 
 
-def stuck_dark(out: BeamPass, back: BeamPass) -> Fault | None:
+def stuck_dark(out: BeamPass, back: BeamPass) -> PassFault | None:
     """A beam that is broken where the tool is clear of it, or None."""
     if out.begins_dark or back.ends_dark:
         when = "before" if out.begins_dark else "after"
-        return Fault(
+        return PassFault(
             "LASER_BEAM_DARK", f"beam {out.beam.name} is broken {when} the sweep, with the tool beside it"
         )
     return None
 
 
-def one_sided(out: BeamPass, back: BeamPass) -> Fault | None:
+def one_sided(out: BeamPass, back: BeamPass) -> PassFault | None:
     """A beam that showed the tool on one way only, or None."""
     if out.triggered == back.triggered:
         return None
     seen, missed = ("out", "back") if out.triggered else ("back", "out")
-    return Fault(
+    return PassFault(
         "LASER_RETURN_LOST", f"beam {out.beam.name} switched on the way {seen} and not on the way {missed}"
     )
 
 
-def crossing_fault(out: BeamPass, back: BeamPass, search: SearchSection) -> Fault | None:
+def crossing_fault(out: BeamPass, back: BeamPass, search: SearchSection) -> PassFault | None:
     """Why a pair does not show the tool crossing, or None; gaps come first, as they explain the rest."""
     fault = gap_of((out, back), search) or stuck_dark(out, back) or one_sided(out, back)
     if fault is not None:
         return fault
     for way in (out, back):
         if (found := len(way.edges())) != search.edges:
-            return Fault("LASER_EDGES", f"beam {way.beam.name} switched {found} times, not {search.edges}")
+            return PassFault(
+                "LASER_EDGES", f"beam {way.beam.name} switched {found} times, not {search.edges}"
+            )
     return None
 
 
-def fault_of(out: BeamPass, back: BeamPass, search: SearchSection) -> Fault | None:
+def fault_of(out: BeamPass, back: BeamPass, search: SearchSection) -> PassFault | None:
     """Why a pair cannot be measured with, or None."""
     if (fault := crossing_fault(out, back, search)) is not None:
         return fault
@@ -76,9 +78,9 @@ def fault_of(out: BeamPass, back: BeamPass, search: SearchSection) -> Fault | No
     for way in (out, back):
         if (deviation := way.speed_deviation()) > limit:
             text = f"the speed at the edges of beam {way.beam.name} differs by {100 * deviation:.1f} %"
-            return Fault("LASER_SPEED", f"{text}, the limit is {100 * limit:g} %")
+            return PassFault("LASER_SPEED", f"{text}, the limit is {100 * limit:g} %")
     apart = float(np.mean(out.edge_positions()) - np.mean(back.edge_positions()))
     if abs(apart) > search.max_out_back_m:
         text = f"beam {out.beam.name}: out and back disagree by {1e3 * apart:.3f} mm"
-        return Fault("LASER_OUT_BACK", f"{text}, the limit is {1e3 * search.max_out_back_m:g} mm")
+        return PassFault("LASER_OUT_BACK", f"{text}, the limit is {1e3 * search.max_out_back_m:g} mm")
     return None

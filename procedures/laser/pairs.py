@@ -9,7 +9,7 @@ from scipy.spatial.transform import RigidTransform
 from cell.devices import Speed
 from cell.procedure import Run
 from procedures.laser.config import Search
-from procedures.laser.faults import Fault, one_sided
+from procedures.laser.faults import PassFault, one_sided
 from procedures.laser.path import BeamStation
 from procedures.laser.record import PassRecord
 from procedures.laser.states import ScanState as S
@@ -17,7 +17,7 @@ from procedures.laser.sweep import Beam, BeamPass, Sweeper
 
 Pair = tuple[BeamPass, BeamPass]
 BackAt = Callable[[BeamPass], Awaitable[float]]
-Judge = Callable[[BeamPass, BeamPass], Fault | None]
+Judge = Callable[[BeamPass, BeamPass], PassFault | None]
 LOCATE = "locate"
 HEIGHT = "bisect"
 

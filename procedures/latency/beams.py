@@ -24,7 +24,7 @@ from procedures.latency.config import LatencyCalibrationConfig
 from procedures.latency.solver import BEAM_EDGES
 
 
-class Beams:
+class DelayedBeams:
     """One beam, crossed by the tool where it is as thick as it gets: a :class:`.DelayedDevice`."""
 
     role: ClassVar[str] = "beams"

@@ -20,7 +20,7 @@ from cell.run_values import RunValues
 from cell.store.files import to_json, write_atomic
 from procedures.laser.plan import note_plan
 from procedures.laser.reference import LaserReference
-from procedures.latency.beams import Beams
+from procedures.latency.beams import DelayedBeams
 from procedures.latency.config import Acceptance, LatencyCalibrationConfig
 from procedures.latency.delayed_device import DelayedDevice
 from procedures.latency.result import LatencyResult
@@ -61,7 +61,7 @@ class LatencyCalibration(Procedure):
         S.SOLVE: frozenset(),
     }
     CHECKPOINTS: ClassVar[frozenset[Any]] = frozenset({S.APPROACH, S.SWEEP})
-    SOURCES: ClassVar[dict[str, type[DelayedDevice]]] = {Beams.role: Beams}
+    SOURCES: ClassVar[dict[str, type[DelayedDevice]]] = {DelayedBeams.role: DelayedBeams}
 
     config: LatencyCalibrationConfig
 

@@ -51,7 +51,7 @@ class SampledArm(Protocol):
         ...
 
 
-class MovedArm:
+class LeasedArm:
     """``[robot] arm``: moved under the motion lease."""
 
     travel = State.MOVE

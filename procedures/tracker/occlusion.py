@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.kinematics import UR_MODELS, UrArm
+from calibration.kinematics import UR_MODELS, UrArmModel
 from calibration.kinematics.families import ArmSpec
 from calibration.kinematics.serial import SerialChain
 from cell.formats.robot import NamedRobot
@@ -33,7 +33,7 @@ def shape_of(spec: ArmSpec, guard: MotionGuard | None, radius_m: float | None) -
     if guard is not None:
         return Shape(guard.radii, guard.capsule_ends)
     if isinstance(spec.robot, NamedRobot) and spec.robot.model in UR_MODELS:
-        arm = UrArm(spec.robot.model)
+        arm = UrArmModel(spec.robot.model)
         return Shape(np.array([link.radius_m for link in arm.links]), arm.link_ends)
     if radius_m is None:
         return None

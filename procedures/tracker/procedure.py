@@ -16,7 +16,7 @@ from procedures.tracker.feasible_poses import payload_of, robot_of
 from procedures.tracker.health import keep_health
 from procedures.tracker.judging import proposal_value, solve_within_limits
 from procedures.tracker.result import KincalResult
-from procedures.tracker.sampling import Sampling
+from procedures.tracker.sampling import SamplingRun
 from procedures.tracker.states import CHECKPOINTS, TRANSITIONS, State
 
 MIN_SAMPLES = 3
@@ -54,7 +54,7 @@ class TrackerSampling(Procedure):
         return Proposal(kinematics(device), value, self.config.accept.auto)
 
     async def run(self, run: Run) -> None:
-        sampling = Sampling(self.config, run)
+        sampling = SamplingRun(self.config, run)
         try:
             await sampling.take_all()
         except CellError as failure:
@@ -72,7 +72,7 @@ class TrackerSampling(Procedure):
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """Every pose with the guard's findings and what the plan promises; nothing moves."""
-        sampling = Sampling(self.config, run)
+        sampling = SamplingRun(self.config, run)
         plan = await sampling.plan()
         if self.config.T_base_tracker_nominal is None:
             note = "without T_base_tracker_nominal the job finds the tracker first, then plans in its view"
@@ -85,7 +85,7 @@ class TrackerSampling(Procedure):
         return solve_within_limits(path, info["job_config"]["accept"]["max_error_m"], method)
 
 
-async def _with_what_is_left(run: Run, sampling: Sampling, failure: CellError) -> CellError:
+async def _with_what_is_left(run: Run, sampling: SamplingRun, failure: CellError) -> CellError:
     """``failure`` with what can be done with the poses that were measured; their data sets are written."""
     count = len(sampling.record.samples)
     if not count or failure.name == "TRACKER_MOVED":
@@ -95,7 +95,7 @@ async def _with_what_is_left(run: Run, sampling: Sampling, failure: CellError) -
     return error(failure.name, text)
 
 
-async def _keep_what_is_left(run: Run, sampling: Sampling) -> None:
+async def _keep_what_is_left(run: Run, sampling: SamplingRun) -> None:
     """Write the data sets of what was measured, if anything was."""
     if not sampling.record.samples:
         return

@@ -15,7 +15,7 @@ from cell.poses import Array
 from cell.procedure import FinishRequested, Run
 from procedures.laser_tracker.aiming import Eye
 from procedures.laser_tracker.locating import locate, pose6_of
-from procedures.tracker.arms import MovedArm, SampledArm, WatchedArm
+from procedures.tracker.arms import LeasedArm, SampledArm, WatchedArm
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.feasible_poses import payload_of, robot_of
 from procedures.tracker.monuments import first_seen
@@ -33,12 +33,12 @@ LEAST_POINTS = 3  # for the tracker's place
 PLACE_TRUST_M = 0.4  # of a reflector seen from where T_base_tracker_nominal has the tracker
 
 
-class Sampling:
+class SamplingRun:
     """The data and the devices of one run, and the steps that work on them."""
 
     def __init__(self, config: TrackerSamplingConfig, run: Run) -> None:
         self.config, self.run = config, run
-        self.arm: SampledArm = MovedArm(run) if config.arm == "arm" else WatchedArm(run, config)
+        self.arm: SampledArm = LeasedArm(run) if config.arm == "arm" else WatchedArm(run, config)
         self.eye = Eye(run, config)
         self.record = SampleRecord(run.folder)
         self.watch = MonumentWatch(run, config, self.eye, self.record)

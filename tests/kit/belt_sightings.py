@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.belt.scale import BeltScale, fit_scale
-from procedures.belt.calibrating.rows import Rows
+from procedures.belt.calibrating.rows import SightingRows
 from procedures.belt.calibrating.spread import spread
 
 SCALE, WAY = 1.013e-4, np.array([0.9998, -0.02, 0.0]) / np.hypot(0.9998, 0.02)
@@ -53,7 +53,9 @@ def of_the_picture(
     return np.asarray(a * np.sqrt(3.0) * u + b * np.cos(np.pi * u) + c * np.cos(3 * u) + d * np.sin(5 * u))
 
 
-def seen(rng: np.random.Generator, error: Error = nothing, feed: Feed = USUAL, along: float = NOISE) -> Rows:
+def seen(
+    rng: np.random.Generator, error: Error = nothing, feed: Feed = USUAL, along: float = NOISE
+) -> SightingRows:
     """Items pass a picture; ``error`` (m) is along the belt, as is the noise ``along``."""
     frame, item = np.divmod(np.arange(feed.frames * feed.items), feed.items)
     x = feed.step * frame - feed.spacing * item + min(0.8, feed.spacing * (feed.items - 1))
@@ -62,7 +64,7 @@ def seen(rng: np.random.Generator, error: Error = nothing, feed: Feed = USUAL, a
     points = (x + error(rng, frame, item, x) + rng.normal(0.0, along, len(x)))[:, None] * WAY
     others = rng.normal(0.0, NOISE, (len(x), 2))
     points += others[:, :1] * BESIDE + others[:, 1:] * np.cross(WAY, BESIDE)
-    return Rows(0.1 * frame, points, feed.step * frame / SCALE, item)
+    return SightingRows(0.1 * frame, points, feed.step * frame / SCALE, item)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from calibration.hand_eye.solution import Measurements
 from calibration.hand_eye.views import CornerSet
 from calibration.kinematics.families import arm_spec
 from calibration.kinematics.serial import SerialChain
-from calibration.kinematics.ur import UrArm
+from calibration.kinematics.ur import UrArmModel
 from cell.devices import Intrinsics
 from cell.formats.robot import parse_robot
 from cell.poses import Array
@@ -27,7 +27,7 @@ from cell.poses import Array
 CAMERA = Intrinsics(2560, 1600, (1800.0, 1800.0, 1280.0, 800.0), (0.0, 0.0, 0.0, 0.0, 0.0))
 POINTS = np.array([[0.025 * x, 0.025 * y, 0.0] for y in range(1, 7) for x in range(1, 10)])
 X_NOMINAL = RigidTransform.from_components([0.02, -0.08, 0.05], Rotation.from_rotvec([0.1, -0.2, 0.3]))
-ARM = UrArm("ur10e")
+ARM = UrArmModel("ur10e")
 MODEL = arm_spec(parse_robot({"model": "ur10e"}, "robot"), "robot").arm
 PX, FLANGE_T, FLANGE_R = 0.2, 3e-5, 5e-5
 PLANS = {

@@ -27,7 +27,7 @@ _MISSED_FRAMES = 3  # an item unseen for longer is a new one
 
 
 @dataclass(frozen=True)
-class Rows:
+class SightingRows:
     """``points`` (k, 3) m in the base at the unwrapped ``counts`` (k,), of ``items`` (k,), seen at ``t``.
 
     ``rounding`` (k, waves), complex: what of the counts' rounding is left in each (:class:`Counted`).
@@ -135,9 +135,9 @@ class ItemFollower:
         """How far the belt has moved between the first sighting and the last, as the items show it."""
         return float(np.linalg.norm(self._usual)) * self._counted()
 
-    def rows(self) -> Rows:
+    def rows(self) -> SightingRows:
         """Every sighting with its item."""
-        return Rows(
+        return SightingRows(
             np.array([row[0] for row in self._found]),
             np.array([row[1] for row in self._found]).reshape(-1, 3),
             np.array([row[2] for row in self._found]),
@@ -145,14 +145,14 @@ class ItemFollower:
         )
 
 
-def rows_of(data: Mapping[str, Any], step_counts: float = STEP_COUNTS) -> Rows:
+def rows_of(data: Mapping[str, Any], step_counts: float = STEP_COUNTS) -> SightingRows:
     """The sightings of a data set, or its touches, which are all of one mark."""
     if data["source"] == "touch":
         touches = data["touches"]
         points = np.array([touch["point"] for touch in touches]).reshape(-1, 3)
         counts = np.array([touch["count"] for touch in touches], dtype=float)
         t = np.array([touch["t"] for touch in touches], dtype=float)
-        return Rows(t, points, counts, np.zeros(len(t), dtype=np.int64))
+        return SightingRows(t, points, counts, np.zeros(len(t), dtype=np.int64))
     T = from_pose6(data["T_base_camera"])
     encoder = np.array(data["encoder"], dtype=float).reshape(-1, 2)
     follower = ItemFollower(motion_of(data.get("configured")), step_counts)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.belt.scale import BeltScale, Refusal, fit_scale
-from procedures.belt.calibrating.rows import Rows
+from procedures.belt.calibrating.rows import SightingRows
 from procedures.belt.calibrating.spread import FEWEST_OF_PATTERN, indicators, waves
 
 _SIGMAS = 4.5  # the largest of as many steps as there are frames
@@ -31,12 +31,12 @@ class Parted:
     the clearest slip that is ``left``, where parting the items once more would leave no answer."""
 
     answer: BeltScale
-    rows: Rows
+    rows: SightingRows
     slips: list[WheelSlip]
     left: WheelSlip | None
 
 
-def part_at_slips(answer: BeltScale, rows: Rows) -> Parted:
+def part_at_slips(answer: BeltScale, rows: SightingRows) -> Parted:
     """Find slips, the clearest first, and part the items there."""
     slips: list[WheelSlip] = []
     while (slip := find_slip(answer, rows)) is not None:
@@ -50,7 +50,7 @@ def part_at_slips(answer: BeltScale, rows: Rows) -> Parted:
     return Parted(answer, rows, slips, slip)
 
 
-def find_slip(answer: BeltScale, rows: Rows) -> WheelSlip | None:
+def find_slip(answer: BeltScale, rows: SightingRows) -> WheelSlip | None:
     """The clearest step that all items make from one frame to the next; None where there is none."""
     used = answer.used
     along, travel = rows.points[used] @ answer.direction, rows.counts[used] * answer.m_per_count

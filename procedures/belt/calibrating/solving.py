@@ -12,7 +12,7 @@ from calibration.belt.scale import BeltScale, Refusal, fit_scale, two_points
 from cell.formats.result import Result, Verdict, Warning_
 from cell.poses import Array
 from procedures.belt.calibrating.record import read_data_set
-from procedures.belt.calibrating.rows import Rows, parts_of, rows_of
+from procedures.belt.calibrating.rows import SightingRows, parts_of, rows_of
 from procedures.belt.calibrating.slip import Parted, WheelSlip, part_at_slips
 from procedures.belt.calibrating.spread import spread, with_camera
 from procedures.belt.encoder_alarms import emergency_warnings
@@ -98,7 +98,7 @@ def solve_within_limits(path: Path, config: Mapping[str, Any]) -> BeltCalibratio
     )
 
 
-def _answer(data: Mapping[str, Any], rows: Rows, touch_sigma_m: float) -> BeltScale | Refusal:
+def _answer(data: Mapping[str, Any], rows: SightingRows, touch_sigma_m: float) -> BeltScale | Refusal:
     if data["source"] == "touch":
         return by_touch(rows, touch_sigma_m)
     encoder = np.array(data["encoder"], dtype=float).reshape(-1, 2)
@@ -112,7 +112,7 @@ def _answer(data: Mapping[str, Any], rows: Rows, touch_sigma_m: float) -> BeltSc
     return fit_scale(rows.points, rows.counts, rows.items)
 
 
-def _camera(data: Mapping[str, Any], rows: Rows, config: Mapping[str, Any]) -> tuple[float, float]:
+def _camera(data: Mapping[str, Any], rows: SightingRows, config: Mapping[str, Any]) -> tuple[float, float]:
     """What the camera's pose may be wrong by (95 %): its turn, rad, and its distance as a share of itself.
 
     Runs from before these were asked for have neither.
@@ -122,7 +122,7 @@ def _camera(data: Mapping[str, Any], rows: Rows, config: Mapping[str, Any]) -> t
     return float(config.get("camera_turn_95_rad", 0.0)), share
 
 
-def by_touch(rows: Rows, sigma_m: float) -> BeltScale | Refusal:
+def by_touch(rows: SightingRows, sigma_m: float) -> BeltScale | Refusal:
     """From touches of one mark, each met within ``sigma_m`` (m, per axis); more than two show that."""
     if len(rows.t) < 2:
         return Refusal("too-few-touches", f"{len(rows.t)} of the mark; two are needed")
@@ -154,13 +154,13 @@ def _with_rounding(answer: BeltScale, counts: Array) -> BeltScale:
     )
 
 
-def _moved(rows: Rows) -> float:
+def _moved(rows: SightingRows) -> float:
     """The longest way of one item, m."""
     ways = (np.ptp(rows.points[rows.items == i], axis=0) for i in np.unique(rows.items))
     return max((float(np.linalg.norm(way)) for way in ways), default=0.0)
 
 
-def _ways(rows: Rows) -> tuple[float, float]:
+def _ways(rows: SightingRows) -> tuple[float, float]:
     """How far the counter went up with the items, and how far down (counts, both positive).
 
     A counter that somebody sets while no item is followed across that moves nothing.
@@ -238,7 +238,7 @@ def _slip_words(slip: WheelSlip, sense: float) -> str:
     return f"the encoder's wheel slipped {1e3 * abs(slip.ahead_m):.1f} mm {where} the belt at {slip.t:.1f} s"
 
 
-def _residuals(answer: BeltScale, rows: Rows) -> BeltResiduals:
+def _residuals(answer: BeltScale, rows: SightingRows) -> BeltResiduals:
     """Each sighting beside the motion of its own item: along the belt, across it in the plane, and up (m)."""
     along = answer.direction
     up = np.array([0.0, 0.0, 1.0])

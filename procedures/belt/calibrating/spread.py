@@ -20,7 +20,7 @@ from scipy.special import stdtrit
 
 from calibration.belt.scale import BeltScale
 from cell.poses import Array
-from procedures.belt.calibrating.rows import Rows, rounding_variance
+from procedures.belt.calibrating.rows import SightingRows, rounding_variance
 
 _FEWEST = 4  # of what is to say how large an effect is
 _ORDERS = (2, 3, 4, 5)  # of the pattern over the picture, beside a line
@@ -44,7 +44,7 @@ class BeltUncertainty:
     by: str
 
 
-def spread(answer: BeltScale, rows: Rows) -> BeltUncertainty | None:
+def spread(answer: BeltScale, rows: SightingRows) -> BeltUncertainty | None:
     """From the residuals of the fit; None where the answer has no interval."""
     if answer.half_scale is None:
         return None
@@ -104,7 +104,7 @@ class _Effects:
     taken beside what the fit itself takes up, a place of each item and the common slope.
     """
 
-    def __init__(self, answer: BeltScale, rows: Rows, near: NDArray[np.bool_]) -> None:
+    def __init__(self, answer: BeltScale, rows: SightingRows, near: NDArray[np.bool_]) -> None:
         used = answer.used[near]
         travel, at = rows.counts[near] * answer.m_per_count, rows.points[near] @ answer.direction
         item, frame = indicators(rows.items[near]), indicators(rows.t[near])

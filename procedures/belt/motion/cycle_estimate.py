@@ -26,7 +26,7 @@ _STEP_M = 0.04  # between joints on a way
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedCycle:
     """At ``speed_m_s`` of the belt: time in the zone, slide within the dwell without following, and cycles.
 
     ``cycle_s`` are those with items met in the middle of the zone and at its end; None where the arm cannot
@@ -140,7 +140,7 @@ class CycleEstimate:
             fastest = max(fastest, float(np.max(np.abs(speeds))))
         return fastest if fastest > self._config.limits.joint_speed_rad_s else None
 
-    def at_speed(self, speed_m_s: float) -> Expected:
+    def at_speed(self, speed_m_s: float) -> ExpectedCycle:
         """What a belt of this speed leaves."""
         config, zone = self._config, self._config.zone
         window = (zone.max_m - zone.min_m) / speed_m_s
@@ -151,7 +151,7 @@ class CycleEstimate:
             cycle = self._cycle(speed_m_s, middle), self._cycle(speed_m_s, max(last, middle))
         except CellError as exc:
             why = exc.detail or str(exc)
-        return Expected(speed_m_s, window, speed_m_s * config.dwell_s, cycle, why)
+        return ExpectedCycle(speed_m_s, window, speed_m_s * config.dwell_s, cycle, why)
 
     def _cycle(self, speed_m_s: float, along_m: float) -> float:
         """From leaving the place to leaving it again, s, with contact at ``along_m``."""

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from calibration.belt.pursuit import FixedPoint, Ride
-from calibration.belt.tracking import Track
+from calibration.belt.tracking import ItemTrack
 from cell.poses import Array
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.item_tracking import BeltWatch
@@ -18,7 +18,7 @@ EDGE_M = 0.002  # inside the zone's first edge, for a belt that slows down
 COMING_S = 30.0  # an item that comes later is not waited for above the zone's edge
 
 
-class Choice:
+class ItemSelection:
     """Among the items of ``watch``, for a tool that keeps ``yaw`` (rad) unless it is to turn to them."""
 
     def __init__(
@@ -58,16 +58,16 @@ class Choice:
             found.sort(key=lambda one: one[0])
         return [(item, ride) for _, item, ride in found[:CHOICES]]
 
-    def can_be_met(self, track: Track, arrival: float) -> bool:
+    def can_be_met(self, track: ItemTrack, arrival: float) -> bool:
         """Whether the item is still in the zone when a contact is over that follows an ``arrival`` above."""
         end = arrival + self._descent_s + self._config.dwell_s + self._config.grip_timeout_s / 3.0
         return _along(track, end) <= self._config.zone.max_m
 
-    def has_come_in(self, track: Track, contact: float) -> bool:
+    def has_come_in(self, track: ItemTrack, contact: float) -> bool:
         """Whether a ``contact`` is beyond the zone's first edge, also when the belt slows down before it."""
         return _along(track, contact) >= self._config.zone.min_m + EDGE_M
 
-    def inside(self, track: Track, begin: float, end: float) -> bool:
+    def inside(self, track: ItemTrack, begin: float, end: float) -> bool:
         """Whether the item is between the zone's edges from ``begin`` to ``end``."""
         zone, along = self._config.zone, track.along(np.array([begin, end]))
         return bool(zone.min_m <= along.min() and along.max() <= zone.max_m)
@@ -95,5 +95,5 @@ class Choice:
             yield item, FixedPoint(np.array([*here + left * track.direction, self.yaw(item)]))
 
 
-def _along(track: Track, t: float) -> float:
+def _along(track: ItemTrack, t: float) -> float:
     return float(track.along(np.array([t]))[0])

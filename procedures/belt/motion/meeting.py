@@ -8,7 +8,7 @@ import numpy as np
 from calibration.belt.arm_time import MotionLimits
 from calibration.belt.classic import ClassicTarget, ClassicTimes, classic_target, recomputed
 from calibration.belt.meeting import Zone
-from calibration.belt.tracking import RestingArm, Track
+from calibration.belt.tracking import ItemTrack, RestingArm
 from cell.poses import Array
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.item_tracking import BeltWatch
@@ -73,7 +73,7 @@ class Predicted:
         return _aim(track, at) if self._zone.holds(ends).all() else None
 
 
-def _aim(track: Track, contact: float) -> Aim:
+def _aim(track: ItemTrack, contact: float) -> Aim:
     at = np.array([contact])
     return Aim(contact, track.xy(at)[0], float(track.z(at)[0]))
 

@@ -23,7 +23,7 @@ from procedures.belt.items import CONTACT, Item, Outcome
 from procedures.belt.motion.arm_following import ArmFollowing
 from procedures.belt.motion.blend import blend_for
 from procedures.belt.motion.gripper_work import GripperWork
-from procedures.belt.motion.item_selection import Choice
+from procedures.belt.motion.item_selection import ItemSelection
 from procedures.belt.motion.meeting import Aim, strategy
 from procedures.belt.motion.tool_joints import ToolJoints, on_piece
 from procedures.belt.motion.tool_path import AHEAD_S, ToolPath, pursuit_limits
@@ -82,7 +82,7 @@ class Picker:
         self._t_contact, self._tries = 0.0, 0
         self._phase: Callable[[float], Coroutine[Any, Any, bool]] = self._ready
         self._path = ToolPath(tool, limits, guard, wait)
-        self._choice = Choice(config, watch, tool, float(wait.p[3]), self._descent_s)
+        self._choice = ItemSelection(config, watch, tool, float(wait.p[3]), self._descent_s)
         self._learnt = -np.inf
         self._standing_since: float | None = None
         self.standing = False

@@ -7,7 +7,7 @@ import numpy as np
 
 from calibration.belt.classic import T1_S, ClassicTarget, ClassicTimes, classic_target, recomputed
 from calibration.belt.estimator import BeltEstimator
-from calibration.belt.tracking import BeltTracker, Track
+from calibration.belt.tracking import BeltTracker, ItemTrack
 from calibration.belt.unwrap import Unwrapper, fastest_counts
 from cell.formats.intercept import Detection, Query
 from cell.poses import Array
@@ -32,7 +32,7 @@ class Answer:
     cov_pick: Array | None = None
     why: str = ""
     path: Callable[[Array], Array] | None = None
-    track: Track | None = None
+    track: ItemTrack | None = None
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.belt.arm_time import MotionLimits
-from calibration.belt.estimator import Encoder
+from calibration.belt.estimator import EncoderScale
 from calibration.belt.items import Sighting
 from calibration.belt.meeting import Zone
 from calibration.belt.tracking import RestingArm
@@ -34,7 +34,7 @@ class InterceptSet:
 
     path: Path
     data: Intercept
-    encoder: Encoder
+    encoder: EncoderScale
     direction: Array
     arm: RestingArm
     zone: Zone
@@ -67,7 +67,7 @@ def load_intercept(path: Path) -> InterceptSet:
     loaded = InterceptSet(
         path=file,
         data=data,
-        encoder=Encoder(belt.scale, belt.modulus, belt.period),
+        encoder=EncoderScale(belt.scale, belt.modulus, belt.period),
         direction=direction / np.linalg.norm(direction),
         arm=RestingArm(
             MotionLimits(limits.v, limits.a, limits.j),

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from calibration.belt.scale import BeltScale, fit_scale
-from calibration.belt.tracking import Track
+from calibration.belt.tracking import ItemTrack
 from cell.formats.intercept import Detection, Query
 from cell.formats.result import Result, Warning_
 from cell.poses import Array
@@ -30,7 +30,6 @@ KIND = "intercept"
 _SURE = 4.0  # standard deviations by which sightings contradict the belt's scale or direction
 _FEWEST = 8
 _LATENCY_OFF = 2e-3  # s
-_UNFORESEEN = 5e-3  # m at the longest horizon of the queries
 
 
 def refusal(loaded: InterceptSet, method: str) -> Result | None:
@@ -140,7 +139,7 @@ def _uncertainty(answers: list[Answer]) -> InterceptUncertainty:
     return InterceptUncertainty(answers=rows, meaning=meaning)
 
 
-def _residuals(solved: Solved, tracks: Sequence[Track], scale: BeltScale | None) -> ForecastResiduals:
+def _residuals(solved: Solved, tracks: Sequence[ItemTrack], scale: BeltScale | None) -> ForecastResiduals:
     levels = solved.tracker.levels()
     forecast = solved.tracker.belt.forecast()
     share = None if forecast is None else forecast.motion.timed.share
@@ -280,7 +279,7 @@ def _query_warnings(solved: Solved) -> list[tuple[str, str]]:
     return out
 
 
-def _stray_warnings(tracks: Sequence[Track]) -> list[tuple[str, str]]:
+def _stray_warnings(tracks: Sequence[ItemTrack]) -> list[tuple[str, str]]:
     stray = sum(int((~track.place.used).sum()) for track in tracks)
     if not stray:
         return []

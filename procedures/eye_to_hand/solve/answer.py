@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.adjustment.arm_accuracy import arm_with
-from calibration.adjustment.mount import Given, Mounted, suspicion
-from calibration.adjustment.target_correction import Choice, source_mean
+from calibration.adjustment.mount import GivenPose, Mounted, suspicion
+from calibration.adjustment.target_correction import ChosenWay, source_mean
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye import se3
 from calibration.hand_eye.solution import Solution
@@ -17,8 +17,8 @@ from cell.poses import Array, adjoint
 from procedures.eye_to_hand.result import (
     AxbcAnswer,
     AxbcResiduals,
+    MappedPose,
     NoiseFound,
-    Place,
     PlaceOff,
     PoseSize,
     Positioning,
@@ -52,7 +52,7 @@ class Found:
         return self.solution.problem.C[self.rows]
 
 
-def answer_of(data: AxbcData, found: Found, choice: Choice, arm: GivenArm | None) -> AxbcAnswer:
+def answer_of(data: AxbcData, found: Found, choice: ChosenWay, arm: GivenArm | None) -> AxbcAnswer:
     standard = found.standard
     T = se3.inverse(standard.X)
     A = adjoint(standard.X)
@@ -111,7 +111,7 @@ def _along(xi: Array, cov: Array) -> PoseSize:
     return PoseSize(**out)
 
 
-def _place_off(given: Given, alone: Mounted) -> PlaceOff:
+def _place_off(given: GivenPose, alone: Mounted) -> PlaceOff:
     """How far the target's place is from the given one, as a motion of T_marker_flange on its right."""
     C, found = se3.inverse(given.T), se3.inverse(alone.W)
     A = adjoint(alone.W)
@@ -126,14 +126,14 @@ def _place_off(given: Given, alone: Mounted) -> PlaceOff:
     )
 
 
-def _positioning(data: AxbcData, found: Found) -> tuple[list[Place], Positioning]:
+def _positioning(data: AxbcData, found: Found) -> tuple[list[MappedPose], Positioning]:
     """The flange through the given camera against the reported one (source 001), pose by pose."""
     seen = data.camera.T @ found.C @ se3.inverse(data.place.T)
     off = se3.log(se3.inverse(found.F) @ seen)
     apart = seen[:, :3, 3] - found.F[:, :3, 3]
     rows = data.seen.usable()[found.rows]
     places = [
-        Place(
+        MappedPose(
             index=data.seen.indices[int(row)],
             p=F[:3, 3].tolist(),
             d=d.tolist(),

@@ -23,7 +23,7 @@ _FEW = 8  # are named one by one
 
 
 @dataclass(frozen=True)
-class Ways:
+class TargetCorrections:
     """What commands are made of: T_base_camera (4, 4) as given and by the constant of the source, and the
     arm with its errors; None where there is none."""
 
@@ -33,7 +33,7 @@ class Ways:
 
 
 def answer_targets(
-    path: Path, ways: Ways, chosen: str
+    path: Path, ways: TargetCorrections, chosen: str
 ) -> tuple[list[list[float] | None], list[tuple[str, str]]]:
     """``T_base_flange`` to command for each target of a ``cellward.axbc-targets/1``, null where out of
     reach, and what to warn of; by the way that was ``chosen``."""

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.adjustment.mount import Given
+from calibration.adjustment.mount import GivenPose
 from calibration.hand_eye import se3
 from cell.formats.axbc import SCHEMA, AxbcObservation, AxbcSet, SigmaPose
 from cell.formats.capture import SCHEMA as CAPTURE_SCHEMA
@@ -27,8 +27,8 @@ class AxbcData:
 
     document: AxbcSet
     seen: CaptureSet
-    camera: Given
-    place: Given
+    camera: GivenPose
+    place: GivenPose
     known: dict[str, str]
 
 
@@ -46,7 +46,7 @@ def load_axbc(path: Path, progress: Progress | None = None) -> AxbcData:
     return AxbcData(
         document,
         measured_capture(file, _capture(document), progress),
-        Given(se3.inverse(X), _square(sigma_X)),  # a camera is off at the camera, not at the base
+        GivenPose(se3.inverse(X), _square(sigma_X)),  # a camera is off at the camera, not at the base
         _inverted(C, _square(sigma_C)),
         known,
     )
@@ -73,10 +73,10 @@ def _observation(k: int, seen: AxbcObservation) -> Observation:
     return Observation.model_validate({**own, "index": index, "T_camera_target": seen.T_camera_marker})
 
 
-def _inverted(T: Array, cov: Array) -> Given:
+def _inverted(T: Array, cov: Array) -> GivenPose:
     """The inverse of a pose ``T exp(xi)``, and its covariance."""
     A = adjoint(T)
-    return Given(se3.inverse(T), A @ cov @ A.T)
+    return GivenPose(se3.inverse(T), A @ cov @ A.T)
 
 
 def _square(sigma: SigmaPose) -> Array:

@@ -12,7 +12,13 @@ from calibration.adjustment.bare_poses import adjust_poses
 from calibration.adjustment.hand_eye import adjust, as_found
 from calibration.adjustment.lens_terms import LensPrior
 from calibration.adjustment.mount import Mounted, mounted, with_place
-from calibration.adjustment.target_correction import Camera, Choice, Corrected, choose, source_mean
+from calibration.adjustment.target_correction import (
+    CameraAndTarget,
+    ChosenWay,
+    Corrected,
+    choose,
+    source_mean,
+)
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye.observability import Refusal
 from calibration.hand_eye.solution import Measurements, solve
@@ -21,7 +27,7 @@ from cell.formats.result import Result, Warning_
 from procedures.eye_to_hand.judging import blame_warning, doubts_about, reasons_against
 from procedures.eye_to_hand.result import AxbcHeldOut, AxbcInputs, AxbcResult, AxbcUncertainty
 from procedures.eye_to_hand.solve.answer import ARM_WORSE, Found, answer_of, arm_text, residuals_of
-from procedures.eye_to_hand.solve.commands import Ways, answer_targets
+from procedures.eye_to_hand.solve.commands import TargetCorrections, answer_targets
 from procedures.eye_to_hand.solve.data import AxbcData, load_axbc
 from procedures.hand_eye.known_parts import KnownParts, known_parts
 from procedures.hand_eye.solve.adjustment import NO_ARM
@@ -80,7 +86,9 @@ def _solve(data: AxbcData, camera: CameraChoice, targets: Path | None, calls: in
     if targets is not None:
         model = None if found.arm is None else (found.standard, found.arm)
         constant = source_mean(found.F, found.C, data.place.T)
-        commands, more = answer_targets(targets, Ways(data.camera.T, constant, model), choice.chosen)
+        commands, more = answer_targets(
+            targets, TargetCorrections(data.camera.T, constant, model), choice.chosen
+        )
         answer = answer.changed(commands=commands)
         warnings += more
     reasons: list[str] = []
@@ -155,9 +163,9 @@ def _find(
     return Found(solution, rows, measured.F[rows], own, alone, with_place(alone, data.place))
 
 
-def _choice(data: AxbcData, found: Found) -> Choice:
+def _choice(data: AxbcData, found: Found) -> ChosenWay:
     """Which way to correct targets, by observations that were not looked at; lens and print are of all."""
-    given = Camera(data.camera.T, data.place.T)
+    given = CameraAndTarget(data.camera.T, data.place.T)
     if found.arm is None:
         return choose(given, found.F, found.C, None)
     arm = found.arm

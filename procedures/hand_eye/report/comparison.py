@@ -10,7 +10,7 @@ from plotly.subplots import make_subplots
 from calibration.hand_eye import se3
 from calibration.hand_eye.leave_out import spread_about_mean
 from cell.poses import Array
-from procedures.hand_eye.report.measured import Measured
+from procedures.hand_eye.report.measured import MeasuredPoses
 from procedures.hand_eye.report.source import HandEyeSource
 from procedures.report.figure import colour, dressed, embed
 from procedures.report.html import Html, absent, note, paragraph, section, table
@@ -85,7 +85,7 @@ def _deviations(poses: Array, number: NDArray[np.intp]) -> Array:
     return np.asarray(out)
 
 
-def _figure(measured: Measured, away: list[Array], group: NDArray[np.int64]) -> Any:
+def _figure(measured: MeasuredPoses, away: list[Array], group: NDArray[np.int64]) -> Any:
     titles = ("before", "now, same scale", "now, enlarged")
     fig = make_subplots(1, 3, subplot_titles=titles, horizontal_spacing=0.08)
     dressed(fig, 340)

@@ -19,7 +19,7 @@ from procedures.report.numbers import matrix4
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredPoses:
     """n observations: flange poses ``F`` (n, 4, 4), ``index`` and ``group`` (n,), and T_camera_target ``C``.
 
     ``C`` (n, 4, 4) is NaN where nothing was measured. ``outline`` (4, 3) is the target's rectangle (m, in
@@ -45,7 +45,7 @@ class Measured:
         return se3.inverse(G) @ X @ self.C
 
 
-def measure(data: Path, answer: HandEyeAnswer | None) -> Measured:
+def measure(data: Path, answer: HandEyeAnswer | None) -> MeasuredPoses:
     """Read ``data`` and find T_camera_target of each observation, starting where ``answer`` expects it.
 
     Without an answer only the flange poses are known. Raises what reading a data set raises.
@@ -67,7 +67,7 @@ def measure(data: Path, answer: HandEyeAnswer | None) -> Measured:
             continue
         G = loaded.F[k] if setup == "eye-to-hand" else se3.inverse(loaded.F[k])
         C[k] = _pose(view, camera, se3.inverse(X) @ G @ place, motions)
-    return Measured(
+    return MeasuredPoses(
         setup=setup,
         F=loaded.F,
         index=np.array(loaded.indices, dtype=np.int64),

@@ -7,7 +7,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from cell.poses import Array
-from procedures.hand_eye.report.measured import Measured
+from procedures.hand_eye.report.measured import MeasuredPoses
 from procedures.hand_eye.report.source import HandEyeSource
 from procedures.report.figure import REJECTED, colour, dressed, embed, figure
 from procedures.report.html import Html, absent, note, section
@@ -32,7 +32,7 @@ def scene_section(source: HandEyeSource) -> Html:
     return section(title, embed(_scene(source, measured), "scene"), note(words), name="space")
 
 
-def camera_poses(source: HandEyeSource, measured: Measured) -> Array:
+def camera_poses(source: HandEyeSource, measured: MeasuredPoses) -> Array:
     """T_base_camera (n, 4, 4) of each observation; the flange where there is no answer."""
     X = source.X
     if X is None:
@@ -42,7 +42,7 @@ def camera_poses(source: HandEyeSource, measured: Measured) -> Array:
     return np.broadcast_to(X, measured.F.shape)
 
 
-def boards(source: HandEyeSource, measured: Measured) -> list[tuple[int, int | None, Array]]:
+def boards(source: HandEyeSource, measured: MeasuredPoses) -> list[tuple[int, int | None, Array]]:
     """Group, index (None for a placement) and outline (5, 3, closed) of each target in the base."""
     closed = np.vstack([measured.outline, measured.outline[:1]])
     targets = source.targets
@@ -58,7 +58,7 @@ def boards(source: HandEyeSource, measured: Measured) -> list[tuple[int, int | N
     return found
 
 
-def _scene(source: HandEyeSource, measured: Measured) -> Any:
+def _scene(source: HandEyeSource, measured: MeasuredPoses) -> Any:
     fig = figure(450, margin={"l": 0, "r": 0, "t": 0, "b": 0})
     groups = sorted(set(measured.group.tolist()))
     rejected = source.rejected
@@ -121,7 +121,7 @@ def _plate(outline: Array, tint: str) -> Any:
     )
 
 
-def _add_rejected(fig: Any, source: HandEyeSource, measured: Measured, rejected: dict[int, str]) -> None:
+def _add_rejected(fig: Any, source: HandEyeSource, measured: MeasuredPoses, rejected: dict[int, str]) -> None:
     rows = [k for k, index in enumerate(measured.index) if int(index) in rejected]
     if not rows:
         return

@@ -6,7 +6,7 @@ from functools import cached_property
 from calibration.hand_eye.observability import axes_frame
 from cell.errors import CellError
 from cell.poses import Array
-from procedures.hand_eye.report.measured import Measured, measure
+from procedures.hand_eye.report.measured import MeasuredPoses, measure
 from procedures.hand_eye.result import HandEyeResult
 from procedures.report.numbers import dig, matrix4
 from procedures.report.source import Source
@@ -71,7 +71,7 @@ class HandEyeSource(Source[HandEyeResult]):
         return None if T is None else ("the configured pose", T)
 
     @cached_property
-    def measured(self) -> Measured | None:
+    def measured(self) -> MeasuredPoses | None:
         """What the capture shows; None, with a line in ``missing``, when it cannot be read."""
         if self.data is None:
             self.missing.append("No data set is at hand, so the poses cannot be drawn.")

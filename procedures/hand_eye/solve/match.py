@@ -14,7 +14,7 @@ from procedures.hand_eye.solve.arm import GivenArm
 from procedures.hand_eye.solve.capture import FAR_T, UNITS_T, CaptureSet
 from procedures.hand_eye.solve.joint_zero import CODE as ZERO
 from procedures.hand_eye.solve.joint_zero import joint_zero
-from procedures.hand_eye.solve.mistakes import Given, explained
+from procedures.hand_eye.solve.mistakes import GivenCapture, explained
 from procedures.hand_eye.solve.other_order import exchanged
 from procedures.hand_eye.solve.other_writing import TIME
 
@@ -40,7 +40,7 @@ def check_match(
     if not (words := _disagreement(problem, solution.at.X)):
         return
     observations = [loaded.capture.observations[int(row)] for row in rows]
-    given = Given(
+    given = GivenCapture(
         measured,
         camera,
         poses=np.array([o.T_base_flange for o in observations]),

@@ -31,7 +31,7 @@ _NEAR_POWER = 0.1  # of a factor of 1000 that is meant, as the target may be wro
 
 
 @dataclass(frozen=True)
-class Given:
+class GivenCapture:
     """A capture as it was given: ``poses`` (n, 6) as they are written, ``arm`` with joints ``Q`` (n, j) when
     the flange's poses are theirs, ``size`` of the images in pixels."""
 
@@ -43,7 +43,7 @@ class Given:
     size: tuple[int, int] | None = None
 
 
-def explained(given: Given) -> Mistake | None:
+def explained(given: GivenCapture) -> Mistake | None:
     """The mistake without which the data agree best; None when they agree without none of them."""
     given = _some(given)
     best: tuple[float, Mistake] | None = None
@@ -54,7 +54,7 @@ def explained(given: Given) -> Mistake | None:
     return None if best is None else best[1]
 
 
-def _some(given: Given) -> Given:
+def _some(given: GivenCapture) -> GivenCapture:
     """The first observations: in their order, which may be what is wrong."""
     m, n = given.measured, _MOST
     _, group = np.unique(m.group[:n], return_inverse=True)
@@ -69,7 +69,7 @@ def _disagreement(problem: Problem) -> float:
     return max(float(np.median(t)) / (_AGREE_T * reach), float(np.median(r)) / _AGREE_R)
 
 
-def _undone(given: Given) -> Iterator[tuple[Mistake, Measurements]]:
+def _undone(given: GivenCapture) -> Iterator[tuple[Mistake, Measurements]]:
     yield from _frames(given)
     for mistake, F in other_readings(given.poses):
         yield mistake, replace(given.measured, F=F)
@@ -85,7 +85,7 @@ def _undone(given: Given) -> Iterator[tuple[Mistake, Measurements]]:
             yield Mistake(ZERO, found.text), replace(given.measured, F=found.flange)
 
 
-def _frames(given: Given) -> Iterator[tuple[Mistake, Measurements]]:
+def _frames(given: GivenCapture) -> Iterator[tuple[Mistake, Measurements]]:
     """Frames that were exchanged. Inverted poses and the other setup are the same numbers: only joints part
     them, and then the poses were compared with the joints before."""
     setup: Setup = "eye-to-hand" if given.measured.setup == "eye-in-hand" else "eye-in-hand"
@@ -100,7 +100,7 @@ def _frames(given: Given) -> Iterator[tuple[Mistake, Measurements]]:
     yield swapped, replace(given.measured, setup=setup)
 
 
-def _lengths(given: Given) -> Iterator[tuple[Mistake, Measurements]]:
+def _lengths(given: GivenCapture) -> Iterator[tuple[Mistake, Measurements]]:
     """A target, or an arm, in another unit or of another size."""
     problem = prepare(given.measured, given.camera)
     factor = length_factor(problem)
@@ -118,7 +118,7 @@ def _lengths(given: Given) -> Iterator[tuple[Mistake, Measurements]]:
     yield mistake, sized(given.measured, factor)
 
 
-def _images(given: Given) -> Iterator[tuple[Mistake, Measurements]]:
+def _images(given: GivenCapture) -> Iterator[tuple[Mistake, Measurements]]:
     """Images that are mirrored."""
     if given.size is None or all(v is None for v in given.measured.views):
         return

@@ -9,7 +9,7 @@ from plotly.subplots import make_subplots
 
 from calibration.tool_frame.geometry import BEAMS
 from cell.poses import Array
-from procedures.laser.report.passes import Estimate, Shown
+from procedures.laser.report.passes import EdgeEstimate, ShownPasses
 from procedures.laser.report.source import LaserSource
 from procedures.report.figure import BEFORE, NOW, dressed, embed, label, legend_below
 from procedures.report.html import Html, absent, note, section
@@ -42,7 +42,7 @@ def edges_section(source: LaserSource) -> Html | None:
     )
 
 
-def _figure(found: Shown, estimate: Estimate | None) -> Any:
+def _figure(found: ShownPasses, estimate: EdgeEstimate | None) -> Any:
     rows = {beam: _rows(found, beam) for beam in BEAMS}
     tall = max(row[-1][0] if row else 0.0 for row in rows.values())
     fig = make_subplots(1, 2, subplot_titles=[f"beam {b}" for b in BEAMS], horizontal_spacing=0.1)
@@ -67,7 +67,7 @@ def _figure(found: Shown, estimate: Estimate | None) -> Any:
     return fig
 
 
-def _rows(found: Shown, beam: str) -> list[tuple[float, int]]:
+def _rows(found: ShownPasses, beam: str) -> list[tuple[float, int]]:
     """Row and place of each pass that crossed: highest first, the reference before now."""
     own = [k for current in (False, True) for k in found.of(beam, current) if k in found.seen.crossings]
     own.sort(key=lambda k: -found.heights[k])
@@ -86,13 +86,13 @@ def _rows(found: Shown, beam: str) -> list[tuple[float, int]]:
     return rows
 
 
-def _first_rows(found: Shown, rows: Sequence[tuple[float, int]]) -> list[tuple[float, float]]:
+def _first_rows(found: ShownPasses, rows: Sequence[tuple[float, int]]) -> list[tuple[float, float]]:
     """Row and height where a new height begins."""
     starts = [i for i, (y, _) in enumerate(rows) if not i or y - rows[i - 1][0] > 1.0]
     return [(rows[i][0], float(found.heights[rows[i][1]])) for i in starts]
 
 
-def _middle(found: Shown, beam: str) -> float:
+def _middle(found: ShownPasses, beam: str) -> float:
     """Mean of the reference's middles, m along the beam's normal; of today's where there is no reference."""
     for current in (False, True):
         used = [k for k in found.of(beam, current) if k in found.used]
@@ -102,8 +102,8 @@ def _middle(found: Shown, beam: str) -> float:
 
 
 def _traces(
-    found: Shown,
-    estimate: Estimate | None,
+    found: ShownPasses,
+    estimate: EdgeEstimate | None,
     rows: Sequence[tuple[float, int]],
     zero: float,
     named: set[str],
@@ -123,7 +123,7 @@ def _traces(
 
 
 def _bars(
-    found: Shown, part: Sequence[tuple[float, int]], zero: float, tint: str, name: str, legend: bool
+    found: ShownPasses, part: Sequence[tuple[float, int]], zero: float, tint: str, name: str, legend: bool
 ) -> Any:
     x: list[float] = []
     y: list[float] = []
@@ -151,7 +151,7 @@ def _bars(
     )
 
 
-def hover(found: Shown, place: int) -> str:
+def hover(found: ShownPasses, place: int) -> str:
     """Which pass, and why it is not used."""
     p = found.scene.passes[place]
     lines = [label(p.name), "out" if p.direction > 0 else "back"]
@@ -161,7 +161,11 @@ def hover(found: Shown, place: int) -> str:
 
 
 def _lines(
-    found: Shown, estimate: Estimate | None, used: Sequence[tuple[float, int]], zero: float, tint: str
+    found: ShownPasses,
+    estimate: EdgeEstimate | None,
+    used: Sequence[tuple[float, int]],
+    zero: float,
+    tint: str,
 ) -> Any:
     """The estimated edges through the rows of one height; without an estimate their means."""
     x: list[float | None] = []
@@ -178,7 +182,7 @@ def _lines(
     )
 
 
-def _expected(found: Shown, estimate: Estimate | None, place: int) -> Array | None:
+def _expected(found: ShownPasses, estimate: EdgeEstimate | None, place: int) -> Array | None:
     return None if estimate is None else estimate.expected(found.seen.crossings[place])
 
 
@@ -221,7 +225,9 @@ def residuals_section(source: LaserSource) -> Html | None:
     )
 
 
-def _rest(found: Shown, estimate: Estimate, used: Sequence[int], current: bool, legend: bool) -> Any:
+def _rest(
+    found: ShownPasses, estimate: EdgeEstimate, used: Sequence[int], current: bool, legend: bool
+) -> Any:
     x: list[int] = []
     y: list[float] = []
     half: list[float] = []

@@ -8,7 +8,7 @@ from plotly.subplots import make_subplots
 
 from calibration.tool_frame.geometry import BEAMS
 from procedures.laser.report.edges import NAME, TINT, hover
-from procedures.laser.report.passes import Shown, bracket
+from procedures.laser.report.passes import ShownPasses, bracket
 from procedures.laser.report.source import LaserSource
 from procedures.report.figure import dressed, embed, legend_below
 from procedures.report.html import Html, absent, note, section, table
@@ -47,7 +47,7 @@ def heights_section(source: LaserSource) -> Html | None:
     )
 
 
-def _figure(found: Shown) -> Any:
+def _figure(found: ShownPasses) -> Any:
     fig = make_subplots(1, 2, subplot_titles=[f"beam {b}" for b in BEAMS], horizontal_spacing=0.1)
     dressed(fig, 330)
     named: set[str] = set()
@@ -75,7 +75,7 @@ def _figure(found: Shown) -> Any:
     return fig
 
 
-def _dots(found: Shown, beam: str, current: bool, named: set[str]) -> list[Any]:
+def _dots(found: ShownPasses, beam: str, current: bool, named: set[str]) -> list[Any]:
     traces = []
     for places, symbol, word in (
         (found.chosen.hits, "circle", "hit"),

@@ -8,7 +8,7 @@ from plotly.subplots import make_subplots
 
 from calibration.tool_frame.geometry import BEAMS
 from procedures.laser.report.edges import NAME, TINT
-from procedures.laser.report.passes import Shown, pairs
+from procedures.laser.report.passes import ShownPasses, pairs
 from procedures.laser.report.source import LaserSource
 from procedures.report.figure import dressed, embed, legend_below
 from procedures.report.html import Html, absent, note, section
@@ -34,7 +34,7 @@ def out_and_back_section(source: LaserSource) -> Html | None:
     )
 
 
-def _figure(found: Shown, hysteresis: float) -> Any:
+def _figure(found: ShownPasses, hysteresis: float) -> Any:
     fig = make_subplots(1, 2, subplot_titles=[f"beam {b}" for b in BEAMS], horizontal_spacing=0.1)
     dressed(fig, 290)
     named: set[bool] = set()
@@ -66,7 +66,7 @@ def _figure(found: Shown, hysteresis: float) -> Any:
     return fig
 
 
-def _apart(found: Shown, out: int, back: int, hysteresis: float) -> tuple[float, float]:
+def _apart(found: ShownPasses, out: int, back: int, hysteresis: float) -> tuple[float, float]:
     """Difference of the middles along the way out, m, and half of the interval that it lies in."""
     a, b = found.seen.crossings[out], found.seen.crossings[back]
     sign = float(np.sign(np.mean(a.v)))

@@ -17,7 +17,7 @@ Rejected = Sequence[RejectedPass | RejectedReferencePass]
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ShownPasses:
     """All passes, and what became of each; the places are those in ``scene.passes``."""
 
     scene: ToolFrameScene
@@ -40,14 +40,16 @@ class Shown:
         return self.seen.crossings.get(place)
 
 
-def shown(scene: ToolFrameScene, tau: float, rejected: Rejected = ()) -> Shown:
+def shown(scene: ToolFrameScene, tau: float, rejected: Rejected = ()) -> ShownPasses:
     """``tau`` (s) is what is left of the delay in the stamps of the polls, ``rejected`` the result's list."""
     beams = frames(scene.beams, scene.R, scene.tool)
     seen = see(scene, beams, tau)
     tips = [p.pose_xyz.mean(axis=0) + scene.R @ scene.tool.p for p in scene.passes]
     heights = [float(beams[p.beam].above(tip[None])[0]) for p, tip in zip(scene.passes, tips, strict=True)]
     chosen = select(scene, seen)
-    return Shown(scene, seen, chosen, np.array(heights), {**chosen.reasons, **_rejected(scene, rejected)})
+    return ShownPasses(
+        scene, seen, chosen, np.array(heights), {**chosen.reasons, **_rejected(scene, rejected)}
+    )
 
 
 def _rejected(scene: ToolFrameScene, listed: Rejected) -> dict[int, str]:
@@ -57,7 +59,7 @@ def _rejected(scene: ToolFrameScene, listed: Rejected) -> dict[int, str]:
     return {k: reason for k, reason in places if reason is not None}
 
 
-def pairs(found: Shown, beam: str, current: bool) -> list[tuple[int, int]]:
+def pairs(found: ShownPasses, beam: str, current: bool) -> list[tuple[int, int]]:
     """The places of each way out with the way back that followed it, where both are used."""
     own = sorted(found.of(beam, current), key=lambda k: float(found.scene.passes[k].pose_t[0]))
     rows = []
@@ -68,7 +70,7 @@ def pairs(found: Shown, beam: str, current: bool) -> list[tuple[int, int]]:
     return rows
 
 
-def bracket(found: Shown, beam: str, current: bool) -> tuple[float | None, float | None]:
+def bracket(found: ShownPasses, beam: str, current: bool) -> tuple[float | None, float | None]:
     """The highest way that met the beam and the lowest above it that did not, m of the reference's point."""
     own = found.of(beam, current)
     hits = [float(found.heights[k]) for k in own if k in found.chosen.hits]
@@ -79,7 +81,7 @@ def bracket(found: Shown, beam: str, current: bool) -> tuple[float | None, float
 
 
 @dataclass(frozen=True)
-class Estimate:
+class EdgeEstimate:
     """What a solution says of each beam: where the tool's edges are, and how the passes see them.
 
     ``edges`` (k,) m are the places of the tool's edges along the beam's ``n``, the same for the reference and
@@ -108,7 +110,7 @@ class Estimate:
         return found
 
 
-def estimate(scene: ToolFrameScene, measured: LaserResult) -> Estimate:
+def estimate(scene: ToolFrameScene, measured: LaserResult) -> EdgeEstimate:
     """From a result of kind ``laser``."""
     answer, seen = measured.result, measured.observability
     beams = frames(scene.beams, scene.R, scene.tool)
@@ -123,4 +125,4 @@ def estimate(scene: ToolFrameScene, measured: LaserResult) -> Estimate:
         shift[b, False], shift[b, True] = 0.0, float(frame.n @ moved)
         rise[b, False], rise[b, True] = 0.0, float(frame.w @ moved)
     edges = {b: np.array(places, dtype=float) for b, places in seen.edges_m.items()}
-    return Estimate(edges, tilt, shift, rise, answer.hysteresis_m or 0.0, answer.lag_s or 0.0)
+    return EdgeEstimate(edges, tilt, shift, rise, answer.hysteresis_m or 0.0, answer.lag_s or 0.0)

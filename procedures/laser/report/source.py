@@ -12,7 +12,7 @@ from calibration.tool_frame.scene import Line, ReferenceTool, Refusal, ToolFrame
 from cell.errors import CellError
 from cell.formats.laser import LaserData
 from cell.poses import Array
-from procedures.laser.report.passes import Estimate, Shown, estimate, shown
+from procedures.laser.report.passes import EdgeEstimate, ShownPasses, estimate, shown
 from procedures.laser.result import LaserResult, ReferenceResult, RejectedPass, RejectedReferencePass
 from procedures.laser.solve.data import load_laser, scene_of
 from procedures.report.numbers import covariance, dig, radius95
@@ -71,7 +71,7 @@ class LaserSource(Source[LaserResult | ReferenceResult]):
         return ToolFrameScene(scene.R, {**scene.beams, **self._found_beams()}, scene.tool, scene.passes)
 
     @cached_property
-    def shown(self) -> Shown | None:
+    def shown(self) -> ShownPasses | None:
         """The passes; None, with a line in ``missing``, when they do not make a measurement."""
         if self.scene is None:
             return None
@@ -83,7 +83,7 @@ class LaserSource(Source[LaserResult | ReferenceResult]):
             return None
 
     @cached_property
-    def estimate(self) -> Estimate | None:
+    def estimate(self) -> EdgeEstimate | None:
         """Where the solution has the edges; None for a reference, without an answer or without passes."""
         if self.scene is None or self.shown is None or self.measured is None:
             return None

@@ -32,7 +32,7 @@ def kind_of(name: str) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class MeasuredSamples:
     """Usable samples of the data set: their own numbers, joints ``Q`` (n, j), reflectors in the tracker frame
     (n, 3) m, and the names of the reflectors."""
 
@@ -99,7 +99,7 @@ class KincalSource(Source[KincalResult]):
         return None if T is None else np.asarray(np.linalg.inv(T))
 
     @cached_property
-    def measured(self) -> Measured | None:
+    def measured(self) -> MeasuredSamples | None:
         """The samples; None, with a line in ``missing``, when the data set cannot be read."""
         if self.data is None:
             self.missing.append("No data set is at hand, so the poses cannot be drawn.")
@@ -117,7 +117,7 @@ class KincalSource(Source[KincalResult]):
         if not rows:
             return None
         index, Q, p, target = (list(column) for column in zip(*rows, strict=True))
-        return Measured(index, np.array(Q, dtype=float), np.array(p, dtype=float), target)
+        return MeasuredSamples(index, np.array(Q, dtype=float), np.array(p, dtype=float), target)
 
     @cached_property
     def model(self) -> Model | None:

@@ -9,7 +9,7 @@ from cell.poses import Array
 from procedures.report.figure import NOW, PALETTE, REJECTED, SOFT, embed, figure, label
 from procedures.report.html import Html, absent, note, section
 from procedures.report.space import base_axes, lines, space
-from procedures.tracker.report.source import KincalSource, Measured
+from procedures.tracker.report.source import KincalSource, MeasuredSamples
 
 _MOST_ARMS = 80
 
@@ -35,7 +35,7 @@ def space_section(source: KincalSource) -> Html:
     )
 
 
-def _figure(measured: Measured, T: Array, frames: Array | None, source: KincalSource) -> Any:
+def _figure(measured: MeasuredSamples, T: Array, frames: Array | None, source: KincalSource) -> Any:
     fig = figure(520, margin={"l": 0, "r": 0, "t": 0, "b": 0})
     at = measured.p_tracker @ T[:3, :3].T + T[:3, 3]
     corners = np.vstack([at, np.zeros(3), T[:3, 3]])

@@ -41,7 +41,7 @@ from procedures.tracker.result import (
 )
 from procedures.tracker.solve.data import KincalSet
 from procedures.tracker.solve.queries import Query, Wanted, answer_query, answer_targets
-from procedures.tracker.solve.warnings import Findings, warnings_of
+from procedures.tracker.solve.warnings import JudgedSolution, warnings_of
 
 
 @dataclass(frozen=True)
@@ -309,7 +309,7 @@ def _observability(solved: Solved) -> KincalObservability:
 
 def _findings(solved: Solved, judged: HeldOut) -> list[tuple[str, str]]:
     return warnings_of(
-        Findings(
+        JudgedSolution(
             loaded=solved.loaded,
             solution=solved.solution,
             observed=solved.observed,

@@ -25,7 +25,7 @@ Warnings = list[tuple[str, str]]
 
 
 @dataclass(frozen=True, eq=False)
-class Findings:
+class JudgedSolution:
     """A solution and how it was judged; ``classic`` when the classic method made it."""
 
     loaded: KincalSet
@@ -35,7 +35,7 @@ class Findings:
     classic: bool
 
 
-def warnings_of(found: Findings) -> Warnings:
+def warnings_of(found: JudgedSolution) -> Warnings:
     """Codes and texts; none of a set that determines its arm as well as its noise allows."""
     return [
         *_of_samples(found),
@@ -47,7 +47,7 @@ def warnings_of(found: Findings) -> Warnings:
     ]
 
 
-def _of_samples(found: Findings) -> Warnings:
+def _of_samples(found: JudgedSolution) -> Warnings:
     solution, observed, judged = found.solution, found.observed, found.judged
     used, out = int(solution.used.sum()), []
     if observed.lacking:
@@ -83,7 +83,7 @@ def _far_off(solution: Solution) -> Warnings:
     return [("robot.far-off", text)]
 
 
-def _rejected(found: Findings) -> Warnings:
+def _rejected(found: JudgedSolution) -> Warnings:
     """Copies have a warning of their own."""
     total = len(found.loaded.data.samples) - found.loaded.copies
     out = total - int(found.solution.used.sum())
@@ -92,7 +92,7 @@ def _rejected(found: Findings) -> Warnings:
     return [("samples.rejected", f"{out} of {total} samples were not used")]
 
 
-def _of_noise(found: Findings) -> Warnings:
+def _of_noise(found: JudgedSolution) -> Warnings:
     """Noise that is given against what the residuals show, or what they show against any tracker's."""
     solution = found.solution
     range_m = solution.problem.range_m[solution.used]
@@ -155,7 +155,7 @@ def _wrong_constant(offset: RangeOffset) -> str:
     )
 
 
-def _of_parameters(found: Findings) -> Warnings:
+def _of_parameters(found: JudgedSolution) -> Warnings:
     solution, loaded, out = found.solution, found.loaded, []
     geometric = [n for n, own in zip(solution.model.names, solution.model.geometric, strict=True) if own]
     added = [name for name in geometric if name not in loaded.model.names]

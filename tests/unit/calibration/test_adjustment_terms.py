@@ -24,13 +24,13 @@ from calibration.hand_eye import se3
 from calibration.hand_eye.pnp import solve_pnp
 from calibration.hand_eye.views import CornerSet
 from calibration.kinematics.families import arm_spec
-from calibration.kinematics.ur import UrArm
+from calibration.kinematics.ur import UrArmModel
 from cell.devices import Intrinsics
 from cell.formats.robot import parse_robot
 from cell.poses import Array
 
 MODEL = arm_spec(parse_robot({"model": "ur10e"}, "robot"), "robot").arm
-JOINTS = reference_joints(UrArm("ur10e").joint_limits, 2, seed=3)
+JOINTS = reference_joints(UrArmModel("ur10e").joint_limits, 2, seed=3)
 CAMERA = Intrinsics(1280, 800, (900.0, 910.0, 640.0, 400.0), (-0.1, 0.05, 0.001, -0.0005, 0.01))
 POINTS = np.array([[0.025 * x, 0.025 * y, 0.0] for y in range(6) for x in range(9)])
 
@@ -63,7 +63,7 @@ def test_gears_and_sag_are_the_flanges_motions_for_errors_of_the_joints() -> Non
 
 
 def test_a_number_that_only_moves_base_or_flange_has_no_term_left() -> None:
-    over = reference_joints(UrArm("ur10e").joint_limits)
+    over = reference_joints(UrArmModel("ur10e").joint_limits)
     terms = [geometry(MODEL, Q, ArmPrior()) for Q in (JOINTS, over)]
     subject = without_gauge(terms[0], MODEL.base.flange(JOINTS), terms[1], MODEL.base.flange(over))
     for name in ("theta1", "d1", "d6", "theta6"):

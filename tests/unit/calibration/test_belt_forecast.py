@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bench.intercept import FINE, HORIZONS, M_PER_COUNT, speed_course
-from calibration.belt.estimator import BeltEstimator, Encoder
+from calibration.belt.estimator import BeltEstimator, EncoderScale
 from calibration.belt.history import History
 from calibration.belt.speeds import Speeds
 
@@ -25,7 +25,7 @@ class Belt:
         counts = np.floor(np.interp(instants, self.grid, self.x) / M_PER_COUNT + 0.4).astype(int)
         self.stamps = instants + rng.exponential(late, len(instants))
         self.counts = (counts + modulus - 3000) % modulus
-        self.estimator = BeltEstimator(Encoder(M_PER_COUNT, modulus, PERIOD))
+        self.estimator = BeltEstimator(EncoderScale(M_PER_COUNT, modulus, PERIOD))
         self.fed = 0
 
     def until(self, t: float) -> None:
@@ -128,7 +128,7 @@ def test_a_reversing_belt_is_followed_through_zero() -> None:
 
 
 def test_a_standing_belt_stays_where_it_is() -> None:
-    subject = BeltEstimator(Encoder(M_PER_COUNT, 65536, PERIOD))
+    subject = BeltEstimator(EncoderScale(M_PER_COUNT, 65536, PERIOD))
     subject.extend((PERIOD * k, 17) for k in range(400))
     forecast = subject.forecast()
     assert forecast is not None
@@ -175,7 +175,7 @@ def test_forgetting_the_oldest_counts_changes_no_forecast(monkeypatch: pytest.Mo
 
 
 def test_one_count_gives_no_forecast_and_two_give_one() -> None:
-    subject = BeltEstimator(Encoder(M_PER_COUNT, None, PERIOD))
+    subject = BeltEstimator(EncoderScale(M_PER_COUNT, None, PERIOD))
     assert subject.forecast() is None
     subject.add(0.0, 5)
     assert subject.forecast() is None
@@ -201,7 +201,7 @@ def test_a_burst_of_frames_with_one_stamp_breaks_no_forecast(held: int) -> None:
 
 
 def test_a_count_from_the_past_is_dropped_and_counted() -> None:
-    subject = BeltEstimator(Encoder(M_PER_COUNT, None, PERIOD))
+    subject = BeltEstimator(EncoderScale(M_PER_COUNT, None, PERIOD))
     subject.extend([(0.0, 0), (0.005, 10), (0.002, 4), (0.010, 20)])
     assert (len(subject), subject.disordered) == (3, 1)
 

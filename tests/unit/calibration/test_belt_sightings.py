@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.belt.estimator import BeltEstimator, Encoder
+from calibration.belt.estimator import BeltEstimator, EncoderScale
 from calibration.belt.items import CAMERA_SIGMA, Sighting
 from calibration.belt.pursuit import Ride
 from calibration.belt.slip import Slip
-from calibration.belt.tracking import BeltTracker, Track
+from calibration.belt.tracking import BeltTracker, ItemTrack
 from procedures.belt.config import BeltTrackingConfig, Zone
 from procedures.belt.items import Item
 from procedures.belt.motion.meeting import strategy
@@ -23,7 +23,7 @@ Z = 0.18
 
 def tracker(direction: np.ndarray = LEVEL) -> BeltTracker:
     """A steady belt, counted for three seconds."""
-    out = BeltTracker(BeltEstimator(Encoder(M_PER_COUNT, None, PERIOD)), direction)
+    out = BeltTracker(BeltEstimator(EncoderScale(M_PER_COUNT, None, PERIOD)), direction)
     out.belt.extend((float(t), round(V * t / M_PER_COUNT)) for t in np.arange(0.0, 3.0, PERIOD))
     return out
 
@@ -34,7 +34,7 @@ def see(subject: BeltTracker, t: float, off_m: float = 0.0, z: float = Z, ahead_
     subject.see("1", Sighting((float(x), float(y)), t, t + 0.02, True), float(rise))
 
 
-def tracked(subject: BeltTracker) -> Track:
+def tracked(subject: BeltTracker) -> ItemTrack:
     track = subject.track("1")
     assert track is not None
     return track

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.belt.slip import Places, SlipWatch
+from calibration.belt.slip import SightedPlaces, SlipWatch
 
 SIGMA = 1.3e-4
 V, EACH_S = 0.15, 0.1
@@ -12,12 +12,12 @@ ITEMS = np.array([[-0.25 * k + 0.013 * (-1) ** k, 0.01 * (k % 3)] for k in range
 
 def frame(
     k: int, ahead: float = 0.0, items: np.ndarray = ITEMS, view: tuple[float, float] = (-1.3, -0.1)
-) -> Places:
+) -> SightedPlaces:
     """Frame ``k`` of a steady belt whose counts are ``ahead`` m ahead of it: what is in view."""
     t = EACH_S * k
     noise = SIGMA * np.random.default_rng([7, k]).standard_normal(items.shape)
     seen = (items[:, 0] + V * t >= view[0]) & (items[:, 0] + V * t <= view[1])
-    return Places(t, V * t + ahead, (items + noise - [ahead, 0.0])[seen], SIGMA)
+    return SightedPlaces(t, V * t + ahead, (items + noise - [ahead, 0.0])[seen], SIGMA)
 
 
 @pytest.mark.parametrize("ahead", [0.005, -0.005, 0.04, -0.0025])
@@ -147,6 +147,6 @@ def test_counts_that_stand_are_astray_by_four_pictures_a_second_apart() -> None:
 def test_an_empty_belt_says_nothing() -> None:
     watch = SlipWatch(0.03)
     assert watch.look(frame(20))
-    nothing = Places(2.1, 0.315, np.zeros((0, 2)), SIGMA)
+    nothing = SightedPlaces(2.1, 0.315, np.zeros((0, 2)), SIGMA)
     assert watch.look(nothing)
     assert watch.look(frame(22))

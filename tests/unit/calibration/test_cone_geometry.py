@@ -108,9 +108,6 @@ def test_a_mounting_gives_back_the_view_it_was_asked_for(kind: str) -> None:
     views = cone_poses(from_pose6([0, 0, 0, 0.1, 0.2, 0.3]), SHAPE).inv()
     flanges = mounting.flange(views)
     assert np.max(np.abs(log_xi(mounting.view(flanges).inv() * views))) < 1e-12
-    closed = X * views * mounting.target_from_flange(views)
-    if kind == "eye-in-hand":
-        assert np.max(np.abs(log_xi(closed))) < 1e-12
 
 
 @pytest.mark.parametrize("kind", ["eye-in-hand", "eye-to-hand"])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from calibration.kinematics import UrArm
+from calibration.kinematics import UrArmModel
 from calibration.planning import (
     ConePlan,
     ConeRequest,
@@ -26,7 +26,7 @@ from cell.poses import Array, from_pose6, log_xi
 
 CAMERA = Intrinsics(1280, 800, (802.4, 801.7, 644.2, 396.8), (0.021, -0.043, 0.0006, -0.0004, 0.0))
 HOME = np.array([0.0, -1.8, 1.8, -1.57, -1.57, 0.0])
-ARM = UrArm("ur10e")
+ARM = UrArmModel("ur10e")
 X_TRUE = from_pose6([0.006, -0.0864, 0.0548, 0.026254, -0.031504, 0.032554])
 X_NOMINAL = from_pose6([0.0, -0.08, 0.05, 0.0, 0.0, 0.0])
 PLACES = (

@@ -13,7 +13,7 @@ from calibration.identification.model import Targets
 from calibration.identification.selection import choose_poses, source_rule
 from calibration.identification.solution import identify
 from calibration.identification.workspace import forecast, places, radius95
-from calibration.kinematics import UrArm
+from calibration.kinematics import UrArmModel
 from calibration.kinematics.families import arm_spec, ur_chain
 from calibration.kinematics.serial import SerialChain
 from cell.formats.robot import parse_robot
@@ -166,7 +166,7 @@ def test_the_ros_origins_of_a_calibrated_arm_multiply_out_to_its_flange() -> Non
 
 def test_ur_deltas_give_the_arm_that_is_moved_the_calibrated_kinematics() -> None:
     chain = calibrated("ur10e")
-    arm = UrArm("ur10e", ur_deltas(chain, "ur10e"))
+    arm = UrArmModel("ur10e", ur_deltas(chain, "ur10e"))
     Q = joints("ur10e", np.random.default_rng(9), 20)
     np.testing.assert_allclose(arm.forward_many(Q).as_matrix(), chain.flange(Q), atol=1e-10)
     assert arm.inverse(arm.forward(Q[0]), Q[0] + 0.01) == pytest.approx(Q[0], abs=1e-7)

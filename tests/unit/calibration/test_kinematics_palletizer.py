@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration.kinematics import UrArm, robot_from_spec
+from calibration.kinematics import UrArmModel, robot_from_spec
 from calibration.kinematics.families import arm_spec, chain_parameters, robot_document, ur_chain
 from calibration.kinematics.hayati import in_dh_form, with_near_frames
 from calibration.kinematics.parametric import ParametricArm
@@ -207,7 +207,7 @@ def test_the_adjustable_arm_reproduces_what_a_real_controller_reports(data_folde
 def test_the_adjustable_ur_arm_agrees_with_the_one_that_is_moved() -> None:
     Q = np.random.default_rng(7).uniform(-3, 3, (20, 6))
     np.testing.assert_allclose(
-        arm_of({"model": "ur20"}).base.flange(Q), UrArm("ur20").forward_many(Q).as_matrix(), atol=1e-12
+        arm_of({"model": "ur20"}).base.flange(Q), UrArmModel("ur20").forward_many(Q).as_matrix(), atol=1e-12
     )
 
 

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration.kinematics import UR_MODELS, DhDeltas, UrArm, measured_arm, robot_from_spec
+from calibration.kinematics import UR_MODELS, DhDeltas, UrArmModel, measured_arm, robot_from_spec
 from calibration.kinematics.families import arm_spec, chain_document
 from cell.arm_model import ArmModel
 from cell.errors import CellError
@@ -49,17 +49,17 @@ def tracked() -> dict[str, Any]:
 def subject(request: pytest.FixtureRequest) -> ArmModel:
     if request.param == "measured":
         return measured_arm({"model": "ur5e"}, tracked())
-    return UrArm("ur5e", factory_deltas() if request.param == "calibrated" else None)
+    return UrArmModel("ur5e", factory_deltas() if request.param == "calibrated" else None)
 
 
 @pytest.mark.parametrize("name", sorted(UR_MODELS))
 def test_every_nominal_arm_agrees_with_an_independent_library(name: str) -> None:
     Q, expected = independent_poses(name)
-    np.testing.assert_allclose(UrArm(name).forward_many(Q).as_matrix(), expected, atol=1e-12)
+    np.testing.assert_allclose(UrArmModel(name).forward_many(Q).as_matrix(), expected, atol=1e-12)
 
 
 def test_the_stretched_arm_has_the_published_reach() -> None:
-    T = UrArm("ur5e").forward(np.zeros(6))
+    T = UrArmModel("ur5e").forward(np.zeros(6))
     np.testing.assert_allclose(
         T.translation, [-0.425 - 0.3922, -0.1333 - 0.0996, 0.1625 - 0.0997], atol=1e-12
     )
@@ -85,7 +85,7 @@ def test_a_factory_calibration_reproduces_what_a_real_controller_reports(data_fo
     miss_mm = np.linalg.norm(1e3 * arm.forward_many(Q).translation - p_mm, axis=1)
     assert np.sqrt(np.mean(miss_mm**2)) < 0.05
     assert np.max(miss_mm) < 0.09
-    nominal_mm = np.linalg.norm(1e3 * UrArm("ur5e").forward_many(Q).translation - p_mm, axis=1)
+    nominal_mm = np.linalg.norm(1e3 * UrArmModel("ur5e").forward_many(Q).translation - p_mm, axis=1)
     assert np.sqrt(np.mean(nominal_mm**2)) > 1.0, "the deltas must be what brings the agreement"
 
 
@@ -106,7 +106,7 @@ def test_the_jacobian_agrees_with_finite_differences(subject: ArmModel, seed: in
 @settings(max_examples=60, deadline=None)
 @given(angles, st.booleans())
 def test_every_inverse_solution_reaches_the_pose(q: Array, calibrated: bool) -> None:
-    subject = UrArm("ur10e", factory_deltas() if calibrated else None)
+    subject = UrArmModel("ur10e", factory_deltas() if calibrated else None)
     T = subject.forward(q)
     near = subject.inverse(T, q)
     assert near is not None
@@ -172,8 +172,8 @@ def test_the_links_join_from_the_base_to_the_flange_although_the_frames_lie_far_
 
 def test_no_point_of_the_arm_is_farther_from_an_axis_than_its_reach(subject: ArmModel) -> None:
     Q = np.random.default_rng(3).uniform(-3, 3, (300, 6))
-    frames = UrArm("ur5e").chain.frames(Q)
-    ends = UrArm("ur5e").link_ends(Q).reshape(len(Q), -1, 3)
+    frames = UrArmModel("ur5e").chain.frames(Q)
+    ends = UrArmModel("ur5e").link_ends(Q).reshape(len(Q), -1, 3)
     for joint in range(5):
         beyond = ends[:, 2 * next(i for i, s in enumerate(subject.links) if s.joints_before > joint) :]
         arm = beyond - frames[:, joint, None, :3, 3]
@@ -187,7 +187,7 @@ def test_a_robot_table_gives_the_calibrated_arm() -> None:
     subject: ArmModel = robot_from_spec(spec)
     q = np.array([0.1, -1.0, 1.0, -1.0, -1.0, 0.5])
     np.testing.assert_array_equal(
-        subject.forward(q).as_matrix(), UrArm("ur10e", deltas).forward(q).as_matrix()
+        subject.forward(q).as_matrix(), UrArmModel("ur10e", deltas).forward(q).as_matrix()
     )
     assert subject.name == "ur10e"
 
@@ -215,7 +215,7 @@ def test_a_wrong_robot_table_is_refused_with_the_field_named(spec: dict[str, obj
 
 
 def test_a_measured_arm_is_the_chain_that_was_found_and_its_metal_stays_as_drawn() -> None:
-    subject, drawn = measured_arm({"model": "ur5e"}, tracked()), UrArm("ur5e")
+    subject, drawn = measured_arm({"model": "ur5e"}, tracked()), UrArmModel("ur5e")
     Q = np.random.default_rng(3).uniform(-3.0, 3.0, (30, 6))
     found = arm_spec(parse_robot(tracked(), "robot")).arm.base.flange(Q)
     np.testing.assert_allclose(subject.forward_many(Q).as_matrix(), found, atol=1e-12)
@@ -224,7 +224,7 @@ def test_a_measured_arm_is_the_chain_that_was_found_and_its_metal_stays_as_drawn
 
 
 def test_far_frames_and_near_frames_are_one_arm() -> None:
-    far = UrArm("ur5e", factory_deltas())
+    far = UrArmModel("ur5e", factory_deltas())
     near = measured_arm({"model": "ur5e"}, as_robot(factory_deltas()))
     Q = np.random.default_rng(3).uniform(-3.0, 3.0, (30, 6))
     np.testing.assert_allclose(near.forward_many(Q).as_matrix(), far.forward_many(Q).as_matrix(), atol=1e-9)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.kinematics import UrArm
+from calibration.kinematics import UrArmModel
 from cell.arm_model import Capsule
 from cell.errors import CellError
 from cell.guard import PLANNED_CLEAR_M, GuardLimits, MotionGuard, Tool
@@ -18,11 +18,11 @@ from cell.poses import Array, from_pose6
 HOME = np.array([0.0, -1.8, 1.8, -1.57, -1.57, 0.0])
 PILLAR = {"name": "pillar", "min": [0.6, -0.2, 0.0], "max": [0.8, 0.2, 1.5]}
 HALL = {"min": [-1.3, -1.3, 0.0], "max": [1.3, 1.3, 1.8]}
-ARM = UrArm("ur10e")
+ARM = UrArmModel("ur10e")
 HOME_POSE = ARM.forward(HOME)
 
 
-class RecordingArm(UrArm):
+class RecordingArm(UrArmModel):
     """Keeps the joint vectors (n, 6) that were looked at."""
 
     def __init__(self, name: str) -> None:

@@ -10,7 +10,7 @@ import pytest
 from cell.errors import CellError
 from daemon.config import load_config
 from daemon.rehearsal.objects import rehearsal_of, rehearsed_cell
-from daemon.rehearsal.play import Outcome
+from daemon.rehearsal.play import RehearsedRun
 from daemon.rehearsal.words import outcome_lines, summary_lines
 from fakes.world.scenario import Scenario
 from tests.kit.cli_harness import CommandLine
@@ -131,8 +131,8 @@ def test_what_the_configuration_lacks_is_said(
 
 def test_a_rehearsal_says_how_it_ended_and_what_fell_out() -> None:
     lost = ["pose skipped: outside the workspace"] * 2 + [f"pose skipped: {n}" for n in range(6)]
-    bad = Outcome(2, "aborted", 12.0, why=["No plan (3010). Move the board."], lost=lost)
-    good = Outcome(1, "complete", 95.0, "pass", "0.1 mm", "0.05 mm", True)
+    bad = RehearsedRun(2, "aborted", 12.0, why=["No plan (3010). Move the board."], lost=lost)
+    good = RehearsedRun(1, "complete", 95.0, "pass", "0.1 mm", "0.05 mm", True)
     text = "\n".join(outcome_lines("cone-capture", bad))
     assert "twin 2: aborted after 12 s of the cell" in text
     assert "No plan (3010)" in text

@@ -6,7 +6,7 @@ import pytest
 
 from cell.formats.result import Figures
 from daemon.modbus import register_table
-from daemon.warning_bits import WARNING_BITS, Shown, warning_bits, warnings_shown
+from daemon.warning_bits import WARNING_BITS, WarningContext, warning_bits, warnings_shown
 
 QUIET: dict[str, Any] = {
     "steps_taken_again": 0,
@@ -18,7 +18,7 @@ QUIET: dict[str, Any] = {
 
 
 def shown(last: dict[str, Any] | None = None, moved: bool = False, **status: Any) -> list[str]:
-    return warnings_shown(warning_bits(Shown(QUIET | status, last, Figures(tool_moved=moved))))
+    return warnings_shown(warning_bits(WarningContext(QUIET | status, last, Figures(tool_moved=moved))))
 
 
 def test_nothing_to_warn_of_is_0() -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cell.errors import CellError
 from drivers.ur import rtde
-from drivers.ur.rtde import Kind, Package, Recipe, Splitter
+from drivers.ur.rtde import Package, PackageType, Recipe, Splitter
 
 _INT32 = st.integers(-(2**31), 2**31 - 1)
 _UINT32 = st.integers(0, 2**32 - 1)
@@ -26,7 +26,7 @@ _VALUES: dict[str, st.SearchStrategy[rtde.Value]] = {
     "VECTOR6INT32": st.tuples(*[_INT32] * 6),
     "VECTOR6UINT32": st.tuples(*[_UINT32] * 6),
 }
-_PACKAGES = st.builds(Package, st.sampled_from(list(Kind)), st.binary(max_size=200))
+_PACKAGES = st.builds(Package, st.sampled_from(list(PackageType)), st.binary(max_size=200))
 
 
 def test_the_version_request_is_the_five_bytes_of_the_guide() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.kinematics import UrArm, robot_from_spec
+from calibration.kinematics import UrArmModel, robot_from_spec
 from fakes.world.arm.kinematics import MODELS, LinkDeltas, chain
 
 PARALLEL = (0.0, -204.0771054, 203.3923236, 0.6852734487, 0.0, 0.0)
@@ -12,7 +12,9 @@ PARALLEL = (0.0, -204.0771054, 203.3923236, 0.6852734487, 0.0, 0.0)
 @pytest.mark.parametrize("model", MODELS)
 def test_both_put_the_drawings_flange_in_the_same_place(model: str) -> None:
     Q = np.random.default_rng(1).uniform(-3, 3, (30, 6))
-    np.testing.assert_allclose(UrArm(model).forward_many(Q).as_matrix(), chain(model).matrix(Q), atol=1e-12)
+    np.testing.assert_allclose(
+        UrArmModel(model).forward_many(Q).as_matrix(), chain(model).matrix(Q), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("far_frames", [False, True])

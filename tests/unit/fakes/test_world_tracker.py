@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.kinematics import UrArm
+from calibration.kinematics import UrArmModel
 from cell.errors import CellError
 from cell.poses import from_pose6
 from fakes.world.arm.kinematics import chain
@@ -193,7 +193,7 @@ def test_a_box_hides_what_is_behind_it_and_nothing_before_or_beside_it() -> None
 
 @pytest.mark.parametrize(("model", "within_m"), [("ur10e", 0.005), ("ur5e", 0.02), ("ur20", 0.06)])
 def test_the_twins_links_lie_where_the_drawings_have_them(model: str, within_m: float) -> None:
-    shape, drawn = ur_shape(model, chain(model)), UrArm(model)
+    shape, drawn = ur_shape(model, chain(model)), UrArmModel(model)
     for q in np.random.default_rng(3).uniform(-3.0, 3.0, (20, 6)):
         theirs = drawn.link_ends(q)[0][[0, 2, 4, 5, 6]]
         assert np.linalg.norm(shape.lines(q) - theirs, axis=-1).max() < within_m

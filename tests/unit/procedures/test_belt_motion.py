@@ -13,7 +13,7 @@ from fakes.object import run_virtual
 from fakes.world.scenario import Scenario
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.items import Item, Outcome
-from procedures.belt.motion.item_selection import Choice
+from procedures.belt.motion.item_selection import ItemSelection
 from tests.kit.object_cell import ObjectCell, no_report
 from tests.kit.picking_cell import contact_errors, picking_cell, picking_config
 
@@ -185,7 +185,7 @@ def test_noise_never_turns_the_tool_round() -> None:
     zone = {"min_m": 0.0, "max_m": 0.5}
     config = BeltTrackingConfig(wait_pose="a", place_pose="b", zone=zone, belt_z_m=0.1)  # type: ignore[arg-type]
     tool: Any = SimpleNamespace(heading=lambda: 0.0)
-    choice = Choice(config, SimpleNamespace(), tool, 0.0, 0.2)  # type: ignore[arg-type]
+    choice = ItemSelection(config, SimpleNamespace(), tool, 0.0, 0.2)  # type: ignore[arg-type]
     item, turns = Item(1, 0.0, 0.0, np.radians(89.0)), []
     for yaw in np.radians([89.0, 91.0, 89.5, 90.5, -89.0, 88.0]):
         item.yaw = float(yaw)

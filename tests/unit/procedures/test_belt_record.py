@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cell.errors import CellError
+from cell.store.framed import read_framed
 from daemon.cli.replay import differences
 from fakes.object import run_virtual
 from procedures.belt.record import (
@@ -18,7 +19,6 @@ from procedures.belt.record import (
     STEP,
     STEPS_FILE,
     read_rows,
-    read_sightings,
 )
 from tests.kit.object_cell import no_report
 from tests.kit.picking_cell import picking_cell, picking_config
@@ -57,7 +57,7 @@ def test_a_run_can_be_solved_again_from_what_it_left(tmp_path: Path) -> None:
     assert {0, 1} <= set(steps["item"])
     assert float(np.median(steps["belt_m_s"])) == pytest.approx(0.15, rel=0.02)
 
-    seen = read_sightings(folder / SIGHTINGS_FILE)
+    seen = [json.loads(frame) for frame in read_framed(folder / SIGHTINGS_FILE)[0]]
     assert all(s["recv"] > s["t"] for s in seen)
 
     data = json.loads((folder / DATA_FILE).read_text("utf-8"))

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.identification.solution import identify
-from calibration.kinematics import UrArm, measured_arm, robot_from_spec
+from calibration.kinematics import UrArmModel, measured_arm, robot_from_spec
 from calibration.kinematics.families import arm_spec, robot_document
 from cell.errors import CellError
 from cell.formats.robot import parse_robot
@@ -24,7 +24,7 @@ def test_a_controller_that_inverts_its_own_model_then_brings_the_true_flange_the
     spec = arm_spec(parse_robot(scene.data["robot"], "robot"))
     own = len(solved.model.arm.names)
     tools = dict(zip(solved.model.targets, solved.model.tools(solved.x), strict=True))
-    believed = UrArm("ur10e")
+    believed = UrArmModel("ur10e")
     document = robot_document(spec, solved.model.arm, solved.x[:own], tools)
     subject = ArmModels(measured_arm({"model": "ur10e"}, document), believed)
     # The place of the reflector is what was measured: its error is that of the arm and not of the gauge.

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.kinematics import UrArm
+from calibration.kinematics import UrArmModel
 from calibration.kinematics.families import arm_spec
 from cell.formats.robot import parse_robot
 from cell.poses import Array
@@ -50,7 +50,7 @@ def test_a_palletizers_links_are_where_the_twin_has_them() -> None:
 
 def test_lengths_say_nothing_without_a_radius_and_a_ur_needs_none() -> None:
     assert shape(palletizer(), None) is None
-    ur, maker = shape({"model": "ur10e"}, None), UrArm("ur10e")
+    ur, maker = shape({"model": "ur10e"}, None), UrArmModel("ur10e")
     assert ur is not None
     Q = np.random.default_rng(3).uniform(-3.0, 3.0, (5, 6))
     assert np.array_equal(ur.ends(Q), maker.link_ends(Q))
