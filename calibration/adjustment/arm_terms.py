@@ -90,21 +90,23 @@ def twists(arm: ParametricArm, Q: Array) -> Array:
     return np.stack([*shift, *turn], axis=0).transpose(2, 0, 1)
 
 
-def without_gauge(terms: ArmTerms, flange: Array, over: ArmTerms, over_flange: Array) -> ArmTerms:
-    """``terms`` at poses ``flange`` (n, 4, 4) less what moves base and flange as a whole.
+def common_motion(columns: Array, flange: Array) -> Array:
+    """(12, p): the motions of base (in the base) and flange (in the flange) that are nearest to ``columns``.
 
-    That part is the best fit over the reference: ``over`` are the same terms there, ``over_flange`` the
-    poses (k, 4, 4).
+    ``columns`` (k, 6, p) are the terms at poses ``flange`` (k, 4, 4), spread over all that the arm reaches.
     """
     scale = np.array([1.0] * 3 + [_LEVER_M] * 3)
-    base = adjoint(se3.inverse(over_flange)) * scale[:, None]
+    base = adjoint(se3.inverse(flange)) * scale[:, None]
     own = np.broadcast_to(np.diag(scale), base.shape)
     A = np.concatenate([base, own], axis=2).reshape(-1, 12)
-    b = (over.columns * scale[:, None]).reshape(len(A), -1)
-    fit = np.linalg.lstsq(A, b, rcond=None)[0]
-    fit = np.asarray(fit, dtype=float)
-    columns = terms.columns - adjoint(se3.inverse(flange)) @ fit[:6] - fit[6:]
-    return ArmTerms(terms.names, terms.sigma, columns, fit)
+    b = (columns * scale[:, None]).reshape(len(A), -1)
+    return np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], dtype=float)
+
+
+def without_gauge(terms: ArmTerms, flange: Array, gauge: Array) -> ArmTerms:
+    """``terms`` at poses ``flange`` (n, 4, 4) less the motions ``gauge`` (12, p) of base and flange."""
+    columns = terms.columns - adjoint(se3.inverse(flange)) @ gauge[:6] - gauge[6:]
+    return ArmTerms(terms.names, terms.sigma, columns, gauge)
 
 
 def reference_joints(limits: Array, power: int = REFERENCE, seed: int = _SEED) -> Array:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from calibration.adjustment.arm_terms import (
     ArmPrior,
     ArmTerms,
+    common_motion,
     gears_and_sag,
     geometry,
     reference_joints,
@@ -105,15 +107,23 @@ def unknowns(
 
 def arm_terms(arm: ArmKnown, Q: Array) -> dict[str, ArmTerms]:
     """The terms of the arm's blocks at joints ``Q`` (n, 6), without what moves base or flange as a whole."""
-    over, chain = reference_joints(arm.limits), arm.model.base
-    flange, over_flange = chain.flange(Q), chain.flange(over)
+    flange = arm.model.base.flange(Q)
+    gauges = _gauges(arm.model, tuple((low, high) for low, high in arm.limits.tolist()))
+    terms = _arm_blocks(arm.model, Q, arm.prior)
+    return {block: without_gauge(of, flange, gauges[block]) for block, of in terms.items()}
+
+
+def _arm_blocks(model: ParametricArm, Q: Array, prior: ArmPrior) -> dict[str, ArmTerms]:
+    return {GEOMETRY: geometry(model, Q, prior), GEARS: gears_and_sag(model.base, Q, prior)}
+
+
+@lru_cache(maxsize=8)
+def _gauges(model: ParametricArm, limits: tuple[tuple[float, float], ...]) -> dict[str, Array]:
+    """The motions of base and flange in each block: a thousand poses, the same for all that one arm does."""
+    over = reference_joints(np.array(limits))
+    flange = model.base.flange(over)
     return {
-        GEOMETRY: without_gauge(
-            geometry(arm.model, Q, arm.prior), flange, geometry(arm.model, over, arm.prior), over_flange
-        ),
-        GEARS: without_gauge(
-            gears_and_sag(chain, Q, arm.prior), flange, gears_and_sag(chain, over, arm.prior), over_flange
-        ),
+        block: common_motion(of.columns, flange) for block, of in _arm_blocks(model, over, ArmPrior()).items()
     }
 
 

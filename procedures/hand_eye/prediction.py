@@ -11,6 +11,7 @@ from calibration.adjustment.prediction import ExpectedCovariance, PlannedViews, 
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye.problem import Setup
 from calibration.kinematics.families import arm_spec
+from calibration.kinematics.parametric import ParametricArm
 from calibration.planning import ConePlan, Mounting, PredictedUncertainty
 from cell.devices import Intrinsics
 from cell.formats.robot import parse_robot
@@ -114,10 +115,16 @@ class CapturePrediction:
 
     def _arm(self, Q: Array) -> ArmKnown | None:
         """The arm at joints ``Q`` (n, 6), None where its errors are no unknowns."""
+        if self._model is None:
+            return None
+        limits = np.tile([-np.pi, np.pi], (_JOINTS, 1))
+        return ArmKnown(self._model, Q, limits, self.known.arm, scale_free=False)
+
+    @cached_property
+    def _model(self) -> ParametricArm | None:
         if "arm" not in self.known.sources:
             return None
-        spec = arm_spec(parse_robot(arm_robot(self.values), "robot"), "robot")
-        return ArmKnown(spec.arm, Q, np.tile([-np.pi, np.pi], (_JOINTS, 1)), self.known.arm, scale_free=False)
+        return arm_spec(parse_robot(arm_robot(self.values), "robot"), "robot").arm
 
     def _expected(self, plan: ConePlan, placements: int) -> ExpectedCovariance:
         F = np.stack([p.T_base_flange.as_matrix() for p in plan.poses])

@@ -28,12 +28,12 @@ from tests.chaos.matrix import (
     put_right,
     short,
 )
-from tests.kit.laser_cell import TOOL, laser_cell, laser_config, planned_once
+from tests.kit.laser_cell import TOOL, laser_cell, laser_config
 from tests.kit.laser_made import Solved, drawn_reference, solved
 from tests.kit.object_cell import WHO, ObjectCell, no_report, on_disk
 
-__all__ = ["no_report", "planned_once", "solved"]
-pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
+__all__ = ["no_report", "solved"]
+pytestmark = pytest.mark.usefixtures("no_report")
 
 # -- the states, and where a fault can be felt
 

@@ -27,10 +27,10 @@ from tests.chaos.matrix import (
     short,
 )
 from tests.kit.object_cell import WHO, ObjectCell, no_report, on_disk, open_cell
-from tests.kit.tracker_cell import JOB, planned_once, tracker_config
+from tests.kit.tracker_cell import JOB, tracker_config
 
-__all__ = ["no_report", "planned_once"]
-pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
+__all__ = ["no_report"]
+pytestmark = pytest.mark.usefixtures("no_report")
 
 SMALL = {
     "poses": 10,

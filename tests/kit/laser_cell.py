@@ -3,7 +3,6 @@
 import json
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
-from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,6 @@ from cell.calibrations import laser_reference, tool_calibration
 from cell.poses import Array, from_pose6, to_pose6
 from daemon.config import CellConfig
 from fakes.object import VirtualClock
-from procedures.laser.plan import PlanRequest, plan_scan
 from procedures.laser.result import LaserAnswer
 from procedures.laser.solving import compare_second
 from tests.kit.object_cell import ObjectCell, on_disk, open_cell, write_config
@@ -131,24 +129,3 @@ def the_plain_rule_misses(
     found = compare_second(folder / "laser.json", answer, reference)
     assert not found.meets
     assert found.apart == pytest.approx(by_m, abs=found.U_m), "x is doubled"
-
-
-_PLANS: dict[str, str] = {}
-
-
-def remembered(request: PlanRequest) -> dict[str, Any]:
-    """The plan, made once for all runs that ask for the same; their arms stand alike to a microradian."""
-    asked = asdict(request)
-    asked["q"] = np.round(request.q, 6).tolist()
-    asked["values"] = replace(request.values, configured={}, versions={}).as_dict()
-    key = json.dumps(asked, sort_keys=True)
-    if key not in _PLANS:
-        _PLANS[key] = json.dumps(plan_scan(request))
-    plan: dict[str, Any] = json.loads(_PLANS[key])
-    return plan
-
-
-@pytest.fixture
-def planned_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Planning takes as long as the rest of a short run; it has tests of its own."""
-    monkeypatch.setattr("procedures.laser.measurement.plan_scan", remembered)

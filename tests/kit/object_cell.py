@@ -27,10 +27,18 @@ from daemon.worker import InlineWorker
 from fakes.object import ObjectCell as Plant
 from fakes.object import VirtualClock, cell_of
 from fakes.world.scenario import OBSERVED, Scenario
+from procedures.hand_eye.plan import plan_placement
 from procedures.kind import read_result
+from procedures.laser.plan import plan_scan
 from procedures.registry import JOBS
+from procedures.tracker.plan import plan_sampling
+from tests.kit.remembered import remembered
 
 R = TypeVar("R")
+
+PLANNERS: dict[Callable[..., Any], Callable[..., Any]] = {
+    plan: remembered(plan) for plan in (plan_placement, plan_scan, plan_sampling)
+}
 
 JOB = "cone-capture"
 WHO = "test"
@@ -98,7 +106,7 @@ class Eager(InlineWorker):
 
     async def call(self, fn: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
         await self._clock.sleep(self._takes_s)
-        return fn(*args, **kwargs)
+        return PLANNERS.get(fn, fn)(*args, **kwargs)
 
 
 class ObjectCell:

@@ -1,20 +1,16 @@
 """The tracker's job in a cell on virtual time: short plans, and what the arm truly does."""
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 from cell.poses import Array, from_pose6
 from daemon.config import CellConfig
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
 from procedures.tracker.judging import places
-from procedures.tracker.plan import PlanRequest, SamplingPlan, plan_sampling
 from tests.kit.object_cell import write_config
 
 JOB = "tracker-sampling"
@@ -111,23 +107,3 @@ def true_errors(world: World, result: Mapping[str, Any], Q: Array, reflector: st
 
 def rms(x: Array) -> float:
     return float(np.sqrt(np.mean(np.square(x))))
-
-
-_PLANS: dict[str, SamplingPlan] = {}
-
-
-def remembered(request: PlanRequest) -> SamplingPlan:
-    """The plan, made once for all runs that ask for the same; their arms stand alike to a microradian."""
-    asked = asdict(request)
-    asked["q_start"] = np.round(request.q_start, 6).tolist()
-    asked["values"] = replace(request.values, configured={}, versions={}).as_dict()
-    key = json.dumps(asked, sort_keys=True)
-    if key not in _PLANS:
-        _PLANS[key] = plan_sampling(request)
-    return _PLANS[key]
-
-
-@pytest.fixture
-def planned_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Planning takes longer than the rest of a short run; it has tests of its own."""
-    monkeypatch.setattr("procedures.tracker.sampling.plan_sampling", remembered)

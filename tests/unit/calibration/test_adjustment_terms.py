@@ -6,6 +6,7 @@ import pytest
 
 from calibration.adjustment.arm_terms import (
     ArmPrior,
+    common_motion,
     gears_and_sag,
     geometry,
     reference_joints,
@@ -64,8 +65,8 @@ def test_gears_and_sag_are_the_flanges_motions_for_errors_of_the_joints() -> Non
 
 def test_a_number_that_only_moves_base_or_flange_has_no_term_left() -> None:
     over = reference_joints(UrArmModel("ur10e").joint_limits)
-    terms = [geometry(MODEL, Q, ArmPrior()) for Q in (JOINTS, over)]
-    subject = without_gauge(terms[0], MODEL.base.flange(JOINTS), terms[1], MODEL.base.flange(over))
+    gauge = common_motion(geometry(MODEL, over, ArmPrior()).columns, MODEL.base.flange(over))
+    subject = without_gauge(geometry(MODEL, JOINTS, ArmPrior()), MODEL.base.flange(JOINTS), gauge)
     for name in ("theta1", "d1", "d6", "theta6"):
         assert np.abs(subject.columns[:, :, subject.names.index(name)]).max() < 1e-9, name
     assert np.abs(subject.columns[:, :, subject.names.index("a2")]).max() > 0.1

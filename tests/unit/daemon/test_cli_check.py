@@ -13,9 +13,9 @@ from daemon.cli import machine
 from daemon.config import init_text, load_config
 from daemon.demo.fast import write_config as write_demo_config
 from daemon.demo.scenes import DemoScene
+from procedures.laser.plan import plan_scan
 from tests.kit.cli_harness import CellOnDisk, CommandLine
-from tests.kit.laser_cell import remembered
-from tests.kit.object_cell import write_config
+from tests.kit.object_cell import PLANNERS, write_config
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ _predict = cache(predict)  # a few dozen commands ask for the same handful of pr
 @pytest.fixture(autouse=True)
 def _predicted_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("procedures.laser.expectation.predict", _predict)
-    monkeypatch.setattr("procedures.laser.expectation.plan_scan", remembered)
+    monkeypatch.setattr("procedures.laser.expectation.plan_scan", PLANNERS[plan_scan])
 
 
 @pytest.fixture

@@ -14,12 +14,12 @@ from tests.kit.interrupted import Struck, run_struck, silence_at
 from tests.kit.laser_cell import laser_cell, laser_config
 from tests.kit.laser_made import Solved, drawn_reference, solved
 from tests.kit.object_cell import no_report, open_cell
-from tests.kit.tracker_cell import planned_once, tracker_config
+from tests.kit.tracker_cell import tracker_config
 from tests.unit.procedures.test_iso9283_job import POINT, iso_config, true_reflector
 from tests.unit.procedures.test_latency_job import cell_config, with_reference
 
-__all__ = ["no_report", "planned_once", "solved"]
-pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
+__all__ = ["no_report", "solved"]
+pytestmark = pytest.mark.usefixtures("no_report")
 
 SHORT, LONGER = 0.3, 1.5
 AUTO = {"accept": {"auto": True}}

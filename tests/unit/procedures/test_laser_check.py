@@ -15,16 +15,15 @@ from tests.kit.laser_cell import (
     laser_cell,
     laser_config,
     passes,
-    planned_once,
     states_of_results,
 )
 from tests.kit.laser_made import Solved, drawn_reference, solved
 from tests.kit.laser_runs import asked, replayed
 from tests.kit.object_cell import WHO, ObjectCell, no_report, on_disk, refused
 
-__all__ = ["no_report", "planned_once", "solved"]
+__all__ = ["no_report", "solved"]
 
-pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
+pytestmark = pytest.mark.usefixtures("no_report")
 
 
 POLL_S = 0.01

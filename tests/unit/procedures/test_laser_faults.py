@@ -10,12 +10,12 @@ import pytest
 
 from cell.interruptions import InterruptionLimits
 from fakes.object import run_virtual
-from tests.kit.laser_cell import laser_cell, laser_config, passes, planned_once
+from tests.kit.laser_cell import laser_cell, laser_config, passes
 from tests.kit.laser_made import Solved, solved
 from tests.kit.object_cell import ObjectCell, no_report
 
-__all__ = ["no_report", "planned_once", "solved"]
-pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
+__all__ = ["no_report", "solved"]
+pytestmark = pytest.mark.usefixtures("no_report")
 
 JOB = "laser-reference"
 

@@ -9,16 +9,15 @@ from procedures.laser.judging import judge_check
 from tests.kit.laser_cell import (
     laser_cell,
     laser_config,
-    planned_once,
     states_of_results,
 )
 from tests.kit.laser_made import T_TOOL, Solved, drawn_reference, solved
 from tests.kit.laser_runs import AUTO, JOB
 from tests.kit.object_cell import no_report
 
-__all__ = ["no_report", "planned_once", "solved"]
+__all__ = ["no_report", "solved"]
 
-pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
+pytestmark = pytest.mark.usefixtures("no_report")
 
 
 LIMITS = {"max_shift_m": 0.01, "max_tilt_rad": 0.1}

@@ -8,13 +8,13 @@ import pytest
 
 from daemon.cli.replay import differences
 from fakes.object import run_virtual
-from tests.kit.laser_cell import laser_cell, laser_config, planned_once
+from tests.kit.laser_cell import laser_cell, laser_config
 from tests.kit.laser_made import Solved, drawn_reference, solved
 from tests.kit.object_cell import WHO, ObjectCell, no_report
 from tests.kit.solved import solve_again
 
-__all__ = ["no_report", "planned_once", "solved"]
-pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
+__all__ = ["no_report", "solved"]
+pytestmark = pytest.mark.usefixtures("no_report")
 
 
 async def finished_at(cell: ObjectCell, job: str, state: str) -> dict[str, Any]:

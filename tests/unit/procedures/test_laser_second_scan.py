@@ -9,16 +9,15 @@ from fakes.object import run_virtual
 from tests.kit.laser_cell import (
     laser_cell,
     laser_config,
-    planned_once,
     states_of_results,
 )
 from tests.kit.laser_made import T_TOOL, Solved, drawn_reference, solved
 from tests.kit.laser_runs import AUTO, JOB, replayed
 from tests.kit.object_cell import ObjectCell, no_report
 
-__all__ = ["no_report", "planned_once", "solved"]
+__all__ = ["no_report", "solved"]
 
-pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
+pytestmark = pytest.mark.usefixtures("no_report")
 
 
 def tcp_of(cell: ObjectCell) -> list[float]:

@@ -12,7 +12,7 @@ from fakes.object import run_virtual
 from procedures.laser.states import CHECKPOINTS, SCAN, ScanState
 from procedures.laser.update import LaserUpdate
 from procedures.laser.update import State as UpdateState
-from tests.kit.laser_cell import laser_cell, laser_config, remembered
+from tests.kit.laser_cell import laser_cell, laser_config
 from tests.kit.laser_made import Solved, answer_at_once, drawn_reference
 from tests.kit.object_cell import WHO, ObjectCell, no_report
 
@@ -144,7 +144,6 @@ def all_taken(tmp_path_factory: pytest.TempPathFactory) -> Iterator[set[Edge]]:
     async def drawn(run: Any) -> None: ...
 
     patch.setattr("daemon.results._write_report", drawn)
-    patch.setattr("procedures.laser.measurement.plan_scan", remembered)
     edges: set[Edge] = set()
     for number, walk in enumerate(WALKS):
         solved = answer_at_once(patch)

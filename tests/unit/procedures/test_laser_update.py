@@ -15,7 +15,6 @@ from tests.kit.laser_cell import (
     committed_tool,
     laser_cell,
     laser_config,
-    planned_once,
     point_of,
     states_of_results,
     the_plain_rule_misses,
@@ -26,9 +25,9 @@ from tests.kit.laser_made import Solved, drawn_reference, solved
 from tests.kit.laser_runs import AUTO, JOB, asked, replayed
 from tests.kit.object_cell import WHO, ObjectCell, no_report, on_disk, refused
 
-__all__ = ["no_report", "planned_once", "solved"]
+__all__ = ["no_report", "solved"]
 
-pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
+pytestmark = pytest.mark.usefixtures("no_report")
 
 
 BEND = ([0.0012, -0.0007, 0.0005], [0.006, -0.008, 0.0])  # 1.48 mm, 10 mrad

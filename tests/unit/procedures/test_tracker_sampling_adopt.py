@@ -9,11 +9,11 @@ from cell.errors import CellError
 from fakes.object import run_virtual
 from procedures.tracker.record import SampleRecord
 from tests.kit.object_cell import no_report, open_cell
-from tests.kit.tracker_cell import JOB, planned_once, tracker_config
+from tests.kit.tracker_cell import JOB, tracker_config
 from tests.unit.procedures.test_tracker_sampling_faults import at_pose
 
-__all__ = ["no_report", "planned_once"]
-pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
+__all__ = ["no_report"]
+pytestmark = pytest.mark.usefixtures("no_report")
 
 
 def test_finished_poses_survive_a_kill_and_are_taken_over(tmp_path: Path) -> None:

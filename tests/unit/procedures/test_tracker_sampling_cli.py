@@ -12,9 +12,9 @@ from daemon.config import ConfigInvalid
 from fakes.object import run_virtual
 from procedures.report import write_report
 from tests.kit.object_cell import no_report, open_cell
-from tests.kit.tracker_cell import JOB, planned_once, tracker_config
+from tests.kit.tracker_cell import JOB, tracker_config
 
-__all__ = ["no_report", "planned_once"]
+__all__ = ["no_report"]
 
 
 def expected(folder: Path, job: dict[str, Any] | None = None, scenario: str = "tracker") -> dict[str, Any]:
@@ -80,7 +80,7 @@ def test_a_section_that_cannot_be_right_is_told_with_the_fix(
         tracker_config(tmp_path, job)
 
 
-@pytest.mark.usefixtures("no_report", "planned_once")
+@pytest.mark.usefixtures("no_report")
 def test_a_dry_run_shows_every_pose_with_its_margins_and_what_stays_open(tmp_path: Path) -> None:
     async def main() -> str:
         async with open_cell(tracker_config(tmp_path), job=JOB) as cell:
@@ -95,7 +95,7 @@ def test_a_dry_run_shows_every_pose_with_its_margins_and_what_stays_open(tmp_pat
     assert text.endswith("Nothing was moved.")
 
 
-@pytest.mark.usefixtures("no_report", "planned_once")
+@pytest.mark.usefixtures("no_report")
 def test_a_run_is_told_in_words_and_drawn(tmp_path: Path) -> None:
     async def main() -> tuple[dict[str, Any], Path]:
         async with open_cell(tracker_config(tmp_path, {"poses": 20}, scenario="palletizer"), job=JOB) as cell:

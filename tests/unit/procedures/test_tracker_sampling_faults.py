@@ -21,12 +21,12 @@ from procedures.tracker.monuments import Moved, compare, drift_summary, moved_te
 from procedures.tracker.record import SampleRecord
 from procedures.tracker.watch import MonumentWatch
 from tests.kit.object_cell import ObjectCell, no_report, open_cell, refused
-from tests.kit.tracker_cell import JOB, planned_once, tracker_config
+from tests.kit.tracker_cell import JOB, tracker_config
 from tests.kit.tracker_runs import at_monuments, at_pose, error_of, run
 
-__all__ = ["no_report", "planned_once"]
+__all__ = ["no_report"]
 
-pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
+pytestmark = pytest.mark.usefixtures("no_report")
 
 
 # -- the beam

@@ -15,10 +15,10 @@ from procedures.tracker.stored import load_stored
 from procedures.tracker.visiting import Visitor
 from tests.kit.object_cell import ObjectCell, no_report, open_cell
 from tests.kit.solved import solve_kincal
-from tests.kit.tracker_cell import JOB, monuments, planned_once, reflectors, tracker_config
+from tests.kit.tracker_cell import JOB, monuments, reflectors, tracker_config
 
-__all__ = ["no_report", "planned_once"]
-pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
+__all__ = ["no_report"]
+pytestmark = pytest.mark.usefixtures("no_report")
 POSES, STOPPED_AT = 14, 12
 SMALL = {"poses": POSES, "held_out_share": 0.1, "monument_every": 4}
 

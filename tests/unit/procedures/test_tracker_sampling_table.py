@@ -12,7 +12,7 @@ from cell.motion import MotionLease
 from fakes.object import VirtualClock, run_virtual
 from procedures.tracker.states import CHECKPOINTS, TRANSITIONS, State
 from tests.kit.object_cell import WHO, ObjectCell, open_cell
-from tests.kit.tracker_cell import JOB, nominal_tracker, reflectors, remembered, tracker_config
+from tests.kit.tracker_cell import JOB, nominal_tracker, reflectors, tracker_config
 
 Edge = tuple[Any, Any]
 EDGES: frozenset[Edge] = frozenset((a, b) for a, to in TRANSITIONS.items() for b in to)
@@ -158,7 +158,6 @@ def all_taken(tmp_path_factory: pytest.TempPathFactory) -> Iterator[set[Edge]]:
     async def drawn(run: Any) -> None: ...
 
     patch.setattr("daemon.results._write_report", drawn)
-    patch.setattr("procedures.tracker.sampling.plan_sampling", remembered)
     edges: set[Edge] = set()
     for number, walk in enumerate(WALKS):
         edges |= run_virtual(walk(tmp_path_factory.mktemp(f"walk{number}")))

@@ -14,12 +14,12 @@ from fakes.object import run_virtual
 from procedures.tracker.arms import WatchedArm
 from procedures.tracker.record import SampleRecord
 from tests.kit.object_cell import ObjectCell, no_report, open_cell, refused
-from tests.kit.tracker_cell import JOB, planned_once, tracker_config
+from tests.kit.tracker_cell import JOB, tracker_config
 from tests.kit.tracker_runs import at_pose, error_of, run
 
-__all__ = ["no_report", "planned_once"]
+__all__ = ["no_report"]
 
-pytestmark = pytest.mark.usefixtures("no_report", "planned_once")
+pytestmark = pytest.mark.usefixtures("no_report")
 
 
 def test_an_arm_that_has_not_gone_where_it_was_asked_to_is_not_measured_twice_at_one_place(

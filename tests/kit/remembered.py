@@ -1,0 +1,44 @@
+"""Plans of whole runs, made once for all runs that ask for the same: planning has tests of its own."""
+
+import copy
+import json
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from functools import wraps
+from typing import Any, TypeVar
+
+Request = TypeVar("Request")
+Plan = TypeVar("Plan")
+
+_SMALL = 1e-3  # standard deviations and the like
+
+
+def remembered(plan: Callable[[Request], Plan]) -> Callable[[Request], Plan]:
+    """``plan``, which is pure, asked once for requests that are alike; whoever asks has a copy to himself."""
+    known: dict[str, Plan] = {}
+
+    @wraps(plan)
+    def asked(request: Request) -> Plan:
+        key = _key(request)
+        if key not in known:
+            known[key] = plan(request)
+        return copy.deepcopy(known[key])
+
+    return asked
+
+
+def _key(request: Any) -> str:
+    """The request in words, less the versions of what it was made with."""
+    values = replace(request.values, configured={}, versions={})
+    text = json.dumps(asdict(replace(request, values=values)), sort_keys=True, default=_plain)
+    return json.dumps(json.loads(text, parse_float=_rounded))
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if hasattr(value, "tolist") else sorted(value)
+
+
+def _rounded(digits: str) -> float:
+    """Arms that stand alike to a microradian have one plan."""
+    value = float(digits)
+    return round(value, 6) if abs(value) >= _SMALL else float(f"{value:.4g}")
