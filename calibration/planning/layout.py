@@ -7,7 +7,7 @@ import numpy as np
 
 from calibration.planning.cone import ConeShape
 from calibration.planning.plan import ConePlan
-from calibration.planning.planner import Checker, ConeRequest, Describer, plan_cone
+from calibration.planning.planner import Checker, ConeRequest, plan_cone
 from cell.arm_model import ArmModel
 
 _FARTHER = 1.4  # of the distance: parts focal length and printed size, and is still within most reaches
@@ -26,13 +26,12 @@ def plan_telling_cone(
     model: ArmModel,
     checker: Checker,
     expected: Expected,
-    describe: Describer | None = None,
 ) -> ConePlan:
     """The plan of :func:`plan_cone`, changed step by step while the expected error falls and no pose is lost.
 
     A second distance that is given in ``request.shape`` is kept.
     """
-    best, shape = plan_cone(request, model, checker, describe), request.shape
+    best, shape = plan_cone(request, model, checker), request.shape
     if len(best.poses) < _FEWEST:
         return best
     error, tried = expected(best), best.candidates_tried
@@ -40,7 +39,7 @@ def plan_telling_cone(
         found = []
         for change in alternatives:
             other = change(shape)
-            plan = plan_cone(replace(request, shape=other, axes=[best.axis]), model, checker, describe)
+            plan = plan_cone(replace(request, shape=other, axes=[best.axis]), model, checker)
             tried += 1
             if len(plan.poses) >= len(best.poses):
                 found.append((expected(plan), plan, other))

@@ -1,8 +1,8 @@
 """A finished plan: the poses to visit, in order, and why others are left out."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,9 @@ from cell.errors import CellError, error
 from cell.poses import Array, to_pose6
 
 MIN_SPREAD_RAD = 0.05  # rotation about a second axis, below which X cannot be found
+
+Describer = Callable[[Array], Mapping[str, Any]]
+"""``describe(q)`` gives the margins of a pose for the listing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +82,10 @@ class ConePlan:
                 f"axis, need {MIN_SPREAD_RAD} rad: {why}",
             )
         return None
+
+    def described(self, describe: Describer) -> "ConePlan":
+        """The plan with the margins of each pose."""
+        return replace(self, poses=[replace(pose, checks=describe(pose.q)) for pose in self.poses])
 
     def as_dict(self) -> dict[str, Any]:
         """For journals and ``--dry-run``."""

@@ -1,8 +1,7 @@
 """Plan the cone poses of one placement: reachable, in view, free to move between, in a short order."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -18,8 +17,6 @@ from cell.poses import Array
 
 Checker = Callable[[Array, Array], None]
 """``checker(q_from, q_to)`` raises a ``CellError`` when that joint path is not free."""
-Describer = Callable[[Array], Mapping[str, Any]]
-"""``describe(q)`` gives the margins of a pose for the listing."""
 
 _OTHER_BRANCHES = 3
 _OTHER_RAD = 0.5  # joints that differ by more are on another branch
@@ -43,9 +40,7 @@ class ConeRequest:
     skip: Collection[int] = field(default_factory=frozenset)
 
 
-def plan_cone(
-    request: ConeRequest, model: ArmModel, checker: Checker, describe: Describer | None = None
-) -> ConePlan:
+def plan_cone(request: ConeRequest, model: ArmModel, checker: Checker) -> ConePlan:
     """The best plan over all candidate axes: the first that loses no pose, else the one that loses fewest.
 
     Raises nothing for a poor plan: ask :meth:`ConePlan.shortfall`.
@@ -56,24 +51,18 @@ def plan_cone(
         enough = len(max(plans, key=_merit).poses) if plans else 0
         views = cone_poses(axis.T_target_cone, request.shape).inv()
         tour = _Tour(request, views, model, checker, enough)
-        plans.append(ConePlan(tour.visits(describe), tour.rejected, axis, tried))
+        plans.append(ConePlan(tour.visits(), tour.rejected, axis, tried))
         if not tour.rejected:
             break
     best = max(plans, key=_merit)
     return ConePlan(best.poses, best.rejected, best.axis, len(plans))
 
 
-def plan_views(
-    request: ConeRequest,
-    views: RigidTransform,
-    model: ArmModel,
-    checker: Checker,
-    describe: Describer | None = None,
-) -> ConePlan:
+def plan_views(request: ConeRequest, views: RigidTransform, model: ArmModel, checker: Checker) -> ConePlan:
     """A plan of the given T_camera_target (n), in their order; ``request.shape`` has as many poses."""
     tour = _Tour(request, views, model, checker, 0)
     here = RigidTransform.from_translation(board_centre(request.target_points))
-    return ConePlan(tour.visits(describe), tour.rejected, ConeAxis(here, "over the camera's volume"), 1)
+    return ConePlan(tour.visits(), tour.rejected, ConeAxis(here, "over the camera's volume"), 1)
 
 
 def _merit(plan: ConePlan) -> tuple[int, float]:
@@ -102,8 +91,8 @@ class _Tour:
     def rejected(self) -> list[RejectedPose]:
         return [RejectedPose(k, why) for k, why in sorted(self._lost.items())]
 
-    def visits(self, describe: Describer | None) -> list[PlannedPose]:
-        """The poses in order, with their margins when ``describe`` is given."""
+    def visits(self) -> list[PlannedPose]:
+        """The poses in order."""
         before = [self._request.q_start, *(q for _, q in self._visits)]
         return [
             PlannedPose(
@@ -112,7 +101,6 @@ class _Tour:
                 T_base_flange=self._flanges[k],
                 T_camera_target=self._views[k],
                 travel_rad=float(np.max(np.abs(q - last))),
-                checks={} if describe is None else describe(q),
             )
             for (k, q), last in zip(self._visits, before[:-1], strict=True)
         ]

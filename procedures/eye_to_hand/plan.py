@@ -60,8 +60,7 @@ def plan_volume(request: VolumeRequest) -> PlacementPlan:
         chosen,
         guard.model,
         guard.check_path_joints,
-        lambda q: guard.describe(q).as_dict(),
-    )
+    ).described(lambda q: guard.describe(q).as_dict())
     needed = max(common.min_poses - len(common.finished), 0)
     if (problem := plan.shortfall(needed)) is not None and not common.finished:
         raise problem

@@ -150,8 +150,7 @@ def plan_placement(request: PlanRequest) -> PlacementPlan:
         guard.model,
         guard.check_path_joints,
         lambda plan: prediction.error_at(plan, request.distance_m),
-        lambda q: guard.describe(q).as_dict(),
-    )
+    ).described(lambda q: guard.describe(q).as_dict())
     needed = max(request.min_poses - len(request.finished), 0)
     short = None if request.finished else plan.shortfall(needed)
     poor = ""

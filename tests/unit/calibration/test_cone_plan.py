@@ -191,7 +191,7 @@ def test_a_way_home_that_is_blocked_costs_the_last_poses_only() -> None:
 
 def test_the_listing_carries_the_margins_of_each_pose() -> None:
     guard = make_guard({"name": "pillar", "min": [0.6, -0.2, 0.0], "max": [0.8, 0.2, 1.5]})
-    plan = plan_cone(request(), ARM, guard.check_path_joints, lambda q: guard.describe(q).as_dict())
+    plan = plan_cone(request(), ARM, guard.check_path_joints).described(lambda q: guard.describe(q).as_dict())
     listing = plan.as_dict()
     assert len(listing["poses"]) == 20
     assert all(p["checks"]["workspace_m"] > 0 and p["checks"]["clearance_m"] > 0 for p in listing["poses"])
