@@ -226,15 +226,20 @@ class MotionLease:
             await self._live_port().move_linear(T_base_flange, speed)
 
     async def guarded_move(
-        self, T_base_flange: RigidTransform, max_force_n: float, max_travel_m: float
+        self,
+        T_base_flange: RigidTransform,
+        max_force_n: float,
+        max_travel_m: float,
+        speed: Speed | None = None,
     ) -> bool:
         """Linear move that a force ends; True when it did."""
-        start = await self._movable_state()
-        await asyncio.to_thread(self._guard.check_path_linear, start.T_base_flange, T_base_flange, start.q)
+        start, speed = await self._movable_state(), speed or self._speed
+        line = start.T_base_flange, T_base_flange, start.q, speed.tcp_m_s
+        await asyncio.to_thread(self._guard.check_path_linear, *line)
         await self._movable_state()  # checking took a while
         self._recorder.note("motion", event="guarded_move", max_force_n=max_force_n)
         with self._where_left.moving():
-            return await self._live_port().guarded_move(T_base_flange, self._speed, max_force_n, max_travel_m)
+            return await self._live_port().guarded_move(T_base_flange, speed, max_force_n, max_travel_m)
 
     async def stream(self, pieces: AsyncIterator[TrajectoryPiece]) -> None:
         """Follow polynomials; five points of every piece pass the guard before it is sent.

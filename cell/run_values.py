@@ -22,7 +22,8 @@ class RunValues:
     ``{"name": "kinematics.<device>", "version": n}``.
 
     By name in the ledger: ``configured`` has the configured value, ``versions`` the version in effect, and
-    ``made_with`` the model of the arm that this version was made with.
+    ``made_with`` the model of the arm that this version was made with, and ``uncertainty`` the covariance
+    ``cov`` and the ``budget`` of the result that it comes from, as far as that states them.
     """
 
     robot: Mapping[str, Any]
@@ -43,6 +44,7 @@ class RunValues:
     configured: Mapping[str, Any] = field(default_factory=dict)
     versions: Mapping[str, int] = field(default_factory=dict)
     made_with: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    uncertainty: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, document: Mapping[str, Any]) -> Self:

@@ -73,6 +73,7 @@ def resolve_values(
         configured=effect.configured,
         versions=effect.versions,
         made_with=effect.made_with,
+        uncertainty=effect.uncertainty,
     )
 
 
@@ -84,6 +85,7 @@ class _InEffect:
         self.configured: dict[str, Any] = {}
         self.versions: dict[str, int] = {}
         self.made_with: dict[str, Mapping[str, Any]] = {}
+        self.uncertainty: dict[str, Mapping[str, Any]] = {}
 
     def value(self, name: str, configured: Any, key: str = "") -> Any:
         """The version in effect, else what is ``configured`` (under ``key`` of ``[robot]``)."""
@@ -99,7 +101,15 @@ class _InEffect:
         if found.version is not None:
             self.versions[name] = found.version
             self.made_with[name] = found.arm_model or dict(CONTROLLER)
+            if stated := _stated(found.result):
+                self.uncertainty[name] = stated
         return found.value
+
+
+def _stated(result: Mapping[str, Any] | None) -> dict[str, Any]:
+    """What the result of a version says of its uncertainty."""
+    answer = (result or {}).get("result") or {}
+    return {key: answer[key] for key in ("cov", "budget") if answer.get(key) is not None}
 
 
 def _hand_eye(

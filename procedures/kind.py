@@ -171,6 +171,16 @@ _ALL = (
         solve="procedures.belt.solve.solver:solve_intercept",
     ),
     Kind(
+        name="slot",
+        words="procedures.slot.words:slot_lines",
+        result="procedures.slot.result:SlotResult",
+        data_file="slot.json",
+        jobs=("procedures.slot.procedure:SlotInsertion",),
+        plan="procedures.slot.words:slot_plan_lines",
+        expectation="procedures.slot.expectation:slot_expectation",
+        truth="procedures.slot.truth:judge_slot",
+    ),
+    Kind(
         name="latency",
         words="procedures.latency.words:latency_lines",
         result="procedures.latency.result:LatencyResult",

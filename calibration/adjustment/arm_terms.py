@@ -14,6 +14,7 @@ from calibration.hand_eye import se3
 from calibration.kinematics.joint_errors import JointErrors, of_gears, of_sag
 from calibration.kinematics.parametric import ParametricArm
 from calibration.kinematics.serial import SerialChain
+from cell.formats.robot import Prior
 from cell.poses import Array, adjoint
 
 REFERENCE = 10  # two to this power joint vectors stand for all that the arm can reach
@@ -42,6 +43,19 @@ class ArmPrior:
     angle: float = 3e-4
     gear: float = 2e-5
     sag: float = 1e-4
+
+
+def arm_prior(given: Prior | None) -> ArmPrior:
+    """What a ROBOT says of its numbers; the usual where it says nothing."""
+    usual = ArmPrior()
+    if given is None:
+        return usual
+    return ArmPrior(
+        given.length_m or usual.length,
+        given.angle_rad or usual.angle,
+        given.gear_rad or usual.gear,
+        given.sag_rad or usual.sag,
+    )
 
 
 def geometry(arm: ParametricArm, Q: Array, prior: ArmPrior) -> ArmTerms:

@@ -33,7 +33,8 @@ class Effective:
     """The value in effect; ``version`` is None when it is the configured one.
 
     ``arm_model`` is the model of the arm that it was made with, None where that played no part or was not
-    noted yet: such versions were made as the arm's controller believes.
+    noted yet: such versions were made as the arm's controller believes. ``result`` is the summary of the
+    result that the version comes from.
     """
 
     value: Any
@@ -41,6 +42,7 @@ class Effective:
     conflict: bool
     result_id: int | None = None
     arm_model: dict[str, Any] | None = None
+    result: dict[str, Any] | None = None
 
 
 class Ledger(Records):
@@ -266,7 +268,9 @@ class Ledger(Records):
             if row is None:
                 return Effective(config_value, None, False)
             conflict = row["config_value"] != self._configured[name]
-            return Effective(row["value"], row["version"], conflict, row["id"], row["arm_model"])
+            return Effective(
+                row["value"], row["version"], conflict, row["id"], row["arm_model"], row["result"]
+            )
 
     def in_effect(self, name: str) -> dict[str, Any] | None:
         """The committed version with the summary of its result, None when there is none.

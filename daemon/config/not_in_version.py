@@ -4,7 +4,7 @@ from typing import Any
 
 from daemon.config.findings import Findings
 
-JOBS = ("slot-insertion", "drift-check")
+JOBS = ("drift-check",)
 
 
 def take_out(raw: dict[str, Any], findings: Findings) -> dict[str, Any]:

@@ -27,11 +27,10 @@ from fakes.frames.boxes import (
 )
 from fakes.frames.plates import Image
 from fakes.frames.render import pixel_rays
-from fakes.world.rack.rack import Rack
+from fakes.world.rack.rack import PLATE_M, Rack
 from fakes.world.rack.truth import RackTruth
 from fakes.world.world import World
 
-_MARGIN_M = 0.04  # of the plate around its openings
 _BACKGROUND, _FAR_MM = 90.0, 2000.0
 _WALL_SHADES = (0.75, 1.25, 0.9, 1.1)
 _NOISE_GREY, _DEPTH_NOISE_MM = 2.0, 1.0
@@ -85,9 +84,9 @@ class RackView:
 
     def _plate(self, colour: Image, depth: NDArray[np.float32], T_camera_base: RigidTransform) -> None:
         truth = self._truth
-        low = -0.5 * np.array(truth.opening_m) - _MARGIN_M
+        low = -0.5 * np.array(truth.opening_m) - PLATE_M
         last = np.array([(truth.columns - 1) * truth.column_pitch_m, (truth.rows - 1) * truth.row_pitch_m])
-        high = last + 0.5 * np.array(truth.opening_m) + _MARGIN_M
+        high = last + 0.5 * np.array(truth.opening_m) + PLATE_M
         T = T_camera_base * self._rack.T_base_rack
         face = self._face(T.apply(_corners(low, high, 0.0)), truth.plate_colour)
         if face is not None:

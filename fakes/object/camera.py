@@ -1,9 +1,12 @@
-"""The camera of the object face: corners straight from the world, no images and no files."""
+"""The camera of the object face: corners straight from the world, and pictures of a rack alone."""
 
+import asyncio
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 from pydantic import BaseModel, ConfigDict, Field
 
 from cell.clock import Clock
@@ -25,7 +28,7 @@ class ObjectCameraConfig(BaseModel):
 
 
 class ObjectCamera(ObjectDevice):
-    """``cell.devices.DepthCamera`` on virtual time; ``Frame.colour_file`` and ``depth_file`` are None."""
+    """``cell.devices.DepthCamera`` on virtual time. Frames have files where the world has a rack."""
 
     Config = ObjectCameraConfig
     PLAYS = (DepthCamera,)
@@ -71,7 +74,8 @@ class ObjectCamera(ObjectDevice):
         self._items = None if spec is None else dict(spec)
 
     async def capture(self, count: int, folder: Path, stem: str, after: float) -> Sequence[Frame]:
-        """``count`` frames exposed wholly after ``after``; this face writes no files."""
+        """``count`` frames exposed wholly after ``after``; this face writes files where there is a rack, of
+        which it is the picture that is looked at."""
         frames: list[Frame] = []
         while len(frames) < count:
             if self.lost is not None:
@@ -83,7 +87,17 @@ class ObjectCamera(ObjectDevice):
             ][:count]
             if len(frames) < count:
                 await self.wait_change(self.frames.period_s / 2.0)
-        return frames
+        if self.world.rack is None:
+            return frames
+        return [await asyncio.to_thread(self._drawn, f, folder, f"{stem}-{k}") for k, f in enumerate(frames)]
+
+    def _drawn(self, frame: Frame, folder: Path, stem: str) -> Frame:
+        """``frame`` with its pictures on disk; blocks."""
+        colour, depth = self.head.pictures(frame.t_exposure, frame.seq)
+        files = folder / f"{stem}.png", folder / f"{stem}-depth.png"
+        for path, picture in zip(files, (colour, depth), strict=True):
+            cv2.imwrite(str(path), picture)
+        return replace(frame, colour_file=files[0], depth_file=files[1])
 
     def inject(self, kind: str, **arguments: object) -> None:
         """Begin a fault of the camera, by its name in the vocabulary."""

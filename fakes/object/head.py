@@ -1,13 +1,18 @@
 """The camera of the object face as a thing: what an exposure shows, and what can go wrong with it."""
 
+from functools import cached_property
 from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from cell.clock import Clock
 from cell.devices import BoardView, ItemView
+from cell.errors import error
 from cell.poses import Array
+from fakes.frames.plates import Image
+from fakes.frames.rack_view import RackView
 from fakes.object._plant import Plant
 from fakes.object.item_detection import Look, items_seen
 from fakes.world.targets import faces_away, target_points
@@ -64,6 +69,18 @@ class CameraHead(Plant):
         camera = self.world.camera
         look = Look(self._project, (camera.width, camera.height), self.world.config.seed, tick + 1)
         return items_seen(self.world.items, self.world.scene(t).T_base_camera, t, spec, look)
+
+    def pictures(self, t: float, tick: int) -> tuple[Image, NDArray[np.uint16]]:
+        """Colour (h, w, 3) and depth (h, w) mm of a rack in the exposure around ``t``."""
+        if self._view is None:
+            raise error("CONFIG_INVALID", "the scenario has no [world.rack] to take a picture of")
+        if self._frozen_at is not None:
+            t, tick = self._frozen_at, -1
+        return self._view.picture(t, tick)
+
+    @cached_property
+    def _view(self) -> RackView | None:
+        return None if self.world.rack is None else RackView(self.world, self.world.rack)
 
     def _is_seen(self, points: Array, into_target: Array) -> bool:
         if points[:, 2].min() < 0.05:

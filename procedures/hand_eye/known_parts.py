@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from calibration.adjustment.arm_terms import ArmPrior
+from calibration.adjustment.arm_terms import ArmPrior, arm_prior
 from calibration.adjustment.lens_terms import LensPrior, TargetPrior
 from cell.formats.robot import Robot
 
@@ -39,17 +39,9 @@ def known_parts(
 
 def _arm(robot: Robot | None) -> tuple[ArmPrior, str]:
     """How good an arm is differs by a factor of ten, so the data have a say in the scale of its prior."""
-    usual = ArmPrior()
     given = None if robot is None else robot.prior
-    if given is None:
-        return usual, f"default, its scale by the data ({_arm_text(usual)})"
-    prior = ArmPrior(
-        given.length_m or usual.length,
-        given.angle_rad or usual.angle,
-        given.gear_rad or usual.gear,
-        given.sag_rad or usual.sag,
-    )
-    return prior, f"robot.prior, its scale by the data ({_arm_text(prior)})"
+    prior, source = arm_prior(given), "default" if given is None else "robot.prior"
+    return prior, f"{source}, its scale by the data ({_arm_text(prior)})"
 
 
 def _arm_text(prior: ArmPrior) -> str:

@@ -1,8 +1,8 @@
 """A rack as the twin draws it, looked at by a camera on an arm, with the whole truth."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,11 +33,11 @@ class Picture:
     expected: Expected
 
 
-def make_rack(**changes: Any) -> Rack:
-    """The scenario's rack with other numbers, on a flange that nobody moves."""
+def make_rack(flange: Callable[[float], RigidTransform] = lambda t: RigidTransform.identity()) -> Rack:
+    """The scenario's rack beside an arm whose flange is where ``flange`` has it."""
     truth = Scenario.load("slot").world.rack
     assert truth is not None
-    return Rack(truth.model_copy(update=changes), lambda t: RigidTransform.identity(), 0.0)
+    return Rack(truth, flange, 0.0)
 
 
 def look_at(number: int, rng: np.random.Generator, tick: int = 0) -> Picture:

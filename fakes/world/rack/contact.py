@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
 
 from cell.poses import Array
 
@@ -42,14 +41,14 @@ class Touch:
 _NOTHING = Touch(np.zeros(3))
 
 
-def touch(T_slot_part: RigidTransform, shape: SlotShape, inward: float) -> Touch:
-    """Of a part whose front is at ``T_slot_part``; ``inward``: 1 while it goes in, -1 out, 0 at rest."""
-    x, y, depth = T_slot_part.translation
+def touch(T_slot_part: Array, shape: SlotShape, inward: float) -> Touch:
+    """Of a part with its front at ``T_slot_part`` (4, 4); ``inward``: above 0 while it goes in, 0 at rest."""
+    x, y, depth = T_slot_part[:3, 3]
     if depth <= min(0.0, shape.end):
         return _NOTHING
     if depth <= 0.0:  # something stands out of the slot
         return Touch(_along(-shape.stiffness * (depth - shape.end)))
-    R = T_slot_part.rotation.as_matrix()
+    R = T_slot_part[:3, :3]
     tilt = R[:2, 2] / R[2, 2]  # how much farther to the side per depth
     # turned about the slot's axis a rectangle needs more room
     more = abs(R[1, 0]) * 0.5 * np.array([shape.part[1], shape.part[0]])

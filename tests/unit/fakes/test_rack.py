@@ -17,7 +17,7 @@ def felt(
 ) -> Touch:
     """Of a part ``x`` beside the middle, turned by ``tilt`` about the slot's y."""
     turned = Rotation.from_rotvec([0.0, tilt, 0.0])
-    return touch(RigidTransform.from_components([x, 0.0, depth], turned), shape, inward)
+    return touch(RigidTransform.from_components([x, 0.0, depth], turned).as_matrix(), shape, inward)
 
 
 def test_a_part_within_the_room_feels_nothing_until_the_end() -> None:
@@ -67,16 +67,22 @@ def test_what_stands_out_of_a_slot_is_met_before_it() -> None:
 
 
 def test_a_part_goes_with_the_flange_until_it_is_let_go() -> None:
-    rack = make_rack()
-    at, higher = rack.T_base_part(0, 0.0).translation, np.array([0.0, 0.0, 0.1])
-    poses = {True: RigidTransform.identity(), False: RigidTransform.from_translation(higher)}
-    rack._flange = lambda t: poses[t < 2.0]
+    higher = np.array([0.0, 0.0, 0.1])
+    lifted = RigidTransform.from_translation(higher)
+    rack = make_rack(lambda t: lifted if 2.0 <= t < 3.5 else RigidTransform.identity())
+    at = rack.T_base_part(0, 0.0).translation
     rack.take(0, 1.0)
     assert rack.T_base_part(0, 3.0).translation == pytest.approx(at + higher)
     rack.let_go(0, 3.0)
-    rack._flange = lambda t: poses[True]
     assert rack.T_base_part(0, 4.0).translation == pytest.approx(at + higher)
     assert rack.T_base_part(0, 0.5).translation == pytest.approx(at)
+
+
+def test_a_part_that_is_not_before_the_plate_feels_nothing() -> None:
+    rack = make_rack()
+    rack.take(0, 1.0)  # at the feed, lower than the plate and far from it
+    force, _ = rack.force(2.0)
+    assert not force.any()
 
 
 def test_a_rack_knows_which_slot_a_part_is_in() -> None:

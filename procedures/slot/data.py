@@ -1,0 +1,83 @@
+"""The data set of an insertion, ``slot.json``: what was known, the measuring look, and how it ended."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from cell.formats.reading import Strict, parse, read_json
+from cell.formats.robot import Robot, parse_robot
+from procedures.slot.config import SlotInsertionConfig
+from procedures.slot.seeing import Look
+from procedures.slot.states import Part
+
+DATA_FILE, SCHEMA = "slot.json", "cellward.slot/1"
+Six = Annotated[list[float], Field(min_length=6, max_length=6)]
+
+
+class HandEyeKnown(Strict):
+    """The camera on the flange, its covariance, and the standard uncertainties by cause of its result."""
+
+    T_flange_camera: Six
+    cov: list[list[float]]
+    budget: list[dict[str, Any]] = Field(default_factory=list)
+
+
+class LookTaken(Strict):
+    """The measuring look; pictures by their names in the run folder."""
+
+    what: Literal["opening", "part"]
+    q: Six
+    T_base_camera: Six
+    T_base_slot: Six
+    sigma: Six
+    colour: list[str]
+    depth: list[str]
+    camera: dict[str, Any]
+    reach_m: float
+
+    def look(self, folder: Path) -> Look:
+        return Look(
+            [folder / name for name in self.colour],
+            [folder / name for name in self.depth],
+            self.camera,
+            self.T_base_camera,
+            self.T_base_slot,
+            self.sigma,
+            self.reach_m,
+        )
+
+
+class Outcome(Strict):
+    """What became of it. ``travel_m`` of the part's front in the slot; ``reasons``: why it ended badly."""
+
+    states: list[Part] = Field(default_factory=lambda: [Part.NONE])
+    travel_m: float | None = None
+    force_n: float | None = None
+    reasons: list[str] = Field(default_factory=list)
+
+
+class SlotData(Strict):
+    """``job`` as configured; ``arm_rms_m`` as a calibration of the arm left it, None without one."""
+
+    schema_: Annotated[Literal["cellward.slot/1"], Field(alias="schema")] = "cellward.slot/1"
+    job: dict[str, Any]
+    robot: dict[str, Any]
+    arm_rms_m: float | None
+    hand_eye: HandEyeKnown
+    T_flange_part: Six
+    look: LookTaken | None = None
+    insert_q: Six | None = None
+    outcome: Outcome = Field(default_factory=lambda: Outcome())
+
+    def config(self) -> SlotInsertionConfig:
+        return SlotInsertionConfig.model_validate(self.job)
+
+    def arm(self) -> Robot:
+        return parse_robot(self.robot, "robot")
+
+
+def read_data_set(path: Path) -> tuple[SlotData, Path]:
+    """A run's data set and its folder, from either; raises an ``InputError``."""
+    file = path / DATA_FILE if path.is_dir() else path
+    return parse(SlotData, read_json(file), SCHEMA, str(file)), file.parent

@@ -1,0 +1,60 @@
+"""What ``cellward check`` expects of an insertion, by the configuration alone."""
+
+from typing import Any
+
+import numpy as np
+
+from calibration.slot.budget import quantile_radius
+from cell.errors import CellError
+from procedures.setup import Setup
+from procedures.slot.config import SlotInsertionConfig
+from procedures.words import mm
+
+
+def slot_expectation(setup: Setup, job: SlotInsertionConfig) -> dict[str, Any]:
+    """``text``, what keeps the job from its end, and what leaves little room.
+
+    Hand-eye and arm are only known when the job starts; what part and rack alone leave open is known now.
+    """
+    problems = setup.missing("arm", "flange_camera", "gripper")
+    for key in ("start_pose", "fetch_pose", "put_down_pose"):
+        name = getattr(job, key)
+        if name is not None and name not in setup.poses:
+            problems.append(f"{key} = '{name}' is not in [poses]; add the pose or name another")
+    alone = _part_and_rack(job)
+    if alone > job.clearance_m:
+        problems.append(
+            f"part.sigma_m, part.sigma_rad and rack.sigma_rad alone leave {mm(alone)} (95 %) open, and "
+            f"{mm(job.clearance_m)} is free: every insertion would be refused"
+        )
+    cautions = _cautions(setup, job, alone)
+    text = (
+        f"slot {job.slot} of {job.rack.rows * job.rack.columns}, {mm(job.clearance_m)} free on each side; "
+        f"part and rack alone leave {mm(alone)} (95 %) open, hand-eye, arm and look come on top"
+    )
+    return {
+        "text": problems[0] if problems else text,
+        "clearance_m": job.clearance_m,
+        "part_and_rack_95_m": alone,
+        "problems": problems,
+        "cautions": cautions,
+    }
+
+
+def _part_and_rack(job: SlotInsertionConfig) -> float:
+    """95 % of what the part's place in the gripper and the rack's direction do at the end of the travel."""
+    turns = np.hypot(job.part.sigma_rad, job.rack.sigma_rad) * job.opening.depth_m
+    return quantile_radius(np.eye(2) * (job.part.sigma_m**2 + turns**2))
+
+
+def _cautions(setup: Setup, job: SlotInsertionConfig, alone: float) -> list[str]:
+    found = []
+    if job.clearance_m >= alone > 0.7 * job.clearance_m:
+        found.append("part and rack alone take most of the room: measure them better, or expect refusals")
+    try:
+        rows = setup.calibrations()
+    except CellError:
+        rows = []
+    if not any(r["name"] == "T_flange_camera" and r["state"] == "committed" for r in rows):
+        found.append("no hand-eye of the camera is in effect: run cone-capture and accept its result")
+    return found

@@ -1,0 +1,67 @@
+"""Where the flange is to be for each thing that the job does at a slot."""
+
+from dataclasses import dataclass
+
+from scipy.spatial.transform import RigidTransform
+
+from calibration.slot.rectangle import Rectangle
+from cell.errors import error
+from cell.poses import from_pose6
+from cell.run_values import RunValues
+from procedures.kinematics_in_use import made_otherwise
+from procedures.slot.config import SlotInsertionConfig
+
+HAND_EYE = "T_flange_camera"
+
+
+@dataclass(frozen=True)
+class Stations:
+    """``T_flange_camera``, and ``T_flange_part`` of a gripped part's front."""
+
+    config: SlotInsertionConfig
+    T_flange_camera: RigidTransform
+    T_flange_part: RigidTransform
+
+    @classmethod
+    def of(cls, config: SlotInsertionConfig, values: RunValues) -> "Stations":
+        tool = from_pose6(values.tool["T_flange_tool"])
+        X = require_hand_eye(values)
+        return cls(config, X, tool * from_pose6(config.part.T_tool_part))
+
+    def opening(self) -> Rectangle:
+        return Rectangle(self.config.opening.width_m, self.config.opening.height_m)
+
+    def nominal_slot(self) -> RigidTransform:
+        """``T_base_slot`` as the rack's model has it."""
+        rack = self.config.rack
+        return from_pose6(rack.T_base_rack) * rack.model().T_rack_slot(self.config.slot)
+
+    def look(self, T_base_slot: RigidTransform) -> RigidTransform:
+        """Where the camera sees the slot at its preset place in the picture."""
+        return T_base_slot * from_pose6(self.config.look.T_slot_camera) * self.T_flange_camera.inv()
+
+    def front_at(self, T_base_slot: RigidTransform, depth_m: float) -> RigidTransform:
+        """Where a gripped part's front is ``depth_m`` in the slot, negative before it."""
+        return T_base_slot * along(depth_m) * self.T_flange_part.inv()
+
+    def depth(self, T_base_slot: RigidTransform, T_base_flange: RigidTransform) -> float:
+        """How deep in the slot the front of a gripped part is, m."""
+        return float((T_base_slot.inv() * T_base_flange * self.T_flange_part).translation[2])
+
+
+def along(distance_m: float) -> RigidTransform:
+    """A step along z."""
+    return RigidTransform.from_translation([0.0, 0.0, distance_m])
+
+
+def require_hand_eye(values: RunValues) -> RigidTransform:
+    """``T_flange_camera`` of a calibration whose uncertainty is known, made with the arm's model in use.
+
+    ``HAND_EYE_UNKNOWN`` or ``KINEMATICS_DIFFER``.
+    """
+    if "cov" not in values.uncertainty.get(HAND_EYE, {}):
+        raise error("HAND_EYE_UNKNOWN", "no result of cone-capture is in effect for the flange's camera")
+    if why := made_otherwise(values, HAND_EYE):
+        raise error("KINEMATICS_DIFFER", why)
+    known = values.calibration["eye-in-hand"] or {}
+    return from_pose6(known["X"])
