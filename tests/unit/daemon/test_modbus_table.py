@@ -121,7 +121,7 @@ def test_arguments_are_read_as_uint32_in_either_word_order() -> None:
 
 def test_the_numbers_of_later_jobs_are_reserved_and_not_documented_as_jobs() -> None:
     job = next(r for r in TABLE.command if r.name == "job")
-    assert set(job.reserved) == {9, 12}
+    assert set(job.reserved) == {12}
     assert not set(job.reserved) & job.values.keys()
 
 
