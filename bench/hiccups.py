@@ -36,7 +36,7 @@ from cell.store.runs import RunFolder, load_run
 from daemon.demo.ending import beside_truth
 from fakes.twin.control import ask
 from procedures.beside_truth import Judged
-from procedures.kind import kind_of
+from procedures.documents import kind_of
 from procedures.registry import JOBS
 from tests.kit.wire_cell import WireCell, calibrate_camera, pause, shipped, wire_cell
 

@@ -12,7 +12,7 @@ from cell.procedure import Procedure, Proposal, Run
 from cell.store.files import plain
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder
-from procedures.kind import read_result
+from procedures.documents import read_result
 from procedures.kinematics_in_use import in_words, misfits, with_model
 
 log = logging.getLogger("cellward.results")

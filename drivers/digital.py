@@ -3,15 +3,15 @@
 import logging
 from collections.abc import Mapping
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from cell.formats.reading import Strict
 
 log = logging.getLogger("cellward.devices")
 
 
-class InputConfig(BaseModel):
+class InputConfig(Strict):
     """One digital input."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     address: int = Field(ge=0, le=65535, description="Number of the input, counted from 0")
     invert: bool = Field(default=False, description="The logical level is the opposite of the electrical one")

@@ -3,14 +3,10 @@
 References are ``"package.module:name"`` and are imported when they are used, so this table imports no job.
 """
 
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from importlib import import_module
 from typing import Any
-
-from cell.errors import error
-from cell.formats.result import Envelope, Result, read_as
 
 GENERAL_PLAN = "procedures.plan_words:plan_lines"
 PLAIN_RESULT = "cell.formats.result:Result"
@@ -51,24 +47,12 @@ class Kind:
     module: str = ""
 
     def __post_init__(self) -> None:
-        for name in (
-            "words",
-            "result",
-            "plan",
-            "report",
-            "solve",
-            "compare",
-            "expectation",
-            "truth",
-            "rehearsal",
-            "live",
-            "live_page",
-        ):
-            object.__setattr__(self, name, self._whole(getattr(self, name)))
-        object.__setattr__(self, "jobs", tuple(map(self._whole, self.jobs)))
-
-    def _whole(self, reference: str) -> str:
-        return self.module + reference if reference.startswith(":") else reference
+        for part in fields(self):
+            reference = getattr(self, part.name)
+            if isinstance(reference, str) and reference.startswith(":"):
+                object.__setattr__(self, part.name, self.module + reference)
+        whole = (self.module + job if job.startswith(":") else job for job in self.jobs)
+        object.__setattr__(self, "jobs", tuple(whole))
 
 
 _ALL = (
@@ -206,47 +190,7 @@ _ALL = (
 KINDS: Mapping[str, Kind] = {kind.name: kind for kind in _ALL}
 
 
-def kind_of(document: Mapping[str, Any], what: str = "result") -> Kind:
-    """The kind that a result or a plan says it is of; ``KIND_UNKNOWN`` when there is none such."""
-    name = document.get("kind")
-    if isinstance(name, str):
-        return kind_named(name, what)
-    raise error("KIND_UNKNOWN", f"the {what} does not say its kind; known are {', '.join(KINDS)}")
-
-
-def read_result(document: Mapping[str, Any], where: str = "the result") -> Envelope:
-    """A result document as the model of its kind, as a plain ``Result`` when it has no answer.
-
-    ``KIND_UNKNOWN``; ``RESULT_INVALID`` names the field that does not fit, and ``where``.
-    """
-    kind = kind_of(document)
-    model: type[Envelope] = Result if document.get("result") is None else load(kind.result)
-    return read_as(model, document, where)
-
-
-def kind_named(name: str, what: str = "result") -> Kind:
-    """The kind called ``name``: a shipped one, or ``"package.module:NAME"`` of a job of another package.
-
-    ``KIND_UNKNOWN`` with the package that is missing, or with the kinds that there are. What a file says is
-    never imported: kinds of other packages come with jobs that an entry point or the configuration names.
-    """
-    if name in KINDS:
-        return KINDS[name]
-    import procedures.registry  # noqa: F401, with it the jobs of installed packages bring their kinds
-
-    if name in _OUTSIDE:
-        return _OUTSIDE[name]
-    said = f"the {what} is of kind '{name}'"
-    if re.fullmatch(r"\w+(\.\w+)*:\w+", name) is None:
-        raise error("KIND_UNKNOWN", f"{said}; known are {', '.join(KINDS)}")
-    package = name.partition(":")[0].partition(".")[0]
-    raise error(
-        "KIND_UNKNOWN",
-        f"{said}; install the package '{package}', or name its job in [job.NAME] procedure of the cell.toml",
-    )
-
-
-_OUTSIDE: dict[str, Kind] = {}
+OUTSIDE: dict[str, Kind] = {}  # kinds of other packages
 
 
 def add_outside(name: str) -> None:
@@ -259,7 +203,7 @@ def add_outside(name: str) -> None:
         raise LookupError(f"its kind '{name}' cannot be loaded: {exc}") from exc
     if not isinstance(found, Kind) or found.name != name:
         raise LookupError(f"its kind '{name}' is no Kind whose name is '{name}'")
-    _OUTSIDE[name] = found
+    OUTSIDE[name] = found
 
 
 def load(reference: str) -> Any:

@@ -6,7 +6,7 @@ from typing import Any
 
 from cell.errors import error
 from cell.formats.result import Envelope
-from procedures.kind import kind_named
+from procedures.documents import kind_named
 from procedures.registry import JOBS
 
 

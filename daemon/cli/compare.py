@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 from cell.errors import error
-from procedures.kind import KINDS, kind_of, load, read_result
+from procedures.documents import kind_of, read_result
+from procedures.kind import KINDS, load
 
 
 class Comparison(Protocol):

@@ -11,7 +11,8 @@ from daemon.cli.jobs import connect
 from daemon.cli.options import ConfigOption, JsonOption, know_configured_jobs
 from daemon.cli.output import out, say
 from daemon.control_client import ControlClient
-from procedures.kind import Kind, kind_named, load
+from procedures.documents import kind_named
+from procedures.kind import Kind, load
 
 LOOK_S = 0.2
 LINE_EACH_S = 1.0

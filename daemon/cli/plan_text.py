@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from procedures.kind import kind_of, load
+from procedures.documents import kind_of
+from procedures.kind import load
 
 
 def plan_text(plan: Mapping[str, Any]) -> str:

@@ -8,7 +8,8 @@ from pydantic import BaseModel
 from cell.errors import CellError
 from daemon.config import CellConfig
 from daemon.values import configured_values
-from procedures.kind import kind_named, load
+from procedures.documents import kind_named
+from procedures.kind import load
 from procedures.registry import JOBS
 from procedures.setup import Setup
 

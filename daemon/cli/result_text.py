@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from procedures.kind import kind_of, load, read_result
+from procedures.documents import kind_of, read_result
+from procedures.kind import load
 
 
 def result_text(result: Mapping[str, Any], where: str = "the result") -> str:

@@ -11,7 +11,8 @@ from daemon.cli.output import out, say
 from daemon.cli.result_text import result_text
 from daemon.demo.closing import Row
 from procedures.beside_truth import Judged
-from procedures.kind import kind_of, load, read_result
+from procedures.documents import kind_of, read_result
+from procedures.kind import load
 from procedures.report import write_report
 from procedures.report.source import RESULT_FILE, TRUTH_FILE
 from procedures.report.write import FILE_NAME as REPORT_FILE

@@ -18,7 +18,8 @@ from daemon.config.drivers import DRIVERS
 from daemon.config.findings import Findings
 from daemon.config.load import check_config
 from daemon.job_config import make_procedure
-from procedures.kind import kind_named, load
+from procedures.documents import kind_named
+from procedures.kind import load
 from procedures.registry import JOBS
 from procedures.rehearsal import Rehearsal
 

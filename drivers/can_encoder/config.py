@@ -2,8 +2,9 @@
 
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
+from cell.formats.reading import Strict
 from drivers.can_bus.address import BusAddress, parse_bus
 from drivers.life import TIME_OFFSET
 
@@ -11,10 +12,8 @@ FRAME_BITS = 135  # of eight bytes and an 11-bit identifier with the most stuff 
 MOST_LOAD = 0.7  # of the bus by one encoder; others have to be heard too
 
 
-class BusConfig(BaseModel):
+class BusConfig(Strict):
     """Keys that every encoder on CAN has."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     bus: str = Field(
         description="socketcan:can0, slcan:/dev/ttyACM0@250000 or socketcand:host:29536/can0;"

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from cell.formats.reading import Strict
 
 WordOrder = Literal["high-first", "low-first"]
 RegisterTable = Literal["holding", "input"]
@@ -55,10 +57,8 @@ class Span:
         return f"function {self.table.function}, addresses 0x{self.start:04X} to 0x{last:04X}"
 
 
-class NumberConfig(BaseModel):
+class NumberConfig(Strict):
     """Registers that hold one number."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     table: RegisterTable = Field(default="holding", description="Modbus table of the number")
     address: int = Field(ge=0, le=65535, description="its first register")

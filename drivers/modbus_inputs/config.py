@@ -3,8 +3,9 @@
 from dataclasses import replace
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from cell.formats.reading import Strict
 from drivers.digital import InputConfig
 from drivers.life import TIME_OFFSET
 from drivers.modbus.address import ModbusAddress, parse_url
@@ -18,18 +19,14 @@ _BITS_PER_BYTE = 11.0
 TableName = Literal["coils", "discrete", "holding", "input"]
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class LevelsConfig(_Section):
+class LevelsConfig(Strict):
     """Where a generic module keeps its levels: bits, or registers of 16 of them, lowest bit first."""
 
     table: TableName = Field(default="discrete", description="Modbus table of the levels")
     address: int = Field(default=0, ge=0, le=65535, description="Bit or register that holds input 0")
 
 
-class CountersConfig(_Section):
+class CountersConfig(Strict):
     """Where a generic module keeps its counters of rising edges, one for each input in a row."""
 
     table: RegisterTable = Field(default="input", description="Modbus table of the counters")
@@ -38,7 +35,7 @@ class CountersConfig(_Section):
     word_order: WordOrder = Field(default="high-first", description="of counters with 32 bits")
 
 
-class InputsConfig(_Section):
+class InputsConfig(Strict):
     """Keys of a device with ``driver = "modbus-inputs"``."""
 
     url: str = Field(

@@ -2,17 +2,16 @@
 
 from typing import Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from cell.formats.reading import Strict
 from drivers.life import TIME_OFFSET
 
 FRAMES_SCHEME = "frames+unix://"
 
 
-class OakConfig(BaseModel):
+class OakConfig(Strict):
     """An OAK device, or a frame socket in its place."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     source: str = Field("oak", description=f'"oak" or "{FRAMES_SCHEME}/path/to/socket"')
     expect_serial: str | None = Field(None, description="refuse another device; picks one of several OAKs")

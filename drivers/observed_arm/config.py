@@ -4,8 +4,9 @@ from itertools import pairwise
 from typing import Annotated, Self
 from urllib.parse import urlsplit
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from cell.formats.reading import Strict
 from drivers.life import TIME_OFFSET
 from drivers.modbus.address import parse_url
 from drivers.modbus.link import LinkSettings
@@ -15,11 +16,7 @@ from drivers.observed_arm.numbers import WORDS, Encoding, NumberType, Unit
 Address = Annotated[int, Field(ge=0, le=65535)]
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class JointConfig(_Section):
+class JointConfig(Strict):
     """One joint: where it is found, and what the number there means."""
 
     address: Address | None = Field(default=None, description="First register; for a url with registers")
@@ -50,7 +47,7 @@ class JointConfig(_Section):
         )
 
 
-class BitConfig(_Section):
+class BitConfig(Strict):
     """One bit of a register."""
 
     table: RegisterTable = Field(default="holding", description="Modbus table of the bit")
@@ -59,7 +56,7 @@ class BitConfig(_Section):
     invert: bool = Field(default=False, description="The bit is set while the arm stands")
 
 
-class HandshakeConfig(_Section):
+class HandshakeConfig(Strict):
     """Holding registers through which the arm's own program is asked for a pose and says where it stands."""
 
     targets: list[Address] = Field(
@@ -71,7 +68,7 @@ class HandshakeConfig(_Section):
     )
 
 
-class ObservedArmConfig(_Section):
+class ObservedArmConfig(Strict):
     """Keys of a device with ``driver = "observed-arm"``."""
 
     url: str = Field(

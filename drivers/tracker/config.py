@@ -1,14 +1,13 @@
 """What the device sections of all trackers have in common."""
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from cell.formats.reading import Strict
 from drivers.life import TIME_OFFSET
 
 
-class TrackerSection(BaseModel):
+class TrackerSection(Strict):
     """Unknown keys are errors; lengths in metres, angles in radians."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class TrackerConfig(TrackerSection):

@@ -1,14 +1,13 @@
 """What ``cell.toml`` may say about a Universal Robots arm."""
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from cell.formats.reading import Strict
 from drivers.life import TIME_OFFSET
 
 
-class UrConfig(BaseModel):
+class UrConfig(Strict):
     """Keys of a device with ``driver = "ur"``. The defaults suit an e-series arm."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     host: str = Field(min_length=1, description="Address of the controller; the ports are UR's own")
     expect_serial: str | None = Field(default=None, description="Serial number that the controller must have")

@@ -3,11 +3,12 @@
 import asyncio
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from cell.clock import Clock
 from cell.devices import ArmState, Gripper
 from cell.errors import CellError, error
+from cell.formats.reading import Strict
 from cell.samples import GAP_S, Sample
 from drivers.ur.arm_part import ArmPart
 from drivers.ur.inputs import DIGITAL_INPUTS
@@ -20,10 +21,8 @@ _READ_BACK_S = 0.1
 _SILENT_S = 0.2  # without a state of the arm
 
 
-class ArmGripperConfig(BaseModel):
+class ArmGripperConfig(Strict):
     """Keys of a device with ``driver = "arm-gripper"``."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     arm: str = Field(default="arm", description="The device whose outputs and inputs these are")
     output: int = Field(

@@ -3,11 +3,12 @@
 import asyncio
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from cell.clock import Clock
 from cell.devices import ArmState, DigitalInputs, InputsState
 from cell.errors import error
+from cell.formats.reading import Strict
 from cell.samples import Quality, Sample, Stream
 from drivers.digital import InputConfig, StuckWatch
 from drivers.ur.arm_part import ArmPart
@@ -16,10 +17,8 @@ from drivers.ur.arm_part import ArmPart
 DIGITAL_INPUTS = 18
 
 
-class ArmInputsConfig(BaseModel):
+class ArmInputsConfig(Strict):
     """Keys of a device with ``driver = "arm-inputs"``."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     arm: str = Field(default="arm", description="The device whose inputs these are")
     inputs: dict[str, InputConfig] = Field(

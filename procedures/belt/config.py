@@ -2,16 +2,14 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from cell.formats.reading import Strict
 
 Length = Annotated[float, Field(gt=0, le=2.0)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class ItemLook(_Strict):
+class ItemLook(Strict):
     """What an item is for the camera: heights above the belt, and its longer side.
 
     What is higher or longer is no item, and nobody goes round it.
@@ -29,7 +27,7 @@ class ItemLook(_Strict):
         return self
 
 
-class Zone(_Strict):
+class Zone(Strict):
     """Where the arm may touch items: between two places along the belt, dot(p, dir) in the base."""
 
     min_m: float = Field(ge=-20, le=20, description="where it begins, along the belt's direction in the base")
@@ -42,7 +40,7 @@ class Zone(_Strict):
         return self
 
 
-class JobLimits(_Strict):
+class JobLimits(Strict):
     """Of the motion in this job. Above [limits] only where allow_job_override permits it."""
 
     speed_m_s: float = Field(default=1.0, gt=0, le=5, description="highest speed of the tool")
@@ -51,7 +49,7 @@ class JobLimits(_Strict):
     joint_speed_rad_s: float = Field(default=2.0, gt=0, le=10, description="highest speed of each joint")
 
 
-class BeltTrackingConfig(_Strict):
+class BeltTrackingConfig(Strict):
     """``[job.belt-tracking]``."""
 
     wait_pose: str = Field(description="of [poses]: the tool points down, above the belt")

@@ -2,9 +2,10 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from cell.formats.capture import CameraSigma
+from cell.formats.reading import Strict
 from procedures.hand_eye.config import ConeCaptureConfig
 
 _SHARED = {
@@ -21,10 +22,9 @@ _SHARED = {
 Pose6 = Annotated[list[float], Field(min_length=6, max_length=6)]
 
 
-class CheckAcceptance(BaseModel):
+class CheckAcceptance(Strict):
     """Limits of the given hand-eye, and who accepts what is proposed."""
 
-    model_config = ConfigDict(extra="forbid")
     max_error_t_m: float = Field(
         default=0.001, gt=0, le=0.1, description="largest error of the given hand-eye, at the base"
     )
@@ -32,10 +32,9 @@ class CheckAcceptance(BaseModel):
     auto: bool = Field(default=False, description="accept what a passing result proposes without asking")
 
 
-class EyeToHandCheckConfig(BaseModel):
+class EyeToHandCheckConfig(Strict):
     """``[job.eye-to-hand-check]``."""
 
-    model_config = ConfigDict(extra="forbid")
     target: str = Field(description="name of a [target.NAME] section; the target is on the flange")
     T_marker_flange: Pose6 = Field(
         description="the flange in the target, from a drawing or measured: x, y, z (m), rotation vector (rad)"

@@ -2,15 +2,15 @@
 
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from cell.formats.capture import CameraSigma
+from cell.formats.reading import Strict
 
 
-class Acceptance(BaseModel):
+class Acceptance(Strict):
     """Limits on the result; within them it may be accepted without a person when ``auto`` is set."""
 
-    model_config = ConfigDict(extra="forbid")
     max_error_t_m: float = Field(default=0.0005, gt=0, le=0.1, description="95 % error of X, translation")
     max_error_r_rad: float = Field(
         default=0.002,
@@ -21,10 +21,9 @@ class Acceptance(BaseModel):
     auto: bool = Field(default=False, description="accept a passing result without asking")
 
 
-class ConeCaptureConfig(BaseModel):
+class ConeCaptureConfig(Strict):
     """``[job.cone-capture]``."""
 
-    model_config = ConfigDict(extra="forbid")
     target: str = Field(description="name of a [target.NAME] section")
     setup: Literal["eye-in-hand", "eye-to-hand"] = Field(
         default="eye-in-hand",

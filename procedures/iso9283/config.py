@@ -3,17 +3,15 @@
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from cell.formats.reading import Strict
 
 Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 Six = Annotated[list[float], Field(min_length=6, max_length=6)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class Cube(_Strict):
+class Cube(Strict):
     """The test cube of the standard, its edges along the base's axes, and the flange's attitude in it."""
 
     centre: Three = Field(description="of the cube, m in the base: where the reflector is at pose P1")
@@ -24,7 +22,7 @@ class Cube(_Strict):
     )
 
 
-class Iso9283Config(_Strict):
+class Iso9283Config(Strict):
     """``[job.iso9283]``: exactly one of ``cube`` and ``poses``."""
 
     reflector: str = Field(min_length=1, description="as the tracker's 'reflectors' name it")

@@ -4,11 +4,12 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from calibration.tool_frame.geometry import MIN_CROSSING_RAD
 from calibration.tool_frame.meeting import FALSE_ALARM
 from cell.errors import error
+from cell.formats.reading import Strict
 from cell.poses import Array
 
 BEAMS = ("xs", "ys")
@@ -19,11 +20,7 @@ Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 Six = Annotated[list[float], Field(min_length=6, max_length=6)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class BeamSection(_Strict):
+class BeamSection(Strict):
     """How one beam is crossed."""
 
     input: str = Field(description="name of its input")
@@ -64,7 +61,7 @@ class BeamSection(_Strict):
         return unit
 
 
-class SearchSection(_Strict):
+class SearchSection(Strict):
     """The search and the measurement; a reference keeps them, so that every check repeats them exactly."""
 
     descend_step_m: float = Field(default=0.005, gt=0, le=0.05, description="down when nothing triggered")
@@ -132,7 +129,7 @@ class SearchSection(_Strict):
         return self
 
 
-class Policy(_Strict):
+class Policy(Strict):
     """Who accepts a result that passed."""
 
     auto: bool = Field(default=False, description="accept a passing result without asking")
@@ -173,7 +170,7 @@ class LaserReferenceConfig(SearchSection):
         return self
 
 
-class BentLimits(_Strict):
+class BentLimits(Strict):
     """Beyond these the tool counts as bent: nothing is corrected."""
 
     max_shift_m: float = Field(
@@ -195,7 +192,7 @@ Floor = Annotated[
 ]
 
 
-class _Measured(_Strict):
+class _Measured(Strict):
     """What a check and an update share. How the beams are crossed is what the reference keeps."""
 
     against_reference: BentLimits = Field(

@@ -2,15 +2,15 @@
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from cell.formats.reading import Strict
 from procedures.laser.config import Floor
 
 
-class Acceptance(BaseModel):
+class Acceptance(Strict):
     """Limits on the result; within them it may be accepted without a person when ``auto`` is set."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     max_interval_s: float = Field(default=0.002, gt=0, le=1.0, description="width of the 95 % interval")
     max_offset_s: float = Field(
         default=0.1, gt=0, le=10.0, description="a greater delay is taken for a fault"
@@ -18,10 +18,9 @@ class Acceptance(BaseModel):
     auto: bool = Field(default=False, description="accept a passing result without asking")
 
 
-class LatencyCalibrationConfig(BaseModel):
+class LatencyCalibrationConfig(Strict):
     """``[job.latency-calibration]``. The tool, the beams and the way across are those of its reference."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     source: Literal["beams"] = Field(
         default="beams", description="role of the device whose delay is measured"
     )

@@ -9,7 +9,8 @@ import numpy as np
 from cell.errors import CellError, error
 from cell.formats.result import Envelope, Result, read_as
 from cell.store.files import write_atomic
-from procedures.kind import kind_of, load, read_result
+from procedures.documents import kind_of, read_result
+from procedures.kind import load
 from procedures.report.figure import plotly_script
 from procedures.report.html import Html, absent, document, el, join
 from procedures.report.layout import Layout, Section

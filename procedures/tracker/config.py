@@ -5,7 +5,9 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from cell.formats.reading import Strict
 
 Two = Annotated[list[float], Field(min_length=2, max_length=2)]
 Three = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -15,11 +17,7 @@ Six = Annotated[list[float], Field(min_length=6, max_length=6)]
 LEAST_WITH_SET = 3  # monuments: fewer do not show every way in which a stand can move
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class Reflector(_Strict):
+class Reflector(Strict):
     """A reflector on the flange. Its name is the one of ``[device.NAME] reflectors``."""
 
     point: Three = Field(description="m, in the flange; to about 20 mm, it is measured too")
@@ -35,13 +33,13 @@ class Reflector(_Strict):
         return self
 
 
-class Monument(_Strict):
+class Monument(Strict):
     """A reflector that is fixed to the floor or the base: it shows whether the tracker's stand moves."""
 
     point: Three = Field(description="m, in the base; to about 50 mm, its place is measured first")
 
 
-class SightLimits(_Strict):
+class SightLimits(Strict):
     """Where the tracker can measure, and how far its beam has to stay from the arm."""
 
     range_m: Two = Field(default=[0.8, 30.0], description="least and greatest distance")
@@ -69,7 +67,7 @@ class SightLimits(_Strict):
         return self
 
 
-class Acceptance(_Strict):
+class Acceptance(Strict):
     """Limits on the result; within them it may be accepted without a person when ``auto`` is set."""
 
     max_error_m: float = Field(
@@ -78,7 +76,7 @@ class Acceptance(_Strict):
     auto: bool = Field(default=False, description="accept a passing result without asking")
 
 
-class TrackerSamplingConfig(_Strict):
+class TrackerSamplingConfig(Strict):
     """``[job.tracker-sampling]``."""
 
     arm: Literal["arm", "observed_arm"] = Field(

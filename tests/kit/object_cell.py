@@ -27,8 +27,8 @@ from daemon.worker import InlineWorker
 from fakes.object import ObjectCell as Plant
 from fakes.object import VirtualClock, cell_of
 from fakes.world.scenario import OBSERVED, Scenario
+from procedures.documents import read_result
 from procedures.hand_eye.plan import plan_placement
-from procedures.kind import read_result
 from procedures.laser.plan import plan_scan
 from procedures.registry import JOBS
 from procedures.tracker.plan import plan_sampling

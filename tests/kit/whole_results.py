@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.formats.result import Envelope, Part
-from procedures.kind import read_result
+from procedures.documents import read_result
 
 STORED = sorted((Path(__file__).parent / "stored_results").glob("*.json"))
 

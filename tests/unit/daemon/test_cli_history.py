@@ -12,7 +12,7 @@ import pytest
 from cell.errors import error
 from cell.store.ledger import Ledger
 from daemon.cli.replay import differences
-from procedures.kind import read_result
+from procedures.documents import read_result
 from tests.kit.cli_harness import CellOnDisk, CommandLine, hand_eye_result
 
 

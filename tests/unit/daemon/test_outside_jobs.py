@@ -12,7 +12,8 @@ from cell.procedure import Procedure, Run
 from daemon.config import CellConfig, ConfigInvalid, load_config
 from daemon.job_config import make_procedure
 from procedures import registry
-from procedures.kind import Kind, kind_of
+from procedures.documents import kind_of
+from procedures.kind import Kind
 from procedures.outside import job_class
 
 HERE = __name__

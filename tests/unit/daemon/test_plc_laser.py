@@ -12,7 +12,7 @@ from daemon.modbus.table import register_table
 from daemon.plc import PlcFace
 from daemon.status import summary_of
 from fakes.object import run_virtual
-from procedures.kind import read_result
+from procedures.documents import read_result
 from tests.kit.object_cell import ObjectCell, open_cell, write_config
 from tests.kit.whole_results import whole
 

@@ -15,7 +15,7 @@ import pytest
 from cell.errors import CellError
 from daemon.worker import ProcessWorker
 from procedures import registry
-from procedures.kind import kind_named
+from procedures.documents import kind_named
 
 pytestmark = pytest.mark.wire
 

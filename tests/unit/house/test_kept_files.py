@@ -15,7 +15,7 @@ from cell.store.ledger import Ledger
 from cell.store.runs import list_runs
 from daemon.config import load_config
 from daemon.modbus.table import register_table
-from procedures.kind import kind_of, read_result
+from procedures.documents import kind_of, read_result
 from tests.kit.cli_harness import CommandLine
 
 KEPT = Path(__file__).parents[2] / "data/kept"

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from fakes.object import run_virtual
+from procedures.documents import read_result
 from procedures.hand_eye.health import moved
 from procedures.hand_eye.words import hand_eye_lines
-from procedures.kind import read_result
 from tests.kit.object_cell import no_report, on_disk, open_cell, write_config
 from tests.kit.whole_results import made
 

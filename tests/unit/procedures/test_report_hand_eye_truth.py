@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
+from procedures.documents import read_result
 from procedures.hand_eye.report.source import HandEyeSource
 from procedures.hand_eye.report.truth import TITLE, truth_section
-from procedures.kind import read_result
 from procedures.report import write_report
 from procedures.report.source import TRUTH_FILE
 from tests.kit.solved import solve_hand_eye

@@ -12,7 +12,7 @@ import pytest
 from calibration.tool_frame.scene import ToolFrameScene
 from cell.errors import CellError
 from cell.formats.laser import parse_laser
-from procedures.kind import read_result
+from procedures.documents import read_result
 from procedures.laser.moved_words import moved_reasons
 from procedures.laser.report.passes import bracket, pairs, shown
 from procedures.laser.report.source import LaserSource

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from cell.errors import CellError
 from cell.poses import exp_xi, from_pose6, to_pose6
+from procedures.documents import read_result
 from procedures.hand_eye.report.measured import measure
-from procedures.kind import read_result
 from procedures.report import write_report
 from procedures.report.write import from_result, render
 from tests.kit.solved import solve_hand_eye

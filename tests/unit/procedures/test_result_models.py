@@ -12,7 +12,8 @@ from cell.errors import CellError
 from cell.formats.result import Inputs, Part
 from cell.store.ledger import Ledger
 from daemon.docs.results import results_page
-from procedures.kind import KINDS, load, read_result
+from procedures.documents import read_result
+from procedures.kind import KINDS, load
 from tests.kit.cli_harness import CellOnDisk, CommandLine
 from tests.kit.whole_results import STORED, stored
 

@@ -10,7 +10,7 @@ import pytest
 from cell.poses import from_pose6
 from daemon.config import CellConfig
 from fakes.object import run_virtual
-from procedures.kind import read_result
+from procedures.documents import read_result
 from procedures.slot.procedure import SlotInsertion
 from procedures.slot.truth import judge_slot
 from procedures.slot.words import slot_lines

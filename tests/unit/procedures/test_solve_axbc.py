@@ -10,7 +10,7 @@ import pytest
 from calibration.hand_eye import se3
 from cell.errors import CellError
 from cell.poses import Array, from_pose6
-from procedures.kind import read_result
+from procedures.documents import read_result
 from procedures.report import write_report
 from tests.kit.eye_to_hand_scene import EyeToHandScene, joints, make_scene, pose6
 from tests.kit.imperfect_cell import ARM
