@@ -161,10 +161,8 @@ class Procedure(ABC):
 
     @classmethod
     def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:
-        """The result from the data set ``path``, solved and judged as the run did.
-
-        ``info`` is its ``run.json``, ``recorded`` its result.
-        """
+        """The result from the data set ``path``, solved and judged as the run did; ``info`` is its
+        ``run.json``, ``recorded`` its result document."""
         raise error("NOT_FOUND", f"a {cls.name} has nothing to solve again")
 
 

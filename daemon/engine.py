@@ -19,12 +19,13 @@ from daemon.cell_context import CellContext
 from daemon.decisions import check_confirmed, check_decidable, require_read, use_of
 from daemon.job_config import make_procedure
 from daemon.losses import Losses
-from daemon.results import figures_of, note_arm_model, propose_results
+from daemon.results import note_arm_model, propose_results
+from daemon.run_end import shown_of, write_end
 from daemon.run_making import make_run, withdraw_run
 from daemon.run_timing import RunTiming
 from daemon.start_request import StartRequest
 from daemon.state_folder import folder_lost
-from daemon.status import live_of, status_of, summary_of
+from daemon.status import live_of, status_of
 from daemon.values import recorded, resolve_values, tell_configured, with_arm_model
 from procedures.arm_setup import arm_models, with_job_limits
 
@@ -378,22 +379,11 @@ class Engine:
             "verdict": verdict,
             "error": failure.as_dict() if failure else None,
         }
-        try:
-            run.note("state", terminal=True, **end)
-            await asyncio.to_thread(folder.finish, end)
-            await asyncio.to_thread(self.ledger.end_run, run.id, outcome, verdict)
+        unwritten = await write_end(run, folder, self.ledger, end)
+        failure = failure or unwritten
+        with suppress(Exception):  # nothing keeps the next run from starting; who asks the ledger is told
             self.waiting = await asyncio.to_thread(self.ledger.waiting_results)
-        except Exception as exc:
-            # What could not be written here is written by the next start, which finds no end.json.
-            log.error("the end of run %d could not be written: %s", run.id, exc)
-            coded = exc if isinstance(exc, CellError) else error("INTERNAL", f"{type(exc).__name__}: {exc}")
-            failure = failure or coded
-            if coded.name == "RUN_FOLDER_LOST":  # there is nothing left that a start could find
-                with suppress(CellError):
-                    await asyncio.to_thread(self.ledger.end_run, run.id, outcome, verdict)
-        figures = await asyncio.to_thread(figures_of, run)
-        document = None if run.result is None else await asyncio.to_thread(run.result.as_json)
-        shown = await asyncio.to_thread(summary_of, document)
+        figures, shown = await asyncio.to_thread(shown_of, run)
         self.last = {
             "run_id": run.id,
             "job": run.procedure.name,

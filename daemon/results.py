@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from cell.calibrations import rests_on_kinematics
-from cell.errors import CellError, error
-from cell.formats.result import NO_FIGURES, Envelope, Figures, StepTakenAgain
+from cell.errors import error
+from cell.formats.result import Envelope, StepTakenAgain
 from cell.procedure import Procedure, Proposal, Run
 from cell.store.files import plain
 from cell.store.ledger import Ledger
@@ -38,17 +38,6 @@ def _write(result: Envelope, folder: RunFolder) -> None:
     document = plain(result.as_json())
     folder.write_result(document)
     read_result(document, str(folder.path / "result.json"))
-
-
-def figures_of(run: Run) -> Figures:
-    """What the registers show of a run's result; nothing of one that does not fit its kind."""
-    if run.result is None:
-        return NO_FIGURES
-    try:
-        return read_result(plain(run.result.as_json()), f"the result of run {run.id}").figures()
-    except CellError as exc:
-        log.error("registers show nothing of the result: %s", exc)
-        return NO_FIGURES
 
 
 def with_interruptions(result: Envelope, run: Run) -> Envelope:

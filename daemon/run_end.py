@@ -1,0 +1,50 @@
+"""The end of a run: its one terminal line, its last file, and what status and registers keep of it."""
+
+import asyncio
+import logging
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any
+
+from cell.errors import CellError, error
+from cell.formats.result import NO_FIGURES, Figures
+from cell.procedure import Run
+from cell.store.files import plain
+from cell.store.ledger import Ledger
+from cell.store.runs import RunFolder
+from daemon.status import summary_of
+from procedures.documents import read_result
+
+log = logging.getLogger("cellward.run_end")
+
+
+async def write_end(run: Run, folder: RunFolder, ledger: Ledger, end: Mapping[str, Any]) -> CellError | None:
+    """The terminal line of the journal, ``end.json`` and the ledger's row; why one could not be written.
+
+    What could not be written here is written by the next start, which finds no ``end.json``.
+    """
+    try:
+        run.note("state", terminal=True, **end)
+        await asyncio.to_thread(folder.finish, end)
+        await asyncio.to_thread(ledger.end_run, run.id, end["outcome"], end["verdict"])
+        return None
+    except Exception as exc:
+        log.error("the end of run %d could not be written: %s", run.id, exc)
+        coded = exc if isinstance(exc, CellError) else error("INTERNAL", f"{type(exc).__name__}: {exc}")
+        if coded.name == "RUN_FOLDER_LOST":  # there is nothing left that a start could find
+            with suppress(CellError):
+                await asyncio.to_thread(ledger.end_run, run.id, end["outcome"], end["verdict"])
+        return coded
+
+
+def shown_of(run: Run) -> tuple[Figures, dict[str, Any] | None]:
+    """What registers and status show of a run's result; registers nothing where it does not fit its kind."""
+    if run.result is None:
+        return NO_FIGURES, None
+    document = plain(run.result.as_json())
+    try:
+        figures = read_result(document, f"the result of run {run.id}").figures()
+    except CellError as exc:
+        log.error("registers show nothing of the result: %s", exc)
+        figures = NO_FIGURES
+    return figures, summary_of(document)
