@@ -22,7 +22,7 @@ Z95 = float(ndtri(0.975))
 
 
 @dataclass(frozen=True)
-class Crossing:
+class SeenCrossing:
     """One edge as it was seen.
 
     ``place`` numbers the edges of the tool in space, ``direction`` is 1 or -1, ``speed`` (m/s, positive) that
@@ -64,7 +64,7 @@ class Delay:
         return self.tau - Z95 * self.sigma_tau, self.tau + Z95 * self.sigma_tau
 
 
-def undetermined(crossings: Sequence[Crossing]) -> str | None:
+def undetermined(crossings: Sequence[SeenCrossing]) -> str | None:
     """Why the delay cannot be found from these crossings, beginning with a fixed name, or None."""
     ways = {(c.place, c.direction) for c in crossings}
     places = {c.place for c in crossings}
@@ -77,7 +77,7 @@ def undetermined(crossings: Sequence[Crossing]) -> str | None:
     return None
 
 
-def solve_delay(crossings: Sequence[Crossing]) -> Delay:
+def solve_delay(crossings: Sequence[SeenCrossing]) -> Delay:
     """Weighted least squares; ``ValueError`` when :func:`undetermined` says why it cannot be."""
     if (why := undetermined(crossings)) is not None:
         raise ValueError(why)
@@ -100,12 +100,12 @@ def solve_delay(crossings: Sequence[Crossing]) -> Delay:
     )
 
 
-def _several_speeds(crossings: Sequence[Crossing]) -> bool:
+def _several_speeds(crossings: Sequence[SeenCrossing]) -> bool:
     speeds = [c.speed for c in crossings]
     return max(speeds) > ONE_SPEED * min(speeds)
 
 
-def _system(crossings: Sequence[Crossing]) -> tuple[Array, Array, Array]:
+def _system(crossings: Sequence[SeenCrossing]) -> tuple[Array, Array, Array]:
     """Design (n, places + 1 or 2), positions (n,) m and weights (n,) 1/m."""
     places = sorted({c.place for c in crossings})
     columns = [[float(c.place == p) for c in crossings] for p in places]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
+from calibration.refusal import Refusal
 from cell.poses import Array
 
 FOLDS = 5
@@ -18,17 +19,6 @@ _TRAVEL = 0.02  # m; over less, the camera's noise is the answer
 _TUKEY = 4.685
 _FAR = 4.5  # standard deviations
 _ROUNDS = 20
-
-
-@dataclass(frozen=True)
-class Refusal:
-    """A fixed ``name`` and why the data cannot determine the answer, in ``words``."""
-
-    name: str
-    words: str
-
-    def __str__(self) -> str:
-        return f"{self.name}: {self.words}"
 
 
 @dataclass(frozen=True)

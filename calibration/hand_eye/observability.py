@@ -6,23 +6,13 @@ import numpy as np
 
 from calibration.hand_eye import se3
 from calibration.hand_eye.problem import Problem, Setup
+from calibration.refusal import Refusal
 from cell.poses import Array
 
 _SAME_T, _SAME_R = 2e-5, 2e-5  # m, rad: two poses closer than this are one
 _TURN = 0.01  # rad: RMS rotation about an axis below which nothing is seen of it
 _NOISE_MARGIN = 4.0
 _SAME_NORMAL, _SAME_POINT, _NEAR_AXIS = np.radians(3.0), 0.04, 0.5  # rad, and shares of the distance
-
-
-@dataclass(frozen=True)
-class Refusal:
-    """A fixed ``name`` and the unobservable direction in ``words``."""
-
-    name: str
-    words: str
-
-    def __str__(self) -> str:
-        return f"{self.name}: {self.words}"
 
 
 @dataclass(frozen=True)

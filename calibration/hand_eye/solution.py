@@ -12,10 +12,11 @@ from calibration.hand_eye.ambiguity import candidates, choose
 from calibration.hand_eye.noise import Noise, weights
 from calibration.hand_eye.noise_limit import fit_within_limits
 from calibration.hand_eye.normal import normal, squared_distances
-from calibration.hand_eye.observability import Refusal, refuse
+from calibration.hand_eye.observability import refuse
 from calibration.hand_eye.pnp import solve_pnp
 from calibration.hand_eye.problem import Estimate, Groups, Problem, Setup
 from calibration.hand_eye.views import CornerSet
+from calibration.refusal import Refusal
 from cell.devices import Intrinsics
 from cell.poses import Array
 

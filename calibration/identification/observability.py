@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.identification.estimator import Problem, normal_matrix
 from calibration.identification.model import REGISTRATION, Model
+from calibration.refusal import Refusal
 from cell.poses import Array
 
 _NULL = 1e-10  # of the largest eigenvalue, columns of equal size; real directions are above 1e-6
@@ -24,17 +25,6 @@ _STILL = 0.01  # rad or m that a joint must move
 _SAME = 1e-3  # rad or m; closer joint vectors are one pose
 _RANDOM_POSES = 80
 _AXES = "xyz"
-
-
-@dataclass(frozen=True)
-class Refusal:
-    """Why the data cannot determine the answer: a fixed name, then the direction in words."""
-
-    name: str
-    words: str
-
-    def __str__(self) -> str:
-        return f"{self.name}: {self.words}"
 
 
 @dataclass(frozen=True, eq=False)

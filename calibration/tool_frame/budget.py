@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from calibration.tool_frame.prediction import Prediction, height_variance
+from calibration.tool_frame.prediction import ExpectedComparison, height_variance
 
 POLLS, REPEATABILITY, END = "polls", "repeatability", "end"
 HELPS: Mapping[str, str] = {
@@ -14,7 +14,9 @@ HELPS: Mapping[str, str] = {
 }
 
 
-def budget(expected: Prediction, without_noise: Prediction, sigma_m: float, pairs: float) -> dict[str, float]:
+def budget(
+    expected: ExpectedComparison, without_noise: ExpectedComparison, sigma_m: float, pairs: float
+) -> dict[str, float]:
     """By term the part (m^2) of the variance of the point, of its three axes together.
 
     ``without_noise`` is the same prediction for an arm that repeats perfectly; ``sigma_m`` what a single way

@@ -16,7 +16,7 @@ FOUND = 0.99  # how often a tool that moved by the size that is promised is foun
 
 
 @dataclass(frozen=True, eq=False)
-class Meeting:
+class PointComparison:
     """``apart`` (3,) m in the base is the tool's point at the hit of the second scan minus the reference's;
     ``U`` (m) is the length that such distances are beyond with the stated chance when the new frame is right,
     ``detectable`` (m) that of an error of the frame that is found with 99 % at least."""
@@ -42,7 +42,7 @@ def tool_point_meets(
     cov_between: ArrayLike,
     R: ArrayLike,
     chance: float = FALSE_ALARM,
-) -> Meeting:
+) -> PointComparison:
     """The point ``p + R t_new`` at the hit of the second scan against the reference's hit, ``p + R t_ref``.
 
     ``t_new`` and ``t_ref`` (3,) m are the tool's point of the candidate and of the reference in the flange;
@@ -57,7 +57,7 @@ def tool_point_meets(
     off = np.asarray(t_new, dtype=float) - np.asarray(t_ref, dtype=float)
     off = off - np.asarray(dp_first, dtype=float) - np.asarray(between, dtype=float)
     U = length_beyond(cov, chance)
-    return Meeting(np.asarray(R, dtype=float) @ off, U, detectable(cov, U))
+    return PointComparison(np.asarray(R, dtype=float) @ off, U, detectable(cov, U))
 
 
 def detectable(cov: Array, limit: float) -> float:

@@ -28,7 +28,7 @@ _CHANCE = 4.0  # standard deviations
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
+class ExpectedComparison:
     """Expected covariance of a comparison with a reference that was measured in the same way.
 
     ``cov`` (5, 5) is of the tool's point in x, y, z (m; along the two beams' normals and the axis) and of the
@@ -74,7 +74,7 @@ def predict(
     staggered: bool = True,
     reference_pairs: int | None = None,
     height_pairs: float = 5.0,
-) -> Prediction:
+) -> ExpectedComparison:
     """Uncertainty of the tool's displacement from ``pairs`` ways there and back at each of ``depths_m``
     below the point, across each beam.
 
@@ -105,7 +105,7 @@ def predict(
     place = [0, 1, 3, 4] if tilted else [0, 1]
     cov[np.ix_(place, place)] = mean
     cov[2, 2] = height_variance(z_resolution_m, noise_m, height_pairs)
-    return Prediction(cov, slide, z_resolution_m, tilted)
+    return ExpectedComparison(cov, slide, z_resolution_m, tilted)
 
 
 def near_pairs(pairs: int, step: float, sigma: float) -> float:

@@ -6,7 +6,7 @@ from typing import Any
 
 from calibration.tool_frame.budget import END, HELPS, POLLS, REPEATABILITY, budget, dominating
 from calibration.tool_frame.meeting import detectable
-from calibration.tool_frame.prediction import Prediction, near_pairs, predict
+from calibration.tool_frame.prediction import ExpectedComparison, near_pairs, predict
 from calibration.tool_frame.repeatability import UNDER_WAY, stated_sigma
 from cell.errors import CellError
 from procedures.laser.config import LaserCheckConfig, LaserReferenceConfig, LaserUpdateConfig, Search
@@ -74,7 +74,7 @@ def laser_expectation(setup: Setup, job: LaserReferenceConfig) -> dict[str, Any]
     }
 
 
-def _gate(setup: Setup, expected: Prediction) -> dict[str, float]:
+def _gate(setup: Setup, expected: ExpectedComparison) -> dict[str, float]:
     """What ``laser-check`` will tell apart: its tolerance (m), its chance of a false alarm, and which shift
     of the tool's point (m) it finds with 99 %."""
     check = setup.job(LaserCheckConfig) or LaserCheckConfig()
@@ -103,7 +103,7 @@ def _gate_words(gate: dict[str, float]) -> str:
     )
 
 
-def _words(expected: Prediction, job: LaserReferenceConfig, period: float, sigma: float) -> str:
+def _words(expected: ExpectedComparison, job: LaserReferenceConfig, period: float, sigma: float) -> str:
     tilt = expected.U_tilt_rad
     turned = "" if tilt is None else f", {degrees(tilt):.3f} deg of tilt"
     v = 1e3 * job.measure_speed_m_s

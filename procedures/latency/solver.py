@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.latency import Crossing, solve_delay, undetermined
+from calibration.latency import SeenCrossing, solve_delay, undetermined
 from cell.errors import error
 from cell.formats.result import Result
 from procedures.latency.result import (
@@ -71,24 +71,24 @@ def solve_latency(path: Path) -> LatencyResult | Result:
     )
 
 
-def beam_edges(data: Mapping[str, Any]) -> list[Crossing]:
+def beam_edges(data: Mapping[str, Any]) -> list[SeenCrossing]:
     """What the passes of a beam show, each edge of the tool at its place."""
     return [c for entry in data["passes"] for c in crossings_of(entry, data["across"])]
 
 
-def crossings_of(entry: Mapping[str, Any], across: Sequence[float]) -> list[Crossing]:
+def crossings_of(entry: Mapping[str, Any], across: Sequence[float]) -> list[SeenCrossing]:
     """The edges of one PASS (see ``cellward.laser/1``), in their order in space."""
     t, x = np.array(entry["pose_t"]), np.array(entry["pose_xyz"]) @ np.array(across)
     poll_t, poll_dt = np.array(entry["poll_t"]), np.array(entry["poll_dt"])
     changed = np.flatnonzero(np.diff(entry["poll_v"]))
-    found: list[Crossing] = []
+    found: list[SeenCrossing] = []
     for i in changed[:: entry["dir"]]:
         low, high = poll_t[i] - poll_dt[i], poll_t[i + 1] + poll_dt[i + 1]
         seen = 0.5 * (low + high)
         near = np.abs(t - seen) <= max(SPEED_WINDOW_S, high - low)
         speed = abs(float(np.polyfit(t[near] - seen, x[near], 1)[0]))
         found.append(
-            Crossing(len(found), entry["dir"], speed, float(np.interp(seen, t, x)), 0.5 * (high - low))
+            SeenCrossing(len(found), entry["dir"], speed, float(np.interp(seen, t, x)), 0.5 * (high - low))
         )
     return found
 
@@ -110,4 +110,4 @@ def _read(file: Path) -> dict[str, Any]:
 
 
 # How the data set of a source becomes crossings, by the name that it gives as its signal.
-SIGNALS: dict[str, Callable[[Mapping[str, Any]], list[Crossing]]] = {BEAM_EDGES: beam_edges}
+SIGNALS: dict[str, Callable[[Mapping[str, Any]], list[SeenCrossing]]] = {BEAM_EDGES: beam_edges}

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.belt.scale import BeltScale, Refusal, fit_scale
+from calibration.belt.scale import BeltScale, fit_scale
+from calibration.refusal import Refusal
 from procedures.belt.calibrating.rows import SightingRows
 from procedures.belt.calibrating.spread import FEWEST_OF_PATTERN, indicators, waves
 

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from calibration.belt.scale import BeltScale, Refusal, fit_scale, two_points
+from calibration.belt.scale import BeltScale, fit_scale, two_points
+from calibration.refusal import Refusal
 from cell.formats.result import Result, Verdict, Warning_
 from cell.poses import Array
 from procedures.belt.calibrating.record import read_data_set

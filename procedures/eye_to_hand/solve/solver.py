@@ -20,8 +20,8 @@ from calibration.adjustment.target_correction import (
     source_mean,
 )
 from calibration.adjustment.unknowns import ArmKnown
-from calibration.hand_eye.observability import Refusal
 from calibration.hand_eye.solution import Measurements, solve
+from calibration.refusal import Refusal
 from cell.errors import error
 from cell.formats.result import Result, Warning_
 from procedures.eye_to_hand.judging import blame_warning, doubts_about, reasons_against

@@ -13,9 +13,9 @@ import numpy as np
 from calibration.hand_eye import se3
 from calibration.hand_eye.ambiguity import turns
 from calibration.hand_eye.classic import METHODS, jackknife, solve_classic
-from calibration.hand_eye.observability import Refusal
 from calibration.hand_eye.problem import Estimate
 from calibration.hand_eye.solution import Measurements, Solution, solve
+from calibration.refusal import Refusal
 from cell.errors import error
 from cell.formats.result import Result
 from procedures.hand_eye.result import HandEyeResult

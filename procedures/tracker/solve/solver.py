@@ -11,9 +11,10 @@ from calibration.identification.classic import Classic, solve_classic
 from calibration.identification.estimator import Problem
 from calibration.identification.model import REGISTRATION
 from calibration.identification.noise import estimated, first_noise
-from calibration.identification.observability import Observability, Refusal, observe, refuse
+from calibration.identification.observability import Observability, observe, refuse
 from calibration.identification.reflector_constant import identify_with_constant
 from calibration.identification.solution import Solution
+from calibration.refusal import Refusal
 from cell.errors import error
 from cell.formats.result import Result
 from cell.poses import Array

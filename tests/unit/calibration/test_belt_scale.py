@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from calibration.belt.scale import BeltScale, Refusal, fit_scale, two_points
+from calibration.belt.scale import BeltScale, fit_scale, two_points
+from calibration.refusal import Refusal
 
 DIRECTION = np.array([0.8, -0.6, 0.0]) @ np.array([[1, 0, 0.02], [0, 1, 0.01], [0, 0, 1]])
 DIRECTION = DIRECTION / np.linalg.norm(DIRECTION)

@@ -10,11 +10,12 @@ from calibration.hand_eye.classic import METHODS, solve_classic
 from calibration.hand_eye.leave_out import held_out, leave_one_out, pose_distances
 from calibration.hand_eye.noise import weights
 from calibration.hand_eye.normal import gauss_newton, linearise
-from calibration.hand_eye.observability import Refusal, still_pairs
+from calibration.hand_eye.observability import still_pairs
 from calibration.hand_eye.pnp import Poses
 from calibration.hand_eye.problem import Estimate
 from calibration.hand_eye.solution import Solution, prepare, solve
 from calibration.hand_eye.spread import placements, spread_across, spread_within
+from calibration.refusal import Refusal
 from calibration.targets.base import grid_symmetries
 from tests.kit.hand_eye_scene import CAMERA, POINTS, X_TRUE, Scene, cone_views, make_scene
 

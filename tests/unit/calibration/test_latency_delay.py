@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.latency import Crossing, Delay, solve_delay, undetermined
+from calibration.latency import Delay, SeenCrossing, solve_delay, undetermined
 
 PERIOD = 0.005
 EDGES = (0.0101, 0.0173)  # m along the way
@@ -11,7 +11,7 @@ EDGES = (0.0101, 0.0173)  # m along the way
 
 def crossings(
     seed: int, speeds: tuple[float, ...], passes: int, tau: float = 0.0031, hysteresis: float = 60e-6
-) -> list[Crossing]:
+) -> list[SeenCrossing]:
     """Polls of a level that follows the arm ``tau`` late; it breaks later on the way in and clears later on
     the way out by half of ``hysteresis``."""
     rng = np.random.default_rng(seed)
@@ -23,7 +23,7 @@ def crossings(
                 phase = rng.uniform(0.0, PERIOD)
                 after = np.ceil((switched - phase) / PERIOD) * PERIOD + phase
                 seen = after - PERIOD / 2
-                out.append(Crossing(place, direction, speed, direction * speed * seen, PERIOD / 2))
+                out.append(SeenCrossing(place, direction, speed, direction * speed * seen, PERIOD / 2))
     return out
 
 
@@ -60,6 +60,6 @@ def test_one_way_alone_tells_nothing_and_neither_do_few_edges() -> None:
 def test_an_arm_that_is_not_where_it_says_widens_the_interval() -> None:
     rng = np.random.default_rng(3)
     clean = crossings(3, (0.01, 0.02, 0.05), 4)
-    shaken = [Crossing(c.place, c.direction, c.speed, c.x + rng.normal(0.0, 2e-4), c.dt) for c in clean]
+    shaken = [SeenCrossing(c.place, c.direction, c.speed, c.x + rng.normal(0.0, 2e-4), c.dt) for c in clean]
     assert solve_delay(shaken).sigma_tau > 2.0 * solve_delay(clean).sigma_tau
     assert solve_delay(shaken).scatter > 2.0

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from calibration.tool_frame.budget import END, HELPS, POLLS, REPEATABILITY, budget, dominating
-from calibration.tool_frame.prediction import Prediction, predict
+from calibration.tool_frame.prediction import ExpectedComparison, predict
 
 PAIRS = 4.0
 
 
 @cache
-def predicted(noise_m: float, speed_m_s: float = 0.02) -> Prediction:
+def predicted(noise_m: float, speed_m_s: float = 0.02) -> ExpectedComparison:
     return predict(speed_m_s, 0.005, 4, 2e-5, noise_m=noise_m, height_pairs=PAIRS)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from calibration.latency import Crossing
+from calibration.latency import SeenCrossing
 from cell.calibrations import laser_reference, time_offset
 from cell.errors import InputError
 from cell.motion import MotionLease
@@ -205,7 +205,7 @@ class Positions:
         await lease.move_linear(self.begin)
 
 
-def levels(data: Mapping[str, Any]) -> list[Crossing]:
+def levels(data: Mapping[str, Any]) -> list[SeenCrossing]:
     """Where the arm was when the source's reading passed each level."""
     found = []
     for entry in data["passes"]:
@@ -215,7 +215,9 @@ def levels(data: Mapping[str, Any]) -> list[Crossing]:
             t = float(np.interp(0.0, way * (seen[i - 1 : i + 1] - level), seen_t[i - 1 : i + 1]))
             at = np.interp([t - 0.02, t, t + 0.02], entry["t"], entry["x"])
             speed = float(abs(at[2] - at[0]) / 0.04)
-            found.append(Crossing(place, way, speed, float(at[1]), 0.5 * float(seen_t[i] - seen_t[i - 1])))
+            found.append(
+                SeenCrossing(place, way, speed, float(at[1]), 0.5 * float(seen_t[i] - seen_t[i - 1]))
+            )
     return found
 
 
