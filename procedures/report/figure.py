@@ -64,6 +64,26 @@ def legend_below(height: int) -> dict[str, Any]:
     return {"y": -58.0 / plot, "yanchor": "top"}
 
 
+def dots(
+    x: Any, y: Any, tint: Any, hover: str = "", *, size: float = 7, symbol: Any = "circle", **more: Any
+) -> Any:
+    """Markers at ``x`` and ``y``; ``hover`` is what plotly says of each, nothing without."""
+    marker = {"color": tint, "size": size, "symbol": symbol}
+    return go.Scatter(x=x, y=y, mode="markers", marker=marker, **_said(hover), **more)
+
+
+def polyline(
+    x: Any, y: Any, tint: str, hover: str = "", *, width: float = 1.0, dash: str = "solid", **more: Any
+) -> Any:
+    """A line from point to point."""
+    line = {"color": tint, "width": width, "dash": dash}
+    return go.Scatter(x=x, y=y, mode="lines", line=line, **_said(hover), **more)
+
+
+def _said(hover: str) -> dict[str, str]:
+    return {"hovertemplate": f"{hover}<extra></extra>"} if hover else {"hoverinfo": "skip"}
+
+
 def embed(fig: Any, name: str) -> Html:
     """The figure as a part of the page. Plotly writes ``<`` and ``/`` in data as escapes."""
     fig.update_xaxes(gridcolor=LINE, showgrid=True, linecolor=SOFT)

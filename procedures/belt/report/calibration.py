@@ -4,13 +4,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from cell.poses import Array
 from procedures.belt.calibrating.record import DATA_FILE
 from procedures.belt.result import BeltCalibrationResult
-from procedures.report.figure import PALETTE, REJECTED, dressed, embed, figure
+from procedures.report.figure import PALETTE, REJECTED, dots, dressed, embed, figure, polyline
 from procedures.report.html import Html, absent, bullets, facts, note, section
 from procedures.report.layout import Layout, Page
 from procedures.report.numbers import DASH, dig, mm
@@ -127,15 +126,7 @@ def ways_section(source: CalibrationSource) -> Html | None:
         y = 1e3 * (m * (x - x[0]) + np.sign(m) * seen.off[own, 0])
         tint = PALETTE[k % len(PALETTE)]
         fig.add_trace(_dots(x - begin, y, tint, f"item {int(i)}"))
-        fig.add_trace(
-            go.Scatter(
-                x=[x[0] - begin, x[-1] - begin],
-                y=[0.0, 1e3 * m * (x[-1] - x[0])],
-                mode="lines",
-                line={"color": tint, "width": 1},
-                hoverinfo="skip",
-            )
-        )
+        fig.add_trace(polyline([x[0] - begin, x[-1] - begin], [0.0, 1e3 * m * (x[-1] - x[0])], tint))
     fig.update_xaxes(title_text="counts since the first sighting")
     fig.update_yaxes(title_text="way since its first sighting, mm")
     return section(
@@ -179,14 +170,7 @@ def residuals_section(source: CalibrationSource) -> Html | None:
 
 
 def _dots(x: Array, y: Array, tint: str, name: str) -> Any:
-    return go.Scatter(
-        x=x,
-        y=y,
-        mode="markers",
-        marker={"size": 5, "color": tint},
-        name=name,
-        hovertemplate=f"{name}, %{{x:.0f}} counts: %{{y:.3f}} mm<extra></extra>",
-    )
+    return dots(x, y, tint, f"{name}, %{{x:.0f}} counts: %{{y:.3f}} mm", size=5, name=name)
 
 
 def _micron(value: float) -> str:

@@ -35,8 +35,8 @@ def _speed_section(belt: Mapping[str, Array], zero_s: float) -> Html:
     """The belt's speed from two counts each, and as it was estimated at that moment."""
     fig = _figure("m/s")
     t = belt["t_s"] - zero_s
-    fig.add_trace(_trace(t, belt["raw_m_s"], SOFT, "from two counts", "markers", "m/s"))
-    fig.add_trace(_trace(t, belt["speed_m_s"], NOW, "estimated", "lines", "m/s"))
+    fig.add_trace(trace(t, belt["raw_m_s"], SOFT, "from two counts", "markers", "m/s"))
+    fig.add_trace(trace(t, belt["speed_m_s"], NOW, "estimated", "lines", "m/s"))
     fig.update_yaxes(range=speed_axis(belt["speed_m_s"]))
     return section("Speed of the belt", embed(fig, "speed"))
 
@@ -58,7 +58,7 @@ def beside_section(belt: Mapping[str, Array], zero_s: float) -> Html:
     ``raw_m`` and ``travel_m`` (k,), times are shown from ``zero_s``."""
     fig = _figure("mm", showlegend=False)
     off = 1e3 * (belt["raw_m"] - belt["travel_m"])
-    fig.add_trace(_trace(belt["t_s"] - zero_s, off, SOFT, "count", "markers", "mm"))
+    fig.add_trace(trace(belt["t_s"] - zero_s, off, SOFT, "count", "markers", "mm"))
     return section(
         "Counts beside the estimated position",
         embed(fig, "beside"),
@@ -78,8 +78,8 @@ def _items_section(items: Mapping[str, Array], zero_s: float) -> Html:
         own = items["item"] == number
         t, tint, name = items["t_s"][own] - zero_s, PALETTE[int(number) % len(PALETTE)], f"item {number:.0f}"
         expected = f"{name} as expected {AHEAD_S:g} s before"
-        fig.add_trace(_trace(t, 1e3 * items["along_m"][own], tint, name, "lines", "mm"))
-        fig.add_trace(_trace(t + AHEAD_S, 1e3 * items["ahead_m"][own], tint, expected, "markers", "mm"))
+        fig.add_trace(trace(t, 1e3 * items["along_m"][own], tint, name, "lines", "mm"))
+        fig.add_trace(trace(t + AHEAD_S, 1e3 * items["ahead_m"][own], tint, expected, "markers", "mm"))
     return section(
         title,
         embed(fig, "items"),
@@ -97,7 +97,8 @@ def _figure(y: str, **layout: Any) -> Any:
     return fig
 
 
-def _trace(x: Array, y: Array, tint: str, name: str, mode: str, unit: str) -> Any:
+def trace(x: Array, y: Array, tint: str, name: str, mode: str, unit: str) -> Any:
+    """Dots or a line of the belt over the time."""
     return go.Scatter(
         x=x,
         y=y,

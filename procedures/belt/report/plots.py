@@ -1,13 +1,11 @@
 """A run of picking, drawn: outcomes over time, times of each contact, the zone, and the belt's speed."""
 
-from typing import Any
-
 import numpy as np
 import plotly.graph_objects as go
 
-from procedures.belt.report.live import beside_section, speed_axis
+from procedures.belt.report.live import beside_section, speed_axis, trace
 from procedures.belt.report.source import BeltSource
-from procedures.report.figure import NOW, PALETTE, REJECTED, SOFT, embed, figure, label, legend_below
+from procedures.report.figure import NOW, PALETTE, REJECTED, SOFT, dots, embed, figure, label, legend_below
 from procedures.report.html import Html, absent, note, section
 from procedures.report.numbers import dig, number
 
@@ -103,13 +101,13 @@ def contacts_section(source: BeltSource) -> Html | None:
     good = np.array([life.outcome == "picked" for _, life in contacts])
     for chosen, tint, words in ((good, NOW, "picked"), (~good, REJECTED, "not picked")):
         fig.add_trace(
-            go.Scatter(
-                x=np.array([t for t, _ in contacts])[chosen],
-                y=1e3 * along[chosen],
-                mode="markers",
-                marker={"size": 6, "color": tint},
+            dots(
+                np.array([t for t, _ in contacts])[chosen],
+                1e3 * along[chosen],
+                tint,
+                f"%{{text}}, {words}: %{{y:.0f}} mm",
+                size=6,
                 text=[f"item {life.number}" for (_, life), c in zip(contacts, chosen, strict=True) if c],
-                hovertemplate=f"%{{text}}, {words}: %{{y:.0f}} mm<extra></extra>",
             )
         )
     for key in ("min_m", "max_m"):
@@ -141,8 +139,8 @@ def speed_section(source: BeltSource) -> Html | None:
     dt = np.diff(raw["t"])
     v = np.where(dt > 0, np.diff(raw["count"]) * scale / np.where(dt > 0, dt, 1.0), np.nan)
     fig = figure(320)
-    fig.add_trace(_line(raw["t"][1:] - source.begin, v, SOFT, "from two counts", "markers"))
-    fig.add_trace(_line(filtered["t"] - source.begin, filtered["belt_m_s"], NOW, "estimated", "lines"))
+    fig.add_trace(trace(raw["t"][1:] - source.begin, v, SOFT, "from two counts", "markers", "m/s"))
+    fig.add_trace(trace(filtered["t"] - source.begin, filtered["belt_m_s"], NOW, "estimated", "lines", "m/s"))
     fig.update_xaxes(title_text="s since the journal was opened")
     low, high = speed_axis(filtered["belt_m_s"])
     fig.update_yaxes(title_text="m/s", range=[low, high])
@@ -168,15 +166,3 @@ def belief_section(source: BeltSource) -> Html | None:
     last = rows[rows["t"] >= float(rows["t"][-1]) - _LAST_S]
     columns = {"t_s": last["t"], "raw_m": last["raw_m"], "travel_m": last["travel_m"]}
     return beside_section(columns, source.begin)
-
-
-def _line(x: Any, y: Any, tint: str, name: str, mode: str) -> Any:
-    return go.Scatter(
-        x=x,
-        y=y,
-        mode=mode,
-        name=name,
-        line={"color": tint, "width": 1.6},
-        marker={"color": tint, "size": 3, "opacity": 0.5},
-        hovertemplate="%{x:.3f} s: %{y:.4f} m/s<extra></extra>",
-    )

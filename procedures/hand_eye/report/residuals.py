@@ -4,13 +4,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from procedures.hand_eye.report.checks import pair
 from procedures.hand_eye.report.source import HandEyeSource
 from procedures.hand_eye.result import HandEyeResiduals, ObservationResidual
-from procedures.report.figure import REJECTED, colour, dressed, embed, label
+from procedures.report.figure import REJECTED, colour, dots, dressed, embed, label
 from procedures.report.html import Html, el, facts, note, section, table
 from procedures.report.numbers import DASH, deg, mm, px
 
@@ -68,16 +67,17 @@ def _trace(
 ) -> Any:
     values = [value(e) for e in entries]
     texts = [_hover(e, rejected) for e in entries]
-    return go.Scatter(
-        x=[e.index for e in entries],
-        y=[None if v is None else v * scale for v in values],
-        mode="markers",
-        marker={"color": tint, "size": 8, "symbol": "x" if name == "not used" else "circle"},
+    return dots(
+        [e.index for e in entries],
+        [None if v is None else v * scale for v in values],
+        tint,
+        "%{text}",
+        size=8,
+        symbol="x" if name == "not used" else "circle",
         name=name,
         legendgroup=name,
         showlegend=legend,
         text=texts,
-        hovertemplate="%{text}<extra></extra>",
     )
 
 

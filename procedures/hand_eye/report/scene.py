@@ -9,7 +9,7 @@ from plotly.subplots import make_subplots
 from cell.poses import Array
 from procedures.hand_eye.report.measured import MeasuredPoses
 from procedures.hand_eye.report.source import HandEyeSource
-from procedures.report.figure import REJECTED, colour, dressed, embed, figure
+from procedures.report.figure import REJECTED, colour, dressed, embed, figure, polyline
 from procedures.report.html import Html, absent, note, section
 from procedures.report.space import base_axes, lines, space, with_gaps
 
@@ -195,7 +195,7 @@ def _flat(shapes: list[Array], tint: str, width: float) -> Any:
     gap = np.full((1, 2), np.nan)
     path = np.vstack([np.vstack([s, gap]) for s in shapes]) if shapes else gap
     x, y = with_gaps(path[:, 0]), with_gaps(path[:, 1])
-    return go.Scatter(x=x, y=y, mode="lines", line={"color": tint, "width": width}, hoverinfo="skip")
+    return polyline(x, y, tint, width=width)
 
 
 def _dots(at: Array, symbol: str, tint: str) -> Any:

@@ -7,7 +7,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from procedures.iso9283.report.source import IsoSource
-from procedures.report.figure import PALETTE, SOFT, dressed, embed, figure, label, legend_below
+from procedures.report.figure import PALETTE, SOFT, dressed, embed, figure, label, legend_below, polyline
 from procedures.report.html import Html, absent, note, paragraph, section
 from procedures.report.numbers import mm
 
@@ -89,12 +89,8 @@ def _dots(cycles: list[int], off: Any, a: int, b: int) -> Any:
 
 def _circle(radius_m: float, dash: str) -> Any:
     angle = np.linspace(0.0, 2.0 * np.pi, 61)
-    return go.Scatter(
-        x=1e3 * radius_m * np.cos(angle),
-        y=1e3 * radius_m * np.sin(angle),
-        mode="lines",
-        line={"color": SOFT, "width": 1.1, "dash": dash},
-        hoverinfo="skip",
+    return polyline(
+        1e3 * radius_m * np.cos(angle), 1e3 * radius_m * np.sin(angle), SOFT, width=1.1, dash=dash
     )
 
 

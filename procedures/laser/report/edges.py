@@ -4,14 +4,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from calibration.tool_frame.geometry import BEAMS
 from cell.poses import Array
 from procedures.laser.report.passes import EdgeEstimate, ShownPasses
 from procedures.laser.report.source import LaserSource
-from procedures.report.figure import BEFORE, NOW, dressed, embed, label, legend_below
+from procedures.report.figure import BEFORE, NOW, dots, dressed, embed, label, legend_below, polyline
 from procedures.report.html import Html, absent, note, section
 from procedures.report.numbers import mm
 
@@ -137,17 +136,18 @@ def _bars(
         y += [row] * c.edges
         marks += [SYMBOL[c.source.direction]] * c.edges
         texts += [hover(found, k)] * c.edges
-    return go.Scatter(
-        x=x,
-        y=y,
-        mode="markers",
-        marker={"symbol": marks, "size": 5, "color": tint},
+    return dots(
+        x,
+        y,
+        tint,
+        "%{text}<br>%{x:.4f} mm",
+        size=5,
+        symbol=marks,
         error_x={"array": half, "color": tint, "thickness": 1.6, "width": 0},
         name=name,
         legendgroup=name,
         showlegend=legend,
         text=texts,
-        hovertemplate="%{text}<br>%{x:.4f} mm<extra></extra>",
     )
 
 
@@ -177,9 +177,7 @@ def _lines(
         for place in (1e3 * means).tolist():
             x += [place, place, None]
             y += [group[0][0] - 0.8, group[-1][0] + 0.8, None]
-    return go.Scatter(
-        x=x, y=y, mode="lines", line={"color": tint, "width": 1}, hoverinfo="skip", showlegend=False
-    )
+    return polyline(x, y, tint, showlegend=False)
 
 
 def _expected(found: ShownPasses, estimate: EdgeEstimate | None, place: int) -> Array | None:
@@ -243,15 +241,16 @@ def _rest(
         half += (0.5e3 * (c.high - c.low)).tolist()
         marks += [SYMBOL[c.source.direction]] * c.edges
         texts += [hover(found, k)] * c.edges
-    return go.Scatter(
-        x=x,
-        y=y,
-        mode="markers",
-        marker={"symbol": marks, "size": 6, "color": TINT[current]},
+    return dots(
+        x,
+        y,
+        TINT[current],
+        "%{text}<br>%{y:.4f} mm",
+        size=6,
+        symbol=marks,
         error_y={"array": half, "color": TINT[current], "thickness": 0.8, "width": 0},
         name=NAME[current],
         legendgroup=NAME[current],
         showlegend=legend,
         text=texts,
-        hovertemplate="%{text}<br>%{y:.4f} mm<extra></extra>",
     )

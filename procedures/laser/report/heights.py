@@ -3,14 +3,13 @@
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from calibration.tool_frame.geometry import BEAMS
 from procedures.laser.report.edges import NAME, TINT, hover
 from procedures.laser.report.passes import ShownPasses, bracket
 from procedures.laser.report.source import LaserSource
-from procedures.report.figure import dressed, embed, legend_below
+from procedures.report.figure import dots, dressed, embed, legend_below
 from procedures.report.html import Html, absent, note, section, table
 from procedures.report.numbers import DASH, mms
 
@@ -86,16 +85,17 @@ def _dots(found: ShownPasses, beam: str, current: bool, named: set[str]) -> list
             continue
         name = f"{NAME[current]}, {word}"
         traces.append(
-            go.Scatter(
-                x=[found.scene.passes[k].index for k in own],
-                y=(1e3 * np.array([found.heights[k] for k in own])).tolist(),
-                mode="markers",
-                marker={"symbol": symbol, "color": TINT[current], "size": 8},
+            dots(
+                [found.scene.passes[k].index for k in own],
+                (1e3 * np.array([found.heights[k] for k in own])).tolist(),
+                TINT[current],
+                "%{text}<br>%{y:.4f} mm",
+                size=8,
+                symbol=symbol,
                 name=name,
                 legendgroup=name,
                 showlegend=name not in named,
                 text=[hover(found, k) for k in own],
-                hovertemplate="%{text}<br>%{y:.4f} mm<extra></extra>",
             )
         )
         named.add(name)

@@ -3,14 +3,13 @@
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from calibration.tool_frame.geometry import BEAMS
 from procedures.laser.report.edges import NAME, TINT
 from procedures.laser.report.passes import ShownPasses, pairs
 from procedures.laser.report.source import LaserSource
-from procedures.report.figure import dressed, embed, legend_below
+from procedures.report.figure import dots, dressed, embed, legend_below
 from procedures.report.html import Html, absent, note, section
 
 
@@ -45,16 +44,15 @@ def _figure(found: ShownPasses, hysteresis: float) -> Any:
             if not own:
                 continue
             fig.add_trace(
-                go.Scatter(
-                    x=[found.scene.passes[out].index for out, _ in own],
-                    y=[1e3 * d for d, _ in apart],
+                dots(
+                    [found.scene.passes[out].index for out, _ in own],
+                    [1e3 * d for d, _ in apart],
+                    TINT[current],
+                    "pass %{x}: %{y:.4f} mm",
                     error_y={"array": [1e3 * half for _, half in apart], "thickness": 1, "width": 0},
-                    mode="markers",
-                    marker={"color": TINT[current], "size": 7},
                     name=NAME[current],
                     legendgroup=NAME[current],
                     showlegend=current not in named,
-                    hovertemplate="pass %{x}: %{y:.4f} mm<extra></extra>",
                 ),
                 1,
                 column,

@@ -7,7 +7,7 @@ import plotly.graph_objects as go
 
 from cell.poses import Array
 from procedures.laser.report.source import LaserSource, vector
-from procedures.report.figure import BEFORE, NOW, SOFT, embed, figure
+from procedures.report.figure import BEFORE, NOW, SOFT, dots, embed, figure
 from procedures.report.html import Html, absent, note, paragraph, section
 from procedures.report.numbers import mm, mms
 
@@ -61,16 +61,7 @@ def _target(at: Array, U: float) -> Any:
         )
     )
     for place, tint, name in ((np.zeros(3), BEFORE, "reference hit"), (1e3 * at, NOW, "second scan")):
-        fig.add_trace(
-            go.Scatter(
-                x=[place[0]],
-                y=[place[1]],
-                mode="markers",
-                marker={"color": tint, "size": 11},
-                name=name,
-                hovertemplate="%{x:.4f}, %{y:.4f} mm<extra></extra>",
-            )
-        )
+        fig.add_trace(dots([place[0]], [place[1]], tint, "%{x:.4f}, %{y:.4f} mm", size=11, name=name))
     limit = 1.25e3 * max(U, float(np.abs(at[:2]).max()))
     fig.update_xaxes(title_text="x, mm (base)", range=[-limit, limit])
     fig.update_yaxes(title_text="y, mm (base)", range=[-limit, limit], scaleanchor="x")

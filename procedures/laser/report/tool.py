@@ -12,7 +12,18 @@ from scipy.special import chdtri
 from calibration.tool_frame.scene import ReferenceTool
 from cell.poses import Array
 from procedures.laser.report.source import LaserSource
-from procedures.report.figure import BEFORE, INK, NOW, REJECTED, SOFT, dressed, embed, legend_below
+from procedures.report.figure import (
+    BEFORE,
+    INK,
+    NOW,
+    REJECTED,
+    SOFT,
+    dots,
+    dressed,
+    embed,
+    legend_below,
+    polyline,
+)
 from procedures.report.html import Html, absent, note, section
 from procedures.report.numbers import mm
 
@@ -198,27 +209,9 @@ def crossing(source: LaserSource) -> Array:
 def _point(source: LaserSource, dp: Array, R: Rotation) -> list[Any]:
     """The displacement of the point seen from above, mm, with the region that holds 95 %."""
     at = 1e3 * R.apply(dp)
-    traces = [
-        go.Scatter(
-            x=[0.0, at[0]],
-            y=[0.0, at[1]],
-            mode="lines",
-            line={"color": SOFT, "width": 1, "dash": "dot"},
-            hoverinfo="skip",
-            showlegend=False,
-        )
-    ]
+    traces = [polyline([0.0, at[0]], [0.0, at[1]], SOFT, dash="dot", showlegend=False)]
     for place, tint in (([0.0, 0.0], BEFORE), (at[:2], NOW)):
-        traces.append(
-            go.Scatter(
-                x=[place[0]],
-                y=[place[1]],
-                mode="markers",
-                marker={"color": tint, "size": 9},
-                hovertemplate="%{x:.4f}, %{y:.4f} mm<extra></extra>",
-                showlegend=False,
-            )
-        )
+        traces.append(dots([place[0]], [place[1]], tint, "%{x:.4f}, %{y:.4f} mm", size=9, showlegend=False))
     if source.cov is not None:
         turned = R.as_matrix() @ source.cov[:3, :3] @ R.as_matrix().T
         ring = at[:2] + 1e3 * _region95(turned[:2, :2])
@@ -250,15 +243,13 @@ def _hull(points: Array) -> Array:
 
 
 def _area(outline: Array, tint: str, opacity: float, name: str, legend: bool) -> Any:
-    return go.Scatter(
-        x=outline[:, 0],
-        y=outline[:, 1],
-        mode="lines",
+    return polyline(
+        outline[:, 0],
+        outline[:, 1],
+        _faint(tint, min(1.0, 2.0 * opacity)),
         fill="toself",
         fillcolor=_faint(tint, opacity),
-        line={"color": _faint(tint, min(1.0, 2.0 * opacity)), "width": 1},
         name=name,
-        hoverinfo="skip",
         showlegend=legend,
     )
 
