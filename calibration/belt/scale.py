@@ -42,22 +42,6 @@ class BeltScale:
     used: NDArray[np.bool_]
     distance: Array
 
-    def as_dict(self) -> dict[str, object]:
-        """As ``belt-calibration`` writes it; see docs/data-sets.md."""
-        scale, angle = self.half_scale, self.half_angle
-        m = self.m_per_count
-        return {
-            "m_per_count": m,
-            "dir": self.direction.tolist(),
-            "m_per_count_95": None if scale is None else [m - scale, m + scale],
-            "dir_95_rad": angle,
-            "cov": None if self.cov is None else self.cov.tolist(),
-            "sigma_m": self.sigma,
-            "heldout_rms_m": self.heldout,
-            "travel_m": self.travel,
-            "rejected": [int(i) for i in np.flatnonzero(~self.used)],
-        }
-
 
 def fit_scale(
     points: ArrayLike, counts: ArrayLike, items: ArrayLike | None = None, doubt: bool = True

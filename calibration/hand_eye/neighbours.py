@@ -48,10 +48,6 @@ class Deviation:
     t: Array
     r: float
 
-    def as_dict(self) -> dict[str, object]:
-        """For the result."""
-        return {"t": self.t.tolist(), "t_norm": float(np.linalg.norm(self.t)), "r": self.r}
-
 
 def neighbour_estimates(problem: Problem, place: NDArray[np.int64]) -> list[NeighbourEstimates]:
     """Of every placement with at least three poses; ``place`` (n,) orders the poses of each on its cone."""

@@ -25,14 +25,6 @@ class Rotations:
     rms: Array
     axes: Array
 
-    def as_dict(self, setup: Setup) -> dict[str, object]:
-        """For the result."""
-        return {
-            "rotation_rms_rad": self.rms.tolist(),
-            "rotation_axes": self.axes.T.tolist(),
-            "axes_frame": axes_frame(setup),
-        }
-
 
 def axes_frame(setup: Setup) -> str:
     """The frame in which relative rotations of the arm are expressed."""

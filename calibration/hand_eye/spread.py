@@ -67,17 +67,6 @@ class Spread:
         """Whether both figures stand out from what the corners alone would give."""
         return self.t_norm > _RESOLVED * self.floor_t and self.r > _RESOLVED * self.floor_r
 
-    def as_dict(self) -> dict[str, object]:
-        """For the result."""
-        return {
-            "t": self.t.tolist(),
-            "t_norm": self.t_norm,
-            "r": self.r,
-            "floor_t": self.floor_t,
-            "floor_r": self.floor_r,
-            "resolved": self.resolved,
-        }
-
 
 def placements(problem: Problem, at: Estimate, weight: Array, perfect: Array) -> list[PlacementEstimates]:
     """The estimates of every placement with at least three poses.

@@ -153,9 +153,9 @@ def residuals_section(source: CalibrationSource) -> Html | None:
             )
         left = np.logical_not(seen.used)
         if left.any():
-            dots = _dots(seen.count[left] - begin, 1e3 * seen.off[left, axis], REJECTED, "left out")
-            dots.marker.symbol = "x"
-            fig.add_trace(dots, 1, axis + 1)
+            crosses = _dots(seen.count[left] - begin, 1e3 * seen.off[left, axis], REJECTED, "left out")
+            crosses.marker.symbol = "x"
+            fig.add_trace(crosses, 1, axis + 1)
         fig.update_xaxes(title_text="counts", row=1, col=axis + 1)
     fig.update_yaxes(title_text="mm", row=1, col=1)
     return section(

@@ -152,8 +152,23 @@ def _residuals(solved: Solved, tracks: Sequence[ItemTrack], scale: BeltScale | N
         latency_sigma_s=levels.latency,
         along_rms_m=_rms(off[:, 0].tolist()),
         across_rms_m=_rms(off[:, 1].tolist()),
-        belt_from_sightings=None if scale is None else BeltFromSightings.model_validate(scale.as_dict()),
+        belt_from_sightings=None if scale is None else _belt(scale),
         meaning="sightings of one item about its mean on the belt; residuals are not accuracy",
+    )
+
+
+def _belt(found: BeltScale) -> BeltFromSightings:
+    m, half = found.m_per_count, found.half_scale
+    return BeltFromSightings(
+        m_per_count=m,
+        dir=found.direction.tolist(),
+        m_per_count_95=None if half is None else [m - half, m + half],
+        dir_95_rad=found.half_angle,
+        cov=None if found.cov is None else found.cov.tolist(),
+        sigma_m=found.sigma,
+        heldout_rms_m=found.heldout,
+        travel_m=found.travel,
+        rejected=[int(i) for i in np.flatnonzero(~found.used)],
     )
 
 

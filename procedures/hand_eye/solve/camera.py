@@ -20,6 +20,7 @@ from calibration.intrinsics import (
 from cell.devices import Intrinsics
 from cell.errors import error
 from procedures.hand_eye.known_parts import known_lens
+from procedures.hand_eye.result import Intrinsics as WrittenIntrinsics
 from procedures.hand_eye.solve.capture import CaptureSet
 
 CODE = "camera.intrinsics"
@@ -36,7 +37,7 @@ class CameraChoice:
     """The camera in use (None when there are no corners), what was estimated, and what to warn of."""
 
     camera: Intrinsics | None
-    estimated: dict[str, object] | None
+    estimated: WrittenIntrinsics | None
     warnings: tuple[tuple[str, str], ...] = ()
 
 
@@ -73,7 +74,7 @@ def choose_camera(loaded: CaptureSet, adjusts: bool = True) -> CameraChoice:
         text += "; these images do not determine better ones, so the given ones were used"
         return CameraChoice(given, None, ((CODE, text), *misfits))
     text += "; the estimated ones were used"
-    estimated = _as_dict(free, "the given ones do not fit the images")
+    estimated = _written(free, "the given ones do not fit the images")
     return CameraChoice(free.camera, estimated, ((CODE, text), *misfits))
 
 
@@ -120,20 +121,20 @@ def _without_intrinsics(loaded: CaptureSet, rows: list[int], views: list[CornerS
         "their error is part of the result's"
     )
     misfits = _misfits(loaded, [rows[k] for k in left_out])
-    return CameraChoice(free.camera, _as_dict(free, "none were given"), ((CODE, text), *misfits))
+    return CameraChoice(free.camera, _written(free, "none were given"), ((CODE, text), *misfits))
 
 
-def _as_dict(found: EstimatedIntrinsics, why: str) -> dict[str, object]:
+def _written(found: EstimatedIntrinsics, why: str) -> WrittenIntrinsics:
     camera = found.camera
-    return {
-        "width": camera.width,
-        "height": camera.height,
-        "K": list(camera.K),
-        "dist": list(camera.dist),
-        "sigma_K": found.sigma_K.tolist(),
-        "rms_px": found.rms_px,
-        "why": why,
-    }
+    return WrittenIntrinsics(
+        width=camera.width,
+        height=camera.height,
+        K=list(camera.K),
+        dist=list(camera.dist),
+        sigma_K=found.sigma_K.tolist(),
+        rms_px=found.rms_px,
+        why=why,
+    )
 
 
 def check_views(loaded: CaptureSet, camera: Intrinsics | None) -> None:

@@ -20,6 +20,7 @@ from calibration.hand_eye.solution import weak_views
 from cell.errors import error
 from cell.formats.capture import Observation
 from cell.poses import Array, to_pose6
+from procedures.hand_eye.result import NeighbourBase, NeighbourSpread, PlainSpread
 from procedures.hand_eye.solve.capture import CaptureSet
 
 CLASSIC, CLASSIC_LEAST_SQUARES = "classic", "classic-least-squares"
@@ -44,24 +45,24 @@ class Neighbours:
             )
         return X
 
-    def as_dict(self) -> dict[str, object]:
+    def spread(self) -> NeighbourSpread:
         """``neighbour_spread`` of the result."""
         bases = sorted({int(b) for b in self.bases if b >= 0})
         X = mean_of_means(self.found)
-        return {
-            "within": _written(within(self.found)),
-            "across": _written(across(self.found)),
-            "across_least_squares": _written(across(self.found, least_squares=True)),
-            "by_base": {
-                str(b): {"within": _written(within(part)), "across": _written(across(part))}
+        return NeighbourSpread(
+            within=_plain(within(self.found)),
+            across=_plain(across(self.found)),
+            across_least_squares=_plain(across(self.found, least_squares=True)),
+            by_base={
+                str(b): NeighbourBase(within=_plain(within(part)), across=_plain(across(part)))
                 for b in bases
                 for part in [[p for p in self.found if self.bases[p.group] == b]]
             },
-            "pose": None if X is None else [float(v) for v in to_pose6(se3.transforms(X))],
-            "triples": sum(len(p.X) for p in self.found),
-            "skipped": sum(p.skipped for p in self.found),
-            "order": "planned" if self.planned else "observations",
-        }
+            pose=None if X is None else [float(v) for v in to_pose6(se3.transforms(X))],
+            triples=sum(len(p.X) for p in self.found),
+            skipped=sum(p.skipped for p in self.found),
+            order="planned" if self.planned else "observations",
+        )
 
 
 def neighbours_of(loaded: CaptureSet, rows: NDArray[np.int64], problem: Problem) -> Neighbours:
@@ -95,5 +96,7 @@ def _bases(told: Sequence[Observation], problem: Problem) -> NDArray[np.int64]:
     return bases
 
 
-def _written(found: Deviation | None) -> dict[str, object] | None:
-    return None if found is None else found.as_dict()
+def _plain(found: Deviation | None) -> PlainSpread | None:
+    if found is None:
+        return None
+    return PlainSpread(t=found.t.tolist(), t_norm=float(np.linalg.norm(found.t)), r=found.r)

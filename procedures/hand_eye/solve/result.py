@@ -22,6 +22,7 @@ from calibration.hand_eye.observability import axes_frame, rotations, still_pair
 from calibration.hand_eye.problem import Problem
 from calibration.hand_eye.solution import Measurements, Solution
 from calibration.hand_eye.spread import PlacementEstimates, placements, spread_across, spread_within
+from calibration.hand_eye.spread import Spread as ResolvedSpread
 from calibration.hand_eye.views import undistort
 from cell.formats.result import Rejected, Warning_
 from cell.poses import Array, to_pose6
@@ -125,7 +126,7 @@ def _answer(solved: Solved, lin: Linearised, P: Array) -> dict[str, Any]:
         "spread_within": two.spread_within,
         "spread_across": two.spread_across,
         "spread_by_base": _by_base(solved, found),
-        "neighbour_spread": solved.neighbours.as_dict(),
+        "neighbour_spread": solved.neighbours.spread(),
         "estimates": {labels[int(solution.groups[p.group])]: _estimates(p) for p in found},
         "noise": solution.noise.as_dict(),
     }
@@ -148,8 +149,21 @@ def _estimates_of_placements(solution: Solution, lin: Linearised, P: Array) -> l
 def _two_spreads(found: list[PlacementEstimates]) -> TwoSpreads:
     within, across = spread_within(found), spread_across(found)
     return TwoSpreads(
-        spread_within=None if within is None else Spread.model_validate(within.as_dict()),
-        spread_across=None if across is None else Spread.model_validate(across.as_dict()),
+        spread_within=_spread(within),
+        spread_across=_spread(across),
+    )
+
+
+def _spread(found: ResolvedSpread | None) -> Spread | None:
+    if found is None:
+        return None
+    return Spread(
+        t=found.t.tolist(),
+        t_norm=found.t_norm,
+        r=found.r,
+        floor_t=found.floor_t,
+        floor_r=found.floor_r,
+        resolved=found.resolved,
     )
 
 
