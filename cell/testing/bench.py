@@ -10,6 +10,7 @@ import pytest
 
 from cell.clock import Clock, MonotonicClock
 from cell.devices import Device, Identity
+from cell.errors import CellError
 from cell.testing import taken_again
 
 D = TypeVar("D", bound=Device)
@@ -33,6 +34,27 @@ class Rig(Generic[D]):
     clock: Clock
     identity: Identity | None = field(default=None, kw_only=True)
     inject: Callable[..., Awaitable[None]] = field(default=no_fault, kw_only=True)
+
+    async def loss(self, within_s: float) -> CellError:
+        """What ended the link; it must come within the time."""
+        async with asyncio.timeout(within_s):
+            found = await self.device.wait_lost()
+        assert isinstance(found, CellError)
+        return found
+
+    async def reopen(self, within_s: float = 6.0) -> None:
+        """As the supervisor does: until it opens and gives a sample."""
+        async with asyncio.timeout(within_s):
+            while True:
+                await self.device.close()
+                try:
+                    await self.device.open()
+                    await self.device.wait_fresh(1.0)
+                    return
+                except CellError as exc:
+                    if exc.name not in ("DEVICE_UNREACHABLE", "DEVICE_LOST", "CAN_BUS_OFF"):
+                        raise
+                await self.clock.sleep(0.05)
 
 
 R = TypeVar("R", bound=Rig[Any])

@@ -50,29 +50,6 @@ class EncoderRig(Rig[Encoder]):
 M_PER_COUNT, RANGE = 1e-4, 65536  # of the belt's encoder, where the truth is known
 
 
-async def loss_of(device: Encoder) -> CellError:
-    """What ended the link."""
-    async with asyncio.timeout(10.0):
-        found = await device.wait_lost()
-    assert isinstance(found, CellError)
-    return found
-
-
-async def reopen(rig: EncoderRig) -> None:
-    """As the supervisor does: until it opens and gives a sample."""
-    async with asyncio.timeout(6.0):
-        while True:
-            await rig.device.close()
-            try:
-                await rig.device.open()
-                await rig.device.wait_fresh(1.0)
-                return
-            except CellError as exc:
-                if exc.name not in ("DEVICE_UNREACHABLE", "DEVICE_LOST", "CAN_BUS_OFF"):
-                    raise
-            await rig.clock.sleep(0.05)
-
-
 async def undisturbed(rig: EncoderRig) -> list[Sample[EncoderState]]:
     """Samples of a time in which the sender, which is in this process, did not stand still."""
     for _ in range(20):
@@ -142,7 +119,7 @@ class EncoderContract(DeviceContract[EncoderRig]):
             await rig.clock.sleep(0.15)
             await rig.device.close()
             await rig.inject("wrap", before=50)
-            await reopen(rig)
+            await rig.reopen()
             rig.driven.run(rig.clock.now(), 0.15, 10.0)
             await rig.clock.sleep(0.3)
             samples = rig.samples()
@@ -209,11 +186,11 @@ class EncoderContract(DeviceContract[EncoderRig]):
             with pytest.raises(CellError) as stale:
                 rig.device.counts.latest(0.05)
             assert stale.value.name == "STALE_DATA"
-            assert (await loss_of(rig.device)).name == "DEVICE_LOST"
+            assert (await rig.loss(10.0)).name == "DEVICE_LOST"
             with pytest.raises(CellError):
                 await rig.device.identify()
             await rig.inject("clear")
-            await reopen(rig)
+            await rig.reopen()
 
         subject(scene)
 
@@ -227,13 +204,13 @@ class EncoderContract(DeviceContract[EncoderRig]):
             await rig.fresh()
             epoch = rig.device.counts.epoch
             await rig.inject("unplug")
-            assert (await loss_of(rig.device)).name == "DEVICE_LOST"
+            assert (await rig.loss(10.0)).name == "DEVICE_LOST"
             await rig.device.close()
             with pytest.raises(CellError) as caught:
                 await rig.device.open()
             assert caught.value.name == "DEVICE_UNREACHABLE"
             await rig.inject("clear")
-            await reopen(rig)
+            await rig.reopen()
             assert rig.device.counts.epoch > epoch
             assert rig.samples()[0].value.count == 0
 
@@ -246,9 +223,9 @@ class EncoderContract(DeviceContract[EncoderRig]):
             await rig.fresh()
             told = rig.clock.now()
             await rig.inject("drop")
-            assert (await loss_of(rig.device)).name == "DEVICE_LOST"
+            assert (await rig.loss(10.0)).name == "DEVICE_LOST"
             assert rig.clock.now() - told < 0.8, "earlier than silence tells"
-            await reopen(rig)
+            await rig.reopen()
 
         subject(scene)
 
@@ -258,9 +235,9 @@ class EncoderContract(DeviceContract[EncoderRig]):
         async def scene(rig: EncoderRig) -> None:
             await rig.fresh()
             await rig.inject("bus-off")
-            assert (await loss_of(rig.device)).name == "CAN_BUS_OFF"
+            assert (await rig.loss(10.0)).name == "CAN_BUS_OFF"
             await rig.inject("clear")
-            await reopen(rig)
+            await rig.reopen()
 
         subject(scene)
 
@@ -272,8 +249,8 @@ class EncoderContract(DeviceContract[EncoderRig]):
         async def scene(rig: EncoderRig) -> None:
             await rig.fresh()
             await rig.inject("node-stop")
-            assert (await loss_of(rig.device)).name == "ENCODER_NOT_OPERATIONAL"
-            await reopen(rig)
+            assert (await rig.loss(10.0)).name == "ENCODER_NOT_OPERATIONAL"
+            await rig.reopen()
 
         subject(scene)
 
@@ -303,8 +280,8 @@ class EncoderContract(DeviceContract[EncoderRig]):
         async def scene(rig: EncoderRig) -> None:
             await rig.fresh()
             await rig.inject("reboot", boot_s=0.05, serial="999966077")
-            assert (await loss_of(rig.device)).name == "DEVICE_LOST"
-            await reopen(rig)
+            assert (await rig.loss(10.0)).name == "DEVICE_LOST"
+            await rig.reopen()
             assert (await rig.device.identify()).serial == "999966077"
 
         subject(scene)

@@ -53,28 +53,6 @@ class InputsRig(Rig[DigitalInputs]):
         return self.device.inputs.between(0.0, self.clock.now() + 1.0)
 
 
-async def loss_of(device: DigitalInputs) -> CellError:
-    """What ended the link; it must come within a second."""
-    async with asyncio.timeout(1.0):
-        found = await device.wait_lost()
-    assert isinstance(found, CellError)
-    return found
-
-
-async def reopen(rig: InputsRig) -> None:
-    """As the supervisor does: until it opens."""
-    async with asyncio.timeout(5.0):
-        while True:
-            await rig.device.close()
-            try:
-                await rig.device.open()
-                return
-            except CellError as exc:
-                if exc.name not in ("DEVICE_UNREACHABLE", "DEVICE_LOST"):
-                    raise
-            await rig.clock.sleep(0.05)
-
-
 class InputsContract(DeviceContract[InputsRig]):
     """Polls are stamped with their bracket, and no edge or pulse is missed."""
 
@@ -156,7 +134,7 @@ class InputsContract(DeviceContract[InputsRig]):
         async def scene(rig: InputsRig) -> None:
             await rig.device.close()
             await rig.inject("wrap", before=3)
-            await reopen(rig)
+            await rig.reopen()
             for _ in range(6):
                 await rig.pulse("xs")
             assert (await rig.fresh()).value.changes == (12, 0)
@@ -190,14 +168,14 @@ class InputsContract(DeviceContract[InputsRig]):
             with pytest.raises(CellError) as stale:
                 rig.device.inputs.latest(0.05)
             assert stale.value.name == "STALE_DATA"
-            assert (await loss_of(rig.device)).name == "DEVICE_LOST"
+            assert (await rig.loss(1.0)).name == "DEVICE_LOST"
             with pytest.raises(CellError) as caught:
                 await rig.device.wait_fresh(0.1)
             assert caught.value.name == "DEVICE_LOST"
             with pytest.raises(CellError):
                 await rig.device.identify()
             await rig.inject("clear")
-            await reopen(rig)
+            await rig.reopen()
             await rig.fresh()
 
         subject(scene)
@@ -212,13 +190,13 @@ class InputsContract(DeviceContract[InputsRig]):
             await rig.pulse("ys")
             await rig.fresh()
             epoch = rig.device.inputs.epoch
-            waiting = asyncio.create_task(loss_of(rig.device))
+            waiting = asyncio.create_task(rig.loss(1.0))
             await rig.clock.sleep(0.01)
             told = rig.clock.now()
             await rig.inject("drop")
             assert (await waiting).name == "DEVICE_LOST"
             assert rig.clock.now() - told < 0.2
-            await reopen(rig)
+            await rig.reopen()
             assert rig.device.inputs.epoch == epoch + 1
             first = await rig.fresh()
             assert first.value.levels == (True, False)
@@ -232,13 +210,13 @@ class InputsContract(DeviceContract[InputsRig]):
 
         async def scene(rig: InputsRig) -> None:
             await rig.inject("refuse")
-            await loss_of(rig.device)
+            await rig.loss(1.0)
             await rig.device.close()
             with pytest.raises(CellError) as caught:
                 await rig.device.open()
             assert caught.value.name == "DEVICE_UNREACHABLE"
             await rig.inject("clear")
-            await reopen(rig)
+            await rig.reopen()
             await rig.fresh()
 
         subject(scene)
@@ -251,8 +229,8 @@ class InputsContract(DeviceContract[InputsRig]):
                 await rig.pulse("xs")
             assert (await rig.fresh()).value.changes == (6, 0)
             await rig.inject("reboot", boot_s=0.3, serial="99993300077")
-            assert (await loss_of(rig.device)).name in ("DEVICE_LOST", "MODULE_REBOOTED")
-            await reopen(rig)
+            assert (await rig.loss(1.0)).name in ("DEVICE_LOST", "MODULE_REBOOTED")
+            await rig.reopen()
             assert (await rig.device.identify()).serial == "99993300077"
             assert (await rig.fresh()).value.changes == (0, 0)
             await rig.pulse("xs")
