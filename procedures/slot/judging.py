@@ -132,17 +132,17 @@ def _wanted(config: SlotInsertionConfig) -> Part:
     return Part.GRIPPED if keeps else Part.RELEASED
 
 
-def solve_slot(path: Path) -> dict[str, Any]:
-    """``cellward.result/1`` of kind ``slot`` from a run's folder or its ``slot.json``."""
+def solve_slot(path: Path) -> SlotResult | Result:
+    """The result of kind ``slot`` from a run's folder or its ``slot.json``."""
     data, folder = read_data_set(path)
     config = data.config()
     if data.look is None:
         why = data.outcome.reasons or ["not-measured: the run was finished before the slot was looked at"]
-        return Result(kind="slot", verdict="fail", reasons=why, result=None).as_json()
+        return Result(kind="slot", verdict="fail", reasons=why, result=None)
     began = time.perf_counter()
     found = measure(data, data.look, folder)
     seconds = time.perf_counter() - began
-    return _result(data, config, data.outcome, found, seconds, str(folder / path.name)).as_json()
+    return _result(data, config, data.outcome, found, seconds, str(folder / path.name))
 
 
 def _result(

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from cell.errors import error
+from cell.formats.result import Envelope
 from cell.procedure import Procedure, Run
 from cell.run_values import RunValues
 from procedures.slot.config import SlotInsertionConfig
@@ -51,5 +52,5 @@ class SlotInsertion(Procedure):
         return (await Session(self.config, run).plan()).listing
 
     @classmethod
-    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> dict[str, Any]:
+    def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:
         return solve_slot(path)

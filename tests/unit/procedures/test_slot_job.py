@@ -88,7 +88,7 @@ def test_a_part_is_fetched_measured_and_inserted(tmp_path: Path) -> None:
         truth = ran.cell.plant.world.truth(ran.cell.clock.now())
         assert judge_slot(found, truth, tmp_path).inside95  # type: ignore[arg-type]
         again = SlotInsertion.solve_again(ran.cell.folder(ran.run).path / "slot.json", {}, {})
-        assert again["result"] == ran.answer
+        assert again.as_json()["result"] == ran.answer
 
     run_of(config(tmp_path), look)
 
