@@ -135,7 +135,7 @@ def measured_alone(scene: ToolFrameScene, depths: tuple[float, ...]) -> ToolFram
     for beam in ("xs", "ys"):
         for current in (False, True):
             own = [k for k, p in enumerate(scene.passes) if p.beam == beam and p.current == current]
-            height = {k: float(np.mean(scene.passes[k].pose_xyz[:, 2])) for k in own}
+            height = {k: float(scene.passes[k].middle[2]) for k in own}
             hits = [k for k in own if np.any(scene.passes[k].poll_v)]
             top = max(height[k] for k in hits)
             keep += [k for k in own if k not in hits]

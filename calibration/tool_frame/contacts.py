@@ -51,7 +51,7 @@ class Looks:
         pair, before = 0, None
         for k in order:
             p = self.scene.passes[k]
-            height = float(np.mean(p.pose_xyz @ self.lift))
+            height = float(p.middle @ self.lift)
             back = before is not None and before[0] == 1 and p.direction == -1
             if not (back and before is not None and abs(height - before[1]) < _SAME_HEIGHT_M):
                 pair += 1

@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from calibration.tool_frame.edges import Bracket, brackets, merged
+from calibration.tool_frame.edges import Bracket, merged
 from calibration.tool_frame.geometry import BeamFrame
 from calibration.tool_frame.scene import Pass, ToolFrameScene
 from cell.poses import Array
@@ -83,7 +84,7 @@ def see(scene: ToolFrameScene, frames: Mapping[str, BeamFrame], tau: float = 0.0
     missed: list[int] = []
     reasons: dict[int, str] = {}
     for place, found in enumerate(scene.passes):
-        edges = brackets(found)
+        edges = found.edges
         if found.poll_v[0] or found.poll_v[-1]:
             reasons[place] = "the beam is broken at an end of the way"
         elif not edges:
@@ -108,7 +109,7 @@ def _take_bounce_out(
     partial: list[int] = []
     for beam, frame in frames.items():
         own = [k for k, c in crossings.items() if c.source.beam == beam]
-        clean = {k: merged(brackets(scene.passes[k])) for k in own}
+        clean = {k: merged(scene.passes[k].edges) for k in own}
         counts = [len(edges) for edges in clean.values() if edges]
         if not counts:
             continue
@@ -132,75 +133,78 @@ def crossing(
     """The edges of one pass as intervals along the beam's ``n``."""
     tip = found.pose_xyz + scene.R @ scene.tool.p
     y, h, t = frame.across(tip), frame.above(tip), found.pose_t
-    low, high, above, at, speeds, noise = [], [], [], [], [], []
-    for edge in edges:
-        a, b = edge.low - tau, edge.high - tau
-        line = _line(t, y, a - WINDOW_S, b + WINDOW_S)
-        ends = line.at(np.array([a, b]))
-        low.append(float(np.min(ends)))
-        high.append(float(np.max(ends)))
-        middle = 0.5 * (a + b)
-        above.append(float(np.interp(middle, t, h)))
-        at.append([float(np.interp(middle, t, x)) for x in found.pose_xyz.T])
-        speeds.append(line.slope)
-        noise.append(line.scatter)
-    v = np.array(speeds)
+    begin, end = np.array([e.low for e in edges]) - tau, np.array([e.high for e in edges]) - tau
+    lines = _lines(t, y, begin - WINDOW_S, end + WINDOW_S)
+    ends = np.where(
+        lines.fitted,
+        lines.offset + lines.slope * np.stack([begin, end]),
+        np.interp([begin, end], t, y),
+    )
+    middle, v = 0.5 * (begin + end), lines.slope
     order = np.arange(len(edges)) if float(np.sum(v)) >= 0.0 else np.arange(len(edges))[::-1]
     return Crossing(
         source=found,
-        low=np.array(low)[order],
-        high=np.array(high)[order],
-        above=np.array(above)[order],
-        at=np.array(at)[order],
+        low=np.min(ends, axis=0)[order],
+        high=np.max(ends, axis=0)[order],
+        above=np.interp(middle, t, h)[order],
+        at=np.stack([np.interp(middle, t, x) for x in found.pose_xyz.T], axis=1)[order],
         v=v[order],
         soft=np.abs(v[order]) * np.array([e.soft for e in edges])[order],
         rising=np.array([e.rising for e in edges])[order],
-        noise=float(np.sqrt(np.mean(np.square(noise)))),
-        speed_change=_speed_change(t, y, edges, tau),
+        noise=float(np.sqrt(np.mean(lines.scatter**2))),
+        speed_change=_speed_change(t, y, float(begin[0]), float(end[-1])),
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Line:
-    t: Array
-    x: Array
-    slope: float
-    offset: float
-    scatter: float
-    fitted: bool
+class _Lines:
+    """Lines through the samples of k windows, ``offset + slope * t``: (k,) each. ``count`` is of the samples;
+    where these are few the line is not ``fitted``, and its slope that between the window's ends."""
 
-    def at(self, t: Array) -> Array:
-        found: Array = self.offset + self.slope * t if self.fitted else np.interp(t, self.t, self.x)
-        return found
+    slope: Array
+    offset: Array
+    scatter: Array
+    count: NDArray[np.int64]
+    fitted: NDArray[np.bool_]
 
 
-def _line(t: Array, x: Array, begin: float, end: float) -> _Line:
-    """A line through the samples within ``begin .. end``; where these are few, between the neighbours."""
-    i, j = int(np.searchsorted(t, begin)), int(np.searchsorted(t, end, "right"))
-    if j - i < _FEW:
-        a, b = np.interp([begin, end], t, x)
-        return _Line(t, x, float(b - a) / (end - begin), 0.0, 0.0, False)
-    s, y = t[i:j] - t[i], x[i:j]
-    ds, dy = s - s.mean(), y - y.mean()
-    slope = float(ds @ dy / (ds @ ds))
-    rest = dy - slope * ds
-    scatter = float(np.sqrt(rest @ rest / (j - i - 2)))
-    offset = float(y.mean() - slope * (s.mean() + t[i]))
-    return _Line(t, x, slope, offset, scatter, True)
+def _lines(t: Array, x: Array, begin: Array, end: Array) -> _Lines:
+    """Of the samples ``x`` (n,) at ``t`` (n,) within ``begin .. end`` (k,)."""
+    first = np.searchsorted(t, begin)
+    count = np.searchsorted(t, end, "right") - first
+    fitted = count >= _FEW
+    n = np.maximum(count, _FEW)
+    at = first[:, None] + np.arange(int(np.max(n)))
+    inside = at < (first + count)[:, None]
+    at = np.minimum(at, len(t) - 1)
+    s, y = np.where(inside, t[at] - begin[:, None], 0.0), np.where(inside, x[at], 0.0)
+    s_mean, y_mean = np.sum(s, axis=1) / n, np.sum(y, axis=1) / n
+    ds, dy = np.where(inside, s - s_mean[:, None], 0.0), np.where(inside, y - y_mean[:, None], 0.0)
+    square = np.where(fitted, np.sum(ds * ds, axis=1), 1.0)
+    slope = np.sum(ds * dy, axis=1) / square
+    scatter = np.sqrt(np.sum((dy - slope[:, None] * ds) ** 2, axis=1) / (n - 2))
+    offset = y_mean - slope * (s_mean + begin)
+    between = (np.interp(end, t, x) - np.interp(begin, t, x)) / (end - begin)
+    nothing = np.zeros(len(begin))
+    return _Lines(
+        np.where(fitted, slope, between),
+        np.where(fitted, offset, nothing),
+        np.where(fitted, scatter, nothing),
+        count,
+        fitted,
+    )
 
 
-def _speed_change(t: Array, y: Array, edges: Sequence[Bracket], tau: float) -> float:
-    """Greatest deviation of the speed from its mean over the crossing, beyond what scatter explains."""
-    first, last = edges[0].low - tau, edges[-1].high - tau
+def _speed_change(t: Array, y: Array, first: float, last: float) -> float:
+    """Greatest deviation of the speed from its mean over the crossing, from ``first`` to ``last`` (s), beyond
+    what scatter explains."""
     length = last - first
     window = min(SPEED_WINDOW_S, length)
     mean = float(np.interp(last, t, y) - np.interp(first, t, y)) / length
     if mean == 0.0:
         return np.inf
-    change = 0.0
-    for begin in np.linspace(first, last - window, max(2, int(np.ceil(length / window)))):
-        line = _line(t, y, float(begin), float(begin) + window)
-        count = max(int(np.count_nonzero((t >= begin) & (t <= begin + window))), 2)
-        sigma = line.scatter * np.sqrt(12.0 / count) / window
-        change = max(change, (abs(line.slope - mean) - 4.0 * sigma) / abs(mean))
-    return float(change)
+    begin = np.linspace(first, last - window, max(2, int(np.ceil(length / window))))
+    lines = _lines(t, y, begin, begin + window)
+    sigma = lines.scatter * np.sqrt(12.0 / np.maximum(lines.count, 2)) / window
+    change = (np.abs(lines.slope - mean) - 4.0 * sigma) / abs(mean)
+    return max(float(np.max(change)), 0.0)

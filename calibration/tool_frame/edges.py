@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from calibration.tool_frame.scene import Pass
+from cell.poses import Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,24 +19,27 @@ class Bracket:
     rising: bool
 
 
-def brackets(found: Pass) -> list[Bracket]:
-    """All changes, oldest first. The changes of a pulse between two polls share an interval.
+def brackets(
+    t: Array, v: NDArray[np.bool_], n: NDArray[np.int64] | None = None, dt: Array | None = None
+) -> list[Bracket]:
+    """All changes between polls at ``t`` (m,) s that saw ``v`` (m,), oldest first; ``n`` (m,) counts them,
+    and ``dt`` (m,) s is half of each poll's time. The changes of a pulse between two polls share an interval.
 
     The counter is believed where it agrees with the levels: an odd number of changes where the level
     changed. A counter that was reset, or counts something else, is left aside.
     """
-    changed = np.diff(found.poll_v.astype(np.int8)) != 0
+    changed = np.diff(v.astype(np.int8)) != 0
     counts = changed.astype(np.int64)
-    if found.poll_n is not None:
-        steps = np.diff(found.poll_n)
+    if n is not None:
+        steps = np.diff(n)
         if np.all(steps >= 0) and np.array_equal(steps % 2 == 1, changed):
             counts = steps
     edges: list[Bracket] = []
     for j in np.flatnonzero(counts):
-        soft = 0.0 if found.poll_dt is None else float(max(found.poll_dt[j], found.poll_dt[j + 1]))
-        rising = not bool(found.poll_v[j])
+        soft = 0.0 if dt is None else float(max(dt[j], dt[j + 1]))
+        rising = not bool(v[j])
         for _ in range(int(counts[j])):
-            edges.append(Bracket(float(found.poll_t[j]), float(found.poll_t[j + 1]), soft, rising))
+            edges.append(Bracket(float(t[j]), float(t[j + 1]), soft, rising))
             rising = not rising
     return edges
 

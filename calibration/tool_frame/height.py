@@ -5,11 +5,12 @@ the depth below the first contact makes the length of the break, and the polls s
 What is not known beside the height is walked through: the shape of the end, and how well the arm repeats.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.special import ndtr
 
 from calibration.tool_frame.glimpse import LOST, Glimpse
 from calibration.tool_frame.repeatability import Scatter
@@ -17,11 +18,14 @@ from calibration.tool_frame.standstills import SHARED
 from calibration.tool_frame.tip import TipShape, ToolInBeam
 from cell.poses import Array
 
-_GRID = 321
+_POINTS = 321
 _ZOOMS = 3
-_ABOVE_M = 5e-4  # a pass that polls did not see may be so far below the first contact
+ABOVE_M = 5e-4  # a pass that polls did not see may be so far below the first contact
 NEAR_M = 8e-4  # deeper down, the length of a break tells little of the height, and shapes differ more
 _FAR_LOG = 14.0  # of the logarithm of the density: what is less likely is left out
+_AT_ONCE = 50_000  # numbers that are worked on together, so that they stay near the processor
+_MOST_AT_ONCE = 32  # passes whose product is taken; none is less likely than LOST squared
+_NARROW = 0.05  # points of the grid: as good as no normal at all
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +42,17 @@ class Density:
     mean: Array
     var: Array
 
+    @classmethod
+    def of(cls, grid: Array, log: Array) -> "Density":
+        """``log`` up to what all have in common."""
+        step = float(grid[1] - grid[0])
+        top = np.max(log, axis=2, keepdims=True)
+        p = np.exp(log - top)
+        total = np.sum(p, axis=2)
+        mean = p @ grid / total
+        var = np.einsum("esn,esn->es", p, (grid - mean[..., None]) ** 2) / total + step**2 / 12.0
+        return cls(grid, log, top[..., 0] + np.log(total * step), mean, var)
+
 
 def first_contact(
     glimpses: Sequence[Glimpse],
@@ -48,60 +63,92 @@ def first_contact(
     above: float,
 ) -> Density:
     """The density from ``glimpses`` of one beam and set; the height is expected in ``below .. above`` (m)."""
-    low, high = below - _ABOVE_M, above + _ABOVE_M
+    low, high = below - ABOVE_M, above + ABOVE_M
     for _ in range(_ZOOMS):
-        grid = np.linspace(low, high, _GRID)
-        log = _log_density(glimpses, view, ends, scatter, grid)
-        total = np.max(log - np.max(log), axis=(0, 1))
-        likely = np.flatnonzero(total > -_FAR_LOG)
-        a, b = max(int(likely[0]) - 3, 0), min(int(likely[-1]) + 3, _GRID - 1)
-        if b - a > 0.5 * _GRID:
+        grid = np.linspace(low, high, _POINTS)
+        log = log_likelihood(glimpses, view, ends, scatter, grid)
+        a, b = likely(log)
+        a, b = max(a - 3, 0), min(b + 3, _POINTS - 1)
+        if b - a > 0.5 * _POINTS:
             break
         low, high = float(grid[a]), float(grid[b])
-    step = float(grid[1] - grid[0])
-    top = np.max(log, axis=2, keepdims=True)
-    p = np.exp(log - top)
-    total = np.sum(p, axis=2)
-    mean = p @ grid / total
-    var = np.einsum("esn,esn->es", p, (grid - mean[..., None]) ** 2) / total + step**2 / 12.0
-    return Density(grid, log, top[..., 0] + np.log(total * step), mean, var)
+    return Density.of(grid, log)
 
 
-def _log_density(
-    glimpses: Sequence[Glimpse], view: ToolInBeam, ends: Sequence[TipShape], scatter: Scatter, grid: Array
+def likely(log: Array) -> tuple[int, int]:
+    """The first and the last place of a grid whose density is not out of question; ``log`` (E, S, n)."""
+    places = np.flatnonzero(np.max(log, axis=(0, 1)) > np.max(log) - _FAR_LOG)
+    return int(places[0]), int(places[-1])
+
+
+def log_likelihood(
+    glimpses: Sequence[Glimpse],
+    view: ToolInBeam,
+    ends: Sequence[TipShape],
+    scatter: Scatter,
+    grid: Array,
 ) -> Array:
     """(E, S, n) logarithm of the likelihood of all passes for the heights ``grid`` (n,)."""
-    found = np.zeros((len(ends), len(scatter.sigmas), len(grid)))
+    near = [g for g in glimpses if not g.hit or float(grid[0]) - g.height < 0.5 * view.chord]
+    together: dict[int, list[Array]] = {}
+    for g, chance in zip(near, _chances(near, view, ends, grid), strict=True):
+        together.setdefault(g.pair, []).append(chance)
+    found = np.zeros((len(scatter.sigmas), len(ends), len(grid)))
     points = scatter.sigmas / float(grid[1] - grid[0])
-    groups: dict[int, list[Glimpse]] = {}
-    for g in glimpses:
-        if not g.hit or float(grid[0]) - g.height < 0.5 * view.chord:
-            groups.setdefault(g.pair, []).append(g)
-    for group in groups.values():
-        seen = []
-        for g in group:
-            depth = grid - g.height
-            chance = g.at(view.lengths(ends, depth, g.sense))
-            if g.hit:  # deep down the end's shape is not as simple
-                chance = np.where(depth > NEAR_M, np.maximum(chance, g.of_any(view.chord)), chance)
-            seen.append(chance)
-        own = np.sqrt(1.0 - SHARED) if len(seen) > 1 else 1.0
-        together = np.prod([_blurred(chance, own * points) for chance in seen], axis=0)
-        if len(seen) > 1:
-            together = _blurred(together, np.sqrt(SHARED) * points)
-        found += np.log(together).swapaxes(0, 1)
-    return found
+    for ways in {len(group) for group in together.values()}:
+        own = _Blur(np.sqrt(1.0 - SHARED) * points if ways > 1 else points, len(grid))
+        shared = _Blur(np.sqrt(SHARED) * points, len(grid)) if ways > 1 else None
+        groups = np.array([group for group in together.values() if len(group) == ways])
+        at_once = min(max(_AT_ONCE // (groups[0].size * len(points)), 1), _MOST_AT_ONCE)
+        for k in range(0, len(groups), at_once):
+            seen = np.prod(own.of(groups[None, k : k + at_once]), axis=2)
+            found += np.log(np.prod(seen if shared is None else shared.of(seen), axis=1))
+    return found.swapaxes(0, 1)
 
 
-def _blurred(values: Array, points: Array) -> Array:
-    """(S, E, n) ``values`` (S, E, n) or (E, n) folded with normals of ``points`` (S,) of the grid."""
-    n, pad = values.shape[-1], int(np.ceil(4.0 * float(np.max(points)))) + 1
-    longer = np.pad(values, [(0, 0)] * (values.ndim - 1) + [(pad, pad)], mode="edge")
-    size = next_fast_len(n + 2 * pad, real=True)
-    omega = 2.0 * np.pi * rfftfreq(size)
-    transfer = np.exp(-0.5 * (points[:, None, None] * omega) ** 2)
-    found: Array = irfft(rfft(longer, size) * transfer, size)[..., pad : pad + n]
-    return np.clip(found, LOST**2, 1.0)
+def _chances(
+    glimpses: Sequence[Glimpse], view: ToolInBeam, ends: Sequence[TipShape], grid: Array
+) -> Iterator[Array]:
+    """For each of ``glimpses`` (E, n) how likely its polls are with an arm that is where it should be."""
+    depth = grid - np.array([[g.height] for g in glimpses]).reshape(-1, 1)
+    lengths = {s: view.lengths(ends, depth, s) for s in {g.sense for g in glimpses}}
+    for k, g in enumerate(glimpses):
+        chance = g.at(lengths[g.sense][:, k])
+        if g.hit:  # deep down the end's shape is not as simple
+            chance = np.where(depth[k] > NEAR_M, np.maximum(chance, g.of_any(view.chord)), chance)
+        yield chance
+
+
+class _Blur:
+    """Folds with normals of ``points`` (S,) of a grid of ``n``, beyond whose ends all is as it is there.
+
+    A point takes what its cell of the grid has of the normal; that adds the cell's own variance, which is
+    taken from the normal's."""
+
+    def __init__(self, points: Array, n: int) -> None:
+        wide = np.sqrt(np.maximum(points**2 - 1.0 / 12.0, _NARROW**2))[:, None]
+        below = ndtr((np.arange(-n, n) + 0.5) / wide)
+        self._size = next_fast_len(2 * n - 1, real=True)
+        kernel = np.diff(below)  # of the distances 1 - n .. n - 1
+        around = np.zeros((len(points), self._size))
+        around[:, np.arange(1 - n, n)] = kernel
+        self._transfer = rfft(around)
+        self._before = below[:, n - 1 :: -1]
+        self._after = below[:, :n]
+
+    def of(self, values: Array) -> Array:
+        """(S, ..., n) of ``values`` (S, ..., n) or (1, ..., n)."""
+        n, (transfer, before, after) = (
+            values.shape[-1],
+            (
+                each.reshape(len(each), *[1] * (values.ndim - 2), -1)
+                for each in (self._transfer, self._before, self._after)
+            ),
+        )
+        found: Array = irfft(rfft(values, self._size) * transfer, self._size)[..., :n]
+        found += values[..., :1] * before
+        found += values[..., -1:] * after
+        return np.clip(found, LOST**2, 1.0, out=found)
 
 
 def mixed(

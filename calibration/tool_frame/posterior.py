@@ -122,6 +122,7 @@ class _Walks:
         self.rng = np.random.default_rng(_SEED)
         self.count = count
         self.A = design(rows)
+        self.squares = (self.A[:, :, None] * self.A[:, None, :]).reshape(len(self.A), -1)
         self.origin = np.concatenate([start.psi, start.e])
         self.low = (rows.low - self.A @ self.origin)[:, None]
         self.high = self.low + rows.width[:, None]
@@ -167,7 +168,7 @@ class _Walks:
             other = self.sigma * np.exp(_STEP * self.rng.standard_normal(self.count))
             a1, b1, flip1, s1 = self._cut(u, np.clip(other, self.least, self.most))
             chance1 = b1 - a1
-            gain = np.sum(np.log(np.maximum(chance1, 1e-300)) - np.log(np.maximum(chance, 1e-300)), axis=0)
+            gain = np.sum(np.log(np.maximum(chance1, 1e-300) / np.maximum(chance, 1e-300)), axis=0)
             gain += self._noise_prior(other) - self._noise_prior(self.sigma)
             take = (np.log(self.rng.random(self.count)) < gain) & (other >= self.least) & (other <= self.most)
             self.sigma = np.where(take, other, self.sigma)
@@ -203,8 +204,7 @@ class _Walks:
         """All unknowns at once with the places of change held."""
         p = len(self.origin)
         weight = 1.0 / s**2
-        pairs = (self.A[:, :, None] * self.A[:, None, :]).reshape(len(self.A), p * p)
-        normal = (weight.T @ pairs).reshape(self.count, p, p)
+        normal = (weight.T @ self.squares).reshape(self.count, p, p)
         normal[:, np.arange(p), np.arange(p)] += self.prior.T
         right = (self.A.T @ (weight * y) - self.prior * self.origin[:, None]).T
         scale = 1.0 / np.sqrt(np.einsum("cii->ci", normal))
@@ -218,18 +218,20 @@ class _Walks:
         turn, _ = np.linalg.qr(self.rng.standard_normal(self.root.shape))
         directions = self.root @ turn
         steps = self.A @ directions
-        left, width = self.high - y, self.high - self.low
+        room = np.stack([self.high - y, y - self.low])  # above and below where each edge's change was seen
+        width, edges = self.high - self.low, np.arange(len(steps))
         for direction, step in zip(directions.T, steps.T, strict=True):
-            felt = np.abs(step) > 1e-9 * np.max(np.abs(step))
-            inverse = np.where(felt, 1.0 / np.where(felt, step, 1.0), 0.0)[:, None]
-            far = np.where(felt[:, None], width * inverse, 0.0)
-            open_ = np.where(felt, 0.0, np.inf)[:, None]
-            at = left * inverse
-            top = np.min(at - np.minimum(far, 0.0) + open_, axis=0)
-            bottom = np.max(at - np.maximum(far, 0.0) - open_, axis=0)
-            t = self._on_line(direction, np.minimum(bottom, 0.0), np.maximum(top, 0.0))
+            size = np.abs(step)
+            felt = size > 1e-9 * np.max(size)
+            inverse = (1.0 / np.where(felt, size, 1.0))[:, None]
+            against = (step < 0.0).astype(np.intp)
+            ahead, behind = room[against, edges] * inverse, room[1 - against, edges] * inverse
+            if not felt.all():
+                ahead[~felt] = behind[~felt] = np.inf
+            t = self._on_line(direction, -np.min(behind, axis=0), np.min(ahead, axis=0))
             self.theta += direction[:, None] * t
-            left = np.clip(left - step[:, None] * t, 0.0, width)
+            np.clip(room[0] - step[:, None] * t, 0.0, width, out=room[0])
+            np.subtract(width, room[0], out=room[1])
 
     def _on_line(self, direction: Array, bottom: Array, top: Array) -> Array:
         """(count,) how far along the line: even between both ends, but for the prior."""

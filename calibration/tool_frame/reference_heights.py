@@ -52,7 +52,7 @@ class _Spots:
     def bracket(self, spot: Spot) -> Bracket:
         """Flange heights along the beam's ``w``."""
         own, w = self.own(spot), self.frames[spot[0]].w
-        height = {k: float(np.mean(self.scene.passes[k].pose_xyz @ w)) for k in own}
+        height = {k: float(self.scene.passes[k].middle @ w) for k in own}
         hits = {k: height[k] for k in own if k in self.seen.crossings or k in self.seen.partial}
         found = bracket(hits, {k: height[k] for k in own if k in self.seen.missed})
         if found is None:

@@ -46,6 +46,11 @@ class Scatter:
         w = np.exp(self.log_prior - np.max(self.log_prior))
         return float(np.exp(w @ np.log(self.sigmas) / np.sum(w)))
 
+    @property
+    def coarser(self) -> "Scatter":
+        """With every second of ``sigmas``."""
+        return Scatter(self.sigmas[::2], self.log_prior[::2])
+
 
 def stated_sigma(model: str | None) -> float:
     """Standard deviation of one axis (m) of the arm ``model``, by its data sheet; else that of usual arms."""

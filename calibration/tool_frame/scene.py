@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.tool_frame.edges import Bracket, brackets
 from cell.poses import Array
 
 
@@ -60,6 +62,17 @@ class Pass:
     poll_v: NDArray[np.bool_]
     poll_n: NDArray[np.int64] | None = None
     poll_dt: Array | None = None
+
+    @cached_property
+    def edges(self) -> list[Bracket]:
+        """The changes that the polls saw, oldest first."""
+        return brackets(self.poll_t, self.poll_v, self.poll_n, self.poll_dt)
+
+    @cached_property
+    def middle(self) -> Array:
+        """(3,) m the flange in the base in the mean."""
+        found: Array = np.mean(self.pose_xyz, axis=0)
+        return found
 
     @property
     def name(self) -> str:

@@ -65,7 +65,7 @@ def _without_return(scene: ToolFrameScene, seen: PassContents) -> set[int]:
             k = 0
             while k + 1 < len(own):
                 a, b = scene.passes[own[k]], scene.passes[own[k + 1]]
-                same = abs(float(np.mean(a.pose_xyz[:, 2]) - np.mean(b.pose_xyz[:, 2]))) < _SAME_HEIGHT_M
+                same = abs(float(a.middle[2] - b.middle[2])) < _SAME_HEIGHT_M
                 if a.direction == b.direction or not same or a.direction != 1:
                     k += 1
                     continue
@@ -84,7 +84,7 @@ def _at_the_end(scene: ToolFrameScene, seen: PassContents, alone: set[int]) -> s
     for current in (False, True):
         for beam in BEAMS:
             own = [k for k, p in enumerate(scene.passes) if p.beam == beam and p.current == current]
-            height = {k: float(np.mean(scene.passes[k].pose_xyz[:, 2])) for k in own}
+            height = {k: float(scene.passes[k].middle[2]) for k in own}
             met = [height[k] for k in own if k not in alone and k in seen.crossings]
             missed = [height[k] for k in own if k not in alone and k in seen.missed]
             low = max(met, default=np.inf)

@@ -9,6 +9,7 @@ other. Which shape it is, the passes near the end tell.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -81,30 +82,40 @@ class ToolInBeam:
         return 0.0
 
     def lengths(self, ends: Sequence[TipShape], depth: Array, sense: float = 1.0) -> Array:
-        """(E, n) how long (m) each end breaks the beam at ``depth`` (n,) m below the first contact; 0 above
-        it. ``sense`` is 1 on ways along ``side`` and -1 on those against it."""
+        """(E, ...) how long (m) each end breaks the beam at ``depth`` (...) m below the first contact; 0
+        above it. ``sense`` is 1 on ways along ``side`` and -1 on those against it."""
         d = np.maximum(depth, 0.0)
-        found = np.full((len(ends), len(d)), self.chord)
-        balls = [k for k, end in enumerate(ends) if end.kind == "ball"]
-        wide = np.array([[ends[k].ratio * self.chord] for k in balls])
-        band = np.array([[ends[k].band] for k in balls])
-        if balls:
-            deep = np.minimum(d, 0.5 * wide)
-            found[balls] = np.sqrt(deep * (wide - deep)) + np.sqrt((deep + band) * (wide - deep))
-        profiles = {kind: self._profile(kind) for kind in {end.kind for end in ends} & {"edge", "flat"}}
+        found = np.full((len(ends), *d.shape), self.chord)
+        breaks: dict[tuple[str, float], Array] = {}  # the part that does not depend on the band
         for k, end in enumerate(ends):
-            if end.kind in profiles:
-                up, low, high = profiles[end.kind]
+            shape = end.kind, end.ratio
+            if end.kind == "ball":
+                wide = end.ratio * self.chord
+                deep = np.minimum(d, 0.5 * wide)
+                if shape not in breaks:
+                    breaks[shape] = np.sqrt(deep * (wide - deep))
+                found[k] = breaks[shape] + np.sqrt((deep + end.band) * (wide - deep))
+            elif end.kind in ("edge", "flat"):
+                up, low, high = self._edge if end.kind == "edge" else self._flat
                 first, last = (high, low) if sense > 0.0 else (low, high)
-                found[k] = np.abs(np.interp(d, up, first) - np.interp(d + end.band, up, last))
-        return np.where(depth > 0.0, np.minimum(found, self.chord), 0.0)
+                if shape not in breaks:
+                    breaks[shape] = np.interp(d, up, first)
+                found[k] = np.abs(breaks[shape] - np.interp(d + end.band, up, last))
+        np.minimum(found, self.chord, out=found)
+        return np.where(depth > 0.0, found, 0.0)
 
-    def _profile(self, kind: str) -> tuple[Array, Array, Array]:
-        """Heights (n,) m over the lowest place, and between which places (n,) along ``side`` the end is."""
-        half = 0.5 * self.chord
-        rim = half * _ALONG * self.n
-        if kind == "flat":
-            rim = half * (np.cos(_TURN) * self.n + np.sin(_TURN) * np.cross(self.axis, self.n))
+    @cached_property
+    def _edge(self) -> tuple[Array, Array, Array]:
+        return self._profile(0.5 * self.chord * _ALONG * self.n)
+
+    @cached_property
+    def _flat(self) -> tuple[Array, Array, Array]:
+        rim = np.cos(_TURN) * self.n + np.sin(_TURN) * np.cross(self.axis, self.n)
+        return self._profile(0.5 * self.chord * rim)
+
+    def _profile(self, rim: Array) -> tuple[Array, Array, Array]:
+        """Heights (n,) m over the lowest place of ``rim`` (n, 3) m, and between which places (n,) along
+        ``side`` the end is."""
         up, along = rim @ self.lift, rim @ self.side
         order = np.argsort(up)
         along = along[order]

@@ -79,7 +79,7 @@ class Vertical:
         for beam in BEAMS:
             for current in (False, True):
                 height = {
-                    k: float(np.mean(self.scene.passes[k].pose_xyz @ self.lifts[beam]))
+                    k: float(self.scene.passes[k].middle @ self.lifts[beam])
                     for k in (*self.selection.hits, *self.selection.missed)
                 }
                 hits = {k: height[k] for k in self._own(self.selection.hits, beam, current)}

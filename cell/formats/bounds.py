@@ -4,10 +4,11 @@ They are wide: what is only in another unit passes, so that the loaders can say 
 squares and products of the numbers overflow somewhere in a solver, and no answer would mean anything.
 """
 
-from collections.abc import Callable
-from typing import Annotated
+from dataclasses import dataclass
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field
+from pydantic import Field, GetCoreSchemaHandler
+from pydantic_core import CoreSchema, core_schema
 
 LENGTH_M = 1e6  # links in pure DH form are hundreds of metres long, and a million in millimetres
 SMALLEST_M = 1e-6  # of what has a size: a square, a marker, a radius
@@ -28,33 +29,37 @@ QUERIES = 20_000
 COUNTS = 2_000_000
 
 
-def at_most(most: float, unit: str) -> Callable[[float], float]:
+@dataclass(frozen=True)
+class AtMost:
     """A check: no cell has more, so the number is in another unit or damaged."""
 
-    def check(v: float) -> float:
-        if abs(v) > most:
-            beyond = f"is beyond {most:g}{unit and ' '}{unit}, which no cell reaches"
-            raise ValueError(f"{beyond}; give it in {unit}" if unit else f"{beyond}; correct it")
-        return v
+    most: float
+    unit: str
 
-    return check
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        # A function for each of a hundred thousand numbers would take longer than a solver.
+        fix = f"give it in {self.unit}" if self.unit else "correct it"
+        beyond = f"is beyond {self.most:g}{self.unit and ' '}{self.unit}, which no cell reaches; {fix}"
+        bounded = core_schema.float_schema(ge=-self.most, le=self.most)
+        checked = core_schema.custom_error_schema(bounded, "beyond", custom_error_message=beyond)
+        return core_schema.chain_schema([handler(source), checked])
 
 
-Length = Annotated[float, AfterValidator(at_most(LENGTH_M, "m"))]
-Size = Annotated[float, Field(ge=SMALLEST_M), AfterValidator(at_most(LENGTH_M, "m"))]
-Angle = Annotated[float, AfterValidator(at_most(ANGLE_RAD, "rad"))]
-LengthOrAngle = Annotated[float, AfterValidator(at_most(LENGTH_M, "m or rad"))]
-Pixels = Annotated[float, AfterValidator(at_most(PIXEL, "px"))]
-Coefficient = Annotated[float, AfterValidator(at_most(DISTORTION, ""))]
-Ratio = Annotated[float, AfterValidator(at_most(RATIO, ""))]
-Stamp = Annotated[float, AfterValidator(at_most(STAMP_S, "s"))]
+Length = Annotated[float, AtMost(LENGTH_M, "m")]
+Size = Annotated[float, Field(ge=SMALLEST_M), AtMost(LENGTH_M, "m")]
+Angle = Annotated[float, AtMost(ANGLE_RAD, "rad")]
+LengthOrAngle = Annotated[float, AtMost(LENGTH_M, "m or rad")]
+Pixels = Annotated[float, AtMost(PIXEL, "px")]
+Coefficient = Annotated[float, AtMost(DISTORTION, "")]
+Ratio = Annotated[float, AtMost(RATIO, "")]
+Stamp = Annotated[float, AtMost(STAMP_S, "s")]
 Whole = Annotated[int, Field(ge=-WHOLE, le=WHOLE)]
 PixelCount = Annotated[int, Field(gt=0, le=int(PIXEL))]
-SigmaPx = Annotated[float, Field(ge=0.0), AfterValidator(at_most(SIGMA_PX, "px"))]
-SigmaLength = Annotated[float, Field(ge=0.0), AfterValidator(at_most(SIGMA_M, "m"))]
-SigmaAngle = Annotated[float, Field(ge=0.0), AfterValidator(at_most(SIGMA_RAD, "rad"))]
-SigmaPerMetre = Annotated[float, Field(ge=0.0), AfterValidator(at_most(SIGMA_PER_M, "m/m"))]
-Payload = Annotated[float, Field(ge=0.0), AfterValidator(at_most(PAYLOAD_KG, "kg"))]
+SigmaPx = Annotated[float, Field(ge=0.0), AtMost(SIGMA_PX, "px")]
+SigmaLength = Annotated[float, Field(ge=0.0), AtMost(SIGMA_M, "m")]
+SigmaAngle = Annotated[float, Field(ge=0.0), AtMost(SIGMA_RAD, "rad")]
+SigmaPerMetre = Annotated[float, Field(ge=0.0), AtMost(SIGMA_PER_M, "m/m")]
+Payload = Annotated[float, Field(ge=0.0), AtMost(PAYLOAD_KG, "kg")]
 Point = Annotated[list[Length], Field(min_length=3, max_length=3)]
 Rotation = Annotated[list[Angle], Field(min_length=3, max_length=3)]
 Direction = Annotated[list[Ratio], Field(min_length=3, max_length=3)]

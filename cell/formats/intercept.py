@@ -5,17 +5,17 @@ Read beyond the format: ``modulus`` may be null or absent for a counter that doe
 
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from cell.errors import present
-from cell.formats.bounds import COUNTS, QUERIES, SAMPLES, SMALLEST_M, Length, Ratio, Stamp, Whole, at_most
+from cell.formats.bounds import COUNTS, QUERIES, SAMPLES, SMALLEST_M, AtMost, Length, Ratio, Stamp, Whole
 from cell.formats.reading import Strict
 
 SCHEMA = "cellward.intercept/1"
 
 NotNegative = Annotated[float, Field(ge=0.0)]
 Id = Whole | Annotated[str, Field(max_length=1000)]
-Duration = Annotated[NotNegative, AfterValidator(at_most(10.0, "s"))]
+Duration = Annotated[NotNegative, AtMost(10.0, "s")]
 TRAVEL_M = (1e-9, 0.02)  # of one count
 
 
@@ -27,7 +27,7 @@ class Belt(Strict):
     counts_per_revolution: Annotated[float, Field(ge=1e-3, le=1e12)] | None = None
     dir: Annotated[list[Ratio], Field(min_length=2, max_length=3)]
     modulus: Annotated[int, Field(ge=2, le=2**64)] | None = None
-    period: Annotated[float, Field(ge=1e-6), AfterValidator(at_most(10.0, "s"))]
+    period: Annotated[float, Field(ge=1e-6), AtMost(10.0, "s")]
     notes: Any = None
 
     @field_validator("dir")
@@ -67,9 +67,9 @@ class Belt(Strict):
 class Limits(Strict):
     """Of each axis: m/s, m/s^2, m/s^3."""
 
-    v: Annotated[float, Field(ge=1e-6), AfterValidator(at_most(100.0, "m/s"))]
-    a: Annotated[float, Field(ge=1e-6), AfterValidator(at_most(1e5, "m/s^2"))]
-    j: Annotated[float, Field(ge=1e-6), AfterValidator(at_most(1e8, "m/s^3"))]
+    v: Annotated[float, Field(ge=1e-6), AtMost(100.0, "m/s")]
+    a: Annotated[float, Field(ge=1e-6), AtMost(1e5, "m/s^2")]
+    j: Annotated[float, Field(ge=1e-6), AtMost(1e8, "m/s^3")]
 
 
 class PickingArm(Strict):
@@ -77,7 +77,7 @@ class PickingArm(Strict):
 
     limits: Limits
     wait_point: Annotated[list[Length], Field(min_length=2, max_length=3)]
-    above: Annotated[NotNegative, AfterValidator(at_most(10.0, "m"))]
+    above: Annotated[NotNegative, AtMost(10.0, "m")]
     notes: Any = None
 
 

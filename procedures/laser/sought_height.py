@@ -3,7 +3,7 @@
 import numpy as np
 
 from calibration.tool_frame.glimpse import Glimpse, glimpse, plain_hit
-from calibration.tool_frame.height_search import HeightSearch, Next, Sought, sought
+from calibration.tool_frame.height_search import Belief, HeightSearch, Next, Sought, sought
 from calibration.tool_frame.repeatability import scatter_of
 from cell.procedure import Worker
 from procedures.laser.config import Search
@@ -39,7 +39,9 @@ class SoughtHeight:
         chord = float(np.mean([e[1] - e[0] for e in edges])) if self._fingers else self._span
         self._lead = search.lead_m
         self._enough = search.z_resolution_m / float(np.sqrt(12.0))
-        self._glimpses: list[Glimpse] = []
+        self._new: list[Glimpse] = []
+        self._ways = 0
+        self._belief: Belief | None = None
         self._seek = HeightSearch(
             hit,
             clear,
@@ -53,12 +55,16 @@ class SoughtHeight:
 
     def add(self, depth: float, way: BeamPass) -> None:
         """A way at ``depth`` (m) that counts from now on."""
-        self._glimpses += self._of(way, len(self._glimpses), depth)
+        self._new += self._of(way, self._ways, depth)
+        self._ways += 1
 
     async def look(self, *more: tuple[float, BeamPass]) -> Sought:
         """What all ways say, and ``more`` (depth in m and way) that may yet be taken again."""
-        seen = [g for depth, way in more for g in self._of(way, len(self._glimpses), depth)]
-        return await self._worker.call(sought, self._seek, [*self._glimpses, *seen])
+        seen = [g for depth, way in more for g in self._of(way, self._ways, depth)]
+        found = await self._worker.call(sought, self._seek, [*self._new, *seen], self._belief)
+        if not more:
+            self._belief, self._new = found.belief, []
+        return found
 
     def known(self, now: Sought) -> bool:
         """Whether it is known as well as asked for."""

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from calibration.tool_frame.crossings import see
-from calibration.tool_frame.edges import brackets, merged
+from calibration.tool_frame.edges import merged
 from calibration.tool_frame.geometry import frames
 from calibration.tool_frame.scene import Pass, ToolFrameScene
 from calibration.tool_frame.selection import select
@@ -43,7 +43,7 @@ def selected(passes: list[dict[str, Any]], bench: Bench) -> tuple[Any, Any]:
 
 
 def test_an_edge_lies_between_the_poll_before_it_and_the_one_that_shows_it() -> None:
-    found = brackets(polled([0, 0, 1, 1, 0], dt=0.001))
+    found = polled([0, 0, 1, 1, 0], dt=0.001).edges
     assert [(round(e.low, 6), round(e.high, 6), e.rising) for e in found] == [
         (0.01, 0.02, True),
         (0.03, 0.04, False),
@@ -52,18 +52,18 @@ def test_an_edge_lies_between_the_poll_before_it_and_the_one_that_shows_it() -> 
 
 
 def test_a_pulse_between_two_polls_is_two_edges_in_one_interval() -> None:
-    found = brackets(polled([0, 0, 0], [3, 3, 5]))
+    found = polled([0, 0, 0], [3, 3, 5]).edges
     assert [(e.low, e.high, e.rising) for e in found] == [(0.01, 0.02, True), (0.01, 0.02, False)]
 
 
 def test_a_counter_that_contradicts_the_levels_is_left_aside() -> None:
     for counts in ([7, 7, 0, 0, 1], [0, 0, 2, 2, 4]):
-        assert len(brackets(polled([0, 0, 1, 1, 0], counts))) == 2
+        assert len(polled([0, 0, 1, 1, 0], counts).edges) == 2
 
 
 def test_bounce_is_one_edge_whose_interval_covers_it() -> None:
     levels = [0] * 5 + [1, 0, 1] + [1] * 100 + [0] * 5
-    found = merged(brackets(polled(levels)))
+    found = merged(polled(levels).edges)
     assert [e.rising for e in found] == [True, False]
     assert (round(found[0].low, 6), round(found[0].high, 6)) == (0.04, 0.07)
 
