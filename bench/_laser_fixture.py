@@ -1,9 +1,10 @@
 """Scenarios of crossed beams with another arm, another end of the tool, and beams somewhere else."""
 
-from importlib.resources import files
 from itertools import pairwise
 
 import numpy as np
+
+from tests.kit.ideal_world import ideal_text
 
 RIM, THIN_M, PIN_M = 16, 5e-5, 0.003
 HEIGHT_M = 2.5e-3  # the beams are up to so much higher or lower
@@ -14,7 +15,7 @@ def scenario(kind: str, sigma_m: float, seed: int) -> str:
     the beams' heights are drawn from ``seed``."""
     rng = np.random.default_rng([seed, 5])
     low = 0.25 + rng.uniform(-HEIGHT_M, HEIGHT_M)
-    text = files("fakes").joinpath("scenarios", "laser.toml").read_text("utf-8")
+    text = ideal_text("laser")
     text = _with(text, "seed = 20260", f"seed = {seed + 1}")
     text = _with(text, "repeatability_t_m = 0.00001", f"repeatability_t_m = {sigma_m:.7f}")
     text = _with(text, "[-0.45, 0.45, 0.25]", f"[-0.45, 0.45, {low:.7f}]")

@@ -44,6 +44,9 @@ class Idle:
 
     modulus = RANGE
 
+    def told(self, t: float) -> float:
+        return t
+
     def raw(self, t: float) -> int:
         return 0
 

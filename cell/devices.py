@@ -277,7 +277,10 @@ class ItemView:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One exposure as the vision child reports it; ``t_exposure`` is the middle of the exposure."""
+    """One exposure as the vision child reports it; ``t_exposure`` is the middle of the first row's exposure.
+
+    A rolling shutter exposes each row ``row_time_s`` after the one before; 0 is a global shutter.
+    """
 
     seq: int
     t_exposure: float
@@ -288,6 +291,22 @@ class Frame:
     colour_file: Path | None = None
     depth_file: Path | None = None
     items: tuple[ItemView, ...] | None = None  # None: nobody looked for items
+    row_time_s: float = 0.0
+
+    @property
+    def exposed_until(self) -> float:
+        """When the last row's exposure ended."""
+        return self.t_exposure + 0.5 * self.exposure_s + self.row_time_s * self.intrinsics.height
+
+    def t_of(self, point: Array) -> float:
+        """When the row was exposed on which ``point`` (3,) of the camera lies.
+
+        Without the lens's distortion: it shifts a row by tens of pixels at most, which is less than a
+        millisecond of a rolling shutter.
+        """
+        _, fy, _, cy = self.intrinsics.K
+        row = min(max(fy * float(point[1]) / float(point[2]) + cy, 0.0), float(self.intrinsics.height))
+        return self.t_exposure + self.row_time_s * row
 
 
 class DepthCamera(Device, Protocol):

@@ -52,6 +52,9 @@ def twin(
     ] = None,
     bind: Annotated[str | None, typer.Option(help="Loopback address of the arm, e.g. 127.0.0.2.")] = None,
     operator: Annotated[str, typer.Option(help="manual, or auto: moves the target on by itself.")] = "manual",
+    ideal: Annotated[
+        bool, typer.Option("--ideal", help="A kinder world than any cell; the same as SCENARIO:ideal.")
+    ] = False,
     with_parent: Annotated[bool, typer.Option(help="End when the starting process ends.")] = False,
 ) -> None:
     """The twin of a cell on real protocols: serves SCENARIO until Ctrl-C or SIGTERM.
@@ -71,6 +74,10 @@ def twin(
         raise typer.BadParameter(f"{operator} is neither manual nor auto", param_hint="--operator")
     if with_parent:
         die_with_parent(signal.SIGTERM)
+    if ideal:
+        from fakes.world.scenario import IDEAL_SUFFIX
+
+        scenario += IDEAL_SUFFIX
     asyncio.run(_serve(scenario, folder, bind, operator == "auto"))
 
 

@@ -11,7 +11,8 @@ from daemon.config.roles import ROLES
 
 MAX_LENGTH_M = 20.0
 MAX_ANGLE_RAD = 4.0 * math.pi
-SIGN_WAS_PLUS = {"ur", "oak", "drivers.ur:UrArm", "drivers.oak:OakCamera"}
+OAKS = {"oak", "drivers.oak:OakCamera"}
+SIGN_WAS_PLUS = OAKS | {"ur", "drivers.ur:UrArm"}
 LARGEST = 1e300  # TOML's whole numbers have no limit; NaN compares with nothing
 
 
@@ -71,6 +72,7 @@ def check_contradictions(raw: Mapping[str, Any], findings: Findings) -> None:
     _check_modbus(raw, findings)
     _check_limits(raw, findings)
     _check_time_offsets(raw, findings)
+    _check_exposure(raw, findings)
     if _table(raw, "robot").get("use_kinematics") is True and not _has_arm(raw):
         findings.add(("robot", "use_kinematics"), "there is no arm whose kinematics could be used")
 
@@ -105,6 +107,24 @@ def _check_time_offsets(raw: Mapping[str, Any], findings: Findings) -> None:
                 f"{offset:g} s is subtracted from the stamps, as for every device; an arm and a camera added"
                 " it in configurations of November 2026 and before: change the sign of such a value",
             )
+
+
+def _check_exposure(raw: Mapping[str, Any], findings: Findings) -> None:
+    """Automatic exposure goes up to about a frame's time before it raises the gain."""
+    robot, devices = _table(raw, "robot"), _table(raw, "device")
+    name = robot.get("fixed_camera")
+    section = devices.get(name) if isinstance(name, str) and "belt" in robot else None
+    if not isinstance(section, dict) or section.get("driver") not in OAKS:
+        return
+    if section.get("source", "oak") != "oak" or "exposure_s" in section:
+        return
+    fps = section.get("fps", 10.0)
+    if _is_number(fps) and fps > 0:
+        findings.warn(
+            ("device", str(name), "exposure_s"),
+            f"is missing, so exposure is automatic and lasts up to {1.0 / fps:.2g} s: each 0.1 m/s of the "
+            f"belt smears an item over {100.0 / fps:.2g} mm; give a time, as 0.002",
+        )
 
 
 def _check_modbus(raw: Mapping[str, Any], findings: Findings) -> None:

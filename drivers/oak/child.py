@@ -165,6 +165,7 @@ class VisionChild:
         ready = False
         while not self._link.closed.is_set():
             self._obey()
+            source.light(self._finder_for is not None)
             shot = source.next(_WAIT_S)
             if shot is None:
                 continue
@@ -218,6 +219,7 @@ class VisionChild:
             board=self._board(grey),
             serial=serial,
             items=self._items(shot),
+            row_time_s=shot.row_time_s,
         )
         self._link.send({"type": "frame", "mean_grey": _mean(grey), "frame": frame_to_json(frame)})
         for capture in self._captures:
@@ -235,8 +237,10 @@ class VisionChild:
         return BoardView(ids, np.asarray(found.corners, dtype=float).reshape(-1, 2), _mean(grey))
 
     def _items(self, shot: "Shot") -> tuple[ItemView, ...] | None:
-        if self._finder_for is None or shot.depth is None:
+        if self._finder_for is None:
             return None
+        if shot.depth is None:
+            raise error("CAMERA_FAULT", "items are looked for by depth, and this camera has none")
         if self._finder is None or self._finder[0] != shot.intrinsics:
             self._finder = shot.intrinsics, self._finder_for(shot.intrinsics)
         return self._finder[1].find(shot.colour, shot.depth)

@@ -1,6 +1,6 @@
 """What ``[device.<camera>]`` in cell.toml may say."""
 
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -21,6 +21,30 @@ class OakConfig(Strict):
     height: int = Field(800, ge=240, le=4096, multiple_of=8, description="of the colour picture, pixels")
     fps: float = Field(10.0, ge=1.0, le=60.0, description="pictures a second")
     exposure_s: float | None = Field(None, gt=0, le=0.033, description="absent: automatic exposure")
+    focus: int | None = Field(
+        None,
+        ge=0,
+        le=255,
+        description="position of a lens that can move; absent: the one it was calibrated at",
+    )
+    row_time_s: float | None = Field(
+        None,
+        ge=0,
+        le=0.0002,
+        description="from one row of the picture to the next, 0 of a global shutter; absent: by the sensor",
+    )
+    group_within_s: float = Field(
+        0.005,
+        gt=0,
+        le=0.5,
+        description="colour and depth of one frame are exposed no further apart; raise it where none are",
+    )
+    stereo_preset: Literal["accuracy", "default", "density", "high_detail", "robotics"] | None = Field(
+        None, description="of depthai's stereo node, with its filters; absent: the node's own"
+    )
+    dot_projector: float = Field(
+        0.8, ge=0, le=1, description="intensity while items are looked for, of a device that has one"
+    )
     iso: int = Field(200, ge=100, le=1600, description="sensor gain with a fixed exposure")
     time_offset_s: float = Field(0.0, ge=-0.5, le=0.5, description=TIME_OFFSET)
     frame_timeout_s: float = Field(

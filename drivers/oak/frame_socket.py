@@ -29,6 +29,8 @@ class FrameGroup:
     serial: str
     colour: NDArray[np.uint8]
     depth: NDArray[np.uint16] | None
+    row_time_s: float = 0.0
+    lens_position: int | None = None  # None: not told, as of a lens that cannot move
 
 
 class FrameSocket:
@@ -76,8 +78,10 @@ class FrameSocket:
             seq=header["seq"],
             t_exposure=float(header["t_exposure"]),
             exposure_s=float(header["exposure_s"]),
+            row_time_s=float(header.get("row_time_s", 0.0)),
             intrinsics=Intrinsics(width, height, tuple(header["K"]), tuple(header["dist"])),
             serial=header["serial"],
+            lens_position=header.get("lens_position"),
             colour=np.frombuffer(colour, np.uint8).reshape(height, width, 3),
             depth=np.frombuffer(depth, "<u2").reshape(height, width) if depth else None,
         )
@@ -112,11 +116,14 @@ class FrameSocket:
 
 def _header_problem(header: Any) -> str | None:
     """What is wrong with a parsed header, or None."""
-    numbers = [header["t_exposure"], header["exposure_s"], *header["K"], *header["dist"]]
+    numbers = [header["t_exposure"], header["exposure_s"], header.get("row_time_s", 0.0)]
+    numbers += [*header["K"], *header["dist"]]
     if not all(isinstance(n, int | float) and math.isfinite(n) for n in numbers):
         return "a number is not finite"
     if not all(isinstance(header[k], int) and 64 <= header[k] <= 8192 for k in ("width", "height")):
         return "width and height must be 64 to 8192"
+    if not isinstance(header.get("lens_position"), int | None):
+        return "lens_position is not a whole number"
     if not isinstance(header["seq"], int) or not isinstance(header["serial"], str):
         return "seq must be a whole number and serial a text"
     if len(header["K"]) != 4 or len(header["dist"]) not in (0, 4, 5, 8, 12, 14):

@@ -4,7 +4,7 @@ A real OAK and a frame socket both end in a ``Sync`` node that runs on the host,
 the same code. This module imports depthai; only the vision child imports this module.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import timedelta
@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from cell.devices import Identity, Intrinsics
 from cell.errors import CellError, error
 from drivers.oak.config import OakConfig
+from drivers.oak.device_nodes import check_usb, colour_camera, depth_nodes, open_device
 from drivers.oak.frame_socket import FrameGroup, FrameSocket
+from drivers.oak.lens import LensWatch
 
 _COLOUR, _DEPTH = "colour", "depth"
-_STEREO_SIZE = (640, 400)
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,7 @@ class Shot:
     intrinsics: Intrinsics
     colour: NDArray[np.uint8]  # (h, w, 3) BGR
     depth: NDArray[np.uint16] | None  # (h, w) mm, 0 = invalid
+    row_time_s: float = 0.0
 
 
 class FrameSource:
@@ -45,8 +47,13 @@ class FrameSource:
         identity: Identity,
         fallback: Any = None,
         node: "FrameSocketNode | None" = None,
+        row_time_s: float = 0.0,
+        lens: LensWatch | None = None,
+        light: Callable[[bool], Any] = lambda _: None,
     ) -> None:
-        self.identity = identity
+        """``lens`` is None where it cannot move; ``light`` switches a projector of dots."""
+        self.identity, self._row_time_s = identity, row_time_s
+        self._lens, self._light, self._lit = lens, light, False
         self._pipeline, self._queue, self._fallback, self._node = pipeline, queue, fallback, node
 
     def next(self, timeout_s: float) -> Shot | None:
@@ -59,7 +66,16 @@ class FrameSource:
         if group is None:
             self._raise_failure()
             return None
+        position = group[_COLOUR].getLensPosition()
+        if self._lens is not None and not self._lens.usable(None if position < 0 else position):
+            return None
         return self._shot(group)
+
+    def light(self, wanted: bool) -> None:
+        """Project dots for the stereo pair, or none: plain things need them, and they disturb corners."""
+        if wanted is not self._lit:
+            self._light(wanted)
+            self._lit = wanted
 
     def _raise_failure(self) -> None:
         if self._node is not None and self._node.failure is not None:
@@ -78,6 +94,7 @@ class FrameSource:
             intrinsics=frame_intrinsics(frame, self._fallback),
             colour=frame.getCvFrame(),
             depth=group[_DEPTH].getFrame() if _DEPTH in names else None,
+            row_time_s=self._row_time_s,
         )
 
 
@@ -107,7 +124,7 @@ def frame_intrinsics(frame: Any, fallback: Any = None) -> Intrinsics:
 def open_source(config: OakConfig) -> Iterator[FrameSource]:
     """A running source for ``config``; ``DEVICE_UNREACHABLE`` when there is no camera."""
     if config.socket_path is not None:
-        with _frame_source(config.socket_path) as source:
+        with _frame_source(config.socket_path, config) as source:
             yield source
     else:
         with _oak_source(config) as source:
@@ -119,7 +136,7 @@ def open_source(config: OakConfig) -> Iterator[FrameSource]:
 
 @contextmanager
 def _oak_source(config: OakConfig) -> Iterator[FrameSource]:
-    with _open_device(config) as device, dai.Pipeline(device) as pipeline:
+    with open_device(config) as device, dai.Pipeline(device) as pipeline:
         try:
             source = _start_oak(pipeline, device, config)
         except RuntimeError as exc:
@@ -129,51 +146,26 @@ def _oak_source(config: OakConfig) -> Iterator[FrameSource]:
 
 def _start_oak(pipeline: Any, device: Any, config: OakConfig) -> FrameSource:
     device.setMaxReconnectionAttempts(0)  # reconnecting is the supervisor's business
-    device.setIrLaserDotProjectorIntensity(0.0)  # its dots disturb corners
-    colour, depth = oak_nodes(pipeline, device, config)
-    queue = _synchronised(pipeline, colour, depth, timedelta(seconds=0.5 / config.fps))
+    check_usb(device, config)
+    camera = colour_camera(pipeline, device, config)
+    depth = depth_nodes(pipeline, device, camera.output, config)
+    queue = _synchronised(pipeline, camera.output, depth, timedelta(seconds=config.group_within_s))
     identity = Identity(
         device.getProductName() or device.getDeviceName(),
         device.getDeviceId(),
-        f"depthai {dai.__version__}",
+        f"depthai {dai.__version__}, {camera.words}, USB {device.getUsbSpeed().name}",
         {"platform": device.getPlatformAsString()},
     )
     pipeline.start()
-    return FrameSource(pipeline, queue, identity, device.readCalibration())
-
-
-def _open_device(config: OakConfig) -> Any:
-    try:
-        if config.expect_serial is None:
-            return dai.Device()
-        return dai.Device(dai.DeviceInfo(config.expect_serial))
-    except RuntimeError as exc:
-        wanted = config.expect_serial or "any OAK"
-        raise error("DEVICE_UNREACHABLE", f"{wanted} was not found on USB or network: {exc}") from exc
-
-
-def oak_nodes(pipeline: Any, device: Any, config: OakConfig) -> tuple[Any, Any]:
-    """Outputs of colour, and of depth aligned to it, both ``config.width`` x ``config.height``."""
-    size, sockets = (config.width, config.height), dai.CameraBoardSocket
-    camera = pipeline.create(dai.node.Camera).build(sockets.CAM_A)
-    if config.exposure_s is not None:
-        camera.initialControl.setManualExposure(round(config.exposure_s * 1e6), config.iso)
-    colour = camera.requestOutput(size, dai.ImgFrame.Type.BGR888i, fps=config.fps)
-    left, right = (
-        pipeline.create(dai.node.Camera).build(s).requestOutput(_STEREO_SIZE, fps=config.fps)
-        for s in (sockets.CAM_B, sockets.CAM_C)
+    return FrameSource(
+        pipeline,
+        queue,
+        identity,
+        device.readCalibration(),
+        row_time_s=camera.row_time_s or 0.0,
+        lens=camera.lens,
+        light=lambda on: device.setIrLaserDotProjectorIntensity(config.dot_projector if on else 0.0),
     )
-    stereo = pipeline.create(dai.node.StereoDepth).build(left, right)
-    stereo.setLeftRightCheck(True)
-    stereo.setSubpixel(True)
-    if device.getPlatform() == dai.Platform.RVC4:
-        align = pipeline.create(dai.node.ImageAlign)
-        stereo.depth.link(align.input)
-        colour.link(align.inputAlignTo)
-        return colour, align.outputAligned
-    stereo.setOutputSize(*size)
-    colour.link(stereo.inputAlignTo)
-    return colour, stereo.depth
 
 
 # -- a frame socket
@@ -211,6 +203,10 @@ class FrameSocketNode(dai.node.ThreadedHostNode):
             self.depth.send(_image(group, group.depth, dai.ImgFrame.Type.RAW16, end))
 
 
+def _row_time(config: OakConfig, first: FrameGroup) -> float:
+    return first.row_time_s if config.row_time_s is None else config.row_time_s
+
+
 def _image(group: FrameGroup, pixels: NDArray[Any], kind: Any, end: timedelta) -> Any:
     """A ``dai.ImgFrame`` as a device would send it: stamped at the end of exposure, with its intrinsics."""
     camera = group.intrinsics
@@ -219,6 +215,7 @@ def _image(group: FrameGroup, pixels: NDArray[Any], kind: Any, end: timedelta) -
     image.setSequenceNum(group.seq)
     image.setTimestamp(end)
     image.setTimestampDevice(end)
+    image.cam.lensPosition = -1 if group.lens_position is None else group.lens_position
     image.cam.exposureTimeUs = round(group.exposure_s * 1e6)
     image.setTransformation(
         dai.ImgTransformation(
@@ -233,7 +230,7 @@ def _image(group: FrameGroup, pixels: NDArray[Any], kind: Any, end: timedelta) -
 
 
 @contextmanager
-def _frame_source(path: str) -> Iterator[FrameSource]:
+def _frame_source(path: str, config: OakConfig) -> Iterator[FrameSource]:
     """A pipeline fed from the socket; returns when the first group says what there is."""
     socket = FrameSocket(path)
     try:
@@ -248,7 +245,9 @@ def _frame_source(path: str) -> Iterator[FrameSource]:
             identity = Identity("OAK frame source", first.serial, f"depthai {dai.__version__}")
             pipeline.start()
             try:
-                yield FrameSource(pipeline, queue, identity, node=node)
+                yield FrameSource(
+                    pipeline, queue, identity, None, node, _row_time(config, first), LensWatch(config.focus)
+                )
             finally:
                 pipeline.stop()
                 pipeline.wait()

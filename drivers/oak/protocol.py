@@ -77,6 +77,7 @@ def frame_to_json(frame: Frame) -> Message:
         "seq": frame.seq,
         "t_exposure": frame.t_exposure,
         "exposure_s": frame.exposure_s,
+        "row_time_s": frame.row_time_s,
         "width": frame.intrinsics.width,
         "height": frame.intrinsics.height,
         "K": list(frame.intrinsics.K),
@@ -98,6 +99,7 @@ def frame_from_json(message: Message) -> Frame:
         seq=message["seq"],
         t_exposure=message["t_exposure"],
         exposure_s=message["exposure_s"],
+        row_time_s=message["row_time_s"],
         intrinsics=Intrinsics(message["width"], message["height"], (fx, fy, cx, cy), tuple(message["dist"])),
         board=board
         and BoardView(

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Callable
 from enum import IntEnum
 from functools import partial
+from math import inf
 from typing import Protocol
 
 from fakes.can.bus import CanBus, Frame
@@ -23,6 +24,7 @@ class Shaft(Protocol):
 
     modulus: int
 
+    def told(self, t: float) -> float: ...
     def raw(self, t: float) -> int: ...
     def speed(self, t: float) -> float: ...
     def preset(self, t: float, position: int) -> None: ...
@@ -42,8 +44,17 @@ class State(IntEnum):
 class EncoderNode:
     """Lives on a bus between :meth:`power_on` and :meth:`power_off`; times are those of ``now`` (s)."""
 
-    def __init__(self, bus: CanBus, number: int, serial: int, shaft: Shaft, now: Callable[[], float]) -> None:
+    def __init__(
+        self,
+        bus: CanBus,
+        number: int,
+        serial: int,
+        shaft: Shaft,
+        now: Callable[[], float],
+        by_events: bool = False,
+    ) -> None:
         self.number, self.serial, self.shaft = number, serial, shaft
+        self.by_events, self._told_by_event = by_events, (-1, -inf)
         self.state = State.DEAD
         self.silent = False  # positions are not sent, requests are answered
         self._now, self._send = now, bus.join(self._receive).send
@@ -144,7 +155,15 @@ class EncoderNode:
 
     def _send_position(self, tpdo: Tpdo, t: float) -> None:
         if not self.silent:
-            self._send(Frame(tpdo.id, tpdo.data(t)), t)
+            self._send(Frame(tpdo.id, tpdo.data(self.shaft.told(t))), t)
+
+    def _send_event(self, tpdo: Tpdo, t: float) -> None:
+        """A new position, or the timer: what comes first."""
+        position = self.shaft.raw(t)
+        before, at = self._told_by_event
+        if position != before or t - at >= tpdo.period_s:
+            self._told_by_event = position, t
+            self._send_position(tpdo, t)
 
     def _set_timers(self) -> None:
         """Send by the timers that now apply; a change begins them anew."""
@@ -152,7 +171,9 @@ class EncoderNode:
         if self.state is not State.OPERATIONAL:
             return
         for tpdo in self._tpdos:
-            if tpdo.period_s:
+            if tpdo.period_s and self.by_events:
+                self._tickers.append(self._ticking(tpdo.inhibit_s, partial(self._send_event, tpdo)))
+            elif tpdo.period_s:
                 self._tickers.append(self._ticking(tpdo.period_s, partial(self._send_position, tpdo)))
 
     def _stop_sending(self) -> None:

@@ -22,8 +22,7 @@ _EVENTS = (254, 255)
 class Tpdo:
     """``mappable``: entry of the mapping (index, sub-index, bits) and how to read it at a time.
 
-    The identifier changes only while the PDO is off, the mapping only while it is off and has no entries. The
-    inhibit time is kept and has no effect: nothing here sends faster than its timer.
+    The identifier changes only while the PDO is off, the mapping only while it is off and has no entries.
     """
 
     def __init__(
@@ -43,6 +42,11 @@ class Tpdo:
         """Interval of sending by the timer; 0 when it does not send by itself."""
         by_timer = not self._cob_id & OFF and self.kind in _EVENTS
         return self.timer_ms / 1000.0 if by_timer else 0.0
+
+    @property
+    def inhibit_s(self) -> float:
+        """The shortest time between two frames; a millisecond where none is set."""
+        return max(1e-4 * self.inhibit, 1e-3)
 
     def answers_sync(self, counter: int) -> bool:
         """Whether the ``counter``-th SYNC makes it send."""

@@ -24,10 +24,11 @@ class CanWires:
         now: Callable[[], float],
         line: Path | None = None,
         place: TcpPlace | None = None,
+        by_events: bool = False,
     ) -> None:
         self.link_faults = LinkFaults()
         self.bus = CanBus()
-        self.node = EncoderNode(self.bus, number, serial, shaft, now)
+        self.node = EncoderNode(self.bus, number, serial, shaft, now, by_events)
         self.adapter = None if line is None else SlcanAdapter(self.bus, line, self.link_faults, now)
         self.gateway = None if place is None else Gateway(self.bus, CHANNEL, place, self.link_faults, now)
 

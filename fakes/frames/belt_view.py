@@ -30,9 +30,10 @@ def boxes_seen(world: World, times: Sequence[float]) -> list[list[Box]]:
     blue, green, red = items.truth.colour
 
     def box(number: int, t: float) -> Box:
+        t += float(world.camera.row_delay_s(poses[number].translation))
         moved = items.grasp_point(number, t) - items.grasp_point(number, middle)
         T, shift = poses[number], T_camera_base.rotation.apply(moved)
-        if t != middle:
+        if shift.any():
             T = RigidTransform.from_components(T.translation + shift, T.rotation)
         return Box(T, items.lying(number).size_m, (blue, green, red))
 

@@ -21,6 +21,8 @@ from cell.devices import Intrinsics
 from cell.poses import Array
 from fakes.frames.boxes import Box, BoxPainter
 from fakes.frames.plates import Image, Plate
+from fakes.frames.stereo import stereo_depth
+from fakes.world.camera.truth import StereoTruth
 
 Depth = NDArray[np.uint16]
 
@@ -42,7 +44,9 @@ class Optics:
     noise_grey: float = 2.0
     blur_px: float = 0.7
     background_m: float = 1.5
+    vignette: float = 0.0  # share of light lost in the corners
     depth_noise_mm: float = 1.0
+    stereo: StereoTruth | None = None  # instead of white noise
     seed: int = 1
 
 
@@ -80,6 +84,7 @@ class Renderer:
         self._far = np.full(self._background.shape, 1000.0 * optics.background_m, np.float32)
         if band is not None:
             self._lay(band)
+        self._light = _light(self._size, optics.vignette) if optics.vignette else None
         self._noise = [
             self._rng.normal(0.0, optics.noise_grey, (camera.height, camera.width, 3))
             .round()
@@ -224,7 +229,9 @@ class Renderer:
 
     def _expose(self, colour: Image, gain: float) -> Image:
         noise = self._noise[self._rng.integers(_NOISE_FRAMES)]
-        if gain != 1.0:
+        if self._light is not None:
+            colour = cv2.multiply(colour, self._light, scale=gain, dtype=cv2.CV_8U)
+        elif gain != 1.0:
             colour = cv2.convertScaleAbs(colour, alpha=gain)
         exposed: Image = cv2.add(colour, noise, dtype=cv2.CV_8U)
         return exposed
@@ -246,6 +253,8 @@ class Renderer:
         return depth
 
     def _measured(self, depth: NDArray[np.float32]) -> Depth:
+        if self.optics.stereo is not None:
+            return stereo_depth(depth, self.optics.stereo, self._rng)
         noisy = cv2.add(depth, self._depth_noise[self._rng.integers(_NOISE_FRAMES)])
         rounded: Depth = cv2.add(cv2.max(noisy, 0.0), 0.5).astype(np.uint16)
         return rounded
@@ -327,6 +336,13 @@ def _ray_grid(size: tuple[int, int], K: Array, dist: Array, ss: int) -> NDArray[
     fine_u, fine_v = ((np.arange(n * ss) - (ss - 1) / 2) / ss for n in size)
     x, y = (RectBivariateSpline(v, u, xy[..., k])(fine_v, fine_u).astype(np.float32) for k in (0, 1))
     return np.dstack([x, y, np.ones_like(x)])
+
+
+def _light(size: tuple[int, int], vignette: float) -> NDArray[np.float32]:
+    """(h, w, 3) the share of light that a lens lets through: less with the square of the distance."""
+    u, v = (np.linspace(-1.0, 1.0, n, dtype=np.float32) for n in size)
+    share = 1.0 - vignette * (u[None, :] ** 2 + v[:, None] ** 2) / 2.0
+    return np.repeat(share[:, :, None], 3, axis=2).astype(np.float32)
 
 
 def _background(size: tuple[int, int], mean: float, rng: np.random.Generator) -> Image:

@@ -13,10 +13,12 @@ import socket
 import struct
 import threading
 import time
+from dataclasses import replace
 from multiprocessing.connection import Connection
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import RigidTransform
 
 from fakes.faults.vocabulary import Fault
 from fakes.frames.belt_view import belt_seen, boxes_seen
@@ -31,6 +33,9 @@ _MIRROR_LAG_S = 0.012
 _BLUR_FROM_RAD = 0.0004  # a third of a pixel: below that a moving camera's exposure is one instant
 _BLUR_FROM_M = 0.0002
 _SUB_EXPOSURES = 3
+# An autofocus at work: the focal lengths that ARKit tells differ by 0.27 % within one recording
+# (github.com/zju3dv/NeuralRecon issue 101); how fast, and over which positions, is an assumption.
+_BREATHES, _LENS_STEPS, _BREATH_S = 0.00135, 8, 7.0
 _JUNK = bytes(range(256)) * 64
 
 
@@ -66,11 +71,21 @@ class FrameServer:
         camera = world.camera
         self._camera = camera
         self._told = world.told_intrinsics
+        self._readout_s = camera.row_time_s * camera.height
         self._renderer = Renderer(
-            Optics(world.intrinsics, grey=camera.grey, seed=world.config.seed),
+            Optics(
+                world.intrinsics,
+                grey=camera.grey,
+                noise_grey=camera.noise_grey,
+                blur_px=camera.blur_px,
+                vignette=camera.vignette,
+                stereo=camera.stereo,
+                seed=world.config.seed,
+            ),
             make_plate(world.target, world.printed),
             belt_seen(world),
         )
+        self._rng = np.random.default_rng([world.config.seed, 0x57A])
         self._lock = threading.Lock()  # of the world, the faults and the list of clients
         self._stopping = threading.Event()
         self._clients: list[_Client] = []
@@ -128,10 +143,10 @@ class FrameServer:
 
     def _expose(self, seq: int, t: float) -> None:
         """Wait for the exposure around ``t`` to end, draw it, and hand it over after the camera's latency."""
-        self._wait_until(t + max(0.5 * self._camera.exposure_s, _MIRROR_LAG_S))
-        picture = self._picture(t)
+        self._wait_until(t + self._readout_s + max(0.5 * self._camera.exposure_s, _MIRROR_LAG_S))
+        picture = self._focused(self._picture(t), t)
         self._wait_until(t + self._camera.latency_s + self.faults.delay_s)
-        data = self._encoded(seq, t + self.faults.jump_s, picture)
+        data = self._encoded(seq, self._stamp(t), picture, self._lens_position(t))
         if self.faults.silent:
             return
         if self.faults.freeze and self._last is not None:
@@ -141,15 +156,45 @@ class FrameServer:
             client.offer(_JUNK if self.faults.junk else data)
         self.exposures += 1
 
+    def _stamp(self, t: float) -> float:
+        """When the camera says that the first row was exposed."""
+        return t + self.faults.jump_s + self._camera.stamp_jitter_s * float(self._rng.standard_normal())
+
+    def _lens_position(self, t: float) -> int | None:
+        """Of 255, as the camera tells it; a lens that cannot move has none."""
+        return 128 + round(_LENS_STEPS * self._breath(t)) if self._camera.autofocus else None
+
+    def _focused(self, picture: Picture, t: float) -> Picture:
+        """The picture with the focal length that an autofocus has just now."""
+        if not self._camera.autofocus:
+            return picture
+        f, size = 1.0 + _BREATHES * self._breath(t), (self._camera.width, self._camera.height)
+        cx, cy = self._camera.K[2:]
+        larger = np.array([[f, 0.0, (1.0 - f) * cx], [0.0, f, (1.0 - f) * cy]])
+        colour = cv2.warpAffine(picture.colour, larger, size, borderMode=cv2.BORDER_REPLICATE)
+        return replace(picture, colour=colour.astype(np.uint8, copy=False))
+
+    @staticmethod
+    def _breath(t: float) -> float:
+        """Where in its range the lens is, -1 to 1."""
+        return float(np.sin(2.0 * np.pi * t / _BREATH_S))
+
     def _picture(self, t: float) -> Picture:
         half = 0.5 * self._camera.exposure_s
         times = [t]
         with self._lock:
             if self._moves(t - half, t + half):
                 times = list(np.linspace(t - half, t + half, _SUB_EXPOSURES))
-            poses = [None if self.faults.lost_board else self.world.scene(k).T_camera_target for k in times]
+            poses = [None if self.faults.lost_board else self._target(k) for k in times]
             boxes = boxes_seen(self.world, times)
         return self._renderer.render(poses, self.faults.gain, boxes)
+
+    def _target(self, t: float) -> RigidTransform | None:
+        """The target as the row on which its origin lies sees it in the picture that begins at ``t``."""
+        seen = self.world.scene(t).T_camera_target
+        if seen is None or not self._camera.row_time_s or seen.translation[2] <= 0.0:
+            return seen
+        return self.world.scene(t + float(self._camera.row_delay_s(seen.translation))).T_camera_target
 
     def _moves(self, t0: float, t1: float) -> bool:
         """Whether the target, or the belt, moves visibly in the image between the two times."""
@@ -163,13 +208,15 @@ class FrameServer:
         shift = np.linalg.norm(a.translation - b.translation) / max(a.translation[2], 0.1)
         return bool(turn + shift > _BLUR_FROM_RAD)
 
-    def _encoded(self, seq: int, t: float, picture: Picture) -> bytes:
+    def _encoded(self, seq: int, t: float, picture: Picture, lens_position: int | None) -> bytes:
         camera = self._camera
         header = json.dumps(
             {
                 "seq": seq,
                 "t_exposure": t,
                 "exposure_s": camera.exposure_s,
+                "row_time_s": camera.row_time_s,
+                "lens_position": lens_position,
                 "width": camera.width,
                 "height": camera.height,
                 "K": self._told.K,

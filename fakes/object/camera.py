@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from cell.clock import Clock
@@ -25,6 +26,9 @@ class ObjectCameraConfig(BaseModel):
     scenario: str = Field(description="scenario file, or the name of a shipped one")
     expect_serial: str | None = None
     lost_after_s: float = Field(default=1.0, gt=0, le=10)
+    row_time_s: float | None = Field(
+        default=None, ge=0, le=0.0002, description="what is believed of the shutter; absent: what is so"
+    )
 
 
 class ObjectCamera(ObjectDevice):
@@ -46,7 +50,7 @@ class ObjectCamera(ObjectDevice):
             truth.period_s,
             self._expose,
             dt=truth.exposure_s / 2.0,
-            delay_s=truth.exposure_s / 2.0 + truth.latency_s,
+            delay_s=truth.exposure_s / 2.0 + truth.row_time_s * truth.height + truth.latency_s,
             keep=512,
         )
         self.stream = self.frames
@@ -104,13 +108,15 @@ class ObjectCamera(ObjectDevice):
         self.head.inject(kind, arguments)
 
     def _expose(self, t: float, tick: int) -> Frame:
-        number = round(t / self.frames.period_s)
+        number, camera = round(t / self.frames.period_s), self.world.camera
+        jitter = np.random.default_rng([self.world.config.seed, number, 0x57A]).standard_normal()
         return Frame(
             seq=tick,
-            t_exposure=t,
-            exposure_s=self.world.camera.exposure_s,
+            t_exposure=t + camera.stamp_jitter_s * float(jitter),
+            exposure_s=camera.exposure_s,
             intrinsics=self.world.told_intrinsics,
             board=self.head.view(t, number, self._target),
             serial=self.head.serial,
             items=self.head.items(t, number, self._items),
+            row_time_s=camera.row_time_s if self.config.row_time_s is None else self.config.row_time_s,
         )

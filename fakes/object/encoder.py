@@ -82,7 +82,7 @@ class ObjectEncoder(ObjectDevice):
 
     def _read(self, t: float, tick: int) -> EncoderState:
         t += self.config.time_offset_s
-        position = self._encoder.position(t)
+        position = self._encoder.position(self._encoder.told(t))
         if self._before is None or self._before[0] != self.counts.epoch:
             self._count = 0
         else:

@@ -47,6 +47,11 @@ class CameraHead(Plant):
         T = self.world.scene(t).T_camera_target
         if T is None:
             return None
+        if self.world.camera.row_time_s:
+            late = float(self.world.camera.row_delay_s(T.apply(self._points.mean(axis=0))))
+            T = self.world.scene(t + late).T_camera_target
+            if T is None:
+                return None
         points = np.ascontiguousarray(T.apply(self._points))
         if not self._is_seen(points, T.as_matrix()[:3, 2] * faces_away(target)):
             return None
@@ -67,7 +72,7 @@ class CameraHead(Plant):
         if self._frozen_at is not None:
             t, tick = self._frozen_at, -1
         camera = self.world.camera
-        look = Look(self._project, (camera.width, camera.height), self.world.config.seed, tick + 1)
+        look = Look(self._project, camera, self.world.config.seed, tick + 1)
         return items_seen(self.world.items, self.world.scene(t).T_base_camera, t, spec, look)
 
     def pictures(self, t: float, tick: int) -> tuple[Image, NDArray[np.uint16]]:

@@ -9,8 +9,10 @@ from scipy.spatial.transform import RigidTransform
 from cell.devices import ItemView
 from cell.poses import Array
 from fakes.world.belt.items import Items
+from fakes.world.camera.truth import CameraTruth
 
 _SIGMA_M, _SIGMA_RAD = 0.00013, 0.009  # no better than the detector on drawn boxes
+_SIGMA_STEREO_M = 0.0003  # and with depth of a stereo pair
 _RIM_PX = 5.0
 _LOOK_M = 1.2  # along the belt, each way from below the camera
 
@@ -24,6 +26,9 @@ def items_seen(
     found = []
     for number, T_base_top in items.on_belt(t, below - _LOOK_M, below + _LOOK_M):
         top = T_camera_base * T_base_top
+        if look.camera.row_time_s:  # where it is when its row is exposed
+            late = float(look.camera.row_delay_s(top.translation))
+            top = T_camera_base * items.pose(number, t + late)
         size_m = items.lying(number).size_m
         corners = top.apply(_corners(size_m))
         if corners[:, 2].min() < 0.05 or not look.holds(corners):
@@ -36,20 +41,21 @@ def items_seen(
         if not _within(top.translation, spec.get("region"), normal):
             continue
         rng = np.random.default_rng([look.seed, look.tick, number, 0x5EE])
-        off = _SIGMA_M * rng.standard_normal(3)
+        sigma = _SIGMA_M if look.camera.stereo is None else _SIGMA_STEREO_M
+        off = sigma * rng.standard_normal(3)
         turn = _SIGMA_RAD * rng.standard_normal()
         axis = top.rotation.apply([np.cos(turn), np.sin(turn), 0.0])
         length, width = sorted(size_m[:2], reverse=True)
-        found.append(ItemView(top.translation + off, axis, (length, width), height, _SIGMA_M))
+        found.append(ItemView(top.translation + off, axis, (length, width), height, sigma))
     return tuple(found)
 
 
 class Look:
-    """One exposure: ``project`` (n, 3) m to (n, 2) px in a picture of ``size`` px."""
+    """One exposure: ``project`` (n, 3) m to (n, 2) px in a picture of ``camera``."""
 
-    def __init__(self, project: Any, size: tuple[int, int], seed: int, tick: int) -> None:
-        self._project, self._size = project, np.array(size, dtype=float)
-        self.seed, self.tick = seed, tick
+    def __init__(self, project: Any, camera: CameraTruth, seed: int, tick: int) -> None:
+        self._project, self._size = project, np.array([camera.width, camera.height], dtype=float)
+        self.camera, self.seed, self.tick = camera, seed, tick
 
     def holds(self, points: Array) -> bool:
         """Whether all of ``points`` (n, 3) are in the picture."""

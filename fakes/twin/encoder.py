@@ -25,6 +25,7 @@ class TwinEncoder:
             time.monotonic,
             folder / SERIAL_LINE,
             TcpPlace(bind, addresses.can_port),
+            encoder.truth.by_events,
         )
         self._shaft_faults = BeltFaults(encoder, time.monotonic)
         self.faults = CanFaults(self._wires, self._shaft_faults)

@@ -26,7 +26,23 @@ from fakes.world.tracker.truth import ReflectorTruth, TrackerTruth
 SCHEMA = "cellward.scenario/1"
 OBSERVED, OBSERVED_MODEL = "palletizer", "palletizer.json"
 ROBOT_FILE = "robot.json"
-IDEAL: Mapping[str, tuple[str, ...]] = {"arm": ("servo", "reported")}  # keys that an ideal world leaves out
+IDEAL_SUFFIX = ":ideal"
+IDEAL: Mapping[str, tuple[str, ...]] = {  # keys that an ideal world leaves out
+    "arm": ("servo", "reported", "joint_errors"),
+    "camera": (
+        "noise_px",
+        "row_time_s",
+        "stamp_jitter_s",
+        "stereo",
+        "vignette",
+        "noise_grey",
+        "blur_px",
+        "autofocus",
+    ),
+    "io": ("filter_s", "scan_s"),
+    "belt": ("jitter_s", "by_events"),
+    "gripper": ("close_s", "open_s"),
+}
 
 
 class _Strict(BaseModel):
@@ -101,14 +117,7 @@ class WorldTruth(_Strict):
     @model_validator(mode="before")
     @classmethod
     def _perhaps_ideal(cls, tables: Any) -> Any:
-        if not isinstance(tables, dict) or tables.get("ideal") is not True:
-            return tables
-        kinder = {
-            name: {key: value for key, value in tables[name].items() if key not in unkind}
-            for name, unkind in IDEAL.items()
-            if isinstance(tables.get(name), dict)
-        }
-        return {**tables, **kinder}
+        return _kinder(tables) if isinstance(tables, dict) and tables.get("ideal") is True else tables
 
     @model_validator(mode="after")
     def _camera_and_target_come_together(self) -> Self:
@@ -229,7 +238,12 @@ class Scenario(_Strict):
 
     @classmethod
     def load(cls, path: str | Path) -> "Scenario":
-        """Read a scenario file; a bare name like ``hand_eye`` is one of the shipped scenarios."""
+        """Read a scenario file; a bare name like ``hand_eye`` is one of the shipped scenarios.
+
+        ``hand_eye:ideal`` is the same cell in an ideal world; so is ``file.toml:ideal``.
+        """
+        given = str(path)
+        ideal, path = given.endswith(IDEAL_SUFFIX), given.removesuffix(IDEAL_SUFFIX)
         source = Path(path)
         shipped = files("fakes").joinpath("scenarios", f"{path}.toml")
         if not source.suffix and shipped.is_file():
@@ -239,13 +253,16 @@ class Scenario(_Strict):
         else:
             known = ", ".join(shipped_scenarios())
             raise error("FILE_MISSING", f"scenario {path} is neither a file nor a shipped scenario ({known})")
-        return cls.parse(text, str(path))
+        return cls.parse(text, path, ideal)
 
     @classmethod
-    def parse(cls, text: str, name: str = "scenario") -> "Scenario":
-        """Parse and check TOML text; ``CONFIG_INVALID`` lists every finding."""
+    def parse(cls, text: str, name: str = "scenario", ideal: bool = False) -> "Scenario":
+        """Parse and check TOML text, as an ideal world on request; ``CONFIG_INVALID`` lists every finding."""
         try:
-            return cls.model_validate(tomllib.loads(text))
+            tables = tomllib.loads(text)
+            if ideal and isinstance(tables.get("world"), dict):
+                tables["world"] = _kinder(tables["world"])
+            return cls.model_validate(tables)
         except tomllib.TOMLDecodeError as exc:
             raise error("CONFIG_INVALID", f"{name} is not TOML: {exc}") from exc
         except ValidationError as exc:
@@ -319,6 +336,16 @@ class Scenario(_Strict):
             (folder / ROBOT_FILE).write_text(json.dumps(self.world.arm.robot, indent=1), "utf-8")
         if self.world.observed is not None:
             (folder / OBSERVED_MODEL).write_text(json.dumps(self.world.observed.robot, indent=1), "utf-8")
+
+
+def _kinder(world: Mapping[str, Any]) -> dict[str, Any]:
+    """The tables of a world without what an ideal one leaves out."""
+    kinder = {
+        name: {key: value for key, value in world[name].items() if key not in unkind}
+        for name, unkind in IDEAL.items()
+        if isinstance(world.get(name), dict)
+    }
+    return {**world, **kinder}
 
 
 def _findings(exc: ValidationError) -> list[str]:

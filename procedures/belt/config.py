@@ -73,7 +73,10 @@ class BeltTrackingConfig(Strict):
     )
     dwell_s: float = Field(default=0.05, ge=0, le=5, description="least time in contact")
     grip_timeout_s: float = Field(
-        default=0.3, gt=0, le=5, description="longest wait for the gripper to close or to open"
+        default=1.0,
+        gt=0,
+        le=5,
+        description="longest wait for the gripper to close or to open; grippers take 0.2 to 0.6 s",
     )
     grip_tries: int = Field(
         default=2,

@@ -200,11 +200,10 @@ class BeltWatch:
         if forecast.now - frame.t_exposure > LOOK_BACK_S or frame.t_exposure < self._since:
             return
         look = _Look(frame, self._camera_to_belt.seen(frame.items or ()))
-        travel = forecast.travel(frame.t_exposure)
         sigma = max((view.sigma_m for view in frame.items or ()), default=0.0)
-        along = travel * self._flat_length
+        along = forecast.travel(frame.t_exposure) * self._flat_length
         trust = self._slip_watch.look(
-            SightedPlaces(frame.t_exposure, along, self._places(look, travel), sigma)
+            SightedPlaces(frame.t_exposure, along, self._places(look, forecast), sigma)
         )
         self._doubted.append(look)
         if trust is None:
@@ -216,13 +215,14 @@ class BeltWatch:
         believed = [old for old in self._doubted if old is look or old.frame.t_exposure >= trust.since]
         self._doubted = []
         for old in believed:
-            self._enter(old, self._places(old, forecast.travel(old.frame.t_exposure)))
+            self._enter(old, self._places(old, forecast))
 
-    def _places(self, look: "_Look", travel: float) -> Array:
-        """Along and across (k, 2), m at zero travel, of what a frame showed after ``travel`` (m)."""
+    def _places(self, look: "_Look", forecast: TravelForecast) -> Array:
+        """Along and across (k, 2), m at zero travel, of what a frame showed."""
         xy = np.array([seen.point[:2] for seen in look.seen]).reshape(-1, 2)
         out: Array = xy @ np.stack([self._along, self._across], axis=1)
-        return out - [travel * self._flat_length, 0.0]
+        out[:, 0] -= [self._flat_length * forecast.travel(t) for t in look.times]
+        return out
 
     def _slipped(self, slip: Slip) -> None:
         """Everything seen before lies elsewhere than the counts say."""
@@ -237,20 +237,22 @@ class BeltWatch:
         """Each sighting becomes one of its item."""
         frame, now = look.frame, self._encoder.counts.clock.now()
         order = np.argsort(-places[:, 0])
-        sightings = [look.seen[k] for k in order]
+        sightings, times = [look.seen[k] for k in order], [look.times[k] for k in order]
         items = self.queue.place(places[order], [seen.yaw for seen in sightings])
         new = [item for item in items if item.sightings == 1]
         for item in new:
             item.note(frame.t_exposure, "seen")
         while self.queue.length > self._config.queue_limit:  # who comes first is in it
             self._over.append(self._ended(new.pop(), Outcome.QUEUE_FULL, now))
-        for item, seen in zip(items, sightings, strict=True):
+        for item, seen, t in zip(items, sightings, times, strict=True):
             if item.outcome is None:
-                sighting = as_sighting(seen.point, frame.t_exposure, now)
+                sighting = as_sighting(seen.point, t, now)
                 self.tracker.see(item.key, sighting, float(seen.point[2]))
         if items and self.record is not None:
             rows = [(item.number, seen.point, seen.yaw) for item, seen in zip(items, sightings, strict=True)]
-            self.record.saw(frame.t_exposure, frame.seq, rows)
+            for t in sorted(set(times)):  # one of a global shutter, one for each row of a rolling one
+                here = [row for row, at in zip(rows, times, strict=True) if at == t]
+                self.record.saw(t, frame.seq, here)
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,3 +261,8 @@ class _Look:
 
     frame: Frame
     seen: list[SeenItem]
+
+    @property
+    def times(self) -> list[float]:
+        """When the row was exposed on which each item lies."""
+        return [self.frame.t_of(view.point) for view in self.frame.items or ()]

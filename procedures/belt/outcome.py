@@ -7,12 +7,14 @@ from procedures.belt.encoder_alarms import emergency_warnings
 from procedures.belt.item_tracking import LOOK_BACK_S, BeltWatch
 from procedures.belt.items import Outcome
 from procedures.belt.motion.arm_following import ArmFollowing
+from procedures.belt.motion.gripper_times import GripperTimes
 from procedures.belt.result import BeltTrackingResult, CameraStalls, PickingAnswer, PickingInputs, Slip
 
 
 def result_of(
     watch: BeltWatch,
     following: ArmFollowing,
+    gripper_times: GripperTimes,
     config: BeltTrackingConfig,
     values: RunValues,
     duration_s: float,
@@ -40,6 +42,8 @@ def result_of(
     if watch.late:
         text = f"{watch.late} pictures came more than {LOOK_BACK_S:g} s after exposure and were not used"
         warnings.append(Warning_(code="belt.late-pictures", text=text))
+    if (tight := gripper_times.tight) is not None:
+        warnings.append(Warning_(code="belt.grip-timeout", text=tight))
     warnings += emergency_warnings(watch.emergencies.told)
     if not any(name.startswith("belt.") for name in values.versions):
         warnings.append(Warning_(code="belt.nominal", text="m_per_count is the configured one"))
@@ -61,6 +65,8 @@ def result_of(
             arm_lag_s=following.lag.s if following.looks else None,
             following_rms_m=following.rms_m,
             following_largest_m=following.largest_m if following.looks else None,
+            gripper_closing_s=gripper_times.closing_s,
+            gripper_opening_s=gripper_times.opening_s,
             follow=config.follow,
             method=config.method,
         ),

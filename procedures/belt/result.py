@@ -183,6 +183,11 @@ class PickingAnswer(Part):
         default=None, description="Tool beside its set-points during grips."
     )
     following_largest_m: Metres | None = Field(default=None, description="The largest of those.")
+    gripper_closing_s: Seconds | None = Field(
+        default=None,
+        description="From the command to the confirmation, the longest of the last; null before.",
+    )
+    gripper_opening_s: Seconds | None = Field(default=None, description="The same of opening.")
     follow: bool = Field(description="Whether the tool moved with the item while it gripped.")
     method: str = Field(description="How contacts were predicted.")
 

@@ -26,6 +26,7 @@ from procedures.belt.item_tracking import BeltWatch
 from procedures.belt.items import Outcome
 from procedures.belt.live import BeltLive
 from procedures.belt.motion.arm_following import ArmFollowing
+from procedures.belt.motion.gripper_times import GripperTimes
 from procedures.belt.motion.gripper_work import STUCK
 from procedures.belt.motion.picker import Picker
 from procedures.belt.motion.tool_joints import ToolJoints
@@ -79,7 +80,9 @@ class BeltTracking(Procedure):
             await self._watched(run, picking)
             duration_s = run.clock.now() - started
         await run.enter(S.REPORT)
-        picked = result_of(picking.watch, picking.arm_following, self.config, run.values, duration_s)
+        picked = result_of(
+            picking.watch, picking.arm_following, picking.gripper_times, self.config, run.values, duration_s
+        )
         run.result = picked
         if (path := run.folder / DATA_FILE).exists():
             try:
@@ -133,6 +136,7 @@ class _Picking:
         self.model = arm_model(values)
         self.tool = ToolJoints(self.model, from_pose6(values.tool["T_flange_tool"]), self.q_wait)
         self.guard = lease_settings(values)[0]
+        self.gripper_times = GripperTimes(config.grip_timeout_s)
         self.arm_following = ArmFollowing(self.arm.expected_lag_s, config.following_limit_m, self.guard)
         for key, q in (("wait_pose", self.q_wait), ("place_pose", self.q_place)):
             lean = self.tool.lean(q)
@@ -218,6 +222,7 @@ class _Picking:
             self.watch,
             self.bookkeeping,
             self.arm_following,
+            self.gripper_times,
             self.tool,
             self.guard,
             wait,

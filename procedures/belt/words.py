@@ -39,5 +39,7 @@ def belt_tracking_lines(found: BeltTrackingResult) -> list[str]:
             f"  the arm is {1e3 * answer.arm_lag_s:.0f} ms late on its set-points, which is made up for; "
             f"during grips the tool was {mm(answer.following_rms_m)} RMS beside them"
         )
+    if answer.gripper_closing_s is not None:
+        lines.append(f"  the gripper closed in {answer.gripper_closing_s:.2f} s")
     how = "moving with the item" if answer.follow else "standing"
     return [*lines, f"  gripped {how}, method {answer.method}"]

@@ -243,7 +243,7 @@ class CaptureRun:
             frames = await self.camera.capture(
                 config.frames_per_pose, run.folder / "images", f"{index:04d}-{attempt}", started
             )
-            states = self.arm.state.between(started, frames[-1].t_exposure + frames[-1].exposure_s)
+            states = self.arm.state.between(started, frames[-1].exposed_until)
             if repeats(self._seen_before, frames):
                 raise error("CAMERA_FAULT", f"{self.camera.name} repeats one picture while the arm moves")
             why = fault_of(frames, states, config)

@@ -112,7 +112,7 @@ def test_a_fault_at_any_state_ends_a_sampling_safely(
 
 
 def strike_all(scenario: str, strikes: list[Strike], folder: Path) -> None:
-    config = tracker_config(folder, SMALL, scenario=scenario)
+    config = tracker_config(folder, SMALL, scenario=f"{scenario}:ideal")
 
     async def main() -> None:
         async with open_cell(config, job=JOB) as cell:

@@ -22,7 +22,7 @@ from fakes.wire.listening import TcpPlace
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
 
-SCENARIO = "belt"
+SCENARIO = "belt:ideal"
 HOST = "127.0.51.2"
 
 

@@ -22,7 +22,7 @@ from fakes.object import ObjectInputs, VirtualClock, run_virtual
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
 
-SCENARIO = "laser"  # an ioLogik E1210 with the beams xs and ys at inputs 0 and 1, both free
+SCENARIO = "laser:ideal"  # an ioLogik E1210 with the beams xs and ys at inputs 0 and 1, both free
 HOST = "127.0.21.2"
 PERIOD = {"tcp": 0.005, "rtu": 0.02}
 FAULTS_OF_LINKS = {"refuse", "drop", "reset"}

@@ -25,7 +25,7 @@ OF_THE_ARM: dict[str, Any] = {
 @asynccontextmanager
 async def on_object(allow: bool = True) -> AsyncIterator[ObservedArmRig]:
     clock = VirtualClock()
-    config = ObjectObservedArm.Config(scenario="palletizer", allow_requests=allow)
+    config = ObjectObservedArm.Config(scenario="palletizer:ideal", allow_requests=allow)
     device = ObjectObservedArm("palletizer", config, clock)
 
     async def inject(kind: str, **arguments: Any) -> None:

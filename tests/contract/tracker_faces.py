@@ -25,7 +25,7 @@ from fakes.world.scenario import Scenario
 from fakes.world.tracker.tracker import Tracker
 from fakes.world.world import World
 
-SCENARIO = "tracker"  # a UR10e with two reflectors, and four monuments, before a tracker
+SCENARIO = "tracker:ideal"  # a UR10e with two reflectors, and four monuments, before a tracker
 HOST = "127.0.41.4"
 DRIVER: dict[str, Any] = {
     "sigma0_m": 15e-6,

@@ -94,7 +94,7 @@ def _parameter(face: Face[Any]) -> Any:
 
 # -- the object face
 
-SCENARIO = "hand_eye"
+SCENARIO = "hand_eye:ideal"
 HOME = np.array([0.0, -1.8, 1.8, -1.57, -1.57, 0.0])
 AWAY = HOME + np.array([0.5, -0.2, 0.3, 0.2, -0.4, 0.6])
 OF_THE_ARM: dict[str, Any] = {"identity": Identity("ur10e", "99991100001"), "home": HOME, "away": AWAY}

@@ -24,11 +24,11 @@ class Twin:
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / "frames.sock"
-        self.world = World.from_scenario(Scenario.load("hand_eye"), time.monotonic())
+        self.world = World.from_scenario(Scenario.load("hand_eye:ideal"), time.monotonic())
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self.process = context.Process(
-            target=serve_frames, args=(str(self.path), "hand_eye", theirs), daemon=True
+            target=serve_frames, args=(str(self.path), "hand_eye:ideal", theirs), daemon=True
         )
         self.process.start()
         theirs.close()
@@ -122,7 +122,7 @@ def camera(twin: Twin, **config: Any) -> OakCamera:
 
 async def open_with_target(camera: OakCamera) -> None:
     await camera.close()
-    await camera.set_target(Scenario.load("hand_eye").world.target)
+    await camera.set_target(Scenario.load("hand_eye:ideal").world.target)
     await camera.open()
 
 

@@ -32,7 +32,7 @@ def serve(tmp_path: Path, visit: Visit, wire: str = "tcp", checksum: bool = Fals
     """Run the blocking ``visit`` in a thread while a station serves."""
 
     async def scene() -> None:
-        world = World.from_scenario(Scenario.load("tracker"), time.monotonic())
+        world = World.from_scenario(Scenario.load("tracker:ideal"), time.monotonic())
         assert world.tracker is not None
         tracker = world.tracker
         line = tmp_path / "tracker.tty"

@@ -3,7 +3,6 @@
 import asyncio
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
-from importlib.resources import files
 from typing import Any
 
 import pytest
@@ -15,6 +14,7 @@ from cell.testing.taken_again import play
 from drivers.ur.gripper import ArmGripper
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
+from tests.kit.ideal_world import ideal_text
 
 pytestmark = pytest.mark.wire
 CLOSES, HOLDS = 0, 7  # output and confirm input of the scenario
@@ -22,7 +22,7 @@ CLOSES, HOLDS = 0, 7  # output and confirm input of the scenario
 
 def one_item_under_the_tool() -> str:
     """The picking scenario with a belt that stands and a single item right between the fingers."""
-    text = files("fakes").joinpath("scenarios/picking.toml").read_text("utf-8")
+    text = ideal_text("picking")
     x, y, z = World.from_scenario(Scenario.parse(text)).tool_point(0.0)
     lines = {
         "origin": f"[{x}, {y}, {z - 0.03}]",

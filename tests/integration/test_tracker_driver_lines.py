@@ -395,7 +395,7 @@ def test_the_twins_lines_are_read_as_the_points_they_are(form: str) -> None:
     keys = {k: v for k, v in KEYS.items() if k not in ("pattern", "valid_values")} | ours
 
     async def whole() -> None:
-        tracker = World.from_scenario(Scenario.load("tracker"), time.monotonic()).tracker
+        tracker = World.from_scenario(Scenario.load("tracker:ideal"), time.monotonic()).tracker
         assert tracker is not None
         any_port = LinesForm(reflector="m1", period_s=0.02, **theirs).model_copy(update={"port": 0})
         stream = LineStream(tracker, any_port, HOST, time.monotonic, LineFaults())

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterator
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from fakes.world.scenario import Scenario
 from fakes.world.world import World
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.plan import PlanRequest, plan_sampling
+from tests.kit.ideal_world import ideal_text
 from tests.kit.solved import solve_kincal
 from tests.kit.tracker_cell import nominal_tracker, reflectors, rms, true_errors
 from tests.kit.wire_cell import WireCell, wait_for, wire_cell
@@ -74,7 +74,7 @@ T_base_tracker_nominal = {nominal_tracker("tracker")}
 
 def scenario() -> str:
     """The shipped one with short plans and brisk moves; its truth stays as it is."""
-    text = files("fakes").joinpath("scenarios/tracker.toml").read_text("utf-8")
+    text = ideal_text("tracker")
     text = text.split("[cell.limits]")[0]
     return text + LIMITS + SECTION.format(place=nominal_tracker("tracker")) + ISO9283
 
@@ -116,7 +116,7 @@ def test_AP_and_RP_on_the_wire_are_those_of_the_plain_formulas_and_of_the_true_a
     there = np.array([measured[name].mean(axis=0) for name in names])
     sent = np.array([wanted(poses[name]) for name in names])
     turn, _ = Rotation.align_vectors(sent - sent.mean(axis=0), there - there.mean(axis=0))
-    world = World.from_scenario(Scenario.load("tracker"))
+    world = World.from_scenario(Scenario.load("tracker:ideal"))
     true = np.array([world.true.forward(np.array(poses[name]["q"])).apply(POINT) for name in names])
     back, _ = Rotation.align_vectors(sent - sent.mean(axis=0), true - true.mean(axis=0))
 
@@ -146,7 +146,7 @@ def stored_set() -> list[dict[str, Any]]:
     noise = {"sigma0": 15e-6, "sigma_per_m": 6e-6}
     plan = plan_sampling(PlanRequest(values(), config, noise, nominal_tracker("tracker"), HOME))
     Q = np.array([visit.q for visit in plan.visits])
-    p = measured(World.from_scenario(Scenario.load("tracker")), Q, np.random.default_rng(5))
+    p = measured(World.from_scenario(Scenario.load("tracker:ideal")), Q, np.random.default_rng(5))
     return [
         {"q": q.tolist(), "p_tracker": point.tolist(), "target": "smr1"}
         for q, point in zip(Q, p.T, strict=True)
@@ -175,7 +175,7 @@ def test_an_arm_comes_from_two_millimetres_to_fifty_micrometres_with_a_stored_se
     assert 0.0015 < result["result"]["rms_registration_only"] < 0.003
     Q = np.array([s["q"] for s in together["samples"]])
     elsewhere = np.random.default_rng(8).uniform(Q.min(axis=0), Q.max(axis=0), (150, 6))
-    assert rms(true_errors(World.from_scenario(Scenario.load("tracker")), result, elsewhere)) <= 0.00005
+    assert rms(true_errors(World.from_scenario(Scenario.load("tracker:ideal")), result, elsewhere)) <= 0.00005
 
 
 @pytest.mark.soak  # the same on virtual time is in the unit tests

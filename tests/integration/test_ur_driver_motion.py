@@ -3,7 +3,6 @@
 import asyncio
 import time
 from collections.abc import AsyncIterator
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from cell.poses import from_pose6
 from cell.samples import Sample
 from cell.testing.taken_again import ends_by
 from fakes.world.scenario import Scenario
+from tests.kit.ideal_world import ideal_text
 
 __all__ = ["rig", "shared"]
 pytestmark = pytest.mark.wire
@@ -144,7 +144,7 @@ def test_a_guarded_move_without_contact_ends_after_its_travel(rig: Rig) -> None:
 
 
 def test_a_guarded_move_stops_at_the_force(tmp_path: Path) -> None:
-    text = files("fakes").joinpath("scenarios", "hand_eye.toml").read_text("utf-8")
+    text = ideal_text("hand_eye")
     surface = (
         "[[world.obstacle]]\npoint = [0.0, 0.0, 0.45]\nnormal = [0.0, 0.0, 1.0]\nstiffness_n_m = 5000.0\n"
     )

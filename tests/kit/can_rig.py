@@ -23,6 +23,9 @@ class TestShaft:
         self.begin, self.rate, self.modulus = time.monotonic(), speed, modulus
         self.marks: list[tuple[str, int]] = []
 
+    def told(self, t: float) -> float:
+        return t
+
     def raw(self, t: float) -> int:
         return int((t - self.begin) * self.rate + 0.5) % self.modulus
 

@@ -18,7 +18,7 @@ from procedures.laser.result import LaserAnswer
 from procedures.laser.solving import compare_second
 from tests.kit.object_cell import ObjectCell, on_disk, open_cell, write_config
 
-SCENARIO = "laser"
+SCENARIO = "laser:ideal"
 TOOL = "pin"
 BRISK = {
     "speed_m_s": 0.5,

@@ -47,7 +47,7 @@ SMALL = {"placements": 1, "poses_per_placement": 4, "frames_per_pose": 2, "settl
 
 def write_config(
     folder: Path,
-    scenario: str = "hand_eye",
+    scenario: str = "hand_eye:ideal",
     job: Mapping[str, Any] | None = None,
     arm_keys: Mapping[str, Any] | None = None,
     beams_keys: Mapping[str, Any] | None = None,

@@ -2,7 +2,6 @@
 
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from cell.poses import to_pose6
 from daemon.config import CellConfig
 from fakes.object import VirtualClock
 from fakes.world.scenario import Scenario
+from tests.kit.ideal_world import ideal_text, shipped_text
 from tests.kit.object_cell import ObjectCell, on_disk, open_cell, write_config
 
 JOB = "belt-tracking"
@@ -22,11 +22,14 @@ def picking_config(
     job: Mapping[str, Any] | None = None,
     world: Mapping[str, str] | None = None,
     sections: Mapping[str, Mapping[str, Any]] | None = None,
+    real: bool = False,
     **overrides: Any,
 ) -> CellConfig:
-    """The picking cell with the first item in view; ``world`` replaces lines of the scenario by key,
+    """The picking cell with the first item in view, in an ideal world or a ``real`` one.
+
+    ``world`` replaces lines of the scenario by key,
     ``sections`` are those of other jobs."""
-    text = files("fakes").joinpath("scenarios/picking.toml").read_text("utf-8")
+    text = (shipped_text if real else ideal_text)("picking")
     for key, value in {"first_m": "-0.1", **(world or {})}.items():
         lines = [
             f"{key} = {value}" if line.split("=")[0].strip() == key else line for line in text.splitlines()

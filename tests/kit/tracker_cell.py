@@ -62,7 +62,7 @@ def tracker_config(
     folder: Path,
     job: Mapping[str, Any] | None = None,
     quick: bool = True,
-    scenario: str = "tracker",
+    scenario: str = "tracker:ideal",
     **overrides: Any,
 ) -> CellConfig:
     """The cell of a tracker and a UR10e with fast moves and few poses; ``job`` goes into its section."""

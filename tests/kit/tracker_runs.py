@@ -16,7 +16,7 @@ def run(
     folder: Path,
     prepare: Prepare,
     job: Mapping[str, Any] | None = None,
-    scenario: str = "tracker",
+    scenario: str = "tracker:ideal",
     **how: Any,
 ) -> tuple[dict[str, Any], ObjectCell]:
     """The run's ``end.json`` and its cell; ``prepare`` says what will go wrong."""

@@ -7,7 +7,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from fakes.twin.control import ask
 from fakes.world.scenario import Scenario
 from fakes.world.toml_text import to_toml
 from procedures.hand_eye.record import CaptureRecord
+from tests.kit.ideal_world import ideal_text
 from tests.kit.pauses import Pauses
 
 BIN = Path(sys.executable).parent
@@ -218,7 +218,7 @@ def _as_the_service_runs() -> None:
 
 def shipped(name: str, **keys: Any) -> str:
     """A shipped scenario with other numbers for the keys of its jobs; its truth stays as it is."""
-    text = files("fakes").joinpath(f"scenarios/{name}.toml").read_text("utf-8")
+    text = ideal_text(name)
     lines = []
     for line in text.splitlines():
         key = line.split("=")[0].strip()

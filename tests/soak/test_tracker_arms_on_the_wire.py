@@ -1,6 +1,5 @@
 """Whole samplings on the wire, with as many poses as a cell would take: both arms to fifty micrometres."""
 
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +8,7 @@ import pytest
 from cell.store.files import read_json
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
+from tests.kit.ideal_world import ideal_text
 from tests.kit.tracker_cell import nominal_tracker, rms, true_errors
 from tests.kit.wire_cell import wire_cell
 
@@ -28,7 +28,7 @@ BEFORE_M = {"tracker": (0.0015, 0.003), "palletizer": (0.003, 0.0045)}
 
 def scenario(name: str) -> str:
     """The shipped one with quicker measurements; its truth, reflectors and monuments stay as they are."""
-    text = files("fakes").joinpath(f"scenarios/{name}.toml").read_text("utf-8")
+    text = ideal_text(name)
     head, section = text.split("[cell.job.tracker-sampling]\n", 1)
     kept = [line for line in section.splitlines() if not line.startswith(("poses", "T_base_tracker_nominal"))]
     own = SECTION.format(poses=POSES, place=nominal_tracker(name))

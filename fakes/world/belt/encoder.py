@@ -7,6 +7,8 @@ wrap or frozen) live here; what can go wrong on a bus lives in the face.
 from bisect import bisect_right
 from math import floor, inf
 
+import numpy as np
+
 from fakes.world.belt.belt import Belt
 from fakes.world.belt.truth import BeltTruth
 
@@ -26,6 +28,13 @@ class BeltEncoder:
         self._slips: list[Slip] = []
         self._standing: list[tuple[float, float | None]] = [(-inf, None)]  # travel at which the wheel stands
         self._frozen: list[tuple[float, bool]] = [(-inf, False)]
+
+    def told(self, t: float) -> float:
+        """When the position was so that a message of ``t`` tells."""
+        if not self.truth.jitter_s:
+            return t
+        draw = np.random.default_rng([self.truth.node, round(1e6 * max(t, 0.0)), 0x717]).random()
+        return t - self.truth.jitter_s * float(draw)
 
     def raw(self, t: float) -> int:
         """The position at ``t``, 0 to ``modulus - 1``."""

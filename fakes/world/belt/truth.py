@@ -66,6 +66,13 @@ class BeltTruth(_Strict):
     modulus: int = Field(default=65536, ge=16, le=MAX_U32, description="the encoder's own range")
     count_at_start: int = Field(default=1000, ge=0, le=MAX_U32)
     period_s: float = Field(default=0.005, ge=0.001, le=1.0, description="between position messages")
+    jitter_s: float = Field(
+        default=0.0, ge=0, le=0.02, description="a position is older than its message by up to this"
+    )
+    by_events: bool = Field(
+        default=False,
+        description="a new position is told at once, as often as the inhibit time allows (CANopen)",
+    )
     keeps_position: bool = Field(default=True, description="after a restart; an incremental one begins at 0")
     origin: Three = [0.0, -0.5, 0.2]
     dir: Three = Field(default=[1.0, 0.0, 0.0], description="the way of positive travel, in the base")

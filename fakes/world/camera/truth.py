@@ -4,9 +4,11 @@ from itertools import zip_longest
 from math import pi
 from typing import Annotated, Self
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from cell.devices import Intrinsics
+from cell.poses import Array
 from fakes.world.arm.truth import Six
 
 Two = Annotated[list[float], Field(min_length=2, max_length=2)]
@@ -28,6 +30,17 @@ class ToldTruth(_Strict):
     dist: list[float] = Field(default=[], description="added to dist, entry by entry")
 
 
+class StereoTruth(_Strict):
+    """``[world.camera.stereo]``: depth as a stereo pair makes it, :mod:`fakes.frames.stereo`."""
+
+    focal_px: float = Field(default=440.0, gt=0, description="of the pictures that are matched")
+    baseline_m: float = Field(default=0.075, gt=0, le=1)
+    steps: int = Field(default=8, ge=1, le=64, description="of disparity in a pixel")
+    noise_px: float = Field(default=0.1, ge=0, le=5, description="sigma of the disparity")
+    holes: float = Field(default=0.0, ge=0, lt=1, description="share of the picture that has no depth")
+    scale: float = Field(default=1.0, gt=0.5, lt=2, description="of what is told")
+
+
 class CameraTruth(_Strict):
     """The camera and where it truly is; ``nominal`` is the nominal value of the same pose."""
 
@@ -42,7 +55,18 @@ class CameraTruth(_Strict):
     T_flange_camera: Six | None = None
     T_base_camera: Six | None = None
     nominal: Six
-    noise_px: float = Field(default=0.05, ge=0, le=10)
+    noise_px: float = Field(default=0.05, ge=0, le=10, description="of a corner, where no picture is drawn")
+    noise_grey: float = Field(default=2.0, ge=0, le=50, description="sigma of a drawn picture's pixels")
+    blur_px: float = Field(default=0.7, ge=0, le=5, description="sigma, of a drawn target")
+    vignette: float = Field(default=0.0, ge=0, lt=1, description="share of light lost in a picture's corners")
+    row_time_s: float = Field(
+        default=0.0, ge=0, le=0.0002, description="from row to row; the stamp is that of the first. 0: global"
+    )
+    stamp_jitter_s: float = Field(default=0.0, ge=0, le=0.01, description="sigma of the told stamp")
+    autofocus: bool = Field(
+        default=False, description="the lens moves all the time, and with it what it makes of the picture"
+    )
+    stereo: StereoTruth | None = Field(default=None, description="absent: depth with a millimetre of noise")
     exposure_s: float = Field(default=0.008, gt=0, le=1)
     period_s: float = Field(default=0.1, gt=0, le=10)
     latency_s: float = Field(default=0.03, ge=0, le=1, description="from mid exposure to delivery")
@@ -56,6 +80,14 @@ class CameraTruth(_Strict):
             if len(dist) not in _MODELS:
                 raise ValueError(f"{name} has {len(dist)} entries; OpenCV's models have 0, 4, 5, 8, 12 or 14")
         return self
+
+    def row_delay_s(self, points: Array) -> Array:
+        """How long after the first row those rows are exposed on which ``points`` (..., 3) of the camera lie.
+
+        Without the lens's distortion, which shifts a row by some millionths of a second.
+        """
+        rows = self.K[1] * points[..., 1] / points[..., 2] + self.K[3]
+        return np.asarray(self.row_time_s * np.clip(rows, 0.0, self.height))
 
     def true_lens(self) -> Intrinsics:
         """Intrinsics that make the pictures."""

@@ -232,16 +232,20 @@ class _Session:
         return True
 
     def _enough(self, camera_to_belt: CameraToBelt) -> bool:
-        while self._fresh and self.record.counts and self._fresh[0].t_exposure <= self.record.counts[-1][0]:
+        while (
+            self._fresh and self.record.counts and self._fresh[0].exposed_until <= self.record.counts[-1][0]
+        ):
             frame = self._fresh.popleft()
             while self._begins and self._begins[0] <= frame.t_exposure:
                 self._begins.popleft()
                 self._follower.begin()
             recent = np.array([(t, count) for t, count, _ in self.record.counts[-RECENT:]])
-            count = count_at(recent, frame.t_exposure)
-            if count is not None:
-                points = np.array([view.point for view in frame.items or ()])
-                self._follower.add(frame.t_exposure, count, camera_to_belt.T_base_camera.apply(points))
+            views = frame.items or ()
+            times = [frame.t_exposure, *(frame.t_of(view.point) for view in views)]
+            counts = [(t, count) for t in times if (count := count_at(recent, t)) is not None]
+            if len(counts) == len(times):
+                points = camera_to_belt.T_base_camera.apply(np.array([view.point for view in views]))
+                self._follower.add(*counts[0], points, counts[1:])
         seen = len(self._follower)
         self.run.progress(min(seen, self.config.sightings), self.config.sightings)
         return seen >= self.config.sightings and self._follower.way_m >= self.config.travel_m
@@ -330,10 +334,13 @@ class _Session:
         frame = sample.value
         if frame.items:
             self._fresh.append(frame)
+            late = [frame.t_of(view.point) - frame.t_exposure for view in frame.items]
+            after = {"after_s": late} if frame.row_time_s else {}
             self.record.sightings.append(
                 {
                     "t": frame.t_exposure,
                     "seq": frame.seq,
+                    **after,
                     "points": [view.point.tolist() for view in frame.items],
                     "sigma_m": [view.sigma_m for view in frame.items],
                 }

@@ -90,10 +90,13 @@ class ItemFollower:
     def _counted(self) -> float:
         return self._way + (0.0 if self._begun is None else abs(self._count - self._begun))
 
-    def add(self, t: float, count: float, points: Array) -> None:
+    def add(
+        self, t: float, count: float, points: Array, each: Sequence[tuple[float, float]] | None = None
+    ) -> None:
         """One more frame with the items at ``points`` (k, 3) m in the base, exposed at ``t``.
 
-        Left out when the belt has hardly moved since the one before.
+        Left out when the belt has hardly moved since the one before. ``each`` has time and count of every
+        point, where a rolling shutter sees them one after the other.
         """
         if abs(count - self._count) < self._step_counts:
             return
@@ -104,24 +107,26 @@ class ItemFollower:
         if len(points) > 1:
             self._apart = min(self._apart, float(pdist(points).min()))
         self._open = [c for c in self._open if self._frames - c.frame <= _MISSED_FRAMES]
-        for point, chain in zip(points, self._matched(count, points), strict=True):
+        own = each or [(t, count)] * len(points)
+        for point, chain, (at, count) in zip(points, self._matched(own, points), own, strict=True):
             if chain is None:
                 chain = _Chain(self._made, self._frames, point, count, (point, count))
                 self._open.append(chain)
                 self._made += 1
             chain.frame, chain.point, chain.count = self._frames, point, count
-            self._found.append((t, point, count, chain.number))
+            self._found.append((at, point, count, chain.number))
         # The common motion, not each item's own: all lie on one belt, and a false sighting is outvoted.
         if known := [s for c in self._open if (s := c.slope()) is not None]:
             self._usual = np.median(known, axis=0)
 
-    def _matched(self, count: float, points: Array) -> list[_Chain | None]:
+    def _matched(self, own: Sequence[tuple[float, float]], points: Array) -> list[_Chain | None]:
         chains: list[_Chain | None] = [None] * len(points)
-        if not self._open:
+        if not self._open or not len(points):
             return chains
         gate = min(_SHARE * self._apart, _ALONE_M)
-        due = np.array([c.point + (count - c.count) * self._usual for c in self._open])
-        away = cdist(due, points)
+        counts = np.array([count for _, count in own])
+        places = np.array([c.point - c.count * self._usual for c in self._open])  # at count 0
+        away = cdist(places, points - counts[:, None] * self._usual)
         for i, j in zip(*linear_sum_assignment(np.minimum(away, 2.0 * gate)), strict=True):
             if away[i, j] <= gate:
                 chains[j] = self._open[i]
@@ -157,21 +162,29 @@ def rows_of(data: Mapping[str, Any], step_counts: float = STEP_COUNTS) -> Sighti
     encoder = np.array(data["encoder"], dtype=float).reshape(-1, 2)
     follower = ItemFollower(motion_of(data.get("configured")), step_counts)
     times = [float(seen["t"]) for seen in data["sightings"]]
-    found, epoch = list[Counted | None](), 0
+    epoch = 0
     parts = parts_of(encoder, data)
     starts = np.array([part[0, 0] for part in parts[1:]])
     in_part = np.searchsorted(starts, times, side="right")
+    wanted = [
+        [t, *(t + late for late in seen.get("after_s", ()))]
+        for t, seen in zip(times, data["sightings"], strict=True)
+    ]
+    found = dict[float, Counted | None]()
     for k, part in enumerate(parts):
-        found += counts_at(part, [t for t, i in zip(times, in_part, strict=True) if i == k], data["period_s"])
-    for seen, at, counted, part_of in zip(data["sightings"], times, found, in_part, strict=True):
+        these = [t for each, i in zip(wanted, in_part, strict=True) if i == k for t in each]
+        found |= zip(these, counts_at(part, these, data["period_s"]), strict=True)
+    for seen, own, part_of in zip(data["sightings"], wanted, in_part, strict=True):
         if part_of != epoch:
             follower.begin()
             epoch = part_of
-        if counted is not None:
-            follower.add(at, counted.count, T.apply(np.array(seen["points"])))
+        known = [(t, counted.count) for t in own if (counted := found[t]) is not None]
+        if len(known) == len(own):
+            (at, count), *each = known
+            follower.add(at, count, T.apply(np.array(seen["points"])), each or None)
     rows = follower.rows()
-    left = {at: counted.rounding for at, counted in zip(times, found, strict=True) if counted is not None}
-    return replace(rows, rounding=np.array([left[at] for at in rows.t]).reshape(-1, len(_WAVES)))
+    left = {t: counted.rounding for t, counted in found.items() if counted is not None}
+    return replace(rows, rounding=np.array([left[t] for t in rows.t]).reshape(-1, len(_WAVES)))
 
 
 def parts_of(encoder: Array, data: Mapping[str, Any]) -> list[Array]:

@@ -10,6 +10,7 @@ from cell.poses import Array
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.item_tracking import BeltWatch
 from procedures.belt.items import Item
+from procedures.belt.motion.gripper_times import GripperTimes
 from procedures.belt.motion.tool_joints import ToolJoints
 from procedures.belt.motion.tool_path import ToolPath
 
@@ -22,8 +23,15 @@ class ItemSelection:
     """Among the items of ``watch``, for a tool that keeps ``yaw`` (rad) unless it is to turn to them."""
 
     def __init__(
-        self, config: BeltTrackingConfig, watch: BeltWatch, tool: ToolJoints, yaw: float, descent_s: float
+        self,
+        config: BeltTrackingConfig,
+        watch: BeltWatch,
+        tool: ToolJoints,
+        yaw: float,
+        descent_s: float,
+        gripper_times: GripperTimes,
     ) -> None:
+        self._gripper_times = gripper_times
         self._config, self._watch, self._tool, self._wait_yaw = config, watch, tool, yaw
         self._descent_s = descent_s
 
@@ -60,7 +68,7 @@ class ItemSelection:
 
     def can_be_met(self, track: ItemTrack, arrival: float) -> bool:
         """Whether the item is still in the zone when a contact is over that follows an ``arrival`` above."""
-        end = arrival + self._descent_s + self._config.dwell_s + self._config.grip_timeout_s / 3.0
+        end = arrival + self._descent_s + max(self._config.dwell_s, self._gripper_times.expected_s)
         return _along(track, end) <= self._config.zone.max_m
 
     def has_come_in(self, track: ItemTrack, contact: float) -> bool:

@@ -22,6 +22,7 @@ from procedures.belt.item_tracking import BeltWatch
 from procedures.belt.items import CONTACT, Item, Outcome
 from procedures.belt.motion.arm_following import ArmFollowing
 from procedures.belt.motion.blend import blend_for
+from procedures.belt.motion.gripper_times import GripperTimes
 from procedures.belt.motion.gripper_work import GripperWork
 from procedures.belt.motion.item_selection import ItemSelection
 from procedures.belt.motion.meeting import Aim, strategy
@@ -49,6 +50,7 @@ class Picker:
         watch: BeltWatch,
         bookkeeping: ItemBookkeeping,
         following: ArmFollowing,
+        gripper_times: GripperTimes,
         tool: ToolJoints,
         guard: MotionGuard,
         wait: State,
@@ -72,7 +74,7 @@ class Picker:
         self._aim: Aim | None = None
         self._meets_only = classic or not config.follow
         self._strategy = strategy(config, watch, wait.p[:3], self._descent_s)
-        self._gripper = GripperWork(run.gripper(), run.clock, config.grip_timeout_s)
+        self._gripper = GripperWork(run.gripper(), run.clock, config.grip_timeout_s, gripper_times)
         self._arm = run.arm()
         self._following = following
         self._held = self._is_cautious = False
@@ -82,7 +84,7 @@ class Picker:
         self._t_contact, self._tries = 0.0, 0
         self._phase: Callable[[float], Coroutine[Any, Any, bool]] = self._ready
         self._path = ToolPath(tool, limits, guard, wait)
-        self._choice = ItemSelection(config, watch, tool, float(wait.p[3]), self._descent_s)
+        self._choice = ItemSelection(config, watch, tool, float(wait.p[3]), self._descent_s, gripper_times)
         self._learnt = -np.inf
         self._standing_since: float | None = None
         self.standing = False

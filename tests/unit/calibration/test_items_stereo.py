@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from fakes.frames.stereo import stereo_depth
+from fakes.world.camera.truth import StereoTruth as Stereo
 from tests.kit.item_scene import SIZE, T_BASE_CAMERA, Scene
-from tests.kit.stereo_depth import Stereo
 
 PLACES = [(x, y, yaw) for x, yaw in ((-0.2, 0.3), (0.05, 1.2), (0.3, 2.4)) for y in (-0.7, -0.5)]
 
@@ -20,7 +21,7 @@ def test_an_item_is_where_it_says_within_its_uncertainty(stereo: Stereo) -> None
     off, says = [], []
     for x, y, yaw in PLACES:
         colour, depth = scene.picture([(x, y, yaw)])
-        (item,) = detector.find(colour, stereo.seen(depth, rng))
+        (item,) = detector.find(colour, stereo_depth(depth, stereo, rng))
         off.append(float(np.linalg.norm(T_BASE_CAMERA.apply(item.point)[:2] - [x, y])))
         says.append(item.sigma_m)
         assert T_BASE_CAMERA.apply(item.point)[2] == pytest.approx(SIZE[2], abs=0.003)
@@ -32,7 +33,10 @@ def test_a_height_that_nobody_knows_well_makes_a_slanted_sight_less_sure() -> No
     scene, rng = Scene(), np.random.default_rng(7)
     detector = scene.detector()
     colour, depth = scene.picture([(0.3, -0.5, 0.3)])
-    (drawn,), (seen,) = detector.find(colour, depth), detector.find(colour, Stereo(0.3).seen(depth, rng))
+    (drawn,), (seen,) = (
+        detector.find(colour, depth),
+        detector.find(colour, stereo_depth(depth, Stereo(noise_px=0.3), rng)),
+    )
     assert seen.sigma_m > drawn.sigma_m
 
 
@@ -40,4 +44,4 @@ def test_an_empty_belt_under_noise_shows_no_item() -> None:
     scene, rng = Scene(), np.random.default_rng(7)
     detector = scene.detector()
     colour, depth = scene.picture([])
-    assert detector.find(colour, Stereo(noise_px=0.2, holes=0.1).seen(depth, rng)) == ()
+    assert detector.find(colour, stereo_depth(depth, Stereo(noise_px=0.2, holes=0.1), rng)) == ()

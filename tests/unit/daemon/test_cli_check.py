@@ -142,7 +142,7 @@ def test_the_switch_without_an_arm_is_a_mistake(subject: CommandLine, tmp_path: 
 @pytest.fixture
 def beams(tmp_path: Path) -> Path:
     """A valid configuration of the cell with crossed beams and without a camera."""
-    write_config(tmp_path, "laser", jobs={"laser-reference": {"max_descents": 2, "passes": 2}})
+    write_config(tmp_path, "laser:ideal", jobs={"laser-reference": {"max_descents": 2, "passes": 2}})
     return tmp_path / "cell.toml"
 
 

@@ -39,7 +39,7 @@ def test_a_length_in_millimetres_is_refused_as_in_the_configuration(tmp_path: Pa
 def test_what_the_section_does_not_give_is_taken_from_that_of_the_reference(
     job: type[Procedure], tmp_path: Path
 ) -> None:
-    config = write_config(tmp_path, "laser", jobs={"laser-reference": {"floor_m": 0.21}})
+    config = write_config(tmp_path, "laser:ideal", jobs={"laser-reference": {"floor_m": 0.21}})
     assert make_procedure(job, config, {}).config.floor_m == 0.21
     assert make_procedure(job, config, {"floor_m": "0.25"}).config.floor_m == 0.25
 

@@ -8,7 +8,7 @@ from tests.kit.object_cell import on_disk, open_cell, refused
 
 
 def test_a_camera_in_conflict_does_not_refuse_a_job_without_a_camera(tmp_path: Path) -> None:
-    config = laser_config(tmp_path, scenario="bay")
+    config = laser_config(tmp_path, scenario="bay:ideal")
 
     async def main() -> None:
         async with open_cell(config, job="laser-reference") as cell:

@@ -17,7 +17,7 @@ from daemon.supervisor import Supervisor
 from drivers.ur.inputs import ArmInputs
 from fakes.object import ObjectArm, VirtualClock, run_virtual
 
-SCENARIO = "laser"
+SCENARIO = "laser:ideal"
 INPUTS = {"xs": {"address": 0}, "free": {"address": 1, "invert": True}}
 
 

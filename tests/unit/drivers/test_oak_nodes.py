@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Mapping
 from typing import Any
 
 import pytest
@@ -18,7 +19,8 @@ import json, sys
 from unittest.mock import MagicMock
 import depthai as dai
 from drivers.oak.config import OakConfig
-from drivers.oak.pipeline import oak_nodes
+from cell.errors import CellError
+from drivers.oak.device_nodes import check_usb, colour_camera, depth_nodes
 
 made = []
 def create(kind):
@@ -32,12 +34,43 @@ pipeline = MagicMock(spec=dai.Pipeline)
 pipeline.create.side_effect = create
 device = MagicMock(spec=dai.Device)
 device.getPlatform.return_value = getattr(dai.Platform, sys.argv[1])
-exposure = json.loads(sys.argv[2])
-colour, depth = oak_nodes(pipeline, device, OakConfig(width=1280, height=720, fps=15, exposure_s=exposure))
+has = json.loads(sys.argv[2])
+device.getConnectedCameraFeatures.return_value = [
+    MagicMock(spec=dai.CameraFeatures, socket=getattr(dai.CameraBoardSocket, name), sensorName=sensor,
+              hasAutofocus=name in has.get("autofocus", []))
+    for name, sensor in has["cameras"].items()
+]
+device.readCalibration.return_value.getLensPosition.return_value = 135
+device.getUsbSpeed.return_value = getattr(dai.UsbSpeed, has.get("usb", "SUPER"))
+device.getDeviceId.return_value = "14442C10D13EABCE00"
+config = OakConfig(width=1280, height=720, fps=15, **has.get("config", {}))
+try:
+    check_usb(device, config)
+    refused = None
+except CellError as exc:
+    refused = exc.detail
+seen = colour_camera(pipeline, device, config)
+colour, depth = seen.output, depth_nodes(pipeline, device, seen.output, config)
 
+made += [None] * (4 - len(made))
 camera, left, right, stereo = made[:4]
+focus = camera.initialControl.setManualFocus.call_args
+told = {
+    "row_time_s": seen.row_time_s,
+    "focus": focus and focus.args[0],
+    "watched": seen.lens and seen.lens.wanted,
+    "refused": refused,
+    "preset": stereo and stereo.setDefaultProfilePreset.call_args
+        and stereo.setDefaultProfilePreset.call_args.args[0].name,
+    "manual exposure": camera.initialControl.setManualExposure.call_args is not None
+        and list(camera.initialControl.setManualExposure.call_args.args),
+    "depth": depth is not None,
+}
+if depth is None:
+    print("ANSWER" + json.dumps(told))
+    sys.exit()
 align = made[4] if len(made) > 4 else None
-print("ANSWER" + json.dumps({
+print("ANSWER" + json.dumps(told | {
     "nodes": [type(n).__name__ if not hasattr(n, "_spec_class") else n._spec_class.__name__ for n in made],
     "sockets": [n.build.call_args.args[0].name for n in (camera, left, right)],
     "colour": [list(camera.requestOutput.call_args.args[0]), camera.requestOutput.call_args.args[1].name],
@@ -49,14 +82,15 @@ print("ANSWER" + json.dumps({
     "depth of stereo": depth is stereo.depth,
     "depth of align": align is not None and depth is align.outputAligned,
     "stereo into align": align is not None and stereo.depth.link.call_args.args[0] is align.input,
-    "manual exposure": camera.initialControl.setManualExposure.call_args is not None
-        and list(camera.initialControl.setManualExposure.call_args.args),
 }))
 """
 
 
-def ask(platform: str, exposure_s: float | None = None) -> dict[str, Any]:
-    command = [sys.executable, "-c", SCRIPT, platform, json.dumps(exposure_s)]
+OAK_D = {"CAM_A": "IMX378", "CAM_B": "OV9282", "CAM_C": "OV9282"}
+
+
+def ask(platform: str = "RVC2", cameras: Mapping[str, str] = OAK_D, **has: Any) -> dict[str, Any]:
+    command = [sys.executable, "-c", SCRIPT, platform, json.dumps({"cameras": dict(cameras), **has})]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, env={**os.environ, **QUIET})
     assert done.returncode == 0, done.stderr
     return dict(json.loads(done.stdout.partition("ANSWER")[2]))
@@ -80,4 +114,21 @@ def test_depth_is_aligned_to_colour_in_the_way_of_each_platform(platform: str, b
 
 
 def test_a_fixed_exposure_is_set_in_microseconds() -> None:
-    assert ask("RVC2", 0.005)["manual exposure"] == [5000, 200]
+    assert ask(config={"exposure_s": 0.005})["manual exposure"] == [5000, 200]
+
+
+def test_a_lens_that_can_move_is_put_where_it_was_calibrated_and_watched() -> None:
+    found = ask(autofocus=["CAM_A"], config={"stereo_preset": "robotics"})
+    assert (found["focus"], found["watched"]) == (135, 135)
+    assert found["row_time_s"] == pytest.approx(0.0167 / 720)
+    assert found["preset"] == "ROBOTICS"
+    fixed = ask(cameras=OAK_D | {"CAM_A": "OV9782"}, config={"focus": 80})
+    assert (fixed["focus"], fixed["watched"], fixed["row_time_s"]) == (None, None, 0.0)
+
+
+def test_a_device_without_a_stereo_pair_gives_colour_alone_and_a_slow_cable_is_refused() -> None:
+    found = ask(cameras={"CAM_A": "a new sensor"}, usb="HIGH")
+    assert not found["depth"]
+    assert found["row_time_s"] is None
+    assert "use a USB 3 cable" in found["refused"]
+    assert "41 MB/s" in found["refused"]

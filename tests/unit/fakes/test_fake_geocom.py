@@ -27,7 +27,7 @@ def play(scene: Scene) -> Any:
 
     async def whole() -> Any:
         clock = VirtualClock()
-        world = World.from_scenario(Scenario.load("tracker"), clock.now())
+        world = World.from_scenario(Scenario.load("tracker:ideal"), clock.now())
         assert world.tracker is not None
         return await scene(Instrument(world.tracker, clock.now))
 

@@ -58,7 +58,7 @@ def path(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def subject(path: Path) -> Iterator[FrameServer]:
-    truth = Scenario.load("hand_eye").world
+    truth = Scenario.load("hand_eye:ideal").world
     small = {"width": 320, "height": 200, "K": [200.0, 200.0, 159.5, 99.5], "dist": []}
     timing = {"period_s": PERIOD_S, "latency_s": 0.015, "exposure_s": 0.004}
     camera = truth.camera.model_copy(update=small | timing)
@@ -83,7 +83,8 @@ def test_a_frame_carries_what_the_format_says(reader: Reader) -> None:
     header, colour, depth = reader.frame()
     received = time.monotonic()
     assert set(header) == {
-        *("seq", "t_exposure", "exposure_s", "width", "height", "K", "dist", "colour", "depth", "serial")
+        *("seq", "t_exposure", "exposure_s", "width", "height", "K", "dist", "colour", "depth", "serial"),
+        *("row_time_s", "lens_position"),
     }
     assert (header["colour"], header["depth"], header["exposure_s"]) == ("bgr8", "u16mm", 0.004)
     assert header["K"] == [200.0, 200.0, 159.5, 99.5]
@@ -218,7 +219,7 @@ def test_a_bad_argument_is_refused_where_it_is_typed(subject: FrameServer) -> No
 
 
 def test_a_mirrored_world_shows_the_same_scene() -> None:
-    scenario = Scenario.load("hand_eye")
+    scenario = Scenario.load("hand_eye:ideal")
     twin, mirror = World.from_scenario(scenario, 5.0), World.from_scenario(scenario, 5.5)
     twin.track.start_joint_move(6.0, twin.track.at(6.0)[0] + 0.2, 1.0, 2.0)
     twin.operator.move_on(6.5)

@@ -24,7 +24,7 @@ BOARD |= {"dictionary": "DICT_5X5_100"}
 
 def tables(**of_world: Any) -> dict[str, Any]:
     """The scenario hand_eye without noise of its standstills; ``of_world`` goes into tables of its world."""
-    raw = Scenario.load("hand_eye").model_dump(by_alias=True)
+    raw = Scenario.load("hand_eye:ideal").model_dump(by_alias=True)
     raw["world"]["arm"]["repeatability_t_m"] = 0.0
     for name, keys in of_world.items():
         raw["world"][name] = raw["world"][name] | keys
@@ -141,7 +141,7 @@ def test_the_truth_is_the_camera_that_serves_best_with_the_controllers_arm() -> 
 
 
 def test_a_print_without_a_target_is_refused() -> None:
-    raw = Scenario.load("laser").model_dump(by_alias=True)
+    raw = Scenario.load("laser:ideal").model_dump(by_alias=True)
     raw["world"]["target_print"] = {"scale_x": 0.001}
     with pytest.raises(ValueError, match="target_print says how a target is printed"):
         Scenario.model_validate(raw)

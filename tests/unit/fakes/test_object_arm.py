@@ -16,15 +16,15 @@ from cell.errors import CellError
 from cell.motion import MotionBroker
 from cell.poses import from_pose6
 from fakes.object import ObjectArm, VirtualClock, cell_of, run_virtual, world_of
+from tests.kit.ideal_world import ideal_text
 
 TOOL = ToolSettings(from_pose6([0.0, 0.0, 0.18, 0.0, 0.0, 0.0]), 1.2)
 SLOW = Speed(0.1, 0.5, 0.2, 1.0)
-SCENARIOS = Path(__file__).parents[3] / "fakes" / "scenarios"
 
 Scene = Callable[[ObjectArm], Coroutine[Any, Any, Any]]
 
 
-def arm_on(clock: Clock, scenario: str = "hand_eye", **settings: Any) -> ObjectArm:
+def arm_on(clock: Clock, scenario: str = "hand_eye:ideal", **settings: Any) -> ObjectArm:
     return ObjectArm("arm", ObjectArm.Config(scenario=scenario, **settings), clock)
 
 
@@ -309,13 +309,13 @@ def test_two_runs_give_the_same_samples_bit_by_bit() -> None:
 
 def test_devices_of_one_scenario_and_clock_share_a_world_and_other_clocks_do_not() -> None:
     clock = VirtualClock()
-    assert arm_on(clock).world is world_of("hand_eye", clock)
-    assert cell_of("hand_eye", clock).world is world_of("hand_eye", clock)
-    assert world_of("hand_eye", VirtualClock()) is not world_of("hand_eye", clock)
+    assert arm_on(clock).world is world_of("hand_eye:ideal", clock)
+    assert cell_of("hand_eye:ideal", clock).world is world_of("hand_eye:ideal", clock)
+    assert world_of("hand_eye:ideal", VirtualClock()) is not world_of("hand_eye:ideal", clock)
 
 
 def test_a_fault_of_the_scenario_happens_at_its_time(tmp_path: Path) -> None:
-    text = (SCENARIOS / "hand_eye.toml").read_text("utf-8")
+    text = ideal_text("hand_eye")
     path = tmp_path / "stop.toml"
     path.write_text(text + '[[fault]]\ndevice = "arm"\nkind = "protective-stop"\nwhen_s = 2.0\n', "utf-8")
 
@@ -370,8 +370,8 @@ def test_a_stream_that_begins_elsewhere_is_refused(subject: Callable[[Scene], An
 
 
 def test_a_guarded_move_ends_at_the_force_or_at_the_travel_limit(tmp_path: Path) -> None:
-    text = (SCENARIOS / "hand_eye.toml").read_text("utf-8")
-    tip = (world_of("hand_eye", VirtualClock()).believed_flange(0.0) * TOOL.T_flange_tool).translation
+    text = ideal_text("hand_eye")
+    tip = (world_of("hand_eye:ideal", VirtualClock()).believed_flange(0.0) * TOOL.T_flange_tool).translation
     wall = f"[[world.obstacle]]\npoint = [0, 0, {tip[2] - 0.03}]\nnormal = [0, 0, 1]\nstiffness_n_m = 5000\n"
     path = tmp_path / "table.toml"
     path.write_text(text.replace("[fakes]", wall + "[fakes]"), "utf-8")

@@ -20,7 +20,7 @@ Scene = Callable[[ObjectCamera], Coroutine[Any, Any, Any]]
 def subject() -> Callable[[Scene], Any]:
     def play(scene: Scene) -> Any:
         async def whole() -> Any:
-            camera = ObjectCamera("camera", ObjectCamera.Config(scenario="hand_eye"), VirtualClock())
+            camera = ObjectCamera("camera", ObjectCamera.Config(scenario="hand_eye:ideal"), VirtualClock())
             await camera.open()
             await camera.set_target(camera.world.target)
             try:
@@ -57,7 +57,7 @@ def test_two_runs_see_the_same_pixels(subject: Callable[[Scene], Any]) -> None:
 
 def test_corners_outside_the_picture_are_not_reported(subject: Callable[[Scene], Any]) -> None:
     async def scene(camera: ObjectCamera) -> None:
-        arm = ObjectArm("arm", ObjectArm.Config(scenario="hand_eye"), camera.clock)
+        arm = ObjectArm("arm", ObjectArm.Config(scenario="hand_eye:ideal"), camera.clock)
         world = arm.world
         now = camera.clock.now()
         end = world.track.start_joint_move(now, world.track.at(now)[0] + [0.5, 0, 0, 0, 0, 0], 1.0, 5.0)

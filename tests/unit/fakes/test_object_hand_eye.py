@@ -59,7 +59,10 @@ def solve_pnp(points: np.ndarray, frames: Any) -> RigidTransform:
 
 @pytest.mark.parametrize(
     ("scenario", "found", "board_ahead_m", "invert"),
-    [("hand_eye", "T_flange_camera", 0.5, False), ("hand_eye_to_hand", "T_base_camera", 0.03, True)],
+    [
+        ("hand_eye:ideal", "T_flange_camera", 0.5, False),
+        ("hand_eye_to_hand:ideal", "T_base_camera", 0.03, True),
+    ],
 )
 def test_opencv_recovers_where_the_camera_truly_is(
     scenario: str, found: str, board_ahead_m: float, invert: bool

@@ -219,7 +219,9 @@ def test_an_input_module_is_checked_when_it_is_read() -> None:
 def subject() -> Callable[..., Any]:
     def play(scene: Scene, **config: Any) -> Any:
         async def whole() -> Any:
-            inputs = ObjectInputs("beams", ObjectInputs.Config(scenario="laser", **config), VirtualClock())
+            inputs = ObjectInputs(
+                "beams", ObjectInputs.Config(scenario="laser:ideal", **config), VirtualClock()
+            )
             await inputs.open()
             try:
                 return await scene(inputs)
@@ -412,17 +414,17 @@ def test_the_link_shows_the_faults_of_every_link(subject: Callable[..., Any], ki
 def test_a_fault_of_the_scenario_reaches_the_module() -> None:
     async def scene() -> tuple[bool, ...]:
         clock = VirtualClock()
-        cell_of("laser", clock).inject(
+        cell_of("laser:ideal", clock).inject(
             FaultEntry(device="beams", kind="stuck", when_s=0.0, args={"input": "xs"})
         )
-        return cell_of("laser", clock).inputs.inputs.levels(clock.now())
+        return cell_of("laser:ideal", clock).inputs.inputs.levels(clock.now())
 
     assert run_virtual(scene()) == (True, False)
 
 
 def test_the_arms_own_inputs_carry_the_beams_too(subject: Callable[..., Any]) -> None:
     async def scene(inputs: ObjectInputs) -> None:
-        arm = ObjectArm("arm", ObjectArm.Config(scenario="laser", state_period_s=0.002), inputs.clock)
+        arm = ObjectArm("arm", ObjectArm.Config(scenario="laser:ideal", state_period_s=0.002), inputs.clock)
         await arm.open()
         end = cross(inputs)
         seen: list[tuple[float, int]] = []
@@ -449,7 +451,7 @@ def test_the_arms_own_inputs_carry_the_beams_too(subject: Callable[..., Any]) ->
 def test_a_scenario_without_a_module_has_no_inputs() -> None:
     async def scene() -> None:
         with pytest.raises(CellError, match="the scenario has no beams"):
-            ObjectInputs("beams", ObjectInputs.Config(scenario="hand_eye"), VirtualClock())
+            ObjectInputs("beams", ObjectInputs.Config(scenario="hand_eye:ideal"), VirtualClock())
 
     run_virtual(scene())
 

@@ -18,7 +18,7 @@ Scene = Callable[[ObjectObservedArm, VirtualClock], Awaitable[Any]]
 def play(scene: Scene, **keys: Any) -> Any:
     async def whole() -> Any:
         clock = VirtualClock()
-        config = ObjectObservedArm.Config(scenario="palletizer", **{"allow_requests": True, **keys})
+        config = ObjectObservedArm.Config(scenario="palletizer:ideal", **{"allow_requests": True, **keys})
         arm: ObjectObservedArm = ObjectObservedArm("palletizer", config, clock)
         checked: ObservedArm = arm
         await checked.open()

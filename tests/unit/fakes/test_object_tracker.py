@@ -13,7 +13,7 @@ from cell.poses import Array
 from fakes.object import ObjectTracker, VirtualClock, cell_of, run_virtual
 from fakes.world.scenario import FaultEntry
 
-SCENARIO = "tracker"
+SCENARIO = "tracker:ideal"
 SMR = np.array([-0.05, 0.0, 0.06])  # smr1 in the flange
 Scene = Callable[[ObjectTracker], Coroutine[Any, Any, Any]]
 

@@ -1,7 +1,6 @@
 """The palletizer in a whole twin: what a daemon is told of it, and the person at its pendant."""
 
 import asyncio
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from cell.errors import CellError
 from daemon.config import load_config
 from fakes.twin.serve import Twin, TwinOptions
 from fakes.world.scenario import Scenario
+from tests.kit.ideal_world import ideal_text
 
 
 @pytest.fixture
@@ -30,7 +30,7 @@ def test_the_twins_configuration_names_the_arm_and_what_its_controller_believes(
     subject._write_cell_toml()
     config = load_config(subject.cell_toml)
     assert config.robot.roles()["observed_arm"] == "palletizer"
-    truth = Scenario.load("palletizer").world.observed
+    truth = Scenario.load("palletizer:ideal").world.observed
     assert truth is not None
     assert config.robot.observed_robot_spec() == truth.robot
     section: Any = config.device["palletizer"]
@@ -42,7 +42,7 @@ def test_the_twins_configuration_names_the_arm_and_what_its_controller_believes(
 
 def test_a_twin_that_writes_a_file_tells_the_daemon_where_it_is(tmp_path: Path) -> None:
     scenario = tmp_path / "file.toml"
-    text = files("fakes").joinpath("scenarios/palletizer.toml").read_text("utf-8")
+    text = ideal_text("palletizer")
     scenario.write_text(text.replace("[fakes]\n", '[fakes]\nobserved_by = "file"\n'))
     twin = Twin(TwinOptions(str(scenario), tmp_path, "127.0.43.21"))
     twin._write_cell_toml()

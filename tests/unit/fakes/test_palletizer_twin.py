@@ -15,6 +15,7 @@ from fakes.world.palletizer.linkage import Palletizer
 from fakes.world.palletizer.observed import ObservedPalletizer, Status
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
+from tests.kit.ideal_world import ideal_text
 
 ROUND = Palletizer(
     a1=0.3, a2=1.0, a3=1.2, a4=0.25, a5=0.1, d1=0.8, d5=-0.3,
@@ -66,7 +67,7 @@ def test_both_forms_of_the_palletizer_agree(errors: list[float], seed: int) -> N
 
 
 def scene() -> tuple[Scenario, ObservedPalletizer]:
-    scenario = Scenario.load("palletizer")
+    scenario = Scenario.load("palletizer:ideal")
     arm = World.from_scenario(scenario).observed
     assert arm is not None
     return scenario, arm
@@ -137,9 +138,8 @@ def test_each_standstill_is_a_little_elsewhere_and_stays_there() -> None:
     ],
 )  # fmt: skip
 def test_a_wrong_palletizer_in_a_scenario_is_refused_with_its_key(old: str, new: str, finding: str) -> None:
-    from importlib.resources import files
 
-    text = files("fakes").joinpath("scenarios/palletizer.toml").read_text("utf-8")
+    text = ideal_text("palletizer")
     assert old in text
     with pytest.raises(CellError) as caught:
         Scenario.parse(text.replace(old, new))
@@ -148,7 +148,7 @@ def test_a_wrong_palletizer_in_a_scenario_is_refused_with_its_key(old: str, new:
 
 def test_the_world_knows_where_a_reflector_on_the_observed_arm_is() -> None:
     async def look() -> None:
-        world = World.from_scenario(Scenario.load("palletizer"))
+        world = World.from_scenario(Scenario.load("palletizer:ideal"))
         arm = world.observed
         assert arm is not None
         expected = arm.true_flange(0.0).apply(world.config.reflectors["smr1"].point)

@@ -1,7 +1,5 @@
 """The twin's arm follows set-points as a controller lets it: late, under the slider, within its joints."""
 
-from importlib.resources import files
-
 import numpy as np
 import pytest
 
@@ -12,7 +10,8 @@ from fakes.world.arm.segments import Polynomial
 from fakes.world.arm.servo import Servo
 from fakes.world.arm.smoothed import Smoothed
 from fakes.world.arm.truth import Lag, ReportedTruth, ServoTruth
-from fakes.world.scenario import Scenario
+from fakes.world.scenario import Scenario, shipped_scenarios
+from tests.kit.ideal_world import ideal_text
 
 PERIOD_S, LATE_S = 0.002, 0.05
 RATE = np.array([0.2, -0.3, 0.5, 0.0, 1.0, 0.1])
@@ -82,11 +81,14 @@ def test_a_force_without_contact_walks_by_newtons() -> None:
 
 def test_an_ideal_world_leaves_out_what_is_unkind() -> None:
     real = Scenario.load("picking").world
-    ideal = Scenario.parse(_text().replace("ideal = false", "ideal = true")).world
+    ideal = Scenario.load("picking:ideal").world
     assert real.arm.servo.lag == "delay"
     assert ideal.arm.servo == ServoTruth()
     assert ideal.arm.reported == ReportedTruth()
+    assert (real.camera.row_time_s > 0.0, ideal.camera.row_time_s) == (True, 0.0)
+    assert (real.gripper.close_s, ideal.gripper.close_s) == (0.3, 0.04)
 
 
-def _text() -> str:
-    return files("fakes").joinpath("scenarios/picking.toml").read_text("utf-8")
+@pytest.mark.parametrize("name", shipped_scenarios())
+def test_the_text_of_an_ideal_world_is_what_its_name_loads(name: str) -> None:
+    assert Scenario.parse(ideal_text(name)) == Scenario.load(f"{name}:ideal")

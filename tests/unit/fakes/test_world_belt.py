@@ -189,7 +189,7 @@ def test_a_misspelt_key_of_the_belt_gets_a_suggestion() -> None:
 
 
 def test_the_shipped_belt_moves_and_a_mirrored_world_follows_its_orders() -> None:
-    scenario = Scenario.load("belt")
+    scenario = Scenario.load("belt:ideal")
     ours, theirs = World.from_scenario(scenario, T0), World.from_scenario(scenario, T0)
     assert ours.belt is not None
     assert theirs.belt is not None

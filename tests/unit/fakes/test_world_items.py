@@ -92,7 +92,7 @@ def test_heights_out_of_order_are_refused(height_m: tuple[float, float]) -> None
 
 
 def test_a_picture_shows_items_as_high_as_they_are_and_standing_on_the_belt() -> None:
-    scenario = Scenario.load("picking").world
+    scenario = Scenario.load("picking:ideal").world
     assert scenario.items is not None
     truth = scenario.items.model_copy(update={"height_m": (0.02, 0.09), "first_m": -0.1})
     world = World(scenario.model_copy(update={"items": truth}), 0.0)

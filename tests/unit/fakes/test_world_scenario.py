@@ -166,7 +166,9 @@ def test_the_generated_cell_has_a_role_and_a_table_for_the_input_module(beamed: 
 
 def test_a_scenario_without_a_camera_makes_a_cell_without_one() -> None:
     cell = tomllib.loads(
-        Scenario.load("laser").cell_toml({"arm": {}, "camera": {"driver": "oak"}, "beams": {}}, "a", "b")
+        Scenario.load("laser:ideal").cell_toml(
+            {"arm": {}, "camera": {"driver": "oak"}, "beams": {}}, "a", "b"
+        )
     )
     assert sorted(cell["device"]) == ["arm", "beams"]
     assert not {"flange_camera", "fixed_camera", "T_base_camera_nominal"} & set(cell["robot"])
@@ -174,7 +176,7 @@ def test_a_scenario_without_a_camera_makes_a_cell_without_one() -> None:
 
 
 def test_a_world_without_a_camera_has_the_rest_of_the_truth_and_says_what_it_lacks() -> None:
-    world = World.from_scenario(Scenario.load("laser"))
+    world = World.from_scenario(Scenario.load("laser:ideal"))
     truth = json.loads(json.dumps(world.truth(), allow_nan=False))
     assert truth["T_flange_tool"] == truth["T_flange_tool_nominal"]
     assert set(truth["beams"]) == {"xs", "ys"}
@@ -257,7 +259,7 @@ def test_a_pass_at_either_place_breaks_its_own_beam_and_no_other(beamed: Scenari
 
 
 def test_nothing_of_the_board_is_near_the_beams() -> None:
-    bay = Scenario.load("bay").world
+    bay = Scenario.load("bay:ideal").world
     assert bay.target is not None
     points = target_points(bay.target)
     for mount in bay.target_mounts:

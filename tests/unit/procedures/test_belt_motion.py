@@ -13,6 +13,7 @@ from fakes.object import run_virtual
 from fakes.world.scenario import Scenario
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.items import Item, Outcome
+from procedures.belt.motion.gripper_times import GripperTimes
 from procedures.belt.motion.item_selection import ItemSelection
 from tests.kit.object_cell import ObjectCell, no_report
 from tests.kit.picking_cell import contact_errors, picking_cell, picking_config
@@ -164,7 +165,7 @@ def test_fingers_that_do_not_open_after_a_failed_grip_end_the_job(tmp_path: Path
 
 def test_an_item_that_lies_where_the_arm_may_not_go_is_let_pass_and_says_why(tmp_path: Path) -> None:
     rail = {"name": "rail", "min": [-1.0, 0.565, 0.0], "max": [1.0, 0.8, 0.2]}
-    limits = {**Scenario.load("picking").cell.limits, "keep_out": [rail]}
+    limits = {**Scenario.load("picking:ideal").cell.limits, "keep_out": [rail]}
 
     async def scene() -> None:
         async with picking_cell(picking_config(tmp_path, {}, {"lateral_m": "0.06"}, limits=limits)) as cell:
@@ -185,7 +186,7 @@ def test_noise_never_turns_the_tool_round() -> None:
     zone = {"min_m": 0.0, "max_m": 0.5}
     config = BeltTrackingConfig(wait_pose="a", place_pose="b", zone=zone, belt_z_m=0.1)  # type: ignore[arg-type]
     tool: Any = SimpleNamespace(heading=lambda: 0.0)
-    choice = ItemSelection(config, SimpleNamespace(), tool, 0.0, 0.2)  # type: ignore[arg-type]
+    choice = ItemSelection(config, SimpleNamespace(), tool, 0.0, 0.2, GripperTimes(1.0))  # type: ignore[arg-type]
     item, turns = Item(1, 0.0, 0.0, np.radians(89.0)), []
     for yaw in np.radians([89.0, 91.0, 89.5, 90.5, -89.0, 88.0]):
         item.yaw = float(yaw)

@@ -154,7 +154,7 @@ def test_no_board_at_all_is_told_after_the_configured_time(tmp_path: Path) -> No
     run_virtual(main())
 
 
-@pytest.mark.parametrize("scenario", ["hand_eye", "hand_eye_to_hand"])
+@pytest.mark.parametrize("scenario", ["hand_eye:ideal", "hand_eye_to_hand:ideal"])
 def test_six_small_moves_find_a_first_estimate_when_none_is_configured(scenario: str, tmp_path: Path) -> None:
     config = write_config(tmp_path, scenario, {"poses_per_placement": 8})
     bare = config.robot.model_copy(

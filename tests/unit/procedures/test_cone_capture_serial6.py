@@ -2,7 +2,6 @@
 
 import json
 import tomllib
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from cell.poses import from_pose6, log_xi
 from daemon.config import ConfigInvalid
 from fakes.object import run_virtual
 from fakes.world.toml_text import to_toml
+from tests.kit.ideal_world import ideal_text
 from tests.kit.object_cell import no_report, open_cell, write_config
 
 __all__ = ["no_report"]
@@ -26,7 +26,7 @@ MOUNT = [0.006, -0.0520, 0.0310, 0.026, -0.031, 0.032]
 @pytest.fixture
 def scenario(tmp_path: Path) -> str:
     """The capture's shipped world with an IRB 120 above a smaller board."""
-    tables = tomllib.loads(files("fakes").joinpath("scenarios/hand_eye.toml").read_text("utf-8"))
+    tables = tomllib.loads(ideal_text("hand_eye"))
     world, cell = tables["world"], tables["cell"]
     arm = {key: value for key, value in world["arm"].items() if key != "model"}
     world["arm"] = arm | {"robot": ROBOT, "q_start": HOME}

@@ -31,7 +31,9 @@ def off_in_sigmas_squared(cell: ObjectCell, run_id: int, name: str) -> float:
 @pytest.mark.parametrize("setup", SETUPS)
 def test_a_job_finds_the_truth_within_its_own_uncertainty(setup: str, tmp_path: Path) -> None:
     scenario, name = SETUPS[setup]
-    config = write_config(tmp_path, scenario, {"placements": 2, "poses_per_placement": 6})
+    config = write_config(
+        tmp_path, scenario, {"placements": 2, "poses_per_placement": 6, "frames_per_pose": 5}
+    )
 
     async def main() -> None:
         async with open_cell(config) as cell:

@@ -1,6 +1,5 @@
 """The whole check of a fixed camera on virtual time, judged against the twin's truth."""
 
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ from cell.poses import exp_xi, from_pose6, log_xi, to_pose6
 from daemon.config import CellConfig, load_config
 from fakes.object import run_virtual
 from fakes.world.scenario import Scenario
+from tests.kit.ideal_world import ideal_text
 from tests.kit.object_cell import ObjectCell, no_report, on_disk, open_cell, write_config
 
 __all__ = ["no_report"]
@@ -22,12 +22,14 @@ MAHALANOBIS_LIMIT = 22.5  # 99.9 % of a chi-squared with 6 degrees of freedom
 
 def given_place(off_m: float = 0.0) -> list[float]:
     """C, the flange in the board, of the scenario's first placement; ``off_m`` along its x."""
-    placement = Scenario.load("hand_eye_to_hand").world.placement[0].T_flange_target
+    placement = Scenario.load("hand_eye_to_hand:ideal").world.placement[0].T_flange_target
     C = from_pose6(placement).inv() * exp_xi([off_m, 0.0, 0.0, 0.0, 0.0, 0.0])
     return [float(v) for v in to_pose6(C)]
 
 
-def config(folder: Path, *, off_m: float = 0.0, scenario: str = "hand_eye_to_hand", **job: Any) -> CellConfig:
+def config(
+    folder: Path, *, off_m: float = 0.0, scenario: str = "hand_eye_to_hand:ideal", **job: Any
+) -> CellConfig:
     section = {
         "target": "board",
         "T_marker_flange": given_place(off_m),
@@ -99,8 +101,8 @@ def test_a_target_that_is_not_where_the_drawing_has_it_is_blamed(tmp_path: Path)
 
 def erring_scenario(folder: Path) -> str:
     """The same cell with an arm that is about 2 mm off its drawing."""
-    text = files("fakes").joinpath("scenarios/hand_eye_to_hand.toml").read_text("utf-8")
-    error = Scenario.load("tracker").world.arm.error.model_dump()
+    text = ideal_text("hand_eye_to_hand")
+    error = Scenario.load("tracker:ideal").world.arm.error.model_dump()
     rows = "\n".join(f"{key} = {list(row)}" for key, row in error.items())
     path = folder / "scenario.toml"
     path.write_text(text.replace("[world.tool]", f"[world.arm.error]\n{rows}\n\n[world.tool]", 1), "utf-8")

@@ -183,7 +183,7 @@ def test_a_sampling_keeps_every_pose_in_spite_of_silences(
 ) -> None:
     async def main() -> None:
         async with open_cell(
-            tracker_config(tmp_path, FEW, scenario=scenario), job="tracker-sampling"
+            tracker_config(tmp_path, FEW, scenario=f"{scenario}:ideal"), job="tracker-sampling"
         ) as cell:
             subject = Struck(cell)
             strike_all(subject, strikes)

@@ -25,6 +25,7 @@ from fakes.world.scenario import Scenario
 from procedures.iso9283.config import Iso9283Config
 from procedures.iso9283.expectation import iso9283_expectation
 from procedures.iso9283.plan import ORDER
+from tests.kit.ideal_world import ideal_text
 from tests.kit.object_cell import ObjectCell, no_report, on_disk, open_cell, refused, write_config
 from tests.kit.solved import solve_again, solve_iso9283
 from tests.kit.tracker_cell import BRISK, nominal_tracker
@@ -32,7 +33,7 @@ from tests.kit.tracker_cell import BRISK, nominal_tracker
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
 
-JOB, SCENARIO = "iso9283", "tracker"
+JOB, SCENARIO = "iso9283", "tracker:ideal"
 CENTRE, EDGE = np.array([-0.6, -0.5, 0.7]), 0.3
 TRUTH = Scenario.load(SCENARIO).world
 POINT = np.array(TRUTH.reflectors["smr1"].point)
@@ -207,10 +208,10 @@ def test_calibrated_kinematics_bring_AP_from_millimetres_to_the_trackers_own(tmp
 
 
 def test_RP_is_that_of_an_arm_that_repeats_badly(tmp_path: Path) -> None:
-    shipped = (Path(__file__).parents[3] / "fakes/scenarios/tracker.toml").read_text("utf-8")
-    assert "repeatability_t_m = 0.00001" in shipped
+    shipped = ideal_text("tracker")
+    assert "repeatability_t_m = 0.0000139" in shipped
     loose = tmp_path / "loose.toml"
-    loose.write_text(shipped.replace("repeatability_t_m = 0.00001", "repeatability_t_m = 0.0002"), "utf-8")
+    loose.write_text(shipped.replace("repeatability_t_m = 0.0000139", "repeatability_t_m = 0.0002"), "utf-8")
     config = iso_config(tmp_path, {"cycles": 8}, scenario=str(loose))
     found = run_of(config).result["result"]
     # 0.2 mm along each axis: RP = 3.616 sigma, a little less of eight arrivals.

@@ -1,7 +1,6 @@
 """Real jobs with an arm that is not what its controller believes: with the calibrated arm, and without."""
 
 from collections.abc import Mapping
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from cell.store.files import read_json
 from daemon.config import CellConfig, load_config
 from fakes.object import run_virtual
 from fakes.world.scenario import Scenario
+from tests.kit.ideal_world import ideal_text
 from tests.kit.object_cell import JOB, ObjectCell, no_report, on_disk, open_cell, refused, write_config
 from tests.kit.picking_cell import JOB as PICKING
 from tests.kit.picking_cell import contact_errors
@@ -23,13 +23,13 @@ __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
 
 ARM, NOW = kinematics("arm"), {"name": kinematics("arm"), "version": 1}
-ERROR = Scenario.load("tracker").world.arm.error  # an arm about 2 mm off its drawing
+ERROR = Scenario.load("tracker:ideal").world.arm.error  # an arm about 2 mm off its drawing
 ROBOT = {"model": "ur10e", "calibration": {key: list(row) for key, row in ERROR.model_dump().items()}}
 
 
 def config_of(folder: Path, scenario: str, use: bool, jobs: Mapping[str, Any], **more: Any) -> CellConfig:
     """A shipped scenario with those errors, and the switch."""
-    text = files("fakes").joinpath(f"scenarios/{scenario}.toml").read_text("utf-8")
+    text = ideal_text(scenario)
     rows = "\n".join(f"{key} = {row}" for key, row in ROBOT["calibration"].items())  # type: ignore[attr-defined]
     text = text.replace("[world.tool]", f"[world.arm.error]\n{rows}\n\n[world.tool]", 1)
     text = text.replace("first_m = 0.75", "first_m = -0.1")

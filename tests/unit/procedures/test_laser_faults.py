@@ -1,7 +1,6 @@
 """What goes wrong at the beams: the right error, by the beam's name, with the arm at rest."""
 
 import re
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import pytest
 
 from cell.interruptions import InterruptionLimits
 from fakes.object import run_virtual
+from tests.kit.ideal_world import ideal_text
 from tests.kit.laser_cell import laser_cell, laser_config, passes
 from tests.kit.laser_made import Solved, solved
 from tests.kit.object_cell import ObjectCell, no_report
@@ -192,7 +192,7 @@ def test_more_edges_than_a_tool_makes_are_named(tmp_path: Path) -> None:
 
 def two_fingers(folder: Path) -> str:
     """The cell with beams, and two pins instead of one, 12 mm apart along x and along y."""
-    text = files("fakes").joinpath("scenarios", "laser.toml").read_text("utf-8")
+    text = ideal_text("laser")
     pins = [
         f"{{ from = [{x}, {x}, -0.003], to = [{x}, {x}, -0.057], radius_m = 0.003 }}" for x in (-0.006, 0.006)
     ]

@@ -23,7 +23,7 @@ from tests.kit.object_cell import no_report, refused
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
 
-SHIPPED = Scenario.load("laser").cell
+SHIPPED = Scenario.load("laser:ideal").cell
 SECTION = SHIPPED.job["laser-reference"]
 ROBOT = {"model": "ur10e"}
 MODEL = robot_from_spec(ROBOT)

@@ -37,7 +37,7 @@ QUICK = {"speeds_m_s": [0.02, 0.08], "passes": 6, "accept": {"auto": True}}
 
 def made_by_hand() -> dict[str, Any]:
     """The reference that a perfect measurement of the scenario's world would have given."""
-    scenario = Scenario.load("laser")
+    scenario = Scenario.load("laser:ideal")
     config = LaserReferenceConfig.model_validate(scenario.cell.job["laser-reference"])
     search = Search.from_config(config, scenario.cell.poses, "beams")
     point = from_pose6(scenario.world.tool.T_flange_tool).translation
@@ -67,7 +67,7 @@ def with_reference(cell: ObjectCell) -> None:
 
 
 def cell_config(folder: Path, **job: Any) -> Any:
-    return write_config(folder, "laser", jobs={JOB: {**QUICK, **job}})
+    return write_config(folder, "laser:ideal", jobs={JOB: {**QUICK, **job}})
 
 
 def test_the_delay_is_found_within_its_interval_and_takes_effect(tmp_path: Path) -> None:

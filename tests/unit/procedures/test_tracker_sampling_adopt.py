@@ -17,7 +17,7 @@ pytestmark = pytest.mark.usefixtures("no_report")
 
 
 def test_finished_poses_survive_a_kill_and_are_taken_over(tmp_path: Path) -> None:
-    config = tracker_config(tmp_path, {"poses": 14, "monument_every": 4}, scenario="palletizer")
+    config = tracker_config(tmp_path, {"poses": 14, "monument_every": 4}, scenario="palletizer:ideal")
 
     async def main() -> None:
         async with open_cell(config, job=JOB) as cell:
@@ -43,7 +43,7 @@ def test_finished_poses_survive_a_kill_and_are_taken_over(tmp_path: Path) -> Non
 
 
 def test_poses_are_not_taken_over_when_the_stand_was_moved_meanwhile(tmp_path: Path) -> None:
-    config = tracker_config(tmp_path, {"poses": 14, "monument_every": 4}, scenario="palletizer")
+    config = tracker_config(tmp_path, {"poses": 14, "monument_every": 4}, scenario="palletizer:ideal")
 
     async def main() -> None:
         async with open_cell(config, job=JOB) as cell:
@@ -62,7 +62,7 @@ def test_poses_are_not_taken_over_when_the_stand_was_moved_meanwhile(tmp_path: P
 
 def test_poses_before_a_look_that_found_the_stand_moved_are_not_taken_over(tmp_path: Path) -> None:
     """It was put back, so the next look is a good one; when it moved is unknown."""
-    config = tracker_config(tmp_path, {"poses": 14, "monument_every": 4}, scenario="palletizer")
+    config = tracker_config(tmp_path, {"poses": 14, "monument_every": 4}, scenario="palletizer:ideal")
 
     async def main() -> None:
         async with open_cell(config, job=JOB) as cell:

@@ -17,7 +17,9 @@ from tests.kit.tracker_cell import JOB, tracker_config
 __all__ = ["no_report"]
 
 
-def expected(folder: Path, job: dict[str, Any] | None = None, scenario: str = "tracker") -> dict[str, Any]:
+def expected(
+    folder: Path, job: dict[str, Any] | None = None, scenario: str = "tracker:ideal"
+) -> dict[str, Any]:
     (found,) = (p for p in predictions(tracker_config(folder, job, scenario=scenario)) if p["job"] == JOB)
     return found
 
@@ -98,7 +100,9 @@ def test_a_dry_run_shows_every_pose_with_its_margins_and_what_stays_open(tmp_pat
 @pytest.mark.usefixtures("no_report")
 def test_a_run_is_told_in_words_and_drawn(tmp_path: Path) -> None:
     async def main() -> tuple[dict[str, Any], Path]:
-        async with open_cell(tracker_config(tmp_path, {"poses": 20}, scenario="palletizer"), job=JOB) as cell:
+        async with open_cell(
+            tracker_config(tmp_path, {"poses": 20}, scenario="palletizer:ideal"), job=JOB
+        ) as cell:
             await cell.run_job()
             return cell.result(1), cell.folder(1).path
 

@@ -60,7 +60,7 @@ def test_a_beam_that_stays_broken_ends_the_job_by_its_name_with_the_arm_at_rest(
 
 def test_what_was_measured_before_a_failure_is_in_data_sets_and_the_way_on_is_told(tmp_path: Path) -> None:
     gone = at_pose(3, "tracker", "beam-break", reflector="smr1")
-    end, cell = run(tmp_path, gone, {"retries_per_pose": 0}, scenario="palletizer")
+    end, cell = run(tmp_path, gone, {"retries_per_pose": 0}, scenario="palletizer:ideal")
     assert error_of(end) in ("TRACKER_BEAM_BROKEN", "TRACKER_NO_TARGET")
     assert "3 poses are kept, `cellward adopt 1` goes on from them" in end["error"]["text"]
     sets = [read_json(cell.folder(1).path / name)["samples"] for name in ("kincal.json", "heldout.json")]

@@ -22,7 +22,7 @@ NOISE = {"sigma0": 15e-6, "sigma_per_m": 6e-6}
 
 
 def palletizer() -> dict[str, Any]:
-    observed = Scenario.load("palletizer").world.observed
+    observed = Scenario.load("palletizer:ideal").world.observed
     assert observed is not None
     return {"family": "palletizer4", "parameters": observed.parameters.model_dump()}
 
@@ -77,7 +77,7 @@ def test_a_pose_is_not_offered_where_the_arm_stands_between_its_reflector_and_th
 
 
 def test_no_pose_that_is_offered_is_hidden_in_the_twin() -> None:
-    scenario = Scenario.load("palletizer")
+    scenario = Scenario.load("palletizer:ideal")
     world = World.from_scenario(scenario)
     assert world.observed is not None
     assert world.tracker is not None

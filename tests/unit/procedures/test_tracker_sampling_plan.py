@@ -101,7 +101,7 @@ def test_the_reflector_looks_at_the_tracker_at_every_pose(usual: SamplingPlan) -
     asked = request()
     place = from_pose6(asked.T_base_tracker)
     arm = robot_from_spec({"model": "ur10e"})
-    truth = Scenario.load("tracker").world.reflectors["smr1"]
+    truth = Scenario.load("tracker:ideal").world.reflectors["smr1"]
     for visit in usual.visits:
         T = arm.forward(np.array(visit.q))
         beam = place.translation - T.apply(truth.point)
@@ -251,7 +251,7 @@ def test_thirty_chosen_poses_predict_as_promised_and_better_than_random_ones_in_
     plan, space = plan_sampling(asked), space_of(asked)
     promised = plan.listing["predicted"]
     assert promised["rms_m"] <= 0.80 * promised["random_rms_m"]
-    world = World.from_scenario(Scenario.load("tracker"))
+    world = World.from_scenario(Scenario.load("tracker:ideal"))
     rng = np.random.default_rng(3)
     candidates, _ = space.candidates(240, rng, np.array(HOME))
     validation = space.anywhere(60, rng)

@@ -42,7 +42,7 @@ async def walked(
     folder: Path,
     job: Mapping[str, Any] | None = None,
     prepare: Callable[[ObjectCell], Any] = lambda cell: None,
-    scenario: str = "palletizer",  # its runs are quicker than those of an arm that is moved
+    scenario: str = "palletizer:ideal",  # its runs are quicker than those of an arm that is moved
 ) -> set[Edge]:
     async with open_cell(tracker_config(folder, job, scenario=scenario), job=JOB) as cell:
         tasks = prepare(cell)
@@ -76,7 +76,7 @@ async def carried(folder: Path) -> set[Edge]:
     for every in (3, 15):  # to the other nest from the monuments, and without a look at them
         job = {**both, "T_base_tracker_nominal": [x + 0.08, *rest], "monument_every": every}
         (folder / str(every)).mkdir()
-        edges |= await walked(folder / str(every), job, scenario="tracker")
+        edges |= await walked(folder / str(every), job, scenario="tracker:ideal")
     return edges
 
 
@@ -110,7 +110,7 @@ async def refused_by_the_guard(folder: Path) -> set[Edge]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(MotionLease, "move_joints", moved)
-        return await walked(folder, scenario="tracker")
+        return await walked(folder, scenario="tracker:ideal")
 
 
 async def finished_early(folder: Path) -> set[Edge]:
@@ -131,7 +131,7 @@ async def finished_early(folder: Path) -> set[Edge]:
 
 async def adopted(folder: Path) -> set[Edge]:
     clock = VirtualClock()
-    config = tracker_config(folder, {"monument_every": 4}, scenario="palletizer")
+    config = tracker_config(folder, {"monument_every": 4}, scenario="palletizer:ideal")
     async with open_cell(config, clock, job=JOB) as cell:
         await cell.run_job()
         await cell.run_job(adopt=1)

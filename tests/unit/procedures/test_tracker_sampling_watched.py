@@ -27,7 +27,7 @@ def test_an_arm_that_has_not_gone_where_it_was_asked_to_is_not_measured_twice_at
 ) -> None:
     """Else a reading set aside would be one of those that were solved."""
     skip = at_pose(3, "palletizer", "skip-pose")
-    end, cell = run(tmp_path, skip, {"poses": 14}, scenario="palletizer")
+    end, cell = run(tmp_path, skip, {"poses": 14}, scenario="palletizer:ideal")
     assert end["outcome"] == "complete", end
     (skipped,) = cell.notes(1, "pose skipped")
     assert "it stands where it was measured before" in skipped["why"]
@@ -42,7 +42,7 @@ def test_an_arm_that_is_not_where_it_was_asked_to_be_is_measured_as_it_stands_an
     tmp_path: Path,
 ) -> None:
     jog = at_pose(3, "palletizer", "unasked-move", rad=0.05)
-    end, cell = run(tmp_path, jog, {"poses": 14}, scenario="palletizer")
+    end, cell = run(tmp_path, jog, {"poses": 14}, scenario="palletizer:ideal")
     assert end["outcome"] == "complete", end
     (elsewhere,) = [note for note in cell.notes(1, "pose taken") if note.get("off_rad")]
     assert elsewhere["off_rad"] > 0.02
@@ -102,7 +102,7 @@ def test_readings_that_the_tracker_does_not_vouch_for_are_told(tmp_path: Path) -
     def doubt(cell: ObjectCell) -> None:
         cell.at_state("measure", lambda: cell.plant.plants["tracker"].inject("doubtful", {}))
 
-    end, cell = run(tmp_path, doubt, scenario="palletizer")
+    end, cell = run(tmp_path, doubt, scenario="palletizer:ideal")
     assert end["verdict"] == "warn"
     (told,) = [w["text"] for w in cell.result(1)["warnings"] if w["code"] == "tracker.doubtful"]
     assert told.startswith("at 12 of 12 poses the tracker warned: the instrument does not vouch")
@@ -113,14 +113,14 @@ def test_an_arm_that_never_gets_to_a_pose_is_not_waited_for_forever(tmp_path: Pa
     """Its program refuses poses outside its own limits, which the job's config has wrong."""
     beyond = [[2.45, 2.6], [0.8, 2.1], [-2.2, -0.6], [-3.0, 3.0]]
     job = {"joint_ranges_rad": beyond, "poses": 12, "request_timeout_s": 8.0}
-    end, _ = run(tmp_path, lambda cell: None, job, scenario="palletizer")
+    end, _ = run(tmp_path, lambda cell: None, job, scenario="palletizer:ideal")
     assert error_of(end) == "OBSERVED_ARM_NOT_THERE"
     assert "palletizer is at rest and shows no number, not 4, within 8 s" in end["error"]["text"]
 
 
 def test_an_arm_that_moves_while_it_is_measured_is_measured_again(tmp_path: Path) -> None:
     jog = at_pose(3, "palletizer", "unasked-move", 0.05, rad=0.002)
-    end, cell = run(tmp_path, jog, {"poses": 12}, scenario="palletizer")
+    end, cell = run(tmp_path, jog, {"poses": 12}, scenario="palletizer:ideal")
     assert end["outcome"] == "complete", end
     assert cell.notes(1, "pose failed")
     assert cell.result(1)["heldout"]["set_aside"]["rms"]["calibrated"] < 0.0003
@@ -129,7 +129,7 @@ def test_an_arm_that_moves_while_it_is_measured_is_measured_again(tmp_path: Path
 def test_without_a_handshake_a_person_moves_the_arm_and_it_is_measured_as_it_stands(tmp_path: Path) -> None:
     async def main() -> None:
         config = tracker_config(
-            tmp_path, {"poses": 12}, scenario="palletizer", observed_keys={"handshake": False}
+            tmp_path, {"poses": 12}, scenario="palletizer:ideal", observed_keys={"handshake": False}
         )
         async with open_cell(config, job=JOB) as cell:
             arm = cell.plant.world.observed
@@ -158,7 +158,7 @@ def test_without_a_handshake_a_person_moves_the_arm_and_it_is_measured_as_it_sta
 
 def test_an_observed_arm_without_a_model_is_refused(tmp_path: Path) -> None:
     async def main() -> None:
-        config = tracker_config(tmp_path, {"poses": 12}, scenario="palletizer")
+        config = tracker_config(tmp_path, {"poses": 12}, scenario="palletizer:ideal")
         robot = config.robot.model_copy(update={"observed_spec": None})
         async with open_cell(config.model_copy(update={"robot": robot}), job=JOB) as cell:
             assert (await refused(cell.start())).name == "OBSERVED_MODEL_MISSING"

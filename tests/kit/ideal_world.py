@@ -1,0 +1,22 @@
+"""A shipped scenario as text without what an ideal world leaves out, to be changed line by line."""
+
+from importlib.resources import files
+
+from fakes.world.scenario import IDEAL
+
+
+def shipped_text(name: str) -> str:
+    """The scenario as it is shipped."""
+    return files("fakes").joinpath(f"scenarios/{name}.toml").read_text("utf-8")
+
+
+def ideal_text(name: str) -> str:
+    """The same cell in an ideal world, which is what ``NAME:ideal`` loads."""
+    kept, table, within = list[str](), "", True
+    for line in shipped_text(name).splitlines():
+        if line.startswith("["):
+            _, table, key, *_ = [*line.strip("[] ").split("."), "", ""]
+            within = key not in IDEAL.get(table, ())
+        if within and (line.startswith("[") or line.split("=")[0].strip() not in IDEAL.get(table, ())):
+            kept.append(line)
+    return "\n".join(kept) + "\n"
