@@ -1,6 +1,6 @@
 """Where to send an arm so that its flange is where a fixed camera wants it, and whether that is any better.
 
-Three ways: as the given calibration has it, with one constant motion (source 001), and through the arm's
+Three ways: as the given calibration has it, with one constant motion, and through the arm's
 kinematic model with its errors. Which one is used is decided by places that were not looked at: those of each
 fold are predicted from the other folds. A way that is not surely better than a simpler one is not taken.
 """
@@ -47,8 +47,8 @@ class ChosenWay:
     cv: dict[Way, float] = field(default_factory=dict)
 
 
-def source_mean(F: Array, C: Array, W: Array) -> Array:
-    """X (4, 4): mean of what each pose says with the target's place taken as exact, ``A X B = C`` (001)."""
+def plain_mean(F: Array, C: Array, W: Array) -> Array:
+    """X (4, 4): mean of what each pose says with the target's place taken as exact, ``A X B = C``."""
     return se3.mean_pose(F @ W @ se3.inverse(C))
 
 
@@ -71,7 +71,7 @@ def choose(given: CameraAndTarget, F: Array, C: Array, arm: Corrected | None) ->
         squared[MODEL] = np.zeros(n)
     for k in range(FOLDS):
         out, rest = np.flatnonzero(fold == k), np.flatnonzero(fold != k)
-        constant = CameraAndTarget(source_mean(F[rest], C[rest], given.W), given.W)
+        constant = CameraAndTarget(plain_mean(F[rest], C[rest], given.W), given.W)
         squared[CONSTANT][out] = _off(constant.marker(F[out]), seen[out])
         if arm is not None:
             found = arm.by(rest)

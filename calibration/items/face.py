@@ -93,7 +93,7 @@ def face_in_colour(
 
 def height_sigma(height: Array, inner: Mask, above_m: float) -> float:
     """Standard deviation (m) of the mean ``height`` (h, w) over ``inner``: of noise that neighbours share, of
-    depth that comes in steps, and of a scale that nobody knows; the face is ``above_m`` over the belt."""
+    depth that comes in steps, and of an unknown scale; the face is ``above_m`` over the belt."""
     v, u = np.nonzero(inner)
     _, block = np.unique(v // _BLOCK_PX * height.shape[1] + u // _BLOCK_PX, return_inverse=True)
     size = np.bincount(block)

@@ -63,7 +63,7 @@ class TargetCorrection(Part):
     """How targets are best corrected, by observations that were not looked at."""
 
     chosen: Literal["none", "constant", "model"] = Field(
-        description="`none`: as given; `constant`: the source's hand-eye; `model`: the arm with its errors."
+        description="`none`: as given; `constant`: by the plain mean; `model`: the arm with its errors."
     )
     cv_none: Metres = Field(description="RMS distance of the target from where the given hand-eye has it.")
     cv_constant: Metres = Field(description="The same with the constant correction.")
@@ -91,7 +91,7 @@ class AxbcAnswer(Part):
     T_camera_base: Pose = Field(description="The standard: images, arm and known place together.")
     direction: str = Field(description="The same in words.")
     cov: Covariance = Field(description="Of `T_camera_base`, perturbation on the right.")
-    mean: Pose = Field(description="The source's standard: plain mean of `A^-1 C B^-1`.")
+    mean: Pose = Field(description="The standard of the published method: plain mean of `A^-1 C B^-1`.")
     eval: PoseSize = Field(description="The given hand-eye against the standard.")
     eval_sigma: PoseSize = Field(description="How well the standard knows that.")
     C_offset: PlaceOff = Field(description="The target's place against the given one.")

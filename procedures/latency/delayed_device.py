@@ -20,7 +20,7 @@ class DelayedDevice(Protocol):
     - *excite* and *record*: :meth:`approach`, :meth:`excite` and :meth:`leave` move the arm, and ``passes``
       has what both streams showed on each way that can be used, with their own stamps;
     - *turn to a signal*: ``signal`` names a function of ``procedures.latency.solver.SIGNALS``. From the data
-      set alone it makes :class:`calibration.latency.Crossing` s: where the arm was when the source saw it
+      set alone it makes :class:`calibration.latency.SeenCrossing` s: where the arm was when the source saw it
       pass a fixed place, one for each place and way.
 
     For beams the places are the edges of the tool. A source that reads a position (tracker, camera, the

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from calibration.adjustment.arm_accuracy import arm_with
 from calibration.adjustment.mount import GivenPose, Mounted, suspicion
-from calibration.adjustment.target_correction import ChosenWay, source_mean
+from calibration.adjustment.target_correction import ChosenWay, plain_mean
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye import se3
 from calibration.hand_eye.solution import Solution
@@ -70,7 +70,7 @@ def answer_of(data: AxbcData, found: Found, choice: ChosenWay, arm: GivenArm | N
         T_camera_base=pose6(T),
         direction="base in camera",
         cov=cov.tolist(),
-        mean=pose6(se3.inverse(source_mean(found.F, found.C, data.place.T))),
+        mean=pose6(se3.inverse(plain_mean(found.F, found.C, data.place.T))),
         eval=_lengths(off),
         eval_sigma=_along(off, cov),
         C_offset=_place_off(data.place, found.alone),
@@ -127,7 +127,7 @@ def _place_off(given: GivenPose, alone: Mounted) -> PlaceOff:
 
 
 def _positioning(data: AxbcData, found: Found) -> tuple[list[MappedPose], Positioning]:
-    """The flange through the given camera against the reported one (source 001), pose by pose."""
+    """The flange through the given camera against the reported one, pose by pose."""
     seen = data.camera.T @ found.C @ se3.inverse(data.place.T)
     off = se3.log(se3.inverse(found.F) @ seen)
     apart = seen[:, :3, 3] - found.F[:, :3, 3]

@@ -24,7 +24,7 @@ _FEW = 8  # are named one by one
 
 @dataclass(frozen=True)
 class TargetCorrections:
-    """What commands are made of: T_base_camera (4, 4) as given and by the constant of the source, and the
+    """What commands are made of: T_base_camera (4, 4) as given and by the plain mean, and the
     arm with its errors; None where there is none."""
 
     given: Array

@@ -17,7 +17,7 @@ from calibration.adjustment.target_correction import (
     ChosenWay,
     Corrected,
     choose,
-    source_mean,
+    plain_mean,
 )
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye.solution import Measurements, solve
@@ -85,7 +85,7 @@ def _solve(data: AxbcData, camera: CameraChoice, targets: Path | None, calls: in
         warnings.append((_ARM_REJECTED, arm_text(found.alone)))
     if targets is not None:
         model = None if found.arm is None else (found.standard, found.arm)
-        constant = source_mean(found.F, found.C, data.place.T)
+        constant = plain_mean(found.F, found.C, data.place.T)
         commands, more = answer_targets(
             targets, TargetCorrections(data.camera.T, constant, model), choice.chosen
         )

@@ -18,7 +18,7 @@ LEVER_M = 0.3  # at which a turn counts as much as a shift, where two poses are 
 
 @dataclass(frozen=True)
 class Mistake:
-    """A fixed ``code``, and what is wrong and how to mend it."""
+    """A fixed ``code``, and what is wrong and how to correct it."""
 
     code: str
     text: str
