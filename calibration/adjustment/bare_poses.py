@@ -11,7 +11,7 @@ from calibration.adjustment.hand_eye import excess_of, left_out, solved
 from calibration.adjustment.jackknife import Checked, checked
 from calibration.adjustment.lens_terms import ImageTerms
 from calibration.adjustment.mount import Mounted, on_true_arm
-from calibration.adjustment.unknowns import GEARS, GEOMETRY, ArmKnown, State, unknowns
+from calibration.adjustment.unknowns import GEARS, GEOMETRY, AdjustedState, ArmKnown, unknowns
 from calibration.hand_eye.solution import Solution
 
 
@@ -32,7 +32,7 @@ def adjust_poses(solution: Solution, arm: ArmKnown | None) -> Mounted:
     )
     n = problem.n
     images = ImageTerms(np.zeros((n, 6, 0)), np.zeros((n, 0, 0)), np.zeros((n, 0)))
-    state, eq = solved(of, State(problem, solution.at, none, none, components), images, estimates=2)
+    state, eq = solved(of, AdjustedState(problem, solution.at, none, none, components), images, estimates=2)
     excess = excess_of(of, state, images)
     cov = excess * _joint(eq)
     opinion: Checked = checked(cov[:6, :6], left_out(of, state, images), n)

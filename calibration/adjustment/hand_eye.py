@@ -29,8 +29,8 @@ from calibration.adjustment.unknowns import (
     LENS_BLOCK,
     NOISE,
     TARGET_BLOCK,
+    AdjustedState,
     ArmKnown,
-    State,
     Unknowns,
     budget,
     moved_problem,
@@ -111,7 +111,7 @@ def adjust(
     shape = target_shape(views)
     of = unknowns(problem, rows, arm, lens or LensPrior(), target or TargetPrior())
     free = (GEOMETRY, GEARS) if arm is not None and arm.scale_free else ()
-    state = State(
+    state = AdjustedState(
         problem,
         solution.at,
         np.zeros(len(of.names)),
@@ -182,7 +182,9 @@ def as_found(found: Adjusted, measured: Measurements, solution: Solution) -> tup
     return replace(measured, views=printed), replace(problem, G=G, C=C, cov_px=cov, sse=sse)
 
 
-def solved(of: Unknowns, state: State, images: ImageTerms, estimates: int) -> tuple[State, Equations]:
+def solved(
+    of: Unknowns, state: AdjustedState, images: ImageTerms, estimates: int
+) -> tuple[AdjustedState, Equations]:
     """X, target poses, numbers and their scales, with the images as they were solved; the scales are
     estimated in the first ``estimates`` steps."""
     for k in range(_STEPS):
@@ -203,14 +205,14 @@ def solved(of: Unknowns, state: State, images: ImageTerms, estimates: int) -> tu
     return state, eq
 
 
-def left_out(of: Unknowns, state: State, images: ImageTerms) -> Array:
+def left_out(of: Unknowns, state: AdjustedState, images: ImageTerms) -> Array:
     """(6, 6) covariance of X by leaving out observations."""
     obs = observations(of, state, images, linearise(moved_problem(of, state, images.moves), state.at))
     x0 = np.concatenate([np.zeros(6), state.numbers])
     return jackknife(obs, state.components, state.components.equations(obs, of.prior, x0), 6)
 
 
-def excess_of(of: Unknowns, state: State, images: ImageTerms) -> float:
+def excess_of(of: Unknowns, state: AdjustedState, images: ImageTerms) -> float:
     """By which the squared residuals exceed what the noise explains, one where they do not beyond chance."""
     lin = linearise(moved_problem(of, state, images.moves), state.at)
     obs = observations(of, state, images, lin)

@@ -13,7 +13,7 @@ import numpy as np
 
 from calibration.adjustment.components import Components
 from calibration.adjustment.lens_terms import LensPrior, TargetPrior, image_terms, target_shape
-from calibration.adjustment.unknowns import ArmKnown, State, budget, observations, unknowns
+from calibration.adjustment.unknowns import AdjustedState, ArmKnown, budget, observations, unknowns
 from calibration.hand_eye import se3
 from calibration.hand_eye.normal import linearise
 from calibration.hand_eye.pnp import refine_poses
@@ -65,7 +65,7 @@ def expected(
     of = unknowns(problem, np.arange(problem.n), arm, lens, target)
     none = np.zeros(len(of.names))
     at = Estimate(views.X, problem.target_poses(views.X)[:1])
-    state = State(problem, at, none, none, Components(dict(noise), {}, frozenset()))
+    state = AdjustedState(problem, at, none, none, Components(dict(noise), {}, frozenset()))
     images = image_terms(corners, problem.C, camera, target_shape(corners))
     obs = observations(of, state, images, linearise(problem, state.at))
     eq = state.components.equations(obs, of.prior, np.zeros(6 + len(none)))

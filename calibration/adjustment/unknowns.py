@@ -67,7 +67,7 @@ class Unknowns:
 
 
 @dataclass(frozen=True)
-class State:
+class AdjustedState:
     """Where the adjustment is; the images of ``problem`` were solved with the numbers ``base``."""
 
     problem: Problem
@@ -127,7 +127,7 @@ def _gauges(model: ParametricArm, limits: tuple[tuple[float, float], ...]) -> di
     }
 
 
-def moved_problem(of: Unknowns, state: State, moves: Array) -> Problem:
+def moved_problem(of: Unknowns, state: AdjustedState, moves: Array) -> Problem:
     """The problem as it is with the numbers of ``state``; ``moves`` (n, 6, c) are those of the images."""
     problem, numbers = state.problem, state.numbers
     C = se3.exp(moves @ (numbers - state.base)[of.images]) @ problem.C
@@ -137,7 +137,7 @@ def moved_problem(of: Unknowns, state: State, moves: Array) -> Problem:
     return replace(problem, C=C, G=problem.G @ se3.exp(twist))
 
 
-def observations(of: Unknowns, state: State, images: ImageTerms, lin: Linearised) -> Observations:
+def observations(of: Unknowns, state: AdjustedState, images: ImageTerms, lin: Linearised) -> Observations:
     """The linearised problem ``lin`` with the derivatives by all numbers.
 
     ``r = log(C C_predicted^-1)``: a motion s of the image's pose on the left adds ``Jl^-1(r) s``, a motion t

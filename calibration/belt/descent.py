@@ -3,7 +3,7 @@
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Ruckig, Trajectory
 
-from calibration.belt.pursuit import Leg, Origin, PursuitLimits, State, plan
+from calibration.belt.pursuit import Leg, Origin, PursuitLimits, PursuitState, plan
 from cell.poses import Array
 
 TOUCH_M = 0.0005  # so high above the item's face fingers may be in contact
@@ -13,7 +13,12 @@ _THERE_M = 0.0005  # of it, and the tool may go on down
 
 
 def descend(
-    t0: float, state: State, origin: Origin, offset: Array, limits: PursuitLimits, cautious: bool = False
+    t0: float,
+    state: PursuitState,
+    origin: Origin,
+    offset: Array,
+    limits: PursuitLimits,
+    cautious: bool = False,
 ) -> Leg:
     """Each axis to rest at ``offset`` (4,) from ``origin``, the middle of an item's upper face, as early as
     it can; but a tool that would touch while it is still beside its goal, because the belt does otherwise
@@ -41,7 +46,7 @@ def _beside(leg: Leg, t: float) -> float:
     return float(np.hypot(gap[0], gap[1]))
 
 
-def _stop(gap: State, limits: PursuitLimits) -> float:
+def _stop(gap: PursuitState, limits: PursuitLimits) -> float:
     """How high above its goal a tool ends that only brakes, m."""
     wanted = InputParameter(1)
     wanted.control_interface = ControlInterface.Velocity

@@ -27,7 +27,7 @@ _MARGIN = 0.97  # of the limit: what follows a plan is a little faster than the 
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class PursuitState:
     """Position, velocity and acceleration, (4,) each: m and rad, per s, per s^2."""
 
     p: Array
@@ -35,21 +35,21 @@ class State:
     a: Array
 
     @classmethod
-    def still(cls, p: Array) -> "State":
+    def still(cls, p: Array) -> "PursuitState":
         """At rest."""
         return cls(np.asarray(p, dtype=float), np.zeros(AXES), np.zeros(AXES))
 
-    def __add__(self, other: "State") -> "State":
-        return State(self.p + other.p, self.v + other.v, self.a + other.a)
+    def __add__(self, other: "PursuitState") -> "PursuitState":
+        return PursuitState(self.p + other.p, self.v + other.v, self.a + other.a)
 
-    def __sub__(self, other: "State") -> "State":
-        return State(self.p - other.p, self.v - other.v, self.a - other.a)
+    def __sub__(self, other: "PursuitState") -> "PursuitState":
+        return PursuitState(self.p - other.p, self.v - other.v, self.a - other.a)
 
 
 class Origin(Protocol):
     """What a motion is relative to, at any time."""
 
-    def at(self, t: float) -> State: ...
+    def at(self, t: float) -> PursuitState: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +58,9 @@ class FixedPoint:
 
     p: Array
 
-    def at(self, t: float) -> State:
+    def at(self, t: float) -> PursuitState:
         del t
-        return State.still(self.p)
+        return PursuitState.still(self.p)
 
 
 class Ride:
@@ -74,10 +74,10 @@ class Ride:
         self._zero[:2] -= track.forecast.travel(track.forecast.now) * self._way[:2]
         self._zero[2] -= track.forecast.travel(track.place.at) * self._way[2]
 
-    def at(self, t: float) -> State:
+    def at(self, t: float) -> PursuitState:
         forecast, way = self._forecast, self._way
         before, now, after = forecast.speeds(np.maximum(np.array([t - _DT, t, t + _DT]), forecast.now))
-        return State(
+        return PursuitState(
             self._zero + float(forecast.travels(np.array([t]))[0]) * way,
             now * way,
             (after - before) / (2.0 * _DT) * way,
@@ -129,14 +129,14 @@ class Leg:
         """When it has arrived, s."""
         return float(self.t0 + self._trajectory.duration)
 
-    def at(self, t: float) -> State:
+    def at(self, t: float) -> PursuitState:
         """The tool in the base at ``t``."""
         return self.origin.at(t) + self._relative(t)
 
-    def gap(self, t: float) -> State:
+    def gap(self, t: float) -> PursuitState:
         """What is left at ``t`` to where it ends, seen from the origin."""
         relative = self._relative(t)
-        return State(relative.p - self.offset, relative.v, relative.a)
+        return PursuitState(relative.p - self.offset, relative.v, relative.a)
 
     def down_at(self, height: float) -> float:
         """When it is first so high (m) above its end; where it begins lower, at once."""
@@ -146,13 +146,13 @@ class Leg:
         after = self._trajectory.get_first_time_at_position(2, above)
         return self.t1 if after is None else self.t0 + float(after)
 
-    def _relative(self, t: float) -> State:
+    def _relative(self, t: float) -> PursuitState:
         p, v, a = self._trajectory.at_time(max(t - self.t0, 0.0))
-        return State(np.array(p), np.array(v), np.array(a))
+        return PursuitState(np.array(p), np.array(v), np.array(a))
 
 
 def plan(
-    t0: float, state: State, origin: Origin, offset: Array, limits: PursuitLimits, apart: bool = False
+    t0: float, state: PursuitState, origin: Origin, offset: Array, limits: PursuitLimits, apart: bool = False
 ) -> Leg:
     """The fastest way from ``state`` at ``t0`` to rest at ``offset`` (4,) from ``origin``.
 

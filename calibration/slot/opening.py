@@ -34,7 +34,7 @@ class Expected:
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundOpening:
     """``T_camera`` of the opening with its covariance (6, 6), perturbation on the right; how it was found.
 
     ``edge_px``: RMS distance of the edge points from the rim; ``contrast``: of each side, grey levels;
@@ -50,7 +50,7 @@ class Found:
 
 def find_opening(
     colour: NDArray[np.uint8], camera: Intrinsics, opening: Rectangle, expected: Expected, reach_m: float
-) -> Found:
+) -> FoundOpening:
     """The pose by the edges in ``colour`` (h, w, 3), at most ``reach_m`` beside ``expected``.
 
     ``OPENING_NOT_SEEN`` says which sides show no edge.
@@ -66,7 +66,7 @@ def find_opening(
         if np.max(np.abs(step)) < _SETTLED:
             break
     there, here = (project(camera, pose, np.zeros((1, 3)))[0] for pose in (T, expected.T_camera))
-    return Found(
+    return FoundOpening(
         T,
         cov,
         float(np.sqrt(np.mean(edges.off_px[edges.used] ** 2))),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.tool_frame.bounds import Model, Rows
+from calibration.tool_frame.bounds import LateralModel, Rows
 from cell.poses import Array
 
 _TUKEY = 4.685
@@ -16,7 +16,7 @@ _ROUNDS = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class AveragingFit:
     """``psi`` (d,) and ``e`` (m,) with the covariance (d+m, d+m) of both, and the noise ``sigma`` (m) that
     the residuals show beyond what the intervals' widths explain. ``rest`` (n,) m are the residuals."""
 
@@ -27,7 +27,7 @@ class Fit:
     rest: Array
 
 
-def average(rows: Rows, model: Model, weight: Array | None = None, sigma: float = 0.0) -> Fit:
+def average(rows: Rows, model: LateralModel, weight: Array | None = None, sigma: float = 0.0) -> AveragingFit:
     """The solution with ``sigma`` (m) of noise beside the widths; ``weight`` (n,) scales each edge's say."""
     d, m = rows.X.shape[1], len(rows.labels)
     A = design(rows)
@@ -40,10 +40,10 @@ def average(rows: Rows, model: Model, weight: Array | None = None, sigma: float 
     theta = scale * np.linalg.solve(normal, W.T @ (weight / sd**2 * rows.middle))
     cov = np.linalg.inv(normal) * np.outer(scale, scale)
     rest = rows.middle - A @ theta
-    return Fit(theta[:d], theta[d:], cov, sigma, rest)
+    return AveragingFit(theta[:d], theta[d:], cov, sigma, rest)
 
 
-def precision_before(model: Model, edges: int) -> Array:
+def precision_before(model: LateralModel, edges: int) -> Array:
     """(d + m,) what is known of the unknowns and of the places of ``edges`` (m) before anything is seen."""
     found: Array = np.concatenate([np.minimum(model.prior_sd, 3.0 * model.trust), np.full(edges, 10.0)]) ** -2
     return found
@@ -58,7 +58,7 @@ def design(rows: Rows) -> Array:
     return A
 
 
-def robust(rows: Rows, model: Model) -> tuple[Fit, NDArray[np.bool_]]:
+def robust(rows: Rows, model: LateralModel) -> tuple[AveragingFit, NDArray[np.bool_]]:
     """The solution, and which rows are blunders: further off than width and noise of the others explain."""
     fit = average(rows, model)
     for _ in range(_ROUNDS):

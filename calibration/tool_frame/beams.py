@@ -8,14 +8,14 @@ import numpy as np
 from calibration.tool_frame import geometry as geo
 from calibration.tool_frame.averaging import average, excess, robust
 from calibration.tool_frame.beam_lines import FoundBeam, beam_through, plane_gap, point_cov
-from calibration.tool_frame.bounds import At, Model, Rows, rows_of, several_speeds
+from calibration.tool_frame.bounds import At, LateralModel, Rows, rows_of, several_speeds
 from calibration.tool_frame.centres import out_back
 from calibration.tool_frame.crossings import Crossing, PassContents, see
 from calibration.tool_frame.geometry import BEAMS, BeamFrame
 from calibration.tool_frame.lateral import ROUGH_SPREAD
 from calibration.tool_frame.model_choice import TWO_HEIGHTS_M
 from calibration.tool_frame.out_and_back import refuse_one_way
-from calibration.tool_frame.places import Places
+from calibration.tool_frame.places import CrossingPlaces
 from calibration.tool_frame.posterior import posterior
 from calibration.tool_frame.reference_heights import rough_heights, spot_heights
 from calibration.tool_frame.repeatability import of_a_way, scatter_of
@@ -92,7 +92,7 @@ class _Finding:
         seen = see(scene, frames, tau)
         _check_seen(seen)
         selection = select(scene, seen)
-        places = Places(scene, frames)
+        places = CrossingPlaces(scene, frames)
         crossings = {k: seen.crossings[k] for k in selection.across}
         places.check(crossings)
         refuse_one_way(crossings)
@@ -101,7 +101,7 @@ class _Finding:
             k: "reference" if places.of[k] == first[c.source.beam] else f"{c.source.beam}@{places.of[k]}"
             for k, c in crossings.items()
         }
-        model = Model(
+        model = LateralModel(
             tuple(sorted(set(groups.values()) - {"reference"})),
             (),
             tuple(b for b in BEAMS if places.span(crossings, b) > TWO_HEIGHTS_M),
@@ -161,7 +161,7 @@ class _Finding:
         )
 
     def _solved(
-        self, rows: Rows, model: Model, final: bool, crossings: Mapping[int, Crossing]
+        self, rows: Rows, model: LateralModel, final: bool, crossings: Mapping[int, Crossing]
     ) -> tuple[Array, Array, float, float]:
         """Mean and covariance of the unknowns and the edges' places, the noise (m), and how well its
         logarithm is known."""
@@ -177,7 +177,7 @@ class _Finding:
         return found.mean, cov, scatter.sigma, scatter.spread
 
 
-def _from_the_first(places: Places, used: set[int], beam: str, first: int) -> tuple[int, int]:
+def _from_the_first(places: CrossingPlaces, used: set[int], beam: str, first: int) -> tuple[int, int]:
     """The first place of a beam and the one farthest from it."""
     along = places.along[beam]
     return first, max(used, key=lambda j: abs(float(along[j] - along[first])))
@@ -193,7 +193,7 @@ def _check_seen(seen: PassContents) -> None:
 
 
 def _without_blunders(
-    crossings: dict[int, Crossing], groups: Mapping[int, str], model: Model
+    crossings: dict[int, Crossing], groups: Mapping[int, str], model: LateralModel
 ) -> tuple[Rows, dict[int, str]]:
     """The bounds of those that agree with the others, linearised where they lead to. The rest is taken out
     of ``crossings``, with the reason."""

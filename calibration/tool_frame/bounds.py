@@ -26,7 +26,7 @@ _TRUST_STRAIGHT_RAD = 2e-4
 
 
 @dataclass(frozen=True)
-class Model:
+class LateralModel:
     """Which unknowns there are, in their order.
 
     ``shifts`` are the groups of passes that are displaced against the reference's (named as their beam for
@@ -129,7 +129,7 @@ def several_speeds(crossings: Sequence[Crossing]) -> bool:
 def rows_of(
     crossings: Mapping[int, Crossing],
     groups: Mapping[int, str],
-    model: Model,
+    model: LateralModel,
     at: At,
     height: Mapping[str, float],
 ) -> Rows:

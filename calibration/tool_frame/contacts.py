@@ -9,8 +9,8 @@ from calibration.tool_frame.crossings import Crossing, PassContents
 from calibration.tool_frame.geometry import BeamFrame
 from calibration.tool_frame.glimpse import Glimpse, glimpse, plain_hit
 from calibration.tool_frame.height import Density, first_contact
-from calibration.tool_frame.hits import Bracket
-from calibration.tool_frame.repeatability import Scatter
+from calibration.tool_frame.hits import HeightBracket
+from calibration.tool_frame.repeatability import PassScatter
 from calibration.tool_frame.scene import Pass, ToolFrameScene
 from calibration.tool_frame.tip import TipShape, ToolInBeam
 from cell.poses import Array
@@ -33,10 +33,10 @@ class Looks:
     def density(
         self,
         places: Sequence[int],
-        bracket: Bracket,
+        bracket: HeightBracket,
         view: ToolInBeam,
         ends: Sequence[TipShape],
-        scatter: Scatter,
+        scatter: PassScatter,
     ) -> Density:
         """Where the end of the tool first meets the beam, m along the lift."""
         return first_contact(self.glimpses(places), view, ends, scatter, bracket.hit, bracket.miss)

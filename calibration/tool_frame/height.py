@@ -13,7 +13,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.special import ndtr
 
 from calibration.tool_frame.glimpse import LOST, Glimpse
-from calibration.tool_frame.repeatability import Scatter
+from calibration.tool_frame.repeatability import PassScatter
 from calibration.tool_frame.standstills import SHARED
 from calibration.tool_frame.tip import TipShape, ToolInBeam
 from cell.poses import Array
@@ -58,7 +58,7 @@ def first_contact(
     glimpses: Sequence[Glimpse],
     view: ToolInBeam,
     ends: Sequence[TipShape],
-    scatter: Scatter,
+    scatter: PassScatter,
     below: float,
     above: float,
 ) -> Density:
@@ -85,7 +85,7 @@ def log_likelihood(
     glimpses: Sequence[Glimpse],
     view: ToolInBeam,
     ends: Sequence[TipShape],
-    scatter: Scatter,
+    scatter: PassScatter,
     grid: Array,
 ) -> Array:
     """(E, S, n) logarithm of the likelihood of all passes for the heights ``grid`` (n,)."""
@@ -152,7 +152,7 @@ class _Blur:
 
 
 def mixed(
-    densities: Sequence[Density], ends: Sequence[TipShape], scatter: Scatter
+    densities: Sequence[Density], ends: Sequence[TipShape], scatter: PassScatter
 ) -> tuple[Array, Array, Array]:
     """Heights with one end and one arm behind them all: their mean (k,), covariance (k, k), and the weights
     (E, S) of ends and scatters. What the end leaves open is common to the heights, and in the covariance."""
@@ -165,7 +165,7 @@ def mixed(
     return mean, cov, weight
 
 
-def weights(evidence: Array, ends: Sequence[TipShape], scatter: Scatter) -> Array:
+def weights(evidence: Array, ends: Sequence[TipShape], scatter: PassScatter) -> Array:
     """(E, S) how likely each end and scatter are after passes of ``evidence`` (E, S)."""
     log = evidence + np.log([[end.prior] for end in ends]) + scatter.log_prior
     found: Array = np.exp(log - np.max(log))

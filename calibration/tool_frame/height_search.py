@@ -20,7 +20,7 @@ from calibration.tool_frame.height import (
     log_likelihood,
     weights,
 )
-from calibration.tool_frame.repeatability import Scatter
+from calibration.tool_frame.repeatability import PassScatter
 from calibration.tool_frame.tip import POINT, UPRIGHT, TipShape, ToolInBeam
 from cell.poses import Array
 
@@ -69,7 +69,7 @@ class HeightSearch:
     clear: float
     chord: float
     fingers: bool
-    scatter: Scatter
+    scatter: PassScatter
     fast: float
     slow: float
     period_s: float

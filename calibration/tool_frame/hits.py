@@ -10,7 +10,7 @@ _CONFLICT_M = 2e-4  # an arm that repeats badly hits and misses in turn, but not
 
 
 @dataclass(frozen=True, eq=False)
-class Bracket:
+class HeightBracket:
     """The tool's point meets the beam between ``hit`` and ``miss`` (m, flange along the lift).
 
     ``assumed`` says that no pass went by clear of the tool's point, and the upper end is a guess from the
@@ -31,7 +31,7 @@ class Bracket:
         return abs(self.miss - self.hit)
 
 
-def bracket(hits: Mapping[int, float], misses: Mapping[int, float]) -> Bracket | None:
+def bracket(hits: Mapping[int, float], misses: Mapping[int, float]) -> HeightBracket | None:
     """The bracket from the flange heights (m) of the passes that hit and that missed, by their places.
 
     Passes that contradict most of the others, a trigger that was lost or came from something else, are left
@@ -44,7 +44,7 @@ def bracket(hits: Mapping[int, float], misses: Mapping[int, float]) -> Bracket |
         if len(levels) < 2:
             return None
         gap = float(levels[-1] - levels[-2])
-        return Bracket(float(levels[-1]), float(levels[-1]) + 4.0 * gap, assumed=True)
+        return HeightBracket(float(levels[-1]), float(levels[-1]) + 4.0 * gap, assumed=True)
     edges = np.unique(np.array([*hits.values(), *misses.values()]))
     between = np.concatenate([[edges[0] - 1.0], 0.5 * (edges[1:] + edges[:-1]), [edges[-1] + 1.0]])
     hit, miss = np.array(list(hits.values())), np.array(list(misses.values()))
@@ -58,4 +58,4 @@ def bracket(hits: Mapping[int, float], misses: Mapping[int, float]) -> Bracket |
     if not good_hits or not good_misses:
         return None
     top, bottom = max(good_hits), min(good_misses)
-    return Bracket(min(top, bottom), max(top, bottom), False, tuple(blunders))
+    return HeightBracket(min(top, bottom), max(top, bottom), False, tuple(blunders))

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.tool_frame.averaging import Fit, average, excess, robust
-from calibration.tool_frame.bounds import At, Model, Rows, rows_of
+from calibration.tool_frame.averaging import AveragingFit, average, excess, robust
+from calibration.tool_frame.bounds import At, LateralModel, Rows, rows_of
 from calibration.tool_frame.crossings import Crossing, PassContents
 from calibration.tool_frame.geometry import BEAMS
 from calibration.tool_frame.model_choice import choose_model, groups_of
@@ -31,14 +31,14 @@ class Lateral:
     ``height`` added to those above the beams.
     """
 
-    model: Model
+    model: LateralModel
     rows: Rows
     mean: Array
     cov: Array
     sigma: float
     spread: float
     effective: float | None
-    fit: Fit
+    fit: AveragingFit
     at: At
     height: Mapping[str, float]
     tau_read: float
@@ -71,7 +71,7 @@ def rough_delay(seen: PassContents, selection: Selection) -> float:
     crossings = {k: seen.crossings[k] for k in selection.across}
     if not crossings:
         return 0.0
-    model = Model(BEAMS)
+    model = LateralModel(BEAMS)
     fit, _ = robust(rows_of(crossings, groups_of(crossings), model, At(), {}), model)
     return float(np.clip(fit.psi[0], -0.5, 0.5))
 
@@ -101,14 +101,14 @@ def without_blunders(
     return left, removed
 
 
-def _at_the_tip(c: Crossing, fit: Fit, rows: Rows) -> bool:
+def _at_the_tip(c: Crossing, fit: AveragingFit, rows: Rows) -> bool:
     """Whether a pass near the tool's end saw less than its width: no blunder, but the end's shape."""
     own = [k for k, (beam, _) in enumerate(rows.labels) if beam == c.source.beam]
     full = float(fit.e[own[-1]] - fit.e[own[0]])
     return c.chord < full and -float(np.mean(c.above)) < 0.25 * full
 
 
-def _at(model: Model, psi: Array, along_w: Mapping[str, float]) -> At:
+def _at(model: LateralModel, psi: Array, along_w: Mapping[str, float]) -> At:
     value = dict(zip(model.names, psi, strict=True))
     return At(
         {b: value[f"tilt {b}"] for b in model.tilts},

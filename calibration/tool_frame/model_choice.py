@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.tool_frame.averaging import robust
-from calibration.tool_frame.bounds import At, Model, rows_of, several_speeds
+from calibration.tool_frame.bounds import At, LateralModel, rows_of, several_speeds
 from calibration.tool_frame.crossings import Crossing
 from calibration.tool_frame.geometry import BEAMS
 
@@ -28,12 +28,12 @@ def groups_of(crossings: Crossings) -> dict[int, str]:
 
 def choose_model(
     crossings: Crossings, height: Heights, axis_known: bool = True
-) -> tuple[Model, list[tuple[str, str]]]:
+) -> tuple[LateralModel, list[tuple[str, str]]]:
     """The model, and warnings; ``height`` (m) is added to the heights above each beam. Without ``axis_known``
     the tilt of the reference is as open as that of the current tool."""
     span = {(b, current): _span(crossings, b, current) for b in BEAMS for current in (False, True)}
     tilts = tuple(b for b in BEAMS if span[b, True] > SOME_HEIGHT_M)
-    model = Model(
+    model = LateralModel(
         BEAMS,
         tilts,
         tuple(b for b in tilts if span[b, False] > SOME_HEIGHT_M),
@@ -57,7 +57,9 @@ def _span(crossings: Crossings, beam: str, current: bool) -> float:
     return float(np.ptp(h)) if h else 0.0
 
 
-def _delays(model: Model, crossings: Crossings, height: Heights) -> tuple[Model, list[tuple[str, str]]]:
+def _delays(
+    model: LateralModel, crossings: Crossings, height: Heights
+) -> tuple[LateralModel, list[tuple[str, str]]]:
     """``model`` with two delays where the input clearly was not as late in the reference as it is now."""
     apart = replace(model, delays=2)
     fit, _ = robust(rows_of(crossings, groups_of(crossings), apart, At(), height), apart)
@@ -71,7 +73,7 @@ def _delays(model: Model, crossings: Crossings, height: Heights) -> tuple[Model,
     ]
 
 
-def _freed(model: Model, crossings: Crossings, height: Heights) -> Model:
+def _freed(model: LateralModel, crossings: Crossings, height: Heights) -> LateralModel:
     """``model`` with those tilts freed that are expected to be none and clearly are some."""
     doubted = [name for name, scale in zip(model.names, model.trust, strict=True) if np.isfinite(scale)]
     if not doubted:

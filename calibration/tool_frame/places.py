@@ -33,7 +33,7 @@ def at_current_places(scene: ToolFrameScene) -> ToolFrameScene:
     return scene.take(keep) if len(there) == len(BEAMS) else scene
 
 
-class Places:
+class CrossingPlaces:
     """``along`` (k,) m is, by beam, where along it it was crossed, in the order of the first visits; ``of``
     the number of that place for each pass of ``scene``."""
 

@@ -22,8 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from calibration.tool_frame.averaging import Fit, design
-from calibration.tool_frame.bounds import Model, Rows
+from calibration.tool_frame.averaging import AveragingFit, design
+from calibration.tool_frame.bounds import LateralModel, Rows
 from calibration.tool_frame.repeatability import USUAL_WAY_M
 from cell.poses import Array
 
@@ -70,8 +70,8 @@ class Posterior:
 
 def posterior(
     rows: Rows,
-    model: Model,
-    start: Fit,
+    model: LateralModel,
+    start: AveragingFit,
     noise: float,
     points: int = 2048,
     known_noise: float | None = None,
@@ -112,8 +112,8 @@ class _Walks:
     def __init__(
         self,
         rows: Rows,
-        model: Model,
-        start: Fit,
+        model: LateralModel,
+        start: AveragingFit,
         noise: float,
         count: int,
         known: float | None,

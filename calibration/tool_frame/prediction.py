@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from calibration.tool_frame.averaging import average
-from calibration.tool_frame.bounds import Model, Rows
+from calibration.tool_frame.bounds import LateralModel, Rows
 from calibration.tool_frame.geometry import BEAMS
 from calibration.tool_frame.meeting import length95
 from calibration.tool_frame.posterior import posterior
@@ -87,7 +87,7 @@ def predict(
     slide = speed_m_s * poll_period_s
     depths = np.array(depths_m, dtype=float)
     tilted = float(np.ptp(depths)) > 0.0
-    model = Model(BEAMS, BEAMS if tilted else (), BEAMS if tilted else ())
+    model = LateralModel(BEAMS, BEAMS if tilted else (), BEAMS if tilted else ())
     covs = []
     for _ in range(_DRAWS):
         rows, neighbours = _rows(
@@ -127,7 +127,7 @@ def height_variance(resolution: float, sigma: float, pairs: float) -> float:
 
 def _rows(
     rng: np.random.Generator,
-    model: Model,
+    model: LateralModel,
     speed: float,
     slide: float,
     pairs: tuple[int, int],

@@ -10,9 +10,9 @@ from calibration.tool_frame.contacts import Looks
 from calibration.tool_frame.crossings import PassContents
 from calibration.tool_frame.geometry import BeamFrame
 from calibration.tool_frame.height import mixed
-from calibration.tool_frame.hits import Bracket, bracket
-from calibration.tool_frame.places import Places
-from calibration.tool_frame.repeatability import Scatter
+from calibration.tool_frame.hits import HeightBracket, bracket
+from calibration.tool_frame.places import CrossingPlaces
+from calibration.tool_frame.repeatability import PassScatter
 from calibration.tool_frame.scene import Refusal, ToolFrameScene
 from calibration.tool_frame.tip import ENDS, POINT, ToolInBeam
 from cell.poses import Array
@@ -42,14 +42,18 @@ class SpotHeights:
 
 class _Spots:
     def __init__(
-        self, scene: ToolFrameScene, frames: Mapping[str, BeamFrame], seen: PassContents, places: Places
+        self,
+        scene: ToolFrameScene,
+        frames: Mapping[str, BeamFrame],
+        seen: PassContents,
+        places: CrossingPlaces,
     ) -> None:
         self.scene, self.frames, self.seen, self.places = scene, frames, seen, places
 
     def own(self, spot: Spot) -> list[int]:
         return [k for k, p in enumerate(self.scene.passes) if (p.beam, self.places.of[k]) == spot]
 
-    def bracket(self, spot: Spot) -> Bracket:
+    def bracket(self, spot: Spot) -> HeightBracket:
         """Flange heights along the beam's ``w``."""
         own, w = self.own(spot), self.frames[spot[0]].w
         height = {k: float(self.scene.passes[k].middle @ w) for k in own}
@@ -73,7 +77,7 @@ def rough_heights(
     scene: ToolFrameScene,
     frames: Mapping[str, BeamFrame],
     seen: PassContents,
-    places: Places,
+    places: CrossingPlaces,
     spots: Sequence[Spot],
 ) -> SpotHeights:
     """From the middles of what hits and misses leave open."""
@@ -87,11 +91,11 @@ def spot_heights(
     scene: ToolFrameScene,
     frames: Mapping[str, BeamFrame],
     seen: PassContents,
-    places: Places,
+    places: CrossingPlaces,
     spots: Sequence[Spot],
     own_tilt: Mapping[str, float],
     edges: Mapping[str, Array],
-    scatter: Scatter,
+    scatter: PassScatter,
     tau: float,
 ) -> SpotHeights:
     """From all passes near the tool's end. ``own_tilt`` (rad) by beam is that of the tool, ``edges`` (k,) m

@@ -34,7 +34,7 @@ _SPREAD_STATED, _SPREAD_USUAL = 0.6, 1.0  # of the logarithm
 
 
 @dataclass(frozen=True, eq=False)
-class Scatter:
+class PassScatter:
     """``sigmas`` (S,) m of single passes, and ``log_prior`` (S,) how likely each is before any height."""
 
     sigmas: Array
@@ -47,9 +47,9 @@ class Scatter:
         return float(np.exp(w @ np.log(self.sigmas) / np.sum(w)))
 
     @property
-    def coarser(self) -> "Scatter":
+    def coarser(self) -> "PassScatter":
         """With every second of ``sigmas``."""
-        return Scatter(self.sigmas[::2], self.log_prior[::2])
+        return PassScatter(self.sigmas[::2], self.log_prior[::2])
 
 
 def stated_sigma(model: str | None) -> float:
@@ -62,7 +62,7 @@ def of_a_way(stated: float | None) -> float:
     return USUAL_WAY_M if stated is None else UNDER_WAY * stated
 
 
-def scatter_of(stated: float | None, seen: float | None = None, spread: float = 0.2) -> Scatter:
+def scatter_of(stated: float | None, seen: float | None = None, spread: float = 0.2) -> PassScatter:
     """``stated`` (m) is one axis by the data sheet, None when the arm is not known; ``seen`` (m) what edges
     scatter across the beams, whose logarithm is known to ``spread``."""
     log = np.log(_SIGMAS_M)
@@ -73,4 +73,4 @@ def scatter_of(stated: float | None, seen: float | None = None, spread: float = 
         prior = prior - 0.5 * ((log - np.log(np.clip(seen, _SIGMAS_M[0], _SIGMAS_M[-1]))) / spread) ** 2
     prior = prior - np.max(prior)
     likely = prior > _LIKELY
-    return Scatter(_SIGMAS_M[likely], prior[likely])
+    return PassScatter(_SIGMAS_M[likely], prior[likely])

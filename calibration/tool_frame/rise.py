@@ -16,7 +16,7 @@ from calibration.tool_frame.contacts import Looks, stated
 from calibration.tool_frame.geometry import BEAMS
 from calibration.tool_frame.height import Density, weights
 from calibration.tool_frame.lateral import Lateral
-from calibration.tool_frame.repeatability import Scatter, scatter_of
+from calibration.tool_frame.repeatability import PassScatter, scatter_of
 from calibration.tool_frame.tip import ENDS, POINT, TipShape, ToolInBeam
 from calibration.tool_frame.vertical import Vertical
 from cell.poses import Array
@@ -49,7 +49,7 @@ class Rise:
         self.edges = {b: lateral.edges(b) for b in BEAMS}
         self.fingers = any(len(e) > 2 for e in self.edges.values())
         self.ends: tuple[TipShape, ...] = POINT if self.fingers else ENDS
-        self.scatter: Scatter = scatter_of(stated_m, lateral.sigma, lateral.spread)
+        self.scatter: PassScatter = scatter_of(stated_m, lateral.sigma, lateral.spread)
         radius = {b: 0.5 * float(e[-1] - e[0]) for b, e in self.edges.items()}
         # A beam that clears later than it breaks makes all widths larger alike.
         wider = {b: r - vertical.scene.tool.radius for b, r in radius.items()}

@@ -7,7 +7,7 @@ import numpy as np
 
 from calibration.tool_frame import geometry as geo
 from calibration.tool_frame.apparent_width import even_widths, unlike_stated
-from calibration.tool_frame.bounds import At, Model
+from calibration.tool_frame.bounds import At, LateralModel
 from calibration.tool_frame.crossings import Crossing, PassContents, see
 from calibration.tool_frame.geometry import BEAMS, BeamFrame
 from calibration.tool_frame.lateral import INTERVAL, Lateral, rough_delay, solve_lateral, without_blunders
@@ -158,7 +158,7 @@ class _Solving:
             for b in BEAMS
         }
 
-    def _pose(self, model: Model, x: Array, tilted: bool) -> Array:
+    def _pose(self, model: LateralModel, x: Array, tilted: bool) -> Array:
         """(6,) displacement and turn in the flange from the unknowns and, last, the height."""
         value = dict(zip(model.names, x[:-1], strict=True))
         dp = geo.in_base(self.frames, self.axis, {b: value[f"shift {b}"] for b in BEAMS}, float(x[-1]))

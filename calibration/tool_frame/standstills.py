@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from calibration.tool_frame.averaging import design, precision_before
-from calibration.tool_frame.bounds import Model, Rows
+from calibration.tool_frame.bounds import LateralModel, Rows
 from calibration.tool_frame.posterior import Noise
 from calibration.tool_frame.scene import Pass
 from cell.poses import Array
@@ -27,7 +27,7 @@ _LEAST = 1e-3  # share of the intervals' variance
 
 
 def as_they_are(
-    rows: Rows, model: Model, cov: Array, noise: Noise, neighbours: Sequence[tuple[int, int]]
+    rows: Rows, model: LateralModel, cov: Array, noise: Noise, neighbours: Sequence[tuple[int, int]]
 ) -> tuple[Array, Noise]:
     """What edges taken one by one gave, the covariance (d + m, d + m) and the noise, for ways of which
     ``neighbours`` share a standstill."""
@@ -80,7 +80,7 @@ def unseen(rows: Rows, R: Array) -> float:
     return float(np.sqrt(np.sum(rest**2) / np.sum((rest @ R) * rest)))
 
 
-def widened(rows: Rows, model: Model, cov: Array, seen: float, sigma: float, R: Array) -> Array:
+def widened(rows: Rows, model: LateralModel, cov: Array, seen: float, sigma: float, R: Array) -> Array:
     """``cov`` (d + m, d + m), found with edges that are off by ``seen`` (m) each by itself, for edges off by
     ``sigma`` (m) with the correlation ``R`` (n, n).
 

@@ -8,7 +8,7 @@ from calibration.tool_frame import geometry as geo
 from calibration.tool_frame.bounds import At
 from calibration.tool_frame.crossings import PassContents
 from calibration.tool_frame.geometry import BEAMS, BeamFrame
-from calibration.tool_frame.hits import Bracket, bracket
+from calibration.tool_frame.hits import HeightBracket, bracket
 from calibration.tool_frame.scene import ToolFrameScene
 from calibration.tool_frame.selection import Selection
 from cell.poses import Array
@@ -74,7 +74,7 @@ class Vertical:
         lift = lift / length
         return lift if lift @ self.axis < 0.0 else -lift
 
-    def _brackets(self) -> dict[tuple[str, bool], Bracket]:
+    def _brackets(self) -> dict[tuple[str, bool], HeightBracket]:
         found = {}
         for beam in BEAMS:
             for current in (False, True):
@@ -90,7 +90,7 @@ class Vertical:
                 # The reference is where its point meets the beam, if the beam is where it is said to be.
                 line, tool = self.scene.beams[beam], self.scene.R @ self.scene.tool.p
                 met = float(self.lifts[beam] @ (line.point - tool))
-                found[beam, False] = Bracket(met, met, assumed=True)
+                found[beam, False] = HeightBracket(met, met, assumed=True)
                 self.warnings.append(
                     (
                         "laser.reference-height",

@@ -18,7 +18,7 @@ class PageState:
     def __init__(self, engine: Engine, writes: RecentWrites, plc_alive: Callable[[], bool | None]) -> None:
         """``plc_alive``: None while no PLC was heard, or none can be."""
         self._engine, self._writes, self._plc_alive = engine, writes, plc_alive
-        self._pace = Pace(engine)
+        self._pace = RunPace(engine)
         self._version = version("cellward")
 
     def subscribe(self, listener: Callable[[], None]) -> Callable[[], None]:
@@ -43,7 +43,7 @@ class PageState:
         }
 
 
-class Pace:
+class RunPace:
     """How long a run goes on already, and what is left of it if every step takes as long as those so far."""
 
     def __init__(self, engine: Engine) -> None:

@@ -19,7 +19,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.belt.pursuit import State
+from calibration.belt.pursuit import PursuitState
 from cell.clock import Clock
 from cell.devices import Encoder, EncoderState
 from cell.formats.intercept import SCHEMA
@@ -72,7 +72,7 @@ class PickRecord:
         rows = [[number, *(float(x) for x in point), yaw] for number, point, yaw in items]
         self._fresh.sightings.append({"t": t_exposure, "recv": self._clock.now(), "seq": seq, "items": rows})
 
-    def goes(self, t: float, state: State, belt_m_s: float, item: int) -> None:
+    def goes(self, t: float, state: PursuitState, belt_m_s: float, item: int) -> None:
         """Where a set-point has the tool at ``t``, the belt's speed as it is believed, the item (0: none).
 
         Raises what kept an earlier row from the disk.
@@ -158,7 +158,7 @@ def read_rows(path: Path, kind: np.dtype[Any]) -> NDArray[Any]:
 
 
 def header_of(
-    config: BeltTrackingConfig, belt: Mapping[str, Any], encoder: Encoder, wait: State
+    config: BeltTrackingConfig, belt: Mapping[str, Any], encoder: Encoder, wait: PursuitState
 ) -> dict[str, Any]:
     """What the data set says of belt, arm and zone; ``wait`` is the tool where it waits."""
     limits = config.limits

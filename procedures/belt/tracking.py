@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from calibration.belt.pursuit import State
+from calibration.belt.pursuit import PursuitState
 from cell.errors import InputError, error
 from cell.formats.result import Envelope, read_as
 from cell.motion import MotionLease
@@ -52,7 +52,7 @@ class BeltTracking(Procedure):
     number: ClassVar[int] = 7
     kind: ClassVar[str] = "belt-tracking"
     Config = BeltTrackingConfig
-    State = PickState
+    PursuitState = PickState
     TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = PICKING
     CHECKPOINTS: ClassVar[frozenset[Any]] = CHECKPOINTS
 
@@ -259,7 +259,7 @@ class _Picking:
             run.unsuspend()
             await run.enter(S.READY)
 
-    def _place(self) -> State:
+    def _place(self) -> PursuitState:
         return self.tool.state(self.q_place)
 
     async def _wait_for_belt(self) -> None:

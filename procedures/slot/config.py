@@ -2,19 +2,16 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from calibration.slot.rack import Rack
+from cell.formats.reading import Strict
 
 Pose6 = Annotated[list[float], Field(min_length=6, max_length=6)]
 _ROOM_M = 0.005  # between a part that is carried and those that stand out of the rack
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class RackConfig(_Strict):
+class RackConfig(Strict):
     """The rack and how well its place is known. Slots are counted from 1 along x, then row by row along y."""
 
     T_base_rack: Pose6 = Field(
@@ -38,7 +35,7 @@ class RackConfig(_Strict):
         return Rack(self.rows, self.columns, self.row_pitch_m, self.column_pitch_m)
 
 
-class OpeningConfig(_Strict):
+class OpeningConfig(Strict):
     """The opening of a slot, chamfer included, as its edges show it."""
 
     width_m: float = Field(gt=0.002, le=1.0, description="along the rack's x")
@@ -49,7 +46,7 @@ class OpeningConfig(_Strict):
     depth_m: float = Field(gt=0.002, le=1.0, description="travel of the part's front to the end of the slot")
 
 
-class PartConfig(_Strict):
+class PartConfig(Strict):
     """The part. Its frame: the middle of its front, which goes in first; z out of it, as the slot's."""
 
     width_m: float = Field(gt=0.001, le=1.0, description="along the slot's x")
@@ -67,7 +64,7 @@ class PartConfig(_Strict):
     )
 
 
-class LookConfig(_Strict):
+class LookConfig(Strict):
     """From where a slot is looked at, and how."""
 
     T_slot_camera: Pose6 = Field(
@@ -81,7 +78,7 @@ class LookConfig(_Strict):
     settle_s: float = Field(default=0.3, ge=0.0, le=10.0, description="wait at rest before they are taken")
 
 
-class InsertConfig(_Strict):
+class InsertConfig(Strict):
     """How a part goes in and out."""
 
     clear_m: float = Field(
@@ -101,7 +98,7 @@ class InsertConfig(_Strict):
     grip_timeout_s: float = Field(default=2.0, gt=0, le=30.0, description="longest wait for the gripper")
 
 
-class SlotInsertionConfig(_Strict):
+class SlotInsertionConfig(Strict):
     """``[job.slot-insertion]``."""
 
     action: Literal["insert", "pull", "replace"] = Field(

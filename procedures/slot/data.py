@@ -9,7 +9,7 @@ from cell.formats.reading import Strict, parse, read_json
 from cell.formats.robot import Robot, parse_robot
 from procedures.slot.config import SlotInsertionConfig
 from procedures.slot.seeing import Look
-from procedures.slot.states import Part
+from procedures.slot.states import PartState
 
 DATA_FILE, SCHEMA = "slot.json", "cellward.slot/1"
 Six = Annotated[list[float], Field(min_length=6, max_length=6)]
@@ -48,10 +48,10 @@ class LookTaken(Strict):
         )
 
 
-class Outcome(Strict):
+class InsertionOutcome(Strict):
     """What became of it. ``travel_m`` of the part's front in the slot; ``reasons``: why it ended badly."""
 
-    states: list[Part] = Field(default_factory=lambda: [Part.NONE])
+    states: list[PartState] = Field(default_factory=lambda: [PartState.NONE])
     travel_m: float | None = None
     force_n: float | None = None
     reasons: list[str] = Field(default_factory=list)
@@ -68,7 +68,7 @@ class SlotData(Strict):
     T_flange_part: Six
     look: LookTaken | None = None
     insert_q: Six | None = None
-    outcome: Outcome = Field(default_factory=lambda: Outcome())
+    outcome: InsertionOutcome = Field(default_factory=lambda: InsertionOutcome())
 
     def config(self) -> SlotInsertionConfig:
         return SlotInsertionConfig.model_validate(self.job)

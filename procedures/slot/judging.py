@@ -11,13 +11,13 @@ from scipy.spatial.transform import RigidTransform
 
 from calibration.slot.arm_errors import ArmErrors, arm_errors
 from calibration.slot.budget import Budget, Geometry, Sources, error_budget
-from calibration.slot.opening import Found
+from calibration.slot.opening import FoundOpening
 from calibration.slot.rectangle import Rectangle
 from cell.errors import present
 from cell.formats.result import Result, Verdict
 from cell.poses import Array, from_pose6, log_xi, to_pose6
 from procedures.slot.config import SlotInsertionConfig
-from procedures.slot.data import LookTaken, Outcome, SlotData, read_data_set
+from procedures.slot.data import InsertionOutcome, LookTaken, SlotData, read_data_set
 from procedures.slot.result import (
     BudgetRow,
     Correction,
@@ -30,7 +30,7 @@ from procedures.slot.result import (
     SlotUncertainty,
 )
 from procedures.slot.seeing import seen
-from procedures.slot.states import Part
+from procedures.slot.states import PartState
 from procedures.slot.stations import along
 from procedures.words import mm
 
@@ -42,10 +42,10 @@ _TILT = [3, 4]
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredSlot:
     """The slot as the look has it, and the error that an insertion there will have; no budget for a pull."""
 
-    found: Found
+    found: FoundOpening
     T_base_slot: RigidTransform
     budget: SlotBudget | None
     arm: ArmErrors
@@ -59,7 +59,7 @@ def rectangle_of(config: SlotInsertionConfig, what: str) -> tuple[Rectangle, flo
     return Rectangle(config.opening.width_m, config.opening.height_m), 0.0
 
 
-def measure(data: SlotData, look: LookTaken, folder: Path) -> Measured:
+def measure(data: SlotData, look: LookTaken, folder: Path) -> MeasuredSlot:
     """``OPENING_NOT_SEEN`` when the pictures do not tell."""
     config = data.config()
     found = seen(look.look(folder), *rectangle_of(config, look.what))
@@ -67,10 +67,10 @@ def measure(data: SlotData, look: LookTaken, folder: Path) -> Measured:
     arm = arm_errors(data.arm(), q, data.arm_rms_m)
     T_base_slot = from_pose6(look.T_base_camera) * found.T_camera
     budget = _budget(data, config, found, arm) if look.what == "opening" else None
-    return Measured(found, T_base_slot, budget, arm)
+    return MeasuredSlot(found, T_base_slot, budget, arm)
 
 
-def _budget(data: SlotData, config: SlotInsertionConfig, found: Found, arm: ArmErrors) -> SlotBudget:
+def _budget(data: SlotData, config: SlotInsertionConfig, found: FoundOpening, arm: ArmErrors) -> SlotBudget:
     part, known = config.part, data.hand_eye
     repeat = np.diag([config.arm_repeatability_m**2] * 3 + [0.0] * 3)
     direction, rest = _split(found.cov)
@@ -126,10 +126,10 @@ def refusal(budget: SlotBudget) -> str | None:
     )
 
 
-def _wanted(config: SlotInsertionConfig) -> Part:
+def _wanted(config: SlotInsertionConfig) -> PartState:
     """The part's state at the end of a job that went well."""
     keeps = config.action == "pull" and config.put_down_pose is None
-    return Part.GRIPPED if keeps else Part.RELEASED
+    return PartState.GRIPPED if keeps else PartState.RELEASED
 
 
 def solve_slot(path: Path) -> SlotResult | Result:
@@ -146,7 +146,12 @@ def solve_slot(path: Path) -> SlotResult | Result:
 
 
 def _result(
-    data: SlotData, config: SlotInsertionConfig, outcome: Outcome, found: Measured, seconds: float, path: str
+    data: SlotData,
+    config: SlotInsertionConfig,
+    outcome: InsertionOutcome,
+    found: MeasuredSlot,
+    seconds: float,
+    path: str,
 ) -> SlotResult:
     rack = config.rack.model()
     row, column = rack.row_and_column(config.slot)

@@ -11,16 +11,16 @@ from cell.procedure import Run
 from procedures.arm_setup import lease_settings
 from procedures.slot.config import SlotInsertionConfig
 from procedures.slot.plan import above_place
-from procedures.slot.states import Part, State
+from procedures.slot.states import PartState, State
 
 _FRESH_S = 0.2  # of the input that confirms what is held
 
 
-class Places:
+class SlotPlaces:
     """``told(state, why)`` keeps the part's states."""
 
     def __init__(
-        self, config: SlotInsertionConfig, run: Run, speed: Speed, told: Callable[[Part, str], None]
+        self, config: SlotInsertionConfig, run: Run, speed: Speed, told: Callable[[PartState, str], None]
     ) -> None:
         self.config, self.run, self._speed, self._told = config, run, speed, told
         self.gripper = run.gripper()
@@ -31,7 +31,7 @@ class Places:
         if name is None:
             if not self.gripper.holding(_FRESH_S):
                 raise error("PART_NOT_HELD", "no fetch_pose is configured, and the gripper holds nothing")
-            self._told(Part.GRIPPED, "")
+            self._told(PartState.GRIPPED, "")
             return
 
         async def take() -> None:
@@ -62,7 +62,7 @@ class Places:
         """``PART_NOT_HELD`` when the fingers close on nothing; they are opened then."""
         timeout = self.config.insertion.grip_timeout_s
         if await self.gripper.grip(timeout):
-            self._told(Part.GRIPPED, "")
+            self._told(PartState.GRIPPED, "")
             return
         await self.gripper.release(timeout)
         raise error("PART_NOT_HELD", f"the gripper closed on nothing at {where}")
@@ -71,13 +71,13 @@ class Places:
         """``PART_NOT_RELEASED`` when the gripper still says that it holds something."""
         if not await self.gripper.release(self.config.insertion.grip_timeout_s):
             raise error("PART_NOT_RELEASED", f"after {self.config.insertion.grip_timeout_s:g} s")
-        self._told(Part.RELEASED, "")
+        self._told(PartState.RELEASED, "")
 
     def still_held(self, state: State) -> bool:
         """False when the part is gone, which is noted."""
         if self.gripper.holding(_FRESH_S):
             return True
-        self._told(Part.LOST, f"lost: the gripper holds nothing any more after '{state.value}'")
+        self._told(PartState.LOST, f"lost: the gripper holds nothing any more after '{state.value}'")
         return False
 
     async def _go(self, lease: MotionLease, name: str) -> None:

@@ -11,7 +11,7 @@ from cell.procedure import Procedure, Run
 from cell.run_values import RunValues
 from procedures.slot.config import SlotInsertionConfig
 from procedures.slot.judging import solve_slot
-from procedures.slot.session import Session
+from procedures.slot.session import InsertionRun
 from procedures.slot.states import CHECKPOINTS, TRANSITIONS, State
 from procedures.slot.stations import require_hand_eye
 
@@ -41,7 +41,7 @@ class SlotInsertion(Procedure):
         require_hand_eye(values)
 
     async def run(self, run: Run) -> None:
-        session = Session(self.config, run)
+        session = InsertionRun(self.config, run)
         await session.take_all()
         await run.enter(State.SOLVE)
         path = await asyncio.to_thread(session.write)
@@ -49,7 +49,7 @@ class SlotInsertion(Procedure):
 
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """The stations by the rack's model, with every check; nothing moves."""
-        return (await Session(self.config, run).plan()).listing
+        return (await InsertionRun(self.config, run).plan()).listing
 
     @classmethod
     def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from calibration.slot.inside import Inside, depth_inside
-from calibration.slot.opening import Expected, Found, find_opening
+from calibration.slot.opening import Expected, FoundOpening, find_opening
 from calibration.slot.rectangle import Rectangle
 from cell.devices import Intrinsics
 from cell.errors import error
@@ -49,7 +49,7 @@ def inside(look: Look, opening: Rectangle) -> Inside:
     return depth_inside(picture, look.intrinsics, look.T_camera_slot, opening)
 
 
-def seen(look: Look, rectangle: Rectangle, depth_m: float = 0.0) -> Found:
+def seen(look: Look, rectangle: Rectangle, depth_m: float = 0.0) -> FoundOpening:
     """``rectangle`` that far in the slot, by its edges in the mean of the pictures; ``OPENING_NOT_SEEN``.
 
     ``T_camera`` of what is found is that of the slot.

@@ -20,13 +20,13 @@ from cell.store.files import write_atomic
 from procedures.arm_setup import arm_robot, lease_settings
 from procedures.kinematics_in_use import in_use
 from procedures.slot.config import SlotInsertionConfig
-from procedures.slot.data import DATA_FILE, HandEyeKnown, LookTaken, Outcome, SlotData
+from procedures.slot.data import DATA_FILE, HandEyeKnown, InsertionOutcome, LookTaken, SlotData
 from procedures.slot.judging import measured_in_run, refusal
-from procedures.slot.places import Places
+from procedures.slot.places import SlotPlaces
 from procedures.slot.plan import Route, plan_route
 from procedures.slot.result import SlotBudget
 from procedures.slot.seeing import inside
-from procedures.slot.states import Part
+from procedures.slot.states import PartState
 from procedures.slot.states import State as S
 from procedures.slot.stations import HAND_EYE, Stations
 from procedures.words import mm
@@ -35,7 +35,7 @@ _EMPTY, _FULL = 0.5, 0.1  # of a slot's depth: deeper than this it is empty, sha
 _MEASURED_SIGMA = (0.0005, 0.0005, 0.002)  # of a slot that a coarse look has found, m
 
 
-class Session:
+class InsertionRun:
     """The data and the devices of one run, and the steps that work on them."""
 
     def __init__(self, config: SlotInsertionConfig, run: Run) -> None:
@@ -43,7 +43,7 @@ class Session:
         self.stations = Stations.of(config, run.values)
         self.camera, self.arm = run.camera("flange_camera"), run.arm()
         self.speed = lease_settings(run.values)[2]
-        self.places = Places(config, run, self.speed, self.note_part)
+        self.places = SlotPlaces(config, run, self.speed, self.note_part)
         self.data = SlotData(
             job=config.model_dump(mode="json"),
             robot=arm_robot(run.values),
@@ -55,7 +55,7 @@ class Session:
             ),
             T_flange_part=_six(self.stations.T_flange_part),
         )
-        self.part: list[Part] = [Part.NONE]
+        self.part: list[PartState] = [PartState.NONE]
         self.reasons: list[str] = []
         self.travel_m: float | None = None
         self.force_n: float | None = None
@@ -83,7 +83,7 @@ class Session:
                 if action != "pull" and done:
                     await self._insert(lease)
 
-    def note_part(self, state: Part, why: str = "") -> None:
+    def note_part(self, state: PartState, why: str = "") -> None:
         """The part's next state; ``why`` where that is not as it should be."""
         self.part.append(state)
         self.run.note("decision", event="part", part=state.value, why=why)
@@ -143,16 +143,16 @@ class Session:
         if not self.places.still_held(S.INSERT):
             await self._retreat(lease, near)
         elif forced and abs(travel - wanted) <= tolerance:
-            self.note_part(Part.INSERTED)
+            self.note_part(PartState.INSERTED)
             await self.run.enter(S.RELEASE)
             await self.places.let_go()
             await self._retreat(lease, self.stations.front_at(T_slot, wanted - self._above_m()))
         elif forced:
             why = f"jammed: {present(self.force_n, 'force'):.1f} N after {mm(travel)} of {mm(wanted)}"
-            self.note_part(Part.JAMMED, why)
+            self.note_part(PartState.JAMMED, why)
             await self._retreat(lease, near)
         else:
-            self.note_part(Part.GRIPPED, f"not-seated: no end of the slot was felt within {mm(travel)}")
+            self.note_part(PartState.GRIPPED, f"not-seated: no end of the slot was felt within {mm(travel)}")
             await self._retreat(lease, near)
 
     async def _pull(self, lease: MotionLease) -> bool:
@@ -180,7 +180,9 @@ class Session:
             return forced
 
         if await run.take_step("pull the part", draw, measures=False):
-            self.note_part(Part.JAMMED, f"jammed: {present(self.force_n, 'force'):.1f} N while it was pulled")
+            self.note_part(
+                PartState.JAMMED, f"jammed: {present(self.force_n, 'force'):.1f} N while it was pulled"
+            )
             await self.places.let_go()
             await self._retreat(lease, above)
             return False
@@ -306,7 +308,7 @@ class Session:
         return path
 
     def _document(self) -> dict[str, Any]:
-        outcome = Outcome(
+        outcome = InsertionOutcome(
             states=self.part, travel_m=self.travel_m, force_n=self.force_n, reasons=self.reasons
         )
         return self.data.model_copy(update={"outcome": outcome}).model_dump(mode="json", by_alias=True)

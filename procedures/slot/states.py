@@ -21,7 +21,7 @@ class State(StrEnum):
     SOLVE = "solve"
 
 
-class Part(StrEnum):
+class PartState(StrEnum):
     """What became of the part."""
 
     NONE = "none"

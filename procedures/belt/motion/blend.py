@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.belt.pursuit import FixedPoint, PursuitLimits, State, plan
+from calibration.belt.pursuit import FixedPoint, PursuitLimits, PursuitState, plan
 from procedures.belt.config import BeltTrackingConfig
 
 STRAIGHT_M = 0.02
@@ -38,7 +38,7 @@ def blend_for(config: BeltTrackingConfig, limits: PursuitLimits) -> Blend:
             return Blend(0.0, 0.0, down_m)
         straight = min(STRAIGHT_M, config.above_m)
     straight += config.sunk_m
-    rest = State.still(np.zeros(4))
+    rest = PursuitState.still(np.zeros(4))
     down = plan(0.0, rest, FixedPoint(rest.p), np.array([0.0, 0.0, -down_m, 0.0]), limits)
     level = plan(0.0, rest, FixedPoint(rest.p), np.array([_LEVEL_M, 0.0, 0.0, 0.0]), limits)
     high = [t for t in np.arange(0.0, down.t1, _STEP_S) if -down.at(t).p[2] <= down_m - straight]

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.belt.pursuit import FixedPoint, Leg, Origin, State, plan
+from calibration.belt.pursuit import FixedPoint, Leg, Origin, PursuitState, plan
 from cell.errors import CellError
 from cell.guard import MotionGuard
 from cell.poses import Array
@@ -60,9 +60,9 @@ class _Carried:
     v: Array
     t0: float
 
-    def at(self, t: float) -> State:
+    def at(self, t: float) -> PursuitState:
         velocity = np.array([*self.v, 0.0])
-        return State(self.p + (t - self.t0) * velocity, velocity, np.zeros(4))
+        return PursuitState(self.p + (t - self.t0) * velocity, velocity, np.zeros(4))
 
 
 class CycleEstimate:
@@ -116,19 +116,19 @@ class CycleEstimate:
 
     def _forbidden(self, guard: MotionGuard, goal: Array) -> str:
         try:
-            guard.check_joints(self._joints_at(State.still(goal))[0])
+            guard.check_joints(self._joints_at(PursuitState.still(goal))[0])
         except CellError as exc:
             return exc.detail or str(exc)
         return ""
 
-    def _joints_at(self, state: State) -> tuple[Array, Array]:
+    def _joints_at(self, state: PursuitState) -> tuple[Array, Array]:
         """Joints and their speeds (6,) there, found on a straight way from the nearer pose."""
         q, start = self._q_wait, self._wait.p
         if np.linalg.norm(state.p - self._place.p) < np.linalg.norm(state.p - start):
             q, start = self._q_place, self._place.p
         count = int(np.ceil(float(np.linalg.norm((state.p - start)[:3])) / _STEP_M)) + 1
         for share in np.linspace(0.0, 1.0, count + 1)[1:-1]:
-            q, _ = self._tool.joints(State.still(start + share * (state.p - start)), q)
+            q, _ = self._tool.joints(PursuitState.still(start + share * (state.p - start)), q)
         return self._tool.joints(state, q)
 
     def too_fast_to_follow(self, speed_m_s: float) -> float | None:
@@ -136,7 +136,7 @@ class CycleEstimate:
         zone, fastest = self._config.zone, 0.0
         for along in (zone.min_m, zone.max_m):
             v = np.array([*(speed_m_s * self._way), 0.0])
-            _, speeds = self._joints_at(State(self.grip_point(along), v, np.zeros(4)))
+            _, speeds = self._joints_at(PursuitState(self.grip_point(along), v, np.zeros(4)))
             fastest = max(fastest, float(np.max(np.abs(speeds))))
         return fastest if fastest > self._config.limits.joint_speed_rad_s else None
 
@@ -159,7 +159,7 @@ class CycleEstimate:
         put = FixedPoint(self._place.p)
         clear = self._blend.clear_m
         left = np.array([0.0, 0.0, min(clear, self._config.above_m), 0.0])
-        t, state, contact = 0.0, State.still(self._place.p + left), 1.0
+        t, state, contact = 0.0, PursuitState.still(self._place.p + left), 1.0
         took = 0.0
         for _ in range(4):  # each from the state and the time to contact of the one before
             item = _Carried(met, speed_m_s * self._way, t + contact)
@@ -176,13 +176,13 @@ class CycleEstimate:
             state, took = leg.at(t), t - begin
         return took
 
-    def _down_to(self, t: float, state: State, origin: Origin, up: Array) -> Leg:
+    def _down_to(self, t: float, state: PursuitState, origin: Origin, up: Array) -> Leg:
         """The way to ``up`` (4,) over ``origin`` and, with a blend, down to it."""
         level = self._way_to(t, state, origin, up)
         turn = max(level.t1 - self._blend.lead_s, t)
         return plan(turn, level.at(turn), origin, np.zeros(4), self._limits, apart=True)
 
-    def _way_to(self, t: float, state: State, origin: Origin, offset: Array) -> Leg:
+    def _way_to(self, t: float, state: PursuitState, origin: Origin, offset: Array) -> Leg:
         """As fast as limits and joints let: the job's own rule."""
         leg, _ = within_joint_speed(
             lambda share: plan(t, state, origin, offset, self._limits.slower(share)),
@@ -193,7 +193,7 @@ class CycleEstimate:
 
     def _fastest(self, leg: Leg) -> float:
         """The highest joint speed on ``leg``, rad/s."""
-        return self._tool.fastest(leg, self._joints_at(State.still(leg.at(leg.t0).p))[0])
+        return self._tool.fastest(leg, self._joints_at(PursuitState.still(leg.at(leg.t0).p))[0])
 
 
 def _cleared(leg: Leg, height_m: float) -> float:

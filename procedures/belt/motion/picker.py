@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from calibration.belt.arm_time import MotionLimits, rest_to_rest
-from calibration.belt.pursuit import FixedPoint, Leg, Ride, State
+from calibration.belt.pursuit import FixedPoint, Leg, PursuitState, Ride
 from cell.devices import TrajectoryPiece
 from cell.errors import CellError, present
 from cell.guard import MotionGuard
@@ -53,8 +53,8 @@ class Picker:
         gripper_times: GripperTimes,
         tool: ToolJoints,
         guard: MotionGuard,
-        wait: State,
-        place: State,
+        wait: PursuitState,
+        place: PursuitState,
     ) -> None:
         self._run, self._config, self._watch, self._bookkeeping, self._tool = (
             run,
@@ -221,7 +221,7 @@ class Picker:
             tried = self._path.tried(t, origin, self._above)
             contact = tried[0].t1 + self._descent_s
             grips = [origin.at(at) for at in (contact, contact + self._config.dwell_s)]
-            self._path.check(tried, [state + State.still(self._at_grip) for state in grips])
+            self._path.check(tried, [state + PursuitState.still(self._at_grip) for state in grips])
         except CellError as why:
             if not item.refused_until:
                 item.note(t, f"out of reach: {why}")

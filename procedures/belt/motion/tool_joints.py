@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.belt.pursuit import Leg, State
+from calibration.belt.pursuit import Leg, PursuitState
 from cell.arm_model import ArmModel
 from cell.devices import TrajectoryPiece
 from cell.errors import error
@@ -38,13 +38,13 @@ class ToolJoints:
         axis = (self._model.forward(q) * self._T_flange_tool).rotation.apply([0.0, 0.0, 1.0])
         return float(np.arccos(np.clip(-axis[2], -1.0, 1.0)))
 
-    def state(self, q: Array) -> State:
+    def state(self, q: Array) -> PursuitState:
         """The tool at rest at ``q`` (6,)."""
         tool = self._model.forward(q) * self._T_flange_tool
         turn = (tool.rotation * self._upright.inv()).as_rotvec()
-        return State.still(np.array([*tool.translation, float(turn[2])]))
+        return PursuitState.still(np.array([*tool.translation, float(turn[2])]))
 
-    def flanges(self, states: Sequence[State]) -> Array:
+    def flanges(self, states: Sequence[PursuitState]) -> Array:
         """``T_base_flange`` (n, 4, 4) for the tool at each of ``states``."""
         P = np.array([state.p for state in states])
         c, s = np.cos(P[:, 3])[:, None], np.sin(P[:, 3])[:, None]
@@ -60,12 +60,12 @@ class ToolJoints:
         T[:, 3, 3] = 1.0
         return T
 
-    def joints(self, state: State, near: Array) -> tuple[Array, Array]:
+    def joints(self, state: PursuitState, near: Array) -> tuple[Array, Array]:
         """Joints (6,) and joint speeds (6,) for the tool at ``state``, on the branch of ``near`` (6,)."""
         q, qd = self.line([state], near)
         return q[0], qd[0]
 
-    def line(self, states: Sequence[State], near: Array) -> tuple[Array, Array]:
+    def line(self, states: Sequence[PursuitState], near: Array) -> tuple[Array, Array]:
         """Joints (n, 6) and joint speeds (n, 6) for the tool at ``states``, from ``near`` (6,) on, or with
         guesses ``near`` (n, 6)."""
         T, first = self.flanges(states), near.reshape(-1, 6)[:1]
@@ -94,7 +94,7 @@ class ToolJoints:
         return TrajectoryPiece(t0, t0 + h * (len(states) - 1), coefficients)
 
 
-def looks_along(leg: Leg) -> list[State]:
+def looks_along(leg: Leg) -> list[PursuitState]:
     """The tool from the beginning of ``leg`` to its end, in steps of equal time."""
     return [leg.at(float(t)) for t in np.linspace(leg.t0, leg.t1, _LOOKS)]
 

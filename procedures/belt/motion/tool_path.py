@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from calibration.belt.descent import descend
-from calibration.belt.pursuit import FixedPoint, Leg, Origin, PursuitLimits, Ride, State, plan
+from calibration.belt.pursuit import FixedPoint, Leg, Origin, PursuitLimits, PursuitState, Ride, plan
 from cell.devices import TrajectoryPiece
 from cell.guard import MotionGuard
 from cell.poses import Array
@@ -45,7 +45,7 @@ class ToolPath:
     """One leg after the other, each from the state that the one before is in. Times in s of the cell's clock,
     offsets (4,) from an origin: x, y, z in the base (m) and yaw (rad)."""
 
-    def __init__(self, tool: ToolJoints, limits: JobLimits, guard: MotionGuard, at: State) -> None:
+    def __init__(self, tool: ToolJoints, limits: JobLimits, guard: MotionGuard, at: PursuitState) -> None:
         self._tool, self._guard = tool, guard
         self._job, self._limits = limits, pursuit_limits(limits)
         self._leg = plan(0.0, at, FixedPoint(at.p), np.zeros(4), self._limits)
@@ -57,7 +57,7 @@ class ToolPath:
         """When the tool has arrived."""
         return self._leg.t1
 
-    def at(self, t: float) -> State:
+    def at(self, t: float) -> PursuitState:
         """The tool at ``t``."""
         return self._leg.at(t)
 
@@ -81,7 +81,7 @@ class ToolPath:
             self._job.joint_speed_rad_s,
         )
 
-    def check(self, tried: tuple[Leg, float], states: Sequence[State] = ()) -> None:
+    def check(self, tried: tuple[Leg, float], states: Sequence[PursuitState] = ()) -> None:
         """What was tried, and the tool at ``states`` after it, before the motion guard: the error that a
         set-point of it would end the job with."""
         Q, _ = self._tool.line([*looks_along(tried[0]), *states], self._q)

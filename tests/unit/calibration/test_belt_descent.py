@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.belt.descent import BESIDE_M, HOLD_M, TOUCH_M, descend
-from calibration.belt.pursuit import Leg, PursuitLimits, State, plan
+from calibration.belt.pursuit import Leg, PursuitLimits, PursuitState, plan
 
 LIMITS = PursuitLimits(v=1.0, a=6.0, j=80.0)
 FACE = np.zeros(4)
@@ -20,9 +20,9 @@ class Belt:
         self.x, self.now = travel(now), now
         self.v = (travel(now) - travel(now - 1e-4)) / 1e-4
 
-    def at(self, t: float) -> State:
+    def at(self, t: float) -> PursuitState:
         along = np.array([1.0, 0.0, 0.0, 0.0])
-        return State((self.x + self.v * (t - self.now)) * along, self.v * along, 0.0 * along)
+        return PursuitState((self.x + self.v * (t - self.now)) * along, self.v * along, 0.0 * along)
 
 
 def steady(t: float) -> float:
@@ -37,7 +37,10 @@ def stopping(t: float) -> float:
 
 def onto(travel: Callable[[float], float], go: Callable[..., Leg]) -> tuple[float, float]:
     """When the tool touches, s, and how far beside the item it truly is then, m."""
-    t, state = 0.0, State(np.array([0.02, 0.0, 0.05, 0.0]), np.array([-0.1, 0.0, -0.1, 0.0]), np.zeros(4))
+    t, state = (
+        0.0,
+        PursuitState(np.array([0.02, 0.0, 0.05, 0.0]), np.array([-0.1, 0.0, -0.1, 0.0]), np.zeros(4)),
+    )
     state = state + Belt(travel, 0.0).at(0.0)
     while t < 2.0:
         leg = go(t, state, Belt(travel, t), FACE, LIMITS)
@@ -49,7 +52,7 @@ def onto(travel: Callable[[float], float], go: Callable[..., Leg]) -> tuple[floa
     raise AssertionError("the tool never came down")
 
 
-def straight(t0: float, state: State, origin: Belt, offset: np.ndarray, limits: PursuitLimits) -> Leg:
+def straight(t0: float, state: PursuitState, origin: Belt, offset: np.ndarray, limits: PursuitLimits) -> Leg:
     return plan(t0, state, origin, offset, limits, apart=True)
 
 
@@ -65,7 +68,7 @@ def test_on_a_belt_that_stops_the_tool_waits_above_the_item_until_it_is_over_it(
 
 
 def test_while_it_is_beside_the_tool_comes_to_rest_just_above() -> None:
-    beside = State(np.array([0.003, 0.0, 0.03, 0.0]), np.array([0.15, 0.0, -0.2, 0.0]), np.zeros(4))
+    beside = PursuitState(np.array([0.003, 0.0, 0.03, 0.0]), np.array([0.15, 0.0, -0.2, 0.0]), np.zeros(4))
     rest = Belt(lambda t: 0.0, 0.0)
     leg = descend(0.0, beside, rest, FACE, LIMITS)
     height = np.array([leg.at(t).p[2] for t in np.arange(0.0, leg.t1, 0.001)])
@@ -74,7 +77,7 @@ def test_while_it_is_beside_the_tool_comes_to_rest_just_above() -> None:
 
 
 def test_a_cautious_tool_stops_above_the_item_before_it_touches_and_then_goes_on() -> None:
-    over = State(np.array([0.0, 0.0, 0.03, 0.0]), np.array([0.0, 0.0, -0.2, 0.0]), np.zeros(4))
+    over = PursuitState(np.array([0.0, 0.0, 0.03, 0.0]), np.array([0.0, 0.0, -0.2, 0.0]), np.zeros(4))
     rest = Belt(lambda t: 0.0, 0.0)
     assert descend(0.0, over, rest, FACE, LIMITS).offset == pytest.approx(FACE)
     leg = descend(0.0, over, rest, FACE, LIMITS, cautious=True)
@@ -84,6 +87,6 @@ def test_a_cautious_tool_stops_above_the_item_before_it_touches_and_then_goes_on
 
 
 def test_a_tool_too_low_to_stop_above_goes_on() -> None:
-    low = State(np.array([0.005, 0.0, 0.002, 0.0]), np.array([0.0, 0.0, -0.2, 0.0]), np.zeros(4))
+    low = PursuitState(np.array([0.005, 0.0, 0.002, 0.0]), np.array([0.0, 0.0, -0.2, 0.0]), np.zeros(4))
     leg = descend(0.0, low, Belt(lambda t: 0.0, 0.0), FACE, LIMITS)
     assert leg.offset == pytest.approx(FACE)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from calibration.belt.pursuit import FixedPoint, Leg, PursuitLimits, State, plan
+from calibration.belt.pursuit import FixedPoint, Leg, PursuitLimits, PursuitState, plan
 
 LIMITS = PursuitLimits(v=1.0, a=6.0, j=80.0)
 SPEED = np.array([0.2, -0.05, 0.0, 0.0])
-START = State.still(np.array([0.1, 0.5, 0.3, 0.0]))
+START = PursuitState.still(np.array([0.1, 0.5, 0.3, 0.0]))
 
 
 class Conveyor:
@@ -16,11 +16,11 @@ class Conveyor:
     def __init__(self, p0: np.ndarray, ripple: float = 0.0) -> None:
         self.p0, self.ripple = p0, ripple
 
-    def at(self, t: float) -> State:
+    def at(self, t: float) -> PursuitState:
         w = 7.0
         s = t + self.ripple * np.sin(w * t)
         ds, dds = 1.0 + self.ripple * w * np.cos(w * t), -self.ripple * w * w * np.sin(w * t)
-        return State(self.p0 + SPEED * s, SPEED * ds, SPEED * dds)
+        return PursuitState(self.p0 + SPEED * s, SPEED * ds, SPEED * dds)
 
 
 RIDE = Conveyor(np.array([-0.2, 0.6, 0.15, 0.4]))
@@ -42,7 +42,7 @@ def test_the_tool_ends_at_rest_in_the_items_frame_and_stays_there() -> None:
 
 
 def test_a_leg_begins_in_the_state_it_was_planned_from() -> None:
-    moving = State(START.p, np.array([0.3, -0.1, 0.05, 0.2]), np.array([1.0, 0.0, -0.5, 0.0]))
+    moving = PursuitState(START.p, np.array([0.3, -0.1, 0.05, 0.2]), np.array([1.0, 0.0, -0.5, 0.0]))
     found = plan(1.0, moving, RIDE, ABOVE, LIMITS).at(1.0)
     assert found.p == pytest.approx(moving.p, abs=1e-12)
     assert found.v == pytest.approx(moving.v, abs=1e-12)
@@ -84,7 +84,7 @@ def test_a_place_that_stands_is_reached_as_fast_as_the_limits_let() -> None:
 
 
 def test_a_state_without_a_common_duration_is_planned_axis_by_axis() -> None:
-    state = State(
+    state = PursuitState(
         np.array([0.00210966891660487, 0.002319343744510149, 0.002001786699624808, 0.0]),
         np.array([-0.09301268428926319, -0.1246457800190425, -0.08292760196288534, 0.0]),
         np.array([1.284193082562771, 4.465794979961217, 0.8120548444329234, 0.0]),
@@ -94,7 +94,7 @@ def test_a_state_without_a_common_duration_is_planned_axis_by_axis() -> None:
 
 
 def test_what_is_beside_is_over_before_a_tool_that_comes_down_apart_is_there() -> None:
-    beside = State.still(RIDE.at(0.0).p + np.array([0.03, -0.02, 0.05, 0.1]))
+    beside = PursuitState.still(RIDE.at(0.0).p + np.array([0.03, -0.02, 0.05, 0.1]))
     leg = plan(0.0, beside, RIDE, np.zeros(4), LIMITS, apart=True)
     off = np.array([(leg.at(float(t)) - RIDE.at(float(t))).p for t in np.arange(0.0, leg.t1, 0.001)])
     low = off[:, 2] < 0.005

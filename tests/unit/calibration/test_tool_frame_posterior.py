@@ -7,11 +7,11 @@ import pytest
 from scipy.stats import chi2
 
 from calibration.tool_frame.averaging import average, excess
-from calibration.tool_frame.bounds import Model, Rows
+from calibration.tool_frame.bounds import LateralModel, Rows
 from calibration.tool_frame.posterior import Posterior, posterior
 
 SLIDE, SPEED = 1e-4, 0.02
-MODEL = Model(("xs", "ys"))
+MODEL = LateralModel(("xs", "ys"))
 LABELS = [("xs", 0), ("xs", 1), ("ys", 0), ("ys", 1)]
 
 

@@ -5,13 +5,13 @@ import pytest
 from scipy.stats import chi2
 
 from calibration.tool_frame.averaging import average, excess
-from calibration.tool_frame.bounds import Model, Rows
+from calibration.tool_frame.bounds import LateralModel, Rows
 from calibration.tool_frame.posterior import posterior
 from calibration.tool_frame.scene import Pass
 from calibration.tool_frame.standstills import as_they_are, fewer, in_a_row, together, unseen, widened
 
 SLIDE, SPEED = 1e-4, 0.02
-MODEL = Model(("xs", "ys"))
+MODEL = LateralModel(("xs", "ys"))
 LABELS = [("xs", 0), ("xs", 1), ("ys", 0), ("ys", 1)]
 Neighbours = list[tuple[int, int]]
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.belt.pursuit import FixedPoint, PursuitLimits, State, plan
+from calibration.belt.pursuit import FixedPoint, PursuitLimits, PursuitState, plan
 from calibration.kinematics import robot_from_spec
 from cell.errors import CellError
 from procedures.belt.config import BeltTrackingConfig
@@ -23,8 +23,8 @@ def subject() -> ToolJoints:
     return ToolJoints(MODEL, T_FLANGE_TOOL, WAIT)
 
 
-def moved(subject: ToolJoints, *by: float) -> State:
-    return State(subject.state(WAIT).p + np.array(by), np.array([0.3, -0.2, 0.1, 0.5]), np.zeros(4))
+def moved(subject: ToolJoints, *by: float) -> PursuitState:
+    return PursuitState(subject.state(WAIT).p + np.array(by), np.array([0.3, -0.2, 0.1, 0.5]), np.zeros(4))
 
 
 def test_joints_put_the_tool_where_it_should_be(subject: ToolJoints) -> None:
@@ -40,8 +40,8 @@ def test_joints_put_the_tool_where_it_should_be(subject: ToolJoints) -> None:
 def test_joint_speeds_are_the_derivative_of_the_joints(subject: ToolJoints) -> None:
     state, h = moved(subject, 0.02, -0.03, 0.05, 0.4), 1e-5
     q, qd = subject.joints(state, WAIT)
-    after, _ = subject.joints(State(state.p + h * state.v, state.v, state.a), q)
-    before, _ = subject.joints(State(state.p - h * state.v, state.v, state.a), q)
+    after, _ = subject.joints(PursuitState(state.p + h * state.v, state.v, state.a), q)
+    before, _ = subject.joints(PursuitState(state.p - h * state.v, state.v, state.a), q)
     assert qd == pytest.approx((after - before) / (2 * h), abs=1e-6)
 
 
@@ -77,7 +77,7 @@ def test_a_piece_is_what_it_was_made_of_and_stands_at_its_end(subject: ToolJoint
 def test_a_tool_that_goes_round_the_corner_is_beside_the_item_before_the_straight_part() -> None:
     config = BeltTrackingConfig.model_validate(CONFIG)
     round_it = blend_for(config, LIMITS)
-    start, goal = State.still(np.array([0.4, 0.3, 0.05, 0.0])), FixedPoint(np.zeros(4))
+    start, goal = PursuitState.still(np.array([0.4, 0.3, 0.05, 0.0])), FixedPoint(np.zeros(4))
     level = plan(0.0, start, goal, np.array([0.0, 0.0, 0.05, 0.0]), LIMITS)
     turn = level.t1 - round_it.lead_s
     down = plan(turn, level.at(turn), goal, np.zeros(4), LIMITS, apart=True)
