@@ -4,12 +4,13 @@ from dataclasses import replace
 from weakref import ref
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from scipy.spatial.transform import RigidTransform
 
 from cell.clock import Clock
 from cell.devices import Arm, ArmState, Identity, ToolSettings
 from cell.errors import error
+from cell.formats.reading import Strict
 from cell.poses import to_pose6
 from fakes.object._lazy import LazyStream
 from fakes.object._plant import ObjectDevice
@@ -22,10 +23,8 @@ from fakes.world.arm.segments import Segment
 OPEN_TIMEOUT_S = 1.0
 
 
-class ObjectArmConfig(BaseModel):
+class ObjectArmConfig(Strict):
     """Keys of a device with ``driver = "fakes.object:ObjectArm"``."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     scenario: str = Field(description="scenario file, or the name of a shipped one")
     expect_serial: str | None = None

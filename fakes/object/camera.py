@@ -8,20 +8,19 @@ from typing import Any
 
 import cv2
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from cell.clock import Clock
 from cell.devices import DepthCamera, Frame, Identity
 from cell.errors import error
+from cell.formats.reading import Strict
 from fakes.object._lazy import LazyStream
 from fakes.object._plant import ObjectDevice
 from fakes.object.registry import cell_of
 
 
-class ObjectCameraConfig(BaseModel):
+class ObjectCameraConfig(Strict):
     """Keys of a device with ``driver = "fakes.object:ObjectCamera"``."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     scenario: str = Field(description="scenario file, or the name of a shipped one")
     expect_serial: str | None = None

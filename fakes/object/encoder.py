@@ -2,11 +2,12 @@
 
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from cell.clock import Clock
 from cell.devices import Encoder, EncoderState, Identity
 from cell.errors import error
+from cell.formats.reading import Strict
 from fakes.object._lazy import LazyStream
 from fakes.object._plant import ObjectDevice
 from fakes.object.registry import cell_of
@@ -14,10 +15,8 @@ from fakes.object.registry import cell_of
 _DT_S = 2e-4
 
 
-class ObjectEncoderConfig(BaseModel):
+class ObjectEncoderConfig(Strict):
     """Keys of a device with ``driver = "fakes.object:ObjectEncoder"``."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     scenario: str = Field(description="scenario file, or the name of a shipped one")
     expect_serial: str | None = None

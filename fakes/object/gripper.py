@@ -3,11 +3,12 @@
 import asyncio
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from cell.clock import Clock
 from cell.devices import Gripper, Identity
 from cell.errors import error
+from cell.formats.reading import Strict
 from fakes.object._lazy import LazyStream
 from fakes.object._plant import ObjectDevice
 from fakes.object.registry import cell_of
@@ -15,10 +16,8 @@ from fakes.object.registry import cell_of
 _LOOK_S = 0.008
 
 
-class ObjectGripperConfig(BaseModel):
+class ObjectGripperConfig(Strict):
     """Keys of a device with ``driver = "fakes.object:ObjectGripper"``."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     scenario: str = Field(description="scenario file, or the name of a shipped one")
     lost_after_s: float = Field(default=0.1, gt=0, le=5)

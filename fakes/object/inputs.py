@@ -1,10 +1,11 @@
 """The digital inputs of the object face: the driver's Protocol attached straight to the world."""
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from cell.clock import Clock
 from cell.devices import DigitalInputs, Identity, InputsState
 from cell.errors import error
+from cell.formats.reading import Strict
 from fakes.object._lazy import LazyStream
 from fakes.object._plant import ObjectDevice
 from fakes.object.registry import cell_of
@@ -12,10 +13,8 @@ from fakes.object.registry import cell_of
 _HALF_RANGE = 1 << 31  # a counter that went on by more was set, not wrapped
 
 
-class ObjectInputsConfig(BaseModel):
+class ObjectInputsConfig(Strict):
     """Keys of a device with ``driver = "fakes.object:ObjectInputs"``; the scenario names its inputs."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     scenario: str = Field(description="scenario file, or the name of a shipped one")
     expect_serial: str | None = None

@@ -1,11 +1,12 @@
 """The observed arm of the object face: the driver's Protocol attached straight to the world."""
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from cell.clock import Clock
 from cell.devices import Identity, JointState, ObservedArm
 from cell.errors import error
+from cell.formats.reading import Strict
 from cell.poses import Array
 from fakes.object._lazy import LazyStream
 from fakes.object._plant import ObjectDevice
@@ -14,10 +15,8 @@ from fakes.object.registry import cell_of
 _LOOKS = 5  # at the joints within the window that decides about rest
 
 
-class ObjectObservedArmConfig(BaseModel):
+class ObjectObservedArmConfig(Strict):
     """Keys of a device with ``driver = "fakes.object:ObjectObservedArm"``."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     scenario: str = Field(description="scenario file, or the name of a shipped one")
     expect_serial: str | None = None

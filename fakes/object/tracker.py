@@ -1,11 +1,12 @@
 """The laser tracker of the object face: the driver's Protocol attached straight to the world."""
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from cell.clock import Clock
 from cell.devices import Identity, LaserTracker, StablePoint, TrackerNoise, TrackerState
 from cell.errors import CellError, error
+from cell.formats.reading import Strict
 from cell.poses import Array
 from cell.samples import Sample
 from fakes.object._lazy import LazyStream
@@ -18,18 +19,14 @@ _BACKFILL = 10  # readings; each is a look along the beam, and who asks late wan
 _DOUBT = "the instrument does not vouch for the accuracy of its readings"
 
 
-class ObjectReflectorConfig(BaseModel):
+class ObjectReflectorConfig(Strict):
     """The constant of one reflector."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     constant_m: float = Field(ge=-0.2, le=0.2)
 
 
-class ObjectTrackerConfig(BaseModel):
+class ObjectTrackerConfig(Strict):
     """Keys of a device with ``driver = "fakes.object:ObjectTracker"``."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     scenario: str = Field(description="scenario file, or the name of a shipped one")
     expect_serial: str | None = None

@@ -9,9 +9,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from cell.errors import error
+from cell.formats.reading import Strict
 from fakes.world.arm.truth import ArmTruth, Six, ToolTruth
 from fakes.world.beams.truth import BeamTruth, Channel, IoTruth, Three
 from fakes.world.belt.item_truth import GripperTruth, ItemsTruth
@@ -45,11 +46,7 @@ IDEAL: Mapping[str, tuple[str, ...]] = {  # keys that an ideal world leaves out
 }
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Obstacle(_Strict):
+class Obstacle(Strict):
     """An elastic half-space that pushes the tool's tip back along ``normal``."""
 
     point: Three
@@ -57,7 +54,7 @@ class Obstacle(_Strict):
     stiffness_n_m: float = Field(default=20000.0, gt=0)
 
 
-class WorldTruth(_Strict):
+class WorldTruth(Strict):
     """``[world]``."""
 
     ideal: bool = Field(
@@ -70,13 +67,13 @@ class WorldTruth(_Strict):
     camera: CameraTruth | None = None
     target: dict[str, Any] | None = Field(default=None, description="as designed, and as the config has it")
     target_print: PrintTruth = Field(default=PrintTruth(), description="how the target differs from that")
-    placement: list[Placement] = []
+    placement: list[Placement] = Field(default=[])
     beams: dict[str, BeamTruth] = Field(default={}, description="usual names are xs, along x, and ys")
     io: IoTruth | None = None
     arm_inputs: dict[str, Annotated[Channel, Field(le=17)]] = Field(
         default={}, description="the arm's own digital input of each beam"
     )
-    obstacle: list[Obstacle] = []
+    obstacle: list[Obstacle] = Field(default=[])
     belt: BeltTruth | None = None
     items: ItemsTruth | None = None
     gripper: GripperTruth | None = None
@@ -170,7 +167,7 @@ class WorldTruth(_Strict):
         return self
 
 
-class FakeAddresses(_Strict):
+class FakeAddresses(Strict):
     """``[fakes]``: where the wire face listens. Loopback only: the twin is not for a network."""
 
     bind: str = Field(default="127.0.0.2", pattern=r"^127\.\d+\.\d+\.\d+$")
@@ -197,16 +194,16 @@ class FakeAddresses(_Strict):
     )
 
 
-class FaultEntry(_Strict):
+class FaultEntry(Strict):
     """``[[fault]]``: ``kind`` happens to ``device`` ``when_s`` seconds after the twin's start."""
 
     device: Literal["arm", "camera", "beams", "tracker", "palletizer", "belt"]
     kind: str
     when_s: float = Field(ge=0)
-    args: dict[str, Any] = {}
+    args: dict[str, Any] = Field(default={})
 
 
-class CellSettings(_Strict):
+class CellSettings(Strict):
     """``[cell]``: what the generated cell.toml says beyond the truth."""
 
     name: str = "twin"
@@ -216,24 +213,26 @@ class CellSettings(_Strict):
     belt_nominal: dict[str, Any] | None = Field(
         default=None, description="nominal scale and direction of the belt"
     )
-    poses: dict[str, Six] = {}
-    limits: dict[str, Any] = {
-        "speed_m_s": 0.25,
-        "accel_m_s2": 0.5,
-        "joint_speed_rad_s": 0.8,
-        "workspace": [{"min": [-1.3, -1.3, 0.0], "max": [1.3, 1.3, 1.6]}],
-    }
-    job: dict[str, dict[str, Any]] = {}
+    poses: dict[str, Six] = Field(default={})
+    limits: dict[str, Any] = Field(
+        default={
+            "speed_m_s": 0.25,
+            "accel_m_s2": 0.5,
+            "joint_speed_rad_s": 0.8,
+            "workspace": [{"min": [-1.3, -1.3, 0.0], "max": [1.3, 1.3, 1.6]}],
+        }
+    )
+    job: dict[str, dict[str, Any]] = Field(default={})
 
 
-class Scenario(_Strict):
+class Scenario(Strict):
     """A whole scenario file."""
 
     schema_: Literal["cellward.scenario/1"] = Field(alias="schema")
     world: WorldTruth
     fakes: FakeAddresses = FakeAddresses()
     operator: Literal["manual", "auto"] = "manual"  # auto: moves the target on when a job gives the arm back
-    fault: list[FaultEntry] = []
+    fault: list[FaultEntry] = Field(default=[])
     cell: CellSettings = CellSettings()
 
     @classmethod

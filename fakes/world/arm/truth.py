@@ -3,9 +3,10 @@
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from cell.errors import CellError
+from cell.formats.reading import Strict
 from cell.formats.robot import Serial6Robot, parse_robot
 from cell.poses import Array
 from fakes.world.arm.kinematics import MODELS, LinkDeltas, dh_parameters
@@ -15,11 +16,7 @@ Lag = Literal["none", "delay", "low-pass"]
 Six = Annotated[list[float], Field(min_length=6, max_length=6)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Links(_Strict):
+class Links(Strict):
     """Deviations of the arm's links, rad and m, as UR's calibration lists them."""
 
     delta_theta: Six = [0.0] * 6
@@ -31,7 +28,7 @@ class Links(_Strict):
         return LinkDeltas.from_mapping(self.model_dump())
 
 
-class JointErrorsTruth(_Strict):
+class JointErrorsTruth(Strict):
     """``[world.arm.joint_errors]``: how far joints turn beyond what they read, amplitudes in rad.
 
     Every joint has the two errors of its gear; where in the turn they begin is drawn from the seed.
@@ -45,7 +42,7 @@ class JointErrorsTruth(_Strict):
     )
 
 
-class ServoTruth(_Strict):
+class ServoTruth(Strict):
     """``[world.arm.servo]``: how the arm follows set-points; see :mod:`fakes.world.arm.servo`."""
 
     lag: Lag = Field(
@@ -54,7 +51,7 @@ class ServoTruth(_Strict):
     )
 
 
-class ReportedTruth(_Strict):
+class ReportedTruth(Strict):
     """``[world.arm.reported]``: how far what the controller reports is off what is so."""
 
     q_noise_rad: float = Field(default=0.0, ge=0, le=0.001, description="sigma of each joint")
@@ -63,7 +60,7 @@ class ReportedTruth(_Strict):
     force_walk_n: float = Field(default=0.0, ge=0, le=50, description="of each of the slow waves in it")
 
 
-class ArmTruth(_Strict):
+class ArmTruth(Strict):
     """The robot: what its controller believes, and how far the true one is from that."""
 
     model: str = ""
@@ -137,11 +134,11 @@ def _pin() -> list[CapsuleTruth]:
     return [CapsuleTruth.model_validate({"from": [0, 0, -0.003], "to": [0, 0, -0.057], "radius_m": 0.003})]
 
 
-class ToolTruth(_Strict):
+class ToolTruth(Strict):
     """What is mounted on the flange, as nominal, and the shape of its end in the tool frame."""
 
     name: str = "gripper"
-    T_flange_tool: Six = [0.0, 0.0, 0.18, 0.0, 0.0, 0.0]
+    T_flange_tool: Six = Field(default=[0.0, 0.0, 0.18, 0.0, 0.0, 0.0])
     radius_m: float = Field(default=0.03, gt=0, le=0.5)
     payload_kg: float = Field(default=1.2, ge=0, le=50)
     shape: list[CapsuleTruth] = Field(default_factory=_pin, min_length=1)

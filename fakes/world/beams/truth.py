@@ -4,7 +4,9 @@ reads them."""
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from cell.formats.reading import Strict
 
 Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 Seconds = Annotated[float, Field(ge=0, le=1)]
@@ -13,11 +15,7 @@ Channel = Annotated[int, Field(ge=0)]
 CHANNELS = {"generic": 16, "ioLogik-E1210": 16, "ADAM-6050": 12, "WAGO-750": 16}
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class CapsuleTruth(_Strict):
+class CapsuleTruth(Strict):
     """A cylinder with round ends: all points within ``radius_m`` of the line ``from`` .. ``to``."""
 
     from_: Three = Field(alias="from", description="one end of the axis, m, in the tool frame")
@@ -25,7 +23,7 @@ class CapsuleTruth(_Strict):
     radius_m: float = Field(gt=0, le=0.5)
 
 
-class BeamTruth(_Strict):
+class BeamTruth(Strict):
     """A light beam and its sensor; ``point`` (m) is the middle of the beam, ``dir`` its way, in the base."""
 
     point: Three
@@ -44,7 +42,7 @@ class BeamTruth(_Strict):
         return self
 
 
-class IoTruth(_Strict):
+class IoTruth(Strict):
     """``[world.io]``: the input module. What it shows lags the sensors by its filter and its scan."""
 
     serial: str = Field(

@@ -2,18 +2,18 @@
 
 from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from cell.formats.reading import Strict
 
 Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
-class ItemsTruth(BaseModel):
+class ItemsTruth(Strict):
     """``[world.items]``: boxes that come down the belt one after the other, for ever or ``count`` of them.
 
     An item is placed by the belt's own travel, so a belt that stops brings none.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     size_m: Three = Field(default=[0.06, 0.04, 0.03], description="length, width, height")
     height_m: tuple[float, float] | None = Field(
@@ -36,14 +36,12 @@ class ItemsTruth(BaseModel):
         return self
 
 
-class GripperTruth(BaseModel):
+class GripperTruth(Strict):
     """``[world.gripper]``: two fingers on the arm, moved by one of its digital outputs.
 
     It takes an item only when, at the moment its fingers have closed, the tool's point is close enough to
     the middle of the item's upper face and hardly moves against it.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     output: int = Field(default=0, ge=0, le=17, description="of the arm: on closes")
     confirm: int = Field(default=7, ge=0, le=17, description="input of the arm: on while something is held")

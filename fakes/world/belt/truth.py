@@ -4,19 +4,16 @@ from math import inf
 from typing import Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from cell.formats.reading import Strict
 from fakes.world.beams.truth import Three
 
 Range = tuple[float, float]
 MAX_U32 = 0xFFFF_FFFF
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class PhaseTruth(_Strict):
+class PhaseTruth(Strict):
     """The belt goes to ``speed_m_s`` and keeps it for ``for_s``; the first phase has its speed at once."""
 
     speed_m_s: float = Field(ge=-3, le=3, description="negative runs against dir, 0 stands")
@@ -27,7 +24,7 @@ class PhaseTruth(_Strict):
     for_s: float | None = Field(default=None, gt=0, le=1e6, description="absent: for ever")
 
 
-class StopsTruth(_Strict):
+class StopsTruth(Strict):
     """Stops at random: each number is drawn between the two given, anew every time."""
 
     every_s: Range = (1.0, 3.0)
@@ -43,7 +40,7 @@ class StopsTruth(_Strict):
         return self
 
 
-class RippleTruth(_Strict):
+class RippleTruth(Strict):
     """The speed is multiplied by 1 + amplitude sin(2 pi hz t + phase_rad)."""
 
     amplitude: float = Field(ge=0, le=0.2)
@@ -51,7 +48,7 @@ class RippleTruth(_Strict):
     phase_rad: float = 0.0
 
 
-class BeltTruth(_Strict):
+class BeltTruth(Strict):
     """The belt in the base, its motion, and its encoder's scale, range and identity."""
 
     serial: str = Field(
@@ -74,12 +71,12 @@ class BeltTruth(_Strict):
         description="a new position is told at once, as often as the inhibit time allows (CANopen)",
     )
     keeps_position: bool = Field(default=True, description="after a restart; an incremental one begins at 0")
-    origin: Three = [0.0, -0.5, 0.2]
+    origin: Three = Field(default=[0.0, -0.5, 0.2])
     dir: Three = Field(default=[1.0, 0.0, 0.0], description="the way of positive travel, in the base")
     profile: list[PhaseTruth] = Field(default=[PhaseTruth(speed_m_s=0.15)], min_length=1)
     repeat: bool = Field(default=False, description="begin the profile again at its end")
     stops: StopsTruth | None = None
-    ripple: list[RippleTruth] = []
+    ripple: list[RippleTruth] = Field(default=[])
 
     @model_validator(mode="after")
     def _creeps_end(self) -> Self:

@@ -5,9 +5,10 @@ from math import pi
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from cell.devices import Intrinsics
+from cell.formats.reading import Strict
 from cell.poses import Array
 from fakes.world.arm.truth import Six
 
@@ -15,22 +16,18 @@ Two = Annotated[list[float], Field(min_length=2, max_length=2)]
 _MODELS = (0, 4, 5, 8, 12, 14)
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class ToldTruth(_Strict):
+class ToldTruth(Strict):
     """``[world.camera.told]``: how far the intrinsics that the camera tells are off its true lens.
 
     They are ``f (1 + focal)``, ``c + centre_px`` and ``dist + this dist``; pictures come from the true ones.
     """
 
     focal: float = Field(default=0.0, gt=-0.5, lt=0.5, description="share of both focal lengths")
-    centre_px: Two = [0.0, 0.0]
+    centre_px: Two = Field(default=[0.0, 0.0])
     dist: list[float] = Field(default=[], description="added to dist, entry by entry")
 
 
-class StereoTruth(_Strict):
+class StereoTruth(Strict):
     """``[world.camera.stereo]``: depth as a stereo pair makes it, :mod:`fakes.frames.stereo`."""
 
     focal_px: float = Field(default=440.0, gt=0, description="of the pictures that are matched")
@@ -41,7 +38,7 @@ class StereoTruth(_Strict):
     scale: float = Field(default=1.0, gt=0.5, lt=2, description="of what is told")
 
 
-class CameraTruth(_Strict):
+class CameraTruth(Strict):
     """The camera and where it truly is; ``nominal`` is the nominal value of the same pose."""
 
     serial: str = Field(
@@ -50,7 +47,7 @@ class CameraTruth(_Strict):
     width: int = Field(default=1280, ge=64, le=8192)
     height: int = Field(default=800, ge=64, le=8192)
     K: Annotated[list[float], Field(min_length=4, max_length=4)]
-    dist: list[float] = []
+    dist: list[float] = Field(default=[])
     told: ToldTruth = ToldTruth()
     T_flange_camera: Six | None = None
     T_base_camera: Six | None = None
@@ -102,7 +99,7 @@ class CameraTruth(_Strict):
         return Intrinsics(self.width, self.height, (f * fx, f * fy, cx + dx, cy + dy), dist)
 
 
-class PrintTruth(_Strict):
+class PrintTruth(Strict):
     """``[world.target_print]``: how far the target that hangs there is off the one of ``[world.target]``."""
 
     scale_x: float = Field(default=0.0, gt=-0.1, lt=0.1, description="share by which it is too large along x")
@@ -115,7 +112,7 @@ class PrintTruth(_Strict):
     )
 
 
-class Placement(_Strict):
+class Placement(Strict):
     """Where the operator puts the target: in the base, or on the flange when the camera is fixed."""
 
     T_base_target: Six | None = None

@@ -2,7 +2,9 @@
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from cell.formats.reading import Strict
 
 Four = Annotated[list[float], Field(min_length=4, max_length=4)]
 Range = Annotated[list[float], Field(min_length=2, max_length=2)]
@@ -11,11 +13,7 @@ Angle = Annotated[float, Field(ge=-7, le=7)]
 Ratio = Annotated[float, Field(ge=-10, le=10)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class PalletizerTable(_Strict):
+class PalletizerTable(Strict):
     """What the controller believes, m, rad and link per motor; ``tx, ty, tz``: nominal place of smr1."""
 
     a1: Length
@@ -38,7 +36,7 @@ class PalletizerTable(_Strict):
     tz: Length = 0.0
 
 
-class PalletizerErrors(_Strict):
+class PalletizerErrors(Strict):
     """What the true arm has more than its controller believes; same letters and units."""
 
     a1: Length = 0.0
@@ -58,7 +56,7 @@ class PalletizerErrors(_Strict):
     t5: Angle = 0.0
 
 
-class ObservedTruth(_Strict):
+class ObservedTruth(Strict):
     """``[world.observed]``: a palletizer, its controller's registers, and the program that moves it."""
 
     serial: str = Field(

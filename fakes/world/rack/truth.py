@@ -2,19 +2,16 @@
 
 from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from cell.formats.reading import Strict
 from fakes.world.arm.truth import Six
 from fakes.world.beams.truth import Three
 
 Two = Annotated[list[float], Field(min_length=2, max_length=2)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class PartTruth(_Strict):
+class PartTruth(Strict):
     """A part: in the slot with this number, or somewhere in the base. Its front is what goes in first."""
 
     slot: int | None = Field(default=None, ge=1, description="it is in there, at the end of its travel")
@@ -27,7 +24,7 @@ class PartTruth(_Strict):
         return self
 
 
-class RackTruth(_Strict):
+class RackTruth(Strict):
     """``[world.rack]``: slots in rows and columns; the rack's z leads into them.
 
     Slots are counted from 1 along x in the first row. A part is ``part_m`` wide, high and long, and is taken
@@ -44,7 +41,7 @@ class RackTruth(_Strict):
     chamfer_m: float = Field(default=0.0, ge=0, le=0.02, description="at 45 degrees around the opening")
     part_m: Three = Field(default=[0.040, 0.020, 0.1])
     grasp_m: float = Field(default=0.08, gt=0, le=1)
-    parts: list[PartTruth] = []
+    parts: list[PartTruth] = Field(default=[])
     blocked: dict[str, float] = Field(
         default={}, description="by number of a slot: how deep something is in it that nobody sees, m"
     )

@@ -3,8 +3,9 @@
 import math
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from cell.formats.reading import Strict
 from fakes.world.tracker.tracker import Reading
 from fakes.world.tracker.truth import TrackerTruth
 
@@ -12,10 +13,8 @@ _LENGTHS = {"m": 1.0, "mm": 1e3, "in": 1.0 / 0.0254}
 _ANGLES = {"rad": 1.0, "deg": 180.0 / math.pi, "gon": 200.0 / math.pi}
 
 
-class LinesForm(BaseModel):
+class LinesForm(Strict):
     """``[fakes.tracker_lines]``: what a line says, when it comes, and which reflector is followed."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     port: int = Field(default=5012, ge=1024, le=65535)
     text: str = Field(

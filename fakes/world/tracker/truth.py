@@ -4,19 +4,16 @@ from math import inf
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from cell.formats.reading import Strict
 from fakes.world.beams.truth import Three
 
 Six = Annotated[list[float], Field(min_length=6, max_length=6)]
 Two = Annotated[list[float], Field(min_length=2, max_length=2)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class ReflectorTruth(_Strict):
+class ReflectorTruth(Strict):
     """A reflector's centre in what carries it, and from where light comes back from it.
 
     ``point`` (m) and ``normal`` are in the flange of the arm or of the observed arm, or in the base.
@@ -44,7 +41,7 @@ class ReflectorTruth(_Strict):
         return self
 
 
-class BoxTruth(_Strict):
+class BoxTruth(Strict):
     """A box along the axes of the base, m."""
 
     min: Three
@@ -57,7 +54,7 @@ class BoxTruth(_Strict):
         return self
 
 
-class TrackerTruth(_Strict):
+class TrackerTruth(Strict):
     """``[world.tracker]``: the instrument on its stand.
 
     The tracker frame is right-handed with its origin where the axes meet: x to the instrument's E (Hz = 90
@@ -75,8 +72,8 @@ class TrackerTruth(_Strict):
     drift_m_h: Three = Field(default=[0.0] * 3, description="how the stand creeps, base frame, m/h")
     drift_rad_h: Three = Field(default=[0.0] * 3, description="and turns about the instrument, rad/h")
     rate_hz: float = Field(default=50.0, ge=1, le=1000, description="readings while it follows a reflector")
-    range_m: Two = [0.3, 40.0]
-    elevation_rad: Two = [-0.9, 1.4]
+    range_m: Two = Field(default=[0.3, 40.0])
+    elevation_rad: Two = Field(default=[-0.9, 1.4])
     search_rad: float = Field(default=0.05, gt=0, le=0.8, description="half the window that a search covers")
     separable_rad: float = Field(
         default=0.002, ge=0, le=0.5, description="two reflectors closer to each other are too much for it"
