@@ -45,13 +45,16 @@ class World:
     """Fixture, arm and polls; one draw of all of them by ``seed``.
 
     ``sigma`` (m) is one axis of the arm at a standstill, ``late`` the share of polls that come up to 40 ms
-    late; ``shift`` (3,) m and ``turn`` (3,) rad bend the tool about its point, both in the flange.
+    late; ``warp`` is by how much, of the way from where a beam is crossed first, the arm goes too far in each
+    direction for each direction: links, gears and sag, which change little over a fixture. ``shift`` (3,) m
+    and ``turn`` (3,) rad bend the tool about its point, both in the flange.
     """
 
     seed: int
     part: Part = ROUND
     sigma: float = 1.4e-5
     late: float = 0.0
+    warp: float = 0.0
     shift: Array = field(default_factory=lambda: np.zeros(3))
     turn: Array = field(default_factory=lambda: np.zeros(3))
 
@@ -67,11 +70,13 @@ class World:
         }
         self.t = 100.0
         self.at, self.off = np.zeros(3), self._draw()
+        self.gradient = self.warp * self.rng.standard_normal((3, 3)) if self.warp else np.zeros((3, 3))
 
     def bent(self, shift: Array, turn: Array) -> "World":
         """The same fixture some time later with the tool bent by this."""
         other = replace(self, shift=shift, turn=turn)
         other.beams, other.rng, other.t = self.beams, self.rng, self.t + 10.0
+        other.gradient = self.gradient
         return other
 
     @property
@@ -102,7 +107,12 @@ class World:
         fine = np.linspace(0.0, ride.total, int(length / 5e-6) + 2)
         way = ride.at(fine)[:, None] * step / length
         share = (fine / ride.total)[:, None]
-        gap = self._gap(beam.name, self.at + way + (1.0 - share) * self.off + share * after)
+        told = self.at + way
+        first = (
+            POINT - ALONG_M[beam.name] * np.abs(np.cross(beam.across, [0.0, 0.0, 1.0])) - DOWN.apply(P_REF)
+        )
+        wrong = (told - first) @ self.gradient.T
+        gap = self._gap(beam.name, told + wrong + (1.0 - share) * self.off + share * after)
         changes = [begin + float(fine[k]) + LATENCY_S for k in _changes(gap)]
         end = begin + ride.total + 0.02
         polls = self._polls(self.t - float(self.rng.random()) * POLL_S - after_s, end + POLL_S, changes)
