@@ -52,7 +52,7 @@ class BeltTracking(Procedure):
     number: ClassVar[int] = 7
     kind: ClassVar[str] = "belt-tracking"
     Config = BeltTrackingConfig
-    PursuitState = PickState
+    State = PickState
     TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = PICKING
     CHECKPOINTS: ClassVar[frozenset[Any]] = CHECKPOINTS
 
