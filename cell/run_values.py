@@ -22,8 +22,8 @@ class RunValues:
     ``{"name": "kinematics.<device>", "version": n}``.
 
     By name in the ledger: ``configured`` has the configured value, ``versions`` the version in effect, and
-    ``made_with`` the model of the arm that this version was made with, and ``uncertainty`` the covariance
-    ``cov`` and the ``budget`` of the result that it comes from, as far as that states them.
+    ``made_with`` the model of the arm that this version was made with, and ``uncertainty`` what the result
+    that it comes from states of the covariance ``cov``, its ``budget`` and the accuracy of the ``arm``.
     """
 
     robot: Mapping[str, Any]

@@ -109,7 +109,7 @@ class _InEffect:
 def _stated(result: Mapping[str, Any] | None) -> dict[str, Any]:
     """What the result of a version says of its uncertainty."""
     answer = (result or {}).get("result") or {}
-    return {key: answer[key] for key in ("cov", "budget") if answer.get(key) is not None}
+    return {key: answer[key] for key in ("cov", "budget", "arm") if answer.get(key) is not None}
 
 
 def _hand_eye(

@@ -1,7 +1,8 @@
 """What an arm errs by at the look and at the insertion: numbers of its model that are known to a prior.
 
-Who has calibrated the arm knows how far it is off that calibration, on readings that were held out. The prior
-then says in which proportion its numbers share that.
+A calibration says how far the arm is off the model in use: what it left on readings that were held out, or
+what a hand-eye's adjustment found of the arm as it is configured. The prior then says in which proportion the
+arm's numbers share that.
 """
 
 from dataclasses import dataclass
@@ -27,7 +28,7 @@ class ArmErrors:
 
 
 def arm_errors(robot: Robot, Q: Array, rms_m: float | None) -> ArmErrors:
-    """At joints ``Q`` (n, 6) rad; ``rms_m`` as a calibration left it, None without one."""
+    """At joints ``Q`` (n, 6) rad; ``rms_m`` as a calibration found it, None without one."""
     spec = arm_spec(robot)
     known = ArmKnown(spec.arm, Q, np.tile([-np.pi, np.pi], (6, 1)), arm_prior(robot.prior))
     terms = arm_terms(known, Q).values()

@@ -58,7 +58,7 @@ class InsertionOutcome(Strict):
 
 
 class SlotData(Strict):
-    """``job`` as configured; ``arm_rms_m`` as a calibration of the arm left it, None without one."""
+    """``job`` as configured; ``arm_rms_m``: of the arm's model in use, None where unknown."""
 
     schema_: Annotated[Literal["cellward.slot/1"], Field(alias="schema")] = "cellward.slot/1"
     job: dict[str, Any]

@@ -89,7 +89,9 @@ class SlotInputs(Inputs):
 
     path: str = Field(description="The data set.")
     pictures: int = Field(description="Of the measuring look.")
-    arm_rms_m: Metres | None = Field(description="Error of the arm as its calibration left it; null without.")
+    arm_rms_m: Metres | None = Field(
+        description="RMS error of the arm by the model in use, as its calibration or the hand-eye's has it."
+    )
     arm_expected_m: Metres = Field(description="Error of the arm that the budget goes by, RMS.")
 
 

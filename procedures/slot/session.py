@@ -315,11 +315,13 @@ class InsertionRun:
 
 
 def _arm_rms(run: Run) -> float | None:
-    """How far the arm is off as its calibration left it, m; None where the run believes the controller."""
-    if in_use(run.values) is None:
-        return None
-    found = run.values.kinematics["arm"] or {}
-    rms = found.get("rms_calibrated")
+    """RMS error (m) of the arm by the model in use: as the calibration of its kinematics left it, or as the
+    capture of the hand-eye found it; None where neither says."""
+    if in_use(run.values) is not None:
+        found = run.values.kinematics["arm"] or {}
+        rms = found.get("rms_calibrated")
+    else:
+        rms = run.values.uncertainty[HAND_EYE].get("arm", {}).get("configured", {}).get("t")
     return None if rms is None else float(rms)
 
 

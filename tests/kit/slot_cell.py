@@ -42,8 +42,8 @@ def give_hand_eye(cell: ObjectCell, off: Sequence[float] = (0.0,) * 6, cov: Arra
     true = cell.plant.world.T_mount_camera
     T = [float(v) for v in to_pose6(true * exp_xi(np.asarray(off)))]
     nominal = list(cell.config.robot.T_flange_camera_nominal or [])
-    result = {"schema": "cellward.result/1", "kind": "hand-eye", "verdict": "pass"}
-    result |= {"result": {"T_flange_camera": T, "cov": cov.tolist(), "budget": BUDGET}}
+    answer = {"T_flange_camera": T, "cov": cov.tolist(), "budget": BUDGET}
+    result = {"schema": "cellward.result/1", "kind": "hand-eye", "verdict": "pass", "result": answer}
     entry = on_disk(cell.ledger.propose, "T_flange_camera", T, result, 0, nominal)
     on_disk(cell.ledger.accept, entry, "test")
 
