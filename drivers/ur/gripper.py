@@ -1,9 +1,10 @@
-"""A gripper on an output of the arm with a confirm input, written by an input recipe of our own RTDE link."""
+"""A gripper on outputs of the arm, written by an input recipe of our own RTDE link."""
 
 import asyncio
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from cell.clock import Clock
 from cell.devices import ArmState, Gripper
@@ -11,12 +12,11 @@ from cell.errors import CellError, error
 from cell.formats.reading import Strict
 from cell.samples import GAP_S, Sample
 from drivers.ur.arm_part import ArmPart
+from drivers.ur.gripper_outputs import GripperOutputs
 from drivers.ur.inputs import DIGITAL_INPUTS
 from drivers.ur.rtde import Recipe
 from drivers.ur.rtde_link import RtdeLink
 
-# Names of RTDE's input variables, and the number of the first output of each bank as we count them.
-_BANKS = (("standard_digital_output", 0), ("configurable_digital_output", 8), ("tool_digital_output", 16))
 _READ_BACK_S = 0.1
 _SILENT_S = 0.2  # without a state of the arm
 
@@ -29,11 +29,43 @@ class ArmGripperConfig(Strict):
         ge=0, lt=DIGITAL_INPUTS, description="0-7 standard, 8-15 configurable, 16-17 in the tool; on closes"
     )
     invert_output: bool = Field(default=False, description="Off closes")
-    confirm: int = Field(ge=0, lt=DIGITAL_INPUTS, description="Input that is on while something is held")
+    open_output: int | None = Field(
+        default=None,
+        ge=0,
+        lt=DIGITAL_INPUTS,
+        description="Another output, on opens: of a valve with two coils, or the one that blows off a vacuum",
+    )
+    blow_off_s: float | None = Field(
+        default=None, gt=0, le=5, description="open_output is on for so long; absent: until it closes again"
+    )
+    confirm: int | None = Field(
+        default=None,
+        ge=0,
+        lt=DIGITAL_INPUTS,
+        description="Input that is on while something is held, as of a vacuum switch; absent: nobody knows",
+    )
     invert_confirm: bool = Field(default=False, description="true: the input is off while something is held")
+    moves_s: float | None = Field(
+        default=None,
+        gt=0,
+        le=5,
+        description="Without confirm: it counts as closed, or open, after so long, whether it holds or not",
+    )
     connect_timeout_s: float = Field(
         default=3.0, gt=0.0, le=15.0, description="longest wait for a connection, s"
     )
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        if self.confirm is None and self.moves_s is None:
+            raise ValueError(
+                "give confirm, or moves_s: without an input that confirms, nobody knows when it has closed"
+            )
+        if self.open_output == self.output:
+            raise ValueError(f"open_output is {self.output}, which is output; give another one, or none")
+        if self.blow_off_s is not None and self.open_output is None:
+            raise ValueError("blow_off_s is of an open_output: give that too")
+        return self
 
 
 class ArmGripper(ArmPart):
@@ -48,8 +80,7 @@ class ArmGripper(ArmPart):
         self._config = config
         self._link: RtdeLink | None = None
         self._recipe: Recipe | None = None
-        self._bank, first = [b for b in _BANKS if b[1] <= config.output][-1]
-        self._bit = 1 << (config.output - first)
+        self._outputs = GripperOutputs(config.output, config.open_output, config.invert_output)
 
     async def open(self) -> None:
         """Claim the output; ``ARM_REGISTER_CONFLICT`` when another RTDE client has it."""
@@ -64,7 +95,7 @@ class ArmGripper(ArmPart):
             self._identity = await self._arm.identify()
             timeout = self._config.connect_timeout_s
             self._link = await RtdeLink.connect(host, self._clock, self._lose, timeout)
-            names = (f"{self._bank}_mask", self._bank)
+            names = self._outputs.variables
             recipe = await self._link.setup_inputs(names, timeout)
             if recipe.id == 0:
                 raise error(
@@ -89,36 +120,51 @@ class ArmGripper(ArmPart):
         last = self._arm.state.last() if self._life.good else None
         return {
             "connected": self._life.good,
-            "closed": None if last is None else self._is_closed(last.value),
+            "closed": None if last is None else self._outputs.is_closed(last.value.digital_out),
             "holding": None if last is None else self._is_held(last.value),
         }
 
     async def grip(self, timeout: float) -> bool:
-        """Close; True when the confirm input came within ``timeout`` s."""
-        await self._write(True)
-        return await self._becomes(self._is_held, True, timeout)
+        """Close; True when the confirm input came within ``timeout`` s, or after ``moves_s`` without one."""
+        await self._write(self._outputs.levels(close=True, opening=False))
+        return await self._answers(True, timeout)
 
     async def release(self, timeout: float) -> bool:
-        """Open; True when the confirm input went within ``timeout`` s."""
-        await self._write(False)
-        return await self._becomes(self._is_held, False, timeout)
+        """Open; True when the confirm input went within ``timeout`` s, or after ``moves_s`` without one."""
+        begun = self._clock.now()
+        await self._write(self._outputs.levels(close=False, opening=True))
+        opened = await self._answers(False, timeout)
+        if self._config.blow_off_s is not None:
+            await self._clock.sleep(max(begun + self._config.blow_off_s - self._clock.now(), 0.0))
+            await self._write(self._outputs.levels(close=False, opening=False))
+        return opened
 
     def holding(self, max_age: float) -> bool:
         """Whether something is held, from a state at most ``max_age`` s old; else ``STALE_DATA``."""
         self._life.require()
         return self._is_held(self._arm.state.latest(max_age).value)
 
-    async def _write(self, close: bool) -> None:
-        """Set the output and see it set; ``CALL_TIMEOUT`` when the arm's own state does not show it."""
+    async def _write(self, levels: Sequence[tuple[int, bool]]) -> None:
+        """Set the outputs and see them set; ``CALL_TIMEOUT`` when the arm's own state does not show it."""
         link, recipe = self._opened(self._link), self._opened(self._recipe)
-        level = self._bit if close is not self._config.invert_output else 0
-        for mask in (self._bit, 0):  # the controller keeps the last mask, so the bit is let go again
-            await link.send(recipe.pack({f"{self._bank}_mask": mask, self._bank: level}))
-        if not await self._becomes(self._is_closed, close, _READ_BACK_S):
+        for package in self._outputs.packages(levels):
+            await link.send(recipe.pack(package))
+        if not await self._becomes(lambda s: self._outputs.are(s.digital_out, levels), True, _READ_BACK_S):
+            outputs = " and ".join(str(output) for output, _ in levels)
+            raise error("CALL_TIMEOUT", f"{self.name}: output {outputs} did not follow in {_READ_BACK_S:g} s")
+
+    async def _answers(self, held: bool, timeout: float) -> bool:
+        """Whether it has closed, or opened, within ``timeout``."""
+        if self._config.confirm is not None or self._config.moves_s is None:
+            return await self._becomes(self._is_held, held, timeout)
+        if self._config.moves_s > timeout:
             raise error(
-                "CALL_TIMEOUT",
-                f"{self.name}: output {self._config.output} did not follow in {_READ_BACK_S:g} s",
+                "ARGUMENT_INVALID",
+                f"{self.name}: moves_s is {self._config.moves_s:g} s, and the timeout is {timeout:g} s",
             )
+        await self._clock.sleep(self._config.moves_s)
+        self._life.require()
+        return True
 
     async def _becomes(self, what: Any, wanted: bool, timeout: float) -> bool:
         """Whether ``what`` of the arm's states is ``wanted`` within ``timeout`` s of states that came.
@@ -153,10 +199,9 @@ class ArmGripper(ArmPart):
             lost.cancel()
         return done.result()
 
-    def _is_closed(self, state: ArmState) -> bool:
-        return bool(state.digital_out >> self._config.output & 1) is not self._config.invert_output
-
     def _is_held(self, state: ArmState) -> bool:
+        if self._config.confirm is None:
+            return self._outputs.is_closed(state.digital_out)
         return bool(state.digital_in >> self._config.confirm & 1) is not self._config.invert_confirm
 
     def _lose(self, failure: CellError) -> None:

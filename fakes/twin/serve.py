@@ -231,7 +231,10 @@ class Twin:
         if self.world.gripper is None:
             return {}
         truth = self.world.gripper.truth
-        table = {"driver": "arm-gripper", "arm": "arm", "output": truth.output, "confirm": truth.confirm}
+        wired = truth.model_dump(include={"output", "open_output", "confirm"}, exclude_none=True)
+        table = {"driver": "arm-gripper", "arm": "arm", **wired}
+        if truth.confirm is None:
+            table["moves_s"] = 1.2 * max(truth.close_s, truth.open_s)
         return {"gripper": table}
 
 

@@ -277,14 +277,19 @@ class World:
         """The arm's own digital inputs as a word; bits are on while a beam is broken or the gripper holds."""
         wired = self.config.arm_inputs.items()
         word = sum(self.beams.level(name, t) << bit for name, bit in wired)
-        if self.gripper is not None and self.gripper.holds(t) is not None:
-            word |= 1 << self.gripper.truth.confirm
+        confirm = None if self.gripper is None else self.gripper.truth.confirm
+        if confirm is not None and self.gripper is not None and self.gripper.holds(t) is not None:
+            word |= 1 << confirm
         return word
 
     def set_arm_output(self, t: float, word: int) -> None:
         """The arm's digital outputs are ``word`` from ``t`` on."""
-        if self.gripper is not None:
-            self.gripper.command(t, bool(word >> self.gripper.truth.output & 1))
+        if self.gripper is None:
+            return
+        truth = self.gripper.truth
+        close = bool(word >> truth.output & 1)
+        if truth.open_output is None or close is not bool(word >> truth.open_output & 1):
+            self.gripper.command(t, close)
 
     @property
     def camera(self) -> CameraTruth:

@@ -180,3 +180,37 @@ def test_a_single_item_lies_in_this_modules_world() -> None:
     world = World.from_scenario(Scenario.parse(one_item_under_the_tool()))
     assert world.items is not None
     assert [number for number, _ in world.items.on_belt(1.0, -1.0, 1.0)] == [0]
+
+
+OPENS = 1  # with a valve of two coils, or what blows a vacuum off
+
+
+@pytest.fixture(scope="module")
+def valve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
+    """A gripper with a second output, and no input that confirms."""
+    path = tmp_path_factory.mktemp("valve") / "scenario.toml"
+    text = one_item_under_the_tool().replace(f"confirm = {HOLDS}", f"open_output = {OPENS}")
+    path.write_text(text, "utf-8")
+    with Rig.running(scenario=path) as made:
+        yield made
+
+
+def test_a_gripper_that_nobody_confirms_is_given_the_time_that_it_takes(valve: Rig) -> None:
+    async def scene() -> None:
+        keys = {"confirm": None, "open_output": OPENS, "moves_s": 0.1, "blow_off_s": 0.2}
+        async with gripper(valve, **keys) as subject:
+            word = subject._arm.state.last
+            begun = subject._clock.now()
+            assert await subject.grip(1.0)
+            assert subject._clock.now() - begun >= 0.1
+            assert subject.holding(0.1)
+            assert word().value.digital_out == 1 << CLOSES
+            releasing = asyncio.create_task(subject.release(1.0))
+            await until(lambda: word().value.digital_out == 1 << OPENS)
+            assert await releasing
+            await until(lambda: word().value.digital_out == 0)
+            assert not subject.holding(0.1)
+            with pytest.raises(CellError, match=r"moves_s is 0\.1 s, and the timeout is 0\.05 s"):
+                await subject.grip(0.05)
+
+    asyncio.run(scene())

@@ -23,6 +23,7 @@ def picking_config(
     world: Mapping[str, str] | None = None,
     sections: Mapping[str, Mapping[str, Any]] | None = None,
     real: bool = False,
+    arm: Mapping[str, Any] | None = None,
     **overrides: Any,
 ) -> CellConfig:
     """The picking cell with the first item in view, in an ideal world or a ``real`` one.
@@ -41,7 +42,7 @@ def picking_config(
     return write_config(
         folder,
         str(path),
-        arm_keys={"state_period_s": 0.02},
+        arm_keys={"state_period_s": 0.02, **(arm or {})},
         jobs={JOB: job or {}, **(sections or {})},
         **overrides,
     )

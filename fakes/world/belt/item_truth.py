@@ -37,14 +37,25 @@ class ItemsTruth(Strict):
 
 
 class GripperTruth(Strict):
-    """``[world.gripper]``: two fingers on the arm, moved by one of its digital outputs.
+    """``[world.gripper]``: two fingers, or a cup, on the arm, moved by one or two of its digital outputs.
 
     It takes an item only when, at the moment its fingers have closed, the tool's point is close enough to
     the middle of the item's upper face and hardly moves against it.
     """
 
     output: int = Field(default=0, ge=0, le=17, description="of the arm: on closes")
-    confirm: int = Field(default=7, ge=0, le=17, description="input of the arm: on while something is held")
+    open_output: int | None = Field(
+        default=None,
+        ge=0,
+        le=17,
+        description="of a valve that stays: on opens, or blows off; while both are off, or on, nothing moves",
+    )
+    confirm: int | None = Field(
+        default=None,
+        ge=0,
+        le=17,
+        description="input of the arm, on while something is held; absent: none",
+    )
     close_s: float = Field(default=0.04, ge=0, le=2)
     open_s: float = Field(default=0.04, ge=0, le=2)
     within_m: float = Field(default=0.003, gt=0, le=0.1)
