@@ -1,7 +1,6 @@
 """Plans of camera poses: cones around a board, small search moves, and what accuracy to expect of them."""
 
 from calibration.planning.cone import (
-    ConeAxis,
     ConeShape,
     board_centre,
     candidate_axes,
@@ -11,15 +10,13 @@ from calibration.planning.cone import (
 from calibration.planning.layout import plan_telling_cone
 from calibration.planning.mounting import EyeInHand, EyeToHand, Mounting
 from calibration.planning.plan import ConePlan, PlannedPose, RejectedPose
-from calibration.planning.planner import Checker, ConeRequest, plan_cone, plan_views
+from calibration.planning.planner import ConeRequest, plan_cone, plan_views
 from calibration.planning.prediction import PredictedUncertainty
-from calibration.planning.search import SearchMove, search_moves
+from calibration.planning.search import search_moves
 from calibration.planning.view import view_faults
 from calibration.planning.volume import Volume, candidate_views, spread_views
 
 __all__ = [
-    "Checker",
-    "ConeAxis",
     "ConePlan",
     "ConeRequest",
     "ConeShape",
@@ -29,7 +26,6 @@ __all__ = [
     "PlannedPose",
     "PredictedUncertainty",
     "RejectedPose",
-    "SearchMove",
     "Volume",
     "board_centre",
     "candidate_axes",

@@ -1,6 +1,6 @@
 """Calibration targets: image in, numbered corners out. No files, no devices."""
 
-from calibration.targets.base import Detection, Target
-from calibration.targets.factory import PointsTarget, make_target
+from calibration.targets.base import Target
+from calibration.targets.factory import make_target
 
-__all__ = ["Detection", "PointsTarget", "Target", "make_target"]
+__all__ = ["Target", "make_target"]

@@ -13,16 +13,14 @@ from cell.poses import Array
 @dataclass(frozen=True, eq=False)
 class FoundBeam:
     """One beam. ``line.point`` is where the tool's point meets it at the first place, m in the base;
-    ``cov_point`` (3, 3) m^2, ``cov_direction`` (3, 3), ``var_across`` and ``var_height`` m^2 the variances of
-    that point along the beam's ``n`` and ``w``. ``hit`` (3,) m is the flange there: half-chord centre and hit
-    height. ``apart`` (m) is how far the places are apart along it, ``slope`` (rad) its rise against base
-    x-y."""
+    ``cov_point`` (3, 3) m^2, ``cov_direction`` (3, 3), ``var_across`` m^2 the variance of that point along
+    the beam's ``n``. ``hit`` (3,) m is the flange there: half-chord centre and hit height. ``apart`` (m) is
+    how far the places are apart along it, ``slope`` (rad) its rise against base x-y."""
 
     line: Line
     cov_point: Array
     cov_direction: Array
     var_across: float
-    var_height: float
     hit: Array
     apart: float
 
@@ -56,7 +54,6 @@ def beam_through(
         cov_point=lateral[0, 0] * nn + heights[0] * ww,
         cov_direction=(turn * nn + sum(heights) * ww) / length**2,
         var_across=float(lateral[0, 0]),
-        var_height=heights[0],
         hit=points[0] - scene.R @ scene.tool.p,
         apart=length,
     )

@@ -3,7 +3,7 @@
 from daemon.config.drivers import DRIVERS, bindings, driver_class
 from daemon.config.findings import ConfigInvalid
 from daemon.config.load import CellConfig, load_config
-from daemon.config.models import DeviceSection, ModbusSection, split_bind
+from daemon.config.models import DeviceSection, ModbusSection
 from daemon.config.schema import init_text, json_schema
 
 __all__ = [
@@ -17,5 +17,4 @@ __all__ = [
     "init_text",
     "json_schema",
     "load_config",
-    "split_bind",
 ]

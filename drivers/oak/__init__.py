@@ -1,6 +1,5 @@
 """Depth camera of the OAK family; native library and detectors live in a child process."""
 
 from drivers.oak.camera import OakCamera
-from drivers.oak.config import OakConfig
 
-__all__ = ["OakCamera", "OakConfig"]
+__all__ = ["OakCamera"]

@@ -24,7 +24,7 @@ from procedures.eye_to_hand.plan import VolumeRequest, plan_volume
 from procedures.eye_to_hand.result import AxbcAnswer, AxbcResult
 from procedures.eye_to_hand.solve.data import FILE_NAME
 from procedures.eye_to_hand.solve.solver import solve_axbc
-from procedures.hand_eye.capturing import CaptureRun
+from procedures.hand_eye.capturing import CaptureRun, check_names
 from procedures.hand_eye.judging import BoardSeen
 from procedures.hand_eye.plan import PlacementPlan
 from procedures.hand_eye.states import TRANSITIONS, S, State
@@ -49,10 +49,7 @@ class EyeToHandCheck(Procedure):
         return ("arm", CAMERA)
 
     def check(self, values: RunValues) -> None:
-        for key, known in (("target", values.targets), ("start_pose", values.poses)):
-            name = getattr(self.config, key)
-            if name is not None and name not in known:
-                raise error("ARGUMENT_INVALID", f"{key} '{name}' is unknown; there is {', '.join(known)}")
+        check_names(self.config.target, self.config.start_pose, values)
 
     def proposal(self, run: Run) -> Proposal | None:
         if not isinstance(run.result, AxbcResult) or self.config.propose == "none":

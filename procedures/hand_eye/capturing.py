@@ -14,6 +14,7 @@ from cell.errors import AbortError, CellError, RefusedError, error
 from cell.motion import MotionLease
 from cell.poses import Array, to_pose6
 from cell.procedure import Run
+from cell.run_values import RunValues
 from cell.standstill import measured_standstill
 from procedures.arm_setup import arm_robot
 from procedures.hand_eye.config import ConeCaptureConfig
@@ -56,6 +57,13 @@ class _Found:
 
     group: int
     seen: BoardSeen
+
+
+def check_names(target: str, start_pose: str | None, values: RunValues) -> None:
+    """``ARGUMENT_INVALID`` for a target or a pose that the cell does not have."""
+    for key, name, known in (("target", target, values.targets), ("start_pose", start_pose, values.poses)):
+        if name is not None and name not in known:
+            raise error("ARGUMENT_INVALID", f"{key} '{name}' is unknown; there is {', '.join(known)}")
 
 
 class CaptureRun:

@@ -9,11 +9,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar
 
-from cell.errors import error
 from cell.formats.result import Envelope
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
 from cell.run_values import RunValues
-from procedures.hand_eye.capturing import CaptureRun
+from procedures.hand_eye.capturing import CaptureRun, check_names
 from procedures.hand_eye.config import Acceptance, ConeCaptureConfig
 from procedures.hand_eye.health import keep_health
 from procedures.hand_eye.result import HandEyeResult
@@ -39,10 +38,7 @@ class ConeCapture(Procedure):
         return ("arm", self._camera_role)
 
     def check(self, values: RunValues) -> None:
-        for key, known in (("target", values.targets), ("start_pose", values.poses)):
-            name = getattr(self.config, key)
-            if name is not None and name not in known:
-                raise error("ARGUMENT_INVALID", f"{key} '{name}' is unknown; there is {', '.join(known)}")
+        check_names(self.config.target, self.config.start_pose, values)
 
     def proposal(self, run: Run) -> Proposal | None:
         pose = run.result.result.pose() if isinstance(run.result, HandEyeResult) else None

@@ -30,19 +30,12 @@ S = ScanState
 Judged = Callable[[Path, Mapping[str, Any], Mapping[str, Any]], LaserResult | Result]
 
 
-class LaserCheck(Procedure):
-    """Measures the tool against its reference."""
+class AgainstReference(Procedure):
+    """What jobs have alike that measure a tool against its reference."""
 
-    name: ClassVar[str] = "laser-check"
-    number: ClassVar[int] = 3
     kind: ClassVar[str] = "laser"
-    Config = LaserCheckConfig
     inherits: ClassVar[Mapping[type[Procedure], tuple[str, ...]]] = {LaserReference: ("floor_m",)}
-    State = ScanState
-    TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = SCAN
     CHECKPOINTS: ClassVar[frozenset[Any]] = CHECKPOINTS
-
-    config: LaserCheckConfig
 
     def uses(self) -> tuple[str, ...]:
         return ("arm", "beams")
@@ -50,6 +43,18 @@ class LaserCheck(Procedure):
     def check(self, values: RunValues) -> None:
         check_poses({"retract_pose": self.config.retract_pose}, values)
         check_speeds(reference_of(values)["search"], values)
+
+
+class LaserCheck(AgainstReference):
+    """Measures the tool against its reference."""
+
+    name: ClassVar[str] = "laser-check"
+    number: ClassVar[int] = 3
+    Config = LaserCheckConfig
+    State = ScanState
+    TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = SCAN
+
+    config: LaserCheckConfig
 
     async def run(self, run: Run) -> None:
         await measure(run, measurement_of(run, self.config), self.config, solved_check)

@@ -18,26 +18,22 @@ from cell.calibrations import tool_calibration
 from cell.errors import CellError, present
 from cell.formats.result import Envelope, Result
 from cell.motion import MotionLease
-from cell.procedure import FinishRequested, Procedure, Proposal, Run
+from cell.procedure import FinishRequested, Proposal, Run
 from cell.run_values import RunValues
 from cell.to_its_end import run_to_its_end
-from procedures.laser.check import known_of, measure, measurement_of, solved_measurement
+from procedures.laser.check import AgainstReference, known_of, measure, measurement_of, solved_measurement
 from procedures.laser.config import LaserUpdateConfig
 from procedures.laser.judging import DEG, not_confirmed, why_not, worth_another
 from procedures.laser.measurement import (
     Measurement,
-    check_poses,
-    check_speeds,
     data_header,
     known_reference,
-    reference_of,
 )
 from procedures.laser.record import DATA_FILE, SECOND, THIRD, PassRecord
-from procedures.laser.reference import LaserReference
 from procedures.laser.result import LaserResult, SecondScan, Update
 from procedures.laser.scan import Scan
 from procedures.laser.solving import compare_second
-from procedures.laser.states import CHECKPOINTS, SCAN
+from procedures.laser.states import SCAN
 
 
 class State(StrEnum):
@@ -64,14 +60,12 @@ class State(StrEnum):
 S = State
 
 
-class LaserUpdate(Procedure):
+class LaserUpdate(AgainstReference):
     """Measures the tool against its reference and corrects its frame."""
 
     name: ClassVar[str] = "laser-update"
     number: ClassVar[int] = 4
-    kind: ClassVar[str] = "laser"
     Config = LaserUpdateConfig
-    inherits: ClassVar[Mapping[type[Procedure], tuple[str, ...]]] = {LaserReference: ("floor_m",)}
     State = State
     TRANSITIONS: ClassVar[Mapping[Any, frozenset[Any]]] = {
         **SCAN,
@@ -83,17 +77,9 @@ class LaserUpdate(Procedure):
         S.COMMIT: frozenset(),
         S.REJECT: frozenset(),
     }
-    CHECKPOINTS: ClassVar[frozenset[Any]] = CHECKPOINTS
     decides: ClassVar[bool] = True
 
     config: LaserUpdateConfig
-
-    def uses(self) -> tuple[str, ...]:
-        return ("arm", "beams")
-
-    def check(self, values: RunValues) -> None:
-        check_poses({"retract_pose": self.config.retract_pose}, values)
-        check_speeds(reference_of(values)["search"], values)
 
     async def run(self, run: Run) -> None:
         measurement = measurement_of(run, self.config)

@@ -85,10 +85,9 @@ def _judged(name: str, value: Any, limit: Any, shown: Callable[[Any], str]) -> t
 def _policy(source: LaserSource, limits: Any) -> str:
     if dig(limits, "accept") is None:
         return "A check measures and proposes nothing."
-    if source.is_reference:
-        auto = "by policy when it passes" if dig(limits, "accept", "auto") else "by an operator"
-        return f"A reference is a proposal until it is accepted {auto}."
     auto = "by policy when it passes" if dig(limits, "accept", "auto") else "by an operator"
+    if source.is_reference:
+        return f"A reference is a proposal until it is accepted {auto}."
     return (
         f"A new tool frame is accepted {auto}, tried in a second scan, and put into effect only when its "
         "point meets the reference within the limit. Beyond a shift or tilt limit the tool counts as bent: "

@@ -36,9 +36,6 @@ class ShownPasses:
         found = enumerate(self.scene.passes)
         return [k for k, p in found if p.beam == beam and p.current is current]
 
-    def crossing(self, place: int) -> Crossing | None:
-        return self.seen.crossings.get(place)
-
 
 def shown(scene: ToolFrameScene, tau: float, rejected: Rejected = ()) -> ShownPasses:
     """``tau`` (s) is what is left of the delay in the stamps of the polls, ``rejected`` the result's list."""

@@ -181,7 +181,7 @@ def test_edges_lie_where_the_cylinder_is(data: dict[str, Any]) -> None:
         n /= np.linalg.norm(n)
         for current in (False, True):
             for k in found.of(beam, current):
-                crossing_ = found.crossing(k)
+                crossing_ = found.seen.crossings.get(k)
                 if crossing_ is None:
                     continue
                 tilt = np.array(TURN if current else (0.0, 0.0, 0.0))
