@@ -90,16 +90,17 @@ class InsertConfig(Strict):
     speed_m_s: float = Field(default=0.01, gt=0, le=0.1, description="of the guarded move")
     max_force_n: float = Field(default=30.0, gt=0, le=500.0, description="force that ends it")
     tolerance_m: float = Field(
-        default=0.001,
+        default=0.003,
         gt=0,
         le=0.02,
-        description="of the travel at which the end of the slot is expected to be felt",
+        description="of the travel at which the end of the slot is felt: by what is known of its depth, and "
+        "by what arm and part yield to max_force_n",
     )
     grip_timeout_s: float = Field(default=2.0, gt=0, le=30.0, description="longest wait for the gripper")
 
 
 class SlotInsertionConfig(Strict):
-    """``[job.slot-insertion]``."""
+    """``[job.slot-insertion]``: opening and part as they are, their difference is what is free."""
 
     action: Literal["insert", "pull", "replace"] = Field(
         default="insert", description="replace: pull, put down, fetch another part and insert it"

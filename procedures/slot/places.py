@@ -26,13 +26,13 @@ class SlotPlaces:
         self.gripper = run.gripper()
 
     async def fetch(self, lease: MotionLease) -> None:
-        """A part at ``fetch_pose``, or the one in the gripper; ``PART_NOT_HELD`` when there is none."""
+        """The part in the gripper, or else one at ``fetch_pose``; ``PART_NOT_HELD`` when there is none."""
         name = self.config.fetch_pose
-        if name is None:
-            if not self.gripper.holding(_FRESH_S):
-                raise error("PART_NOT_HELD", "no fetch_pose is configured, and the gripper holds nothing")
+        if self.gripper.holding(_FRESH_S):
             self._told(PartState.GRIPPED, "")
             return
+        if name is None:
+            raise error("PART_NOT_HELD", "no fetch_pose is configured, and the gripper holds nothing")
 
         async def take() -> None:
             await self.run.enter(State.FETCH, name)

@@ -28,7 +28,7 @@ from procedures.slot.result import SlotBudget
 from procedures.slot.seeing import inside
 from procedures.slot.states import PartState
 from procedures.slot.states import State as S
-from procedures.slot.stations import HAND_EYE, Stations
+from procedures.slot.stations import HAND_EYE, Stations, along
 from procedures.words import mm
 
 _EMPTY, _FULL = 0.5, 0.1  # of a slot's depth: deeper than this it is empty, shallower it is occupied
@@ -77,6 +77,7 @@ class InsertionRun:
         await asyncio.to_thread(self.write)
         with suppress(FinishRequested):
             async with run.motion() as lease:
+                await self._leave_rack(lease)
                 done = True
                 if action != "insert":
                     done = await self._pull(lease)
@@ -89,6 +90,25 @@ class InsertionRun:
         self.run.note("decision", event="part", part=state.value, why=why)
         if why:
             self.reasons.append(why)
+
+    async def _leave_rack(self, lease: MotionLease) -> None:
+        """Back along the slots, when an earlier run was ended there; ``ARM_IN_RACK`` when a force is in the
+        way. Any other way would break something."""
+        run, clear = self.run, self.config.insertion.clear_m
+        rack = from_pose6(self.config.rack.T_base_rack)
+        here = (await run.arm_state()).T_base_flange
+        if not self.stations.among_slots(here):
+            return
+        depth = self.stations.depth(rack, here)
+        out = rack * along(-clear - depth) * rack.inv() * here
+
+        async def back() -> bool:
+            await run.enter(S.RETREAT, f"the front of the gripper is {mm(depth, 1)} in the rack")
+            force = self.config.insertion.max_force_n
+            return await lease.guarded_move(out, force, clear + depth, self._slow())
+
+        if await run.take_step("leave the rack", back, measures=False):
+            raise error("ARM_IN_RACK", "a force is in the way back along its slots")
 
     # -- insertion and extraction
 

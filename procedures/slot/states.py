@@ -36,7 +36,7 @@ S = State
 
 TRANSITIONS: Mapping[Any, frozenset[Any]] = {
     None: frozenset({S.PREPARE}),
-    S.PREPARE: frozenset({S.FETCH, S.LOOK}),
+    S.PREPARE: frozenset({S.FETCH, S.LOOK, S.RETREAT}),
     S.FETCH: frozenset({S.LOOK, S.SOLVE}),
     S.LOOK: frozenset({S.MEASURE, S.SOLVE}),
     S.MEASURE: frozenset({S.ALIGN, S.PULL, S.SOLVE}),
@@ -45,7 +45,7 @@ TRANSITIONS: Mapping[Any, frozenset[Any]] = {
     S.RELEASE: frozenset({S.RETREAT}),
     S.PULL: frozenset({S.PUT_DOWN, S.RETREAT, S.SOLVE}),
     S.PUT_DOWN: frozenset({S.FETCH, S.SOLVE}),
-    S.RETREAT: frozenset({S.SOLVE}),
+    S.RETREAT: frozenset({S.FETCH, S.LOOK, S.SOLVE}),
     S.SOLVE: frozenset(),
 }
 CHECKPOINTS = frozenset({S.FETCH, S.LOOK})

@@ -44,6 +44,16 @@ class Stations:
         """Where a gripped part's front is ``depth_m`` in the slot, negative before it."""
         return T_base_slot * along(depth_m) * self.T_flange_part.inv()
 
+    def among_slots(self, T_base_flange: RigidTransform) -> bool:
+        """Whether a gripped part's front is, or would be, in the rack or right before it."""
+        rack, near = self.config.rack, self.config.insertion.near_m
+        front = from_pose6(rack.T_base_rack).inv() * T_base_flange * self.T_flange_part
+        x, y, depth = front.translation
+        width, height = ((rack.columns - 1) * rack.column_pitch_m, (rack.rows - 1) * rack.row_pitch_m)
+        beside = max(abs(x - 0.5 * width) - 0.5 * width, abs(y - 0.5 * height) - 0.5 * height)
+        within = beside < 0.5 * max(self.config.opening.width_m, self.config.opening.height_m)
+        return bool(within and -2.0 * near < depth < 2.0 * self.config.opening.depth_m)
+
     def depth(self, T_base_slot: RigidTransform, T_base_flange: RigidTransform) -> float:
         """How deep in the slot the front of a gripped part is, m."""
         return float((T_base_slot.inv() * T_base_flange * self.T_flange_part).translation[2])

@@ -14,7 +14,7 @@ from procedures.documents import read_result
 from procedures.slot.procedure import SlotInsertion
 from procedures.slot.truth import judge_slot
 from procedures.slot.words import slot_lines
-from tests.kit.object_cell import ObjectCell, no_report, open_cell
+from tests.kit.object_cell import WHO, ObjectCell, no_report, open_cell
 from tests.kit.slot_cell import HAND_EYE_COV, SLOT, beside, config, give_hand_eye, rack_of, scenario_with
 
 __all__ = ["no_report"]
@@ -211,17 +211,37 @@ def test_a_dry_run_lists_every_station_and_moves_nothing(tmp_path: Path) -> None
     run_virtual(scene())
 
 
-@pytest.mark.parametrize("state", ["look", pytest.param("insert", marks=pytest.mark.soak)])
-def test_a_protective_stop_ends_the_job_with_the_part_held(tmp_path: Path, state: str) -> None:
-    def prepare(cell: ObjectCell) -> None:
-        give_hand_eye(cell)
-        cell.at_state(state, lambda: cell.plant.controller.inject("protective-stop"), after_s=0.2)
+@pytest.mark.parametrize(
+    "state",
+    [
+        *(pytest.param(state, marks=pytest.mark.soak) for state in ("fetch", "look", "measure", "align")),
+        "insert",
+    ],
+)
+def test_after_a_stop_in_any_state_the_next_run_goes_on_with_the_part(tmp_path: Path, state: str) -> None:
+    """An arm that was left in the slot comes out along it first."""
 
-    def look(ran: Ran) -> None:
-        assert ran.error == "ARM_PROTECTIVE_STOP"
-        assert ran.held == NEW_PART
+    async def scene() -> None:
+        async with open_cell(config(tmp_path), job=SLOT) as cell:
+            give_hand_eye(cell)
+            arm = cell.plant.controller
+            cell.at_state(state, lambda: arm.inject("protective-stop"), after_s=0.6)
+            first = await cell.start()
+            stopped = Ran(cell, first, await cell.finished(first))
+            assert stopped.error == "ARM_PROTECTIVE_STOP"
+            assert cell.at_rest()
+            assert stopped.held == (None if state == "fetch" else NEW_PART)
+            arm.clear()
+            await cell.until(cell.all_ready, "ready devices")
+            await cell.engine.reset(WHO)
+            second = await cell.start()
+            ran = Ran(cell, second, await cell.finished(second))
+            assert ("retreat" in ran.states[:2]) is (state == "insert")
+            assert ran.answer["part"] == "released"
+            assert ran.in_slot(1) == NEW_PART
+            assert rack_of(cell).on_face == []
 
-    run_of(config(tmp_path), look, prepare)
+    run_virtual(scene())
 
 
 @pytest.mark.soak
