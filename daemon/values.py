@@ -123,7 +123,7 @@ def _hand_eye(
 
 def _nominal_belt(config: CellConfig) -> dict[str, Any] | None:
     nominal = config.robot.belt_nominal
-    return None if nominal is None else nominal.model_dump()
+    return None if nominal is None else {"m_per_count": nominal.scale, "dir": nominal.dir}
 
 
 def _offset(config: CellConfig, effect: _InEffect, device: str) -> dict[str, float]:

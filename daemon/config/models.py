@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from cell.errors import present
 from drivers.can_bus.address import parse_bus
 
 UR_MODELS = (
@@ -165,16 +166,36 @@ class ToolSection(Section):
 
 
 class NominalBelt(Section):
-    """The nominal values of the belt."""
+    """The nominal values of the belt: the way of a count, or the wheel that the encoder sits on."""
 
-    m_per_count: float = Field(ge=-0.1, le=0.1, description="way of the belt for one count of its encoder, m")
+    m_per_count: float | None = Field(
+        default=None, ge=-0.1, le=0.1, description="way of the belt for one count of its encoder, m"
+    )
+    wheel_circumference_m: float | None = Field(
+        default=None, gt=0, le=100.0, description="of the encoder's wheel on the belt, instead of m_per_count"
+    )
+    counts_per_revolution: int | None = Field(
+        default=None, description="of the encoder; negative where it counts down as the belt goes on"
+    )
     dir: Point = Field(description="direction in which the belt runs, in the base")
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Self:
-        if self.m_per_count == 0.0 or not 0.99 < sum(v * v for v in self.dir) < 1.01:
-            raise ValueError("m_per_count must not be 0, and dir must be a unit vector")
+        wheel = (self.wheel_circumference_m, self.counts_per_revolution)
+        if (self.m_per_count is None) == (wheel == (None, None)) or (wheel != (None, None) and None in wheel):
+            raise ValueError("give m_per_count, or wheel_circumference_m and counts_per_revolution")
+        if 0 in (self.m_per_count, self.counts_per_revolution):
+            raise ValueError("m_per_count and counts_per_revolution must not be 0")
+        if not 0.99 < sum(v * v for v in self.dir) < 1.01:
+            raise ValueError("dir must be a unit vector")
         return self
+
+    @property
+    def scale(self) -> float:
+        """m of one count, signed."""
+        if self.m_per_count is not None:
+            return self.m_per_count
+        return present(self.wheel_circumference_m, "wheel") / present(self.counts_per_revolution, "counts")
 
 
 class RobotSection(Section):

@@ -1,14 +1,41 @@
 """Two hand-eye calibrations against each other."""
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 
 from cell.errors import error
 from cell.poses import adjoint, from_pose6, log_xi
-from procedures.hand_eye.result import HandEyeResult
+from procedures.hand_eye.result import HandEyeAnswer, HandEyeResult
+from procedures.hand_eye.words import spread_lines
 from procedures.pose_comparison import PoseComparison, require_covariances, weighed
 
+_SPREADS = ("spread_within", "spread_across", "neighbour_spread")
 
-def compare_hand_eye(first: HandEyeResult, second: HandEyeResult) -> PoseComparison:
+
+@dataclass(frozen=True)
+class HandEyeComparison:
+    """The poses against each other, and the spreads beside each other."""
+
+    pose: PoseComparison
+    answers: tuple[HandEyeAnswer, HandEyeAnswer]
+
+    def as_dict(self) -> dict[str, Any]:
+        spreads = [
+            {key: None if (of := getattr(answer, key)) is None else of.model_dump() for key in _SPREADS}
+            for answer in self.answers
+        ]
+        return self.pose.as_dict() | {"spreads": spreads}
+
+    def text(self, first: str, second: str) -> str:
+        lines = [self.pose.text(first, second)]
+        for name, answer in zip((first, second), self.answers, strict=True):
+            lines += [f"  {name}: {line}" for line in spread_lines(answer)]
+        return "\n".join(lines)
+
+
+def compare_hand_eye(first: HandEyeResult, second: HandEyeResult) -> HandEyeComparison:
     """``ARGUMENT_INVALID`` for results without covariance, or of different poses."""
     cov_a, cov_b = require_covariances(first.result.cov, second.result.cov)
     held_a, held_b = first.result.pose(), second.result.pose()
@@ -21,4 +48,5 @@ def compare_hand_eye(first: HandEyeResult, second: HandEyeResult) -> PoseCompari
     between = a.inv() * b
     # An error exp(e) on the right of T_first is exp(-Ad(between^-1) e) on the right of the difference.
     carried = adjoint(between.inv().as_matrix())
-    return weighed(name, "", log_xi(between), carried @ cov_a @ carried.T + cov_b, np.eye(6))
+    pose = weighed(name, "", log_xi(between), carried @ cov_a @ carried.T + cov_b, np.eye(6))
+    return HandEyeComparison(pose, (first.result, second.result))

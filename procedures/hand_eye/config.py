@@ -18,6 +18,22 @@ class Acceptance(Strict):
         le=0.1,
         description="95 % error of X, rotation; a principal point that is 1 px off turns X by 1 px / f",
     )
+    max_spread_within_t_m: float | None = Field(
+        default=None,
+        gt=0,
+        le=1.0,
+        description="unweighted spread within placements, translation; without it the spread is shown and "
+        "not judged",
+    )
+    max_spread_within_r_rad: float | None = Field(
+        default=None, gt=0, le=1.0, description="unweighted spread within placements, rotation"
+    )
+    max_spread_across_t_m: float | None = Field(
+        default=None, gt=0, le=1.0, description="unweighted spread across placements, translation"
+    )
+    max_spread_across_r_rad: float | None = Field(
+        default=None, gt=0, le=1.0, description="unweighted spread across placements, rotation"
+    )
     auto: bool = Field(default=False, description="accept a passing result without asking")
 
 

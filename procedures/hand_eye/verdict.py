@@ -8,8 +8,9 @@ import numpy as np
 from calibration.planning.prediction import PredictedUncertainty
 from cell.formats.result import Result
 from procedures.hand_eye.config import Acceptance
-from procedures.hand_eye.result import HandEyeResult
+from procedures.hand_eye.result import HandEyeResult, NeighbourSpread, PlainSpread
 from procedures.hand_eye.solve.solver import solve_hand_eye
+from procedures.words import deg, mm
 
 
 def solve_within_limits(path: Path, limits: Acceptance) -> HandEyeResult | Result:
@@ -35,14 +36,17 @@ def judged(found: HandEyeResult | Result, limits: Acceptance) -> HandEyeResult |
 
     A result beyond a limit stays filled; the reason names the limit. One without covariance fails, too: an
     unknown error fails the limit. The length that 95 % of the errors stay below comes from the covariance.
+    The unweighted spreads are held against limits of their own where these are given.
     """
     if not isinstance(found, HandEyeResult):
         return found
+    spread, beyond = _spread_judged(found.result.neighbour_spread, limits)
+    found = found.changed(result=found.result.changed(neighbour_spread=spread)) if spread else found
     if found.uncertainty.cov is None:
         unknown = (
             "no covariance was found, so the errors cannot be held against max_error_t_m and max_error_r_rad"
         )
-        return found.judged([unknown])
+        return found.judged([unknown, *beyond])
     sure = PredictedUncertainty(np.array(found.uncertainty.cov))
     checks = (
         ("max_error_t_m", sure.error95_t_m, limits.max_error_t_m, 1e3, "mm"),
@@ -55,4 +59,31 @@ def judged(found: HandEyeResult | Result, limits: Acceptance) -> HandEyeResult |
         if not error <= limit
     ]
     uncertainty = found.uncertainty.changed(error95_t_m=sure.error95_t_m, error95_r_rad=sure.error95_r_rad)
-    return found.changed(uncertainty=uncertainty).judged(reasons)
+    return found.changed(uncertainty=uncertainty).judged([*reasons, *beyond])
+
+
+def _spread_judged(
+    spread: NeighbourSpread | None, limits: Acceptance
+) -> tuple[NeighbourSpread | None, list[str]]:
+    """The unweighted spreads with their verdict in words, and what is not within a limit."""
+    told, beyond = [], []
+    for where in ("within", "across"):
+        one: PlainSpread | None = getattr(spread, where, None)
+        for kind, value, show in (
+            ("t_m", None if one is None else one.t_norm, mm),
+            ("r_rad", None if one is None else one.r, deg),
+        ):
+            name = f"max_spread_{where}_{kind}"
+            limit: float | None = getattr(limits, name)
+            if limit is None:
+                continue
+            if value is None:
+                beyond.append(f"{name}: too few poses or placements for a spread {where} placements")
+            else:
+                text = f"{where} placements {show(value)}, the limit is {show(limit)}"
+                told.append(text)
+                beyond += [] if value <= limit else [f"{name}: unweighted spread {text}"]
+    if spread is None or not (told or beyond):
+        return spread, beyond
+    words = "not within their limits" if beyond else "within their limits"
+    return spread.changed(verdict=f"{words}: {'; '.join(told)}" if told else words), beyond

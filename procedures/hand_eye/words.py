@@ -115,7 +115,8 @@ def _unweighted(classic: NeighbourSpread | None) -> list[str]:
     both = (("within", classic.within), ("across", classic.across))
     told = [f"{where} placements {mm(one.t_norm)}, {deg(one.r)}" for where, one in both if one is not None]
     order = "the cone's order" if classic.order == "planned" else "the order in which they were taken"
-    return [f"unweighted, from neighbours in {order}: spread {'; '.join(told)}"] if told else []
+    lines = [f"unweighted, from neighbours in {order}: spread {'; '.join(told)}"] if told else []
+    return lines + ([f"the unweighted spreads are {classic.verdict}"] if classic.verdict else [])
 
 
 def _spread_text(spread: Spread, configured: Spread | None) -> str:

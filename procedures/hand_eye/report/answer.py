@@ -1,11 +1,14 @@
 """The first page: the verdict, the answer with its uncertainty, and the limits it is judged by."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from procedures.hand_eye.report.budget import covered
 from procedures.hand_eye.report.source import HandEyeSource
-from procedures.hand_eye.result import HandEyeResult
+from procedures.hand_eye.result import HandEyeResult, PlainSpread
 from procedures.report.html import Html, absent, el, note, section, table
 from procedures.report.numbers import DASH, K95, covariance, deg, degs, dig, mm, mms, number, radius95
 from procedures.report.verdict import banner, cards
@@ -92,16 +95,28 @@ def limits_section(source: HandEyeSource) -> Html | None:
         return None
     limits = dig(source.run, "job_config", "accept")
     cov = covariance(source.found.result.cov)
-    rows = []
-    for name, limit, value, shown in (
-        ("95 % error of the position", "max_error_t_m", None if cov is None else radius95(cov[:3, :3]), mm),
+    classic = source.found.result.neighbour_spread
+    figures: list[tuple[str, str, float | None, Callable[[Any], str]]] = [
+        (
+            "95 % error of the position",
+            "max_error_t_m",
+            None if cov is None else radius95(cov[:3, :3]),
+            mm,
+        ),
         (
             "95 % error of the rotation",
             "max_error_r_rad",
             None if cov is None else radius95(cov[3:, 3:]),
             deg,
         ),
-    ):
+    ]
+    for where in ("within", "across"):
+        one: PlainSpread | None = getattr(classic, where, None)
+        t, r = (None, None) if one is None else (one.t_norm, one.r)
+        figures.append((f"unweighted spread {where} placements", f"max_spread_{where}_t_m", t, mm))
+        figures.append((f"the same, rotation, {where} placements", f"max_spread_{where}_r_rad", r, deg))
+    rows = []
+    for name, limit, value, shown in figures:
         most = number(dig(limits, limit))
         if most is not None:
             judged = DASH if value is None else ("within" if value <= most else "beyond")

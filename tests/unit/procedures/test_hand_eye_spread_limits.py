@@ -1,0 +1,71 @@
+"""Limits on the unweighted spreads of a capture, and the two of two runs beside each other."""
+
+import json
+
+import numpy as np
+import pytest
+
+from procedures.hand_eye.comparison import compare_hand_eye
+from procedures.hand_eye.config import Acceptance
+from procedures.hand_eye.result import HandEyeResult
+from procedures.hand_eye.solve.solver import solve_hand_eye
+from procedures.hand_eye.verdict import judged
+from procedures.hand_eye.words import spread_lines
+from tests.kit.contradictions import good
+
+WIDE = {"max_error_t_m": 0.1, "max_error_r_rad": 0.1}
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> HandEyeResult:
+    path = tmp_path_factory.mktemp("capture") / "capture.json"
+    path.write_text(json.dumps(good(np.random.default_rng(3), joints=True, plan="small")), "utf-8")
+    result = solve_hand_eye(path, calls=1)
+    assert isinstance(result, HandEyeResult)
+    return result
+
+
+def spread_within(of: HandEyeResult) -> float:
+    assert of.result.neighbour_spread is not None
+    assert of.result.neighbour_spread.within is not None
+    return of.result.neighbour_spread.within.t_norm
+
+
+def test_a_spread_beyond_its_limit_fails_the_result_and_names_the_limit(found: HandEyeResult) -> None:
+    limit = 0.5 * spread_within(found)
+    subject = judged(found, Acceptance(**WIDE, max_spread_within_t_m=limit))
+    assert isinstance(subject, HandEyeResult)
+    assert subject.verdict == "fail"
+    assert subject.reasons[0].startswith("max_spread_within_t_m: unweighted spread within placements")
+    assert "the unweighted spreads are not within their limits" in " ".join(spread_lines(subject.result))
+
+
+def test_spreads_within_their_limits_are_said_to_be(found: HandEyeResult) -> None:
+    limit = 2.0 * spread_within(found)
+    subject = judged(found, Acceptance(**WIDE, max_spread_within_t_m=limit))
+    assert isinstance(subject, HandEyeResult)
+    assert subject.verdict == found.verdict
+    assert "the unweighted spreads are within their limits: within" in " ".join(spread_lines(subject.result))
+
+
+def test_without_limits_nothing_is_judged_and_the_result_is_as_before(found: HandEyeResult) -> None:
+    subject = judged(found, Acceptance(**WIDE))
+    assert isinstance(subject, HandEyeResult)
+    assert subject.result.neighbour_spread == found.result.neighbour_spread
+
+
+def test_a_spread_that_cannot_be_computed_is_within_no_limit(found: HandEyeResult) -> None:
+    bare = found.changed(result=found.result.changed(neighbour_spread=None))
+    subject = judged(bare, Acceptance(**WIDE, max_spread_across_r_rad=0.1))
+    assert subject.verdict == "fail"
+    assert "too few poses or placements for a spread across placements" in subject.reasons[0]
+
+
+def test_a_comparison_shows_the_spreads_of_both(found: HandEyeResult) -> None:
+    subject = compare_hand_eye(found, found)
+    text = subject.text("run 1", "run 2")
+    assert "run 1: spread within placements" in text
+    assert "run 2: unweighted, from neighbours" in text
+    first, second = subject.as_dict()["spreads"]
+    assert first == second
+    assert first["neighbour_spread"]["within"]["t_norm"] == spread_within(found)
