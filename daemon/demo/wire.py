@@ -48,7 +48,8 @@ def run_wire(folder: Path, steps: Sequence[Step]) -> int:
     A scene that cannot go on costs its own steps; the others are shown all the same.
     """
     page = DemoPage.on_a_free_port()
-    out(f"Cellward demo on a twin; watch it live on {page.address} ETA {eta_text(steps)}.")
+    out(f"Cellward demo on a twin; watch it live on {page.address}")
+    say(f"It takes {eta_text(steps)}.")
     say(f"The page comes with each daemon of the demo; to act on it, log in with {page.token}")
     rows: list[Row] = []
     with _interrupted_once():

@@ -256,11 +256,14 @@ def _frame_source(path: str, config: OakConfig) -> Iterator[FrameSource]:
 
 
 def _synchronised(pipeline: Any, colour: Any, depth: Any | None, threshold: timedelta) -> Any:
-    """Queue of groups of one exposure; it keeps the newest two, so a slow reader loses the older."""
+    """Queue of groups of one exposure; it keeps the newest alone, so a slow reader loses the older.
+
+    One that waits behind another would only be older when it is looked at.
+    """
     sync = pipeline.create(dai.node.Sync)
     sync.setRunOnHost(True)
     sync.setSyncThreshold(threshold)
     colour.link(sync.inputs[_COLOUR])
     if depth is not None:
         depth.link(sync.inputs[_DEPTH])
-    return sync.out.createOutputQueue(maxSize=2, blocking=False)
+    return sync.out.createOutputQueue(maxSize=1, blocking=False)

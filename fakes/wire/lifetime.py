@@ -6,7 +6,7 @@ import gc
 import os
 import signal
 
-from cell.priority import COMPUTING, SIMULATED_CONTROLLER, yield_to_others
+from cell.priority import SIMULATED_CONTROLLER, yield_to_others
 
 _PR_SET_PDEATHSIG = 1
 _COLLECT_AFTER = 20_000, 20, 100  # new objects; passes over the young; passes over the middle-aged
@@ -24,8 +24,8 @@ def run_as_controller() -> None:
 
 
 def run_as_camera() -> None:
-    """Draw behind everything else: a real camera uses no core of the daemon's computer."""
-    yield_to_others(COMPUTING)
+    """Draw behind the controller and the daemon's loop, and beside what looks at the pictures."""
+    yield_to_others()
 
 
 def settle_collector() -> None:
