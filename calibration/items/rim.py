@@ -30,8 +30,10 @@ _ROUNDS, _SETTLED_PX = 3, 0.2
 _CORNER, _SHARP = 7, 0.7  # points before and after, and the cosine of how far the rim may turn between them
 _ACROSS = 0.87  # cosine between the normals of sides that are blurred alike
 _FEWEST = 0.4  # of the points must show an edge
-_FARTHEST = 4.0  # px from where depth has the rim
+_FARTHEST = 6.0  # px from where depth has the rim
 _UNSEEN_PX = 1.5  # of a rim that colour does not show: where depth has it
+_UNSEEN_SIDE_PX = 5.0  # of a whole side: depth is fat there, or a hole has cut it off
+_SEEN_SHARE = 0.3  # of a side's points, that make it one that colour shows
 _WIDTH_PX = 0.15  # of a strip's width, by errors of height and attitude
 _SYSTEMATIC_PX = 0.15  # of each side, on drawn boxes
 
@@ -104,6 +106,9 @@ def _moved(colour: NDArray[np.uint8], contour: Array, foot: Foot) -> Rim | None:
     points = start + shift[:, None] * normal
     strip = np.where(side > _HIDDEN, np.hypot(side * doubt, _WIDTH_PX * (1.0 - shade)), 0.0)
     unsure = np.where(good | corner, np.hypot(strip, _SYSTEMATIC_PX), _UNSEEN_PX)
+    for k in np.unique(sides[sides >= 0]):
+        if np.mean(good[sides == k]) < _SEEN_SHARE:
+            unsure[sides == k] = _UNSEEN_SIDE_PX
     moved = float(np.sqrt(np.mean(shift[good] ** 2)))
     sigma_px = _sigma(points, normal, unsure, sides, spread)
     # At a corner depth's rim bulges, and colour says nothing; where the sides would meet is better.

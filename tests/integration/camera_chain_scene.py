@@ -22,14 +22,13 @@ from fakes.world.world import Message, World
 class Twin:
     """The frame server's process and the world that it mirrors."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, scenario: str = "hand_eye:ideal") -> None:
         self.path = folder / "frames.sock"
-        self.world = World.from_scenario(Scenario.load("hand_eye:ideal"), time.monotonic())
+        self.world = World.from_scenario(Scenario.load(scenario), time.monotonic())
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self.process = context.Process(
-            target=serve_frames, args=(str(self.path), "hand_eye:ideal", theirs), daemon=True
-        )
+        arguments = (str(self.path), scenario, theirs)
+        self.process = context.Process(target=serve_frames, args=arguments, daemon=True)
         self.process.start()
         theirs.close()
         self.world.mirror_to(self._send)

@@ -11,13 +11,14 @@ from typing import Any
 
 import psutil
 import pytest
-from camera_chain_scene import Twin, hasty, opened, own, server, shared, subject, twin
+from camera_chain_scene import Twin, camera, hasty, opened, own, server, shared, subject, twin
 
 from cell.clock import MonotonicClock
 from cell.errors import CellError
 from cell.testing import taken_again
 from drivers.oak import OakCamera
 from fakes.faults.vocabulary import Fault
+from tests.kit.ideal_world import ideal_text
 
 __all__ = ["hasty", "own", "server", "shared", "subject", "twin"]
 pytestmark = pytest.mark.wire
@@ -213,3 +214,27 @@ def test_the_child_dies_with_a_killed_daemon(twin: Twin) -> None:
     gone, alive = psutil.wait_procs([child], timeout=5.0)
     assert not alive
     assert gone
+
+
+def test_a_lens_that_an_autofocus_moves_is_told_at_the_first_frame_that_shows_it(tmp_path: Path) -> None:
+    scenario = tmp_path / "autofocus.toml"
+    text = ideal_text("hand_eye").replace("period_s = 0.1\n", "period_s = 0.1\nautofocus = true\n")
+    scenario.write_text(text, "utf-8")
+    twin = Twin(tmp_path, str(scenario))
+    twin.wait()
+
+    async def body() -> None:
+        subject = camera(twin)
+        try:
+            async with asyncio.timeout(15.0):
+                with pytest.raises(CellError) as found:
+                    await subject.open()
+                    raise await subject.wait_lost()
+            assert found.value.name == "CAMERA_LENS_MOVED"
+        finally:
+            await subject.close()
+
+    try:
+        asyncio.run(body())
+    finally:
+        twin.close()

@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.items import ItemDetector, ItemSpec
 from cell.devices import Intrinsics
-from cell.poses import Array
 from fakes.frames.boxes import Box, BoxPainter
 from fakes.frames.render import pixel_rays
 
@@ -53,7 +53,7 @@ class Scene:
         speed_m_s: float = 0.0,
         size: tuple[float, float, float] = SIZE,
         colour: tuple[float, float, float] = ORANGE,
-    ) -> tuple[Array, Array]:
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
         """Colour and depth of an exposure of 8 ms in whose middle the boxes are where they are said to be."""
         picture = np.full((CAMERA.height, CAMERA.width, 3), BELT_GREY, np.uint8)
         slope = self.rays @ self.normal.astype(np.float32)

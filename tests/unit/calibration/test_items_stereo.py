@@ -45,3 +45,18 @@ def test_an_empty_belt_under_noise_shows_no_item() -> None:
     detector = scene.detector()
     colour, depth = scene.picture([])
     assert detector.find(colour, stereo_depth(depth, Stereo(noise_px=0.2, holes=0.1), rng)) == ()
+
+
+@pytest.mark.parametrize(
+    ("place", "stereo", "seed"),
+    [((0.3, -0.5, 0.3), Stereo(holes=0.1), [3, 10]), ((0.3, -0.5, 0.3), Stereo(noise_px=0.2), [0, 10])],
+    ids=["a hole at the side", "a noisy side"],
+)
+def test_a_side_that_depth_takes_for_the_face_moves_it_no_more(
+    place: tuple[float, float, float], stereo: Stereo, seed: list[int]
+) -> None:
+    scene = Scene()
+    colour, depth = scene.picture([place])
+    (item,) = scene.detector().find(colour, stereo_depth(depth, stereo, np.random.default_rng(seed)))
+    off = float(np.linalg.norm(T_BASE_CAMERA.apply(item.point)[:2] - place[:2]))
+    assert off < min(0.5e-3, 3.0 * item.sigma_m)

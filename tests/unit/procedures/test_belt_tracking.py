@@ -61,6 +61,27 @@ def test_each_way_out_ends_the_following_first(tmp_path: Path, way: str) -> None
     run_virtual(scene())
 
 
+def test_in_a_real_world_the_lag_of_the_arm_and_the_rows_of_the_shutter_are_made_up_for(
+    tmp_path: Path,
+) -> None:
+    async def scene() -> None:
+        async with picking_cell(picking_config(tmp_path, {"picks": 1}, real=True)) as cell:
+            run_id = await cell.start()
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            off = np.linalg.norm(contact_errors(cell), axis=1)
+            assert len(off) == 1
+            assert off[0] < 0.5e-3
+            found = cell.result(run_id)["result"]
+            truth = cell.plant.world.config.gripper
+            assert truth is not None
+            assert found["gripper_closing_s"] == pytest.approx(truth.close_s, abs=0.02)
+            assert found["arm_lag_s"] > 0.04
+            frames = cell.context.supervisor.ready("camera").frames
+            assert frames.last().value.row_time_s > 0.0
+
+    run_virtual(scene())
+
+
 def test_a_pause_is_taken_at_rest_above_the_belt_and_the_job_goes_on(tmp_path: Path) -> None:
     async def scene() -> None:
         async with picking_cell(picking_config(tmp_path, {"picks": 2})) as cell:
