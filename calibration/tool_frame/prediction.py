@@ -74,11 +74,13 @@ def predict(
     staggered: bool = True,
     reference_pairs: int | None = None,
     height_pairs: float = 5.0,
+    first_edge: float = 0.5,
 ) -> ExpectedComparison:
     """Uncertainty of the tool's displacement from ``pairs`` ways there and back at each of ``depths_m``
     below the point, across each beam.
 
-    ``noise_m`` is what single ways scatter by, across and along the tool (the arm's repeatability).
+    ``noise_m`` is what single ways scatter by in their middle, across and along the tool (the arm's
+    repeatability); ``first_edge`` at which share of a way the tool meets the beam.
     ``reference_pairs`` when the reference had another number, ``height_pairs`` how many ways there and back
     are near the tool's end. ``staggered``: the polls of the passes are shifted against each other by
     equal parts of the period.
@@ -88,24 +90,42 @@ def predict(
     depths = np.array(depths_m, dtype=float)
     tilted = float(np.ptp(depths)) > 0.0
     model = LateralModel(BEAMS, BEAMS if tilted else (), BEAMS if tilted else ())
+    # Near a standstill more of it is left.
+    noise = noise_m * float(np.sqrt(2.0) * np.hypot(first_edge, 1.0 - first_edge))
     covs = []
     for _ in range(_DRAWS):
         rows, neighbours = _rows(
-            rng, model, speed_m_s, slide, (reference_pairs or pairs, pairs), depths, noise_m, staggered
+            rng,
+            model,
+            speed_m_s,
+            slide,
+            (reference_pairs or pairs, pairs),
+            depths,
+            noise_m,
+            first_edge,
+            staggered,
         )
-        fit = average(rows, model, None, noise_m)
-        found = posterior(rows, model, fit, noise_m, _POINTS, max(noise_m, 0.01 * slide))
-        cov = widened(rows, model, found.cov, noise_m, noise_m, together(rows, neighbours))
-        pick = [model.names.index(f"shift {b}") for b in BEAMS]
-        if tilted:
-            pick += [model.names.index(f"tilt {b}") for b in BEAMS]
-        covs.append(cov[np.ix_(pick, pick)])
+        fit = average(rows, model, None, noise)
+        found = posterior(rows, model, fit, noise, _POINTS, max(noise, 0.01 * slide))
+        cov = widened(rows, model, found.cov, noise, noise, together(rows, neighbours))
+        told = _told(model, len(cov), tilted)
+        covs.append(told @ cov @ told.T)
     mean = np.mean(covs, axis=0)
     cov = np.zeros((5, 5))
     place = [0, 1, 3, 4] if tilted else [0, 1]
     cov[np.ix_(place, place)] = mean
     cov[2, 2] = height_variance(z_resolution_m, noise_m, height_pairs)
     return ExpectedComparison(cov, slide, z_resolution_m, tilted)
+
+
+def _told(model: LateralModel, size: int, tilted: bool) -> Array:
+    """(2 or 4, ``size``) from the unknowns to what a comparison tells: where the point is, and how far the
+    axis is turned against that of the reference, which is not known either."""
+    one, at = np.eye(size), model.names.index
+    rows = [one[at(f"shift {b}")] for b in BEAMS]
+    if tilted:
+        rows += [one[at(f"tilt {b}")] - one[at(f"own tilt {b}")] for b in BEAMS]
+    return np.stack(rows)
 
 
 def near_pairs(pairs: int, step: float, sigma: float) -> float:
@@ -133,6 +153,7 @@ def _rows(
     pairs: tuple[int, int],
     depths: Array,
     noise: float,
+    first_edge: float,
     staggered: bool,
 ) -> tuple[Rows, list[tuple[int, int]]]:
     """Made passes, and which of them have a standstill in common."""
@@ -152,10 +173,9 @@ def _rows(
                     for direction in (1.0, -1.0):
                         phase = offset + k / count if staggered else rng.random()
                         phase += 0.0 if direction > 0.0 else rng.random()
-                        off = 0.5 * float(np.sum(rest[:2]))  # of the whole way
-                        rest = rest[1:]
                         for j, side in enumerate(_EDGES):
-                            true = side * radius[beam] + off
+                            share = first_edge if side * direction < 0.0 else 1.0 - first_edge
+                            true = side * radius[beam] + float((1.0 - share) * rest[0] + share * rest[1])
                             start = (np.floor(true / slide - phase) + phase) * slide
                             row = np.zeros(len(names))
                             row[0] = direction * speed
@@ -169,6 +189,7 @@ def _rows(
                             edge.append(labels.index((beam, j)))
                             X.append(row)
                             source.append(place)
+                        rest = rest[1:]
                         place += 1
     n = len(low)
     made = (np.array(low), np.array(high), np.zeros(n), np.array(edge), np.array(X), np.array(source))

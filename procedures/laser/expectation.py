@@ -50,6 +50,7 @@ def laser_expectation(setup: Setup, job: LaserReferenceConfig) -> dict[str, Any]
             job.heights,
             noise_m=noise,
             height_pairs=near,
+            first_edge=_first_edge(setup, job),
         )
         for noise in (sigma, 0.0)
     )
@@ -72,6 +73,16 @@ def laser_expectation(setup: Setup, job: LaserReferenceConfig) -> dict[str, Any]
         "problems": [],
         "cautions": list(_uncertainty(setup, job, expected.U_point_m)),
     }
+
+
+def _first_edge(setup: Setup, job: LaserReferenceConfig) -> float:
+    """At which share of a measuring way the tool meets the beam."""
+    lead = job.lead_m + job.measure_speed_m_s**2 / (2.0 * setup.values.limits["accel_m_s2"])
+    return float(lead / (2.0 * (lead + _pin_radius(setup, job))))
+
+
+def _pin_radius(setup: Setup, job: LaserReferenceConfig) -> float:
+    return float(job.pin_radius_m or setup.values.tool["radius_m"])
 
 
 def _gate(setup: Setup, expected: ExpectedComparison) -> dict[str, float]:
@@ -129,7 +140,7 @@ def _speeds(setup: Setup, job: LaserReferenceConfig) -> Iterator[str]:
 
 def _pin(setup: Setup, job: LaserReferenceConfig) -> Iterator[str]:
     """A sweep begins and ends with a free beam, and is at constant speed from edge to edge."""
-    wide = 2.0 * (job.pin_radius_m or setup.values.tool["radius_m"])
+    wide = 2.0 * _pin_radius(setup, job)
     source = "pin_radius_m" if job.pin_radius_m else "[robot] tool.radius_m, as there is no pin_radius_m"
     for name, beam in (("xs", job.xs), ("ys", job.ys)):
         if wide + 2.0 * job.lead_m > beam.distance_m:
