@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import wraps
-from typing import Any, ParamSpec, Protocol, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from pydantic import ValidationError
 
+from calibration.refusal import Refusal
 from cell.errors import error
 from cell.formats.result import Inputs, Result, Warning_
 
@@ -41,15 +42,6 @@ def within_limits(solver: Callable[P, T]) -> Callable[P, T]:
             raise _beyond(args, exc) from exc
 
     return call
-
-
-class Refusal(Protocol):
-    """Why data determine no answer: a fixed ``name``, and the same in ``words``."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def words(self) -> str: ...
 
 
 def refused(

@@ -19,7 +19,7 @@ from calibration.tool_frame.places import CrossingPlaces
 from calibration.tool_frame.posterior import posterior
 from calibration.tool_frame.reference_heights import rough_heights, spot_heights
 from calibration.tool_frame.repeatability import of_a_way, scatter_of
-from calibration.tool_frame.scene import Refusal, ToolFrameScene
+from calibration.tool_frame.scene import Refused, ToolFrameScene
 from calibration.tool_frame.selection import Selection, select
 from calibration.tool_frame.standstills import as_they_are, in_a_row
 from cell.poses import Array
@@ -65,7 +65,7 @@ def find_beams(scene: ToolFrameScene, points: int = 2048) -> FoundBeams:
     """Point and direction of each beam from the reference passes of ``scene``.
 
     ``scene.beams`` need to be known roughly (some 20 degrees); the tool's point and axis are taken as given
-    and the tool as symmetric about its axis across the beams. Raises :class:`Refusal`.
+    and the tool as symmetric about its axis across the beams. Raises :class:`Refused`.
     """
     return _Finding(scene, points).run()
 
@@ -186,10 +186,10 @@ def _from_the_first(places: CrossingPlaces, used: set[int], beam: str, first: in
 def _check_seen(seen: PassContents) -> None:
     shown = {c.source.beam for c in seen.crossings.values()}
     if not shown:
-        raise Refusal("no-edges", "no pass shows the tool breaking a beam and clearing it again")
+        raise Refused("no-edges", "no pass shows the tool breaking a beam and clearing it again")
     if len(shown) < len(BEAMS):
         lost = next(b for b in BEAMS if b not in shown)
-        raise Refusal("one-beam-only", f"no pass shows the tool in beam {lost}")
+        raise Refused("one-beam-only", f"no pass shows the tool in beam {lost}")
 
 
 def _without_blunders(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from calibration.tool_frame.averaging import design
 from calibration.tool_frame.bounds import rows_of
 from calibration.tool_frame.crossings import Crossing
-from calibration.tool_frame.scene import Refusal, ToolFrameScene
+from calibration.tool_frame.scene import Refused, ToolFrameScene
 from calibration.tool_frame.solution import Solution
 from cell.poses import Array
 
@@ -68,7 +68,7 @@ def held_out(
         keep = [k for k in range(len(scene.passes)) if k not in part]
         try:
             other = solve(scene.take(keep))
-        except Refusal:
+        except Refused:
             continue
         known = set(other.lateral.rows.labels)
         left = {

@@ -17,7 +17,7 @@ import numpy as np
 
 from calibration.tool_frame.crossings import PassContents
 from calibration.tool_frame.geometry import BEAMS, frames
-from calibration.tool_frame.scene import Refusal, ToolFrameScene
+from calibration.tool_frame.scene import Refused, ToolFrameScene
 from cell.poses import Array
 
 
@@ -59,7 +59,7 @@ def _first_pair(scene: ToolFrameScene, seen: PassContents, beam: str, current: b
         if ways == (1, -1) and out in seen.crossings and back in seen.crossings:
             return out, back
     words = "current" if current else "reference"
-    raise Refusal(
+    raise Refused(
         "too-few-passes",
         f"no {words} way out and back shows the tool in beam {beam}; the classic method needs both",
     )

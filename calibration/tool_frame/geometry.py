@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibration.tool_frame.scene import Line, ReferenceTool, Refusal
+from calibration.tool_frame.scene import Line, ReferenceTool, Refused
 from cell.poses import Array
 
 BEAMS = ("xs", "ys")
@@ -36,7 +36,7 @@ class BeamFrame:
         n = np.cross(axis, line.direction)
         length = float(np.linalg.norm(n))
         if length < np.sin(MIN_CROSSING_RAD):
-            raise Refusal(
+            raise Refused(
                 "beam-along-tool", "a beam runs along the tool's axis; crossing it there says nothing"
             )
         n = n / length
@@ -65,7 +65,7 @@ def frames(beams: Mapping[str, Line], R: Array, tool: ReferenceTool) -> dict[str
     found = {name: BeamFrame.of(beams[name], axis) for name in BEAMS}
     sine = float(np.linalg.norm(np.cross(found["xs"].n, found["ys"].n)))
     if sine < np.sin(MIN_CROSSING_RAD):
-        raise Refusal(
+        raise Refused(
             "beams-parallel",
             f"the beams cross at {np.degrees(np.arcsin(sine)):.1f} deg; the place along them is not seen",
         )

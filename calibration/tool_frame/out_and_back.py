@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration.tool_frame.crossings import Crossing
 from calibration.tool_frame.geometry import BEAMS
-from calibration.tool_frame.scene import Refusal
+from calibration.tool_frame.scene import Refused
 
 UNSEEN_DELAY = "delay of the input, and hysteresis (no set crosses a beam both ways)"
 
@@ -35,7 +35,7 @@ def compared_ways(crossings: Mapping[int, Crossing]) -> Ways:
         if len(before) == len(now) == 2:
             continue
         if not before & now and not seen:
-            raise Refusal(
+            raise Refused(
                 "no-return",
                 f"the reference crosses beam {beam} one way only and the current passes the other way; a "
                 "delay of the input cannot be told from a displacement. Cross it there and back",
@@ -55,7 +55,7 @@ def refuse_one_way(crossings: Mapping[int, Crossing]) -> None:
     """Of a reference by itself: where a beam is cannot be told without a way back."""
     for beam in BEAMS:
         if len(_senses(crossings, beam, False)) == 1:
-            raise Refusal(
+            raise Refused(
                 "no-return",
                 f"beam {beam} is crossed one way only; a delay of the input cannot be told from the place of "
                 "the beam. Cross it there and back",

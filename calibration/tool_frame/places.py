@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration.tool_frame.crossings import Crossing
 from calibration.tool_frame.geometry import BEAMS, BeamFrame
-from calibration.tool_frame.scene import Refusal, ToolFrameScene
+from calibration.tool_frame.scene import Refused, ToolFrameScene
 from cell.poses import Array
 
 MIN_APART_M = 0.04
@@ -49,9 +49,9 @@ class CrossingPlaces:
         for b in BEAMS:
             visited = self.used(crossings, b)
             if not visited:
-                raise Refusal("too-few-passes", f"no pass across beam {b} can be used")
+                raise Refused("too-few-passes", f"no pass across beam {b} can be used")
             if len(visited) < 2 or np.ptp([self.along[b][j] for j in visited]) < MIN_APART_M:
-                raise Refusal(
+                raise Refused(
                     "one-place-only",
                     f"beam {b} was crossed at one place, or at places less than {1e3 * MIN_APART_M:.0f} mm "
                     "apart; its direction is not determined",

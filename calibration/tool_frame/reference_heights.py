@@ -13,7 +13,7 @@ from calibration.tool_frame.height import mixed
 from calibration.tool_frame.hits import HeightBracket, bracket
 from calibration.tool_frame.places import CrossingPlaces
 from calibration.tool_frame.repeatability import PassScatter
-from calibration.tool_frame.scene import Refusal, ToolFrameScene
+from calibration.tool_frame.scene import Refused, ToolFrameScene
 from calibration.tool_frame.tip import ENDS, POINT, ToolInBeam
 from cell.poses import Array
 
@@ -61,7 +61,7 @@ class _Spots:
         found = bracket(hits, {k: height[k] for k in own if k in self.seen.missed})
         if found is None:
             beam, j = spot
-            raise Refusal(
+            raise Refused(
                 "no-height",
                 f"no pass goes by above the tool's point at place {j + 1} of beam {beam}; it has no height",
             )

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.refusal import Refusal
 from calibration.tool_frame.edges import Bracket, brackets
 from cell.poses import Array
 
@@ -97,9 +98,9 @@ class ToolFrameScene:
         )
 
 
-class Refusal(Exception):
-    """The data cannot determine the answer. ``name`` is fixed, ``words`` say what is missing."""
+class Refused(Exception):
+    """The data cannot determine the answer; ``refusal`` says why."""
 
     def __init__(self, name: str, words: str) -> None:
-        super().__init__(f"{name}: {words}")
-        self.name, self.words = name, words
+        self.refusal = Refusal(name, words)
+        super().__init__(str(self.refusal))

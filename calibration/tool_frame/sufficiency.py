@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from calibration.tool_frame.crossings import Crossing, PassContents
 from calibration.tool_frame.geometry import BEAMS
-from calibration.tool_frame.scene import Refusal, ToolFrameScene
+from calibration.tool_frame.scene import Refused, ToolFrameScene
 from calibration.tool_frame.selection import Selection, select
 
 
@@ -13,16 +13,16 @@ def selected(scene: ToolFrameScene, seen: PassContents) -> tuple[Selection, list
     """The passes to be used, with warnings; refused where a set does not show the tool in both beams."""
     if not seen.crossings:
         what = "no pass shows the tool breaking a beam and clearing it again"
-        raise Refusal("no-edges", what + _mostly(seen.reasons.values()))
+        raise Refused("no-edges", what + _mostly(seen.reasons.values()))
     for current, words in ((False, "reference"), (True, "current")):
         beams = {c.source.beam for c in seen.crossings.values() if c.source.current == current}
         if not beams:
             why = [r for k, r in seen.reasons.items() if scene.passes[k].current == current]
             what = f"no {words} pass shows the tool breaking a beam and clearing it"
-            raise Refusal("no-edges", what + _mostly(why))
+            raise Refused("no-edges", what + _mostly(why))
         if len(beams) < len(BEAMS):
             lost = next(b for b in BEAMS if b not in beams)
-            raise Refusal(
+            raise Refused(
                 "one-beam-only",
                 f"the {words} passes show the tool in beam {next(iter(beams))} alone; its place "
                 f"across beam {lost} is not seen",
@@ -59,7 +59,7 @@ def check_enough(
         for beam in BEAMS:
             if not _own(scene, list(crossings), beam, current):
                 why = [reasons[k] for k in _own(scene, list(reasons), beam, current)]
-                raise Refusal(
+                raise Refused(
                     "too-few-passes",
                     f"no {words} pass across beam {beam} can be used; its place there is not determined"
                     + _mostly(why),

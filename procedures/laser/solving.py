@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.tool_frame.meeting import FALSE_ALARM, length95, tool_point_meets
 from calibration.tool_frame.places import at_current_places
-from calibration.tool_frame.scene import Refusal, ToolFrameScene
+from calibration.tool_frame.scene import Refused, ToolFrameScene
 from calibration.tool_frame.solution import solve
 from cell.errors import present
 from cell.formats.laser import parse_laser
@@ -63,7 +63,7 @@ def compare_second(
     try:
         again = solve(_scene({**data, "current": {"passes": passes}}, path))
         between = solve(_against_first(data, passes, first, path))
-    except Refusal as refusal:
+    except Refused as refusal:
         return SecondScan(
             meets=False,
             scans=scans,

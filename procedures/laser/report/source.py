@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibration.tool_frame.geometry import BEAMS
-from calibration.tool_frame.scene import Line, ReferenceTool, Refusal, ToolFrameScene
+from calibration.tool_frame.scene import Line, ReferenceTool, Refused, ToolFrameScene
 from cell.errors import CellError
 from cell.formats.laser import LaserData
 from cell.poses import Array
@@ -78,8 +78,8 @@ class LaserSource(Source[LaserResult | ReferenceResult]):
         tau = None if self.found is None else self.found.result.tau
         try:
             return shown(self.scene, tau or 0.0, () if self.measured is None else self.rejected)
-        except Refusal as exc:
-            self.missing.append(f"The passes of the data set cannot be drawn: {exc.words}.")
+        except Refused as exc:
+            self.missing.append(f"The passes of the data set cannot be drawn: {exc.refusal.words}.")
             return None
 
     @cached_property

@@ -8,12 +8,13 @@ from typing import TypeVar
 
 import numpy as np
 
+from calibration.refusal import Refusal
 from calibration.tool_frame.beams import find_beams
 from calibration.tool_frame.checks import held_out, own_residuals
 from calibration.tool_frame.classic import Classic, solve_classic
 from calibration.tool_frame.lateral import AVERAGING, INTERVAL
 from calibration.tool_frame.places import at_current_places
-from calibration.tool_frame.scene import Refusal
+from calibration.tool_frame.scene import Refused
 from calibration.tool_frame.solution import solve
 from cell.errors import error
 from cell.formats.laser import LaserData
@@ -63,8 +64,8 @@ def solve_laser(
         classic: Classic | None = None
         if chosen == CLASSIC:
             classic, seconds = _timed(lambda: solve_classic(scene, solution.seen), calls)
-    except Refusal as refusal:
-        return _refused("laser", refusal, warnings, inputs)
+    except Refused as exc:
+        return _refused("laser", exc.refusal, warnings, inputs)
     inputs = inputs.changed(solve_seconds=seconds)
     _tell(progress, "held out", 0)
     checks = None
@@ -91,8 +92,8 @@ def solve_reference(path: Path, progress: Progress | None = None, calls: int = 2
     _tell(progress, "solve", 0)
     try:
         found, seconds = _timed(lambda: find_beams(scene), calls)
-    except Refusal as refusal:
-        return _refused("laser-reference", refusal, warnings, inputs)
+    except Refused as exc:
+        return _refused("laser-reference", exc.refusal, warnings, inputs)
     _tell(progress, "solve", 1)
     inputs = inputs.changed(solve_seconds=seconds)
     return fill_reference(data, found, [*warnings, *found.warnings], inputs)

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calibration.tool_frame.lateral import AVERAGING
-from calibration.tool_frame.scene import Refusal
+from calibration.tool_frame.scene import Refused
 from calibration.tool_frame.solution import Solution, solve
 from cell.formats.laser import parse_laser
 from procedures.laser.solve.data import scene_of
@@ -182,10 +182,10 @@ def test_passes_that_cannot_tell_are_refused_by_name() -> None:
     ):
         passes = [p for p in data["current"]["passes"] if strip(p) or not any(p["poll_v"])]
         scene = scene_of(parse_laser({**data, "current": {"passes": passes}}, "made"))
-        with pytest.raises(Refusal, match=name):
+        with pytest.raises(Refused, match=name):
             solve(scene)
     skew = {**data, "beams": {**data["beams"], "ys": {"point": [0, 0, 0], "dir": [1.0, 0.05, 0.0]}}}
-    with pytest.raises(Refusal, match="beams-parallel"):
+    with pytest.raises(Refused, match="beams-parallel"):
         solve(scene_of(parse_laser(skew, "made")))
 
 

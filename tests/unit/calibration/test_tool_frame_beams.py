@@ -9,7 +9,7 @@ import pytest
 from calibration.tool_frame.beams import FoundBeams, find_beams
 from calibration.tool_frame.meeting import length95, tool_point_meets
 from calibration.tool_frame.prediction import height_variance, near_pairs, predict
-from calibration.tool_frame.scene import Refusal
+from calibration.tool_frame.scene import Refused
 from calibration.tool_frame.solution import solve
 from cell.formats.laser import parse_laser
 from procedures.laser.solve.data import scene_of
@@ -95,7 +95,7 @@ def test_an_update_against_found_beams_gives_the_displacement_of_the_tool() -> N
 
 
 def test_one_place_of_each_beam_does_not_give_its_direction() -> None:
-    with pytest.raises(Refusal, match="one-place-only"):
+    with pytest.raises(Refused, match="one-place-only"):
         found_in(reference(Bench(seed=5), places=(0.0, 0.02)))
 
 
@@ -104,7 +104,7 @@ def test_beams_without_a_pass_above_the_tool_have_no_height() -> None:
     data["reference"]["passes"] = [p for p in data["reference"]["passes"] if any(p["poll_v"])][-10:] + [
         p for p in data["reference"]["passes"] if any(p["poll_v"]) and p["beam"] == "xs"
     ]
-    with pytest.raises(Refusal):
+    with pytest.raises(Refused):
         found_in(data)
 
 

@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from calibration.tool_frame import geometry as geo
-from calibration.tool_frame.scene import Line, ReferenceTool, Refusal
+from calibration.tool_frame.scene import Line, ReferenceTool, Refused
 
 small = st.floats(-0.3, 0.3)
 R = Rotation.from_euler("xyz", [170.0, 8.0, 40.0], degrees=True).as_matrix()
@@ -51,7 +51,7 @@ def test_a_displacement_is_put_together_from_both_beams_and_the_height() -> None
 
 
 def test_parallel_beams_and_a_beam_along_the_tool_are_refused() -> None:
-    with pytest.raises(Refusal, match="beams-parallel"):
+    with pytest.raises(Refused, match="beams-parallel"):
         geo.frames({**BEAMS, "ys": Line.of([0, 0, 0], [1.0, 0.05, 0.0])}, R, TOOL)
-    with pytest.raises(Refusal, match="beam-along-tool"):
+    with pytest.raises(Refused, match="beam-along-tool"):
         geo.frames({**BEAMS, "ys": Line.of([0, 0, 0], R @ TOOL.axis)}, R, TOOL)
