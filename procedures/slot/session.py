@@ -3,7 +3,6 @@
 import asyncio
 import json
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -75,7 +74,7 @@ class InsertionRun:
         route = await self.plan()
         run.note("decision", event="plan", plan=route.listing)
         await asyncio.to_thread(self.write)
-        with suppress(FinishRequested):
+        try:
             async with run.motion() as lease:
                 await self._leave_rack(lease)
                 done = True
@@ -83,6 +82,10 @@ class InsertionRun:
                     done = await self._pull(lease)
                 if action != "pull" and done:
                     await self._insert(lease)
+        except FinishRequested:
+            self.reasons.append(
+                "finished: before the part was where it belongs, because somebody asked for it"
+            )
 
     def note_part(self, state: PartState, why: str = "") -> None:
         """The part's next state; ``why`` where that is not as it should be."""
@@ -166,7 +169,7 @@ class InsertionRun:
             self.note_part(PartState.INSERTED)
             await self.run.enter(S.RELEASE)
             await self.places.let_go()
-            await self._retreat(lease, self.stations.front_at(T_slot, wanted - self._above_m()))
+            await self._retreat(lease, self.stations.front_at(T_slot, -self.config.insertion.clear_m))
         elif forced:
             why = f"jammed: {present(self.force_n, 'force'):.1f} N after {mm(travel)} of {mm(wanted)}"
             self.note_part(PartState.JAMMED, why)
@@ -178,7 +181,7 @@ class InsertionRun:
     async def _pull(self, lease: MotionLease) -> bool:
         """Take the part out of the slot, and put it down where that is configured; whether that went well."""
         run = self.run
-        _, T_slot, _ = await self._measure(lease, "part")
+        route, T_slot, _ = await self._measure(lease, "part")
         depth = self.config.opening.depth_m
         seated = self.stations.front_at(T_slot, depth)
         above = self.stations.front_at(T_slot, depth - self._above_m())
@@ -186,6 +189,9 @@ class InsertionRun:
 
         async def take() -> None:
             await run.enter(S.PULL)
+            if self.stations.among_slots((await run.arm_state()).T_base_flange):  # taken again
+                await lease.move_linear(out, self._slow())
+            await lease.move_joints(np.array(route.before))
             await lease.move_linear(above)
             await lease.move_linear(seated, self._slow())
             await self.places.grip(f"slot {self.config.slot}")
@@ -204,7 +210,7 @@ class InsertionRun:
                 PartState.JAMMED, f"jammed: {present(self.force_n, 'force'):.1f} N while it was pulled"
             )
             await self.places.let_go()
-            await self._retreat(lease, above)
+            await self._retreat(lease, out)
             return False
         if not self.places.still_held(S.PULL):
             return False

@@ -1,5 +1,6 @@
 """Parts into slots and out of them on virtual time, judged against the twin's truth."""
 
+import asyncio
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -159,6 +160,22 @@ def test_a_part_that_is_lost_on_the_way_ends_the_job(tmp_path: Path) -> None:
         assert ran.answer["part"] == "lost"
         assert ran.result["reasons"][0].startswith("lost: ")
         assert "insert" not in ran.states
+
+    run_of(config(tmp_path), look, prepare)
+
+
+def test_a_run_that_is_finished_before_the_look_says_so(tmp_path: Path) -> None:
+    def prepare(cell: ObjectCell) -> None:
+        give_hand_eye(cell)
+        tasks: set[asyncio.Task[None]] = set()
+        cell.at_state("fetch", lambda: tasks.add(asyncio.ensure_future(cell.engine.finish(WHO))))
+
+    def look(ran: Ran) -> None:
+        assert ran.result is not None
+        assert ran.result["verdict"] == "fail"
+        assert ran.result["result"] is None
+        assert ran.result["reasons"][0].startswith("finished: ")
+        assert ran.states[-1] == "solve"
 
     run_of(config(tmp_path), look, prepare)
 
