@@ -1,7 +1,8 @@
 """In how many folders a family of jobs lives, at any commit: ``python tests/house_count.py [REVISION]...``.
 
 A file belongs to a family when its path says so. Drivers and the twin are left out: they are of devices.
-``shared`` are other files of ``procedures/`` and ``daemon/`` that name a job, a kind or a module of it.
+``shared`` are files of ``procedures/`` and ``daemon/`` that belong to no family and name a job, a kind or a
+module of it.
 """
 
 import re
@@ -22,6 +23,8 @@ FAMILIES = {  # what the path of a family's file says, and what in another file 
     "iso9283": (r"iso9283", r"iso9283"),
     "belt": (r"belt|intercept|live_text|verdict_picks", r"belt-(tracking|calibration)|procedures\.belt\b"),
     "latency": (r"latency", r"latency-calibration|procedures\.latency\b"),
+    "eye_to_hand": (r"eye_to_hand|axbc", r"eye-to-hand-check|\baxbc\"|procedures\.eye_to_hand\b"),
+    "slot": (r"(procedures|calibration)/slot/|slot\.py$", r"slot-insertion|procedures\.slot\b"),
 }
 _REPORT_VERDICT = "report/verdict.py"
 
@@ -37,16 +40,18 @@ def main(revisions: list[str]) -> None:
         listed = git("ls-tree", "-r", "--name-only", revision, *PACKAGES).split()
         files = [f for f in listed if f.endswith(".py") and not f.endswith(_REPORT_VERDICT)]
         print(f"\n{git('log', '-1', '--format=%h %s', revision).strip()}")
-        print(f"{'family':10}{'files':>7}{'folders':>9}{'shared':>8}")
-        for name, (path, words) in FAMILIES.items():
-            own = {f for f in files if re.search(path, f)}
+        print(f"{'family':12}{'files':>7}{'folders':>9}{'shared':>8}")
+        of = {name: {f for f in files if re.search(path, f)} for name, (path, _) in FAMILIES.items()}
+        owned = set().union(*of.values())
+        for name, (_, words) in FAMILIES.items():
+            own = of[name]
             folders = {_family_folder(f) for f in own}
             naming = {
                 line.partition(":")[2]
                 for line in git("grep", "-lP", words, revision, "--", "procedures", "daemon").splitlines()
             }
-            shared = {f for f in naming if f not in own and f.endswith((".py", ".toml"))}
-            print(f"{name:10}{len(own):7}{len(folders):9}{len(shared):8}")
+            shared = {f for f in naming if f not in owned and f.endswith((".py", ".toml"))}
+            print(f"{name:12}{len(own):7}{len(folders):9}{len(shared):8}")
 
 
 def _family_folder(path: str) -> str:
