@@ -148,6 +148,7 @@ def test_an_insertion_is_refused_when_its_error_may_exceed_the_clearance(tmp_pat
     run_of(config(tmp_path), look, lambda cell: give_hand_eye(cell, cov=25.0 * HAND_EYE_COV))
 
 
+@pytest.mark.soak
 def test_a_part_that_is_lost_on_the_way_ends_the_job(tmp_path: Path) -> None:
     def prepare(cell: ObjectCell) -> None:
         give_hand_eye(cell)
@@ -228,13 +229,8 @@ def test_a_dry_run_lists_every_station_and_moves_nothing(tmp_path: Path) -> None
     run_virtual(scene())
 
 
-@pytest.mark.parametrize(
-    "state",
-    [
-        *(pytest.param(state, marks=pytest.mark.soak) for state in ("fetch", "look", "measure", "align")),
-        "insert",
-    ],
-)
+@pytest.mark.soak
+@pytest.mark.parametrize("state", ["fetch", "look", "measure", "align", "insert"])
 def test_after_a_stop_in_any_state_the_next_run_goes_on_with_the_part(tmp_path: Path, state: str) -> None:
     """An arm that was left in the slot comes out along it first."""
 
