@@ -222,6 +222,8 @@ def _config(draw: Draw, seed: int, folder: Path, flange: Array, use_kinematics: 
     tables = Scenario.parse(text).model_dump(by_alias=True, exclude_none=True)
     world, job = tables["world"], tables["cell"]["job"][SLOT]
     world["seed"] = seed
+    if use_kinematics:  # found by the calibration, too
+        world["arm"].pop("joint_errors", None)
     world["arm"]["error"] = {key: v.tolist() for key, v in draw.links.items()}
     rack = from_pose6(job["rack"]["T_base_rack"]) * exp_xi(draw.rack)
     world["rack"]["T_base_rack"] = to_pose6(rack).tolist()

@@ -26,14 +26,15 @@ from fakes.frames.boxes import (
     window_of,
 )
 from fakes.frames.plates import Image
-from fakes.frames.render import pixel_rays
+from fakes.frames.render import light_share, pixel_rays
+from fakes.frames.stereo import stereo_depth
 from fakes.world.rack.rack import PLATE_M, Rack
 from fakes.world.rack.truth import RackTruth
 from fakes.world.world import World
 
 _BACKGROUND, _FAR_MM = 90.0, 2000.0
 _WALL_SHADES = (0.75, 1.25, 0.9, 1.1)
-_NOISE_GREY, _DEPTH_NOISE_MM = 2.0, 1.0
+_DEPTH_NOISE_MM = 1.0
 _NEAREST_M = 0.05
 _NOISE_FRAMES = 4
 
@@ -47,10 +48,13 @@ class RackView:
         self._K, self._dist = lens.matrix, np.array(lens.dist, dtype=float)
         self._rays = pixel_rays(lens)
         self._boxes = BoxPainter(self._K, self._dist, self._rays)
+        self._camera = camera = world.camera
         rng = np.random.default_rng([world.config.seed, 0x51])
         height, width = self._rays.shape[:2]
         coarse = (_NOISE_FRAMES, height // 8, width // 8)
-        self._noise = rng.normal(0.0, _NOISE_GREY, (_NOISE_FRAMES, height, width, 3)).astype(np.float32)
+        noise = rng.normal(0.0, camera.noise_grey, (_NOISE_FRAMES, height, width, 3))
+        self._noise = noise.astype(np.float32)
+        self._light = light_share((width, height), camera.vignette)
         self._depth_noise = [
             cv2.resize(noise.astype(np.float32), (width, height))
             for noise in rng.normal(0.0, _DEPTH_NOISE_MM, coarse)
@@ -78,9 +82,11 @@ class RackView:
         ]
         self._boxes.paint(colour, depth, [boxes])
         k = int(rng.integers(_NOISE_FRAMES))
-        noisy: Image = cv2.add(colour, self._noise[k], dtype=cv2.CV_8U)
-        measured = np.clip(depth + 1e3 * rack.truth.depth_off_m + self._depth_noise[k], 0, 65535)
-        return noisy, measured.astype(np.uint16)
+        noisy: Image = cv2.add(colour * self._light, self._noise[k], dtype=cv2.CV_8U)
+        wrong = depth + np.float32(1e3 * rack.truth.depth_off_m)
+        if self._camera.stereo is not None:
+            return noisy, stereo_depth(wrong, self._camera.stereo, rng)
+        return noisy, np.clip(wrong + self._depth_noise[k], 0, 65535).astype(np.uint16)
 
     def _plate(self, colour: Image, depth: NDArray[np.float32], T_camera_base: RigidTransform) -> None:
         truth = self._truth

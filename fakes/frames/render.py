@@ -84,7 +84,7 @@ class Renderer:
         self._far = np.full(self._background.shape, 1000.0 * optics.background_m, np.float32)
         if band is not None:
             self._lay(band)
-        self._light = _light(self._size, optics.vignette) if optics.vignette else None
+        self._light = light_share(self._size, optics.vignette) if optics.vignette else None
         self._noise = [
             self._rng.normal(0.0, optics.noise_grey, (camera.height, camera.width, 3))
             .round()
@@ -338,7 +338,7 @@ def _ray_grid(size: tuple[int, int], K: Array, dist: Array, ss: int) -> NDArray[
     return np.dstack([x, y, np.ones_like(x)])
 
 
-def _light(size: tuple[int, int], vignette: float) -> NDArray[np.float32]:
+def light_share(size: tuple[int, int], vignette: float) -> NDArray[np.float32]:
     """(h, w, 3) the share of light that a lens lets through: less with the square of the distance."""
     u, v = (np.linspace(-1.0, 1.0, n, dtype=np.float32) for n in size)
     share = 1.0 - vignette * (u[None, :] ** 2 + v[:, None] ** 2) / 2.0
