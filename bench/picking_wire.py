@@ -1,7 +1,8 @@
 """Picking on the wire in real time: genuine ur-rtde servo, slcan encoder, rendered images. What its error is.
 
-``python -m bench.picking_wire [PICKS] [--bind 127.0.53.2]``. The contact error is the horizontal distance of
-the tool's true point and the item's true grasp point at first contact. A run that ends early (a machine whose
+``python -m bench.picking_wire [PICKS] [--ideal] [--bind 127.0.53.2]``: in the real world of the scenario, or
+in its ideal one. The contact error is the horizontal distance of the tool's true point and the item's true
+grasp point at first contact. A run that ends early (a machine whose
 cores are taken away for a tenth of a second ends the following) is told, and a new one picks on. Beside it:
 what the camera has of the same items, and how far the tool is from its set-points about the contacts; the
 rest is forecast and stamps.
@@ -97,9 +98,9 @@ class Tally:
     following: list[Array] = field(default_factory=list)
 
 
-def pick(tally: Tally, folder: Path, bind: str, picks: int) -> None:
+def pick(tally: Tally, folder: Path, bind: str, picks: int, real: bool) -> None:
     """One run in a new cell, for as many picks as are still wanted."""
-    scenario = shipped("picking", above_m=f"0.05\npicks = {picks}")
+    scenario = shipped("picking", real, above_m=f"0.05\npicks = {picks}")
     world = World.from_scenario(Scenario.parse(scenario), 0.0)
     cell = WireCell(folder, bind, scenario)
     try:
@@ -132,12 +133,13 @@ def pick(tally: Tally, folder: Path, bind: str, picks: int) -> None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("picks", nargs="?", type=int, default=50)
+    parser.add_argument("--ideal", action="store_true", help="in a kinder world than any cell")
     parser.add_argument("--bind", default="127.0.53.2")
     options = parser.parse_args()
     tally = Tally()
     while tally.taken < options.picks and len(tally.ends) < MOST_RUNS:
         with tempfile.TemporaryDirectory() as folder:
-            pick(tally, Path(folder), options.bind, options.picks - tally.taken)
+            pick(tally, Path(folder), options.bind, options.picks - tally.taken, not options.ideal)
         print(f"run {len(tally.ends)}: {tally.ends[-1]}", flush=True)
     off = np.concatenate(tally.contact)
     print(f"\n{len(off)} contacts, {tally.taken} taken in {len(tally.ends)} run(s)")

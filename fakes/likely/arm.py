@@ -20,6 +20,7 @@ REPEATABILITY_M = {
 }  # fmt: skip
 OTHERS_M = 0.00005  # of an arm whose data sheet is not here
 AXES = 3.6
+LAG = "delay"  # of servoj; the scenario picking has the source
 SERIAL = "99991100001"
 
 
@@ -39,6 +40,7 @@ def draw_arm(known: KnownCell, rng: np.random.Generator) -> dict[str, Any]:
             "gear_twice_rad": GEAR_RAD,
             "sag_rad": (SAG_RAD * rng.uniform(0.5, 1.5, 3)).tolist(),
         },
+        "servo": {"lag": LAG},
     }
 
 

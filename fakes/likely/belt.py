@@ -10,6 +10,8 @@ from cell.known_cell import KnownBelt, KnownGripper
 SCALE, TURN_RAD = 0.001, 0.002  # of a roller's diameter, and of a belt against the arm's base: assumptions
 UPSTREAM_M = 1.0  # the first item, before the point that the arm waits above
 SPACING_M = 0.4
+JITTER_S = 0.0005  # of an encoder that looks at its shaft in a task of its own: an assumption
+MOVES_S = (0.2, 0.6)  # of grippers with two fingers
 SERIAL = "999966001"
 
 
@@ -21,6 +23,7 @@ def draw_belt(known: KnownBelt, rng: np.random.Generator) -> dict[str, Any]:
     return {
         "belt": {
             "serial": SERIAL,
+            "jitter_s": JITTER_S,
             "m_per_count": known.m_per_count * float(1.0 + SCALE * rng.standard_normal()),
             "origin": origin,
             "dir": direction.tolist(),
@@ -40,4 +43,5 @@ def draw_belt(known: KnownBelt, rng: np.random.Generator) -> dict[str, Any]:
 def draw_gripper(known: KnownGripper, rng: np.random.Generator) -> dict[str, Any]:
     """``gripper`` of a scenario's world."""
     confirm = {} if known.confirm is None else {"confirm": known.confirm}
-    return {"output": known.output, **confirm}
+    moves_s = {name: float(rng.uniform(*MOVES_S)) for name in ("close_s", "open_s")}
+    return {"output": known.output, **confirm, **moves_s}

@@ -20,7 +20,7 @@ from fakes.twin.control import ask
 from fakes.world.scenario import Scenario
 from fakes.world.toml_text import to_toml
 from procedures.hand_eye.record import CaptureRecord
-from tests.kit.ideal_world import ideal_text
+from tests.kit.ideal_world import ideal_text, shipped_text
 from tests.kit.pauses import Pauses
 
 BIN = Path(sys.executable).parent
@@ -216,9 +216,9 @@ def _as_the_service_runs() -> None:
         os.setpriority(os.PRIO_PROCESS, 0, -5)
 
 
-def shipped(name: str, **keys: Any) -> str:
-    """A shipped scenario with other numbers for the keys of its jobs; its truth stays as it is."""
-    text = ideal_text(name)
+def shipped(name: str, real: bool = False, **keys: Any) -> str:
+    """A shipped scenario, in an ideal world or a ``real`` one, with other numbers for keys of its jobs."""
+    text = (shipped_text if real else ideal_text)(name)
     lines = []
     for line in text.splitlines():
         key = line.split("=")[0].strip()
