@@ -128,7 +128,8 @@ class _Seeking:
     def _weigh(self) -> None:
         """Mean, deviation, and the density by ends in cells that are wide enough to choose with."""
         a, b = likely(self.belief.log)
-        found = Density.of(self.belief.grid[a : b + 1], self.belief.log[..., a : b + 1])
+        near = slice(max(a - 1, 0), b + 2)  # two points at least
+        found = Density.of(self.belief.grid[near], self.belief.log[..., near])
         w = weights(found.evidence, self._ends, self._scatter)
         self.mean = float(np.sum(w * found.mean))
         self.sigma = float(np.sqrt(np.sum(w * (found.var + (found.mean - self.mean) ** 2))))

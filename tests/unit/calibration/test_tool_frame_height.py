@@ -5,12 +5,24 @@ import pytest
 
 from calibration.tool_frame.glimpse import LOST, glimpse
 from calibration.tool_frame.height import first_contact, weights
+from calibration.tool_frame.height_search import HeightSearch, sought
 from calibration.tool_frame.repeatability import scatter_of
 from calibration.tool_frame.solution import solve
 from calibration.tool_frame.tip import ENDS, TipShape
 from cell.formats.laser import parse_laser
 from procedures.laser.solve.data import scene_of
-from tests.kit.height_scene import FLAT_END, ROUND_END, SLOW, VIEW, pairs_at, searched
+from tests.kit.height_scene import (
+    CHORD_M,
+    FAST,
+    FLAT_END,
+    PERIOD_S,
+    ROUND_END,
+    SLOW,
+    VIEW,
+    crossed,
+    pairs_at,
+    searched,
+)
 from tests.kit.laser_scene import BALL, Bench, data_set
 
 SIGMA = 1e-5
@@ -85,6 +97,22 @@ def test_near_the_end_of_a_round_tool_the_search_goes_slowly() -> None:
     rng = np.random.default_rng(9)
     found, _ = searched(rng, ROUND_END, SIGMA, most=6)
     assert found.next.speed == SLOW
+
+
+def test_a_search_goes_on_from_what_it_believed() -> None:
+    rng = np.random.default_rng(12)
+    search = HeightSearch(0.0, 5e-3, CHORD_M, False, scatter_of(1.4e-5), FAST, SLOW, PERIOD_S)
+    seen = [crossed(rng, ROUND_END, 2e-3 - h, h, k) for k, h in enumerate((1.5e-3, 1.9e-3, 2.01e-3, 1.95e-3))]
+    anew, then = sought(search, seen), sought(search, [])
+    for each in seen:
+        then = sought(search, [each], then.belief)
+    assert then.mean == pytest.approx(anew.mean, abs=0.02 * anew.sigma)
+    assert then.sigma == pytest.approx(anew.sigma, rel=0.02)
+
+
+def test_an_arm_that_comes_back_exactly_is_searched_with_as_well() -> None:
+    found, truth = searched(np.random.default_rng(4), FLAT_END, 1e-8, most=20)
+    assert abs(found.mean - truth) < 5.0 * found.sigma
 
 
 def test_one_pass_a_height_leaves_the_height_less_sure_with_an_arm_that_repeats_badly() -> None:
