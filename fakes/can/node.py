@@ -161,7 +161,7 @@ class EncoderNode:
         """A new position, or the timer: what comes first."""
         position = self.shaft.raw(t)
         before, at = self._told_by_event
-        if position != before or t - at >= tpdo.period_s:
+        if position != before or t - at >= tpdo.period_s - 1e-6:
             self._told_by_event = position, t
             self._send_position(tpdo, t)
 
