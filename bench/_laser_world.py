@@ -108,9 +108,7 @@ class World:
         way = ride.at(fine)[:, None] * step / length
         share = (fine / ride.total)[:, None]
         told = self.at + way
-        first = (
-            POINT - ALONG_M[beam.name] * np.abs(np.cross(beam.across, [0.0, 0.0, 1.0])) - DOWN.apply(P_REF)
-        )
+        first = POINT - ALONG_M[beam.name] * np.cross([0.0, 0.0, 1.0], beam.across) - DOWN.apply(P_REF)
         wrong = (told - first) @ self.gradient.T
         gap = self._gap(beam.name, told + wrong + (1.0 - share) * self.off + share * after)
         changes = [begin + float(fine[k]) + LATENCY_S for k in _changes(gap)]
