@@ -16,6 +16,8 @@ from tests.kit.object_cell import ObjectCell, on_disk, open_cell, write_config
 
 JOB = "belt-tracking"
 
+_PERIOD = "period_s = 0.5\n", "period_s = 0.25\n"  # twice the pictures of the shipped twin: scenes are short
+
 
 def picking_config(
     folder: Path,
@@ -30,7 +32,7 @@ def picking_config(
 
     ``world`` replaces lines of the scenario by key,
     ``sections`` are those of other jobs."""
-    text = (shipped_text if real else ideal_text)("picking")
+    text = (shipped_text if real else ideal_text)("picking").replace(*_PERIOD)
     for key, value in {"first_m": "-0.1", **(world or {})}.items():
         lines = [
             f"{key} = {value}" if line.split("=")[0].strip() == key else line for line in text.splitlines()

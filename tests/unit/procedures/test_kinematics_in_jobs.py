@@ -118,8 +118,9 @@ def test_picking_refuses_a_camera_and_a_belt_that_were_calibrated_with_another_m
             assert failure.name == "KINEMATICS_DIFFER"
             assert "T_base_camera version 1 was made with the controller's own kinematics" in str(failure)
             camera(cell, NOW)
-            assert config.robot.belt_nominal is not None
-            scale = config.robot.belt_nominal.model_dump()
+            nominal = config.robot.belt_nominal
+            assert nominal is not None
+            scale = {"m_per_count": nominal.scale, "dir": nominal.dir}
             commit(cell, belt_scale("belt"), scale, {"name": ARM, "version": 7}, scale)
             failure = await refused(cell.start())
             assert "belt.belt version 1 was made with kinematics.arm version 7" in str(failure)
