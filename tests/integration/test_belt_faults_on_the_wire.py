@@ -176,7 +176,7 @@ def long(registers: list[int], at: int) -> int:
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireCell]:
     # a feed that lets the arm come back between two items
-    scenario = shipped("picking", spacing_m=0.45, profile="[{ speed_m_s = 0.2 }]")
+    scenario = shipped("picking", real=True, spacing_m=0.45, profile="[{ speed_m_s = 0.2 }]")
     with wire_cell(tmp_path_factory.mktemp("faults"), "127.0.0.66", scenario, calibrate_camera) as made:
         yield made
 
