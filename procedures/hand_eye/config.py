@@ -123,7 +123,7 @@ class ConeCaptureConfig(Strict):
             )
         if wanted > 60:
             raise ValueError(f"bases x tilts is {wanted}; at most 60 placements are taken")
-        self.placements = wanted
+        object.__setattr__(self, "placements", wanted)  # the model is frozen for everybody else
         return self
 
     @model_validator(mode="after")

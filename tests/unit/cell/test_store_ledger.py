@@ -91,7 +91,9 @@ def test_a_ledger_of_an_earlier_schema_is_read_as_it_is_and_taken_over(
     database.close()
     subject = Ledger(path)
     assert subject.aside is None
-    assert subject.effective(NAME, CONFIG) == Effective([1.0, 0, 0, 0, 0, 0], 1, False, 1, None)
+    assert subject.effective(NAME, CONFIG) == Effective(
+        [1.0, 0, 0, 0, 0, 0], 1, False, 1, None, {"verdict": "pass"}
+    )
     assert subject.result(1)["result"] == {"verdict": "pass"}
     assert subject.result(1)["folder"] == "20260101T000000Z_cone-capture_1"
     subject.accept(subject.propose(NAME, CONFIG, {}, 1, CONFIG, {"name": "controller"}), "test")
@@ -136,7 +138,9 @@ def test_the_configured_value_holds_until_a_result_is_accepted(subject: Ledger) 
     assert subject.effective(NAME, CONFIG).version is None
     accepted = subject.accept(result_id, "ann")
     assert (accepted["state"], accepted["version"], accepted["who"]) == ("committed", 1, "ann")
-    assert subject.effective(NAME, CONFIG) == Effective([0.1, 0, 0, 0, 0, 0], 1, False, result_id)
+    assert subject.effective(NAME, CONFIG) == Effective(
+        [0.1, 0, 0, 0, 0, 0], 1, False, result_id, result={"verdict": "pass"}
+    )
     assert subject.open_results_of(1) == []
 
 

@@ -53,7 +53,7 @@ def camera(offset_s: float, folder: Path) -> float:
     child._detector, child._finder_for, child._captures = None, None, []
     child._items = lambda shot: None
     shot = SimpleNamespace(
-        colour=np.zeros((4, 4, 3), np.uint8), seq=1, t_exposure=NOW, exposure_s=0.01,
+        colour=np.zeros((4, 4, 3), np.uint8), seq=1, t_exposure=NOW, exposure_s=0.01, row_time_s=0.0,
         intrinsics=SimpleNamespace(width=4, height=4, K=(1.0, 1.0, 2.0, 2.0), dist=()),
     )  # fmt: skip
     child._look(shot, "1", offset_s)

@@ -1,26 +1,28 @@
 """The verdict of a sampling on poses set aside, held against limits that mean 95 % of errors."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from procedures.tracker.judging import _beyond, _warnings
 
-FACTS: dict[str, Any] = {
-    "wanted": 10,
-    "measured": 10,
-    "monuments": {
-        "beyond_noise": False,
-        "beyond_limit": False,
-        "max_moved_m": 0.0,
-        "limit_m": 0.0001,
-        "samples_since_last_look": 0,
-    },
-}
+FACTS: Any = SimpleNamespace(
+    wanted=10,
+    measured=10,
+    off_plan=None,
+    monuments=SimpleNamespace(
+        beyond_noise=False,
+        beyond_limit=False,
+        max_moved_m=0.0,
+        limit_m=0.0001,
+        samples_since_last_look=0,
+    ),
+)
 
 
-def aside(calibrated_m: float, samples: int = 8) -> dict[str, Any]:
-    return {"rms": {"calibrated": calibrated_m}, "tracker_3d": 0.00003, "samples": samples}
+def aside(calibrated_m: float, samples: int = 8) -> Any:
+    return SimpleNamespace(rms=SimpleNamespace(calibrated=calibrated_m), tracker_3d=0.00003, samples=samples)
 
 
 def test_the_rms_of_poses_set_aside_is_not_held_against_a_limit_of_95_percent_as_it_is() -> None:
