@@ -11,6 +11,7 @@ FACTS: Any = SimpleNamespace(
     wanted=10,
     measured=10,
     off_plan=None,
+    doubtful=None,
     monuments=SimpleNamespace(
         beyond_noise=False,
         beyond_limit=False,
