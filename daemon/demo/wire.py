@@ -48,8 +48,9 @@ def run_wire(folder: Path, steps: Sequence[Step]) -> int:
     A scene that cannot go on costs its own steps; the others are shown all the same.
     """
     page = DemoPage.on_a_free_port()
-    out(f"Cellward demo on a twin; watch it live on {page.address}")
-    say(f"It takes {eta_text(steps)}.")
+    duration, shown = eta_text(steps).split(": ", 1)
+    out(f"Cellward demo on a twin; watch it live on {page.address} (ETA {duration})")
+    say(f"It shows: {shown}.")
     say(f"The page comes with each daemon of the demo; to act on it, log in with {page.token}")
     rows: list[Row] = []
     with _interrupted_once():
