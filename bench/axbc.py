@@ -5,7 +5,7 @@ to 0.2 mm and angles to 0.3 mrad, with gears and sag; or as its maker calibrates
 Poses have the noise 0.05 mm and 0.2 mrad; corners 0.2 px. C is known to 0.1 mm and 0.3 mrad.
 
 First table: RMS over 60 unseen places of the distance of the target from where the file's commands should
-bring it, executed by the true arm; with the given (true) hand-eye, with the constant of the source, through
+bring it, executed by the true arm; with the given (true) hand-eye, with the published constant, through
 the model, and by the way that was chosen; how often that is worse than none. Second table: how often each
 part is blamed, and the share of given hand-eyes whose error is inside the stated 95 %.
 """

@@ -1,4 +1,4 @@
-"""Belt tracking: ours beside the source's method, on the same simulated data sets, in one process.
+"""Belt tracking: ours beside the published method, on the same simulated data sets, in one process.
 
 The belt's motion is integrated numerically at 0.1 ms from a speed that is drawn per data set; counts are the
 rounded travel at the encoder's own instants, stamped late by a jitter; items are seen by a camera with noise

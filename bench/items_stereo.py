@@ -1,8 +1,8 @@
 """Items found with depth of a stereo pair: how many, how far off, and whether the stated uncertainty holds.
 
-``python -m bench.items_stereo [LOOKS]``: looks at one item each (24; places and turns drawn over the belt's
-zone), with depth as drawn and with what a pair makes of it. ``inside`` is the share of looks whose error is
-within the 95 % that is stated: 2.45 sigma, as the error has two axes.
+``python -m bench.items_stereo [LOOKS]``: looks at one item each (24; places and turns drawn over the whole
+picture), with depth as drawn and with what a pair makes of it. ``inside`` is the share of looks whose error
+is within the 95 % that is stated: 2.45 sigma, as the error has two axes.
 """
 
 import sys
@@ -38,7 +38,7 @@ def main() -> int:
         rng = np.random.default_rng([7, looks])
         off, says = list[float](), list[float]()
         for _ in range(looks):
-            x, y, yaw = rng.uniform(-0.2, 0.3), rng.uniform(-0.7, -0.5), rng.uniform(0.0, np.pi)
+            x, y, yaw = rng.uniform(-0.45, 0.45), rng.uniform(-0.7, -0.5), rng.uniform(0.0, np.pi)
             colour, depth = scene.picture([(x, y, yaw)])
             seen = detector.find(colour, depth if stereo is None else stereo_depth(depth, stereo, rng))
             for item in seen[:1]:

@@ -1,4 +1,4 @@
-"""Kinematic calibration: ours beside the source's method and SciPy, on the same simulated sets.
+"""Kinematic calibration: ours beside the published method and SciPy, on the same simulated sets.
 
 First table: RMS error of predictions at 200 poses that were not measured, over the Cramer-Rao bound of the
 same set (1.00 is the limit). Ours is told nothing of the noise. The classic method knows no blunders, so it

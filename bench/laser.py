@@ -1,4 +1,4 @@
-"""Crossed beams: ours beside averaging and the source's plain method, on the same made passes.
+"""Crossed beams: ours beside averaging and the published plain method, on the same made passes.
 
 Each line is the RMS error over 30 data sets: of the tool's point across the beams (vector length) and in
 height, um, and of its tilt, mrad. "averaging" takes the middles of the same edges by least squares; "source"

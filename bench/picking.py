@@ -1,9 +1,9 @@
-"""Picking from a belt on virtual time: ours beside the source's method, in one cell and with one feed.
+"""Picking from a belt on virtual time: ours beside the published method, in one cell and with one feed.
 
 ``python -m bench.picking [RUNS] [SECONDS] [--full]``: runs of each belt (2 of 30 s; 20 with ``--full``), at
 speeds of 0.1 to 0.3 m/s. A saturated feed brings 2.5 items a second, a sparse one 70 % of what we picked from
 that; its runs are 2.5 times as long, so that shares of a per cent mean something. All methods have 50 ms of
-dwell and the same place. The source's moves each begin and end at rest; a row
+dwell and the same place. The published method's moves each begin and end at rest; a row
 of its way of meeting items with our way round corners shows how much of the ratio is due to that. Fingers
 that would refuse an item that slides would make the comparison meaningless, so those of the saturated runs
 take any; the sparse runs have the twin's own, which take nothing that is 3 mm off or slides at 20 mm/s.

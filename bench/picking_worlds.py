@@ -2,7 +2,7 @@
 
 ``python -m bench.picking_worlds [RUNS] [SECONDS] [--full]``: runs (2 of 20 s; 20 with ``--full``) on
 virtual time at 0.15 m/s in the shipped scenario ``picking``: as it is, with the other filter of the arm and
-the other look-ahead, and as ``picking:ideal``. The source's method stands beside ours in the same world,
+the other look-ahead, and as ``picking:ideal``. The published method stands beside ours in the same world,
 with fingers that take an item that slides, as the twin's own refuse all that it brings. ``error`` is the
 horizontal distance of the tool's true point and the item's true grasp point at first contact, RMS;
 ``success`` is the share of items that were tried and picked.

@@ -17,7 +17,8 @@ _SMOOTH = 5  # points of the first look over which depth is smoothed
 _CLOSE_PX = 25  # holes are no larger
 _CORE_PX = 9  # from depth's rim inward, where the colour of the face is read
 _APART_PX, _FEWEST_PX = 17, 50  # from what stands out, where the belt's colour is read; px of either
-_OF_THE_WAY = 0.4  # from the face's colour to the belt's; a side that is seen lies beyond
+_OF_THE_WAY = 0.4  # from the face's colour to the belt's, at most
+_SIGMAS = 4.0  # of the colours of the face itself: a side in its own shade lies beyond
 _LEAST_CONTRAST = 15.0  # grey levels
 _SIDE_PX = 5  # over which a side is told from noise
 _FAT_PX = 15  # square about depth's face, outside of which nothing is taken for it
@@ -80,9 +81,11 @@ def face_in_colour(
     contrast = float(np.linalg.norm(way))
     if contrast < _LEAST_CONTRAST:
         return face
-    gone = (smooth - own) @ (way / contrast**2)
-    aside = np.linalg.norm(smooth - own - gone[..., None] * way, axis=2)
-    alike = (gone < _OF_THE_WAY) & (aside < _OF_THE_WAY * contrast)
+    gone = (smooth - own) @ (way / contrast)
+    aside = np.linalg.norm(smooth - own - gone[..., None] * (way / contrast), axis=2)
+    varies = 1.4826 * float(np.median(np.linalg.norm(smooth[core] - own, axis=1)))
+    most = min(_OF_THE_WAY * contrast, max(_LEAST_CONTRAST, _SIGMAS * varies))
+    alike = (gone < most) & (aside < most)
     alike &= ~mostly(lower, _SIDE_PX) & ~mostly(level_with & ~face, _SIDE_PX)
     alike &= cv2.dilate(face.astype(np.uint8), np.ones((_FAT_PX, _FAT_PX), np.uint8)).astype(bool)
     found = _largest(cv2.morphologyEx(alike.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)))

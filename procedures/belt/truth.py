@@ -37,8 +37,9 @@ def judge_picks(result: BeltTrackingResult, truth: Mapping[str, Any], folder: Pa
 
     Good when every pick that the job counts was one, and the contacts are within ``WANTED_M``.
     """
-    met = [c for c in truth["gripper"]["contacts"] if c["off_m"] is not None]
-    taken = sum(bool(c["taken"]) for c in met)
+    closings = truth["gripper"]["contacts"]
+    taken = sum(bool(c["taken"]) for c in closings)
+    met = [c for c in closings if c["off_m"] is not None]  # the tool came down to the item's face
     picks = result.result.picks
     off = np.array([c["off_m"] for c in met]).reshape(-1, 2)
     slide = np.array([c["slide_m_s"] or 0.0 for c in met])
@@ -60,7 +61,8 @@ def judge_picks(result: BeltTrackingResult, truth: Mapping[str, Any], folder: Pa
     ]
     words = "which is" if good else "which is NOT"
     text = [
-        f"{picks} picks were counted; the twin's gripper truly took {taken} of the {len(met)} items it met",
+        f"{picks} picks were counted; the twin's gripper truly took {taken} items in {len(closings)} "
+        f"closings; in {len(met)} the tool had come down to the item's face",
         "the tool's point beside the item's own at first contact, and the slide when the fingers closed",
         table(("", "RMS", "largest"), rows),
         f"{words} what is wanted: every counted pick a true one, contacts within {1e3 * WANTED_M:g} mm RMS",

@@ -60,3 +60,14 @@ def test_a_side_that_depth_takes_for_the_face_moves_it_no_more(
     (item,) = scene.detector().find(colour, stereo_depth(depth, stereo, np.random.default_rng(seed)))
     off = float(np.linalg.norm(T_BASE_CAMERA.apply(item.point)[:2] - place[:2]))
     assert off < min(0.5e-3, 3.0 * item.sigma_m)
+
+
+@pytest.mark.parametrize("x", [-0.45, 0.45])
+def test_a_side_in_another_shade_is_no_part_of_the_face_at_the_edge_of_the_picture(x: float) -> None:
+    scene, rng = Scene(), np.random.default_rng(3)
+    detector = scene.detector()
+    for y, yaw in [(y, yaw) for y in (-0.75, -0.6, -0.45) for yaw in (0.0, 0.4, 1.2, 2.4)]:
+        colour, depth = scene.picture([(x, y, yaw)])
+        for item in detector.find(colour, stereo_depth(depth, Stereo(holes=0.05), rng)):
+            off = float(np.linalg.norm(T_BASE_CAMERA.apply(item.point)[:2] - [x, y]))
+            assert off < min(1e-3, 3.0 * item.sigma_m), (y, yaw)

@@ -311,6 +311,8 @@ def test_picks_are_good_where_the_gripper_truly_met_every_item() -> None:
     assert subject.good
     assert "0.500" in subject.text
     assert not judge_picks(picked(11), truth, Path()).good
+    above = {"off_m": None, "slide_m_s": 0.001, "taken": True}  # held by fingers that stopped over its face
+    assert judge_picks(picked(11), {**truth, "gripper": {"contacts": [contact] * 10 + [above]}}, Path()).good
     far = {**truth, "gripper": {"contacts": [{**contact, "off_m": [0.002, 0.0]}] * 10}}
     assert not judge_picks(picked(10), far, Path()).good
     assert not judge_picks(picked(0), {**truth, "gripper": {"contacts": []}}, Path()).good
