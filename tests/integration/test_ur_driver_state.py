@@ -80,7 +80,7 @@ def test_every_package_that_the_controller_sends_becomes_a_sample(rig: Rig) -> N
             stamps = [s.t for s in subject.state.between(0.0, time.monotonic())]
             assert np.median(np.diff(stamps)) == pytest.approx(0.002, abs=1e-4)
 
-    asyncio.run(scenario())
+    rig.play(scenario)
 
 
 def test_identity_and_factory_kinematics_are_read(rig: Rig) -> None:
@@ -93,7 +93,7 @@ def test_identity_and_factory_kinematics_are_read(rig: Rig) -> None:
         assert len(identity.extra["kinematics"]["checksum"]) == 6
         np.testing.assert_allclose(identity.extra["kinematics"]["calibration"]["delta_d"], 0.0, atol=1e-9)
 
-    asyncio.run(scenario())
+    rig.play(scenario)
 
 
 @pytest.mark.parametrize("expectation", [{"expect_serial": "20235500123"}, {"model": "ur5e"}])
@@ -104,7 +104,7 @@ def test_another_robot_than_expected_is_refused(rig: Rig, expectation: dict) -> 
                 await subject.identify()
             assert code(caught) == "DEVICE_IDENTITY"
 
-    asyncio.run(scenario())
+    rig.play(scenario)
 
 
 def test_a_dead_address_is_unreachable() -> None:
@@ -143,7 +143,7 @@ def test_left_out_packages_are_counted(rig: Rig) -> None:
             assert subject.state.gaps - gaps >= 20
             assert subject.lost is None
 
-    asyncio.run(scenario())
+    rig.play(scenario)
 
 
 @pytest.mark.parametrize(
@@ -174,7 +174,7 @@ def test_a_broken_link_is_reported_with_its_code(rig: Rig, fault: str, name: str
             with pytest.raises(CellError):
                 await subject.wait_fresh(0.1)
 
-    asyncio.run(scenario())
+    rig.play(scenario)
 
 
 def test_silence_is_stale_before_it_is_lost(rig: Rig) -> None:
@@ -188,7 +188,7 @@ def test_silence_is_stale_before_it_is_lost(rig: Rig) -> None:
             assert code(caught) == "STALE_DATA"
             assert subject.lost is None
 
-    asyncio.run(scenario())
+    rig.play(scenario)
 
 
 def test_a_controller_that_restarts_within_a_connection_is_found_out(own: Rig) -> None:
@@ -268,7 +268,7 @@ def test_a_deaf_dashboard_forbids_motion_but_not_reading(rig: Rig) -> None:
                 subject.check_movable()
             assert code(caught) == "ARM_NOT_READY"
 
-    asyncio.run(scenario())
+    rig.play(scenario)
 
 
 def test_reading_and_probing_leave_a_foreign_program_alone(rig: Rig) -> None:
@@ -303,7 +303,7 @@ def test_a_stopped_arm_at_rest_is_a_coded_fault(rig: Rig, fault: str, name: str)
             assert code(caught) == name
             assert subject.lost is None
 
-    asyncio.run(scenario())
+    rig.play(scenario)
 
 
 @pytest.mark.parametrize(
@@ -327,4 +327,4 @@ def test_other_controller_versions_are_read_and_moved(
             assert subject.state.gaps < 10
 
     with Rig.running(version=version, model=model) as rig:
-        asyncio.run(scenario(rig))
+        rig.play(lambda: scenario(rig))
