@@ -312,7 +312,10 @@ class Frame:
 class DepthCamera(Device, Protocol):
     """A colour and depth camera whose frames are looked at in a child process."""
 
-    frames: Stream[Frame]
+    @property
+    def frames(self) -> Readings[Frame]:
+        """What was seen, stamped by the exposure."""
+        ...
 
     async def set_target(self, target: dict[str, Any] | None) -> None:
         """Choose the board to look for (a capture set's ``target`` table); None looks for nothing."""
@@ -445,7 +448,11 @@ class Encoder(Device, Protocol):
 
     modulus: int  # the device's own range: raw is 0 ... modulus - 1
     period_s: float  # nominal interval of its messages
-    counts: Stream[EncoderState]
+
+    @property
+    def counts(self) -> Readings[EncoderState]:
+        """What it counted."""
+        ...
 
 
 class Gripper(Device, Protocol):

@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 from pydantic import BaseModel
 
 from cell.clock import Clock
+from cell.corrected_stamps import CorrectedCamera, CorrectedEncoder
 from cell.devices import (
     Arm,
     ArmState,
@@ -339,8 +340,9 @@ class Run:
         return arm if self.arm_models is None else ModelledArm(arm, self.arm_models)
 
     def camera(self, role: str) -> DepthCamera:
-        """The camera that plays ``role``."""
-        return self.device(role, DepthCamera)
+        """The camera that plays ``role``, its stamps by the offset in effect."""
+        camera, late_s = self.device(role, DepthCamera), self._late_s(role)
+        return CorrectedCamera(camera, late_s) if late_s else camera
 
     def inputs(self, role: str) -> DigitalInputs:
         """The group of digital inputs that plays ``role``."""
@@ -355,15 +357,21 @@ class Run:
         return self.device("observed_arm", ObservedArm)
 
     def encoder(self) -> Encoder:
-        """The belt's encoder."""
-        return self.device("belt", Encoder)
+        """The belt's encoder, its stamps by the offset in effect."""
+        encoder, late_s = self.device("belt", Encoder), self._late_s("belt")
+        return CorrectedEncoder(encoder, late_s) if late_s else encoder
+
+    def _late_s(self, role: str) -> float:
+        """By how much the stamps of ``role`` are late that its driver gives, s."""
+        offset = self.values.time_offset_s.get(role)
+        return 0.0 if offset is None else offset["effective"] - offset["applied"]
 
     def gripper(self) -> Gripper:
         """The gripper on the arm."""
         return self.device("gripper", Gripper)
 
     def device(self, role: str, protocol: type[D]) -> D:
-        """The device that plays ``role``, as the kind of device that the role asks for.
+        """The device that plays ``role``, as the kind of device that the role asks for, with its own stamps.
 
         Ready when it is asked for first; silent later, it says so itself where it is used.
         """

@@ -46,6 +46,8 @@ class Readings(Protocol[T]):
     @property
     def epoch(self) -> int: ...
     @property
+    def gaps(self) -> int: ...
+    @property
     def last_gap(self) -> tuple[float, float] | None: ...
     def subscribe(self, listener: Callable[[Sample[T]], None]) -> Callable[[], None]: ...
     def last(self) -> Sample[T] | None: ...
@@ -140,10 +142,13 @@ class Stream(Generic[T]):
 
 
 class Mapped(Generic[T]):
-    """The readings of ``source`` with ``see`` applied to every value, when somebody looks at it."""
+    """The readings of ``source`` with ``see`` applied to every value, when somebody looks at it.
 
-    def __init__(self, source: Readings[T], see: Callable[[T], T]) -> None:
-        self._source, self._see = source, see
+    Stamps are earlier by ``late_s``; :meth:`latest` judges the age by those of the source.
+    """
+
+    def __init__(self, source: Readings[T], see: Callable[[T], T], late_s: float = 0.0) -> None:
+        self._source, self._see, self._late_s = source, see, late_s
 
     @property
     def name(self) -> str:
@@ -158,8 +163,13 @@ class Mapped(Generic[T]):
         return self._source.epoch
 
     @property
+    def gaps(self) -> int:
+        return self._source.gaps
+
+    @property
     def last_gap(self) -> tuple[float, float] | None:
-        return self._source.last_gap
+        gap = self._source.last_gap
+        return None if gap is None else (gap[0] - self._late_s, gap[1] - self._late_s)
 
     def subscribe(self, listener: Callable[[Sample[T]], None]) -> Callable[[], None]:
         return self._source.subscribe(lambda sample: listener(self._seen(sample)))
@@ -172,7 +182,7 @@ class Mapped(Generic[T]):
         return self._seen(self._source.latest(max_age))
 
     def between(self, t0: float, t1: float) -> list[Sample[T]]:
-        return [self._seen(sample) for sample in self._source.between(t0, t1)]
+        return [self._seen(sample) for sample in self._source.between(t0 + self._late_s, t1 + self._late_s)]
 
     def _seen(self, sample: Sample[T]) -> Sample[T]:
-        return Sample(self._see(sample.value), sample.t, sample.dt, sample.seq, sample.quality)
+        return Sample(self._see(sample.value), sample.t - self._late_s, sample.dt, sample.seq, sample.quality)

@@ -17,7 +17,7 @@ from daemon.config import CellConfig
 from daemon.supervisor import Supervisor
 from procedures.kinematics_in_use import choose_model
 
-INPUT_ROLES = ("beams",)  # whose time offset a job can measure
+STAMPED_ROLES = ("beams", "flange_camera", "fixed_camera", "belt")  # whose time offset a job can measure
 ARM_ROLES = ("arm", "observed_arm")  # whose kinematics a job can measure
 CALIBRATIONS = {
     # role of a camera: (ledger name, setup of its captures, keys of [robot] with the nominal poses)
@@ -67,7 +67,7 @@ def resolve_values(
         ),
         laser_reference=effect.value(laser_reference(tool.name), None) if "beams" in roles else None,
         belt=effect.value(belt_scale(roles["belt"]), values.belt) if "belt" in roles else None,
-        time_offset_s={role: _offset(config, effect, roles[role]) for role in INPUT_ROLES if role in roles},
+        time_offset_s={role: _offset(config, effect, roles[role]) for role in STAMPED_ROLES if role in roles},
         # Where the true flange is; a run goes by it when ``use_kinematics`` says so.
         kinematics={role: effect.value(kinematics(roles[role]), None) for role in ARM_ROLES if role in roles},
         configured=effect.configured,
@@ -167,7 +167,7 @@ def tell_configured(config: CellConfig, ledger: Ledger) -> None:
     for role in ARM_ROLES:
         if (device := config.robot.roles().get(role)) is not None:
             ledger.effective(kinematics(device), None)
-    for role in INPUT_ROLES:
+    for role in STAMPED_ROLES:
         if (device := config.robot.roles().get(role)) is not None:
             applied = float(getattr(config.device[device], "time_offset_s", 0.0))
             ledger.effective(time_offset(device), applied)

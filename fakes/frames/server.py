@@ -158,7 +158,8 @@ class FrameServer:
 
     def _stamp(self, t: float) -> float:
         """When the camera says that the first row was exposed."""
-        return t + self.faults.jump_s + self._camera.stamp_jitter_s * float(self._rng.standard_normal())
+        late = self._camera.stamp_late_s + self._camera.stamp_jitter_s * float(self._rng.standard_normal())
+        return t + self.faults.jump_s + late
 
     def _lens_position(self, t: float) -> int | None:
         """Of 255, as the camera tells it; a lens that cannot move has none."""

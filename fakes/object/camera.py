@@ -96,7 +96,7 @@ class ObjectCamera(ObjectDevice):
 
     def _drawn(self, frame: Frame, folder: Path, stem: str) -> Frame:
         """``frame`` with its pictures on disk; blocks."""
-        colour, depth = self.head.pictures(frame.t_exposure, frame.seq)
+        colour, depth = self.head.pictures(frame.t_exposure - self.world.camera.stamp_late_s, frame.seq)
         files = folder / f"{stem}.png", folder / f"{stem}-depth.png"
         for path, picture in zip(files, (colour, depth), strict=True):
             cv2.imwrite(str(path), picture)
@@ -109,13 +109,14 @@ class ObjectCamera(ObjectDevice):
     def _expose(self, t: float, tick: int) -> Frame:
         number, camera = round(t / self.frames.period_s), self.world.camera
         jitter = np.random.default_rng([self.world.config.seed, number, 0x57A]).standard_normal()
+        exposed = t - camera.stamp_late_s
         return Frame(
             seq=tick,
             t_exposure=t + camera.stamp_jitter_s * float(jitter),
             exposure_s=camera.exposure_s,
             intrinsics=self.world.told_intrinsics,
-            board=self.head.view(t, number, self._target),
+            board=self.head.view(exposed, number, self._target),
             serial=self.head.serial,
-            items=self.head.items(t, number, self._items),
+            items=self.head.items(exposed, number, self._items),
             row_time_s=camera.row_time_s if self.config.row_time_s is None else self.config.row_time_s,
         )

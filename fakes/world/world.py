@@ -44,6 +44,7 @@ from fakes.world.scenario import Obstacle, Scenario, WorldTruth
 from fakes.world.tracker.tracker import Tracker
 
 _TRACKER_LOOKS_S = 1.0  # a set-point stream has a segment every few milliseconds
+_TOLD_OF_CAMERA = {"serial", "width", "height", "K", "dist", "stamp_late_s"}
 Message = tuple[Any, ...]  # what keeps a mirror in step; picklable
 
 
@@ -365,7 +366,7 @@ class World:
     def _belt_truth(self, t: float) -> dict[str, Any]:
         if self.belt is None:
             return {}
-        known = {"serial", "node", "m_per_count", "modulus", "period_s", "origin"}
+        known = {"serial", "node", "m_per_count", "modulus", "period_s", "origin", "late_s", "jitter_s"}
         now = {} if t == inf else {"travel_m": self.belt.travel_at(t), "speed_m_s": self.belt.speed_at(t)}
         of_belt = self.belt.truth.model_dump(include=known) | {"dir": self.belt.direction.tolist(), **now}
         picking = {} if self.gripper is None or t == inf else {"gripper": self.gripper.truth_at(t)}
@@ -387,7 +388,7 @@ class World:
                 camera: to_pose6(self.T_mount_camera).tolist(),
                 target: [to_pose6(T).tolist() for T in self.T_mount_target],
             },
-            "camera": self.config.camera.model_dump(include={"serial", "width", "height", "K", "dist"})
+            "camera": self.config.camera.model_dump(include=_TOLD_OF_CAMERA)
             | {"told": {"K": list(self.told_intrinsics.K), "dist": list(self.told_intrinsics.dist)}},
             "target": self.target,
             "target_print": self.config.target_print.model_dump(),

@@ -31,6 +31,7 @@ class BeltEncoder:
 
     def told(self, t: float) -> float:
         """When the position was so that a message of ``t`` tells."""
+        t -= self.truth.late_s
         if not self.truth.jitter_s:
             return t
         draw = np.random.default_rng([self.truth.node, round(1e6 * max(t, 0.0)), 0x717]).random()

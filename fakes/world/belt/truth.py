@@ -63,8 +63,11 @@ class BeltTruth(Strict):
     modulus: int = Field(default=65536, ge=16, le=MAX_U32, description="the encoder's own range")
     count_at_start: int = Field(default=1000, ge=0, le=MAX_U32)
     period_s: float = Field(default=0.005, ge=0.001, le=1.0, description="between position messages")
+    late_s: float = Field(
+        default=0.0, ge=0, le=0.2, description="a position is older than its message by this at least"
+    )
     jitter_s: float = Field(
-        default=0.0, ge=0, le=0.02, description="a position is older than its message by up to this"
+        default=0.0, ge=0, le=0.02, description="and by up to this more, as chance has it"
     )
     by_events: bool = Field(
         default=False,

@@ -59,6 +59,9 @@ class CameraTruth(Strict):
     row_time_s: float = Field(
         default=0.0, ge=0, le=0.0002, description="from row to row; the stamp is that of the first. 0: global"
     )
+    stamp_late_s: float = Field(
+        default=0.0, ge=-0.2, le=0.2, description="by which the told stamp is behind the exposure"
+    )
     stamp_jitter_s: float = Field(default=0.0, ge=0, le=0.01, description="sigma of the told stamp")
     autofocus: bool = Field(
         default=False, description="the lens moves all the time, and with it what it makes of the picture"
