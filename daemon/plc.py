@@ -13,6 +13,7 @@ from cell.packml import PackML
 from daemon.config import CellConfig
 from daemon.config.roles import ROLES
 from daemon.engine import WAITING, Engine
+from daemon.job_arguments import PLACES, given_params
 from daemon.modbus import Command, register_table
 from daemon.start_request import StartRequest
 from daemon.warning_bits import WarningContext, warning_bits
@@ -57,7 +58,10 @@ class PlcFace:
                 names = {job.number: name for name, job in engine.jobs.items()}
                 if command.job not in names:
                     raise error("UNKNOWN_JOB", f"number {command.job}")
-                await engine.start(StartRequest(names[command.job], {}, who, command.channel))
+                name = names[command.job]
+                words = [command.argument_as_uint32(index) for index in range(PLACES)]
+                params = given_params(engine.jobs[name], words)
+                await engine.start(StartRequest(name, params, who, command.channel))
             case 2:
                 await engine.finish(who)
             case 3:

@@ -14,6 +14,21 @@ PLAIN_REPORT = "procedures.report.plain:PLAIN"
 
 
 @dataclass(frozen=True)
+class Argument:
+    """A number that a PLC gives with the start of a job: a key of the job's section, for that run alone.
+
+    ``place``, 1 to 3, says in which argument registers it stands, and ``type`` (uint32 or float32) how they
+    are read; on CAN there is the first alone. 0 leaves the key as it is configured. Bounds, default and
+    meaning are those of the key. ``words``: what the numbers from 1 stand for, of a key that takes words.
+    """
+
+    key: str
+    place: int
+    type: str = "uint32"
+    words: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Kind:
     """One kind of result document and of plan; an empty reference: there is no such thing for this kind.
 
@@ -25,8 +40,8 @@ class Kind:
     ``problems`` and ``cautions``; ``truth``: ``(result, truth, folder) -> Judged`` beside a twin's truth;
     ``rehearsal``: ``(setup, config) -> Rehearsal``, what a twin needs for it;
     ``live`` and ``live_page``: ``(numbers, rows) -> line`` and ``(title, rows, reload_s) -> HTML`` of a run
-    that goes on. ``data_file`` is the data set in a run folder. A reference that begins with ":" is in
-    ``module``.
+    that goes on. ``data_file`` is the data set in a run folder, and ``arguments`` are what its jobs take from
+    a PLC. A reference that begins with ":" is in ``module``.
     """
 
     name: str
@@ -44,6 +59,7 @@ class Kind:
     rehearsal: str = ""
     live: str = ""
     live_page: str = ""
+    arguments: tuple[Argument, ...] = ()
     module: str = ""
 
     def __post_init__(self) -> None:
@@ -146,6 +162,7 @@ _ALL = (
         rehearsal="procedures.belt.rehearsal:rehearse_picking",
         live="procedures.belt.live_words:live_line",
         live_page="procedures.belt.report.live:live_page",
+        arguments=(Argument("picks", 1),),
     ),
     Kind(
         name="intercept",
@@ -163,6 +180,7 @@ _ALL = (
         plan="procedures.slot.words:slot_plan_lines",
         expectation="procedures.slot.expectation:slot_expectation",
         truth="procedures.slot.truth:judge_slot",
+        arguments=(Argument("slot", 1), Argument("action", 2, words=("insert", "pull", "replace"))),
     ),
     Kind(
         name="latency",

@@ -12,7 +12,7 @@ from cell.errors import CellError
 from daemon.auditor import Audit, Auditor
 from daemon.can.frames import ACKNOWLEDGE, BOOT_UP, COMMAND, HEARTBEAT_ID, OPERATIONAL, STATUS
 from daemon.config.models import CanSection
-from daemon.modbus.command import ACCEPTED, DONE, REFUSED, START, STOPPING, Command, CommandChannel, refused
+from daemon.modbus.command import ACCEPTED, DONE, REFUSED, STOPPING, Command, CommandChannel, refused
 from daemon.modbus.face import DONE_BIT, PLC_OK_BIT, TOGGLE_BIT
 from daemon.plc_heartbeat import PlcHeartbeat
 from drivers.can_bus.link import CanLink
@@ -167,13 +167,12 @@ class CanFace:
             return refused("ARGUMENT_INVALID")
         if command.code not in STOPPING and self._plc.lost:
             return refused("PLC_SILENT")
-        if command.code == START and command.argument_uint32:
-            return refused("NOT_IN_VERSION")
         return await self._on_command(command)
 
     def _report(self, command: Command, result: int) -> None:
         what = f"command {command.code} sequence {command.sequence} job {command.job}"
-        self._auditor.note(command.client, what, result < REFUSED, f"result {result:#06x}")
+        argument = f", argument {command.argument_uint32}" if command.argument_uint32 else ""
+        self._auditor.note(command.client, what, result < REFUSED, f"result {result:#06x}{argument}")
         self._acknowledge(command.sequence, result)
 
     def _acknowledge(self, sequence: int, result: int) -> None:

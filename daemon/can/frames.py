@@ -49,7 +49,9 @@ COMMAND = Frame(
             "1..65535; a new value carries the command out, the same again repeats the answer",
         ),
         FrameField(
-            "argument", "u32", "as `argument_1`: run id of command 8, prompt id of commands 10 and 11"
+            "argument",
+            "u32",
+            "as `argument_1`: first argument of a job, run id of command 8, prompt id of commands 10 and 11",
         ),
     ),
 )

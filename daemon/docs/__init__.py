@@ -22,7 +22,7 @@ def generated(jobs: Mapping[str, Any]) -> dict[str, str]:
     """Every generated file by its path in the repository."""
     schema = json.dumps(json_schema(jobs), indent=1, ensure_ascii=False, sort_keys=True)
     return {
-        "docs/registers.md": registers_page(register_table()),
+        "docs/registers.md": registers_page(register_table(), jobs),
         "docs/can.md": can_page(register_table()),
         "docs/errors.md": errors_page(),
         "docs/results.md": results_page(),

@@ -29,7 +29,8 @@ loses no frame of either. Identifiers have 11 bits; numbers are little-endian.
 A command frame that has another length, an identifier of 29 bits, sequence 0, or is a remote frame, is
 refused with 4005 and audited, as are an unknown command, job, run or prompt with their own numbers. Frames
 with other identifiers belong to others. Every command is audited. Command 8 needs `allow_accept` of
-`[can]`, not of `[modbus]`. The argument must be 0 at a start.
+`[can]`, not of `[modbus]`. At a start the argument is the job's first one, with the meaning, type and
+bounds that [the registers](registers.md#arguments-of-jobs) give it; 0 leaves it as configured.
 
 Our heartbeat has the identifier {heartbeat:#x} + `node` and the data 0 once when the bus is opened, then 5.
 With `plc_node` the PLC's heartbeat is watched: once it has been seen, its silence holds the job, and only

@@ -68,7 +68,7 @@ def _rows(
         inner = _definition(entry, definitions)
         required = key in schema.get("required", ()) and key not in (made or {})
         standing = (made or {}).get(key, entry.get("default"))
-        default = "**required**" if required else cell(_toml(standing))
+        default = "**required**" if required else cell(toml_text(standing))
         if inner is not None and "properties" in inner:
             word = default if required else "none" if standing is None else "as below"
             rows.append(f"| `{prefix}{key}` | table | {word} | | {meaning} |")
@@ -76,7 +76,7 @@ def _rows(
             continue
         options = [o for o in entry.get("anyOf", [entry]) if o.get("type") != "null"]
         kinds = " or ".join(_kind(option, definitions) for option in options)
-        limits = ", ".join(filter(None, (_limits(option) for option in options)))
+        limits = ", ".join(filter(None, (limits_text(option) for option in options)))
         rows.append(f"| `{prefix}{key}` | {cell(kinds)} | {default} | {cell(limits)} | {meaning} |")
     return rows
 
@@ -103,7 +103,8 @@ def _kind(entry: Mapping[str, Any], definitions: Mapping[str, Any]) -> str:
     return {"integer": "whole number", "boolean": "true or false"}.get(kind, kind)
 
 
-def _limits(entry: Mapping[str, Any]) -> str:
+def limits_text(entry: Mapping[str, Any]) -> str:
+    """The bounds of a value in words, from its JSON schema."""
     words = {
         "minimum": "at least", "exclusiveMinimum": "above", "maximum": "at most", "exclusiveMaximum": "below",
         "multipleOf": "multiple of",
@@ -111,7 +112,8 @@ def _limits(entry: Mapping[str, Any]) -> str:
     return ", ".join(f"{word} {entry[key]:g}" for key, word in words.items() if key in entry)
 
 
-def _toml(value: Any) -> str:
+def toml_text(value: Any) -> str:
+    """A value as it is written in ``cell.toml``."""
     if value is None:
         return "none"
     return (

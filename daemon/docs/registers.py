@@ -1,5 +1,9 @@
 """``docs/registers.md``: the register map and how to use it."""
 
+from collections.abc import Mapping
+
+from cell.procedure import Procedure
+from daemon.docs.job_arguments import argument_lines
 from daemon.docs.page import page
 from daemon.modbus.table import Register, RegisterTable
 
@@ -30,9 +34,10 @@ exception but a result code.
 2. Write command, job and arguments, and the next sequence last or in the same request (function 16).
 3. Wait until `acknowledged_sequence` is that sequence, then read `result_code`.
 
-A start must find 0 in `flags`, in the three arguments and in control bit 1: they are reserved, and a start
-that sets one is refused with 6103. Commands other than 1, 8, 10 and 11 do not look at the arguments. A
-refusal is 0x8000 plus the error's number, so 6001 (a job is running) is 0x9771;
+A start must find 0 in `flags`, in control bit 1 and in the arguments that the job does not take: a start
+that sets one of them is refused with 6103. What it takes is below (*Arguments of jobs*); a number out of
+bounds is refused with 4005, and nothing is started. Commands other than 1, 8, 10 and 11 do not look at the
+arguments. A refusal is 0x8000 plus the error's number, so 6001 (a job is running) is 0x9771;
 [errors.md](errors.md) lists them.
 
 The same sequence again does nothing, so a lost reply may be retried. What stands in the block when the daemon
@@ -47,12 +52,13 @@ bits.
 """
 
 
-def registers_page(table: RegisterTable) -> str:
+def registers_page(table: RegisterTable, jobs: Mapping[str, type[Procedure]]) -> str:
     """The text of ``docs/registers.md``."""
     head = HEAD.format(
         command_last=table.command_size - 1, status_last=table.status_size - 1, mirror=table.mirror
     )
     lines = ["## Command block (holding registers)", "", *_register_table(table.command), ""]
+    lines += argument_lines(jobs)
     lines += [f"## Status block (input registers; holding registers from {table.mirror})", ""]
     lines += [*_register_table(table.status), ""]
     for register in (*table.command, *table.status):

@@ -227,11 +227,7 @@ class ModbusFace:
 
     def _reserved_asked(self, command: Command) -> str:
         """What a start sets although this version has no use for it; doing less than asked is no start."""
-        asked = {
-            "flags": command.flags,
-            **{f"argument_{i + 1}": command.argument_as_uint32(i) for i in range(3)},
-            "control bit 1": self.control & RESERVED_CONTROL,
-        }
+        asked = {"flags": command.flags, "control bit 1": self.control & RESERVED_CONTROL}
         return ", ".join(name for name, value in asked.items() if value)
 
     def _report(self, command: Command, result: int) -> None:

@@ -150,7 +150,8 @@ def interface(request: pytest.FixtureRequest) -> str:
 
 def test_a_command_is_carried_out_once_and_its_acknowledge_is_repeated(interface: str) -> None:
     async def script(plc: Plc, engine: Engine, rig: CanRig, face: CanFace) -> None:
-        assert await asyncio.to_thread(plc.command, START, 1, 1) == (1, 1, 1, 4711)
+        assert await asyncio.to_thread(plc.command, START, 1, 1, 70_004) == (1, 1, 1, 4711)
+        assert [engine.commands[0].argument_as_uint32(index) for index in range(3)] == [70_004, 0, 0]
         rig.bus.faults.lose[ACKNOWLEDGE_ID] = 1
         lost = struct.pack("<BBHI", FINISH, 0, 2, 0)
         await asyncio.to_thread(plc.send, COMMAND_ID, lost)
