@@ -11,6 +11,7 @@ from daemon.cli import (
     demo,
     export,
     history,
+    importing,
     jobs,
     live,
     offline,
@@ -27,7 +28,7 @@ app = typer.Typer(
     epilog="Exit codes: 0 ok, 1 verdict fail or job not completed, 2 bad input, "
     "3 device or daemon unreachable, 4 refused, 5 internal error.",
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     pretty_exceptions_enable=False,
 )
 
@@ -89,4 +90,5 @@ def _every_command(
 for panel, commands in PANELS.items():
     for command in commands:
         app.command(rich_help_panel=panel)(command)
+app.command("import", rich_help_panel="Without a cell")(importing.import_data)
 app.add_typer(setup.config_app, name="config", rich_help_panel="Without a cell")
