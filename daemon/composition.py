@@ -5,7 +5,7 @@ from typing import Any
 
 from cell.clock import Clock
 from cell.devices import Device
-from daemon.config import CellConfig, bindings, driver_class
+from daemon.config import CellConfig, DeviceSection, bindings, driver_class
 from daemon.health import Beats
 from daemon.supervisor import ExpectedIdentity, SupervisedDevice
 
@@ -15,7 +15,7 @@ def supervised_devices(config: CellConfig, clock: Clock, beats: Beats) -> list[S
     made = []
     for name, section in config.device.items():
         driver = driver_class(section.driver)
-        own = driver.Config.model_validate(section.model_dump(exclude={"driver"}))
+        own = driver.Config.model_validate(section.model_dump(exclude=set(DeviceSection.model_fields)))
         device: Device = driver(name, own, clock)
         expect = ExpectedIdentity(config.cell.twin, getattr(section, "expect_serial", None))
         made.append(SupervisedDevice(device, expect, clock, beats))

@@ -22,6 +22,7 @@ from daemon.losses import Losses
 from daemon.results import note_arm_model, propose_results
 from daemon.run_end import shown_of, write_end
 from daemon.run_making import make_run, withdraw_run
+from daemon.run_origin import origin
 from daemon.run_timing import RunTiming
 from daemon.start_request import StartRequest
 from daemon.state_folder import folder_lost
@@ -89,6 +90,7 @@ class Engine:
             "job_config": procedure.config.model_dump(mode="json"),
             "values": recorded(values),
             "identities": self._identities(devices),
+            **await asyncio.to_thread(origin, context.config, request),
         }
         adopted = self._adoptable(request.adopt, procedure, conditions)
         started_by = None if request.dry_run else (request.who, request.channel)

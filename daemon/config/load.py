@@ -1,6 +1,7 @@
 """From the text of ``cell.toml`` to a checked configuration, or to everything that is wrong with it."""
 
 import binascii
+import hashlib
 import re
 import stat
 import tomllib
@@ -89,8 +90,16 @@ class CellConfig(BaseModel):
     def checksum(self) -> int:
         """CRC-16 (XMODEM) of what is in effect: comments, order, the file's place and who may use the
         page do not change it."""
+        return binascii.crc_hqx(self._in_effect(), 0)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256, in hexadecimal, of what :attr:`checksum` is made from: what a report names."""
+        return hashlib.sha256(self._in_effect()).hexdigest()
+
+    def _in_effect(self) -> bytes:
         content = self.model_dump(mode="json", exclude={"source", "http"})
-        return binascii.crc_hqx(to_json(_sorted(content)).encode(), 0)
+        return to_json(_sorted(content)).encode()
 
 
 def load_config(
@@ -161,7 +170,7 @@ def check_config(
 
 
 def device_model(config: type[BaseModel]) -> type[DeviceSection]:
-    """A driver's ``Config`` together with the key ``driver``."""
+    """A driver's ``Config`` together with the keys that every device has."""
     bases: Any = (DeviceSection, config)
     made: type[DeviceSection] = create_model(config.__name__, __base__=bases, __doc__=config.__doc__)
     return made

@@ -1,6 +1,7 @@
 """The fixed sections of ``cell.toml``. SI units; every key ends in its unit, every number has bounds."""
 
 import ipaddress
+from datetime import date
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
@@ -21,9 +22,13 @@ class Section(BaseModel):
 
 
 class DeviceSection(Section):
-    """``[device.NAME]``: the driver's name; every other key is the driver's own."""
+    """What every ``[device.NAME]`` may hold; every other key is the driver's own."""
 
     driver: str = Field(description="a short name, or package.module:Class")
+    calibrated: date | None = Field(
+        default=None,
+        description="day of the instrument's last calibration, 2026-05-31 for instance; for reports",
+    )
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Sent to another process, a section is the driver's own ``Config``: its class here has no name."""

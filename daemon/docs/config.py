@@ -27,6 +27,9 @@ installed package that offers them as entry points (`cellward.drivers`, `cellwar
 short names of them; `cellward check --drivers --jobs` lists what is there; [an
 example](examples/acme/README.md).
 
+Every `[device.NAME]` may hold `calibrated = 2026-05-31`, the day of the instrument's last calibration:
+reports show it beside the serial number.
+
 Lengths are in metres, angles in radians. A pose is `[x, y, z, rx, ry, rz]`: translation and rotation vector.
 """
 
