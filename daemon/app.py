@@ -5,6 +5,7 @@ import logging
 import signal
 from collections.abc import Coroutine
 from contextlib import AsyncExitStack
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from cell.clock import MonotonicClock
 from cell.errors import CellError
 from cell.motion import MotionBroker
 from cell.store.ledger import Ledger
+from cell.wire_recording.tap import recorded_by
 from daemon.can.face import CanFace
 from daemon.cell_context import CellContext
 from daemon.collector import collect_at_rest, freeze_start_up
@@ -86,6 +88,8 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
         stack.push_async_callback(worker.stop)
         await worker.start()
 
+        if config.cell.record:
+            await _record(config, stack)
         beats, lag = Beats(clock), LoopLag(clock)
         supervisor = Supervisor(supervised_devices(config, clock, beats))
         broker = MotionBroker(clock)
@@ -143,6 +147,19 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
                 log.critical("the task '%s' ended, so the daemon does", task.get_name())
                 task.result()
         log.info("stopping")
+
+
+async def _record(config: CellConfig, stack: AsyncExitStack) -> None:
+    """Keep every byte of the devices from now on; a new folder for each start of the daemon."""
+    from cell.wire_recording.writer import WireRecorder
+
+    recordings = Path(config.cell.state_dir) / "recordings"
+    folder = recordings / datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
+    limit = config.cell.record_mb * 10**6
+    recorder = await asyncio.to_thread(WireRecorder, folder, limit, recordings)
+    stack.push_async_callback(asyncio.to_thread, recorder.close)
+    stack.enter_context(recorded_by(recorder))
+    log.info("every byte of the devices is recorded in %s, at most %d MB", folder, config.cell.record_mb)
 
 
 def _can(config: CellConfig, engine: Engine, plc: PlcFace, writes: RecentWrites) -> CanFace:

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from cell.errors import CellError
+from cell.errors import CellError, error
 from daemon.cli.failures import BAD_INPUT
 from daemon.cli.options import ConfigOption, JsonOption, config_path
 from daemon.cli.output import out, out_json, say
@@ -18,6 +18,13 @@ def check(
         bool,
         typer.Option("--probe", help="Also open each device: no motion, no touch of the arm's program."),
     ] = False,
+    record: Annotated[
+        Path | None,
+        typer.Option(
+            "--record",
+            help="With --probe: write every byte of five seconds into this new folder (docs/recordings.md).",
+        ),
+    ] = None,
     machine: Annotated[
         bool,
         typer.Option("--machine", help="Also measure this machine for three seconds: lag, priority, disk."),
@@ -46,6 +53,8 @@ def check(
         from daemon.cli.installed import list_installed
 
         return list_installed(drivers, jobs, as_json)
+    if record is not None and not probe:
+        raise error("ARGUMENT_INVALID", "--record writes down what --probe does; give both")
     path = config_path(config)
     try:
         loaded = load_config(path)
@@ -63,7 +72,7 @@ def check(
         say(f"Error: {problem}")
     for warning in warnings:
         say(f"Warning: {warning}")
-    found = _probe(loaded) if probe else []
+    found = _probe(loaded, record) if probe else []
     measured = measure(Path(loaded.cell.state_dir), capture_bytes(loaded)) if machine else []
     serials = {d["device"]: d["serial"] for d in found if d["serial"]}
     for stranger in strangers(loaded, serials) if serials else ():
@@ -110,9 +119,9 @@ def _as_findings(path: Path, exc: CellError) -> dict[str, Any]:
     return {"error": exc.as_dict(), "findings": found, "problems": [], "warnings": []}
 
 
-def _probe(config: Any) -> list[dict[str, Any]]:
+def _probe(config: Any, record: Path | None) -> list[dict[str, Any]]:
     import asyncio
 
     from daemon.cli.probe import probe_devices
 
-    return asyncio.run(probe_devices(config))
+    return asyncio.run(probe_devices(config, record))

@@ -2,11 +2,15 @@
 
 import asyncio
 import logging
+from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 from cell.clock import MonotonicClock
 from cell.devices import Device
 from cell.errors import CellError, error
+from cell.wire_recording.tap import recorded_by
+from cell.wire_recording.writer import WireRecorder
 from daemon.cli.failures import exit_code_of
 from daemon.composition import supervised_devices
 from daemon.config import CellConfig
@@ -15,18 +19,31 @@ from daemon.supervisor import ExpectedIdentity
 
 OPEN_TIMEOUT_S = 20.0
 CLOSE_TIMEOUT_S = 5.0
+RECORDED_S = 5.0  # of each device's stream, when it is recorded
+_MOST_RECORDED = 500 * 10**6  # bytes
 
 
-async def probe_devices(config: CellConfig) -> list[dict[str, Any]]:
-    """Open, identify and close every device, all at once. Nothing moves: motion needs a lease."""
+async def probe_devices(config: CellConfig, record: Path | None = None) -> list[dict[str, Any]]:
+    """Open, identify and close every device, all at once. Nothing moves: motion needs a lease.
+
+    ``record``: a folder that gets every byte, also of the ``RECORDED_S`` that the devices then stay open.
+    """
     # pymodbus dumps frames when something that is not Modbus answers; what is wrong is told by the report.
     logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
     clock = MonotonicClock()
-    entries = supervised_devices(config, clock, Beats(clock))
-    return list(await asyncio.gather(*(_probe(entry.device, entry.expect) for entry in entries)))
+    with ExitStack() as stack:
+        stay_s = 0.0
+        if record is not None:
+            recorder = await asyncio.to_thread(WireRecorder, record, _MOST_RECORDED)
+            stack.callback(recorder.close)
+            stack.enter_context(recorded_by(recorder))
+            stay_s = RECORDED_S
+        entries = supervised_devices(config, clock, Beats(clock))
+        probes = (_probe(entry.device, entry.expect, stay_s) for entry in entries)
+        return list(await asyncio.gather(*probes))
 
 
-async def _probe(device: Device, expect: ExpectedIdentity) -> dict[str, Any]:
+async def _probe(device: Device, expect: ExpectedIdentity, stay_s: float) -> dict[str, Any]:
     report: dict[str, Any] = {
         "device": device.name, "answer": "ok", "model": None, "serial": None, "exit_code": 0,
     }  # fmt: skip
@@ -35,6 +52,7 @@ async def _probe(device: Device, expect: ExpectedIdentity) -> dict[str, Any]:
             async with asyncio.timeout(OPEN_TIMEOUT_S):
                 await device.open()
                 found = await device.identify()
+            await asyncio.sleep(stay_s)
         finally:
             async with asyncio.timeout(CLOSE_TIMEOUT_S):
                 await device.close()

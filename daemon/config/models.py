@@ -121,6 +121,16 @@ class CellSection(Section):
         pattern=r"^[\w.]+:\w+$",
         description="another clock as package.module:Class; only for a twin",
     )
+    record: bool = Field(
+        default=False,
+        description="true: every byte to and from the devices is kept below state_dir/recordings",
+    )
+    record_mb: int = Field(
+        default=1000,
+        ge=16,
+        le=1_000_000,
+        description="size of all recordings together, in 10^6 bytes; the oldest part goes",
+    )
     keep: KeepSection | None = Field(
         default=None, description="bounds that 'cellward prune' keeps to; without them it needs its options"
     )

@@ -6,6 +6,7 @@ adapter is pulled out.
 """
 
 import asyncio
+import struct
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, Protocol
@@ -15,6 +16,7 @@ import can
 
 from cell.clock import Clock
 from cell.errors import CellError, error
+from cell.wire_recording.tap import NO_TAP, Tap, tap
 from drivers.can_bus.address import BusAddress
 from drivers.can_bus.slcan import SerialBus
 from drivers.can_bus.socketcand import GatewayBus
@@ -23,6 +25,7 @@ SEND_TIMEOUT_S = 0.2
 _MOST_AT_ONCE = 512
 _QUIET_S = 1.0  # a bus on which nobody was heard for so long is opened anew for who joins it
 _BUS_OFF = 0x40  # class of an error frame
+_CAN_FRAME = struct.Struct("<IB3x8s")
 
 Ids = Sequence[tuple[int, bool]]
 Take = Callable[[Sequence[can.Message], float, float], None]
@@ -55,6 +58,12 @@ def open_bus(address: BusAddress, timeout: float, ids: Ids = ()) -> can.BusABC:
     return can.Bus(interface="socketcan", channel=address.channel, can_filters=_filters(ids) or None)
 
 
+def _kernel_frame(message: can.Message) -> bytes:
+    """A frame as ``struct can_frame`` of the kernel: identifier with its flags, length, 8 bytes of data."""
+    flags = message.is_extended_id << 31 | message.is_remote_frame << 30 | message.is_error_frame << 29
+    return _CAN_FRAME.pack(message.arbitration_id | flags, message.dlc, bytes(message.data))
+
+
 def _filters(ids: Ids) -> Any:
     return [
         {"can_id": i, "can_mask": 0x1FFFFFFF if extended else 0x7FF, "extended": extended}
@@ -73,6 +82,7 @@ class SharedBus:
         self._failed: can.BusABC | None = None  # to be closed by the next who joins or leaves
         self._reading: int | None = None
         self._looked = self._heard = 0.0
+        self._tap: Tap = NO_TAP  # of a bus without a stream of bytes, which has none of its own
 
     @property
     def raw(self) -> can.BusABC | None:
@@ -114,6 +124,7 @@ class SharedBus:
         async with self._sending:
             if self._bus is None:
                 raise can.CanOperationError("the bus is not open")
+            self._tap.sent(_kernel_frame(message))
             await asyncio.to_thread(self._bus.send, message, SEND_TIMEOUT_S)
 
     # -- inside
@@ -130,12 +141,15 @@ class SharedBus:
             opening.add_done_callback(_shut_late)
             raise
         self._reading = bus.fileno()
+        if self._address.interface == "socketcan":
+            self._tap = tap("socketcan", self._address.channel)
         self._looked = self._heard = self._clock.now()
         asyncio.get_running_loop().add_reader(self._reading, self._readable, bus)
 
     async def _shut(self) -> None:
         self._stop_reading()
         bus, self._bus = self._bus, None
+        self._tap.closed()
         if bus is not None:
             with suppress(can.CanError, OSError):
                 await asyncio.to_thread(bus.shutdown)
@@ -156,6 +170,8 @@ class SharedBus:
         failure, bus_off = "", False
         try:
             while len(messages) < _MOST_AT_ONCE and (message := bus.recv(0)) is not None:
+                if self._tap is not NO_TAP:
+                    self._tap.received(_kernel_frame(message))
                 if not message.is_error_frame:
                     messages.append(message)
                     continue

@@ -12,6 +12,7 @@ from contextlib import suppress
 import can
 from can.interfaces.slcan import slcanBus
 
+from cell.wire_recording.tap import tap
 from drivers.can_bus.address import BusAddress
 from drivers.can_bus.arrivals import Arrivals
 
@@ -30,6 +31,7 @@ class SerialBus(slcanBus):
         self._raw = bytearray()
         self._lines: deque[tuple[float, str]] = deque()
         self._arrivals: Arrivals | None = None
+        self._tap = tap("slcan", address.channel)
         super().__init__(
             address.channel,
             tty_baudrate=address.baudrate,
@@ -48,6 +50,10 @@ class SerialBus(slcanBus):
         """Ask for the adapter's status flags; the answer comes among the frames."""
         self.flags = None
         self._write("F")
+
+    def _write(self, string: str) -> None:
+        self._tap.sent(string.encode() + b"\r")
+        super()._write(string)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         while self._lines or self._fill(timeout):
@@ -84,6 +90,7 @@ class SerialBus(slcanBus):
         except OSError as exc:
             raise can.CanOperationError(f"the adapter is gone ({exc})") from exc
         for t, chunk in chunks:
+            self._tap.received(chunk, t)
             self._raw += chunk
             *lines, rest = self._raw.split(b"\r")
             if len(rest) > _LONGEST_LINE:
@@ -101,3 +108,4 @@ class SerialBus(slcanBus):
             super().shutdown()
         with suppress(OSError):
             self.serialPortOrig.close()
+        self._tap.closed()

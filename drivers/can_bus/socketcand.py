@@ -17,6 +17,7 @@ from can.interfaces.socketcand.socketcand import (
     convert_can_message_to_ascii_message,
 )
 
+from cell.wire_recording.tap import tap
 from drivers.can_bus.address import BusAddress
 
 _CHUNK = 16384
@@ -34,6 +35,7 @@ class GatewayBus(can.BusABC):
         self._write_timeout = timeout
         deadline = time.monotonic() + timeout
         self._socket = socket.create_connection((address.host, address.port), timeout)
+        self._tap = tap("socketcand", f"{address.host}:{address.port}")
         try:
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._socket.setblocking(False)
@@ -58,6 +60,7 @@ class GatewayBus(can.BusABC):
     def shutdown(self) -> None:
         super().shutdown()
         self._socket.close()
+        self._tap.closed()
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         while self._tokens or self._fill(timeout):
@@ -83,6 +86,7 @@ class GatewayBus(can.BusABC):
             raise can.CanOperationError(f"the gateway is gone ({exc.strerror})") from exc
         if not chunk:
             raise can.CanOperationError("the gateway closed the connection")
+        self._tap.received(chunk)
         self._text += chunk.decode("ascii", "replace")
         end = 0
         for found in _TOKEN.finditer(self._text):
@@ -96,6 +100,7 @@ class GatewayBus(can.BusABC):
 
     def _say(self, text: str) -> None:
         data, deadline = text.encode("ascii"), time.monotonic() + self._write_timeout
+        self._tap.sent(data)
         try:
             while data:
                 left = max(deadline - time.monotonic(), 0.0)

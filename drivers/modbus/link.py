@@ -12,6 +12,7 @@ from pymodbus.transport import CommParams, CommType
 
 from cell.clock import Clock
 from cell.errors import CellError, error
+from cell.wire_recording.tap import NO_TAP, Tap, tap
 from drivers.modbus.address import ModbusAddress
 from drivers.modbus.registers import Span, Table
 
@@ -73,6 +74,7 @@ class ModbusLink:
         self._disconnected = disconnected
         self._client: Any = None
         self._reason = ""
+        self._tap: Tap = NO_TAP
 
     async def connect(self) -> None:
         """Connect once; ``DEVICE_UNREACHABLE`` with the reason, also for certificates that do not fit."""
@@ -83,6 +85,14 @@ class ModbusLink:
             raise self._unreachable(f"the TLS files cannot be used: {exc}") from exc
         except RuntimeError as exc:  # how pymodbus says that pyserial is not installed
             raise self._unreachable(str(exc)) from exc
+        self._tap = tap("modbus", config.url)
+        received = client.ctx.data_received
+
+        def note_and_receive(data: bytes) -> None:
+            self._tap.received(data)
+            received(data)
+
+        client.ctx.data_received = note_and_receive
         client.set_max_no_responses(_NEVER)
         create = client.ctx.call_create
 
@@ -110,6 +120,7 @@ class ModbusLink:
         if client.ctx.transport is not None and self._config.address.scheme != "rtu":
             client.ctx.transport.abort()  # a close of TLS would wait for the other end
         client.close()
+        self._tap.closed()
 
     async def read(self, span: Span) -> list[int]:
         """Bits or registers; :class:`NoAnswer`, or ``MODBUS_REFUSED`` when the module says no."""
@@ -178,6 +189,7 @@ class ModbusLink:
             "timeout": config.connect_timeout_s,
             "retries": 0,
             "trace_connect": self._note_connection,
+            "trace_packet": self._note_sent,
         }
         if address.scheme == "rtu":
             serial = {"baudrate": address.baudrate, "parity": address.parity, "stopbits": address.stopbits}
@@ -185,6 +197,12 @@ class ModbusLink:
         if address.scheme == "tls":
             return _TlsClient(address.host, address.port, _tls_context(config.tls), **common)
         return AsyncModbusTcpClient(address.host, port=address.port, **common)
+
+    def _note_sent(self, sending: bool, data: bytes) -> bytes:
+        """pymodbus shows also what it received, but bytes of a reply in two parts twice."""
+        if sending:
+            self._tap.sent(data)
+        return data
 
     def _note_connection(self, connected: bool) -> None:
         if not connected and self._client is not None:

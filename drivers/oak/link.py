@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from cell.errors import CellError, error
+from cell.wire_recording.tap import NO_TAP, Tap, tap
 from drivers.life import Life
 from drivers.oak.protocol import LENGTH, Message, body_length, error_from_json, pack, unpack
 
@@ -34,6 +35,7 @@ class ChildLink:
         self._requests: dict[int, asyncio.Future[Message]] = {}
         self._number = 0
         self._last_words: deque[str] = deque(maxlen=_KEPT_LINES)
+        self._tap: Tap = NO_TAP
 
     @property
     def pid(self) -> int | None:
@@ -66,6 +68,7 @@ class ChildLink:
             raise
         finally:
             theirs.close()
+        self._tap = tap("vision-child", self.name)
         self._tasks = [
             asyncio.create_task(self._listen(reader, self._process), name=f"{self.name} child"),
             asyncio.create_task(self._collect(self._process), name=f"{self.name} child stderr"),
@@ -74,7 +77,9 @@ class ChildLink:
     def send(self, message: Message) -> None:
         """Hand ``message`` to the child; does not wait for it to be read."""
         if self._writer is not None and not self._writer.is_closing():
-            self._writer.write(pack(message))
+            data = pack(message)
+            self._tap.sent(data)
+            self._writer.write(data)
 
     async def request(self, message: Message, timeout: float) -> Message:
         """Send ``message`` and return the answer; its error, the loss of the link, or ``CALL_TIMEOUT``."""
@@ -109,6 +114,7 @@ class ChildLink:
         self.lose(error("DEVICE_LOST", f"{self.name} was closed"))
         if self._writer is not None:
             self._writer.close()
+            self._tap.closed()
         process = self._process
         if process is not None:
             try:
@@ -129,7 +135,9 @@ class ChildLink:
         try:
             while True:
                 prefix = await reader.readexactly(LENGTH.size)
-                self._dispatch(unpack(await reader.readexactly(body_length(prefix))))
+                body = await reader.readexactly(body_length(prefix))
+                self._tap.received(prefix + body)
+                self._dispatch(unpack(body))
         except (asyncio.IncompleteReadError, OSError):
             self.lose(await self._death(process))
         except CellError as exc:

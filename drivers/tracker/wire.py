@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import serial
 
+from cell.wire_recording.tap import Tap, tap
 from drivers.serial_url import SerialLine
 from drivers.tracker.address import NetAddress, TrackerAddress
 
@@ -25,8 +26,8 @@ class Link(Protocol):
 async def connect(address: TrackerAddress, received: Received, lost: Lost, timeout: float) -> Link:
     """Connect once; ``OSError`` with the reason. ``lost`` is called once when the other end goes away."""
     if isinstance(address, SerialLine):
-        return _SerialLink(address, received, lost)
-    link = _NetLink(received, lost)
+        return _SerialLink(address, received, lost, tap("tracker", f"serial://{address.path}"))
+    link = _NetLink(received, lost, tap("tracker", _place(address)))
     try:
         async with asyncio.timeout(timeout):
             await _create(address, link)
@@ -37,7 +38,7 @@ async def connect(address: TrackerAddress, received: Received, lost: Lost, timeo
 
 async def listen(address: NetAddress, received: Received, lost: Lost, only_from: str | None) -> Link:
     """Take datagrams that arrive at ``address``, of one sender if ``only_from`` names it; ``OSError``."""
-    link = _NetLink(received, lost, only_from)
+    link = _NetLink(received, lost, tap("tracker", _place(address)), only_from)
     loop = asyncio.get_running_loop()
     await loop.create_datagram_endpoint(lambda: link, local_addr=(address.host, address.port))
     return link
@@ -68,8 +69,8 @@ class Lines:
 class _NetLink(asyncio.Protocol, asyncio.DatagramProtocol):
     """A TCP connection, or a socket for datagrams, each of which ends a line."""
 
-    def __init__(self, received: Received, lost: Lost, only_from: str | None = None) -> None:
-        self._received, self._lost, self._only_from = received, lost, only_from
+    def __init__(self, received: Received, lost: Lost, told: Tap, only_from: str | None = None) -> None:
+        self._received, self._lost, self._tap, self._only_from = received, lost, told, only_from
         self._transport: Any = None
 
     def connection_made(self, transport: Any) -> None:
@@ -77,6 +78,7 @@ class _NetLink(asyncio.Protocol, asyncio.DatagramProtocol):
 
     def data_received(self, data: bytes) -> None:
         if self._transport is not None:
+            self._tap.received(data)
             self._received(data)
 
     def datagram_received(self, data: bytes, addr: tuple[Any, ...]) -> None:
@@ -92,6 +94,7 @@ class _NetLink(asyncio.Protocol, asyncio.DatagramProtocol):
             self._lost(str(exc) if exc else "the other end closed the connection")
 
     def write(self, data: bytes) -> None:
+        self._tap.sent(data)
         if isinstance(self._transport, asyncio.DatagramTransport):
             self._transport.sendto(data)
         elif self._transport is not None:
@@ -101,6 +104,11 @@ class _NetLink(asyncio.Protocol, asyncio.DatagramProtocol):
         transport, self._transport = self._transport, None
         if transport is not None:
             transport.abort()
+        self._tap.closed()
+
+
+def _place(address: NetAddress) -> str:
+    return f"{address.scheme}://{address.host}:{address.port}"
 
 
 async def _create(address: NetAddress, link: _NetLink) -> None:
@@ -114,8 +122,8 @@ async def _create(address: NetAddress, link: _NetLink) -> None:
 class _SerialLink:
     """A tty that pyserial has set up, read when the loop sees something."""
 
-    def __init__(self, line: SerialLine, received: Received, lost: Lost) -> None:
-        self._received, self._lost, self._unsent = received, lost, b""
+    def __init__(self, line: SerialLine, received: Received, lost: Lost, told: Tap) -> None:
+        self._received, self._lost, self._unsent, self._tap = received, lost, b"", told
         try:
             self._port: Any = serial.Serial(
                 line.path, line.baudrate, parity=line.parity, stopbits=line.stopbits, exclusive=True
@@ -131,6 +139,7 @@ class _SerialLink:
             return
         if not self._unsent:
             asyncio.get_running_loop().add_writer(self._fd, self._writable, self._fd)
+        self._tap.sent(data)
         self._unsent += data
 
     def close(self) -> None:
@@ -140,6 +149,7 @@ class _SerialLink:
             loop.remove_reader(fd)
             loop.remove_writer(fd)
             self._port.close()
+            self._tap.closed()
 
     def _readable(self, fd: int) -> None:
         try:
@@ -150,6 +160,7 @@ class _SerialLink:
             self._end(f"the serial line failed: {exc.strerror}")
             return
         if data:
+            self._tap.received(data)
             self._received(data)
         else:
             self._end("the serial line was closed")

@@ -11,6 +11,7 @@ from cell.own_delay import busy_words
 from cell.poses import Array
 from cell.samples import Stream
 from cell.to_its_end import run_to_its_end
+from cell.wire_recording.tap import tap
 from drivers.life import SampledDevice
 from drivers.ur.config import UrConfig
 from drivers.ur.dashboard import Dashboard, dashboard
@@ -205,11 +206,14 @@ class UrArm(SampledDevice):
         if self._port is not None:
             self._port.client.kill()
         sock = await open_socket(self._config.host, SCRIPT_PORT, 0.5)
+        told = tap("script", f"{self._config.host}:{SCRIPT_PORT}")
+        told.sent(STOP_SCRIPT)
         try:
             await asyncio.get_running_loop().sock_sendall(sock, STOP_SCRIPT)
             await _read_for(sock, 0.1)
         finally:
             sock.close()
+            told.closed()
 
     async def stop_program(self) -> None:
         """Stop ladder, step three: the dashboard's stop, on a connection of its own."""

@@ -7,6 +7,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
 from cell.errors import error
+from cell.wire_recording.tap import NO_TAP, Tap, tap
 
 PORT = 29999
 
@@ -23,35 +24,45 @@ class RobotFacts:
 class Dashboard:
     """A connected dashboard. Every question has a deadline; a late answer ends the connection."""
 
-    def __init__(self, host: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._host, self._reader, self._writer = host, reader, writer
+    def __init__(
+        self, host: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, told: Tap
+    ) -> None:
+        self._host, self._reader, self._writer, self._tap = host, reader, writer, told
         self._turn = asyncio.Lock()
 
     @classmethod
     async def connect(cls, host: str, timeout: float) -> "Dashboard":
         """Connect and read the greeting; ``DEVICE_UNREACHABLE`` when either fails in ``timeout`` seconds."""
         writer: asyncio.StreamWriter | None = None
+        told = NO_TAP
         try:
             async with asyncio.timeout(timeout):
                 reader, writer = await asyncio.open_connection(host, PORT, limit=4096)
+                told = tap("dashboard", f"{host}:{PORT}")
                 greeting = await reader.readline()
+                told.received(greeting)
                 if not greeting.startswith(b"Connected"):
                     raise error("PROTOCOL_VIOLATION", f"{host}:{PORT} greets with {greeting[:60]!r}")
-                return cls(host, reader, writer)
+                return cls(host, reader, writer, told)
         except (OSError, TimeoutError, ValueError) as exc:
             _abort(writer)
+            told.closed()
             raise error("DEVICE_UNREACHABLE", f"dashboard at {host}:{PORT}: {_reason(exc, timeout)}") from exc
         except BaseException:
             _abort(writer)
+            told.closed()
             raise
 
     async def ask(self, command: str, timeout: float) -> str:
         """Send one line, return the answering line. ``CALL_TIMEOUT`` or ``DEVICE_LOST`` close the link."""
         try:
             async with asyncio.timeout(timeout), self._turn:
-                self._writer.write(command.encode("ascii") + b"\n")
+                question = command.encode("ascii") + b"\n"
+                self._tap.sent(question)
+                self._writer.write(question)
                 await self._writer.drain()
                 answer = await self._reader.readline()
+                self._tap.received(answer)
         except TimeoutError:
             # The late answer would be taken for the next question's.
             self.close()
@@ -93,6 +104,7 @@ class Dashboard:
     def close(self) -> None:
         """Drop the connection at once."""
         _abort(self._writer)
+        self._tap.closed()
 
 
 @asynccontextmanager

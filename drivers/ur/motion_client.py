@@ -12,6 +12,7 @@ from typing import Any
 
 from cell.clock import Clock
 from cell.errors import CellError, error, present
+from cell.wire_recording.tap import tap
 from drivers.ur.framing import Message, Unframer, encode
 from drivers.ur.motion_child import EXIT_DEADLINE, EXIT_LINK_LOST
 from drivers.ur.script_end import Kicks
@@ -38,6 +39,7 @@ class MotionClient:
         self._turn = asyncio.Lock()
         self._output: deque[bytes] = deque(maxlen=8)
         self._listeners: list[Callable[[Message], None]] = []
+        self._tap = tap("motion-child", "child")
         os.set_blocking(self._stdout.fileno(), False)
         # The kernel tells the end of the process through a descriptor, so no thread has to wait for it.
         self._pidfd = os.pidfd_open(process.pid)
@@ -143,6 +145,7 @@ class MotionClient:
             data = encode(message)
         except ValueError as exc:
             raise error("ARGUMENT_INVALID", f"{message.get('do')}: {exc}") from exc
+        self._tap.sent(data)
         try:
             sent = self._pipe.send(data)
         except BlockingIOError:
@@ -159,6 +162,7 @@ class MotionClient:
             return
         try:
             data = self._pipe.recv(65536)
+            self._tap.received(data)
             messages = self._unframer.feed(data)
         except BlockingIOError:
             return
@@ -229,6 +233,7 @@ class MotionClient:
         if self._pipe.fileno() >= 0:
             self._loop.remove_reader(self._pipe.fileno())
             self._pipe.close()
+            self._tap.closed()
 
 
 def _environment() -> dict[str, str]:

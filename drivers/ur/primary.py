@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from cell.errors import CellError, error, present
+from cell.wire_recording.tap import tap
 
 PORT = 30001
 
@@ -101,6 +102,7 @@ class PrimaryLink:
         self._tcp_seen = asyncio.Event()
         self._kinematics_seen = asyncio.Event()
         self._task: asyncio.Task[None] | None = None
+        self._tap = tap("primary", f"{host}:{PORT}")
 
     @classmethod
     async def connect(
@@ -133,6 +135,7 @@ class PrimaryLink:
     async def close(self) -> None:
         """End the connection and the listener."""
         self._writer.transport.abort()
+        self._tap.closed()
         if self._task is not None:
             self._task.cancel()
             await asyncio.wait([self._task], timeout=1.0)
@@ -150,6 +153,7 @@ class PrimaryLink:
         splitter = PrimarySplitter()
         try:
             while data := await reader.read(65536):
+                self._tap.received(data)
                 for kind, body in splitter.feed(data):
                     if kind == _ROBOT_STATE:
                         self._take_state(body)

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 
 from cell.clock import Clock
 from cell.errors import CellError, error
+from cell.wire_recording.tap import tap
 from drivers.ur import rtde
 from drivers.ur.rtde import Package, PackageType, Recipe, Splitter
 
@@ -34,6 +35,7 @@ class RtdeLink:
         self._reply_kind: PackageType | None = None
         self._closed = False
         self._failure: CellError | None = None
+        self._tap = tap("rtde", f"{host}:{PORT}")
         self._loop.add_reader(sock.fileno(), self.drain)
 
     @classmethod
@@ -75,7 +77,9 @@ class RtdeLink:
         if self._failure is not None:
             raise self._failure
         try:
-            await self._loop.sock_sendall(self._sock, rtde.encode(PackageType.DATA, values))
+            data = rtde.encode(PackageType.DATA, values)
+            self._tap.sent(data)
+            await self._loop.sock_sendall(self._sock, data)
         except OSError as exc:
             raise error("DEVICE_LOST", f"RTDE to {self.host}: {exc}") from exc
 
@@ -94,6 +98,7 @@ class RtdeLink:
         self._reply, self._reply_kind = reply, kind
         try:
             async with asyncio.timeout(timeout):
+                self._tap.sent(data)
                 await self._loop.sock_sendall(self._sock, data)
                 return await reply
         except TimeoutError:
@@ -118,8 +123,10 @@ class RtdeLink:
             if not data:
                 self._fail(error("DEVICE_LOST", f"{self.host} closed the RTDE connection"))
                 return
+            arrival = self._clock.now()
+            self._tap.received(data, arrival)
             try:
-                self._take(data, self._clock.now())
+                self._take(data, arrival)
             except CellError as exc:
                 self._fail(exc)
                 return
@@ -132,6 +139,7 @@ class RtdeLink:
             self._closed = True
             self._loop.remove_reader(self._sock.fileno())
             self._sock.close()
+            self._tap.closed()
 
     def _take(self, data: bytes, arrival: float) -> None:
         for package in self._splitter.feed(data):

@@ -9,6 +9,7 @@ import pytest
 
 from calibration.tool_frame.prediction import predict
 from cell.store.ledger import Ledger
+from cell.wire_recording.reader import read_recording
 from daemon.cli import machine
 from daemon.config import init_text, load_config
 from daemon.demo.fast import write_config as write_demo_config
@@ -360,3 +361,21 @@ def test_a_disk_that_is_nearly_full_is_warned_of_with_the_command_that_helps(
     assert (room.code, full.code) == (0, 0)
     assert "cellward prune" not in room.err
     assert "cellward prune" in full.err
+
+
+def test_a_recording_of_a_probe_is_a_folder_that_can_be_read(
+    subject: CommandLine, objects: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.cli.probe.RECORDED_S", 0.0)
+    folder = tmp_path / "new" / "recording"
+    assert subject("check", "--probe", "--record", folder, "-c", objects).code == 0
+    assert read_recording(folder).connections == []  # the twin's objects have no wires
+    again = subject("check", "--probe", "--record", folder, "-c", objects)
+    assert again.code == 2
+    assert f"{folder} holds a recording already" in again.err
+
+
+def test_a_recording_without_a_probe_is_refused(subject: CommandLine, objects: Path, tmp_path: Path) -> None:
+    done = subject("check", "--record", tmp_path / "recording", "-c", objects)
+    assert done.code == 2
+    assert "--record writes down what --probe does" in done.err
