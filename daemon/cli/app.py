@@ -15,6 +15,7 @@ from daemon.cli import (
     jobs,
     live,
     offline,
+    plc_files,
     prune,
     recover,
     rehearse,
@@ -67,7 +68,7 @@ PANELS = {
         audit.audit,
         export.export,
     ),
-    "Without a cell": (offline.solve, setup.explain),
+    "Without a cell": (offline.solve, setup.explain, plc_files.plc_files),
 }
 
 

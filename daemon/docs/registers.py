@@ -30,6 +30,8 @@ exception but a result code.
 
 ## How to give a command
 
+[Function blocks](plc.md) in Structured Text do what follows.
+
 1. Read `acknowledged_sequence`. A PLC that starts goes on from there.
 2. Write command, job and arguments, and the next sequence last or in the same request (function 16).
 3. Wait until `acknowledged_sequence` is that sequence, then read `result_code`.
