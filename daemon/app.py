@@ -14,7 +14,6 @@ from cell.errors import CellError
 from cell.motion import MotionBroker
 from cell.store.ledger import Ledger
 from cell.wire_recording.tap import recorded_by
-from daemon.can.face import CanFace
 from daemon.cell_context import CellContext
 from daemon.collector import collect_at_rest, freeze_start_up
 from daemon.composition import supervised_devices
@@ -37,6 +36,7 @@ from daemon.worker import ProcessWorker
 from procedures.registry import JOBS
 
 if TYPE_CHECKING:
+    from daemon.can.face import CanFace
     from daemon.web.server import WebServer
 
 log = logging.getLogger("cellward")
@@ -162,7 +162,10 @@ async def _record(config: CellConfig, stack: AsyncExitStack) -> None:
     log.info("every byte of the devices is recorded in %s, at most %d MB", folder, config.cell.record_mb)
 
 
-def _can(config: CellConfig, engine: Engine, plc: PlcFace, writes: RecentWrites) -> CanFace:
+def _can(config: CellConfig, engine: Engine, plc: PlcFace, writes: RecentWrites) -> "CanFace":
+    """Commands over CAN; a cell without a bus need not import what speaks on it."""
+    from daemon.can.face import CanFace
+
     ledger = engine.ledger
     return CanFace(
         config.can,

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
-from scipy.stats.qmc import Sobol
 
 from calibration.planning.cone import board_centre
 from calibration.planning.planner import Checker
@@ -36,6 +35,8 @@ def candidate_views(
     volume: Volume, seen: RigidTransform, points: Array, camera: Intrinsics
 ) -> RigidTransform:
     """T_camera_target (n) of views to choose from; ``seen`` is the target as it is now."""
+    from scipy.stats.qmc import Sobol  # half a second, which whoever plans no volume does not need
+
     count = _CANDIDATES * volume.poses
     even = Sobol(6, seed=_SEED).random_base2(int(np.ceil(np.log2(count))))[:count]
     distance = volume.nearest_m + (volume.farthest_m - volume.nearest_m) * even[:, 0]
