@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import islice
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from cell.clock import Clock
 from cell.errors import error
@@ -124,13 +124,13 @@ class Stream(Generic[T]):
 
     def between(self, t0: float, t1: float) -> list[Sample[T]]:
         """The samples with ``t0 <= t <= t1`` of this epoch."""
-        times = [s.t for s in self._samples]
-        return list(islice(self._samples, bisect_left(times, t0), bisect_left(times, t1 + 1e-12)))
+        first, last = (bisect_left(self._samples, t, key=_time) for t in (t0, t1 + 1e-12))
+        return list(islice(self._samples, first, last))
 
     def at(self, t: float, interpolate: Callable[[T, T, float], T], max_bracket: float = 0.1) -> T:
         """The value at ``t`` by ``interpolate(before, after, fraction)``; never extrapolates."""
         samples = self._samples
-        i = bisect_left([s.t for s in samples], t)
+        i = bisect_left(samples, t, key=_time)
         if i < len(samples) and samples[i].t == t:
             return samples[i].value
         if i == 0 or i == len(samples):
@@ -139,6 +139,10 @@ class Stream(Generic[T]):
         if b.t - a.t > max_bracket:
             raise error("STALE_DATA", f"{self.name} has a gap of {b.t - a.t:.3f} s around t={t:.4f} s")
         return interpolate(a.value, b.value, (t - a.t) / (b.t - a.t))
+
+
+def _time(sample: Sample[Any]) -> float:
+    return sample.t
 
 
 class Mapped(Generic[T]):
