@@ -169,11 +169,13 @@ class ObjectArm(ObjectDevice):
         if self._tcp[0] is not c.T_flange_tcp:
             self._tcp = c.T_flange_tcp, c.T_flange_tcp.as_matrix(), to_pose6(c.T_flange_tcp)
         _, T_flange_tcp, tcp_offset6 = self._tcp
-        T = self.world.believed.matrix(q) @ T_flange_tcp
+        if qd.any():
+            T_base_flange, J = self.world.believed.pose_and_jacobian(q, tcp_offset6[:3])
+            tcp_speed = J @ qd
+        else:
+            T_base_flange, tcp_speed = self.world.believed.matrix(q), np.zeros(6)
+        T = T_base_flange @ T_flange_tcp
         tcp_pose6 = np.concatenate([T[:3, 3], rotation_vector(T[:3, :3])])
-        tcp_speed = np.zeros(6)
-        if np.any(qd):
-            tcp_speed = self.world.believed.jacobian(q, tcp_offset6[:3]) @ qd
         force = self.world.contact_force(t, c.T_flange_tcp) + self.world.reported.force(t)
         for array in (q, qd, tcp_offset6, tcp_pose6, tcp_speed, force):
             array.flags.writeable = False

@@ -60,10 +60,11 @@ class ObjectInputs(ObjectDevice):
         self.stream = self.inputs
         self._before: tuple[tuple[bool, ...], tuple[int, ...]] | None = None
         self._changes = (0,) * len(self.names)
+        self._last: tuple[tuple[bool, ...], tuple[int, ...], InputsState] | None = None  # what was read last
 
     async def open(self) -> None:
         """Connect; ``DEVICE_UNREACHABLE`` while the module refuses."""
-        self._before, self._changes = None, (0,) * len(self.names)
+        self._before, self._changes, self._last = None, (0,) * len(self.names), None
         await super().open()
         self._cell.start()
 
@@ -83,6 +84,8 @@ class ObjectInputs(ObjectDevice):
     def _poll(self, t: float, tick: int) -> InputsState:
         read = t + self.config.time_offset_s + self._half_s * _between(tick)
         levels, counts = self._module.levels(read), self._module.counts(read)
+        if self._last is not None and self._last[:2] == (levels, counts):
+            return self._last[2]
         now = tuple([levels[k] for k in self._channels]), tuple([counts[k] for k in self._channels if counts])
         if self._before is not None:
             self._changes = tuple(
@@ -90,7 +93,9 @@ class ObjectInputs(ObjectDevice):
             )
         self._before = now
         logical = tuple([level != off for level, off in zip(now[0], self._inverted, strict=True)])
-        return InputsState(logical, self._changes)
+        state = InputsState(logical, self._changes)
+        self._last = levels, counts, state
+        return state
 
     @staticmethod
     def _changed(

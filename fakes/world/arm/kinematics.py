@@ -29,7 +29,7 @@ _LENGTHS: dict[str, tuple[float, float, float, float, float, float]] = {
     "ur20": (0.2363, -0.8620, -0.7287, 0.2010, 0.1593, 0.1543),
     "ur30": (0.2363, -0.6370, -0.5037, 0.2010, 0.1593, 0.1543),
 }
-_UNIT = np.eye(4)
+_UNIT, _SIX = np.eye(4), np.eye(6)
 _TWISTS = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
 
 MODELS = tuple(_LENGTHS)
@@ -114,9 +114,16 @@ class Chain:
     def jacobian(self, q: ArrayLike, p_flange: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
         """Geometric Jacobian (6, 6) in the base: rows are velocity (m/s) of the point ``p_flange`` and
         angular velocity (rad/s) per joint speed."""
+        return self.pose_and_jacobian(q, p_flange)[1]
+
+    def pose_and_jacobian(self, q: ArrayLike, p_flange: ArrayLike = (0.0, 0.0, 0.0)) -> tuple[Array, Array]:
+        """:meth:`matrix` and :meth:`jacobian` at ``q`` (6,), which share most of their work."""
         carried = self.partial(q)
+        flange: Array = carried[-1] @ self.M
+        return flange, self._jacobian(carried, flange, p_flange)
+
+    def _jacobian(self, carried: Array, flange: Array, p_flange: ArrayLike) -> Array:
         R, p = carried[:-1, :3, :3], carried[:-1, :3, 3]
-        flange = carried[-1] @ self.M
         point = flange[:3, :3] @ np.asarray(p_flange, dtype=float) + flange[:3, 3]
         turned = R[:, None] @ self.screws.reshape(JOINTS, 2, 3, 1)
         moments, axes = turned[:, 0, :, 0].T, turned[:, 1, :, 0].T
@@ -149,18 +156,23 @@ class Chain:
     def joints_at(self, goal: Array, q_near: ArrayLike, tolerance: float = 1e-10) -> Array:
         """The same for a pose given as a 4x4 matrix."""
         q = np.array(q_near, dtype=float)
-        gap = _gap(goal, self.matrix(q))
+        carried = self.partial(q)
+        reached = carried[-1] @ self.M
+        gap = _gap(goal, reached)
         damping = 1e-6
         for _ in range(100):
             if np.max(np.abs(gap)) < tolerance:
                 return q
-            J = self.jacobian(q)
-            step = J.T @ np.linalg.solve(J @ J.T + damping * np.eye(6), gap)
+            J = self._jacobian(carried, reached, (0.0, 0.0, 0.0))
+            step = J.T @ np.linalg.solve(J @ J.T + damping * _SIX, gap)
             step *= min(1.0, 0.5 / max(float(np.max(np.abs(step))), 1e-12))
             candidate = q + step
-            new_gap = _gap(goal, self.matrix(candidate))
+            new_carried = self.partial(candidate)
+            new_reached = new_carried[-1] @ self.M
+            new_gap = _gap(goal, new_reached)
             if new_gap @ new_gap < gap @ gap:
                 q, gap, damping = candidate, new_gap, max(damping / 10.0, 1e-14)
+                carried, reached = new_carried, new_reached
             else:
                 damping *= 10.0
                 if damping > 1e3:

@@ -52,6 +52,7 @@ class Beams:
         self._known = t0
         self._room = np.zeros(len(truths))  # how far each beam is from changing at that time, at least
         self._speed_since = (t0, 0.0)  # the last piece looked at, and the speed in it
+        self._judged: tuple[Piece, float] | None = None  # where the room is no bound but what there is
         gaps = self._gaps(motion.piece(t0), np.array([t0]))[0] if truths else np.zeros(0)
         self._at_first: list[bool] = (gaps < 0.0).tolist()
 
@@ -97,6 +98,7 @@ class Beams:
         """What was foreseen from ``t`` on does not hold."""
         if t >= self._known:
             return
+        self._judged = None
         since, speed = self._speed_since
         changed = False
         for edges in self._edges:
@@ -120,7 +122,7 @@ class Beams:
         self._motion = motion
         self._known, self._at_first, self._dropped, self._edges = snapshot
         self._room[:] = 0.0
-        self._speed_since = (self._known, 0.0)
+        self._speed_since, self._judged = (self._known, 0.0), None
         self.version += 1
 
     # -- looking ahead
@@ -145,7 +147,8 @@ class Beams:
         while self._known < min(t, piece.end):
             start, end = self._known, piece.end
             room = float(self._room.min())
-            if room <= 0.0 or (piece.speed and room < _WORTH_M and piece.speed * (end - start) >= room):
+            near = room <= 0.0 or (piece.speed and room < _WORTH_M and piece.speed * (end - start) >= room)
+            if near and not self._is_judged(piece, start):
                 self._judge(piece, np.array([start]))
                 room = float(self._room.min())
             if piece.speed:
@@ -158,6 +161,14 @@ class Beams:
                     continue
                 end = min(end, start + free_s)
             self._advance(piece, end)
+
+    def _is_judged(self, piece: Piece, t: float) -> bool:
+        """Whether ``t`` was the last time judged, of the motion that goes on with ``piece``."""
+        if self._judged is None or self._judged[1] != t:
+            return False
+        before = self._judged[0]
+        same = piece.segment is before.segment and piece.blend is before.blend and piece.ends is before.ends
+        return same and piece.leap == 0.0
 
     def _advance(self, piece: Piece, end: float) -> None:
         if piece.speed:
@@ -180,6 +191,7 @@ class Beams:
             gap = float(found.gaps[-1, i])
             self._room[i] = self._half_band[i] + (-gap if inside else gap)
         self._speed_since, self._known = (float(times[0]), piece.speed), float(times[-1])
+        self._judged = piece, self._known
 
     def _gaps(self, piece: Piece, times: Array) -> Array:
         """Distance of the tool's nearest point from each beam's light, (n, b) m; negative inside."""
