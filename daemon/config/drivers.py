@@ -19,6 +19,8 @@ DRIVERS: dict[str, str] = {
     "line-stream": "drivers.tracker:LineStreamTracker",
     "observed-arm": "drivers.observed_arm:ObservedArmReader",
     "arm-gripper": "drivers.ur.gripper:ArmGripper",
+    "modbus-gripper": "drivers.grippers:ModbusGripper",
+    "robotiq": "drivers.grippers:RobotiqGripper",
     "canopen-encoder": "drivers.can_encoder:CanopenEncoder",
     "raw-can-encoder": "drivers.can_encoder:RawCanEncoder",
 }

@@ -143,6 +143,12 @@ class ModbusLink:
             last = start + len(words) - 1
             raise self._refused(f"function 16, addresses 0x{start:04X} to 0x{last:04X}", reply)
 
+    async def write_coil(self, address: int, on: bool) -> None:
+        """Switch one coil; errors as :meth:`read`."""
+        reply = await self._ask(lambda: self._client.write_coil(address, on, device_id=self._config.unit))
+        if reply.isError():
+            raise self._refused(f"function 5, address 0x{address:04X}", reply)
+
     async def identification(self, read_code: int, object_id: int) -> tuple[dict[int, bytes], int]:
         """Objects of function 43/14, and the number of the next object, 0 at the end. Errors as ``read``."""
         reply = await self._ask(

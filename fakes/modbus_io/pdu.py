@@ -89,6 +89,12 @@ def _write_registers(unit: UnitTables, data: bytes) -> bytes:
     return data[:4]
 
 
+def _read_and_write(unit: UnitTables, data: bytes) -> bytes:
+    """Function 23: the write comes first."""
+    _write_registers(unit, data[4:])
+    return _read_holding(unit, data[:4])
+
+
 def _identify(unit: UnitTables, data: bytes) -> bytes:
     """Device identification: basic, regular and extended streams, or a single object."""
     if data[:1] != bytes([READ_IDENTIFICATION]):
@@ -123,6 +129,7 @@ _FUNCTIONS: dict[int, Callable[[UnitTables, bytes], bytes]] = {
     6: _write_register,
     15: _write_coils,
     16: _write_registers,
+    23: _read_and_write,
     43: _identify,
 }
 

@@ -18,6 +18,7 @@ from fakes.twin.camera import TwinCamera
 from fakes.twin.control import SOCKET_NAME, make_private, serve_control
 from fakes.twin.device import TwinDevice
 from fakes.twin.encoder import TwinEncoder
+from fakes.twin.gripper import TwinGripper
 from fakes.twin.inputs import TwinInputs
 from fakes.twin.palletizer import TwinObserved
 from fakes.twin.tracker import TwinTracker
@@ -82,6 +83,8 @@ class Twin:
             devices["belt"] = TwinEncoder(world.encoder, *where)
         if world.observed is not None:
             devices[OBSERVED] = TwinObserved(world.observed, *where)
+        if world.gripper is not None and self.scenario.fakes.gripper_by != "arm":
+            devices["gripper"] = TwinGripper(world.gripper, *where)
         if world.tracker is not None:
             devices["tracker"] = TwinTracker(world.tracker, *where)
         if self.scenario.world.camera is not None:  # last: it draws as soon as it listens
@@ -227,8 +230,8 @@ class Twin:
         )
 
     def _gripper_device(self) -> dict[str, dict[str, Any]]:
-        """It has no protocol of its own: an output of the arm closes it."""
-        if self.world.gripper is None:
+        """Without a link of its own an output of the arm closes it."""
+        if self.world.gripper is None or "gripper" in self._devices:
             return {}
         truth = self.world.gripper.truth
         wired = truth.model_dump(include={"output", "open_output", "confirm"}, exclude_none=True)

@@ -189,6 +189,12 @@ class FakeAddresses(Strict):
     observed_port: int = Field(
         default=5503, ge=1024, le=65535, description="Modbus TCP port of the observed arm's controller"
     )
+    gripper_by: Literal["arm", "modbus", "robotiq-rtu", "robotiq-urcap"] = Field(
+        default="arm", description="what moves the gripper: outputs of the arm, of a module, or its own link"
+    )
+    gripper_port: int = Field(
+        default=5504, ge=1024, le=65535, description="TCP port of a gripper with a link of its own"
+    )
     observed_by: Literal["registers", "file"] = Field(
         default="registers", description="file: the arm's program appends each rest to joints.csv instead"
     )
