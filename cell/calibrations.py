@@ -26,6 +26,11 @@ def belt_scale(device: str) -> str:
     return f"belt.{device}"
 
 
+def sort_of(name: str) -> str:
+    """What a calibration is of, as ``T_flange_tool``: its name without the tool or device it belongs to."""
+    return name.partition(".")[0]
+
+
 def on_flange(name: str) -> bool:
     """Whether a value says where something on the flange is, which is known through the arm's kinematics."""
     return name.startswith("T_flange_")

@@ -10,6 +10,7 @@ from typing import Any
 from cell.errors import CellError, RefusedError, error
 from cell.formats.result import NO_FIGURES, Figures
 from cell.packml import PackML
+from daemon.committed_registers import committed_registers
 from daemon.config import CellConfig
 from daemon.config.roles import ROLES
 from daemon.engine import WAITING, Engine
@@ -143,6 +144,7 @@ class PlcFace:
             "kinematic_rms_m": shown.kinematic_rms_m,
             "predicted_95_m": shown.predicted_95_m,
             **self._live_registers(status, last),
+            **committed_registers(self._config, engine.ledger.versions_now()),
         }
 
     def _bits(self, status: dict[str, Any], last: dict[str, Any] | None, figures: Figures) -> int:

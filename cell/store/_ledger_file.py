@@ -37,6 +37,8 @@ class LedgerFile:
                 if self._versions_changed:
                     self._copy_versions()
                 self._db.execute("COMMIT")
+                if self._versions_changed:
+                    self._versions_written()
             except sqlite3.Error as exc:
                 raise disk_error(self.path, exc) from exc
             finally:
@@ -54,4 +56,8 @@ class LedgerFile:
 
     def _copy_versions(self) -> None:
         """What has to succeed before changed versions are committed."""
+        raise NotImplementedError
+
+    def _versions_written(self) -> None:
+        """Changed versions are in the file."""
         raise NotImplementedError

@@ -21,7 +21,9 @@ from cell.store.records import Records
 from cell.store.recovery import bring_back
 from cell.store.runs import highest_run_id
 from cell.store.summary import summary
+from cell.store.versions_now import LastChange, VersionsNow
 
+CHANGE_KEY = "last_change"
 DAMAGE_KEY = "ledger_damaged"
 MAX_RUN_ID = 2**32 - 1
 OPEN_STATES = ("proposed", "accepted")
@@ -69,6 +71,7 @@ class Ledger(Records):
             elif not new:
                 self._renew_copy()
         self._damage: dict[str, Any] | None = self.get_state(DAMAGE_KEY)
+        self._now = self._next = VersionsNow() if read_only else self._read_versions()
 
     # -- after damage
 
@@ -220,6 +223,7 @@ class Ledger(Records):
                     "UPDATE calibrations SET state = 'committed', version = ? WHERE id = ?",
                     ((last[0] or 0) + 1, result_id),
                 )
+                self._note_change(name)
             elif row["state"] != "committed":
                 raise error("NOT_NOW", f"result {result_id} ({row['name']}) is {row['state']}, not accepted")
             return self._result(result_id)
@@ -257,6 +261,7 @@ class Ledger(Records):
                     db.execute("UPDATE calibrations SET state = 'committed' WHERE id = ?", (before["id"],))
                     break
                 self._set_rolled_back(before["id"], who)
+            self._note_change(name)
             now = self.effective(name, configured)
         return {"name": name, "version": now.version, "value": now.value, "rolled_back": row["version"]}
 
@@ -271,6 +276,10 @@ class Ledger(Records):
             return Effective(
                 row["value"], row["version"], conflict, row["id"], row["arm_model"], row["result"]
             )
+
+    def versions_now(self) -> VersionsNow:
+        """What is in effect, and what changed last; from memory, so the event loop may ask."""
+        return self._now
 
     def in_effect(self, name: str) -> dict[str, Any] | None:
         """The committed version with the summary of its result, None when there is none.
@@ -339,6 +348,35 @@ class Ledger(Records):
 
     def _copy_versions(self) -> None:
         write_copy(self.path.parent, self._for_copy())
+        self._next = self._read_versions()
+
+    def _versions_written(self) -> None:
+        self._now = self._next
+
+    def _note_change(self, name: str) -> None:
+        """``name`` has another value in effect from now on."""
+        last = self._now.change
+        self.set_state(CHANGE_KEY, {"count": last.count + 1 if last else 1, "name": name, "at": self._wall()})
+
+    def _last_change(self) -> LastChange | None:
+        """As it was noted, or of a ledger that comes from a copy or from an earlier program, the newest."""
+        if (noted := self.get_state(CHANGE_KEY)) is not None:
+            return LastChange(**noted)
+        newest = self._rows(
+            "SELECT name, decided FROM calibrations WHERE state = 'committed' ORDER BY decided DESC LIMIT 1"
+        )
+        return LastChange(1, newest[0]["name"], newest[0]["decided"] or 0.0) if newest else None
+
+    def _read_versions(self) -> VersionsNow:
+        rows = self._rows("SELECT name, version FROM calibrations WHERE state = 'committed'")
+        poses = self._rows(
+            "SELECT name, value FROM calibrations WHERE state = 'committed' AND name GLOB 'T_*'"
+        )
+        return VersionsNow(
+            self._last_change(),
+            {row["name"]: row["version"] for row in rows},
+            {row["name"]: json.loads(row["value"]) for row in poses},
+        )
 
     def _result(self, result_id: int) -> dict[str, Any]:
         rows = self._rows("SELECT * FROM calibrations WHERE id = ?", result_id)

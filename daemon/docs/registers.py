@@ -15,8 +15,9 @@ counting, holding register 0 is 40001 and input register 0 is 30001. Any unit id
 take two registers, high word first unless `[modbus] word_order` says otherwise. Quantities are SI.
 
 Holding registers 0 to {command_last} are the command block, which the PLC writes. Input registers 0 to
-{status_last} are the status block, which it reads; holding registers from {mirror} mirror it for a PLC that
-knows only function 3. Discrete inputs 0 to 15 are the status bits, 16 to 31 the warning bits.
+{status_last} are the status block and up to {last} the committed block, which it reads; holding registers
+from {mirror} mirror both for a PLC that knows only function 3. Discrete inputs 0 to 15 are the status bits,
+16 to 31 the warning bits.
 
 Functions: 2, 3, 4, 6, 16, 22, 23.
 
@@ -51,19 +52,36 @@ silence holds the job, and only abort and halt are taken.
 is counted as missed. It belongs to no run: one that starts while the bit is set waits, too, whoever started
 it, and its journal names the client that set it. A restart of the daemon clears it with all other control
 bits.
+
+## What was put into effect
+
+A robot program needs the new TCP as numbers: registers 82 to 93 always have the tool's pose in effect, and 65
+to 81 the calibration that changed last, by a commit or a rollback, whoever decided it. Poses are metres and a
+rotation vector, as the arm's own. Read the block when `change_count` is another one than that of your last
+reading. One request is answered from one state of the cell, so registers 64 to 95 read together belong
+together. A PLC that needs several requests reads register 95 last and begins again where it is not equal to
+64. Committed is not passed on: the robot program that takes the numbers over is yours.
 """
 
 
 def registers_page(table: RegisterTable, jobs: Mapping[str, type[Procedure]]) -> str:
     """The text of ``docs/registers.md``."""
     head = HEAD.format(
-        command_last=table.command_size - 1, status_last=table.status_size - 1, mirror=table.mirror
+        command_last=table.command_size - 1,
+        status_last=table.status_size - 1,
+        last=table.readable_size - 1,
+        mirror=table.mirror,
     )
     lines = ["## Command block (holding registers)", "", *_register_table(table.command), ""]
     lines += argument_lines(jobs)
     lines += [f"## Status block (input registers; holding registers from {table.mirror})", ""]
     lines += [*_register_table(table.status), ""]
-    for register in (*table.command, *table.status):
+    lines += [
+        f"## Committed block (input registers; holding registers from {table.mirror + table.status_size})",
+        "",
+    ]
+    lines += [*_register_table(table.committed), ""]
+    for register in (*table.command, *table.readable):
         lines += _meanings(register)
     return page(head, lines)
 

@@ -140,9 +140,9 @@ class ModbusFace:
         return [bool(word >> bit & 1) for bit in range(address, address + count)]
 
     def read_input(self, address: int, count: int) -> Sequence[int]:
-        if address + count > self._table.status_size:
+        if address + count > self._table.readable_size:
             raise ModbusError(ILLEGAL_ADDRESS)
-        words = self._table.status_words(self._status_values(), self._low_first)
+        words = self._table.readable_words(self._status_values(), self._low_first)
         return words[address : address + count]
 
     def read_holding(self, address: int, count: int) -> Sequence[int]:

@@ -43,6 +43,11 @@ class Register:
             raise KeyError(f"'{name}' is not the name of one bit of {self.name}")
         return 1 << found[0]
 
+    def number(self, name: str) -> int:
+        """The value that the table gives to ``name``, which is its meaning up to a colon; else *other*."""
+        numbers = {text.partition(":")[0]: number for number, text in self.values.items()}
+        return numbers.get(name, numbers["other"])
+
     def encode(self, value: float | None, low_first: bool) -> list[int]:
         """The registers of ``value``: None and numbers that are not finite become 0, others saturate."""
         number = 0.0 if value is None or not math.isfinite(value) else value
@@ -68,30 +73,45 @@ class Register:
 
 @dataclass(frozen=True)
 class RegisterTable:
-    """The command block and the status block."""
+    """The command block, and behind each other the status block and that of what was committed."""
 
     command: tuple[Register, ...]
     status: tuple[Register, ...]
+    committed: tuple[Register, ...]
     command_size: int
     status_size: int
+    committed_size: int
     mirror: int
 
-    def status_words(self, values: Mapping[str, Any], low_first: bool) -> list[int]:
-        """The status block; names the table does not know are a defect (``KeyError``)."""
-        if unknown := values.keys() - {r.name for r in self.status}:
-            raise KeyError(f"not in the status block: {', '.join(sorted(unknown))}")
-        words = [0] * self.status_size
-        for register in self.status:
+    @property
+    def readable(self) -> tuple[Register, ...]:
+        """What a PLC reads, in the order of its addresses."""
+        return (*self.status, *self.committed)
+
+    @property
+    def readable_size(self) -> int:
+        return self.status_size + self.committed_size
+
+    def readable_words(self, values: Mapping[str, Any], low_first: bool) -> list[int]:
+        """Both blocks that are read; names the table does not know are a defect (``KeyError``)."""
+        if unknown := values.keys() - {r.name for r in self.readable}:
+            raise KeyError(f"not among the registers: {', '.join(sorted(unknown))}")
+        words = [0] * self.readable_size
+        for register in self.readable:
             encoded = register.encode(values.get(register.name), low_first)
             words[register.address : register.address + register.words] = encoded
         return words
 
     def bit(self, register: str, name: str) -> int:
         """The mask of the bit ``name`` in ``register``; ``KeyError`` when there is none."""
-        for found in (*self.status, *self.command):
-            if found.name == register:
-                return found.bit(name)
-        raise KeyError(f"there is no register '{register}'")
+        return self.register(register).bit(name)
+
+    def register(self, name: str) -> Register:
+        """The register called ``name``; ``KeyError`` when there is none."""
+        for found in (*self.readable, *self.command):
+            if found.name == name:
+                return found
+        raise KeyError(f"there is no register '{name}'")
 
     def value_allowed(self, address: int, value: int) -> bool:
         """Whether the PLC may write ``value`` to ``address`` of the command block.
@@ -124,7 +144,9 @@ def register_table() -> RegisterTable:
     return RegisterTable(
         registers("command"),
         registers("status"),
+        registers("committed"),
         blocks["command_size"],
         blocks["status_size"],
+        blocks["committed_size"],
         blocks["mirror"],
     )

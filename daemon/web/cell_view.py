@@ -69,7 +69,7 @@ class CellView:
         commands = [line for line in self._writes.newest() if line["channel"] == "modbus"]
         return json_answer(
             {
-                "registers": [_register(r, values.get(r.name)) for r in register_table().status],
+                "registers": [_register(r, values.get(r.name)) for r in register_table().readable],
                 "commands": commands[-10:],
                 "served": self._engine.context.config.modbus.enabled,
             }

@@ -34,7 +34,14 @@ class Plant:
         return 1
 
     def snapshot(self) -> dict[str, Any]:
-        return {"status": 1, "run_id": 70000, "belt_speed_m_s": 0.25, "picks": 3, "warning_bits": 0b101}
+        return {
+            "status": 1,
+            "run_id": 70000,
+            "belt_speed_m_s": 0.25,
+            "picks": 3,
+            "warning_bits": 0b101,
+            "tool_z_m": 0.18,
+        }
 
 
 def serve(visit: Callable[[str, int], None], **keys: Any) -> list[Command]:
@@ -170,6 +177,7 @@ def test_mbpoll_reads_and_commands() -> None:
 
     def visit(host: str, port: int) -> None:
         assert "0.25" in mbpoll(host, port, "-a", "1", "-t", "3:float", "-B", "-r", "16", "-c", "1")
+        assert "0.18" in mbpoll(host, port, "-a", "1", "-t", "3:float", "-B", "-r", "86", "-c", "1")
         assert "70000" in mbpoll(host, port, "-a", "5", "-t", "3:int", "-B", "-r", "10", "-c", "1")
         assert "256" in mbpoll(host, port, "-a", "1", "-t", "4", "-r", "1008", "-c", "1")
         mbpoll(host, port, "-a", "1", "-t", "4", "-r", "0", "=2", "=9", "=1")

@@ -18,7 +18,11 @@ STATUS = {register.name: register for register in TABLE.status}
 
 
 def test_registers_do_not_overlap_and_stay_in_their_blocks() -> None:
-    for registers, size in ((TABLE.command, TABLE.command_size), (TABLE.status, TABLE.status_size)):
+    for registers, size in (
+        (TABLE.command, TABLE.command_size),
+        (TABLE.status, TABLE.status_size),
+        (TABLE.readable, TABLE.readable_size),
+    ):
         used = [a for r in registers for a in range(r.address, r.address + r.words)]
         assert len(used) == len(set(used))
         assert max(used) < size
@@ -110,7 +114,7 @@ def test_values_that_do_not_fit_saturate_and_unknown_ones_are_zero(
 
 def test_a_status_name_that_the_table_does_not_know_is_a_defect() -> None:
     with pytest.raises(KeyError, match="belt_sped"):
-        TABLE.status_words({"belt_sped": 1.0}, False)
+        TABLE.readable_words({"belt_sped": 1.0}, False)
 
 
 def test_arguments_are_read_as_uint32_in_either_word_order() -> None:

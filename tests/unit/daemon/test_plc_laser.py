@@ -58,7 +58,7 @@ def registers(tmp_path: Path, result: dict[str, Any] | None, beams: Beams | None
                 }
                 cell.engine.figures = read_result(whole(result)).figures()
             table = register_table()
-            words = table.status_words(subject.snapshot(), low_first=False)
+            words = table.readable_words(subject.snapshot(), low_first=False)
             for r in table.status:
                 read[r.name] = r.decode(words[r.address : r.address + r.words], low_first=False)
 
