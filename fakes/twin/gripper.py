@@ -25,7 +25,7 @@ SERIAL_LINE = "gripper.tty"
 
 
 class ValveTables:
-    """``fakes.modbus_io.module.UnitTables`` of a module: a valve on its output, and an input that confirms."""
+    """``UnitTables`` of a module: a valve on its output, and an input that confirms."""
 
     def __init__(self, gripper: Gripper) -> None:
         self._gripper, self._on = gripper, False
