@@ -5,11 +5,11 @@ blunders looked for) for 600 poses in any number of placements and for 5000, the
 lens and target as unknowns. Of ours, `pnp` are the poses from the corners, `rest` all that follows (for every
 block: from the fixed-arm answer). Peers on the same corners: OpenCV's PnP for every view with Park's solver,
 a placement at a time; SciPy's ``least_squares`` over X and all target poses from our PnP poses (to be held
-against `rest`), without covariance. Median of five calls; memory is what the process grew by at most.
+against `rest`), without covariance. Times are those of the processor, which all of them use on one thread, in
+the fastest of nine calls, which other programs disturb least. Memory is what the process grew by at most.
 """
 
 import resource
-import statistics
 import time
 from collections.abc import Callable, Sequence
 
@@ -30,7 +30,7 @@ from cell.poses import Array
 from tests.kit import imperfect_cell
 from tests.kit.hand_eye_scene import CAMERA, make_scene
 
-CALLS = 5
+CALLS = 9
 MOST_OF_PEERS = 600  # poses; Park's solver takes the square of them
 _LEVER_M = 0.3
 
@@ -92,10 +92,10 @@ def _row(poses: int, placements: int, problem: str, grew: float, *milliseconds: 
 def _milliseconds(call: Callable[[], object]) -> float:
     seconds = []
     for _ in range(CALLS):
-        began = time.perf_counter()
+        began = time.process_time()
         call()
-        seconds.append(time.perf_counter() - began)
-    return 1e3 * statistics.median(seconds)
+        seconds.append(time.process_time() - began)
+    return 1e3 * min(seconds)
 
 
 def _memory() -> float:

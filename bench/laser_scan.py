@@ -13,7 +13,6 @@ in real time: few, and slowly.
 
 import argparse
 import json
-import os
 import sys
 import tempfile
 import time
@@ -21,8 +20,6 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices; the other core is for another bench
 
 import numpy as np
 

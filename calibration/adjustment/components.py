@@ -100,7 +100,7 @@ def _score(obs: Observations, prior: Prior, at: Array, now: Components) -> tuple
         @ (obs.r + obs.of_global @ x + np.einsum("nij,nj->ni", obs.of_local, w[obs.group]))[..., None]
     )
     follows = obs.of_global - obs.of_local @ eq.carry[obs.group]
-    fitted = follows @ cov @ np.swapaxes(follows, 1, 2)
+    fitted = (follows.reshape(-1, len(cov)) @ cov).reshape(follows.shape) @ np.swapaxes(follows, 1, 2)
     fitted += obs.of_local @ eq.inverse[obs.group] @ np.swapaxes(obs.of_local, 1, 2)
     R = eq.weight - eq.weight @ fitted @ eq.weight
     square = np.array([s**2 for s in now.sigma.values()])

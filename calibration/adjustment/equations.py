@@ -139,7 +139,7 @@ def equations(obs: Observations, V: Array, px2: float, prior: Prior, at: Array) 
     local = (inverse @ gl[..., None])[..., 0]
     m = obs.of_global.shape[2]
     flat = obs.of_global.reshape(-1, m)
-    N = flat.T @ PG.reshape(-1, m) - np.einsum("gim,gik->mk", LG, carry, optimize=True)
+    N = flat.T @ PG.reshape(-1, m) - LG.reshape(-1, m).T @ carry.reshape(-1, m)
     g = flat.T @ (weight @ obs.r[..., None]).reshape(-1) - np.einsum("gim,gi->m", LG, local)
     N += obs.info / px2 + np.diag(prior.precision)
     g += obs.pull / px2 + prior.precision * (at - prior.mean)

@@ -55,9 +55,9 @@ def leave_one_out(lin: Linearised, weight: Array) -> LeftOut:
         return _NONE
     group = problem.group[rows]
     everything = gathered(own, g, problem.group, problem.groups)
-    others = everything.eliminated()
+    others = everything.eliminated
     rest = Normal(everything.own[group] - own[rows], everything.g[group] - g[rows])
-    part = rest.eliminated()
+    part = rest.eliminated
     schur = part.schur + _all_but_one(others.schur)[group]
     gradient = part.gradient + _all_but_one(others.gradient)[group]
     x = (pseudo_inverse(schur) @ gradient[..., None])[..., 0]

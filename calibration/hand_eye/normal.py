@@ -6,6 +6,7 @@ grow with n, none with n times groups, and no matrix is larger than 12 x 12.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +75,7 @@ class Normal:
     def __sub__(self, other: "Normal") -> "Normal":
         return Normal(self.own - other.own, self.g - other.g)
 
+    @cached_property
     def eliminated(self) -> "Eliminated":
         """Each group with its own W taken out."""
         inverse = pseudo_inverse(self.own[:, 6:, 6:])
@@ -84,20 +86,24 @@ class Normal:
 
     def solve(self) -> Array:
         """N^-1 g as (1 + g, 6): X first, then each W."""
-        part = self.eliminated()
-        x = pseudo_inverse(part.schur.sum(axis=0)[None])[0] @ part.gradient.sum(axis=0)
+        part = self.eliminated
+        x = self._cov_X @ part.gradient.sum(axis=0)
         w = (part.inverse @ self.g[:, 6:, None])[..., 0] - part.carry @ x
         return np.concatenate([x[None], w])
 
     def covariance(self) -> Covariance:
         """N^-1, as far as one observation can see it."""
-        part = self.eliminated()
-        X = pseudo_inverse(part.schur.sum(axis=0)[None])[0]
-        return Covariance(X, part.covariances(X))
+        return Covariance(self._cov_X, self.eliminated.covariances(self._cov_X))
+
+    @cached_property
+    def _cov_X(self) -> Array:
+        """(6, 6)."""
+        out: Array = pseudo_inverse(self.eliminated.schur.sum(axis=0)[None])[0]
+        return out
 
     def each(self) -> Array:
         """N^-1 (g, 12, 12) of every group as if it were the only one."""
-        part = self.eliminated()
+        part = self.eliminated
         return part.covariances(pseudo_inverse(part.schur))
 
     def scalar(self, step: Array) -> float:
@@ -113,8 +119,11 @@ def pseudo_inverse(N: Array) -> Array:
     """
     diagonal = np.einsum("kii->ki", N)
     s = np.where(diagonal > _NOTHING, 1.0 / np.sqrt(np.maximum(diagonal, _NOTHING)), 0.0)
-    scale = s[:, :, None] * s[:, None, :]
-    return np.asarray(np.linalg.pinv(N * scale, rcond=1e-13, hermitian=True) * scale)
+    values, vectors = np.linalg.eigh(N * s[:, :, None] * s[:, None, :])
+    known = np.abs(values) > 1e-13 * np.abs(values).max(axis=1, keepdims=True)
+    inverse = np.where(known, 1.0 / np.where(known, values, 1.0), 0.0)
+    across = s[:, :, None] * vectors
+    return np.asarray((across * inverse[:, None]) @ np.swapaxes(across, 1, 2))
 
 
 def normal(lin: Linearised, weight: Array) -> Normal:
@@ -168,7 +177,7 @@ def minimise(lin: Linearised, weight: Array, iterations: int = 20) -> Linearised
 
 def squared_distances(r: Array, weight: Array) -> NDArray[np.float64]:
     """``r^T V^-1 r`` (n,)."""
-    return np.asarray(np.einsum("ni,nij,nj->n", r, weight, r, optimize=True))
+    return np.asarray(np.sum((weight @ r[..., None])[..., 0] * r, axis=1))
 
 
 def _cost(r: Array, weight: Array) -> float:

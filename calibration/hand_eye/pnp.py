@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.hand_eye import se3
 from calibration.hand_eye.pnp_start import mirrored, start_poses
-from calibration.hand_eye.views import CornerSet, distortion_jacobian, undistort
+from calibration.hand_eye.views import CornerSet, distortion_jacobian, ideal_corners
 from cell.devices import Intrinsics
 from cell.poses import Array
 
@@ -65,13 +65,13 @@ class _Stack:
         return _Stack(self.points[rows], self.ideal[rows], whiten)
 
 
-def _stack(views: Sequence[CornerSet], camera: Intrinsics) -> _Stack:
+def _stack(views: Sequence[CornerSet], ideal: Sequence[Array], camera: Intrinsics) -> _Stack:
     n = len(views)
     sizes = np.array([len(v.points) for v in views])
     m = int(sizes.max())
     inside = np.arange(m) < sizes[:, None]
     weight = np.sqrt(np.concatenate([v.count for v in views]))
-    flat = undistort(np.concatenate([v.corners for v in views]), camera)
+    flat = np.concatenate(ideal)
     distortion = distortion_jacobian(flat, camera)
 
     def padded(values: Array) -> Array:
@@ -155,7 +155,8 @@ def _refine(everything: _Stack, sizes: Indices, C: Array, give_up: Array | None 
 
 def refine_poses(views: Sequence[CornerSet], camera: Intrinsics, C: Array) -> Poses:
     """The pose of each view from ``C`` (n, 4, 4), which is near it: no second pose is looked for."""
-    return _refine(_stack(views, camera), np.array([len(v.points) for v in views]), C)
+    stack = _stack(views, ideal_corners(views, camera), camera)
+    return _refine(stack, np.array([len(v.points) for v in views]), C)
 
 
 def solve_pnp(views: Sequence[CornerSet], camera: Intrinsics) -> tuple[Poses, Indices]:
@@ -165,8 +166,9 @@ def solve_pnp(views: Sequence[CornerSet], camera: Intrinsics) -> tuple[Poses, In
     nearly as well: it is kept, and the robot's motion decides. Every view needs four corners or more that do
     not lie on a line, and a start that is not NaN.
     """
-    stack, sizes = _stack(views, camera), np.array([len(v.points) for v in views])
-    poses, owner = _refine(stack, sizes, start_poses(views, camera)), np.arange(len(views))
+    ideal, sizes = ideal_corners(views, camera), np.array([len(v.points) for v in views])
+    stack = _stack(views, ideal, camera)
+    poses, owner = _refine(stack, sizes, start_poses(views, ideal)), np.arange(len(views))
     other, rows = mirrored(stack.points, sizes, poses.C)
     r, _, _ = _residuals(stack.take(rows), other)
     noise = np.maximum(poses.sse[rows], 1e-3)

@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.hand_eye import se3
-from calibration.hand_eye.views import CornerSet, undistort
-from cell.devices import Intrinsics
+from calibration.hand_eye.views import CornerSet
 from cell.poses import Array
 
 
-def start_poses(views: Sequence[CornerSet], camera: Intrinsics) -> Array:
+def start_poses(views: Sequence[CornerSet], ideal: Sequence[Array]) -> Array:
     """A guess (n, 4, 4) of T_camera_target for each view, its own start if it has one.
 
-    NaN where no pose before the camera explains the corners.
+    ``ideal`` holds the ideal coordinates (m, 2) of each view's corners. NaN where no pose before the camera
+    explains the corners.
     """
     guesses = np.full((len(views), 4, 4), np.nan)
     planar: dict[int, list[int]] = {}  # views by number of corners
@@ -30,11 +30,10 @@ def start_poses(views: Sequence[CornerSet], camera: Intrinsics) -> Array:
         elif _is_planar(view.points):
             planar.setdefault(len(view.points), []).append(i)
         else:
-            guesses[i] = _from_space(view.points, undistort(view.corners, camera))
-    for m, same in planar.items():
+            guesses[i] = _from_space(view.points, ideal[i])
+    for same in planar.values():
         points = np.stack([views[i].points for i in same])
-        ideal = undistort(np.concatenate([views[i].corners for i in same]), camera)
-        guesses[same] = _from_planes(points, ideal.reshape(len(same), m, 2))
+        guesses[same] = _from_planes(points, np.stack([ideal[i] for i in same]))
     guesses[~(guesses[:, 2, 3] > 0.0)] = np.nan
     return guesses
 

@@ -1,5 +1,6 @@
 """Corners of one observation, and the way between pixels and ideal coordinates."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -32,6 +33,14 @@ def undistort(pixels: Array, camera: Intrinsics) -> Array:
         pixels.reshape(-1, 1, 2), camera.matrix, np.array(camera.dist), None, None, criteria
     )
     return np.asarray(flat, dtype=float).reshape(-1, 2)
+
+
+def ideal_corners(views: Sequence[CornerSet], camera: Intrinsics) -> list[Array]:
+    """Ideal coordinates (m, 2) of the corners of each view."""
+    if not views:
+        return []
+    flat = undistort(np.concatenate([v.corners for v in views]), camera)
+    return np.split(flat, np.cumsum([len(v.corners) for v in views])[:-1])
 
 
 def project(ideal: Array, camera: Intrinsics) -> Array:

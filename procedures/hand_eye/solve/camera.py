@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from calibration.adjustment.image_misfit import explained_by_parts
 from calibration.hand_eye.pnp_start import start_poses
-from calibration.hand_eye.views import CornerSet, undistort
+from calibration.hand_eye.views import CornerSet, ideal_corners, undistort
 from calibration.intrinsics import (
     MIN_CORNERS,
     MIN_VIEWS,
@@ -147,7 +147,8 @@ def check_views(loaded: CaptureSet, camera: Intrinsics | None) -> None:
         if view.start is not None and not _plausible(view, view.start, camera):
             loaded.views[k] = CornerSet(view.points, view.corners, view.count)
     rows = [k for k, v in enumerate(loaded.views) if v is not None]
-    guesses = start_poses([v for v in loaded.views if v is not None], camera)
+    views = [v for v in loaded.views if v is not None]
+    guesses = start_poses(views, ideal_corners(views, camera))
     for k, guess in zip(rows, guesses, strict=True):
         if np.any(np.isnan(guess)):
             loaded.views[k] = None
