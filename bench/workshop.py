@@ -1,17 +1,20 @@
 """The whole chain in cells as one finds them: cone capture, uncertainty, and the arm before and after.
 
-``python -m bench.workshop [RUNS] [--poses N] [--frames N] [--first SEED] [--images]``: the job cone-capture
-on virtual time in the scenario workshop, each run with an arm (links, gears, sag), a lens, a print and noise
-of its own draw. The configuration says nothing of them: priors are the defaults. A row for each run: the
-error of the camera's pose, its standard uncertainty, and the squared Mahalanobis distance (6 is expected);
-then the position error of the arm over all its joints, none of them measured, as it is and as stated, before
-and after the correction. Coverage over all runs comes last. With ``--images`` every frame that is captured is
-drawn and searched for corners; without, corners are computed and have noise.
+``python -m bench.workshop [RUNS] [--poses N] [--frames N] [--first SEED] [--images] [--into FILE]``: the job
+cone-capture on virtual time in the scenario workshop, each run with an arm (links, gears, sag), a lens, a
+print and noise of its own draw. The configuration says nothing of them: priors are the defaults. A row for
+each run: the error of the camera's pose, its standard uncertainty, and the squared Mahalanobis distance (6 is
+expected); then the position error of the arm over all its joints, none of them measured, as it is and as
+stated, before and after the correction. Coverage over all runs comes last. With ``--images`` every frame that
+is captured is drawn and searched for corners; without, corners are computed and have noise. With ``--into``
+each run is added to a file as a line of JSON when it is done; runs that the file holds already are not played
+again.
 """
 
 import argparse
+import json
 import tempfile
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -77,16 +80,38 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--images", action="store_true", help="draw pictures and find the corners in them")
     parser.add_argument("--frames", type=int, default=5, help="of each pose")
+    parser.add_argument("--into", type=Path, help="file that keeps the runs, a line of JSON each")
     options = parser.parse_args()
     cv2.setNumThreads(1)
+    job = {"poses_per_placement": options.poses, "frames_per_pose": options.frames}
+    settings = job | {"images": options.images}
+    kept = {} if options.into is None else kept_runs(options.into, settings)
     print(HEAD)
     done = []
     for seed in range(options.first, options.first + options.runs):
-        with tempfile.TemporaryDirectory() as folder:
-            camera, job = CAMERAS[options.images], {"poses_per_placement": options.poses}
-            done.append(one(seed, camera, job | {"frames_per_pose": options.frames}, Path(folder)))
-        print(done[-1].row(seed), flush=True)
+        run = kept.get(seed)
+        if run is None:
+            with tempfile.TemporaryDirectory() as folder:
+                run = one(seed, CAMERAS[options.images], job, Path(folder))
+            if options.into is not None:
+                keep(options.into, seed, settings, run)
+        done.append(run)
+        print(run.row(seed), flush=True)
     print(summary(done))
+
+
+def kept_runs(path: Path, settings: dict[str, Any]) -> dict[int, Run]:
+    """The runs in a file by seed; those that were played with other settings are passed over."""
+    lines = path.read_text("utf-8").splitlines() if path.exists() else []
+    rows = [json.loads(line) for line in lines]
+    return {row["seed"]: Run(**row["run"]) for row in rows if row["settings"] == settings}
+
+
+def keep(path: Path, seed: int, settings: dict[str, Any], run: Run) -> None:
+    """One more line of the file."""
+    row = {"seed": seed, "settings": settings, "run": asdict(run)}
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(row) + "\n")
 
 
 def summary(runs: list[Run]) -> str:

@@ -30,6 +30,7 @@ X_NOMINAL = RigidTransform.from_components([0.02, -0.08, 0.05], Rotation.from_ro
 ARM = UrArmModel("ur10e")
 MODEL = arm_spec(parse_robot({"model": "ur10e"}, "robot"), "robot").arm
 PX, FLANGE_T, FLANGE_R = 0.2, 3e-5, 5e-5
+ANGLE_PER_M = 1.5  # of an arm: standard deviation of its angles (rad) for one of its lengths (m)
 PLANS = {
     "cone": (3, 20),
     "diverse": (10, 20),
@@ -46,15 +47,19 @@ Seen = tuple[Array, Array, CornerSet]
 
 @dataclass(frozen=True)
 class World:
-    """One cell: its true arm (chain and joint errors), camera and board points.
+    """One cell: its true arm (numbers of its links, joint errors), camera and board points.
 
     The true flange is about ``base @ nominal @ flange``: (4, 4) that serve best over all joints.
     """
 
-    chain: SerialChain
+    links: Array
     gear: Array
     camera: Intrinsics
     points: Array
+
+    @cached_property
+    def chain(self) -> SerialChain:
+        return MODEL.chain(self.links)
 
     @property
     def base(self) -> Array:
@@ -96,14 +101,15 @@ def world(
     gear_rad: float = 2e-5,
     sag_rad: float = 1e-4,
 ) -> World:
-    """``arm_m``: standard deviation of a length; angles have 1.5 mrad per mm, gears and sag their own.
+    """``arm_m``: standard deviation of a length; angles have ``ANGLE_PER_M`` times that, gears and sag their
+    own.
 
     ``lens``: exact, or off by 0.3 % and 3 px. ``board``: exact, its scale off by 0.05 %, a bow of 0.2 mm, or
     slight: 0.01 % and that bow.
     """
     kinds = np.array(MODEL.kinds)
-    sigma = np.where(kinds == "length", arm_m, 1.5 * arm_m)
-    chain = MODEL.chain(MODEL.nominal + rng.normal(size=len(sigma)) * sigma)
+    sigma = np.where(kinds == "length", arm_m, ANGLE_PER_M * arm_m)
+    links = MODEL.nominal + rng.normal(size=len(sigma)) * sigma
     gear = rng.normal(size=27) * np.array([gear_rad] * 24 + [sag_rad] * 3) * (arm_m > 0.0)
     camera = CAMERA
     if lens == "off":
@@ -118,7 +124,7 @@ def world(
         turn = rng.uniform(0, np.pi)
         across = off @ (np.cos(turn), np.sin(turn))
         points[:, 2] += rng.choice([-1.0, 1.0]) * 2e-4 * (across / np.abs(across).max()) ** 2
-    return World(chain, gear, camera, points)
+    return World(links, gear, camera, points)
 
 
 def capture(rng: np.random.Generator, cell: World, plan: str) -> tuple[Measurements, Array]:
