@@ -13,6 +13,7 @@ from cell.clock import MonotonicClock
 from cell.errors import CellError
 from cell.motion import MotionBroker
 from cell.store.ledger import Ledger
+from cell.version import software
 from cell.wire_recording.tap import recorded_by
 from daemon.cell_context import CellContext
 from daemon.collector import collect_at_rest, freeze_start_up
@@ -72,7 +73,7 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
         import daemon.web.views  # noqa: F401
     clock = MonotonicClock()
     state = Path(config.cell.state_dir)
-    log.info("cell '%s', config %s, state in %s", config.cell.name, config.source, state)
+    log.info("%s, cell '%s', config %s, state in %s", software(), config.cell.name, config.source, state)
     for warning in config.warnings:
         log.warning("%s", warning)
     async with AsyncExitStack() as stack:

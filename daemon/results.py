@@ -27,7 +27,7 @@ async def propose_results(run: Run, folder: RunFolder, ledger: Ledger) -> None:
         return
     proposal = None if run.result.verdict == "fail" else run.procedure.proposal(run)
     renewed = run.proposed | ({proposal.name} if proposal else set())
-    run.result = with_interruptions(with_model(run.result, run.values, renewed), run)
+    run.result = with_interruptions(with_model(run.result, run.values, renewed), run).signed()
     await asyncio.to_thread(_write, run.result, folder)
     if proposal is not None:  # before the report, which names the result and the command that decides
         await asyncio.to_thread(_propose, run, ledger, proposal, run.result)

@@ -20,6 +20,7 @@ from pydantic import (
 
 from cell.errors import error
 from cell.formats.reading import path_in
+from cell.version import software
 
 SCHEMA = "cellward.result/1"
 
@@ -152,6 +153,9 @@ class Envelope(Part):
     verdict: Verdict = Field(description="`pass`, `warn` or `fail`.")
     reasons: list[str] = Field(default_factory=list, description="Why the verdict is not `pass`, in words.")
     warnings: list[Warning_] = Field(default_factory=list, description="Findings with fixed codes.")
+    software: str | None = Field(
+        default=None, description="Program and version that made it; null where nothing says so."
+    )
 
     def figures(self) -> Figures:
         """What registers show of it."""
@@ -173,6 +177,10 @@ class Envelope(Part):
         """Its ``inputs``; a kind of another package may have none."""
         own = getattr(self, "inputs", None)
         return own if isinstance(own, Inputs) else Inputs()
+
+    def signed(self) -> Self:
+        """With the name and version of this program, which made it."""
+        return self.model_copy(update={"software": software()})
 
     def as_json(self) -> dict[str, Any]:
         """Plain values with the names of the format."""

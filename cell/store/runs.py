@@ -13,6 +13,7 @@ from cell.errors import CellError, error
 from cell.store.files import disk_errors, read_json, sync_folder, to_json, write_atomic
 from cell.store.journal import Journal, read_journal
 from cell.store.run_fields import END_FIELDS, RUN_FIELDS, misfit
+from cell.version import software
 
 if TYPE_CHECKING:
     from cell.clock import Clock
@@ -52,7 +53,14 @@ class RunFolder:
             raise error("INTERNAL", f"'{path.name}' is no name for a run folder")
         with disk_errors(path):
             path.mkdir(mode=0o750, parents=True)
-        begun = {"schema": RUN_SCHEMA, "run_id": run_id, "job": job, "started": now.isoformat(), **info}
+        begun = {
+            "schema": RUN_SCHEMA,
+            "run_id": run_id,
+            "job": job,
+            "started": now.isoformat(),
+            "software": software(),
+            **info,
+        }
         write_atomic(path / "run.json", to_json(begun, indent=1))
         journal = Journal(path / JOURNAL_FILE, clock, wall)
         journal.sync()
@@ -81,9 +89,8 @@ class RunFolder:
         try:
             journal.sync()
             ended = datetime.fromtimestamp(self._wall(), UTC).isoformat()
-            write_atomic(
-                self.path / "end.json", to_json({"schema": END_SCHEMA, "ended": ended, **end}, indent=1)
-            )
+            last = {"schema": END_SCHEMA, "ended": ended, "software": software(), **end}
+            write_atomic(self.path / "end.json", to_json(last, indent=1))
         finally:
             self.close()
 

@@ -85,7 +85,7 @@ def solve_data(kind: str, path: Path, method: str | None, **asked: Path | None) 
     solver = load(KINDS[kind].solve)
     with ProgressBar() as bar:
         found: Envelope = solver(path, method=method, progress=bar.show, **files)
-    return found.as_json()
+    return found.signed().as_json()
 
 
 def _write(path: Path, result: dict[str, Any]) -> None:

@@ -23,7 +23,7 @@ def inputs_section(source: Source[Any]) -> Html:
         ("started", dig(run, "started")),
         ("cell", dig(run, "config", "cell", "name")),
         ("twin", "yes: a simulated cell" if dig(run, "config", "cell", "twin") else None),
-        ("versions", _plain(dig(run, "versions"))),
+        ("software", source.result.software or dig(run, "software")),
     )
     identities = run.get("identities")
     if isinstance(identities, Mapping):
