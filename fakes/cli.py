@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -48,7 +49,8 @@ def twin(
     context: typer.Context,
     folder: Folder,
     scenario: Annotated[
-        str | None, typer.Option(help="Scenario file, or the name of a shipped one, as bay.")
+        str | None,
+        typer.Option(help="Scenario file, or a shipped one's name; 'scenarios' lists them."),
     ] = None,
     bind: Annotated[str | None, typer.Option(help="Loopback address of the arm, e.g. 127.0.0.2.")] = None,
     operator: Annotated[str, typer.Option(help="manual, or auto: moves the target on by itself.")] = "manual",
@@ -79,6 +81,19 @@ def twin(
 
         scenario += IDEAL_SUFFIX
     asyncio.run(_serve(scenario, folder, bind, operator == "auto"))
+
+
+@app.command()
+def scenarios() -> None:
+    """List the shipped scenarios: what --scenario takes by name."""
+    from fakes.world.scenario import shipped_descriptions
+
+    said = shipped_descriptions()
+    width = max(map(len, said))
+    for name, text in said.items():
+        lines = wrap(text, 78 - width)
+        for k, line in enumerate(lines):
+            out.print(f"{name if k == 0 else '':{width}}  {line}", highlight=False, soft_wrap=True)
 
 
 @app.command()

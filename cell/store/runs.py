@@ -58,7 +58,6 @@ class RunFolder:
             "run_id": run_id,
             "job": job,
             "started": now.isoformat(),
-            "software": software(),
             **info,
         }
         write_atomic(path / "run.json", to_json(begun, indent=1))

@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from cell.version import software
 from daemon.cli import (
     audit,
     calibrations,
@@ -12,8 +13,10 @@ from daemon.cli import (
     export,
     history,
     importing,
+    init,
     jobs,
     live,
+    manual,
     offline,
     plc_files,
     prune,
@@ -34,7 +37,7 @@ app = typer.Typer(
 )
 
 PANELS = {
-    "Start here": (demo.demo, setup.init, check.check, rehearse.rehearse, setup.run, setup.token),
+    "Start here": (demo.demo, init.init, check.check, rehearse.rehearse, setup.run, setup.token),
     "Jobs": (
         jobs.status,
         jobs.watch,
@@ -68,15 +71,13 @@ PANELS = {
         audit.audit,
         export.export,
     ),
-    "Without a cell": (offline.solve, setup.explain, plc_files.plc_files),
+    "Without a cell": (offline.solve, setup.explain, manual.man, plc_files.plc_files),
 }
 
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from importlib.metadata import version
-
-        typer.echo(f"cellward {version('cellward')}")
+        typer.echo(software())
         raise typer.Exit
 
 

@@ -1,8 +1,7 @@
-"""Commands around the configuration and the daemon itself: init, run, check, explain, config."""
+"""Commands around the configuration and the daemon itself: run, token, explain, config."""
 
 from dataclasses import asdict
 from difflib import get_close_matches
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -12,27 +11,6 @@ from daemon.cli.options import ConfigOption, JsonOption, config_path
 from daemon.cli.output import out, out_json, say
 
 config_app = typer.Typer(help="About cell.toml.", no_args_is_help=True)
-
-
-def init(
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Write to this file; an existing one is kept.")
-    ] = None,
-) -> None:
-    """Write a commented cell.toml to start from."""
-    from daemon.config import init_text
-
-    if output is None:
-        out(init_text().rstrip())
-        return
-    try:
-        with output.open("x", encoding="utf-8") as file:
-            file.write(init_text())
-    except FileExistsError:
-        raise error("ARGUMENT_INVALID", f"{output} exists; it is not overwritten") from None
-    except OSError as exc:
-        raise error("ARGUMENT_INVALID", f"{output} cannot be written: {exc.strerror or exc}") from exc
-    say(f"{output} is written. Edit the addresses, then: cellward check --config {output}")
 
 
 def run(config: ConfigOption = None) -> None:

@@ -6,6 +6,7 @@ import json
 import tomllib
 from collections.abc import Mapping
 from importlib.resources import files
+from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
@@ -380,6 +381,16 @@ def _known_keys() -> set[str]:
             keys.add(info.alias or name)
             todo.append(info.annotation)
     return keys
+
+
+def shipped_descriptions() -> dict[str, str]:
+    """What each shipped scenario is, by name: the sentences that its file begins with."""
+    texts = {name: files("fakes").joinpath("scenarios", f"{name}.toml") for name in shipped_scenarios()}
+    said = {}
+    for name, file in texts.items():
+        head = takewhile(lambda line: line.startswith("#"), file.read_text("utf-8").splitlines())
+        said[name] = " ".join(line.removeprefix("#").strip() for line in head)
+    return said
 
 
 def shipped_scenarios() -> list[str]:

@@ -23,7 +23,8 @@ def inputs_section(source: Source[Any]) -> Html:
         ("started", dig(run, "started")),
         ("cell", dig(run, "config", "cell", "name")),
         ("twin", "yes: a simulated cell" if dig(run, "config", "cell", "twin") else None),
-        ("software", source.result.software or dig(run, "software")),
+        ("software", source.result.software),
+        ("versions", _plain(dig(run, "versions"))),
     )
     identities = run.get("identities")
     if isinstance(identities, Mapping):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -33,6 +34,33 @@ def test_help_lists_every_command_of_the_manual(subject: CommandLine) -> None:
     for command in COMMANDS:
         assert f" {command} " in shown.out
         assert subject(command, "--help").code == 0
+
+
+def test_the_manual_page_has_every_command_and_none_of_roffs_complaints(subject: CommandLine) -> None:
+    page = subject("man").out
+    for command in COMMANDS:
+        assert f".SS {command}" in page
+    assert "cellward 0." in page.splitlines()[0]
+    if groff := shutil.which("groff"):
+        done = subprocess.run(
+            [groff, "-man", "-ww", "-z", "-Tutf8"], input=page, capture_output=True, text=True, timeout=60
+        )
+        assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_completion_can_be_shown_for_a_shell(subject: CommandLine, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION", "1")
+    done = subject("--show-completion", "bash")
+    assert done.code == 0
+    assert "_CELLWARD_COMPLETE" in done.out
+
+
+def test_every_record_says_which_version_made_it(subject: CommandLine, tmp_path: Path) -> None:
+    version = subject("--version").out.strip()
+    assert version.startswith("cellward 0.")
+    cell = CellOnDisk(tmp_path)
+    folder = cell.add_run(1, outcome="complete", verdict="pass").path
+    assert json.loads((folder / "end.json").read_text())["software"] == version
 
 
 def test_a_mistyped_command_is_a_usage_error_with_a_suggestion(subject: CommandLine) -> None:

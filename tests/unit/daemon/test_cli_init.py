@@ -1,0 +1,82 @@
+"""``cellward init``: what the cell has and nothing else, in a file that can be loaded."""
+
+import itertools
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from daemon.cli import init
+from daemon.config import load_config
+from tests.kit.cli_harness import CellOnDisk, CommandLine
+
+OPTIONS = {
+    "camera": ("--camera",),
+    "beams": ("--beams", "tcp://10.0.5.30:502"),
+    "tracker": ("--tracker", "tcp://10.0.5.40:1212"),
+    "belt": ("--belt", "socketcan:can1"),
+    "plc": ("--plc", "10.0.5.5"),
+    "page": ("--page",),
+}
+
+
+@pytest.fixture
+def subject(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> CommandLine:
+    return CommandLine(monkeypatch, capsys, CellOnDisk(tmp_path).config)
+
+
+@pytest.mark.parametrize(
+    "parts", [c for n in (0, 1, 2, 6) for c in itertools.combinations(OPTIONS, n)], ids="-".join
+)
+def test_each_combination_is_loaded_without_a_finding(
+    subject: CommandLine, tmp_path: Path, parts: tuple[str, ...]
+) -> None:
+    path = tmp_path / "new.toml"
+    words = [word for part in parts for word in OPTIONS[part]]
+    assert subject("init", "-o", path, "--name", "bay-7", "--arm", "10.0.5.20", *words).code == 0
+    config = load_config(path)
+    assert (config.cell.name, config.device["arm"].host) == ("bay-7", "10.0.5.20")  # type: ignore[attr-defined]
+    devices = {name: {name} for name in ("camera", "beams", "tracker")}
+    devices["belt"] = {"belt", "belt_camera", "gripper"}
+    assert config.device.keys() == {"arm"}.union(*(devices.get(part, set()) for part in parts))
+    assert config.http.enabled is ("page" in parts)
+    assert config.modbus.allow_clients == (["10.0.5.5"] if "plc" in parts else [])
+    text = path.read_text()
+    assert "20235500123" not in text.replace('# expect_serial = "20235500123"', "")
+    assert "pillar" not in text
+
+
+def test_addresses_stand_where_they_belong(subject: CommandLine) -> None:
+    told = tomllib.loads(subject("init", *(word for words in OPTIONS.values() for word in words)).out)
+    assert told["device"]["beams"]["url"] == "tcp://10.0.5.30:502"
+    assert told["device"]["tracker"]["url"] == "tcp://10.0.5.40:1212"
+    assert told["device"]["belt"]["bus"] == "socketcan:can1"
+    assert told["modbus"]["allow_write"] is True
+
+
+def test_a_terminal_is_asked(subject: CommandLine, monkeypatch: pytest.MonkeyPatch) -> None:
+    answers = iter(["bay-9", "ur5e", "10.1.1.1", True, "", "", "socketcan:can0", "", False])
+
+    def answer(*_: object, **__: object) -> object:
+        return next(answers)
+
+    monkeypatch.setattr(init.typer, "prompt", answer)
+    monkeypatch.setattr(init.typer, "confirm", answer)
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    told = tomllib.loads(subject("init").out)
+    assert (told["cell"]["name"], told["robot"]["model"]) == ("bay-9", "ur5e")
+    assert told["device"].keys() == {"arm", "camera", "belt", "gripper", "belt_camera"}
+    assert "http" not in told
+
+
+def test_what_cannot_be_meant_is_refused(subject: CommandLine) -> None:
+    assert "ur99" in subject("init", "--model", "ur99").err
+    assert "leave --arm out" in subject("init", "--example", "--arm", "10.0.0.1").err
+    assert subject("init", "--model", "ur99").code == 2
+
+
+def test_a_name_with_a_quote_stays_one_text(subject: CommandLine) -> None:
+    assert tomllib.loads(subject("init", "--name", 'a"b\\c').out)["cell"]["name"] == 'a"b\\c'
