@@ -78,6 +78,9 @@ def check(
     for stranger in strangers(loaded, serials) if serials else ():
         warnings.append(stranger)
         say(f"Warning: {stranger}")
+    for doubt in (text for one in found for text in one["doubts"]):
+        warnings.append(doubt)
+        say(f"Warning: {doubt}")
     if as_json:
         shown = {
             "config": str(path),

@@ -45,13 +45,15 @@ async def probe_devices(config: CellConfig, record: Path | None = None) -> list[
 
 async def _probe(device: Device, expect: ExpectedIdentity, stay_s: float) -> dict[str, Any]:
     report: dict[str, Any] = {
-        "device": device.name, "answer": "ok", "model": None, "serial": None, "exit_code": 0,
+        "device": device.name, "answer": "ok", "model": None, "serial": None, "exit_code": 0, "doubts": [],
     }  # fmt: skip
     try:
         try:
             async with asyncio.timeout(OPEN_TIMEOUT_S):
                 await device.open()
                 found = await device.identify()
+                if doubts := getattr(device, "doubts", None):
+                    report["doubts"] = await doubts()
             await asyncio.sleep(stay_s)
         finally:
             async with asyncio.timeout(CLOSE_TIMEOUT_S):

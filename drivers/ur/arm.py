@@ -20,11 +20,13 @@ from drivers.ur.kinematics import describe
 from drivers.ur.motion import UrMotion
 from drivers.ur.motion_client import MotionClient
 from drivers.ur.primary import PrimaryLink, Six
+from drivers.ur.registers import registers_in_use, registers_warning
 from drivers.ur.rtde_link import RtdeLink, open_socket
 
 SCRIPT_PORT = 30003
 STOP_SCRIPT = b"def cellward_stop():\n  stopj(4.0)\nend\n"
 CB3_HZ, E_SERIES_HZ = 125.0, 500.0
+POLYSCOPE_X = 10  # first number of its versions
 SILENCE_CHECK_S = 0.01
 REMOTE_POLL_S = 0.1
 DASHBOARD_DEADLINE_S = 1.0
@@ -215,6 +217,12 @@ class UrArm(SampledDevice):
             sock.close()
             told.closed()
 
+    async def doubts(self) -> list[str]:
+        """What only a probe looks for: registers that a PLC on the controller's fieldbus holds."""
+        config = self._config
+        names = await registers_in_use(config.host, self._clock, config.connect_timeout_s)
+        return [registers_warning(self.name, names)] if names else []
+
     async def stop_program(self) -> None:
         """Stop ladder, step three: the dashboard's stop, on a connection of its own."""
         async with dashboard(self._config.host, DASHBOARD_DEADLINE_S) as link:
@@ -222,10 +230,16 @@ class UrArm(SampledDevice):
 
     async def _connect(self) -> None:
         config, timeout = self._config, self._config.connect_timeout_s
-        self._primary = await PrimaryLink.connect(config.host, self._take_tcp, self._lose, timeout)
         self._link = await RtdeLink.connect(config.host, self._clock, self._lose, timeout)
         version = await self._link.controller_version(timeout)
         self._version = ".".join(str(n) for n in version)
+        if version[0] >= POLYSCOPE_X:
+            raise error(
+                "ARM_NOT_SUPPORTED",
+                f"{self.name} at {config.host} has PolyScope X ({self._version}), and this driver needs the"
+                " dashboard server of PolyScope 3 or 5",
+            )
+        self._primary = await PrimaryLink.connect(config.host, self._take_tcp, self._lose, timeout)
         frequency_hz = min(config.rtde_frequency_hz, CB3_HZ if version[0] <= 3 else E_SERIES_HZ)
         recipe = await self._link.setup_outputs(NAMES, frequency_hz, timeout)
         if "NOT_FOUND" in recipe.types:

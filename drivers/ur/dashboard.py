@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from cell.errors import error
 from cell.wire_recording.tap import NO_TAP, Tap, tap
+from drivers.ur.refused import why
 
 PORT = 29999
 
@@ -130,4 +131,4 @@ def _abort(writer: asyncio.StreamWriter | None) -> None:
 
 
 def _reason(exc: Exception, timeout: float) -> str:
-    return f"no greeting in {timeout:g} s" if isinstance(exc, TimeoutError) else str(exc)
+    return f"no greeting in {timeout:g} s" if isinstance(exc, TimeoutError) else why(exc, PORT)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from cell.errors import CellError, error, present
 from cell.wire_recording.tap import tap
+from drivers.ur.refused import why
 
 PORT = 30001
 
@@ -117,7 +118,7 @@ class PrimaryLink:
             async with asyncio.timeout(timeout):
                 reader, writer = await asyncio.open_connection(host, PORT)
         except (OSError, TimeoutError) as exc:
-            raise error("DEVICE_UNREACHABLE", f"primary port {host}:{PORT}: {exc or 'no answer'}") from exc
+            raise error("DEVICE_UNREACHABLE", f"primary port {host}:{PORT}: {why(exc, PORT)}") from exc
         link = cls(host, writer, on_tcp, on_lost)
         link._task = asyncio.create_task(link._listen(reader), name=f"primary port of {host}")
         try:

@@ -12,6 +12,7 @@ from cell.clock import Clock
 from cell.errors import CellError, error
 from cell.wire_recording.tap import tap
 from drivers.ur import rtde
+from drivers.ur.refused import why
 from drivers.ur.rtde import Package, PackageType, Recipe, Splitter
 
 PORT = 30004
@@ -44,7 +45,7 @@ class RtdeLink:
         try:
             sock = await open_socket(host, PORT, timeout)
         except (OSError, TimeoutError) as exc:
-            raise error("DEVICE_UNREACHABLE", f"RTDE at {host}:{PORT}: {exc or 'no answer in time'}") from exc
+            raise error("DEVICE_UNREACHABLE", f"RTDE at {host}:{PORT}: {why(exc, PORT)}") from exc
         link = cls(host, sock, clock, on_lost)
         try:
             reply = await link.request(rtde.request_version(), PackageType.VERSION, timeout)

@@ -54,6 +54,8 @@ def safety_finding(robot_mode: int, safety_mode: int, bits: int) -> SafetyFindin
         return SafetyFinding(
             "ARM_NOT_READY", f"the arm is in mode {_ROBOT_MODES.get(robot_mode, robot_mode)}, {seen}"
         )
+    if safety_mode == SafetyMode.REDUCED:
+        return SafetyFinding("ARM_NOT_READY", f"reduced mode: jobs need the arm's full speed, {seen}")
     if safety_mode != SafetyMode.NORMAL:
         return SafetyFinding("ARM_NOT_READY", f"safety mode {safety_mode} is not normal, {seen}")
     return None

@@ -12,6 +12,7 @@ from ur_driver_rig import LASTING, TOOL, Rig, until
 from cell.clock import MonotonicClock
 from cell.errors import CellError
 from drivers.ur import UrArm
+from drivers.ur.rtde_link import RtdeLink
 
 pytestmark = pytest.mark.wire
 
@@ -328,3 +329,43 @@ def test_other_controller_versions_are_read_and_moved(
 
     with Rig.running(version=version, model=model) as rig:
         rig.play(lambda: scenario(rig))
+
+
+def test_polyscope_x_is_refused_by_its_version() -> None:
+    async def opened(rig: Rig) -> None:
+        async with rig.connected():
+            raise AssertionError("it was opened")
+
+    wanted = r"PolyScope X \(10\.11\.0"
+    with (
+        Rig.running(version="10.11.0", model="ur10e") as rig,
+        pytest.raises(CellError, match=wanted) as caught,
+    ):
+        asyncio.run(opened(rig))
+    assert code(caught) == "ARM_NOT_SUPPORTED"
+
+
+def test_a_port_that_is_closed_names_the_service_that_may_be_off() -> None:
+    async def opened() -> None:
+        arm = UrArm("arm", UrArm.Config(host="127.0.0.39"), MonotonicClock())
+        await arm.open()
+
+    with pytest.raises(CellError, match=r"service RTDE may be off .*Security, Services"):
+        asyncio.run(opened())
+
+
+def test_registers_that_somebody_else_holds_are_named_and_left_alone(rig: Rig) -> None:
+    async def work() -> None:
+        async with rig.connected() as subject:
+            assert await subject.doubts() == []
+            link = await RtdeLink.connect(rig.host, MonotonicClock(), lambda failure: None, 2.0)
+            try:
+                await link.setup_inputs(["input_int_register_1", "input_double_register_4"], 2.0)
+                (doubt,) = await subject.doubts()
+            finally:
+                link.close()
+            assert "input_int_register_1, input_double_register_4 are in use by a fieldbus" in doubt
+            await asyncio.sleep(0.2)
+            assert await subject.doubts() == []
+
+    rig.play(work)

@@ -253,3 +253,9 @@ def test_modes_and_bits_give_the_worst_code(
 ) -> None:
     finding = safety_finding(robot_mode, safety_mode, bits)
     assert (finding.name if finding else None) == name
+
+
+def test_reduced_mode_is_called_so() -> None:
+    finding = safety_finding(7, 2, 2)
+    assert finding is not None
+    assert "reduced mode: jobs need the arm's full speed" in finding.detail
