@@ -19,6 +19,7 @@ from procedures.kinematics_in_use import choose_model
 
 STAMPED_ROLES = ("beams", "flange_camera", "fixed_camera", "belt")  # whose time offset a job can measure
 ARM_ROLES = ("arm", "observed_arm")  # whose kinematics a job can measure
+_SIGMAS95 = 1.96  # half of a 95 % interval
 CALIBRATIONS = {
     # role of a camera: (ledger name, setup of its captures, keys of [robot] with the nominal poses)
     "flange_camera": ("T_flange_camera", "eye-in-hand", {"X": "T_flange_camera_nominal"}),
@@ -109,7 +110,8 @@ class _InEffect:
 def _stated(result: Mapping[str, Any] | None) -> dict[str, Any]:
     """What the result of a version says of its uncertainty."""
     answer = (result or {}).get("result") or {}
-    return {key: answer[key] for key in ("cov", "budget", "arm") if answer.get(key) is not None}
+    keys = ("cov", "budget", "arm", "interval95_s")
+    return {key: answer[key] for key in keys if answer.get(key) is not None}
 
 
 def _hand_eye(
@@ -127,9 +129,14 @@ def _nominal_belt(config: CellConfig) -> dict[str, Any] | None:
 
 
 def _offset(config: CellConfig, effect: _InEffect, device: str) -> dict[str, float]:
-    """The offset in effect, and what the driver has already subtracted from its stamps."""
-    applied = float(getattr(config.device[device], "time_offset_s", 0.0))
-    return {"effective": effect.value(time_offset(device), applied), "applied": applied}
+    """The offset in effect, what the driver has already subtracted from its stamps, and the standard
+    deviation of a version in effect."""
+    applied, name = float(getattr(config.device[device], "time_offset_s", 0.0)), time_offset(device)
+    offset = {"effective": effect.value(name, applied), "applied": applied}
+    if name in effect.versions:
+        low, high = effect.uncertainty.get(name, {}).get("interval95_s", (0.0, 0.0))
+        offset["sigma"] = 0.5 * (high - low) / _SIGMAS95
+    return offset
 
 
 def with_arm_model(

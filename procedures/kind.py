@@ -190,7 +190,9 @@ _ALL = (
         jobs=("procedures.latency.procedure:LatencyCalibration",),
         plan="procedures.laser.plan_words:sweep_plan_lines",
         truth="procedures.latency.truth:judge_delay",
-        rehearsal="procedures.laser.rehearsal:rehearse_measurement",
+        report="procedures.latency.report:LATENCY",
+        expectation="procedures.latency.expectation:delay_expectation",
+        rehearsal="procedures.latency.rehearsal:rehearse_delay",
     ),
     Kind(
         name="iso9283",

@@ -16,12 +16,13 @@ from procedures.laser.faults import fault_of
 from procedures.laser.measurement import Measurement, reference_of
 from procedures.laser.pairs import Pairs, beam_of, even_shares
 from procedures.laser.path import UP
-from procedures.laser.plan import plan_crossings
+from procedures.laser.plan import note_plan, plan_crossings
 from procedures.laser.record import PassRecord
 from procedures.laser.scan import leave_fixture
 from procedures.laser.sweep import Sweeper
 from procedures.latency.config import LatencyCalibrationConfig
 from procedures.latency.solver import BEAM_EDGES
+from procedures.latency.to_and_fro import to_and_fro
 
 
 class DelayedBeams:
@@ -47,7 +48,10 @@ class DelayedBeams:
         down = float((self.course.tip(self.station.start) - hit) @ UP)
         self.depth = down + self.search.measure_depth_m
         self.beam = beam_of(self.search, config.beam, self.inputs.names)
-        self.passes = self.record.passes
+
+    @staticmethod
+    def uses() -> tuple[str, ...]:
+        return ("arm", "beams")
 
     @staticmethod
     def refuse(config: LatencyCalibrationConfig, values: RunValues) -> None:
@@ -58,19 +62,27 @@ class DelayedBeams:
     def device(self) -> str:
         return self.inputs.name
 
-    def about(self) -> dict[str, Any]:
-        """The way out across the beam (3,), in the base."""
-        return {"across": self.station.across.tolist()}
+    def data(self) -> dict[str, Any]:
+        """The passes, and the way out across the beam (3,), in the base."""
+        return {"across": self.station.across.tolist(), "passes": self.record.passes}
+
+    def amount(self) -> str:
+        return f"{len(self.record.passes)} ways" if self.record.passes else ""
 
     async def plan(self) -> dict[str, Any]:
         """Every move, held against the guard with a longer tool; nothing moves."""
-        times = len(self.config.speeds_m_s) * self.config.passes
+        times = len(self.config.speeds) * self.config.passes
         request = await self.measurement.request()
         return await self.run.worker.call(plan_crossings, request, self.config.beam, self.depth, times)
 
     async def check(self) -> None:
         """Both beams are free."""
         await self.scan.check_clear()
+
+    async def take(self) -> None:
+        """Crossed out and back; refused before anything moves when the guard forbids a move."""
+        note_plan(self.run, await self.plan())
+        await to_and_fro(self, self.config, self.run)
 
     async def approach(self, lease: MotionLease) -> None:
         """Beside the beam, as deep as it will be crossed."""

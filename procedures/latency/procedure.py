@@ -1,45 +1,32 @@
 """Job ``latency-calibration``: how late a source's stamps are against the arm's, as a versioned offset.
 
-What is done is the same for all: out and back at several speeds. What differs is in a class for each source,
-see :class:`procedures.latency.delayed_device.DelayedDevice`; the beams are the first.
+Beams are crossed and a camera sees a target while the arm goes out and back at several speeds; items show how
+a belt starts and stops. What differs is in a class for each source, see
+:class:`procedures.latency.delayed_device.DelayedDevice`.
 """
 
 import asyncio
 from collections.abc import Mapping
-from contextlib import suppress
-from enum import StrEnum
 from pathlib import Path
 from typing import Any, ClassVar
 
 from cell.calibrations import time_offset
 from cell.errors import error
 from cell.formats.result import Envelope, Result
-from cell.motion import MotionLease
-from cell.procedure import FinishRequested, Procedure, Proposal, Run
+from cell.procedure import Procedure, Proposal, Run
 from cell.run_values import RunValues
 from cell.store.files import to_json, write_atomic
-from procedures.laser.plan import note_plan
+from procedures.belt.calibrating.procedure import BeltCalibration
 from procedures.laser.reference import LaserReference
 from procedures.latency.beams import DelayedBeams
+from procedures.latency.camera import FixedCamera, FlangeCamera
 from procedures.latency.config import Acceptance, LatencyCalibrationConfig
 from procedures.latency.delayed_device import DelayedDevice
+from procedures.latency.encoder import DelayedEncoder
 from procedures.latency.result import LatencyResult
 from procedures.latency.solver import DATA_FILE, SCHEMA, solve_latency
+from procedures.latency.states import TRANSITIONS, S, State
 from procedures.trends import keep_trends
-
-
-class State(StrEnum):
-    """Where the job is."""
-
-    PREPARE = "prepare"
-    APPROACH = "approach"
-    SWEEP = "sweep"
-    RETURN = "return"
-    LIFT = "lift"
-    SOLVE = "solve"
-
-
-S = State
 
 
 class LatencyCalibration(Procedure):
@@ -49,28 +36,25 @@ class LatencyCalibration(Procedure):
     number: ClassVar[int] = 10
     kind: ClassVar[str] = "latency"
     Config = LatencyCalibrationConfig
-    inherits: ClassVar[Mapping[type[Procedure], tuple[str, ...]]] = {LaserReference: ("floor_m",)}
-    State = State
-    TRANSITIONS: ClassVar[dict[Any, frozenset[Any]]] = {
-        None: frozenset({S.PREPARE}),
-        S.PREPARE: frozenset({S.APPROACH}),
-        S.APPROACH: frozenset({S.SWEEP, S.SOLVE}),
-        S.SWEEP: frozenset({S.RETURN, S.LIFT}),
-        S.RETURN: frozenset({S.SWEEP, S.LIFT}),
-        S.LIFT: frozenset({S.SOLVE}),
-        S.SOLVE: frozenset(),
+    inherits: ClassVar[Mapping[type[Procedure], tuple[str, ...]]] = {
+        LaserReference: ("floor_m",),
+        BeltCalibration: ("belt_z_m", "items"),
     }
-    CHECKPOINTS: ClassVar[frozenset[Any]] = frozenset({S.APPROACH, S.SWEEP})
-    SOURCES: ClassVar[dict[str, type[DelayedDevice]]] = {DelayedBeams.role: DelayedBeams}
+    State = State
+    TRANSITIONS: ClassVar[dict[Any, frozenset[Any]]] = TRANSITIONS
+    CHECKPOINTS: ClassVar[frozenset[Any]] = frozenset({S.APPROACH, S.SWEEP, S.WATCH})
+    SOURCES: ClassVar[dict[str, type[DelayedDevice]]] = {
+        source.role: source for source in (DelayedBeams, FlangeCamera, FixedCamera, DelayedEncoder)
+    }
 
     config: LatencyCalibrationConfig
 
     def uses(self) -> tuple[str, ...]:
-        return ("arm", self.config.source)
+        return self.SOURCES[self.config.source].uses()
 
     def check(self, values: RunValues) -> None:
         self.SOURCES[self.config.source].refuse(self.config, values)
-        fastest, allowed = max(self.config.speeds_m_s), values.limits["speed_m_s"]
+        fastest, allowed = max(self.config.speeds, default=0.0), values.limits["speed_m_s"]
         if fastest > allowed:  # slowed down in silence, two speeds could become one
             raise error(
                 "MOTION_LIMIT", f"speeds_m_s has {fastest:g} m/s, [limits] speed_m_s is {allowed:g} m/s"
@@ -86,16 +70,10 @@ class LatencyCalibration(Procedure):
         source = self._source(run)
         await run.enter(S.PREPARE)
         await source.check()
-        note_plan(run, await source.plan())
-        async with run.motion() as lease:
-            with suppress(FinishRequested):
-                await self._excite(run, source, lease)
-            if run.state != S.APPROACH:  # a finish there finds the arm wherever it was
-                await run.enter(S.LIFT)
-                await source.leave(lease)
-        await run.enter(S.SOLVE, f"{len(source.passes)} ways")
-        if not source.passes:
-            raise error("LASER_INCOMPLETE", "no pass was taken")
+        await source.take()
+        await run.enter(S.SOLVE, source.amount())
+        if not source.amount():
+            raise error("LATENCY_INCOMPLETE", "nothing was taken")
         path = await asyncio.to_thread(self._write_data_set, run, source)
         found = await run.worker.call(solve_within_limits, path, self.config.accept)
         run.result = found
@@ -111,28 +89,17 @@ class LatencyCalibration(Procedure):
     def solve_again(cls, path: Path, info: Mapping[str, Any], recorded: Mapping[str, Any]) -> Envelope:
         return solve_within_limits(path, Acceptance.model_validate(info["job_config"]["accept"]))
 
-    async def _excite(self, run: Run, source: DelayedDevice, lease: MotionLease) -> None:
-        await run.enter(S.APPROACH, source.device)
-        await source.approach(lease)
-        speeds, passes = self.config.speeds_m_s, self.config.passes
-        run.progress(0, len(speeds) * passes)
-        for speed in speeds:
-            for number in range(passes):
-                await source.excite(lease, speed, number)
-                run.progress(run.step + 1, run.steps)
-
     def _source(self, run: Run) -> DelayedDevice:
         return self.SOURCES[self.config.source](self.config, run)
 
     def _write_data_set(self, run: Run, source: DelayedDevice) -> Path:
-        """``latency.json`` of the usable passes."""
+        """``latency.json`` of what can be used."""
         data = {
             "schema": SCHEMA,
             "source": source.device,
             "signal": source.signal,
             "applied_s": run.values.time_offset_s[self.config.source]["applied"],
-            **source.about(),
-            "passes": source.passes,
+            **source.data(),
         }
         path = run.folder / DATA_FILE
         write_atomic(path, to_json(data))

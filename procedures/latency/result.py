@@ -15,7 +15,9 @@ class LatencyAnswer(Part):
     interval95_s: Annotated[Interval, Unit("s")] = Field(description="95 % interval of that.")
     tau: Seconds = Field(description="Delay that is left in the data.")
     applied_s: Seconds = Field(description="What the driver has subtracted already.")
-    hysteresis_m: Metres | None = Field(description="Shift of the edges along the way; null with one speed.")
+    hysteresis_m: Metres | None = Field(
+        description="Shift of the edges, or of the arm's play, along the way; null with one speed or a belt."
+    )
 
 
 class LatencyUncertainty(Part):
@@ -23,20 +25,25 @@ class LatencyUncertainty(Part):
 
     sigma_s: Seconds = Field(description="Standard deviation of the delay.")
     sigma_hysteresis_m: Metres | None = Field(description="Of the hysteresis.")
+    camera_sigma_s: Seconds | None = Field(
+        default=None, description="Part of sigma_s that the camera brings by which a belt was seen."
+    )
 
 
 class LatencyResiduals(Part):
-    """How the edges agree."""
+    """How the readings agree: edges in a beam, pictures of a target, or sightings of items."""
 
-    rms_m: Metres = Field(description="Of the edges.")
-    over_bracket: float = Field(description="The same in units of what polling leaves open (1).")
-    edges: int = Field(description="How many there are.")
+    rms_m: Metres = Field(description="Of the readings, along the way.")
+    over_bracket: float | None = Field(
+        description="The same in units of what polling leaves open (1); null without polls."
+    )
+    edges: int = Field(description="How many readings there are.")
 
 
 class LatencyHeldOut(Part):
-    """Edges judged by solutions that did not see them."""
+    """Readings judged by solutions that did not see them."""
 
-    rms_m: Metres | None = Field(description="Of the edges.")
+    rms_m: Metres | None = Field(description="Of the readings.")
 
 
 class LatencyObservability(Part):
@@ -49,7 +56,7 @@ class LatencyInputs(Inputs):
     """What was solved."""
 
     path: str = Field(description="The data set.")
-    passes: int = Field(description="Passes in it.")
+    passes: int = Field(description="Ways in it; 0 for a belt.")
     source: str = Field(description="Device.")
 
 

@@ -1,4 +1,4 @@
-"""The delay of a source from the passes of a latency calibration: the one path of the job and of replay."""
+"""The delay of a source from the data set of a latency calibration: the one path of the job and of replay."""
 
 import json
 import time
@@ -8,9 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from calibration.latency import SeenCrossing, solve_delay, undetermined
+from calibration.latency.counts import solve_counts
+from calibration.latency.crossings import SeenCrossing, solve_delay
+from calibration.latency.delay import Z95, Delay, DelayUndetermined
+from calibration.latency.pictures import Look, Way, solve_pictures
+from calibration.targets import make_target
+from cell.devices import Intrinsics
 from cell.errors import error
 from cell.formats.result import Result
+from cell.poses import from_pose6
+from procedures.belt.calibrating.rows import ItemFollower, motion_of
 from procedures.latency.result import (
     LatencyAnswer,
     LatencyHeldOut,
@@ -24,7 +31,7 @@ from procedures.solving import within_limits
 
 DATA_FILE = "latency.json"
 SCHEMA = "cellward.latency/1"
-BEAM_EDGES = "beam-edges"
+BEAM_EDGES, TARGET_IN_PICTURES, BELT_SIGHTINGS = "beam-edges", "target-in-pictures", "belt-sightings"
 SPEED_WINDOW_S = 0.03
 
 
@@ -37,38 +44,94 @@ def solve_latency(path: Path) -> LatencyResult | Result:
     """
     file = path / DATA_FILE if path.is_dir() else path
     data = _read(file)
-    crossings = SIGNALS[data["signal"]](data)
-    inputs = LatencyInputs(path=str(file), passes=len(data["passes"]), source=data["source"])
-    if (why := undetermined(crossings)) is not None:
-        return Result(kind="latency", verdict="fail", reasons=[why], result=None, inputs=inputs)
+    inputs = LatencyInputs(path=str(file), passes=len(data.get("passes", ())), source=data["source"])
     began = time.perf_counter()
-    found = solve_delay(crossings)
-    low, high = (data["applied_s"] + t for t in found.interval95)
+    try:
+        found = SIGNALS[data["signal"]](data)
+    except DelayUndetermined as exc:
+        return Result(kind="latency", verdict="fail", reasons=[str(exc)], result=None, inputs=inputs)
+    camera = float(data.get("camera_sigma_s", 0.0))
+    sigma = float(np.hypot(found.sigma_tau, camera))
+    half = float(np.hypot(found.sigmas * found.sigma_tau, Z95 * camera))
+    offset = data["applied_s"] + found.tau
     held_out = found.heldout[np.isfinite(found.heldout)]
     return LatencyResult(
         verdict="pass",
         result=LatencyAnswer(
             source=data["source"],
-            time_offset_s=data["applied_s"] + found.tau,
-            interval95_s=[low, high],
+            time_offset_s=offset,
+            interval95_s=[offset - half, offset + half],
             tau=found.tau,
             applied_s=data["applied_s"],
             hysteresis_m=found.hysteresis,
         ),
-        uncertainty=LatencyUncertainty(sigma_s=found.sigma_tau, sigma_hysteresis_m=found.sigma_hysteresis),
+        uncertainty=LatencyUncertainty(
+            sigma_s=sigma, sigma_hysteresis_m=found.sigma_hysteresis, camera_sigma_s=camera or None
+        ),
         residuals=LatencyResiduals(
             rms_m=float(np.sqrt(np.mean(found.residuals**2))),
             over_bracket=found.scatter,
-            edges=len(crossings),
+            edges=len(found.residuals),
         ),
         heldout=LatencyHeldOut(rms_m=float(np.sqrt(np.mean(held_out**2))) if len(held_out) else None),
-        observability=LatencyObservability(
-            undetermined=[]
-            if found.hysteresis is not None
-            else ["the hysteresis: with one speed it is part of the delay"]
-        ),
+        observability=LatencyObservability(undetermined=_undetermined(data, found)),
         inputs=inputs.changed(solve_seconds=time.perf_counter() - began),
     )
+
+
+def _undetermined(data: Mapping[str, Any], found: Delay) -> list[str]:
+    """What these data cannot tell, in words."""
+    if data["signal"] == BELT_SIGHTINGS:
+        words = ["a camera that is late by more than its own interval says: it is in the answer as far"]
+        return words if data.get("camera_sigma_s") else [*words, "how well the camera's delay is known"]
+    return [] if found.hysteresis is not None else ["the hysteresis: with one speed it is part of the delay"]
+
+
+def of_beam(data: Mapping[str, Any]) -> Delay:
+    """From the edges of the tool in a beam."""
+    return solve_delay(beam_edges(data))
+
+
+def of_pictures(data: Mapping[str, Any]) -> Delay:
+    """From pictures of a target on ways of the arm."""
+    points = make_target(data["target"]).points
+    lens = data["camera"]
+    fx, fy, cx, cy = lens["K"]
+    camera = Intrinsics(lens["width"], lens["height"], (fx, fy, cx, cy), tuple(lens["dist"]))
+    ways, looks = [], []
+    for k, entry in enumerate(data["passes"]):
+        T = from_pose6(np.array(entry["pose"])).as_matrix()
+        t = np.array(entry["pose_t"])
+        new = np.flatnonzero(np.diff(t, prepend=-np.inf) > 0.0)  # stamps of a burst may be one
+        ways.append(Way(entry["pair"], entry["dir"], entry["speed"], t[new], T[new]))
+        looks += [
+            Look(k, shot["t"], shot["row_time_s"], points[shot["ids"]], np.array(shot["corners"]))
+            for shot in entry["frames"]
+        ]
+    return solve_pictures(data["setup"], camera, from_pose6(data["X"]).as_matrix(), ways, looks)
+
+
+def of_belt(data: Mapping[str, Any]) -> Delay:
+    """From sightings of items and the counts of their belt."""
+    encoder = np.array(data["encoder"], dtype=float).reshape(-1, 2)
+    T = from_pose6(data["T_base_camera"])
+    motion = motion_of(data.get("configured"))
+    follower = ItemFollower(motion, 0.0)  # looks while the belt stands tell where an item is
+    for look in data["sightings"]:
+        if not len(encoder) or not encoder[0, 0] < look["t"] < encoder[-1, 0]:
+            continue
+        times = [look["t"] + late for late in look["after_s"]]
+        counts = np.interp([look["t"], *times], encoder[:, 0], encoder[:, 1])
+        each = list(zip(times, counts[1:].tolist(), strict=True))
+        follower.add(look["t"], float(counts[0]), T.apply(np.array(look["points"])), each)
+    rows = follower.rows()
+    if not len(rows.t):
+        raise DelayUndetermined("too-few-sightings: the camera saw no item while the counts came")
+    if motion is None:  # the way that the items go
+        moved = np.concatenate([rows.points[rows.items == i] for i in np.unique(rows.items)])
+        motion = np.linalg.svd(moved - moved.mean(axis=0))[2][0]
+    along = rows.points @ (motion / np.linalg.norm(motion))
+    return solve_counts(rows.t, along, rows.items, encoder[:, 0], encoder[:, 1])
 
 
 def beam_edges(data: Mapping[str, Any]) -> list[SeenCrossing]:
@@ -109,5 +172,9 @@ def _read(file: Path) -> dict[str, Any]:
     return data
 
 
-# How the data set of a source becomes crossings, by the name that it gives as its signal.
-SIGNALS: dict[str, Callable[[Mapping[str, Any]], list[SeenCrossing]]] = {BEAM_EDGES: beam_edges}
+# How the data set of a source becomes its delay, by the name that it gives as its signal.
+SIGNALS: dict[str, Callable[[Mapping[str, Any]], Delay]] = {
+    BEAM_EDGES: of_beam,
+    TARGET_IN_PICTURES: of_pictures,
+    BELT_SIGHTINGS: of_belt,
+}

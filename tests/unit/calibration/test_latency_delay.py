@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from calibration.latency import Delay, SeenCrossing, solve_delay, undetermined
+from calibration.latency.crossings import SeenCrossing, solve_delay, undetermined
+from calibration.latency.delay import Delay
 
 PERIOD = 0.005
 EDGES = (0.0101, 0.0173)  # m along the way

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from calibration.latency import SeenCrossing
+from calibration.latency.crossings import SeenCrossing, solve_delay
 from cell.calibrations import laser_reference, time_offset
 from cell.errors import InputError
 from cell.motion import MotionLease
@@ -22,8 +22,10 @@ from fakes.world.scenario import Scenario
 from procedures.arm_setup import lease_settings
 from procedures.laser.config import LaserReferenceConfig, Search
 from procedures.latency.config import LatencyCalibrationConfig
-from procedures.latency.procedure import LatencyCalibration, State
+from procedures.latency.procedure import LatencyCalibration
 from procedures.latency.solver import SIGNALS
+from procedures.latency.states import State
+from procedures.latency.to_and_fro import to_and_fro
 from tests.kit.object_cell import WHO, ObjectCell, no_report, on_disk, open_cell, refused, write_config
 from tests.kit.solved import solve_again, solve_latency
 
@@ -168,15 +170,25 @@ class Positions:
     device = "beams"
 
     def __init__(self, config: LatencyCalibrationConfig, run: Run) -> None:
-        self.run = run
+        self.config, self.run = config, run
         self.passes: list[dict[str, Any]] = []
         self.begin = run.arm().state.latest(0.1).value.T_base_flange
 
     @staticmethod
+    def uses() -> tuple[str, ...]:
+        return ("arm", "beams")
+
+    @staticmethod
     def refuse(config: LatencyCalibrationConfig, values: Mapping[str, Any]) -> None: ...
 
-    def about(self) -> dict[str, Any]:
-        return {"levels": [0.01, 0.02, 0.03]}
+    def data(self) -> dict[str, Any]:
+        return {"levels": [0.01, 0.02, 0.03], "passes": self.passes}
+
+    def amount(self) -> str:
+        return f"{len(self.passes)} ways"
+
+    async def take(self) -> None:
+        await to_and_fro(self, self.config, self.run)
 
     async def plan(self) -> dict[str, Any]:
         return {"sweeps": [], "problems": []}
@@ -225,7 +237,7 @@ def test_another_source_plugs_in_as_a_class_and_a_signal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(LatencyCalibration.SOURCES, "beams", Positions)
-    monkeypatch.setitem(SIGNALS, "levels", levels)
+    monkeypatch.setitem(SIGNALS, "levels", lambda data: solve_delay(levels(data)))
     config = cell_config(tmp_path, speeds_m_s=[0.02, 0.06], passes=2, accept={"max_interval_s": 0.02})
 
     async def main() -> None:

@@ -12,13 +12,12 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from scipy.special import ndtri
 
+from calibration.latency.delay import Delay, DelayUndetermined
 from cell.poses import Array
 
 ONE_SPEED = 1.2  # ratio of speeds below which tau and h cannot be told apart
 FOLDS = 5
-Z95 = float(ndtri(0.975))
 
 
 @dataclass(frozen=True)
@@ -42,28 +41,6 @@ class SeenCrossing:
         return self.speed * self.dt / sqrt(3.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Delay:
-    """``tau`` (s) and ``hysteresis`` (m; None with one speed: then it is part of ``tau``), with sigmas.
-
-    ``residuals`` (n,) m belong to the crossings; ``heldout`` (n,) m likewise, each by a solution that did not
-    see it; ``scatter`` is the residuals' RMS over what their brackets explain (1 is expected).
-    """
-
-    tau: float
-    sigma_tau: float
-    hysteresis: float | None
-    sigma_hysteresis: float | None
-    residuals: Array
-    heldout: Array
-    scatter: float
-
-    @property
-    def interval95(self) -> tuple[float, float]:
-        """Where ``tau`` is with 95 % probability, s."""
-        return self.tau - Z95 * self.sigma_tau, self.tau + Z95 * self.sigma_tau
-
-
 def undetermined(crossings: Sequence[SeenCrossing]) -> str | None:
     """Why the delay cannot be found from these crossings, beginning with a fixed name, or None."""
     ways = {(c.place, c.direction) for c in crossings}
@@ -78,9 +55,9 @@ def undetermined(crossings: Sequence[SeenCrossing]) -> str | None:
 
 
 def solve_delay(crossings: Sequence[SeenCrossing]) -> Delay:
-    """Weighted least squares; ``ValueError`` when :func:`undetermined` says why it cannot be."""
+    """Weighted least squares; ``DelayUndetermined`` when :func:`undetermined` says why it cannot be."""
     if (why := undetermined(crossings)) is not None:
-        raise ValueError(why)
+        raise DelayUndetermined(why)
     A, x, weight = _system(crossings)
     theta, cov = _fit(A, x, weight)
     residuals = x - A @ theta
