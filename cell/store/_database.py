@@ -1,10 +1,13 @@
-"""Opening the ledger's database: durable, one schema version, and a corrupt file set aside."""
+"""Opening the ledger's database: durable, brought into today's form, and a corrupt file set aside."""
 
+import os
 import sqlite3
 from pathlib import Path
 
 from cell.errors import CellError, error
-from cell.store.files import set_aside
+from cell.store.files import set_aside, sync_folder
+from cell.store.migrations import MISSING, STEPS
+from cell.version import software
 
 SCHEMA_VERSION = 3
 _SCHEMA = """
@@ -28,17 +31,12 @@ CREATE TABLE items (
     outcome TEXT NOT NULL, detail TEXT NOT NULL);
 CREATE INDEX items_by_run ON items (run_id);
 """
-_FROM_2 = """
-ALTER TABLE calibrations ADD COLUMN folder TEXT;
-UPDATE calibrations SET folder = (SELECT folder FROM runs WHERE runs.run_id = calibrations.run_id);
-"""
-_CHANGES = {0: _SCHEMA, 1: "ALTER TABLE calibrations ADD COLUMN arm_model TEXT;" + _FROM_2, 2: _FROM_2}
-_MISSING = {1: "NULL AS arm_model, NULL AS folder", 2: "NULL AS folder"}  # columns of older ledgers
 
 
 def open_database(path: Path) -> tuple[sqlite3.Connection, bool, Path | None]:
     """The connection, whether the database is new, and where a corrupt predecessor was set aside.
 
+    One of an older form is changed step by step, in one transaction, after a copy was made beside it.
     ``FILE_UNREADABLE`` for a database of a newer program: that one is intact and is left alone.
     """
     aside: Path | None = None
@@ -51,15 +49,21 @@ def open_database(path: Path) -> tuple[sqlite3.Connection, bool, Path | None]:
     try:
         version = int(connection.execute("PRAGMA user_version").fetchone()[0])
         if version > SCHEMA_VERSION:
-            raise error("FILE_UNREADABLE", f"{path}: schema {version}, this program knows {SCHEMA_VERSION}")
+            raise error(
+                "FILE_UNREADABLE",
+                f"{path}: a newer cellward has changed its form (schema {version}), and {software()} reads "
+                f"{SCHEMA_VERSION} and older: install the newer one again, or put its copy of before "
+                f"the change, {copy_before_change(path, SCHEMA_VERSION).name}, in its place",
+            )
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = FULL")
         if version == 0 and connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()[0]:
             raise error("FILE_UNREADABLE", f"{path}: a database of another program; move it away")
         if version < SCHEMA_VERSION:
-            connection.executescript(
-                f"BEGIN; {_CHANGES[version]} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;"
-            )
+            if version:
+                _copy(connection, copy_before_change(path, version))
+            changes = "".join(STEPS[v] for v in range(version, SCHEMA_VERSION)) if version else _SCHEMA
+            connection.executescript(f"BEGIN; {changes} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;")
     except sqlite3.Error as exc:
         connection.close()
         raise disk_error(path, exc) from exc
@@ -67,6 +71,24 @@ def open_database(path: Path) -> tuple[sqlite3.Connection, bool, Path | None]:
         connection.close()
         raise
     return connection, version == 0, aside
+
+
+def copy_before_change(path: Path, version: int) -> Path:
+    """Where the database in the form of ``version`` stays when a newer program changes it."""
+    return path.with_name(f"{path.name}.schema-{version}")
+
+
+def _copy(connection: sqlite3.Connection, copy: Path) -> None:
+    """All of the database as one file, safe on disk before anything is changed; an older copy stays."""
+    if copy.exists():
+        return
+    draft = copy.with_name(copy.name + ".new")
+    draft.unlink(missing_ok=True)
+    connection.execute("VACUUM INTO ?", (str(draft),))
+    with draft.open("rb") as file:
+        os.fsync(file.fileno())
+    draft.replace(copy)
+    sync_folder(copy.parent)
 
 
 def open_for_reading(path: Path) -> sqlite3.Connection:
@@ -79,7 +101,7 @@ def open_for_reading(path: Path) -> sqlite3.Connection:
     try:
         connection.execute("SELECT count(*) FROM calibrations").fetchone()
         version = connection.execute("PRAGMA user_version").fetchone()[0]
-        if columns := _MISSING.get(version):
+        if columns := MISSING.get(version):
             connection.execute(f"CREATE TEMP VIEW calibrations AS SELECT *, {columns} FROM main.calibrations")
     except sqlite3.Error as exc:
         connection.close()

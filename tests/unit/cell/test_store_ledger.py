@@ -16,6 +16,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from cell.clock import MonotonicClock
 from cell.errors import CellError
+from cell.store import _database
 from cell.store.ledger import Effective, Ledger
 from cell.store.runs import RunFolder
 
@@ -260,13 +261,57 @@ def test_a_corrupt_ledger_is_set_aside_and_numbering_goes_on_behind_the_run_fold
     again.close()
 
 
+def test_the_form_before_is_kept_and_can_be_put_back(tmp_path: Path) -> None:
+    path = tmp_path / "ledger.sqlite"
+    old = Ledger(path)
+    old.accept(propose(old, 1.0), "test")
+    old.close()
+    database = sqlite3.connect(path)
+    database.execute("ALTER TABLE calibrations DROP COLUMN folder")
+    database.executescript("PRAGMA user_version = 2;")
+    database.close()
+    subject = Ledger(path)
+    subject.accept(propose(subject, 2.0), "test")
+    subject.close()
+    copy = tmp_path / "ledger.sqlite.schema-2"
+    database = sqlite3.connect(copy)
+    columns = [row[1] for row in database.execute("PRAGMA table_info(calibrations)")]
+    assert database.execute("PRAGMA user_version").fetchone()[0] == 2
+    database.close()
+    assert "folder" not in columns
+    copy.replace(path)
+    again = Ledger(path)
+    assert again.effective(NAME, CONFIG).value == [1.0, 0, 0, 0, 0, 0]
+    again.close()
+
+
+def test_a_change_that_fails_leaves_the_ledger_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "ledger.sqlite"
+    old = Ledger(path)
+    old.accept(propose(old, 1.0), "test")
+    old.close()
+    database = sqlite3.connect(path)
+    database.execute("ALTER TABLE calibrations DROP COLUMN folder")
+    database.executescript("PRAGMA user_version = 2;")
+    database.close()
+    monkeypatch.setitem(_database.STEPS, 2, _database.STEPS[2] + "SELECT 1 FROM nowhere;")
+    with pytest.raises(CellError, match="nowhere"):
+        Ledger(path)
+    monkeypatch.undo()
+    subject = Ledger(path)
+    assert subject.effective(NAME, CONFIG).version == 1
+    subject.close()
+
+
 def test_a_ledger_of_a_newer_program_is_left_alone(tmp_path: Path, subject: Ledger) -> None:
     subject.close()
     path = tmp_path / "ledger.sqlite"
     with sqlite3.connect(path) as db:
         db.execute("PRAGMA user_version = 9")
     db.close()
-    with pytest.raises(CellError, match="schema 9") as caught:
+    with pytest.raises(CellError, match=r"newer cellward .*\(schema 9\).*ledger.sqlite.schema-3") as caught:
         Ledger(path)
     assert caught.value.name == "FILE_UNREADABLE"
     assert list(tmp_path.glob("*.corrupt*")) == []
@@ -431,6 +476,7 @@ TestVersions = Versions.TestCase
 WRITER = """
 import sys
 from pathlib import Path
+from cell.store import _database
 from cell.store.ledger import Ledger
 ledger = Ledger(Path(sys.argv[1]))
 while True:
