@@ -27,7 +27,7 @@ VIRTUAL := -m "not wire and not soak"
 WIRE := -m "wire and not alone and not soak"
 ALONE := tests/integration tests/browser -m "alone and not soak"
 
-.PHONY: demo test test-wire test-virtual lint soak bench docs clean python
+.PHONY: demo test test-wire test-virtual lint soak bench docs wheelhouse deb clean python
 
 demo: $(VENV)/.ready
 	$(BIN)/cellward demo
@@ -63,6 +63,15 @@ bench: $(VENV)/.ready
 
 docs: $(VENV)/.ready
 	$(BIN)/python -m daemon.docs
+
+# The program and all that it needs as wheels, for a PC without a network: cellward install --wheelhouse.
+wheelhouse: $(VENV)/.ready
+	rm -rf build/wheelhouse
+	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --constraint constraints.txt \
+		--wheel-dir build/wheelhouse .
+
+deb: wheelhouse
+	deploy/deb/build.sh $(BIN)/python build/wheelhouse build
 
 $(VENV)/.ready: pyproject.toml constraints.txt | python
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)

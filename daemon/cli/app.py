@@ -22,6 +22,7 @@ from daemon.cli import (
     prune,
     recover,
     rehearse,
+    service,
     setup,
 )
 
@@ -71,6 +72,7 @@ PANELS = {
         audit.audit,
         export.export,
     ),
+    "This computer": (service.install, service.uninstall),
     "Without a cell": (offline.solve, setup.explain, manual.man, plc_files.plc_files),
 }
 

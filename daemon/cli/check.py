@@ -8,7 +8,7 @@ import typer
 
 from cell.errors import CellError, error
 from daemon.cli.failures import BAD_INPUT
-from daemon.cli.options import ConfigOption, JsonOption, config_path
+from daemon.cli.options import DEFAULT_CONFIG, ConfigOption, JsonOption, config_path
 from daemon.cli.output import out, out_json, say
 from procedures.words import table
 
@@ -48,6 +48,7 @@ def check(
     from daemon.cli.predict import found_in, predictions
     from daemon.config import load_config
     from daemon.disk_space import capture_bytes
+    from daemon.service.network import not_permitted
 
     if drivers or jobs:
         from daemon.cli.installed import list_installed
@@ -67,7 +68,9 @@ def check(
     arm = arm_in_use(loaded)
     doubts = [f"arm: {text}" for text in arm["cautions"]] if arm else []
     full = low_space(loaded)
-    warnings = [*loaded.warnings, *doubts, *found_in(expected, "cautions"), *([full] if full else [])]
+    barred = not_permitted(loaded) if loaded.source == str(DEFAULT_CONFIG) else []
+    cautions = found_in(expected, "cautions")
+    warnings = [*loaded.warnings, *doubts, *cautions, *([full] if full else []), *barred]
     for problem in problems:
         say(f"Error: {problem}")
     for warning in warnings:

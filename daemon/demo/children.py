@@ -17,7 +17,7 @@ from cell.errors import error
 TERM_DEADLINE_S = 15.0
 KILL_DEADLINE_S = 5.0
 LAST_LINES = 6
-SERVICE_NICE = -5  # as in deploy/cellward.service
+SERVICE_NICE = -5  # as in daemon/service/files/cellward.service
 _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None)
 

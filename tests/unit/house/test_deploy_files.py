@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import subprocess
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,8 @@ import pytest
 from cell import priority
 from daemon.cli.failures import BAD_INPUT, REFUSED
 
-DEPLOY = Path(__file__).parents[3] / "deploy"
+ROOT = Path(__file__).parents[3]
+DEPLOY = ROOT / "daemon/service/files"
 
 
 def needs(tool: str) -> pytest.MarkDecorator:
@@ -62,7 +64,7 @@ def test_the_unit_says_ready_by_itself_and_is_watched(subject: Path) -> None:
 @needs("systemd-tmpfiles")
 def test_user_groups_and_folders_are_made_in_a_scratch_root(tmp_path: Path) -> None:
     (tmp_path / "etc").mkdir()
-    done = run("systemd-sysusers", f"--root={tmp_path}", str(DEPLOY / "sysusers.d" / "cellward.conf"))
+    done = run("systemd-sysusers", f"--root={tmp_path}", str(DEPLOY / "sysusers.conf"))
     assert done.returncode == 0, done.stderr
     user = next(line for line in (tmp_path / "etc/passwd").read_text().splitlines() if "cellward" in line)
     assert user.endswith(":/usr/sbin/nologin")
@@ -79,9 +81,7 @@ def test_the_folders_have_the_modes_that_the_daemon_relies_on(tmp_path: Path) ->
     gid = (tmp_path / "x").parent.stat().st_gid
     (tmp_path / "etc/passwd").write_text("root:x:0:0::/:/bin/sh\n" + ids(uid))
     (tmp_path / "etc/group").write_text(f"root:x:0:\ncellward:x:{gid}:\n")
-    done = run(
-        "systemd-tmpfiles", f"--root={tmp_path}", "--create", str(DEPLOY / "tmpfiles.d" / "cellward.conf")
-    )
+    done = run("systemd-tmpfiles", f"--root={tmp_path}", "--create", str(DEPLOY / "tmpfiles.conf"))
     assert done.returncode == 0, done.stderr
     modes = {p: (tmp_path / p).stat().st_mode & 0o777 for p in ("etc/cellward", "var/lib/cellward/runs")}
     assert modes == {"etc/cellward": 0o755, "var/lib/cellward/runs": 0o750}
@@ -91,7 +91,7 @@ def test_udev_rules_are_rows_of_comparisons_and_assignments() -> None:
     item = re.compile(r'[A-Z]+(\{\w+\})?(==|=|\+=)"[^"]*"')
     rules = [
         line
-        for line in (DEPLOY / "udev" / "70-cellward.rules").read_text().splitlines()
+        for line in (DEPLOY / "70-cellward.rules").read_text().splitlines()
         if line and not line.startswith("#")
     ]
     assert rules
@@ -128,13 +128,18 @@ def test_the_unit_permits_the_priorities_and_the_devices_that_the_daemon_asks_fo
         assert f"DeviceAllow=char-{device} rw" in lines
 
 
-def test_the_readme_installs_every_file_that_a_host_needs() -> None:
-    text = (DEPLOY.parent / "README.md").read_text("utf-8")
-    for path in DEPLOY.rglob("*"):
-        if path.is_file() and path.name != "cell.toml":
-            assert f"install -D -m 644 {path.relative_to(DEPLOY.parent)} " in text, path
+def test_the_unit_names_a_manual_that_is_installed() -> None:
     unit = (DEPLOY / "cellward.service").read_text("utf-8")
-    (documentation,) = re.findall(r"(?m)^Documentation=file://(\S+)$", unit)
-    folder, _, name = documentation.rpartition("/")
-    assert f"install -D -m 644 -t {folder} docs/*.md" in text
-    assert (DEPLOY.parent / "docs" / name).is_file()
+    (page,) = re.findall(r"(?m)^Documentation=.*file://(\S+)$", unit)
+    assert page.startswith("/opt/cellward/current/share/doc/cellward/")
+    assert (ROOT / "docs" / page.rpartition("/")[2]).is_file()
+    data = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"]["data-files"]
+    assert "docs/*.md" in data["share/doc/cellward"]
+
+
+def test_the_unit_reaches_nothing_but_this_computer_before_somebody_says_what() -> None:
+    lines = (DEPLOY / "cellward.service").read_text("utf-8").splitlines()
+    assert [line for line in lines if line.startswith("IPAddress")] == [
+        "IPAddressDeny=any",
+        "IPAddressAllow=localhost",
+    ]
