@@ -75,6 +75,7 @@ class ModbusLink:
         self._client: Any = None
         self._reason = ""
         self._tap: Tap = NO_TAP
+        self.sent_at = self.received_at = 0.0  # of the newest request and of bytes that came, clock's s
 
     async def connect(self) -> None:
         """Connect once; ``DEVICE_UNREACHABLE`` with the reason, also for certificates that do not fit."""
@@ -89,7 +90,8 @@ class ModbusLink:
         received = client.ctx.data_received
 
         def note_and_receive(data: bytes) -> None:
-            self._tap.received(data)
+            self.received_at = self._clock.now()
+            self._tap.received(data, self.received_at)
             received(data)
 
         client.ctx.data_received = note_and_receive
@@ -207,7 +209,8 @@ class ModbusLink:
     def _note_sent(self, sending: bool, data: bytes) -> bytes:
         """pymodbus shows also what it received, but bytes of a reply in two parts twice."""
         if sending:
-            self._tap.sent(data)
+            self.sent_at = self._clock.now()
+            self._tap.sent(data, self.sent_at)
         return data
 
     def _note_connection(self, connected: bool) -> None:

@@ -113,16 +113,15 @@ class ModbusInputs(SampledDevice):
 
     async def _first_poll(self, link: ModbusLink) -> None:
         for attempt in range(self._config.lost_after_failures):
-            begin = self._clock.now()
             try:
-                reading = await self._read(link)
+                reading, begin = await self._read(link)
             except NoAnswer:
                 if attempt + 1 == self._config.lost_after_failures:
                     raise
                 continue
             if not self._life.good:
                 raise NoAnswer("no second answer")
-            end, width = self._clock.now(), self._plan.width
+            end, width = link.received_at, self._plan.width
             counts: tuple[int | None, ...] = reading.counts or (None,) * len(reading.levels)
             pairs = zip(reading.levels, counts, strict=True)
             self._counts = [ChangeCount(level, count, width) for level, count in pairs]
@@ -134,12 +133,11 @@ class ModbusInputs(SampledDevice):
     async def _poll_on(self, ticker: Ticker, link: ModbusLink) -> None:
         while self._life.good:
             tick = await ticker.wait()
-            begin = self._clock.now()
             try:
-                reading = await self._read(link)
+                reading, begin = await self._read(link)
                 if not self._life.good:
                     return
-                self._take(reading, begin, self._clock.now(), tick)
+                self._take(reading, begin, link.received_at, tick)
                 await self._look_at_uptime(link, begin)
             except NoAnswer as exc:
                 self._failed(error("DEVICE_LOST", self._silence(str(exc))))
@@ -149,8 +147,13 @@ class ModbusInputs(SampledDevice):
                     return
                 self._failed(exc)
 
-    async def _read(self, link: ModbusLink) -> Reading:
-        return self._plan.decode([await link.read(span) for span in self._plan.spans])
+    async def _read(self, link: ModbusLink) -> tuple[Reading, float]:
+        """The levels and counts, and when the first request left: what is read was so after that."""
+        first, *more = self._plan.spans
+        values = [await link.read(first)]
+        begin = link.sent_at
+        values += [await link.read(span) for span in more]
+        return self._plan.decode(values), begin
 
     def _take(self, reading: Reading, begin: float, end: float, tick: int) -> None:
         most = self._highest_hz * (end - self._begun) + 2.0

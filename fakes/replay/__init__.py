@@ -1,0 +1,1 @@
+"""A recording of the wire, played to the drivers that made it: devices that are a memory."""

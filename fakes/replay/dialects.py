@@ -1,0 +1,117 @@
+"""How each protocol is cut into messages, and which of them answer which: what a player matches by."""
+
+import json
+import struct
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from typing import Any
+
+Message = bytes
+
+
+class Cutter:
+    """Whole messages of a stream; ``length(data)`` is that of the first one, None while it is not known."""
+
+    def __init__(self, length: Callable[[bytes], int | None]) -> None:
+        self._length, self._rest = length, b""
+
+    def feed(self, data: bytes) -> list[Message]:
+        """What is complete with ``data``."""
+        self._rest += data
+        found = []
+        while (size := self._length(self._rest)) is not None and len(self._rest) >= size:
+            found.append(self._rest[:size])
+            self._rest = self._rest[size:]
+        return found
+
+
+def up_to(*ends: bytes) -> Callable[[bytes], int | None]:
+    """Text whose messages end with one of these bytes."""
+
+    def length(data: bytes) -> int | None:
+        places = [at for end in ends if (at := data.find(end)) >= 0]
+        return min(places) + 1 if places else None
+
+    return length
+
+
+def prefixed(layout: str, header: int, more: int) -> Callable[[bytes], int | None]:
+    """Binary messages: the last field of ``layout`` is the length, which does not count ``more`` bytes."""
+    head = struct.Struct(layout)
+
+    def length(data: bytes) -> int | None:
+        return None if len(data) < header else int(head.unpack_from(data)[-1]) + more
+
+    return length
+
+
+# What a driver says, cut into messages, where answers simply come one after the other.
+IN_TURN: dict[str, Callable[[bytes], int | None]] = {
+    "rtde": prefixed(">H", 2, 0),
+    "primary": up_to(b"\n"),
+    "dashboard": up_to(b"\n"),
+    "script": up_to(b"\n"),
+    "tracker": up_to(b"\n", b"\r"),
+    "robotiq-urcap": up_to(b"\n"),
+    "socketcand": up_to(b">"),
+}
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """A protocol whose answers name their question.
+
+    ``asks`` and ``answers`` give the number of a question or an answer, None for what is neither; ``key`` is
+    what makes two questions the same one, asked again; ``answering`` is the answer with another number.
+    """
+
+    length: Callable[[bytes], int | None]
+    asks: Callable[[Message], Hashable | None]
+    answers: Callable[[Message], Hashable | None]
+    key: Callable[[Message], Hashable]
+    answering: Callable[[Message, Message], Message]
+
+
+def _motion(message: Message) -> dict[str, Any]:
+    return dict(json.loads(message[4:]))
+
+
+def _packed(layout: str, value: dict[str, Any]) -> Message:
+    body = json.dumps(value, separators=(",", ":")).encode()
+    return struct.pack(layout, len(body)) + body
+
+
+def _vision_answering(answer: Message, question: Message) -> Message:
+    """The pictures of a capture lie where they were asked for this time."""
+    said, asked = _motion(answer), _motion(question)
+    said["id"] = asked["id"]
+    for frame in said.get("frames", ()):
+        for name in ("colour_file", "depth_file"):
+            if frame.get(name) and "folder" in asked:
+                frame[name] = f"{asked['folder']}/{frame[name].rsplit('/', 1)[1]}"
+    return _packed("<I", said)
+
+
+BY_NUMBER: dict[str, Dialect] = {
+    "modbus": Dialect(
+        length=prefixed(">HHH", 6, 6),
+        asks=lambda message: message[:2],
+        answers=lambda message: message[:2],
+        key=lambda message: message[6:],
+        answering=lambda answer, question: question[:2] + answer[2:],
+    ),
+    "motion-child": Dialect(
+        length=prefixed(">I", 4, 4),
+        asks=lambda message: _motion(message).get("id"),
+        answers=lambda message: None if "event" in _motion(message) else _motion(message)["id"],
+        key=lambda message: _motion(message)["do"],
+        answering=lambda answer, question: _packed(">I", _motion(answer) | {"id": _motion(question)["id"]}),
+    ),
+    "vision-child": Dialect(
+        length=prefixed("<I", 4, 4),
+        asks=lambda message: _motion(message).get("id"),
+        answers=lambda message: _motion(message)["id"] if _motion(message)["type"] == "answer" else None,
+        key=lambda message: _motion(message)["type"],
+        answering=_vision_answering,
+    ),
+}

@@ -1,0 +1,238 @@
+"""Plays a recording: each connection that a driver makes gets what the same one got when it was recorded.
+
+What a device said by itself comes at the time at which it came. An answer comes at its time too, but never
+before its question, and belongs to the same question asked again. So drivers that ask at the same times get
+the same, and drivers that ask a little earlier wait. A player does not understand a device: what was never
+asked has no answer, which a driver meets as silence.
+"""
+
+import asyncio
+import socket
+from collections import defaultdict, deque
+from collections.abc import Callable, Hashable
+from contextlib import suppress
+from typing import cast
+
+from cell.clock import Clock
+from cell.errors import error
+from cell.wire_recording.reader import Connection, WireRecording
+from fakes.replay.dialects import BY_NUMBER, IN_TURN, Cutter
+
+Write = Callable[[bytes], None]
+_FRAME = b"< frame"  # what a gateway sends after its greeting
+
+
+class _Schedule:
+    """Calls at times of the recording; times that are over are now."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self.handles: set[asyncio.TimerHandle] = set()
+
+    def at(self, t: float, call: Callable[[], None]) -> None:
+        """Call at ``t`` s of the clock, which runs like that of the recording."""
+        loop = asyncio.get_running_loop()
+
+        def run() -> None:
+            self.handles.discard(handle)
+            call()
+
+        handle = loop.call_later(max(t - self._clock.now(), 0.0), run)
+        self.handles.add(handle)
+
+    def due(self, t: float) -> bool:
+        return self._clock.now() >= t
+
+
+class InTurn:
+    """A connection whose answers come one after the other, among what comes by itself."""
+
+    def __init__(self, connection: Connection, write: Write, schedule: _Schedule) -> None:
+        self._records, self._write, self._schedule = deque(connection.records), write, schedule
+        self._length = IN_TURN[connection.protocol]
+        self._heard = Cutter(self._length)
+        self._credit = 0  # messages that were said and not yet expected
+        self._waits = False
+        # A thread of the driver waits for the gateway's greeting, and a virtual clock stands still meanwhile.
+        self._greeting = connection.protocol == "socketcand"
+
+    def begin(self) -> None:
+        """The driver has connected."""
+        self._go_on()
+
+    def received(self, data: bytes) -> None:
+        """The driver says something."""
+        self._credit += len(self._heard.feed(data))
+        self._go_on()
+
+    def _go_on(self) -> None:
+        while self._records and not self._waits:
+            record = self._records[0]
+            if record.sent:
+                expected = len(Cutter(self._length).feed(record.data))
+                if expected > self._credit:
+                    return
+                self._credit -= expected
+            elif self._greeting or self._schedule.due(record.t):
+                self._write(record.data)
+                self._greeting = self._greeting and not record.data.startswith(_FRAME)
+            else:
+                self._waits = True
+                self._schedule.at(record.t, self._waited)
+                return
+            self._records.popleft()
+
+    def _waited(self) -> None:
+        self._waits = False
+        self._go_on()
+
+
+class ByNumber:
+    """A connection whose answers name their question."""
+
+    def __init__(self, connection: Connection, write: Write, schedule: _Schedule) -> None:
+        self._dialect = BY_NUMBER[connection.protocol]
+        self._write, self._schedule = write, schedule
+        self._heard = Cutter(self._dialect.length)
+        self._answers: dict[Hashable, deque[tuple[float, bytes]]] = defaultdict(deque)
+        self._by_itself: list[tuple[float, bytes]] = []
+        self.asked: deque[float] = deque()  # when the questions were asked
+        self._begun = False
+        self._sort(connection)
+
+    def begin(self) -> None:
+        """Nothing is said before the driver has said something."""
+
+    def received(self, data: bytes) -> None:
+        """The driver says something."""
+        if not self._begun:
+            self._begun = True
+            for t, message in self._by_itself:
+                self._schedule.at(t, lambda message=message: self._write(message))  # type: ignore[misc]
+        for question in self._heard.feed(data):
+            waiting = self._answers.get(self._dialect.key(question)) if self._asks(question) else None
+            if waiting:
+                t, answer = waiting.popleft()
+                reply = self._dialect.answering(answer, question)
+                self._schedule.at(t, lambda reply=reply: self._write(reply))  # type: ignore[misc]
+
+    def _asks(self, message: bytes) -> bool:
+        return self._dialect.asks(message) is not None
+
+    def _sort(self, connection: Connection) -> None:
+        dialect, keys = self._dialect, dict[Hashable, Hashable]()
+        said, heard = Cutter(dialect.length), Cutter(dialect.length)
+        for record in connection.records:
+            if record.sent:
+                for message in said.feed(record.data):
+                    if (number := dialect.asks(message)) is not None:
+                        keys[number] = dialect.key(message)
+                        self.asked.append(record.t)
+                continue
+            for message in heard.feed(record.data):
+                answered = dialect.answers(message)
+                if answered is None:
+                    self._by_itself.append((record.t, message))
+                elif answered in keys:
+                    self._answers[keys.pop(answered)].append((record.t, message))
+
+
+Playback = InTurn | ByNumber
+
+
+class WirePlayer:
+    """``async with``: the TCP peers of a recording listen at their addresses, which must be free.
+
+    ``clock`` runs like that of the recording. :meth:`pipe` stands in for a child process.
+    """
+
+    def __init__(self, recording: WireRecording, clock: Clock) -> None:
+        self._schedule = _Schedule(clock)
+        self._waiting: dict[tuple[str, str], deque[Connection]] = defaultdict(deque)
+        for connection in recording.connections:
+            self._waiting[connection.protocol, connection.peer].append(connection)
+        self.playing: list[tuple[Connection, Playback]] = []
+        self._servers: list[asyncio.Server] = []
+        self._transports: set[asyncio.Transport] = set()
+
+    async def __aenter__(self) -> "WirePlayer":
+        loop = asyncio.get_running_loop()
+        try:
+            for protocol, peer in self._waiting:
+                if protocol.endswith("-child"):
+                    continue
+                host, port = _place(peer)
+                key = protocol, peer
+                self._servers.append(await loop.create_server(lambda key=key: _Stand(self, key), host, port))  # type: ignore[misc]
+        except BaseException:
+            await self.__aexit__()
+            raise
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        for handle in self._schedule.handles:
+            handle.cancel()
+        for transport in tuple(self._transports):
+            transport.abort()
+        for server in self._servers:
+            server.close()
+        await asyncio.sleep(0)
+
+    def next_connection(self, key: tuple[str, str], transport: asyncio.Transport) -> Playback | None:
+        """What to play to a driver that has connected now; None when it was never connected so often."""
+        self._transports.add(transport)
+        waiting = self._waiting[key]
+        if not waiting:
+            return None
+        connection = waiting.popleft()
+        kind = ByNumber if connection.protocol in BY_NUMBER else InTurn
+
+        def write(data: bytes) -> None:
+            with suppress(OSError):
+                if not transport.is_closing():
+                    transport.write(data)
+
+        made: Playback = kind(connection, write, self._schedule)
+        self.playing.append((connection, made))
+        return made
+
+    def forget(self, transport: asyncio.Transport) -> None:
+        self._transports.discard(transport)
+
+    async def pipe(self, sock: socket.socket, protocol: str, peer: str) -> None:
+        """Play a child process at one end of a socket pair."""
+        loop = asyncio.get_running_loop()
+        await loop.create_connection(lambda: _Stand(self, (protocol, peer)), sock=sock)
+
+    def asked(self, protocol: str) -> deque[float]:
+        """When the questions of the newest connection of ``protocol`` were asked."""
+        found = [p for c, p in self.playing if c.protocol == protocol and isinstance(p, ByNumber)]
+        return found[-1].asked if found else deque()
+
+
+class _Stand(asyncio.Protocol):
+    """The device's end of one connection."""
+
+    def __init__(self, player: WirePlayer, key: tuple[str, str]) -> None:
+        self._player, self._key = player, key
+        self._playback: Playback | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = cast(asyncio.Transport, transport)
+        self._playback = self._player.next_connection(self._key, self._transport)
+        if self._playback is not None:
+            self._playback.begin()
+
+    def data_received(self, data: bytes) -> None:
+        if self._playback is not None:
+            self._playback.received(data)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._player.forget(self._transport)
+
+
+def _place(peer: str) -> tuple[str, int]:
+    host, _, port = peer.rpartition("/")[2].rpartition(":")
+    if not host or not port.isdecimal():
+        raise error("ARGUMENT_INVALID", f"a player serves TCP alone, and the recording has {peer}")
+    return host, int(port)
