@@ -16,6 +16,7 @@ from cell.store.ledger import Ledger
 from cell.version import software
 from cell.wire_recording.tap import recorded_by
 from daemon.cell_context import CellContext
+from daemon.check_due import CheckDue
 from daemon.collector import collect_at_rest, freeze_start_up
 from daemon.composition import supervised_devices
 from daemon.config import CellConfig, load_config
@@ -101,6 +102,8 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
         engine.loop_lag = lag.summary
         disk = DiskSpace(state, clock, low_limit(config))
         engine.disk = disk.status
+        check_due = CheckDue(config, ledger, JOBS, clock)
+        engine.due = check_due.status
         failed_reports = FailedReports()
         engine.ended_without_result = failed_reports.want
         await _report_interrupted(engine, ledger)
@@ -112,6 +115,8 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
             essential.append(asyncio.create_task(work, name=name))
 
         spawn("disk space", disk.watch())
+        if check_due.wanted:
+            spawn("calibrations due", check_due.watch())
         spawn("reports of failed runs", failed_reports.run())
         spawn("loop lag", lag.watch(beats, config.supervisor.loop_lag_warn_s))
         for name, entry in supervisor.devices.items():

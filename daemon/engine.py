@@ -16,6 +16,7 @@ from cell.procedure import Procedure, Run
 from cell.run_values import RunValues
 from cell.store.runs import RunFolder, load_run
 from daemon.cell_context import CellContext
+from daemon.config.load import NO_PART_OF_A_RUN
 from daemon.decisions import check_confirmed, check_decidable, require_read, use_of
 from daemon.job_config import make_procedure
 from daemon.losses import Losses
@@ -50,6 +51,7 @@ class Engine:
         self.waiting: list[dict[str, Any]] = []  # results that somebody has to decide about
         self.loop_lag: Callable[[], dict[str, float]] = dict
         self.disk: Callable[[], dict[str, Any]] = dict
+        self.due: Callable[[], list[dict[str, Any]]] = list  # calibrations that want to be checked
         self.ended_without_result: Callable[[Path], None] = lambda folder: None
         self._starting = ""  # the job whose run is being made
         self._task: asyncio.Task[None] | None = None  # the run with its beginning and end
@@ -85,7 +87,7 @@ class Engine:
         values = await self._values_of(procedure)
         models = await asyncio.to_thread(arm_models, values)
         conditions = {
-            "config": context.config.model_dump(mode="json", exclude={"http"}),
+            "config": context.config.model_dump(mode="json", exclude=set(NO_PART_OF_A_RUN)),
             "parameters": dict(request.params),
             "job_config": procedure.config.model_dump(mode="json"),
             "values": recorded(values),

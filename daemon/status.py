@@ -24,6 +24,7 @@ class Shown(Protocol):
     waiting: list[dict[str, Any]]
     loop_lag: Callable[[], dict[str, float]]
     disk: Callable[[], dict[str, Any]]
+    due: Callable[[], list[dict[str, Any]]]
 
     @property
     def packml(self) -> PackML: ...
@@ -55,6 +56,7 @@ def status_of(engine: Shown) -> dict[str, Any]:
         "interrupted": engine.interrupted,
         "ledger_damage": engine.ledger.damage(),
         "disk": engine.disk(),
+        "due": engine.due(),
         "waiting": engine.waiting,
         "devices": context.supervisor.status(),
         "loop_lag": engine.loop_lag(),

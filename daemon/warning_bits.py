@@ -54,6 +54,10 @@ def _ledger_damaged(cell: WarningContext) -> bool:
     return bool(cell.status["ledger_damage"])
 
 
+def _check_due(cell: WarningContext) -> bool:
+    return bool(cell.status["due"])
+
+
 def _disk_low(cell: WarningContext) -> bool:
     return bool(cell.status["disk"].get("warning"))
 
@@ -79,6 +83,9 @@ WARNING_BITS = (
         _ledger_damaged,
     ),
     WarningBit("disk_low", "the disk of the runs is nearly full: run prune", _disk_low),
+    WarningBit(
+        "check_due", "a calibration is older or has seen more runs than [check_due] permits", _check_due
+    ),
 )
 
 

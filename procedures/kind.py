@@ -41,7 +41,9 @@ class Kind:
     ``rehearsal``: ``(setup, config) -> Rehearsal``, what a twin needs for it;
     ``live`` and ``live_page``: ``(numbers, rows) -> line`` and ``(title, rows, reload_s) -> HTML`` of a run
     that goes on. ``data_file`` is the data set in a run folder, and ``arguments`` are what its jobs take from
-    a PLC. A reference that begins with ":" is in ``module``.
+    a PLC. ``measures`` are the calibrations that its jobs measure, named without a tool or a device;
+    ``judges``: a run that passes says that the one in effect still holds. A reference that begins with ":" is
+    in ``module``.
     """
 
     name: str
@@ -60,6 +62,8 @@ class Kind:
     live: str = ""
     live_page: str = ""
     arguments: tuple[Argument, ...] = ()
+    measures: tuple[str, ...] = ()
+    judges: bool = False
     module: str = ""
 
     def __post_init__(self) -> None:
@@ -86,6 +90,7 @@ _ALL = (
         expectation="procedures.hand_eye.expectation:cone_expectation",
         truth="procedures.hand_eye.truth:judge_camera",
         rehearsal="procedures.hand_eye.rehearsal:rehearse_cone",
+        measures=("T_flange_camera", "T_base_camera"),
     ),
     Kind(
         name="axbc",
@@ -99,6 +104,8 @@ _ALL = (
         asked=("targets",),
         expectation="procedures.eye_to_hand.expectation:eye_to_hand_expectation",
         truth="procedures.eye_to_hand.truth:judge_standard",
+        measures=("T_base_camera",),
+        judges=True,
     ),
     Kind(
         name="laser-reference",
@@ -111,6 +118,7 @@ _ALL = (
         expectation="procedures.laser.expectation:laser_expectation",
         truth="procedures.laser.truth:judge_beams",
         rehearsal="procedures.laser.rehearsal:rehearse_reference",
+        measures=("laser_reference",),
     ),
     Kind(
         name="laser",
@@ -124,6 +132,8 @@ _ALL = (
         compare="procedures.laser.comparison:compare_laser",
         truth="procedures.laser.truth:judge_tool",
         rehearsal="procedures.laser.rehearsal:rehearse_measurement",
+        measures=("T_flange_tool",),
+        judges=True,
     ),
     Kind(
         name="kincal",
@@ -139,6 +149,7 @@ _ALL = (
         expectation="procedures.tracker.expectation:tracker_expectation",
         truth="procedures.tracker.truth:judge_arm",
         rehearsal="procedures.tracker.rehearsal:rehearse_sampling",
+        measures=("kinematics",),
     ),
     Kind(
         name="belt-calibration",
@@ -149,6 +160,7 @@ _ALL = (
         report="procedures.belt.report.calibration:BELT_CALIBRATION",
         truth="procedures.belt.truth:judge_belt",
         rehearsal="procedures.belt.rehearsal:rehearse_calibration",
+        measures=("belt",),
     ),
     Kind(
         name="belt-tracking",
@@ -193,6 +205,7 @@ _ALL = (
         report="procedures.latency.report:LATENCY",
         expectation="procedures.latency.expectation:delay_expectation",
         rehearsal="procedures.latency.rehearsal:rehearse_delay",
+        measures=("time_offset_s",),
     ),
     Kind(
         name="iso9283",

@@ -7,7 +7,7 @@ it replaced; if that was edited since, the two contradict each other until someo
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -153,7 +153,27 @@ class Ledger(Records):
         """The newest runs first."""
         return self._rows("SELECT * FROM runs ORDER BY run_id DESC LIMIT ?", limit)
 
+    def runs_since(self, t: float, without: Collection[str]) -> int:
+        """How many runs began after ``t`` (time of day, s), those of the jobs ``without`` left out."""
+        marks = ", ".join("?" for _ in without)
+        query = f"SELECT COUNT(*) AS n FROM runs WHERE started > ? AND job NOT IN ({marks})"
+        return int(self._rows(query, t, *without)[0]["n"])
+
     # -- calibrations
+
+    def checked_at(self, name: str, judging: Collection[str]) -> float | None:
+        """When the version in effect was measured, or later a run of the jobs ``judging`` passed: time of
+        day, s. None when no version is in effect and no such run passed."""
+        marks = ", ".join("?" for _ in judging)
+        rows = self._rows(
+            "SELECT MAX(t) AS t FROM ("
+            "SELECT proposed AS t FROM calibrations WHERE name = ? AND state = 'committed' UNION ALL "
+            f"SELECT ended FROM runs WHERE outcome = 'complete' AND verdict = 'pass' AND job IN ({marks}))",
+            name,
+            *judging,
+        )
+        found: float | None = rows[0]["t"]
+        return found
 
     def propose(
         self,

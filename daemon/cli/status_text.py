@@ -1,6 +1,6 @@
 """The daemon's status in words."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from daemon.cli.next_step import next_commands, possible, to_decide
@@ -31,10 +31,19 @@ def status_text(status: Mapping[str, Any]) -> str:
         from daemon.state_folder import damage_text  # it imports asyncio
 
         lines += [f"ledger    {damage_text(damage)}", "          then: cellward acknowledge-ledger"]
+    lines += [f"due       {text}" for text in due_words(status.get("due", []))]
     if warning := (status.get("disk") or {}).get("warning"):
         lines.append(f"disk      {warning}")
     lines += ["", table(("device", "state", "model", "serial", "error"), _devices(status))]
     return "\n".join(lines)
+
+
+def due_words(due: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A sentence for each calibration that wants to be checked, with the command that does it."""
+    return [
+        f"{entry['name']}: {entry['why']}" + (f"; cellward start {entry['job']}" if entry["job"] else "")
+        for entry in due
+    ]
 
 
 def job_text(status: Mapping[str, Any]) -> str:

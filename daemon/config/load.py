@@ -24,6 +24,7 @@ from daemon.config.models import (
     UR_MODELS,
     CanSection,
     CellSection,
+    CheckDueSection,
     DeviceSection,
     FixedSections,
     HttpSection,
@@ -62,6 +63,9 @@ class ResolvedRobot(RobotSection):
         return None if self.observed_spec is None else dict(self.observed_spec)
 
 
+NO_PART_OF_A_RUN = frozenset({"http", "check_due"})  # sections that change nothing of what a run does
+
+
 class CellConfig(BaseModel):
     """The effective configuration of one cell. Immutable; the program never writes it back."""
 
@@ -78,6 +82,7 @@ class CellConfig(BaseModel):
     modbus: ModbusSection
     can: CanSection
     http: HttpSection
+    check_due: CheckDueSection
     job: dict[str, dict[str, Any]]
     warnings: list[str] = Field(default_factory=list, exclude=True)
     problems: list[str] = Field(default_factory=list, exclude=True)  # each keeps one job from succeeding
@@ -88,8 +93,8 @@ class CellConfig(BaseModel):
 
     @property
     def checksum(self) -> int:
-        """CRC-16 (XMODEM) of what is in effect: comments, order, the file's place and who may use the
-        page do not change it."""
+        """CRC-16 (XMODEM) of what is in effect: comments, order, the file's place, who may use the page and
+        when a check is due do not change it."""
         return binascii.crc_hqx(self._in_effect(), 0)
 
     @property
@@ -98,7 +103,7 @@ class CellConfig(BaseModel):
         return hashlib.sha256(self._in_effect()).hexdigest()
 
     def _in_effect(self) -> bytes:
-        content = self.model_dump(mode="json", exclude={"source", "http"})
+        content = self.model_dump(mode="json", exclude={"source", *NO_PART_OF_A_RUN})
         return to_json(_sorted(content)).encode()
 
 

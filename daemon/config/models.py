@@ -431,6 +431,37 @@ def is_loopback(host: str) -> bool:
     return host == "localhost" or ipaddress.ip_address(host).is_loopback
 
 
+class DueAfter(Section):
+    """When a calibration wants to be checked: after a time, after so many runs, or what comes first."""
+
+    max_age_h: float | None = Field(
+        default=None, gt=0, le=100000.0, description="since it was measured, or a check of it passed, h"
+    )
+    max_runs: int | None = Field(
+        default=None, ge=1, le=10000000, description="so many runs of other jobs since then"
+    )
+
+    @model_validator(mode="after")
+    def _says_when(self) -> Self:
+        if self.max_age_h is None and self.max_runs is None:
+            raise ValueError("give max_age_h, max_runs or both")
+        return self
+
+
+class CheckDueSection(Section):
+    """When a calibration wants to be checked again: a warning, and nothing starts by itself."""
+
+    T_flange_camera: DueAfter | None = Field(default=None, description="pose of the camera on the flange")
+    T_base_camera: DueAfter | None = Field(default=None, description="pose of the camera in the cell")
+    T_flange_tool: DueAfter | None = Field(default=None, description="tool frame of the tool in [robot]")
+    laser_reference: DueAfter | None = Field(default=None, description="reference of the crossed beams")
+    kinematics: DueAfter | None = Field(default=None, description="of each arm")
+    belt: DueAfter | None = Field(default=None, description="scale and direction of the belt")
+    time_offset_s: DueAfter | None = Field(
+        default=None, description="delay of the stamps of each source that has one"
+    )
+
+
 class FixedSections(Section):
     """All of ``cell.toml`` whose shape does not depend on drivers, jobs or the type of a target."""
 
@@ -446,6 +477,9 @@ class FixedSections(Section):
     can: CanSection = Field(default_factory=lambda: CanSection(), description="the CAN trigger")
     http: HttpSection = Field(
         default_factory=lambda: HttpSection(enabled=False), description="the operator's page"
+    )
+    check_due: CheckDueSection = Field(
+        default_factory=lambda: CheckDueSection(), description="when a calibration wants to be checked again"
     )
     device: dict[str, dict[str, Any]] = Field(
         default_factory=dict, description="one table a device, [device.NAME]"

@@ -44,7 +44,7 @@ def register_csv(table: RegisterTable) -> str:
     text = io.StringIO()
     rows = csv.writer(text)
     rows.writerow(COLUMNS)
-    for block, registers in (("holding", table.command), ("input", table.status)):
+    for block, registers in (("holding", table.command), ("input", table.readable)):
         for r in registers:
             rows.writerow((block, r.address, "", "", r.name, r.type, r.unit, r.meaning))
             rows.writerows(

@@ -107,7 +107,7 @@ class BeltTrackingConfig(Strict):
         description="how a contact is chosen: ml, the earliest in the zone, aimed anew; classic, once",
     )
     T1_s: float = Field(default=0.4, gt=0, le=5, description="classic: fixed time of the way above the item")
-    picks: int = Field(default=0, ge=0, description="end after so many; 0: until finished")
+    picks: int = Field(default=0, ge=0, le=65535, description="end after so many; 0: until finished")
     min_sightings: int = Field(
         default=2, ge=1, le=50, description="what is seen less often is not taken for an item"
     )

@@ -13,6 +13,7 @@ QUIET: dict[str, Any] = {
     "devices": {"arm": {"state": "READY"}},
     "interrupted": [],
     "ledger_damage": None,
+    "due": [],
     "disk": {"warning": None},
 }
 
@@ -39,6 +40,7 @@ def test_nothing_to_warn_of_is_0() -> None:
         ("run_interrupted", None, {"interrupted": [7]}),
         ("disk_low", None, {"disk": {"warning": "1.2 GB are free"}}),
         ("ledger_damaged", None, {"ledger_damage": {"restored": {}}}),
+        ("check_due", None, {"due": [{"name": "T_flange_tool.gripper"}]}),
     ],
 )
 def test_each_warning_has_a_bit_of_its_own(

@@ -20,6 +20,9 @@ export function Now({ state }) {
     ${state.plc === false && html`<${Card} wide kind="state wait"><p class="big">${t("now.plc_silent")}</p>
       <p>${t("now.plc_silent_do")}</p></${Card}>`}
     ${status.ledger_damage && html`<${Damage} />`}
+    ${status.due.map((due) => html`<${Card} wide kind="state wait" key=${due.name}>
+      <p class="big">${t("now.due", { name: due.name })}</p>
+      <p>${due.why}${due.job && html`. ${t("now.due_do", { job: jobName(due.job) })}`}</p></${Card}>`)}
     ${status.disk && status.disk.warning && html`<${Card} wide kind="state wait"><p class="big">${t("now.disk")}</p>
       <p>${status.disk.warning}</p></${Card}>`}
     <${Devices} devices=${status.devices} />

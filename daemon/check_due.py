@@ -1,0 +1,117 @@
+"""Which calibrations want to be checked again, by age or by runs. It warns; nothing starts by itself."""
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from cell.calibrations import belt_scale, kinematics, laser_reference, time_offset, tool_calibration
+from cell.clock import Clock
+from cell.errors import CellError
+from cell.procedure import Procedure
+from cell.store.ledger import Ledger
+from daemon.config import CellConfig
+from daemon.config.models import DueAfter
+from daemon.values import ARM_ROLES, CALIBRATIONS, STAMPED_ROLES
+from procedures.documents import kind_named
+
+log = logging.getLogger("cellward.health")
+
+LOOK_S = 2.0
+HOUR_S = 3600.0
+
+
+class CheckDue:
+    """Looks at the ledger now and then, away from the loop; ``found`` is what it saw last."""
+
+    def __init__(
+        self,
+        config: CellConfig,
+        ledger: Ledger,
+        jobs: Mapping[str, type[Procedure]],
+        clock: Clock,
+        wall: Callable[[], float] = time.time,
+    ) -> None:
+        """``wall``: the time of day, s, as the ledger has it."""
+        self._ledger, self._clock, self._wall = ledger, clock, wall
+        rules = {sort: getattr(config.check_due, sort) for sort in type(config.check_due).model_fields}
+        self._rules: dict[str, DueAfter] = {}  # by name in the ledger
+        self._measuring: dict[str, list[str]] = {}  # jobs that measure it
+        self._judging: dict[str, list[str]] = {}  # those of them whose passing says that it still holds
+        for name, sort in calibrations_of(config).items():
+            if (rule := rules[sort]) is not None:
+                self._rules[name] = rule
+                self._measuring[name], self._judging[name] = _jobs_for(sort, jobs)
+        self.found: list[dict[str, Any]] = []
+
+    @property
+    def wanted(self) -> bool:
+        """Whether the configuration asks for any."""
+        return bool(self._rules)
+
+    def status(self) -> list[dict[str, Any]]:
+        """``name``, ``why`` and ``job`` (None where no job measures it) of each that is due."""
+        return self.found
+
+    async def watch(self) -> None:
+        """Look for ever; a ledger that cannot be read leaves what was seen last."""
+        while True:
+            try:
+                self._tell(found := await asyncio.to_thread(self.due))
+                self.found = found
+            except CellError as exc:
+                log.error("which calibrations are due cannot be told: %s", exc)
+            await self._clock.sleep(LOOK_S)
+
+    def _tell(self, found: list[dict[str, Any]]) -> None:
+        """One log line for each that has become due."""
+        known = {entry["name"] for entry in self.found}
+        for entry in found:
+            if entry["name"] not in known:
+                log.warning("%s is due for a check: %s", entry["name"], entry["why"])
+
+    def due(self) -> list[dict[str, Any]]:
+        """Those that are due now; blocks on the disk."""
+        entries = ((name, self._why(name, rule)) for name, rule in self._rules.items())
+        return [
+            {"name": name, "why": why, "job": next(iter(self._measuring[name]), None)}
+            for name, why in entries
+            if why
+        ]
+
+    def _why(self, name: str, rule: DueAfter) -> str:
+        """Why it is due, in words; empty when it is not."""
+        since = self._ledger.checked_at(name, self._judging[name])
+        if since is None:
+            return "it was never measured, what is configured is in use"
+        if rule.max_age_h is not None and (age := (self._wall() - since) / HOUR_S) > rule.max_age_h:
+            return f"checked {age:.3g} h ago, more than max_age_h = {rule.max_age_h:g}"
+        if rule.max_runs is not None:
+            runs = self._ledger.runs_since(since, self._measuring[name])
+            if runs > rule.max_runs:
+                return f"{runs} runs since its last check, more than max_runs = {rule.max_runs}"
+        return ""
+
+
+def calibrations_of(config: CellConfig) -> dict[str, str]:
+    """The calibrations that this cell has: their names in the ledger, and their keys of ``[check_due]``."""
+    roles, tool = config.robot.roles(), config.robot.tool.name
+    found = {CALIBRATIONS[role][0]: CALIBRATIONS[role][0] for role in CALIBRATIONS if role in roles}
+    if "arm" in roles:
+        found[tool_calibration(tool)] = "T_flange_tool"
+    if "beams" in roles:
+        found[laser_reference(tool)] = "laser_reference"
+    if "belt" in roles:
+        found[belt_scale(roles["belt"])] = "belt"
+    found |= {kinematics(roles[role]): "kinematics" for role in ARM_ROLES if role in roles}
+    return found | {time_offset(roles[role]): "time_offset_s" for role in STAMPED_ROLES if role in roles}
+
+
+def _jobs_for(sort: str, jobs: Mapping[str, type[Procedure]]) -> tuple[list[str], list[str]]:
+    """The jobs that measure calibrations of this sort, and of those the ones that judge what is in effect."""
+    kinds = {name: kind_named(job.kind, "job") for name, job in jobs.items() if job.kind}
+    measuring = sorted(
+        (n for n, kind in kinds.items() if sort in kind.measures), key=lambda n: jobs[n].number
+    )
+    return measuring, [name for name in measuring if kinds[name].judges]
