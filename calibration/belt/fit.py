@@ -6,9 +6,12 @@ can do as well.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dgesv
 
 from cell.poses import Array
 
@@ -36,29 +39,40 @@ class Judge:
     def most(self, k: int) -> float:
         """What the largest of k residuals can be, counts."""
         jitter = np.sqrt(max(self.sigma**2 - _QUANTUM**2, 0.0))
-        return float(_MOST + (3.0 + np.sqrt(2.0 * np.log(max(k, 2)))) * jitter)
+        return float(_MOST + _most_sigmas(k) * jitter)
 
     def passes(self, residual: Array, speed: float, each: int = 1) -> bool:
         """``residual`` (k,), oldest first, counts, of means of ``each`` frames at ``speed`` (counts/s)."""
         k = len(residual)
         beyond = np.abs(residual) > self.most(k)
-        if beyond.sum() > 0.005 * k or beyond[-8:].sum() > 1:
+        if np.count_nonzero(beyond) > 0.005 * k or np.count_nonzero(beyond[-8:]) > 1:
             return False
-        total = np.concatenate([[0.0], np.cumsum(residual[::-1])])
-        size, begin = 4, 0
-        while begin + size <= k:
-            mean = (total[begin + size] - total[begin]) / size
-            sigmas = self.patience * (_SIGMAS if begin * each < _NEW else _SIGMAS_OLD)
-            if abs(mean) > self._mean_limit(size * each, speed, sigmas):
-                return False
-            begin, size = begin + size, min(2 * size, max(4, k // 6))
-        return True
-
-    def _mean_limit(self, frames: int, speed: float, sigmas: float) -> float:
-        """What the mean of so many residuals can be: noise, and rounding that keeps step with the frames."""
+        total = np.cumsum(residual[::-1])
         step = speed * self.period
         beat = abs(step - round(step))  # counts by which the rounding shifts from frame to frame
-        return float(sigmas * self.sigma / np.sqrt(frames) + 0.5 / max(1.0, 3.0 * beat * frames))
+        before, size, begin = 0.0, 4, 0
+        while begin + size <= k:
+            up_to = float(total[begin + size - 1])
+            sigmas = self.patience * (_SIGMAS if begin * each < _NEW else _SIGMAS_OLD)
+            if abs(up_to - before) / size > self._mean_limit(size * each, beat, sigmas):
+                return False
+            before, begin, size = up_to, begin + size, min(2 * size, max(4, k // 6))
+        return True
+
+    def _mean_limit(self, frames: int, beat: float, sigmas: float) -> float:
+        """What the mean of so many residuals can be: noise, and rounding that keeps step with the frames."""
+        return sigmas * self.sigma / sqrt(frames) + 0.5 / max(1.0, 3.0 * beat * frames)
+
+
+@lru_cache
+def _most_sigmas(k: int) -> float:
+    """How many standard deviations the largest of k residuals can be away."""
+    return float(3.0 + np.sqrt(2.0 * np.log(max(k, 2))))
+
+
+@lru_cache
+def _unit(n: int) -> Array:
+    return np.eye(n)
 
 
 @dataclass(frozen=True)
@@ -88,7 +102,11 @@ def polynomial(s: Array, n: Array, order: int, sigma: float) -> tuple[Array, Arr
     np.divide(s, scale, out=V[:, 1])
     for p in range(2, order + 1):
         np.multiply(V[:, p - 1], V[:, 1], out=V[:, p])
-    inverse = np.linalg.inv(V.T @ V)
+    # What NumPy's inv calls too, which looks at much before it.
+    _, _, columns, singular = dgesv(V.T @ V, _unit(order + 1))
+    if singular:
+        raise np.linalg.LinAlgError("Singular matrix")
+    inverse = np.ascontiguousarray(columns)
     c = inverse @ (n @ V)
     d = scale ** -np.arange(order + 1.0)
     return d * c, sigma**2 * d * inverse * d[:, None], n - V @ c

@@ -9,6 +9,7 @@ sending ``y + tau y'`` for ``y``, its delay by sending that early.
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from math import ceil
 
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from cell.devices import TrajectoryPiece
 from cell.following import MOST_LAG_S
 from cell.poses import Array
-from procedures.belt.motion.tool_joints import on_piece
+from procedures.belt.motion.tool_joints import joints_on_piece
 
 _SHARES: Array = np.array([0.0, 0.25, 0.5, 0.75, 1.0])  # of the lag that is low-pass
 _GAIN = 0.05  # of what one look shows
@@ -77,7 +78,7 @@ class Lag:
         if self._sent and self._line and t > self._line[-1][0]:
             self._learn(t, q)
         piece = next((p for p in reversed(self._wanted) if p.t0 <= t <= p.t1), None)
-        return None if piece is None else on_piece(piece, t)[0]
+        return None if piece is None else joints_on_piece(piece, t)
 
     def _learn(self, t: float, q: Array) -> None:
         speeds = self._advance(t)
@@ -99,7 +100,7 @@ class Lag:
         times = begun + (t - begun) / steps * np.arange(1, steps + 1)
         for at in times.tolist():
             piece = next((p for p in reversed(self._sent) if p.t0 <= at), None)
-            q = self._line[-1][1] if piece is None else on_piece(piece, at)[0]
+            q = self._line[-1][1] if piece is None else joints_on_piece(piece, at)
             self._line.append((at, q))
         while len(self._line) > 2 and self._line[1][0] < begun - MOST_LAG_S - _STEP_S:
             self._line.popleft()
@@ -108,12 +109,12 @@ class Lag:
         tau = np.maximum(_SHARES * self._lags, 1e-6)[:, None]
         step = (t - begun) / steps
         kept = np.exp(-step / tau)
-        seen, before = _between(stamps, joints, begun - (1.0 - _SHARES) * self._lags), self._at
-        for at in times:
-            last, before = seen, self._at
-            seen = _between(stamps, joints, at - (1.0 - _SHARES) * self._lags)
-            behind = tau * (seen - last) / step  # of what is sent on a steady way
-            self._at = seen - behind + kept * (self._at - last + behind)
+        whens = np.array([begun, *times])[:, None] - (1.0 - _SHARES) * self._lags
+        seen, before = _between(stamps, joints, whens.ravel()).reshape(*whens.shape, 6), self._at
+        for last, now in pairwise(seen):
+            before = self._at
+            behind = tau * (now - last) / step  # of what is sent on a steady way
+            self._at = now - behind + kept * (self._at - last + behind)
         return np.asarray((self._at - before) / step)
 
 

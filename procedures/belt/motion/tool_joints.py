@@ -105,6 +105,12 @@ def on_piece(piece: TrajectoryPiece, t: float) -> tuple[Array, Array]:
     return s**k @ piece.coefficients, (k[1:] * s ** k[:-1]) @ piece.coefficients[1:]
 
 
+def joints_on_piece(piece: TrajectoryPiece, t: float) -> Array:
+    """The joints (6,) of :func:`on_piece` alone."""
+    out: Array = (min(t, piece.t1) - piece.t0) ** np.arange(len(piece.coefficients)) @ piece.coefficients
+    return out
+
+
 def fastest_joint(piece: TrajectoryPiece) -> float:
     """The highest joint speed in ``piece``, rad/s."""
     s = np.linspace(0.0, piece.t1 - piece.t0, _LOOKS)[:, None]
