@@ -39,17 +39,17 @@ class Slacks:
 
         A column keeps ``clear_m`` as well, or as much as the nearer end of the path has anyhow.
         """
-        needed = np.broadcast_to(limit[:, None], self.values.shape)
+        needed = limit[:, None]
         if clear_m > 0.0:
             ends = np.minimum(self.values[0], self.values[-1])
             needed = np.maximum(needed, np.minimum(ends, clear_m))
-        missing = needed - self.values
-        below = np.flatnonzero((missing > 0.0).any(axis=1))
-        if not len(below):
+        below = self.values < needed
+        if not below.any():
             return None
-        index = int(below[0])
-        k = int(np.argmax(missing[index]))
-        return Finding(index, float(self.values[index, k]), self.texts[k], float(needed[index, k]))
+        index = int(np.argmax(below.any(axis=1)))
+        needs = np.broadcast_to(needed[index], self.values.shape[1:])
+        k = int(np.argmax(needs - self.values[index]))
+        return Finding(index, float(self.values[index, k]), self.texts[k], float(needs[k]))
 
 
 class Rules:
@@ -64,6 +64,16 @@ class Rules:
         self._high = np.array([b.high for b in limits.workspace])
         # A workspace that begins above the base plate says where the tool may be, not that there is a floor.
         self._floor = min(float(np.min(self._low[:, 2])), 0.0)
+        # The boxes that are left to the axis of each capsule, (k, b, 3).
+        radii = body.radii[self._held][:, None, None]
+        self._held_low, self._held_high = self._low + radii, self._high - radii
+        names = [box.name for box in limits.keep_out]
+        self._box_texts = {name: self._texts(self._moving, f"keep-out box '{name}'") for name in names}
+        self._workspace_texts = self._texts(self._held, "the workspace")
+        self._floor_texts = self._texts(self._swinging, "the floor")
+        self._self_texts = [
+            f"'{body.names[q]}' and the arm's own '{body.names[p]}'" for p, q in body.self_pairs
+        ]
 
     def first_broken(self, ends: Array, limit: Array, clear_m: float = 0.0) -> Finding | None:
         """The rule broken earliest, with a slack below what that sample of a path needs, or None.
@@ -100,42 +110,34 @@ class Rules:
         exact = segment_box_distance(segments[close, 0], segments[close, 1], box.low, box.high)
         slack[close] = exact - radii[close]
         values = slack.reshape(-1, len(self._moving))
-        return Slacks(values, self._texts(self._moving, f"keep-out box '{box.name}'"))
+        return Slacks(values, self._box_texts[box.name])
 
     def workspace(self, ends: Array) -> Slacks:
         """Wrist 3 and everything on the flange inside the union of the workspace boxes, surfaces included."""
-        held = ends[:, self._held]
-        radii = self._body.radii[self._held]
-        values = np.empty(held.shape[:2])
-        for k, radius in enumerate(radii):
-            values[:, k] = self._depth_in_union(held[:, k], self._low + radius, self._high - radius)
-        return Slacks(values, self._texts(self._held, "the workspace"))
-
-    def _depth_in_union(self, segments: Array, low: Array, high: Array) -> Array:
-        """(n,) m: depth in the best box; 0 where only several boxes together hold the segment (n, 2, 3)."""
-        # A box is convex: a segment is as deep inside as its shallower end.
-        inside = np.minimum(segments[:, None] - low[:, None], high[:, None] - segments[:, None])
-        depth: Array = inside.min(axis=(2, 3)).max(axis=1)
-        out = np.flatnonzero(depth < 0.0)
-        if len(out) and len(low) > 1:
-            joined = segments_in_union(segments[out, 0], segments[out, 1], low, high)
-            depth[out[joined]] = 0.0
-        return depth
+        held, low, high = ends[:, self._held], self._held_low, self._held_high
+        # A box is convex: a segment is as deep inside as its shallower end, in the best box.
+        apart = held[:, :, None]
+        inside = np.minimum(apart - low[:, :, None], high[:, :, None] - apart)
+        depth: Array = inside.min(axis=(3, 4)).max(axis=2)
+        if len(self._low) > 1:  # 0 where only several boxes together hold a segment
+            for k in np.flatnonzero((depth < 0.0).any(axis=0)):
+                out = np.flatnonzero(depth[:, k] < 0.0)
+                joined = segments_in_union(held[out, k, 0], held[out, k, 1], low[k], high[k])
+                depth[out[joined], k] = 0.0
+        return Slacks(depth, self._workspace_texts)
 
     def floor(self, ends: Array) -> Slacks:
         """The links that swing (not base and shoulder, whose height never changes) above the floor."""
         lowest = ends[:, self._swinging][..., 2].min(axis=2)
         values = lowest - self._body.radii[self._swinging] - self._floor
-        return Slacks(values, self._texts(self._swinging, "the floor"))
+        return Slacks(values, self._floor_texts)
 
     def self_contact(self, ends: Array) -> Slacks:
         """Wrist and tool clear of the arm's own base, shoulder, upper arm and forearm."""
         i, j = self._body.self_pairs.T
         a, b = ends[:, i].reshape(-1, 2, 3), ends[:, j].reshape(-1, 2, 3)
         distance = segment_segment_distance(a[:, 0], a[:, 1], b[:, 0], b[:, 1]).reshape(len(ends), -1)
-        names = self._body.names
-        texts = [f"'{names[q]}' and the arm's own '{names[p]}'" for p, q in self._body.self_pairs]
-        return Slacks(distance - self._body.radii[i] - self._body.radii[j], texts)
+        return Slacks(distance - self._body.radii[i] - self._body.radii[j], self._self_texts)
 
     def _texts(self, capsules: NDArray[np.intp], what: str) -> list[str]:
         return [f"'{self._body.names[k]}' and {what}" for k in capsules]

@@ -75,12 +75,18 @@ def segment_segment_distance(p0: Array, p1: Array, q0: Array, q1: Array) -> Arra
     safe_a, safe_e = np.maximum(a, tiny), np.maximum(e, tiny)
     denominator = a * e - b * b
     parallel = denominator <= 1e-12 * safe_a * safe_e
-    s = np.where(parallel, 0.0, np.clip((b * f - c * e) / np.where(parallel, 1.0, denominator), 0.0, 1.0))
-    t = np.clip((b * s + f) / safe_e, 0.0, 1.0)
-    s = np.clip((b * t - c) / safe_a, 0.0, 1.0)
+    s = np.where(parallel, 0.0, _share((b * f - c * e) / np.where(parallel, 1.0, denominator)))
+    t = _share((b * s + f) / safe_e)
+    s = _share((b * t - c) / safe_a)
     gap = r + s[:, None] * d1 - t[:, None] * d2
-    distance: Array = np.linalg.norm(gap, axis=1)
+    distance: Array = np.sqrt((gap * gap).sum(axis=1))
     return distance
+
+
+def _share(along: Array) -> Array:
+    """Between 0 and 1; NumPy's clip takes twice as long for a few numbers."""
+    out: Array = np.minimum(np.maximum(along, 0.0), 1.0)
+    return out
 
 
 def _dot(a: Array, b: Array) -> Array:

@@ -106,7 +106,9 @@ class MotionGuard:
             )
         levers = flange[:, :3, :3] @ self.tool.T_flange_tool.translation
         twists = np.einsum("nij,nj->ni", self.model.jacobian_many(joints), speeds)
-        tcp = float(np.linalg.norm(twists[:, :3] + np.cross(twists[:, 3:], levers), axis=1).max())
+        (wx, wy, wz), (x, y, z) = twists[:, 3:].T, levers.T
+        turning = np.stack([wy * z - wz * y, wz * x - wx * z, wx * y - wy * x], axis=1)
+        tcp = float(np.linalg.norm(twists[:, :3] + turning, axis=1).max())
         if tcp > self.limits.speed_m_s * (1.0 + 1e-9):
             raise error(
                 "MOTION_LIMIT",
