@@ -12,10 +12,10 @@ from cell.procedure import Run
 from fakes.object import run_virtual
 from procedures.hand_eye.states import State
 from tests.chaos.matrix import Kind, assert_aborted, covering, inject_at, kind, put_right, short
+from tests.kit.hand_eye_made import quick_solver
 from tests.kit.object_cell import ObjectCell, no_report, open_cell, write_config
-from tests.kit.whole_results import made
 
-__all__ = ["no_report"]
+__all__ = ["no_report", "quick_solver"]
 pytestmark = pytest.mark.usefixtures("no_report", "quick_solver")
 
 BRISK = {
@@ -33,17 +33,6 @@ PLAN = {
     "max_duration_s": 25.0,
     "accept": {"auto": True},
 }
-ANSWER = made(
-    {
-        "schema": "cellward.result/1",
-        "kind": "hand-eye",
-        "verdict": "pass",
-        "reasons": [],
-        "result": {"T_flange_camera": [0.0, -0.08, 0.05, 0.0, 0.0, 0.0]},
-        "uncertainty": {},
-    }
-)
-
 # When a fault comes. The prompt is where the job asks for a placement.
 PROMPT = "prompt"
 MOMENTS = [*(s.value for s in State if s is not State.SEARCH), PROMPT]
@@ -91,12 +80,6 @@ CELLS = [(k, m) for k, share in zip(KINDS, SHARES, strict=True) for m in share] 
     for k in KINDS
     if not {"prepare", "solve"} <= k.felt | k.bridged
 ]
-
-
-@pytest.fixture
-def quick_solver(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is solved does not matter here; what is committed does."""
-    monkeypatch.setattr("procedures.hand_eye.verdict.solve_hand_eye", lambda path, **_: ANSWER)
 
 
 def at_prompt(run: Run) -> bool:

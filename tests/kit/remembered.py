@@ -13,13 +13,18 @@ Plan = TypeVar("Plan")
 _SMALL = 1e-3  # standard deviations and the like
 
 
-def remembered(plan: Callable[[Request], Plan]) -> Callable[[Request], Plan]:
-    """``plan``, which is pure, asked once for requests that are alike; whoever asks has a copy to himself."""
+def remembered(
+    plan: Callable[[Request], Plan], alike: Callable[[Request], Request] = lambda request: request
+) -> Callable[[Request], Plan]:
+    """``plan``, which is pure, asked once for requests that are alike; whoever asks has a copy to himself.
+
+    ``alike`` leaves of a request what tells it from others.
+    """
     known: dict[str, Plan] = {}
 
     @wraps(plan)
     def asked(request: Request) -> Plan:
-        key = _key(request)
+        key = _key(alike(request))
         if key not in known:
             known[key] = plan(request)
         return copy.deepcopy(known[key])

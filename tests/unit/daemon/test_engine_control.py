@@ -9,10 +9,11 @@ import pytest
 from cell.errors import CellError, error
 from cell.packml import PackML
 from fakes.object import run_virtual
+from tests.kit.hand_eye_made import quick_solver
 from tests.kit.object_cell import JOB, WHO, no_report, open_cell, refused, write_config
 
-__all__ = ["no_report"]
-pytestmark = pytest.mark.usefixtures("no_report")
+__all__ = ["no_report", "quick_solver"]
+pytestmark = pytest.mark.usefixtures("no_report", "quick_solver")
 
 
 @pytest.mark.parametrize("silent_s", [0.08, 5.0])

@@ -14,10 +14,11 @@ from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder
 from fakes.object import VirtualClock, run_virtual
 from procedures.hand_eye.record import CaptureRecord
+from tests.kit.hand_eye_made import quick_solver
 from tests.kit.object_cell import WHO, no_report, on_disk, open_cell, refused, write_config
 
-__all__ = ["no_report"]
-pytestmark = pytest.mark.usefixtures("no_report")
+__all__ = ["no_report", "quick_solver"]
+pytestmark = pytest.mark.usefixtures("no_report", "quick_solver")
 
 
 def full(*args: Any, **kwargs: Any) -> Any:

@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 
 from fakes.object import run_virtual
+from tests.kit.hand_eye_made import quick_solver
 from tests.kit.object_cell import no_report, open_cell, write_config
 
-__all__ = ["no_report"]
-pytestmark = pytest.mark.usefixtures("no_report")
+__all__ = ["no_report", "quick_solver"]
+pytestmark = pytest.mark.usefixtures("no_report", "quick_solver")
 
 
 def test_a_run_folder_that_is_removed_ends_the_run_by_name(tmp_path: Path) -> None:
