@@ -78,10 +78,13 @@ class Session:
 
 def as_replayable(scenario: str) -> str:
     """A player serves TCP: an encoder is reached through its gateway, not through its serial line."""
-    gateway = '[fakes]\ncan = "socketcand"'
     if "[world.belt" not in scenario:
         return scenario
-    return scenario.replace("[fakes]", gateway, 1) if "[fakes]" in scenario else f"{scenario}\n{gateway}\n"
+    kept = [line for line in scenario.splitlines() if not line.startswith("can =")]
+    if "[fakes]" not in kept:
+        kept.append("[fakes]")
+    kept.insert(kept.index("[fakes]") + 1, 'can = "socketcand"')
+    return "\n".join(kept) + "\n"
 
 
 def record(

@@ -1,0 +1,54 @@
+"""What a real controller sent, through our parsers and, played as a recording, through the link itself."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from cell.wire_recording.reader import Connection, Record, WireRecording
+from drivers.ur.kinematics import describe
+from drivers.ur.primary import PrimaryLink, PrimarySplitter, Six, sub_packages
+from fakes.object import VirtualClock
+from fakes.object.loop import run_virtual
+from fakes.replay.player import WirePlayer
+
+FILE = Path(__file__).parents[2] / "data" / "recordings" / "ur5e_first_state.hex"
+HOST, BEGIN = "127.0.24.1", 500.0
+
+
+def recorded() -> bytes:
+    lines = FILE.read_text("ascii").splitlines()
+    return bytes.fromhex("".join(line for line in lines if not line.startswith("#")))
+
+
+def test_it_is_the_message_that_its_source_describes() -> None:
+    """Thirteen sub-packages in 1386 bytes, as the test of Universal Robots that it is from counts them."""
+    ((kind, body),) = list(PrimarySplitter().feed(recorded()))
+    assert (kind, len(body)) == (16, 1381)
+    assert [kind for kind, _ in sub_packages(body)] == [0, 1, 4, 5, 9, 3, 2, 6, 7, 8, 10, 11, 12]
+
+
+@pytest.mark.wire
+def test_the_link_reads_tool_and_kinematics_from_it_in_pieces_of_seven_bytes() -> None:
+    data = recorded()
+    pieces = [Record(BEGIN + 0.001 * at, False, data[at : at + 7]) for at in range(0, len(data), 7)]
+    connection = Connection("primary", f"{HOST}:30001", BEGIN, None, pieces)
+    told: list[Six] = []
+
+    async def work() -> None:
+        async with WirePlayer(WireRecording([connection], []), VirtualClock(BEGIN)):
+            link = await PrimaryLink.connect(HOST, told.append, lambda failure: None, 3.0)
+            found = await link.wait_kinematics(3.0)
+            await link.close()
+            await asyncio.sleep(0)
+        # The values are those that the test of Universal Robots expects.
+        assert found.checksum == (2**32 - 1,) * 6
+        assert found.a == pytest.approx((0.0, -0.425, -0.3922, 0.0, 0.0, 0.0))
+        assert found.d == pytest.approx((0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996))
+        assert found.theta == (0.0,) * 6
+        assert found.alpha == pytest.approx((1.570796327, 0.0, 0.0, 1.570796327, -1.570796327, 0.0))
+        deltas = describe("ur5e", found)["calibration"]
+        assert all(value == pytest.approx(0.0, abs=1e-9) for row in deltas.values() for value in row)
+
+    run_virtual(work(), 60.0)
+    assert told == [(0.0,) * 6]
