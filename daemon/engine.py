@@ -4,6 +4,7 @@ import asyncio
 import logging
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from cell.packml import PackML
 from cell.procedure import Procedure, Run
 from cell.run_values import RunValues
 from cell.store.runs import RunFolder, load_run
+from cell.store.signatures import Statement, sign
 from daemon.cell_context import CellContext
 from daemon.config.load import NO_PART_OF_A_RUN
 from daemon.decisions import check_confirmed, check_decidable, require_read, use_of
@@ -230,6 +232,10 @@ class Engine:
         now = await asyncio.to_thread(self.ledger.rollback, name, who)
         self._publish()
         return now
+
+    async def sign(self, run_id: int, said: Statement, who: str) -> dict[str, Any]:
+        run = await asyncio.to_thread(load_run, self.runs, run_id)
+        return asdict(await asyncio.to_thread(sign, run, said, who))
 
     async def acknowledge_ledger(self) -> dict[str, Any]:
         return await asyncio.to_thread(self.ledger.acknowledge_damage)

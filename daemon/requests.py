@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from cell.errors import CellError, error
+from cell.store.signatures import Statement
 from daemon.auditor import Auditor
 from daemon.start_request import StartRequest
 
@@ -39,6 +40,7 @@ class EngineControl(Protocol):
     ) -> dict[str, Any]: ...
     async def reject(self, result_id: int, who: str, why: str) -> dict[str, Any]: ...
     async def rollback(self, name: str, who: str) -> dict[str, Any]: ...
+    async def sign(self, run_id: int, said: Statement, who: str) -> dict[str, Any]: ...
     async def acknowledge_ledger(self) -> dict[str, Any]: ...
     def subscribe(self, listener: Callable[[], None], /) -> Callable[[], None]: ...
 
@@ -127,6 +129,11 @@ WRITES: dict[str, Callable[[EngineControl, Params, Caller], Awaitable[Any]]] = {
     ),
     "reject": lambda engine, params, by: _brief(
         engine.reject(params.get("result_id", int), by.who, params.get("why", str, ""))
+    ),
+    "sign": lambda engine, params, by: engine.sign(
+        params.get("run_id", int),
+        Statement(*(params.get(key, str) for key in ("name", "role", "remark", "digest"))),
+        by.who,
     ),
     "acknowledge_ledger": lambda engine, params, by: engine.acknowledge_ledger(),
     "rollback": lambda engine, params, by: _brief(engine.rollback(params.get("name", str), by.who)),

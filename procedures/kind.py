@@ -190,6 +190,7 @@ _ALL = (
         data_file="slot.json",
         jobs=("procedures.slot.procedure:SlotInsertion",),
         plan="procedures.slot.words:slot_plan_lines",
+        report="procedures.slot.report:SLOT",
         expectation="procedures.slot.expectation:slot_expectation",
         truth="procedures.slot.truth:judge_slot",
         arguments=(Argument("slot", 1), Argument("action", 2, words=("insert", "pull", "replace"))),

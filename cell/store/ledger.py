@@ -360,6 +360,14 @@ class Ledger(Records):
         )
         return [_decoded(row) for row in rows]
 
+    def decisions_on(self, run_id: int) -> list[dict[str, Any]]:
+        """What became of the results of a run, oldest first: without values and results."""
+        return self._rows(
+            "SELECT id, name, state, version, proposed, decided, who, why FROM calibrations"
+            " WHERE run_id = ? ORDER BY id",
+            run_id,
+        )
+
     def result(self, result_id: int) -> dict[str, Any]:
         """One calibration with the summary of its result; ``NOT_FOUND``. ``whole_result`` reads all of it."""
         return self._result(result_id)

@@ -17,6 +17,7 @@ from typing import Any
 
 from cell.errors import CellError, error
 from cell.store.files import append_lines, disk_errors, read_json, sync_folder
+from cell.store.fingerprint import SIGNATURES_FILE
 from cell.store.runs import RunFolder, list_runs
 
 RECORD_FILE = "pruned.jsonl"
@@ -92,10 +93,11 @@ def plan_pictures(runs: Path, without: Iterable[int] = ()) -> list[Removal]:
 def unused_pictures(run: RunFolder) -> list[Path]:
     """The pictures of a capture that ended complete which its solution has no use for; else none.
 
-    A capture that can still be adopted keeps all, for the run that adopts it takes them over.
+    A capture that can still be adopted keeps all, for the run that adopts it takes them over; one that was
+    signed keeps what was signed.
     """
     images = run.path / IMAGES
-    if not images.is_dir() or not _ended(run, "complete"):
+    if not images.is_dir() or not _ended(run, "complete") or (run.path / SIGNATURES_FILE).exists():
         return []
     try:
         used = _used(read_json(run.path / CAPTURE_FILE))

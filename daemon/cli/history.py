@@ -7,9 +7,10 @@ from typing import Annotated, Any
 import typer
 
 from cell.errors import error
+from cell.store.fingerprint import SIGNATURES_FILE
 from daemon.cli.damaged import reading
 from daemon.cli.failures import FAILED
-from daemon.cli.options import ConfigOption, JsonOption, cell_paths, know_configured_jobs
+from daemon.cli.options import CellPaths, ConfigOption, JsonOption, cell_paths, know_configured_jobs
 from daemon.cli.output import out, out_json, say
 from procedures.words import local_time, table
 
@@ -123,37 +124,59 @@ def report(
     run: RunArgument,
     open_it: Annotated[bool, typer.Option("--open/--no-open", help="Show it in a browser.")] = False,
     rebuild: Annotated[bool, typer.Option("--rebuild", help="Draw it again from result.json.")] = False,
+    pdf: Annotated[
+        bool, typer.Option("--pdf", help="Print it to A4 pages; this needs Chromium or Chrome.")
+    ] = False,
     config: ConfigOption = None,
 ) -> None:
     """Print where the report of a run is; it is drawn when it is missing.
 
-    A run without a result has one that tells why it ended.
+    A run without a result has one that tells why it ended. What was decided and signed since is told.
     """
     folder = load(config, run)
-    path: Path = folder.path / "report.html"
     with reading(folder.path):
-        if (folder.path / "result.json").exists():
-            if rebuild or not path.exists() or older(path, folder.path / "result.json"):
-                write_report(result_of(folder), folder.path, path)
-        else:  # always anew: the run may have gone on
-            from procedures.report.failed import write_failed_report
+        path = renew_report(folder, cell_paths(config), rebuild)
+    if pdf:
+        from daemon.cli.printing import print_pdf
 
-            write_failed_report(folder.path, path)
+        path = print_pdf(path)
     out(str(path))
     if open_it:
         typer.launch(path.as_uri())
 
 
-def older(path: Path, than: Path) -> bool:
-    """Whether ``path`` was written before ``than``, as the report of a run that had no result yet was."""
-    return path.stat().st_mtime < than.stat().st_mtime
+def renew_report(folder: Any, paths: CellPaths, rebuild: bool = False) -> Path:
+    """Draw the report of a run where it is missing, or older than what it tells; returns where it is.
+
+    It is drawn at the end of the run first, and tells since then who decided about it and who signed it.
+    """
+    path: Path = folder.path / "report.html"
+    if not (folder.path / "result.json").exists():  # always anew: the run may have gone on
+        from procedures.report.failed import write_failed_report
+
+        return write_failed_report(folder.path, path)
+    decided = decisions(paths, folder.run_id)
+    told = [folder.path / name for name in ("result.json", "end.json", SIGNATURES_FILE)]
+    newest = max([p.stat().st_mtime for p in told if p.exists()] + [d["decided"] or 0.0 for d in decided])
+    if rebuild or not path.exists() or path.stat().st_mtime < newest:
+        result_of(folder)
+        from procedures.report import write_report
+
+        write_report(folder.path, path, decided=decided)
+    return path
 
 
-def write_report(result: Mapping[str, Any], folder: Path, path: Path) -> None:
-    """Draw the report of ``folder`` to ``path``."""
-    from procedures.report import write_report as draw
+def decisions(paths: CellPaths, run_id: int) -> list[dict[str, Any]]:
+    """What became of the results of a run, by the ledger; empty without one."""
+    if not paths.ledger.exists():
+        return []
+    from cell.store.ledger import Ledger
 
-    draw(folder, path)
+    ledger = Ledger(paths.ledger, read_only=True)
+    try:
+        return ledger.decisions_on(run_id)
+    finally:
+        ledger.close()
 
 
 def replay(run: RunArgument, config: ConfigOption = None, as_json: JsonOption = False) -> None:

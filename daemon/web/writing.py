@@ -27,6 +27,7 @@ NEEDS: Mapping[str, Role] = {
     "accept": "operator",
     "reject": "operator",
     "rollback": "integrator",
+    "sign": "operator",
     "acknowledge_ledger": "integrator",
 }
 

@@ -1,5 +1,6 @@
 """The report of a delay: how late the device is, how sure that is, and what it rests on."""
 
+from procedures.latency.cover import latency_cover
 from procedures.latency.result import LatencyResult
 from procedures.latency.solver import BELT_SIGHTINGS, DATA_FILE, TARGET_IN_PICTURES
 from procedures.report.html import Html, bullets, el, facts, section
@@ -96,4 +97,4 @@ def _title(source: Source[LatencyResult]) -> str:
     return "Delay" if source.found is None else f"Delay of '{source.found.result.source}'"
 
 
-LATENCY = Layout(source=Source, data_file=DATA_FILE, title=_title, page=_page)
+LATENCY = Layout(source=Source, data_file=DATA_FILE, title=_title, page=_page, cover=latency_cover)

@@ -7,11 +7,12 @@ from typing import Any
 
 from cell.formats.result import Result
 from cell.store.files import write_atomic
+from procedures.report.cover import Cover, cover
 from procedures.report.figure import plotly_script
 from procedures.report.html import Html, bullets, document, el, join, note, paragraph, section
 from procedures.report.source import Source, of_folder
 from procedures.report.timeline import timeline
-from procedures.report.write import FILE_NAME, subtitle
+from procedures.report.write import FILE_NAME, subtitle, titled
 
 MOST_ENTRIES = 30
 NO_RESULT = Result(kind="", verdict="fail", result=None)
@@ -35,13 +36,14 @@ def write_failed_report(folder: Path, path: Path | None = None) -> Path:
     body = join(
         [
             el("header", el("h1", title), el("p", subtitle(source))),
+            cover(source, Cover()),
             _cause(source),
             _taken_again(source),
             timeline(last, shown),
             *(paragraph(line) for line in source.missing),
         ]
     )
-    write_atomic(path, document(title, body, plotly_script()))
+    write_atomic(path, document(titled(title, source), body, plotly_script(), running=subtitle(source)))
     return path
 
 

@@ -17,8 +17,10 @@ def text(value: object) -> Html:
 
 
 def el(name: str, *children: object, **attributes: str) -> Html:
-    """One element; ``class_`` stands for the attribute ``class``."""
-    attrs = "".join(f' {key.rstrip("_")}="{escape(value)}"' for key, value in attributes.items())
+    """One element; ``class_`` stands for the attribute ``class``, ``aria_hidden`` for ``aria-hidden``."""
+    attrs = "".join(
+        f' {key.rstrip("_").replace("_", "-")}="{escape(value)}"' for key, value in attributes.items()
+    )
     return Html(f"<{name}{attrs}>{join(children)}</{name}>")
 
 
@@ -73,13 +75,16 @@ def section(title: str, *children: object, name: str = "") -> Html:
     return el("section", el("h2", title), *children, class_=name)
 
 
-def document(title: str, body: Html, script: str, reload_s: float | None = None) -> str:
+def document(title: str, body: Html, script: str, reload_s: float | None = None, running: str = "") -> str:
     """The whole file. The policy in its head forbids every request, whatever the data try to insert.
 
-    With ``reload_s`` a browser reads the file again that often.
+    With ``reload_s`` a browser reads the file again that often. On paper ``running`` stands at the foot of
+    every page, with its number.
     """
     reload = "" if reload_s is None else f'<meta http-equiv="refresh" content="{reload_s:g}">'
-    style = files("procedures.report").joinpath("page.css").read_text("utf-8")
+    own = files("procedures.report")
+    style = own.joinpath("page.css").read_text("utf-8") + _foot(running)
+    script += own.joinpath("print.js").read_text("utf-8") if script else ""
     policy = (
         "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; "
         "base-uri 'none'; form-action 'none'"
@@ -90,4 +95,13 @@ def document(title: str, body: Html, script: str, reload_s: float | None = None)
         f'<meta name="viewport" content="width=device-width, initial-scale=1">{reload}'
         f"<title>{escape(title)}</title><style>{style}</style><script>{script}</script></head>"
         f"<body><main>{body}</main></body></html>\n"
+    )
+
+
+def _foot(running: str) -> str:
+    """The rule for the foot of a page; every character that means something to CSS or HTML is escaped."""
+    text = "".join(c if (c.isascii() and c.isalnum()) or c == " " else f"\\{ord(c):x} " for c in running)
+    return (
+        f'@page {{ @bottom-left {{ content: "{text}"; font-size: 8pt; color: #5b6776; }} '
+        '@bottom-right { content: counter(page) " / " counter(pages); font-size: 8pt; color: #5b6776; } }\n'
     )

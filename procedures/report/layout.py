@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic
 
+from procedures.report.cover import Cover
 from procedures.report.html import Html
 from procedures.report.source import S
 
@@ -27,6 +28,7 @@ class Page(Generic[S]):
 class Layout(Generic[S]):
     """``source`` reads what the sections ask for; its data set is ``data_file`` in a run folder.
 
+    ``cover`` is what the first page says beside what all reports say there.
     ``shows_truth``: a section puts the result beside the truth of a twin, where that is known.
     """
 
@@ -34,4 +36,5 @@ class Layout(Generic[S]):
     data_file: str
     title: Callable[[S], str]
     page: Callable[[S], Page[S]]
+    cover: Callable[[S], Cover] = lambda _source: Cover()
     shows_truth: bool = False

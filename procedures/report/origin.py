@@ -30,7 +30,7 @@ def inputs_section(source: Source[Any]) -> Html:
     if isinstance(identities, Mapping):
         rows += [(f"device {name}", _identity(entry)) for name, entry in identities.items()]
     values = run.get("values")
-    if dig(inputs, "sampling", "role") != "observed_arm":  # else they are those of the arm beside it
+    if moved_arm(source):
         rows += _rows(
             ("payload", None if dig(values, "payload_kg") is None else f"{dig(values, 'payload_kg')} kg"),
             ("tool", _plain(dig(values, "tool"))),
@@ -45,6 +45,13 @@ def inputs_section(source: Source[Any]) -> Html:
     ]
     rows.append(("schema", source.result.schema_))
     return section("Inputs", table((), [(el("b", a), b) for a, b in rows]))
+
+
+def moved_arm(source: Source[Any]) -> bool:
+    """Whether tool and payload of the run are those of the arm that it is about, and not of one beside it."""
+    sampling = getattr(source.result.made_from(), "sampling", None)
+    role = sampling.get("role") if isinstance(sampling, Mapping) else getattr(sampling, "role", None)
+    return role != "observed_arm"
 
 
 def figures_section(source: Source[Any]) -> Html:

@@ -1,7 +1,7 @@
 """Everything that a report is drawn from: a result, and what the run folder has beside it."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, TypeVar, cast
@@ -9,6 +9,7 @@ from typing import Any, Generic, TypeVar, cast
 from cell.errors import CellError
 from cell.formats.result import Envelope, Result
 from cell.store.files import read_json
+from cell.store.signatures import Signature, read_signatures
 
 JOURNAL_FILE = "journal.jsonl"
 RESULT_FILE = "result.json"
@@ -32,6 +33,8 @@ class Source(Generic[E]):
     missing: list[str] = field(default_factory=list)
     folder: Path | None = None
     truth: Mapping[str, Any] = field(default_factory=dict)
+    decided: Sequence[Mapping[str, Any]] = ()  # rows of the ledger about results of the run
+    signatures: Sequence[Signature] = ()
     misfit: str = ""  # why the result does not fit the model of its kind
 
     @property
@@ -61,6 +64,10 @@ def of_folder(cls: type[S], result: Envelope, folder: Path, data_file: str) -> S
     if (folder / TRUTH_FILE).exists():
         source.truth = _optional(folder / TRUTH_FILE, source.missing)
     source.journal = _journal(folder / JOURNAL_FILE, source.missing)
+    try:
+        source.signatures = read_signatures(folder)
+    except CellError as exc:
+        source.missing.append(str(exc))
     return source
 
 

@@ -1,6 +1,6 @@
 """From a run folder or a result to one HTML file."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from cell.formats.result import Envelope, Result, read_as
 from cell.store.files import write_atomic
 from procedures.documents import kind_of, read_result
 from procedures.kind import load
+from procedures.report.cover import cover, is_twin
 from procedures.report.figure import plotly_script
 from procedures.report.html import Html, absent, document, el, join
 from procedures.report.layout import Layout, Section
@@ -21,13 +22,18 @@ FILE_NAME = "report.html"
 
 
 def write_report(
-    source: Path | Mapping[str, Any], path: Path | None = None, *, data: Path | None = None
+    source: Path | Mapping[str, Any],
+    path: Path | None = None,
+    *,
+    data: Path | None = None,
+    decided: Sequence[Mapping[str, Any]] = (),
 ) -> Path:
     """Draw the report of a run folder, or of a result mapping, to ``path``; returns where it is.
 
     A folder needs ``result.json``; its data set, ``run.json``, ``journal.jsonl`` and ``end.json`` are used
     when they are there, and ``path`` is ``report.html`` in it unless given. A mapping needs ``path``, and
-    ``data`` (a data set, or ``inputs.path`` of the result) for what shows measurements. A figure whose data
+    ``data`` (a data set, or ``inputs.path`` of the result) for what shows measurements. ``decided`` are the
+    ledger's rows about results of the run. A figure whose data
     are absent or damaged is left out and said to be. Raises ``FILE_MISSING`` or ``FILE_UNREADABLE`` for
     the result, ``KIND_UNKNOWN`` for its kind, ``DISK_FULL`` or ``DISK_FAILED`` for the report.
     """
@@ -35,6 +41,7 @@ def write_report(
         found, path = from_folder(source), path or source / FILE_NAME
     else:
         found = from_result(source, data)
+    found.decided = decided
     if path is None:
         raise error("ARGUMENT_INVALID", "a report of a result needs a path to be written to")
     write_atomic(path, render(found))
@@ -78,9 +85,14 @@ def render(source: Source[Any]) -> str:
     layout = PLAIN if source.misfit else layout_of({"kind": source.result.kind})
     title, page = layout.title(source), layout.page(source)
     columns = [el("div", *(_guarded(part, source) for part in parts)) for parts in (page.left, page.right)]
+
+    def cover_section(source: Source[Any]) -> Html:
+        return cover(source, layout.cover(source))
+
     body = join(
         [
             el("header", el("h1", title), el("p", subtitle(source))),
+            _guarded(cover_section, source),
             *(_guarded(part, source) for part in page.top),
             el("div", *columns, class_="pair"),
             *(_guarded(part, source) for part in page.rest),
@@ -92,7 +104,12 @@ def render(source: Source[Any]) -> str:
             ),
         ]
     )
-    return document(title, body, plotly_script())
+    return document(titled(title, source), body, plotly_script(), running=subtitle(source))
+
+
+def titled(title: str, source: Source[Any]) -> str:
+    """The name of the page, which says that the cell was simulated if it was."""
+    return f"TWIN: {title}" if is_twin(source) else title
 
 
 def layout_of(result: Mapping[str, Any]) -> Layout[Any]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.errors import CellError
+from cell.store.signatures import Statement
 from daemon.control import ControlServer
 from daemon.start_request import StartRequest
 
@@ -69,6 +70,9 @@ class RecordingEngine:
 
     async def rollback(self, name: str, who: str) -> dict[str, Any]:
         return {"rolled_back": name}
+
+    async def sign(self, run_id: int, said: Statement, who: str) -> dict[str, Any]:
+        return {"signed": run_id, "name": said.name, "who": who}
 
     def subscribe(self, listener: Callable[[], None], /) -> Callable[[], None]:
         self.listeners.append(listener)

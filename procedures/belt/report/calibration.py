@@ -8,6 +8,7 @@ from plotly.subplots import make_subplots
 
 from cell.poses import Array
 from procedures.belt.calibrating.record import DATA_FILE
+from procedures.belt.report.cover import calibration_cover
 from procedures.belt.result import BeltCalibrationResult
 from procedures.report.figure import PALETTE, REJECTED, dots, dressed, embed, figure, polyline
 from procedures.report.html import Html, absent, bullets, facts, note, section
@@ -191,5 +192,9 @@ def _page(_source: CalibrationSource) -> Page[CalibrationSource]:
 
 
 BELT_CALIBRATION = Layout(
-    source=CalibrationSource, data_file=DATA_FILE, title=lambda _source: "Belt calibration", page=_page
+    source=CalibrationSource,
+    data_file=DATA_FILE,
+    title=lambda _source: "Belt calibration",
+    page=_page,
+    cover=calibration_cover,
 )

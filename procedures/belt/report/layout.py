@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from procedures.belt.record import DATA_FILE
+from procedures.belt.report.cover import tracking_cover
 from procedures.belt.report.plots import (
     belief_section,
     contacts_section,
@@ -113,5 +114,9 @@ def _page(_source: BeltSource) -> Page[BeltSource]:
 
 
 BELT_TRACKING = Layout(
-    source=BeltSource, data_file=DATA_FILE, title=lambda _source: "Picking from the belt", page=_page
+    source=BeltSource,
+    data_file=DATA_FILE,
+    title=lambda _source: "Picking from the belt",
+    page=_page,
+    cover=tracking_cover,
 )

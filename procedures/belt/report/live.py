@@ -11,6 +11,7 @@ from procedures.belt.live import AHEAD_S, BELT, COLUMNS, ITEMS
 from procedures.report.figure import NOW, PALETTE, SOFT, embed, figure, plotly_script
 from procedures.report.html import Html, absent, document, el, join, note, section
 
+_MOST_DOTS = 600
 Rows = Mapping[str, Sequence[Sequence[float]]]
 
 
@@ -58,7 +59,7 @@ def beside_section(belt: Mapping[str, Array], zero_s: float) -> Html:
     ``raw_m`` and ``travel_m`` (k,), times are shown from ``zero_s``."""
     fig = _figure("mm", showlegend=False)
     off = 1e3 * (belt["raw_m"] - belt["travel_m"])
-    fig.add_trace(trace(belt["t_s"] - zero_s, off, SOFT, "count", "markers", "mm"))
+    fig.add_trace(trace(*thinned(belt["t_s"] - zero_s, off), SOFT, "count", "markers", "mm"))
     return section(
         "Counts beside the estimated position",
         embed(fig, "beside"),
@@ -95,6 +96,12 @@ def _figure(y: str, **layout: Any) -> Any:
     fig.update_xaxes(title_text="s")
     fig.update_yaxes(title_text=y)
     return fig
+
+
+def thinned(x: Array, y: Array) -> tuple[Array, Array]:
+    """At most ``_MOST_DOTS`` of the dots, evenly chosen: more do not show, and make a paper of megabytes."""
+    step = -(-len(x) // _MOST_DOTS) or 1
+    return x[::step], y[::step]
 
 
 def trace(x: Array, y: Array, tint: str, name: str, mode: str, unit: str) -> Any:

@@ -3,7 +3,7 @@
 import numpy as np
 import plotly.graph_objects as go
 
-from procedures.belt.report.live import beside_section, speed_axis, trace
+from procedures.belt.report.live import beside_section, speed_axis, thinned, trace
 from procedures.belt.report.source import BeltSource
 from procedures.report.figure import NOW, PALETTE, REJECTED, SOFT, dots, embed, figure, label, legend_below
 from procedures.report.html import Html, absent, note, section
@@ -139,7 +139,7 @@ def speed_section(source: BeltSource) -> Html | None:
     dt = np.diff(raw["t"])
     v = np.where(dt > 0, np.diff(raw["count"]) * scale / np.where(dt > 0, dt, 1.0), np.nan)
     fig = figure(320)
-    fig.add_trace(trace(raw["t"][1:] - source.begin, v, SOFT, "from two counts", "markers", "m/s"))
+    fig.add_trace(trace(*thinned(raw["t"][1:] - source.begin, v), SOFT, "from two counts", "markers", "m/s"))
     fig.add_trace(trace(filtered["t"] - source.begin, filtered["belt_m_s"], NOW, "estimated", "lines", "m/s"))
     fig.update_xaxes(title_text="s since the journal was opened")
     low, high = speed_axis(filtered["belt_m_s"])

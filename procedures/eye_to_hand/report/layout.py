@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
+from procedures.eye_to_hand.report.cover import axbc_cover
 from procedures.eye_to_hand.result import AxbcResult
 from procedures.eye_to_hand.solve.data import FILE_NAME
 from procedures.eye_to_hand.words import BLAMED, WAYS
@@ -145,5 +146,9 @@ def _page(_source: Source[AxbcResult]) -> Page[Source[AxbcResult]]:
 
 
 EYE_TO_HAND = Layout(
-    source=Source[AxbcResult], data_file=FILE_NAME, title=lambda _source: "Eye-to-hand check", page=_page
+    source=Source[AxbcResult],
+    data_file=FILE_NAME,
+    title=lambda _source: "Eye-to-hand check",
+    page=_page,
+    cover=axbc_cover,
 )

@@ -11,6 +11,7 @@ from procedures.hand_eye.report.checks import (
     observability_section,
 )
 from procedures.hand_eye.report.comparison import comparison_section
+from procedures.hand_eye.report.cover import hand_eye_cover
 from procedures.hand_eye.report.residuals import residuals_section
 from procedures.hand_eye.report.scene import scene_section, views_section
 from procedures.hand_eye.report.source import HandEyeSource
@@ -65,5 +66,6 @@ HAND_EYE = Layout(
     data_file=FILE_NAME,
     title=lambda source: f"Hand-eye calibration: camera in {source.parent}",
     page=_page,
+    cover=hand_eye_cover,
     shows_truth=True,
 )

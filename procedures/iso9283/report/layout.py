@@ -1,6 +1,7 @@
 """The report of a test of pose accuracy and repeatability, in the manner of ISO 9283."""
 
 from procedures.iso9283.record import DATA_FILE
+from procedures.iso9283.report.cover import iso9283_cover
 from procedures.iso9283.report.plots import arrivals_section, deviation_section, drift_section
 from procedures.iso9283.report.source import IsoSource
 from procedures.iso9283.result import Figure, PoseResult
@@ -137,4 +138,4 @@ def _title(source: IsoSource) -> str:
     return f"Pose accuracy and repeatability, {how}"
 
 
-ISO9283 = Layout(source=IsoSource, data_file=DATA_FILE, title=_title, page=_page)
+ISO9283 = Layout(source=IsoSource, data_file=DATA_FILE, title=_title, page=_page, cover=iso9283_cover)

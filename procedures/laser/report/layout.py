@@ -2,6 +2,7 @@
 
 from procedures.laser.report.answer import result_section, verdict_section
 from procedures.laser.report.checks import figures_section, held_out_section, open_section
+from procedures.laser.report.cover import laser_cover
 from procedures.laser.report.edges import edges_section, residuals_section
 from procedures.laser.report.heights import heights_section
 from procedures.laser.report.limits import limits_section
@@ -49,4 +50,4 @@ def _page(source: LaserSource) -> Page[LaserSource]:
     )
 
 
-LASER = Layout(source=LaserSource, data_file=FILE_NAME, title=_title, page=_page)
+LASER = Layout(source=LaserSource, data_file=FILE_NAME, title=_title, page=_page, cover=laser_cover)

@@ -16,8 +16,7 @@ def limits_section(source: LaserSource) -> Html | None:
     if source.found is None:
         return None
     limits = dig(source.run, "job_config")
-    rows = _reference_rows(source, limits) if source.is_reference else _check_rows(source, limits)
-    judged = [_judged(*row) for row in rows if number(row[2]) is not None]
+    judged = [_judged(*row) for row in limit_rows(source)]
     if not judged:
         words = "No limits were set: this result comes from a data set, not from a job."
         return section("Limits", absent(words))
@@ -26,6 +25,13 @@ def limits_section(source: LaserSource) -> Html | None:
         table(("", "this result", "limit", ""), judged, "lrrl"),
         note(_policy(source, limits) + _odds(source)),
     )
+
+
+def limit_rows(source: LaserSource) -> list[Row]:
+    """Every figure that the job sets a limit to, with that limit."""
+    limits = dig(source.run, "job_config")
+    rows = _reference_rows(source, limits) if source.is_reference else _check_rows(source, limits)
+    return [row for row in rows if number(row[2]) is not None]
 
 
 def _check_rows(source: LaserSource, limits: Any) -> list[Row]:

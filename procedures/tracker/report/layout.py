@@ -6,6 +6,7 @@ from procedures.report.origin import inputs_section
 from procedures.report.timeline import timeline_section
 from procedures.report.trend import trend_section
 from procedures.tracker.report.answer import figures_section, place_section, verdict_section
+from procedures.tracker.report.cover import kincal_cover
 from procedures.tracker.report.map import map_section
 from procedures.tracker.report.open import parameters_section, rank_section, rule_section
 from procedures.tracker.report.residuals import before_section, residuals_section
@@ -40,4 +41,4 @@ def _page(_source: KincalSource) -> Page[KincalSource]:
     )
 
 
-KINCAL = Layout(source=KincalSource, data_file=FILE_NAME, title=_title, page=_page)
+KINCAL = Layout(source=KincalSource, data_file=FILE_NAME, title=_title, page=_page, cover=kincal_cover)

@@ -17,6 +17,7 @@ PARAMS: dict[str, dict[str, Any]] = {
     "accept": {"result_id": 4},
     "reject": {"result_id": 5, "why": "the board was loose"},
     "rollback": {"name": "T_flange_camera"},
+    "sign": {"run_id": 3, "name": "E. Muster", "role": "checked", "remark": "", "digest": "00"},
 }
 
 
