@@ -9,7 +9,7 @@ from drivers.tracker.address import NetAddress, TrackerAddress, parse_address
 from drivers.tracker.config import TrackerConfig, TrackerSection
 
 CARTESIAN, POLAR = ("x", "y", "z"), ("hz", "v", "range")
-FIELDS = (*CARTESIAN, *POLAR, "valid", "temperature_c", "pressure_pa", "serial")
+FIELDS = (*CARTESIAN, *POLAR, "valid", "temperature_c", "pressure_pa", "pressure", "serial")
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 _PLAIN: list[Axis] = ["x", "y", "z"]
 
@@ -43,7 +43,7 @@ class LineStreamConfig(TrackerConfig):
     pattern: str | None = Field(
         default=None,
         description="Regular expression that a whole line matches, with groups named x, y, z or hz, v, range,"
-        " and perhaps valid, temperature_c, pressure_pa, serial",
+        " and perhaps valid, temperature_c, pressure_pa or pressure, serial",
     )
     columns: dict[str, int] | None = Field(
         default=None, description="The same names with the number of their column, counted from 1"
@@ -52,6 +52,12 @@ class LineStreamConfig(TrackerConfig):
     decimal: Literal[".", ","] = Field(default=".", description="sign before the decimals of a number")
     ignore: str | None = Field(
         default=None, description="Regular expression of whole lines that are passed over, as a heading"
+    )
+    encoding: Literal["utf-8", "cp1252", "iso-8859-1"] = Field(
+        default="utf-8", description="Of the text; cp1252 is what many programs on Windows write"
+    )
+    pressure_unit: Literal["hPa", "mbar", "mmHg", "inHg"] | None = Field(
+        default=None, description="Of a field 'pressure'; pressure_pa is in pascal"
     )
     valid_values: list[str] = Field(default_factory=list, description="What 'valid' says of a good point")
     length_unit: Literal["m", "mm", "in"] = Field(description="Of x, y, z and range")
@@ -146,6 +152,10 @@ class LineStreamConfig(TrackerConfig):
                 raise ValueError(f"{key} is {'needed' if polar else 'only'} for hz, v and range")
         if ("valid" in fields) != bool(self.valid_values):
             raise ValueError("valid_values and a field 'valid' are needed together")
+        if ("pressure" in fields) != (self.pressure_unit is not None):
+            raise ValueError("pressure_unit and a field 'pressure' are needed together")
+        if {"pressure", "pressure_pa"} <= fields:
+            raise ValueError("a line gives pressure or pressure_pa, not both")
         if polar and (self.left_handed or self.axes != _PLAIN):
             raise ValueError(
                 "axes and left_handed are for x, y, z; horizontal and vertical say it for angles"

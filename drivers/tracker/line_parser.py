@@ -12,6 +12,8 @@ from drivers.tracker.frames import from_mathematical, from_station
 from drivers.tracker.line_config import CARTESIAN, LineStreamConfig
 
 _METRES = {"m": 1.0, "mm": 1e-3, "in": 0.0254}
+_PASCALS = {"Pa": 1.0, "hPa": 100.0, "mbar": 100.0, "mmHg": 133.322, "inHg": 3386.389}
+_LEAST_PA, _MOST_PA = 40_000.0, 115_000.0  # above the highest settlements, and below the Dead Sea
 _RADIANS = {"rad": 1.0, "deg": math.pi / 180, "gon": math.pi / 200}
 
 
@@ -44,17 +46,20 @@ class LineParser:
 
         ``constant_m`` is added to the range of the point.
         """
-        try:
-            text = line.decode("utf-8").strip()
-        except UnicodeDecodeError as exc:
-            raise BadLine("it is not text") from exc
+        encoding = self._config.encoding
+        text = line.decode(encoding, "replace").strip()
         if self._ignore is not None and self._ignore.fullmatch(text):
             return None
+        if "\N{REPLACEMENT CHARACTER}" in text:
+            raise BadLine(f"it is not text in {encoding}; encoding says what it is in")
         found = self._fields(text)
         config = self._config
         if (serial := found.get("serial")) is not None and serial.strip() != config.serial:
             raise BadLine(f"it is from {serial.strip()}, not from {config.serial}")
-        air = [self._number(found, k) if k in found else None for k in ("temperature_c", "pressure_pa")]
+        air = (
+            self._number(found, "temperature_c") if "temperature_c" in found else None,
+            self._pressure(found),
+        )
         if (valid := found.get("valid")) is not None and valid.strip() not in config.valid_values:
             return Parsed(None, f"the sender says '{valid.strip()}'", *air)
         point = self._point(found)
@@ -87,6 +92,19 @@ class LineParser:
         if self._config.horizontal == "clockwise":
             return from_station(hz, v if self._config.vertical == "zenith" else math.pi / 2 - v, distance)
         return from_mathematical(hz, v if self._config.vertical == "elevation" else math.pi / 2 - v, distance)
+
+    def _pressure(self, found: Mapping[str, str]) -> float | None:
+        """Of the air, Pa. One in another unit would be a wrong correction of every distance."""
+        name = "pressure" if "pressure" in found else "pressure_pa"
+        if name not in found:
+            return None
+        value = self._number(found, name) * _PASCALS[self._config.pressure_unit or "Pa"]
+        if not _LEAST_PA <= value <= _MOST_PA:
+            raise BadLine(
+                f"its {name} of {value:g} Pa is no pressure of air;"
+                " pressure_unit says the unit of a field 'pressure'"
+            )
+        return value
 
     def _number(self, found: Mapping[str, str], name: str) -> float:
         text = found.get(name, "").strip()

@@ -244,3 +244,50 @@ def test_only_warnings_of_readings_that_count_are_told() -> None:
     subject.add(1.0, 0.0, np.zeros(3), "1283")
     assert subject.add(2.0, 0.0, np.zeros(3), "1283")
     assert subject.sample(1, None, None).value.warnings == ("1283",)
+
+
+def test_text_of_windows_programs_is_read_in_its_encoding() -> None:
+    line = "1000,0,0,20.5 °C µm".encode("cp1252")
+    assert point(line, encoding="cp1252") == pytest.approx([1.0, 0.0, 0.0])
+    with pytest.raises(BadLine, match="not text in utf-8; encoding says"):
+        parser().parse(line)
+
+
+def test_a_heading_in_another_encoding_is_passed_over_all_the_same() -> None:
+    assert parser(ignore="X.*").parse("X [mm], T [°C], U95 [µm]".encode("cp1252")) is None
+
+
+@pytest.mark.parametrize(
+    ("field", "unit", "text", "pascal"),
+    [
+        ("pressure_pa", None, b"101325", 101325.0),
+        ("pressure", "mbar", b"1018", 101800.0),
+        ("pressure", "mmHg", b"760", 101325.0),
+        ("pressure", "inHg", b"29.92", 101321.0),
+    ],
+)
+def test_the_pressure_of_the_air_has_a_unit(field: str, unit: str | None, text: bytes, pascal: float) -> None:
+    keys = {} if unit is None else {"pressure_unit": unit}
+    parsed = parser(columns={"x": 1, "y": 2, "z": 3, field: 4}, **keys).parse(b"1000,0,0," + text)
+    assert parsed is not None
+    assert parsed.pressure_pa == pytest.approx(pascal, abs=10.0)
+
+
+def test_millibars_are_not_taken_for_pascals() -> None:
+    with pytest.raises(BadLine, match="1018 Pa is no pressure of air; pressure_unit"):
+        parser(columns={"x": 1, "y": 2, "z": 3, "pressure_pa": 4}).parse(b"1000,0,0,1018")
+
+
+@pytest.mark.parametrize(
+    ("columns", "unit", "words"),
+    [
+        ({"pressure": 4}, None, "pressure_unit and a field 'pressure' are needed together"),
+        ({}, "mbar", "pressure_unit and a field 'pressure' are needed together"),
+        ({"pressure": 4, "pressure_pa": 5}, "mbar", "not both"),
+    ],
+)
+def test_a_pressure_without_its_unit_is_no_configuration(
+    columns: dict[str, int], unit: str | None, words: str
+) -> None:
+    with pytest.raises(ValueError, match=words):
+        parser(columns={"x": 1, "y": 2, "z": 3, **columns}, pressure_unit=unit)
