@@ -66,9 +66,9 @@ docs: $(VENV)/.ready
 
 # The program and all that it needs as wheels, for a PC without a network: cellward install --wheelhouse.
 wheelhouse: $(VENV)/.ready
-	rm -rf build/wheelhouse
+	rm -rf build/wheelhouse build/lib build/bdist.*
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --constraint constraints.txt \
-		--wheel-dir build/wheelhouse .
+		--wheel-dir build/wheelhouse '.[mqtt]'
 
 deb: wheelhouse
 	deploy/deb/build.sh $(BIN)/python build/wheelhouse build

@@ -139,6 +139,10 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
             page = _page(engine, plc, writes, modbus, stack.enter_context(RecentLog()))
             await page.start()
             stack.push_async_callback(page.stop)
+        if config.mqtt.enabled:
+            from daemon.mqtt.publisher import Publisher
+
+            spawn("mqtt", Publisher(config.mqtt, engine, config.cell.name, state).run())
         freeze_start_up()
         spawn("collector", collect_at_rest(lambda: engine.active))
         notifier.ready(f"cell '{config.cell.name}'")

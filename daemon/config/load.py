@@ -34,6 +34,7 @@ from daemon.config.models import (
     SupervisorSection,
 )
 from daemon.config.moved import put_in_place
+from daemon.config.mqtt_section import MqttSection
 from daemon.config.not_in_version import take_out
 from daemon.config.plausible import check_plausible
 from daemon.config.roles import ROLES, devices_by_role, kind_of
@@ -63,7 +64,7 @@ class ResolvedRobot(RobotSection):
         return None if self.observed_spec is None else dict(self.observed_spec)
 
 
-NO_PART_OF_A_RUN = frozenset({"http", "check_due"})  # sections that change nothing of what a run does
+NO_PART_OF_A_RUN = frozenset({"http", "mqtt", "check_due"})  # sections that change nothing of what a run does
 
 
 class CellConfig(BaseModel):
@@ -83,6 +84,7 @@ class CellConfig(BaseModel):
     can: CanSection
     http: HttpSection
     check_due: CheckDueSection
+    mqtt: MqttSection
     job: dict[str, dict[str, Any]]
     warnings: list[str] = Field(default_factory=list, exclude=True)
     problems: list[str] = Field(default_factory=list, exclude=True)  # each keeps one job from succeeding
@@ -93,8 +95,8 @@ class CellConfig(BaseModel):
 
     @property
     def checksum(self) -> int:
-        """CRC-16 (XMODEM) of what is in effect: comments, order, the file's place, who may use the page and
-        when a check is due do not change it."""
+        """CRC-16 (XMODEM) of what is in effect: comments, order, the file's place, who may use the page or is
+        told, and when a check is due do not change it."""
         return binascii.crc_hqx(self._in_effect(), 0)
 
     @property

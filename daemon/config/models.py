@@ -4,21 +4,17 @@ import ipaddress
 from datetime import date
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from cell.errors import present
+from daemon.config.mqtt_section import MqttSection
+from daemon.config.section import Section, absolute
 from drivers.can_bus.address import parse_bus
 
 UR_MODELS = (
     "ur3", "ur5", "ur10", "ur3e", "ur5e", "ur7e", "ur10e", "ur12e", "ur16e", "ur20", "ur30",
 )  # fmt: skip
 MAX_SOCKET_PATH = 107  # sun_path of AF_UNIX without its final zero
-
-
-class Section(BaseModel):
-    """Unknown keys are errors; values are never guessed from another type."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class DeviceSection(Section):
@@ -52,14 +48,8 @@ def _bind(value: str) -> str:
     return value
 
 
-def _absolute(value: str) -> str:
-    if not value.startswith("/"):
-        raise ValueError("an absolute path was expected")
-    return value
-
-
 def _socket(value: str) -> str:
-    if len(_absolute(value).encode()) > MAX_SOCKET_PATH:
+    if len(absolute(value).encode()) > MAX_SOCKET_PATH:
         raise ValueError(f"a socket's path has at most {MAX_SOCKET_PATH} bytes")
     return value
 
@@ -109,7 +99,7 @@ class CellSection(Section):
         default=False,
         description="true takes only simulated devices (serial numbers 9999...), false only real ones",
     )
-    state_dir: Annotated[str, AfterValidator(_absolute)] = Field(
+    state_dir: Annotated[str, AfterValidator(absolute)] = Field(
         default="/var/lib/cellward", description="run folders and the ledger"
     )
     control_socket: Annotated[str, AfterValidator(_socket)] = Field(
@@ -394,10 +384,10 @@ class HttpSection(Section):
         default_factory=list,
         description="further host names by which browsers may ask for the page; others are refused",
     )
-    tls_cert: Annotated[str, AfterValidator(_absolute)] | None = Field(
+    tls_cert: Annotated[str, AfterValidator(absolute)] | None = Field(
         default=None, description="certificate of the page (PEM)"
     )
-    tls_key: Annotated[str, AfterValidator(_absolute)] | None = Field(
+    tls_key: Annotated[str, AfterValidator(absolute)] | None = Field(
         default=None, description="its key (PEM), readable by the daemon alone"
     )
     look_without_login: bool = Field(
@@ -481,6 +471,7 @@ class FixedSections(Section):
     check_due: CheckDueSection = Field(
         default_factory=lambda: CheckDueSection(), description="when a calibration wants to be checked again"
     )
+    mqtt: MqttSection = Field(default_factory=lambda: MqttSection(), description="the broker of a plant")
     device: dict[str, dict[str, Any]] = Field(
         default_factory=dict, description="one table a device, [device.NAME]"
     )

@@ -25,7 +25,7 @@ from procedures.rehearsal import Rehearsal
 
 TWIN = "fakes.likely"
 # A rehearsal has no use for who may watch and trigger the daemon, and for how late a computer may be.
-LEFT_OUT = ("modbus", "http", "can", "supervisor")
+LEFT_OUT = ("modbus", "http", "mqtt", "can", "supervisor")
 
 
 class Twin(Protocol):

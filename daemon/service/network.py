@@ -23,6 +23,8 @@ def addresses(config: CellConfig) -> Iterator[tuple[str, str]]:
             value = raw.get(key)
             if isinstance(value, str) and "://" in value and (host := urlsplit(value).hostname):
                 yield f"device.{name}.{key}", host
+    if config.mqtt.enabled:
+        yield "mqtt.host", config.mqtt.host
     for name, server in (("modbus", config.modbus), ("http", config.http)):
         if server.enabled:
             yield f"{name}.bind", server.bind.rpartition(":")[0].strip("[]")
@@ -58,7 +60,8 @@ def subnets(config: CellConfig, allowed: Iterable[str] = ()) -> list[Network]:
                 )
         elif not address.is_loopback:
             found.add(ipaddress.ip_network(f"{address}/{_PREFIX[address.version]}", strict=False))
-    return sorted(_merged(found), key=lambda n: (n.version, int(n.network_address), n.prefixlen))
+    outside = [network for network in found if not network.is_loopback]
+    return sorted(_merged(outside), key=lambda n: (n.version, int(n.network_address), n.prefixlen))
 
 
 def drop_in(networks: Iterable[Network]) -> str:

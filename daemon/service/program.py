@@ -61,7 +61,7 @@ def make_program(root: Path, wheelhouse: Path, version: str, python: Path, packa
             [
                 *(sys.executable, "-m", "pip", "--python", str(draft / "bin/python"), "install", "--quiet"),
                 *("--disable-pip-version-check", "--no-index", "--no-compile", "--only-binary", ":all:"),
-                *("--find-links", str(wheelhouse), f"cellward=={version}"),
+                *("--find-links", str(wheelhouse), f"cellward[mqtt]=={version}"),
             ],
             "pip",
         )

@@ -50,7 +50,7 @@ def test_the_networks_are_those_of_the_addresses(tmp_path: Path) -> None:
         tmp_path,
         arm='host = "192.168.10.20" => host = "10.0.5.20"',
         modbus='bind = "127.0.0.1:5020" => bind = "0.0.0.0:5020"',
-        clients='allow_clients = [] => allow_clients = ["10.7.0.0/16", "10.0.5.9"]',
+        clients='allow_clients = [] => allow_clients = ["10.7.0.0/16", "10.0.5.9", "127.0.0.1"]',
     )
     assert list(map(str, subnets(config))) == ["10.0.5.0/24", "10.7.0.0/16"]
     assert list(map(str, subnets(config, ["fd00::/64"])))[-1] == "fd00::/64"

@@ -1,0 +1,16 @@
+"""What every section of ``cell.toml`` is."""
+
+from pydantic import BaseModel, ConfigDict
+
+
+class Section(BaseModel):
+    """Unknown keys are errors; values are never guessed from another type."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def absolute(value: str) -> str:
+    """A path that does not depend on where the program was started."""
+    if not value.startswith("/"):
+        raise ValueError("an absolute path was expected")
+    return value

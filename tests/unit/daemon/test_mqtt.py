@@ -1,0 +1,258 @@
+"""The plant's broker, a real Mosquitto: what it is told, and that nothing is lost while it is away."""
+
+import asyncio
+import json
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Coroutine, Iterator
+from contextlib import closing, suppress
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+import aiomqtt
+import pytest
+from pydantic import ValidationError
+
+from cell.clock import MonotonicClock
+from cell.store.runs import RunFolder, load_run
+from daemon.config.mqtt_section import MqttSection
+from daemon.mqtt.outbox import FILE, Outbox
+from daemon.mqtt.publisher import Publisher
+
+MOSQUITTO = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
+wire = pytest.mark.skipif(MOSQUITTO is None, reason="mosquitto is not installed")
+
+
+def in_loop(scene: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+    """A test that is a coroutine."""
+
+    @wraps(scene)
+    def test(*args: Any, **kwargs: Any) -> None:
+        asyncio.run(scene(*args, **kwargs))
+
+    return test
+
+
+class Engine:
+    """What the publisher reads of the engine, set by hand."""
+
+    def __init__(self) -> None:
+        self.active = False
+        self.error: dict[str, Any] | None = None
+        self.listeners: list[Callable[[], None]] = []
+
+    def status(self) -> dict[str, Any]:
+        return {
+            "cell": "bay 3", "twin": True, "packml": "IDLE", "job": None, "run_id": None, "state": None,
+            "step": 0, "steps": 0, "latched": False, "prompt": None, "error": self.error, "waiting": [],
+            "devices": {"arm": {"state": "READY"}},
+        }  # fmt: skip
+
+    def subscribe(self, listener: Callable[[], None]) -> Callable[[], None]:
+        self.listeners.append(listener)
+        return lambda: self.listeners.remove(listener)
+
+    def changed(self, error: dict[str, Any] | None) -> None:
+        self.error = error
+        for listener in self.listeners:
+            listener()
+
+
+class Broker:
+    """Mosquitto on a loopback port of its own, with nothing kept over a restart."""
+
+    def __init__(self, folder: Path) -> None:
+        with closing(socket.create_server(("127.0.0.1", 0))) as free:
+            self.port = free.getsockname()[1]
+        self._file = folder / "mosquitto.conf"
+        self._file.write_text(f"listener {self.port} 127.0.0.1\nallow_anonymous true\npersistence false\n")
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> None:
+        assert MOSQUITTO is not None
+        self._process = subprocess.Popen(
+            [MOSQUITTO, "-c", str(self._file)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        for _ in range(200):
+            with suppress(OSError), closing(socket.create_connection(("127.0.0.1", self.port), 1.0)):
+                return
+            time.sleep(0.05)
+        raise AssertionError("mosquitto does not listen")
+
+    def kill(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            self._process = None
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[Broker]:
+    made = Broker(tmp_path)
+    made.start()
+    yield made
+    made.kill()
+
+
+def add_run(state: Path, run_id: int, ended: bool = True) -> RunFolder:
+    run = RunFolder.create(state / "runs", "laser-check", run_id, {}, MonotonicClock())
+    if ended:
+        run.finish({"outcome": "complete", "packml": "COMPLETE", "verdict": "pass", "error": None})
+    else:
+        run.close()
+    return run
+
+
+async def heard(port: int, topic: str, count: int) -> list[dict[str, Any]]:
+    """The next ``count`` messages of a topic; what is retained comes at once."""
+    async with aiomqtt.Client("127.0.0.1", port) as client:
+        await client.subscribe(topic, qos=1)
+        found: list[dict[str, Any]] = []
+        async with asyncio.timeout(60.0):
+            async for message in client.messages:
+                payload = message.payload
+                assert isinstance(payload, bytes)
+                found.append({"topic": message.topic.value, "body": json.loads(payload)})
+                if len(found) == count:
+                    break
+        return found
+
+
+def section(port: int) -> MqttSection:
+    return MqttSection(enabled=True, port=port, topic="plant/hall-2", state_every_s=0.2)
+
+
+@pytest.mark.wire
+@wire
+@in_loop
+async def test_state_alarms_and_runs_reach_the_broker(tmp_path: Path, broker: Broker) -> None:
+    engine = Engine()
+    await asyncio.to_thread(add_run, tmp_path, 1)
+    listening = asyncio.create_task(heard(broker.port, "plant/hall-2/bay 3/#", 5))
+    await asyncio.sleep(0.5)
+    subject = asyncio.create_task(Publisher(section(broker.port), engine, "bay 3", tmp_path).run())
+    await asyncio.sleep(1.0)
+    engine.changed({"code": 3001, "name": "ARM_PROTECTIVE_STOP"})
+    found = await listening
+    await ended(subject)
+    by_topic = {m["topic"].rpartition("/")[2]: m["body"] for m in found}
+    assert by_topic["online"] == 1
+    assert by_topic["run"]["run_id"] == 1
+    assert by_topic["run"]["verdict"] == "pass"
+    assert by_topic["state"]["error"]["code"] == 3001
+    assert by_topic["alarm"]["error"]["name"] == "ARM_PROTECTIVE_STOP"
+    assert by_topic["state"]["devices"] == {"arm": "READY"}
+
+
+@pytest.mark.wire
+@wire
+@in_loop
+async def test_nothing_is_lost_while_broker_or_daemon_are_away(tmp_path: Path, broker: Broker) -> None:
+    engine = Engine()
+    await asyncio.to_thread(add_run, tmp_path, 1)
+    first = asyncio.create_task(heard(broker.port, "plant/hall-2/bay 3/run", 1))
+    await asyncio.sleep(0.5)
+    subject = asyncio.create_task(Publisher(section(broker.port), engine, "bay 3", tmp_path).run())
+    assert [m["body"]["run_id"] for m in await first] == [1]
+    await asyncio.to_thread(broker.kill)
+    for run_id in range(2, 30):
+        await asyncio.to_thread(add_run, tmp_path, run_id)
+    engine.changed(None)
+    await asyncio.sleep(0.5)
+    await ended(subject)  # the daemon goes, too
+    await asyncio.to_thread(broker.start)
+    second = asyncio.create_task(heard(broker.port, "plant/hall-2/bay 3/run", 28))
+    await asyncio.sleep(0.5)
+    again = asyncio.create_task(Publisher(section(broker.port), engine, "bay 3", tmp_path).run())
+    assert [m["body"]["run_id"] for m in await second] == list(range(2, 30))
+    await asyncio.to_thread(add_run, tmp_path, 30)
+    third = asyncio.create_task(heard(broker.port, "plant/hall-2/bay 3/run", 1))
+    await asyncio.sleep(0.5)
+    engine.changed(None)
+    assert [m["body"]["run_id"] for m in await third] == [30], "none comes twice"
+    await ended(again)
+
+
+async def ended(task: "asyncio.Task[None]") -> None:
+    task.cancel()
+    with suppress(asyncio.CancelledError):
+        await task
+
+
+CHILD = """
+import asyncio, pathlib, sys
+from daemon.mqtt.publisher import Publisher
+from tests.unit.daemon.test_mqtt import Engine, section
+asyncio.run(Publisher(section(int(sys.argv[1])), Engine(), "bay 3", pathlib.Path(sys.argv[2])).run())
+"""
+
+
+@pytest.mark.wire
+@wire
+@in_loop
+async def test_the_broker_says_when_the_daemon_was_killed(tmp_path: Path, broker: Broker) -> None:
+    child = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", CHILD, str(broker.port), str(tmp_path), cwd=Path(__file__).parents[3]
+    )
+    topic = "plant/hall-2/bay 3/online"
+    assert [m["body"] for m in await heard(broker.port, topic, 1)] == [1]
+    listening = asyncio.create_task(heard(broker.port, topic, 2))
+    await asyncio.sleep(0.5)
+    child.kill()
+    assert [m["body"] for m in await listening] == [1, 0]
+    await child.wait()
+
+
+@in_loop
+async def test_a_broker_that_is_not_there_costs_one_line_in_the_log(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.mqtt.publisher._AGAIN_S", (0.01,))
+    with closing(socket.create_server(("127.0.0.1", 0))) as free:
+        port = free.getsockname()[1]
+    engine = Engine()
+    subject = asyncio.create_task(Publisher(section(port), engine, "bay 3", tmp_path).run())
+    await asyncio.sleep(0.5)
+    assert not subject.done()
+    await ended(subject)
+    assert len([r for r in caplog.records if "not reached" in r.message]) == 1
+    assert engine.listeners == []
+
+
+def test_the_order_is_kept_and_a_run_that_goes_on_holds_the_later_ones(tmp_path: Path) -> None:
+    for run_id in (1, 2, 4):
+        add_run(tmp_path, run_id)
+    add_run(tmp_path, 3, ended=False)
+    subject = Outbox(tmp_path)
+    assert [run_id for run_id, _ in subject.waiting()] == [1, 2]
+    subject.acknowledge(2)
+    assert list(Outbox(tmp_path).waiting()) == []
+    for run in [load_run(tmp_path / "runs", 3)]:
+        run.mark_interrupted()
+    assert [(i, m["outcome"]) for i, m in Outbox(tmp_path).waiting()] == [(3, "interrupted"), (4, "complete")]
+
+
+def test_a_lost_mark_tells_all_runs_anew(tmp_path: Path) -> None:
+    add_run(tmp_path, 1)
+    Outbox(tmp_path).acknowledge(1)
+    (tmp_path / FILE).write_text("{")
+    assert [run_id for run_id, _ in Outbox(tmp_path).waiting()] == [1]
+
+
+@pytest.mark.parametrize(
+    ("keys", "says"),
+    [
+        ({"user": "a"}, "user and password_file"),
+        ({"user": "a", "password_file": "/p", "host": "10.0.0.1"}, "TLS alone"),
+        ({"tls_cert": "/c"}, "tls_cert and tls_key"),
+        ({"topic": "a/#"}, "pattern"),
+        ({"password_file": "p", "user": "a"}, "absolute"),
+    ],
+)
+def test_a_section_that_cannot_be_meant_is_refused(keys: dict[str, Any], says: str) -> None:
+    with pytest.raises(ValidationError, match=says):
+        MqttSection.model_validate(keys)
