@@ -24,6 +24,7 @@ from fakes.faults.vocabulary import Fault
 from fakes.frames.belt_view import belt_seen, boxes_seen
 from fakes.frames.faults import FrameFaults
 from fakes.frames.plates import make_plate
+from fakes.frames.rack_view import RackView
 from fakes.frames.render import Optics, Picture, Renderer
 from fakes.world.scenario import Scenario
 from fakes.world.world import Message, World
@@ -85,6 +86,7 @@ class FrameServer:
             make_plate(world.target, world.printed),
             belt_seen(world),
         )
+        self._rack = None if world.rack is None else RackView(world, world.rack)
         self._rng = np.random.default_rng([world.config.seed, 0x57A])
         self._lock = threading.Lock()  # of the world, the faults and the list of clients
         self._stopping = threading.Event()
@@ -144,7 +146,7 @@ class FrameServer:
     def _expose(self, seq: int, t: float) -> None:
         """Wait for the exposure around ``t`` to end, draw it, and hand it over after the camera's latency."""
         self._wait_until(t + self._readout_s + max(0.5 * self._camera.exposure_s, _MIRROR_LAG_S))
-        picture = self._focused(self._picture(t), t)
+        picture = self._focused(self._picture(t, seq), t)
         self._wait_until(t + self._camera.latency_s + self.faults.delay_s)
         data = self._encoded(seq, self._stamp(t), picture, self._lens_position(t))
         if self.faults.silent:
@@ -180,10 +182,13 @@ class FrameServer:
         """Where in its range the lens is, -1 to 1."""
         return float(np.sin(2.0 * np.pi * t / _BREATH_S))
 
-    def _picture(self, t: float) -> Picture:
+    def _picture(self, t: float, seq: int) -> Picture:
+        """What the camera sees; of a rack only while no board stands in the cell, which would cover it."""
         half = 0.5 * self._camera.exposure_s
         times = [t]
         with self._lock:
+            if self._rack is not None and self.world.operator.placement_at(t) is None:
+                return Picture(*self._rack.picture(t, seq))
             if self._moves(t - half, t + half):
                 times = list(np.linspace(t - half, t + half, _SUB_EXPOSURES))
             poses = [None if self.faults.lost_board else self._target(k) for k in times]

@@ -188,6 +188,9 @@ class World:
         if self.items is not None:
             send(("items", self.items.taken()))
             self.items.listeners.append(lambda number, t: send(("taken", number, t)))
+        if self.rack is not None:
+            send(("rack", self.rack.places()))
+            self.rack.listeners.append(lambda number, place: send(("part", number, place)))
         self.track.listeners.append(lambda segment: send(("segment", segment)))
         self.operator.listeners.append(lambda t, placement: send(("placement", t, placement)))
         self.tool.listeners.append(lambda bend: send(("bend", bend)))
@@ -207,6 +210,10 @@ class World:
                 self.items.load(taken)
             case ("taken", number, t) if self.items is not None:
                 self.items.take(number, t)
+            case ("rack", places) if self.rack is not None:
+                self.rack.load(places)
+            case ("part", number, place) if self.rack is not None:
+                self.rack.follow(number, place)
             case ("bend", bend):
                 self.tool.follow(bend)
             case ("state", segments, blends, history, bends, beams):

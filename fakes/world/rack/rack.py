@@ -4,7 +4,7 @@ A controller's cycle asks for the force, so poses are plain (4, 4) matrices in h
 """
 
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -23,7 +23,7 @@ _IN_SLOT_M = 0.005  # across: a part nearer than this to a slot's axis is in it
 
 
 @dataclass(frozen=True, eq=False)
-class _Place:
+class RackPlace:
     """From ``t`` on a part is ``T`` in the base, or in the flange while ``held``. It rests in ``slot``."""
 
     t: float
@@ -39,15 +39,16 @@ class Rack:
         self.truth = truth
         self.T_base_rack = from_pose6(truth.T_base_rack)
         self.on_face: list[float] = []  # when a part's front met the plate
+        self.listeners: list[Callable[[int, RackPlace], None]] = []
         self._flange_at: Callable[[float], Array] = lru_cache(4)(lambda at: flange(at).as_matrix())
         self._slot = [self.T_base_rack.as_matrix() @ self._in_rack(n) for n in range(1, self.slots + 1)]
         self._into_slot = [np.linalg.inv(T) for T in self._slot]
-        self._places: dict[int, list[_Place]] = {}
+        self._places: dict[int, list[RackPlace]] = {}
         for number, part in enumerate(truth.parts):
             T = from_pose6(part.T_base_part or [0.0] * 6).as_matrix()
             if part.slot is not None:
                 T = self._slot[part.slot - 1] @ _along(truth.depth_m)
-            self._places[number] = [_Place(t, False, T, self._slot_at(T))]
+            self._places[number] = [RackPlace(t, False, T, self._slot_at(T))]
 
     @property
     def slots(self) -> int:
@@ -84,12 +85,12 @@ class Rack:
 
     def take(self, number: int, t: float) -> None:
         """From ``t`` on the part moves with the flange."""
-        self._put(number, _Place(t, True, np.linalg.inv(self._flange(t)) @ self._part(number, t)))
+        self._put(number, RackPlace(t, True, np.linalg.inv(self._flange(t)) @ self._part(number, t)))
 
     def let_go(self, number: int, t: float) -> None:
         """From ``t`` on the part stays where it is."""
         T = self._part(number, t)
-        self._put(number, _Place(t, False, T, self._slot_at(T)))
+        self._put(number, RackPlace(t, False, T, self._slot_at(T)))
 
     # -- contact
 
@@ -174,16 +175,32 @@ class Rack:
         out: Array = self._flange(t) @ place.T if place.held else place.T
         return out
 
-    def _place(self, number: int, t: float) -> _Place:
+    def _place(self, number: int, t: float) -> RackPlace:
         places = self._places[number]
         return places[max(bisect_right(places, t, key=_since) - 1, 0)]
 
-    def _put(self, number: int, place: _Place) -> None:
+    def _put(self, number: int, place: RackPlace) -> None:
+        self.follow(number, place)
+        for listener in tuple(self.listeners):
+            listener(number, place)
+
+    # -- to keep a mirror in step
+
+    def places(self) -> dict[int, list[RackPlace]]:
+        """Where each part has been so far, oldest first."""
+        return {number: list(places) for number, places in self._places.items()}
+
+    def load(self, places: Mapping[int, Sequence[RackPlace]]) -> None:
+        """Become a copy of the rack whose :meth:`places` these are."""
+        self._places = {number: list(each) for number, each in places.items()}
+
+    def follow(self, number: int, place: RackPlace) -> None:
+        """Have a part where it is in the mirrored world."""
         places = self._places[number]
         places[bisect_right(places, place.t, key=_since) :] = [place]
 
 
-def _since(place: _Place) -> float:
+def _since(place: RackPlace) -> float:
     return place.t
 
 

@@ -15,6 +15,7 @@ import pytest
 from cell.errors import CellError
 from fakes.faults.vocabulary import Fault
 from fakes.frames.faults import CameraFaults
+from fakes.frames.rack_view import RackView
 from fakes.frames.server import FrameServer
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
@@ -232,3 +233,22 @@ def test_a_mirrored_world_shows_the_same_scene() -> None:
         assert b.T_camera_target is not None
         assert (a.T_camera_target.as_matrix() == b.T_camera_target.as_matrix()).all()
     assert mirror.scene(11.5).T_camera_target is None
+
+
+def test_a_rack_is_seen_where_no_board_stands_before_it(path: Path) -> None:
+    scenario = Scenario.load("slot")
+    small = {"width": 320, "height": 200, "K": [200.6, 200.4, 161.0, 99.2]}
+    camera = scenario.world.camera.model_copy(update=small)
+    world_config = scenario.world.model_copy(update={"camera": camera})
+    subject = FrameServer(World(world_config, 0.0), str(path))
+    try:
+        with_board = subject._picture(1.0, 1)
+        subject.world.operator.remove(2.0)
+        with_rack = subject._picture(3.0, 2)
+        assert subject.world.rack is not None
+        expected = RackView(subject.world, subject.world.rack).picture(3.0, 2)
+    finally:
+        subject.close()
+    assert (with_rack.colour == expected[0]).all()
+    assert (with_rack.depth == expected[1]).all()
+    assert (with_board.colour != with_rack.colour).mean() > 0.5

@@ -5,6 +5,8 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from fakes.world.rack.contact import SlotShape, Touch, touch
+from fakes.world.scenario import Scenario
+from fakes.world.world import World
 from tests.kit.slot_scene import make_rack
 
 ROOM = 0.0005
@@ -88,3 +90,20 @@ def test_a_part_that_is_not_before_the_plate_feels_nothing() -> None:
 def test_a_rack_knows_which_slot_a_part_is_in() -> None:
     rack = make_rack()
     assert [rack.in_slot(n, 0.0) for n in range(1, 7)] == [None, 1, None, None, None, None]
+
+
+def test_a_mirrored_rack_has_every_part_where_it_is() -> None:
+    scenario = Scenario.load("slot")
+    twin, mirror = World.from_scenario(scenario, 5.0), World.from_scenario(scenario, 5.5)
+    assert twin.rack is not None
+    assert mirror.rack is not None
+    twin.rack.take(0, 6.0)
+    twin.mirror_to(mirror.apply)
+    twin.track.start_joint_move(6.5, twin.track.at(6.5)[0] + 0.2, 1.0, 2.0)
+    twin.rack.let_go(0, 9.0)
+    twin.rack.take(1, 10.0)
+    for part in (0, 1):
+        for t in (5.7, 6.2, 7.0, 9.5, 10.5):
+            a, b = (world.rack.T_base_part(part, t).as_matrix() for world in (twin, mirror))  # type: ignore[union-attr]
+            assert (a == b).all()
+    assert (mirror.rack.in_slot(2, 9.5), mirror.rack.in_slot(2, 10.5)) == (1, None)
