@@ -4,7 +4,8 @@
 slots, of which the second is occupied, and a feeder that offers the next part at the same place, each a
 little off as a gripper takes it. A client that is not ours (pyModbusTCP) gives the job with the slot as its
 first argument and reads how it ended. A row for each insertion: how far the part truly is beside the middle
-of the slot, and what was predicted to 95 %.
+of the slot, and what was predicted to 95 %. A run that ends because this machine was late is told, reset,
+and tried once more; the camera gives two pictures a second, because they are drawn on the cores of the job.
 """
 
 import argparse
@@ -26,12 +27,16 @@ from fakes.twin.control import ask
 from fakes.world.scenario import Scenario
 from fakes.world.toml_text import to_toml
 from tests.kit.slot_cell import BUDGET, HAND_EYE_COV, SLOT
-from tests.kit.wire_cell import WireCell, pause, wait_for
+from tests.kit.wire_cell import PATIENT, WireCell, pause, wait_for
 
 PART_SIGMA = np.repeat([1e-4, 1e-3], 3)  # m, rad; as the job has it by default
 OCCUPIED, ROWS, COLUMNS = 2, 3, 4
-START, JOB, BUSY = 1, 9, 1 << 1
+START, RESET, JOB = 1, 7, 9
+READY, BUSY = 1 << 0, 1 << 1
+NEEDED = READY | 1 << 7 | 1 << 8  # arm and camera
 LONGEST_S = 240.0
+ATTEMPTS = 2
+LIMITS = PATIENT | {"oak": {"frame_timeout_s": 20.0}}
 HEAD = f"{'slot':>5}  {'part':<10}{'beside mm':>10}{'95 % mm':>9}{'inside':>8}{'took s':>8}{'again':>7}"
 
 
@@ -43,6 +48,7 @@ def scenario(parts: int, seed: int) -> str:
     place = from_pose6(rack["parts"][0]["T_base_part"])
     fed = [place * exp_xi(PART_SIGMA * rng.normal(size=6)) for _ in range(parts)]
     rack["parts"] = [{"T_base_part": to_pose6(T).tolist()} for T in fed] + [{"slot": OCCUPIED}]
+    tables["world"]["camera"]["period_s"] = 0.5
     for table in (rack, tables["cell"]["job"][SLOT]["rack"]):
         table |= {"rows": ROWS, "columns": COLUMNS}
     return to_toml(tables)
@@ -71,14 +77,21 @@ class Plc:
 
     def insert(self, slot: int) -> list[int]:
         """Start the insertion and wait for its end; the status block then."""
+        self._until(lambda words: words[0] & NEEDED == NEEDED, LONGEST_S)
+        self._command(START, JOB, 0, 0, slot, 0, 1, 0, 0)  # action 1: insert
+        return self._until(lambda words: not words[0] & BUSY, LONGEST_S)
+
+    def reset(self) -> None:
+        """Leave a fault."""
+        self._command(RESET)
+
+    def _command(self, code: int, *behind: int) -> None:
         sequence = self._read()[1] % 0xFFFF + 1
-        block = [START, sequence, JOB, 0, 0, slot, 0, 1, 0, 0]  # action 1: insert
-        if not self._client.write_multiple_registers(0, block):
+        if not self._client.write_multiple_registers(0, [code, sequence, *behind]):
             raise RuntimeError(f"writing the command: {self._client.last_error_as_txt}")
         self._until(lambda words: words[1] == sequence, 20.0)
-        if (code := self._read()[2]) >= 0x8000:
-            raise RuntimeError(f"the start was refused with {code - 0x8000}")
-        return self._until(lambda words: not words[0] & BUSY, LONGEST_S)
+        if (result := self._read()[2]) >= 0x8000:
+            raise RuntimeError(f"command {code} was refused with {result - 0x8000}")
 
     def _until(self, true: Any, limit_s: float) -> list[int]:
         give_up = time.monotonic() + limit_s
@@ -105,9 +118,9 @@ def main() -> int:
     options = parser.parse_args()
     slots = [n for n in range(1, ROWS * COLUMNS + 1) if n != OCCUPIED][: options.runs]
     print(HEAD)
-    good, inside = [], []
+    good, inside, late = [], [], 0
     with tempfile.TemporaryDirectory() as folder:
-        cell = WireCell(Path(folder), options.bind, scenario(len(slots), options.first))
+        cell = WireCell(Path(folder), options.bind, scenario(len(slots), options.first), LIMITS)
         try:
             cell.start_twin()
             give_hand_eye(cell, options.first)
@@ -117,8 +130,13 @@ def main() -> int:
             ask(cell.folder, {"do": "operator", "remove": True})  # the board, which would cover the rack
             for slot in slots:
                 began = time.monotonic()
-                words = plc.insert(slot)
-                row = judged(cell, words, slot)
+                for left in reversed(range(ATTEMPTS)):
+                    row = judged(cell, plc.insert(slot), slot)
+                    if row["part"] != "aborted" or not left:
+                        break
+                    late += 1
+                    print(f"{slot:5}  ended, and tried again: {row['why']}", flush=True)
+                    plc.reset()
                 off, predicted, part = row["off"], row["predicted"], row["part"]
                 good.append(part == "released")
                 inside.append(off is not None and off <= predicted)
@@ -134,7 +152,7 @@ def main() -> int:
             cell.stop()
     print(
         f"{len(slots)} insertions: {len(met)} collisions, {sum(good)} inserted; the prediction held in "
-        f"{sum(inside)} of {len(slots)}"
+        f"{sum(inside)} of {len(slots)}; {late} runs were ended by this machine and tried again"
     )
     return 0 if all(good) and not met else 1
 

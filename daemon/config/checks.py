@@ -7,12 +7,21 @@ from typing import Any
 from daemon.config.findings import Findings, did_you_mean
 from daemon.config.locate import Path
 from daemon.config.models import LimitsSection
-from daemon.config.roles import ROLES
+from daemon.config.roles import ROLES, devices_by_role
 
 MAX_LENGTH_M = 20.0
 MAX_ANGLE_RAD = 4.0 * math.pi
 OAKS = {"oak", "drivers.oak:OakCamera"}
 SIGN_WAS_PLUS = OAKS | {"ur", "drivers.ur:UrArm"}
+CALIBRATED_ROLES = {  # of each key of [check_due]
+    "T_flange_camera": ("flange_camera",),
+    "T_base_camera": ("fixed_camera",),
+    "T_flange_tool": ("arm",),
+    "laser_reference": ("beams",),
+    "kinematics": ("arm", "observed_arm"),
+    "belt": ("belt",),
+    "time_offset_s": ("beams", "flange_camera", "fixed_camera", "belt"),
+}
 LARGEST = 1e300  # TOML's whole numbers have no limit; NaN compares with nothing
 
 
@@ -73,6 +82,7 @@ def check_contradictions(raw: Mapping[str, Any], findings: Findings) -> None:
     _check_limits(raw, findings)
     _check_time_offsets(raw, findings)
     _check_exposure(raw, findings)
+    _check_due(raw, findings)
     if _table(raw, "robot").get("use_kinematics") is True and not _has_arm(raw):
         findings.add(("robot", "use_kinematics"), "there is no arm whose kinematics could be used")
 
@@ -107,6 +117,16 @@ def _check_time_offsets(raw: Mapping[str, Any], findings: Findings) -> None:
                 f"{offset:g} s is subtracted from the stamps, as for every device; an arm and a camera added"
                 " it in configurations of November 2026 and before: change the sign of such a value",
             )
+
+
+def _check_due(raw: Mapping[str, Any], findings: Findings) -> None:
+    """A rule about a calibration that this cell cannot have would never say anything."""
+    there = devices_by_role(_table(raw, "robot"), _table(raw, "device"))
+    for key in _table(raw, "check_due"):
+        roles = CALIBRATED_ROLES.get(key, ())
+        if roles and not any(role in there for role in roles):
+            text = f"this cell has no device with the role {' or '.join(roles)}; take the rule out"
+            findings.add(("check_due", key), text)
 
 
 def _check_exposure(raw: Mapping[str, Any], findings: Findings) -> None:

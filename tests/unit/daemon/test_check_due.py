@@ -12,6 +12,7 @@ from cell.store.ledger import Ledger
 from daemon.check_due import HOUR_S, CheckDue, calibrations_of
 from daemon.cli.status_text import status_text
 from daemon.config import CellConfig, load_config
+from daemon.config.checks import CALIBRATED_ROLES
 from daemon.modbus import register_table
 from daemon.plc import PlcFace
 from daemon.warning_bits import warnings_shown
@@ -184,6 +185,11 @@ def test_a_rule_says_when_and_for_what(tmp_path: Path) -> None:
             load_config(path)
 
 
+def test_a_rule_about_what_the_cell_does_not_have_is_found(tmp_path: Path) -> None:
+    with pytest.raises(CellError, match=r"check_due.belt: this cell has no device with the role belt"):
+        cell(tmp_path, belt={"max_runs": 10})
+
+
 def test_when_a_check_is_due_is_no_part_of_what_a_run_does(tmp_path: Path) -> None:
     without = write_config(tmp_path, "laser:ideal")
     assert cell(tmp_path, T_flange_tool={"max_age_h": 24}).checksum == without.checksum
@@ -194,5 +200,6 @@ def test_every_calibration_of_a_cell_has_a_job_and_a_key() -> None:
     keys |= {"time_offset_s"}
     assert {sort for kind in KINDS.values() for sort in kind.measures} == keys
     assert set(CellConfig.model_fields["check_due"].annotation.model_fields) == keys  # type: ignore[union-attr]
+    assert set(CALIBRATED_ROLES) == keys
     told = register_table().register("changed_calibration").values.values()
     assert keys <= {text.partition(":")[0] for text in told}
