@@ -23,6 +23,28 @@ settings.load_profile("cellward")
 DATA = Path(os.environ.get("CELLWARD_DATA", Path(__file__).parents[2] / "shared" / "data"))
 
 
+_wires: dict[Path, bool] = {}
+
+
+def _speaks_of_wires(path: Path) -> bool:
+    if path not in _wires:
+        _wires[path] = "wire" in path.read_text("utf-8")
+    return _wires[path]
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Where only ``wire`` tests are asked for, spare the import of modules that have none: most of them."""
+    wanted = str(config.getoption("markexpr")).startswith("wire and")
+    if wanted and collection_path.match("test_*.py") and not _speaks_of_wires(collection_path):
+        return True
+    return None
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    if item.get_closest_marker("wire") and not _speaks_of_wires(item.path):
+        raise pytest.UsageError(f"{item.path}: has tests marked wire, so it must say the word 'wire'")
+
+
 def pytest_collection_finish() -> None:
     """Keep modules and tests, which live as long as the process, out of what the collector looks through.
 
