@@ -34,6 +34,7 @@ class ChainArm(ABC):
     ) -> None:
         self._name, self._nominal, self._chain = name, nominal, chain
         self._limits, self._links, self._reach = limits, tuple(links), reach_after
+        self._latest: dict[DhChain, tuple[Array, Array]] = {}  # joints and frames that were asked for last
 
     @property
     def name(self) -> str:
@@ -71,14 +72,14 @@ class ChainArm(ABC):
         return RigidTransform(self._chain.frames(rows(q))[0, -1], normalize=False)
 
     def forward_many(self, Q: Array) -> RigidTransform:
-        return RigidTransform(self._chain.frames(rows(Q))[:, -1], normalize=False)
+        return RigidTransform(self._frames(self._chain, rows(Q))[:, -1], normalize=False)
 
     def jacobian(self, q: Array) -> Array:
         J: Array = self.jacobian_many(rows(q))[0]
         return J
 
     def jacobian_many(self, Q: Array) -> Array:
-        return self._chain.jacobians(self._chain.frames(rows(Q)))
+        return self._chain.jacobians(self._frames(self._chain, rows(Q)))
 
     def capsules(self, q: Array) -> list[Capsule]:
         ends = self.link_ends(rows(q))[0]
@@ -114,6 +115,16 @@ class ChainArm(ABC):
             line.append(q)
             near = q
         return np.array(line)
+
+    def _frames(self, chain: DhChain, Q: Array) -> Array:
+        """``chain.frames(Q)``, read-only: flange, links and Jacobian are asked for one after the other."""
+        latest = self._latest.get(chain)
+        if latest is not None and np.array_equal(latest[0], Q):
+            return latest[1]
+        frames = chain.frames(Q)
+        frames.flags.writeable = False
+        self._latest[chain] = Q.copy(), frames
+        return frames
 
     def inverse_all(self, T_base_flange: RigidTransform) -> list[Array]:
         found = self._branches(T_base_flange.as_matrix())

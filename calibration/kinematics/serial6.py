@@ -44,7 +44,7 @@ class Serial6Arm(ChainArm):
 
     def link_ends(self, Q: Array) -> Array:
         """Of the nominal chain, which has the metal."""
-        frames = self._nominal.frames(rows(Q))[:, self._frame]
+        frames = self._frames(self._nominal, rows(Q))[:, self._frame]
         out: Array = self._ends @ np.swapaxes(frames[..., :3, :3], -1, -2) + frames[..., None, :3, 3]
         return out
 

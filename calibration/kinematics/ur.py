@@ -56,7 +56,7 @@ class UrArmModel(ChainArm):
         is where the drawing has it, within a few millimetres.
         """
         model = self._model
-        frames = self._nominal.frames(rows(Q))
+        frames = self._frames(self._nominal, rows(Q))
         origin, z1 = frames[..., :3, 3], frames[:, 1, :3, 2]
         upper, fore = model.shoulder_offset * z1, model.elbow_offset * z1
         points = [
@@ -79,6 +79,8 @@ class UrArmModel(ChainArm):
 
 
 def _shifted(nominal: DhChain, deltas: DhDeltas) -> DhChain:
+    if not any(delta.any() for delta in vars(deltas).values()):
+        return nominal
     return DhChain(
         nominal.theta + deltas.delta_theta,
         nominal.d + deltas.delta_d,

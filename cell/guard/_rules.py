@@ -104,7 +104,8 @@ class Rules:
         return [self._keep_out_of(box, segments, radii, within) for box in self._limits.keep_out]
 
     def _keep_out_of(self, box: Box, segments: Array, radii: Array, within: float) -> Slacks:
-        gap = np.maximum(box.low - segments.max(axis=1), segments.min(axis=1) - box.high)
+        a, b = segments[:, 0], segments[:, 1]
+        gap = np.maximum(box.low - np.maximum(a, b), np.minimum(a, b) - box.high)
         slack = np.linalg.norm(np.maximum(gap, 0.0), axis=1) - radii
         close = np.flatnonzero(slack < within)
         exact = segment_box_distance(segments[close, 0], segments[close, 1], box.low, box.high)
@@ -128,7 +129,8 @@ class Rules:
 
     def floor(self, ends: Array) -> Slacks:
         """The links that swing (not base and shoulder, whose height never changes) above the floor."""
-        lowest = ends[:, self._swinging][..., 2].min(axis=2)
+        heights = ends[..., 2][:, self._swinging]
+        lowest = np.minimum(heights[..., 0], heights[..., 1])
         values = lowest - self._body.radii[self._swinging] - self._floor
         return Slacks(values, self._floor_texts)
 

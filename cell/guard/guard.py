@@ -4,6 +4,7 @@ A supervisor's plausibility check against the configured boxes, not a safety fun
 ``cell.toml`` says, and the links are approximate capsules.
 """
 
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -30,6 +31,9 @@ _TURN_SHARE = 0.5  # the tool turns on a line at this share of the joints' limit
 _WRONG_ARM_M = 0.01  # the published model of a UR is within 3 mm of its factory calibration
 
 
+Place = Callable[[int], str]  # a sample of what is checked, in words
+
+
 class MotionGuard:
     """Checks joints, paths and set-points of one arm with one tool; every failure is a coded error.
 
@@ -45,11 +49,11 @@ class MotionGuard:
 
     def check_joints(self, q: Array) -> None:
         """Joint ranges and geometry at ``q`` (6,) rad."""
-        self._check(_six(q)[None], ["at this pose"], np.zeros(1))
+        self._check(_six(q)[None], lambda _: "at this pose", np.zeros(1))
 
     def check_standing(self, q: Array) -> None:
         """As :meth:`check_joints` for measured ``q`` (6,) rad, with the room that the start of a path has."""
-        self._check(_six(q)[None], ["where the arm stands"], np.full(1, -_MEASURED_M))
+        self._check(_six(q)[None], lambda _: "where the arm stands", np.full(1, -_MEASURED_M))
 
     def free(self, Q: Array, clear_m: float = 0.0) -> NDArray[np.bool_]:
         """(n,): which of ``Q`` (n, 6) rad :meth:`check_joints` would let pass, for planning with many.
@@ -68,7 +72,7 @@ class MotionGuard:
         """
         start, end = _six(q0), _six(q1)
         samples = self._joint_samples(start, end)
-        self._check(samples, _places(len(samples)), _path_limit(len(samples)), clear_m)
+        self._check(samples, _on_path(len(samples)), _path_limit(len(samples)), clear_m)
 
     def check_path_linear(
         self, T0: RigidTransform, T1: RigidTransform, q0: Array, speed_m_s: float | None = None
@@ -88,7 +92,7 @@ class MotionGuard:
         Q, step_s = self._follow_line(T0, T1, start, speed_m_s or self.limits.speed_m_s)
         fine = [self._joint_samples(a, b)[1:] for a, b in pairwise(Q)]
         samples = np.concatenate([Q[:1], *fine])
-        self._check(samples, _places(len(samples)), _path_limit(len(samples)))
+        self._check(samples, _on_path(len(samples)), _path_limit(len(samples)))
         self._check_line_speed(Q, step_s, speed_m_s or self.limits.speed_m_s)
 
     def check_setpoints(self, Q: Array, Qd: Array) -> None:
@@ -96,7 +100,7 @@ class MotionGuard:
         joints, speeds = _sixes(Q), _sixes(Qd)
         flange = self._body.flange(joints)
         slack = np.full(len(Q), -_MEASURED_M)
-        self._check(joints, ["at this set-point"] * len(Q), slack, flange=flange)
+        self._check(joints, lambda _: "at this set-point", slack, flange=flange)
         n, worst = np.unravel_index(int(np.argmax(np.abs(speeds))), speeds.shape)
         if abs(speeds[n, worst]) > self.limits.joint_speed_rad_s * (1.0 + 1e-9):
             raise error(
@@ -132,24 +136,24 @@ class MotionGuard:
     def _check(
         self,
         Q: Array,
-        places: list[str],
+        place: Place,
         slack_limit: Array,
         clear_m: float = 0.0,
         flange: Array | None = None,
     ) -> None:
-        self._check_joint_range(Q, places)
+        self._check_joint_range(Q, place)
         finding = self._rules.first_broken(self._body.ends(Q, flange), slack_limit, clear_m)
         if finding is not None:
-            raise _collision(finding, places[finding.index])
+            raise _collision(finding, place(finding.index))
 
-    def _check_joint_range(self, Q: Array, places: list[str]) -> None:
+    def _check_joint_range(self, Q: Array, place: Place) -> None:
         low, high = self._joint_limits.T
         excess = np.maximum(low - Q, Q - high)
         if np.max(excess) > 1e-9:
             n, j = np.unravel_index(int(np.argmax(excess)), excess.shape)
             raise error(
                 "MOTION_LIMIT",
-                f"joint '{JOINTS[j]}' would be at {Q[n, j]:.3f} rad {places[n]}, "
+                f"joint '{JOINTS[j]}' would be at {Q[n, j]:.3f} rad {place(int(n))}, "
                 f"range {low[j]:.3f} to {high[j]:.3f} rad",
             )
 
@@ -164,13 +168,12 @@ class MotionGuard:
     ) -> tuple[Array, float]:
         """Joints (n, 6) along the line, and the seconds between them at ``speed``."""
         poses, duration = self._line_poses(T0, T1, speed)
-        places = _places(len(poses))
         Q = q0[None]
         for k in range(0, len(poses), _TOGETHER):
             some = slice(k, k + _TOGETHER)
             found = self._smoothly_along(poses[some], Q)
             Q = (
-                np.concatenate([Q, self._step_by_step(poses[some], Q, places[some])])
+                np.concatenate([Q, self._step_by_step(poses[some], Q, _on_path(len(poses)))])
                 if found is None
                 else found
             )
@@ -190,10 +193,11 @@ class MotionGuard:
         smooth = np.max(np.abs(np.diff(longer[-len(found) - 1 :], axis=0))) < _SMOOTH_RAD
         return longer if smooth else None
 
-    def _step_by_step(self, poses: Array, Q: Array, places: list[str]) -> Array:
+    def _step_by_step(self, poses: Array, Q: Array, on_line: Place) -> Array:
         """Joints (n, 6) of the next ``poses`` (n, 4, 4) after ``Q`` (m, 6), each from the one before."""
         joints = list(Q[-2:])
-        for k, (pose, place) in enumerate(zip(poses, places, strict=True), start=len(Q)):
+        for k, pose in enumerate(poses, start=len(Q)):
+            place = on_line(k - 1)  # Q begins with where the arm is
             near = 2.0 * joints[-1] - joints[-2] if k > 2 else joints[-1]
             q = self.model.inverse(RigidTransform.from_matrix(pose), near)
             if q is None:
@@ -258,8 +262,9 @@ def _sixes(Q: Array) -> Array:
     return values
 
 
-def _places(count: int) -> list[str]:
-    return [f"at {100 * k / max(1, count - 1):.0f} %" for k in range(count)]
+def _on_path(count: int) -> Place:
+    """Which of ``count`` samples of a path, in words."""
+    return lambda k: f"at {100 * k / max(1, count - 1):.0f} %"
 
 
 def _path_limit(count: int) -> Array:

@@ -101,7 +101,7 @@ class ReflectorVisibility:
             return known[1], known[2]
         carrier, normal = self._carrier(reflector.on, t), None
         if reflector.normal is not None:
-            normal = carrier.rotation.apply(reflector.normal) / np.linalg.norm(reflector.normal)
+            normal = carrier.as_matrix()[:3, :3] @ reflector.normal / np.linalg.norm(reflector.normal)
         centre: Array = carrier.apply(reflector.point)
         self._known[name] = (t, centre, normal)
         return centre, normal
