@@ -12,6 +12,7 @@ from daemon.config.roles import ROLES, devices_by_role
 MAX_LENGTH_M = 20.0
 MAX_ANGLE_RAD = 4.0 * math.pi
 OAKS = {"oak", "drivers.oak:OakCamera"}
+LONG_FILTER_S = 0.02  # of an input of light beams
 SIGN_WAS_PLUS = OAKS | {"ur", "drivers.ur:UrArm"}
 CALIBRATED_ROLES = {  # of each key of [check_due]
     "T_flange_camera": ("flange_camera",),
@@ -83,6 +84,7 @@ def check_contradictions(raw: Mapping[str, Any], findings: Findings) -> None:
     _check_time_offsets(raw, findings)
     _check_exposure(raw, findings)
     _check_due(raw, findings)
+    _check_filter(raw, findings)
     if _table(raw, "robot").get("use_kinematics") is True and not _has_arm(raw):
         findings.add(("robot", "use_kinematics"), "there is no arm whose kinematics could be used")
 
@@ -144,6 +146,27 @@ def _check_exposure(raw: Mapping[str, Any], findings: Findings) -> None:
             ("device", str(name), "exposure_s"),
             f"is missing, so exposure is automatic and lasts up to {1.0 / fps:.2g} s: each 0.1 m/s of the "
             f"belt smears an item over {100.0 / fps:.2g} mm; give a time, as 0.002",
+        )
+
+
+def _check_filter(raw: Mapping[str, Any], findings: Findings) -> None:
+    """Modules filter their inputs as delivered, some by a tenth of a second; the wire does not tell it."""
+    name = _table(raw, "robot").get("beams", "beams")
+    section = _table(raw, "device").get(name)
+    if not isinstance(section, dict) or section.get("driver") != "modbus-inputs":
+        return
+    filter_s, place = section.get("filter_s"), ("device", str(name), "filter_s")
+    if filter_s is None:
+        findings.warn(
+            place,
+            "is missing: set the filter of these inputs in the module to its shortest time, and say here what"
+            " it is; a long one delays every edge, and swallows a beam that is broken for a shorter time",
+        )
+    elif _is_number(filter_s) and filter_s > LONG_FILTER_S:
+        findings.warn(
+            place,
+            f"{filter_s:g} s is long: at 10 mm/s a beam has to be broken for {1e1 * filter_s:.2g} mm to be"
+            " seen at all; set a shorter filter in the module",
         )
 
 

@@ -61,6 +61,13 @@ class InputsConfig(Strict):
         le=0.1,
         description=TIME_OFFSET,
     )
+    filter_s: float | None = Field(
+        default=None,
+        ge=0.0,
+        le=1.0,
+        description="The filter that is set in the module for these inputs, which it does not tell: a level"
+        " counts once it has lasted so long",
+    )
     timeout_s: float = Field(default=0.2, ge=0.005, le=2.0, description="Longest wait for one reply")
     connect_timeout_s: float = Field(
         default=3.0, gt=0.0, le=15.0, description="longest wait for a connection, s"

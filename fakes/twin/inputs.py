@@ -56,6 +56,7 @@ class TwinInputs:
             "url": self.addresses()["inputs"],
             "module": self._truth.module,
             "poll_period_s": POLL_PERIOD_S,
+            "filter_s": self._truth.filter_s,
             "inputs": {
                 name: {"address": channel, "invert": name in self._truth.inverted}
                 for name, channel in self._truth.inputs.items()
