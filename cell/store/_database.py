@@ -37,7 +37,7 @@ def open_database(path: Path) -> tuple[sqlite3.Connection, bool, Path | None]:
     """The connection, whether the database is new, and where a corrupt predecessor was set aside.
 
     One of an older form is changed step by step, in one transaction, after a copy was made beside it.
-    ``FILE_UNREADABLE`` for a database of a newer program: that one is intact and is left alone.
+    ``STORE_NEWER`` for a database of a newer program: that one is intact and is left alone.
     """
     aside: Path | None = None
     if path.exists() and not _intact(path):
@@ -50,7 +50,7 @@ def open_database(path: Path) -> tuple[sqlite3.Connection, bool, Path | None]:
         version = int(connection.execute("PRAGMA user_version").fetchone()[0])
         if version > SCHEMA_VERSION:
             raise error(
-                "FILE_UNREADABLE",
+                "STORE_NEWER",
                 f"{path}: a newer cellward has changed its form (schema {version}), and {software()} reads "
                 f"{SCHEMA_VERSION} and older: install the newer one again, or put its copy of before "
                 f"the change, {copy_before_change(path, SCHEMA_VERSION).name}, in its place",

@@ -53,7 +53,7 @@ def install(
 ) -> Done:
     """Put program, user, unit, rules and networks in place, or up to date; what is there is written anew.
 
-    ``root`` is ``/`` or a folder that becomes one. ``NOT_NOW`` for an older program than the one in use.
+    ``root`` is ``/`` or a folder that becomes one. ``INSTALL_REFUSED`` for an older program than is in use.
     """
     done = Done()
     if not of_package(root):
@@ -117,9 +117,9 @@ def stage_package(root: Path, wheelhouse: Path, python: Path, manual: str) -> st
 def uninstall(root: Path) -> Done:
     """Remove what :func:`install` has made. Configuration, runs, results and the user stay."""
     if of_package(root):
-        raise error("NOT_NOW", "a package has installed cellward: remove it with 'apt remove cellward'")
+        raise error("INSTALL_REFUSED", "cellward came as a package: remove it with 'apt remove cellward'")
     if installed(root) is None and not (root / OF_ADMINISTRATOR.units / "cellward.service").exists():
-        raise error("NOT_NOW", f"cellward is not installed below {root}")
+        raise error("INSTALL_REFUSED", f"cellward is not installed below {root}")
     done = Done()
     if _is_running_system(root):
         _systemctl("disable", "--now", "cellward.service")

@@ -36,10 +36,10 @@ def wheel_version(wheelhouse: Path) -> str:
 
 
 def refuse_older(version: str, present: str | None) -> None:
-    """``NOT_NOW`` when ``version`` is older than the one in use, which may have changed the store's form."""
+    """``INSTALL_REFUSED`` when ``version`` is older than the one in use, which may have changed the store."""
     if present is not None and _ordered(version) < _ordered(present):
         raise error(
-            "NOT_NOW",
+            "INSTALL_REFUSED",
             f"cellward {present} is installed and {version} is older: it may not read the store, whose form "
             f"{present} may have changed. To go back all the same: 'cellward uninstall', put the copy "
             "ledger.sqlite.schema-N of the time before in place of ledger.sqlite, and install again",

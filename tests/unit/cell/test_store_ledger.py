@@ -313,7 +313,7 @@ def test_a_ledger_of_a_newer_program_is_left_alone(tmp_path: Path, subject: Ledg
     db.close()
     with pytest.raises(CellError, match=r"newer cellward .*\(schema 9\).*ledger.sqlite.schema-3") as caught:
         Ledger(path)
-    assert caught.value.name == "FILE_UNREADABLE"
+    assert caught.value.name == "STORE_NEWER"
     assert list(tmp_path.glob("*.corrupt*")) == []
 
 
