@@ -54,8 +54,8 @@ def arm_accuracy(found: Adjusted, arm: ArmKnown) -> ArmAccuracy:
     At each of them the expected square is that of the error found plus its variance; with the error
     corrected the variance alone is left.
     """
-    columns = _columns(arm, reference_joints(arm.limits))
-    part = _part(found)
+    columns = arm_columns(arm, reference_joints(arm.limits))
+    part = arm_numbers(found)
     error = columns @ found.numbers[part]
     spread = columns @ _root(found.cov_numbers[part, part])
     return ArmAccuracy(_flange_error(error, spread), _flange_error(np.zeros_like(error), spread))
@@ -64,14 +64,14 @@ def arm_accuracy(found: Adjusted, arm: ArmKnown) -> ArmAccuracy:
 def position_metric(arm: ArmKnown) -> Array:
     """M (a, a): numbers with covariance C leave ``trace(M C)`` (m^2) of position error of the flange, the
     mean square over the reference joints."""
-    J = _columns(arm, reference_joints(arm.limits))[:, :3]
+    J = arm_columns(arm, reference_joints(arm.limits))[:, :3]
     return np.asarray(np.einsum("kia,kib->ab", J, J, optimize=True) / len(J))
 
 
 def position_accuracy(found: Adjusted, arm: ArmKnown, Q: Array) -> PositionAccuracy:
     """At joints ``Q`` (k, 6), after the base and the tool offset that fit best there are taken off."""
     J = _positions(arm, Q)
-    part = _part(found)
+    part = arm_numbers(found)
     error = (J @ found.numbers[part]).reshape(-1, 3)
     root = _root(found.cov_numbers[part, part])
     draws = np.random.default_rng(_SEED).normal(size=(root.shape[1], _DRAWS))
@@ -90,8 +90,8 @@ def predicted_flange(found: Adjusted, arm: ArmKnown, Q: Array) -> tuple[Array, A
     Base and tool offset that fit best at these joints are not in the covariance; a scatter of the flange
     beyond what an arm repeats to is, since the model does not follow it.
     """
-    part = _part(found)
-    T = arm.model.base.flange(Q) @ se3.exp(_columns(arm, Q) @ found.numbers[part])
+    part = arm_numbers(found)
+    T = arm.model.base.flange(Q) @ se3.exp(arm_columns(arm, Q) @ found.numbers[part])
     spread = (_positions(arm, Q) @ _root(found.cov_numbers[part, part])).reshape(len(Q), 3, -1)
     scatter = found.components.sigma.get("sigma_flange_t", 0.0)
     beyond = max(scatter**2 - _REPEATABLE_M**2, 0.0)
@@ -100,7 +100,7 @@ def predicted_flange(found: Adjusted, arm: ArmKnown, Q: Array) -> tuple[Array, A
 
 def corrected_arm(found: Adjusted, arm: ArmKnown) -> tuple[ParametricArm, Array]:
     """The arm with its joint errors, and the values (p,) of its numbers."""
-    return arm_with(found.numbers[_part(found)], arm)
+    return arm_with(found.numbers[arm_numbers(found)], arm)
 
 
 def arm_with(numbers: Array, arm: ArmKnown) -> tuple[ParametricArm, Array]:
@@ -117,7 +117,7 @@ def arm_with(numbers: Array, arm: ArmKnown) -> tuple[ParametricArm, Array]:
 
 def on_corrected_arm(found: Adjusted, arm: ArmKnown) -> tuple[Array, Array]:
     """X (4, 4) and its covariance (6, 6) for the flange, or the base, of :func:`corrected_arm`."""
-    part = _part(found)
+    part = arm_numbers(found)
     gauge = np.concatenate([t.gauge for t in arm_terms(arm, arm.Q[:1]).values()], axis=1)
     moved = -gauge[6:] if found.problem.setup == "eye-in-hand" else gauge[:6]
     own = adjoint(se3.inverse(found.X)) @ moved
@@ -126,11 +126,13 @@ def on_corrected_arm(found: Adjusted, arm: ArmKnown) -> tuple[Array, Array]:
     return se3.exp(moved @ found.numbers[part]) @ found.X, cov
 
 
-def _part(found: Adjusted) -> slice:
+def arm_numbers(found: Adjusted) -> slice:
+    """Where the arm's numbers are among those that were found."""
     return slice(found.blocks[GEOMETRY].start, found.blocks[GEARS].stop)
 
 
-def _columns(arm: ArmKnown, Q: Array) -> Array:
+def arm_columns(arm: ArmKnown, Q: Array) -> Array:
+    """(k, 6, a): motion of the flange, in its own frame, by each of the arm's numbers, at joints (k, 6)."""
     return np.concatenate([terms.columns for terms in arm_terms(arm, Q).values()], axis=2)
 
 
@@ -138,7 +140,7 @@ def _positions(arm: ArmKnown, Q: Array) -> Array:
     """(3 k, p): how the numbers move the flange's places in the base, beyond one base and one tool offset."""
     T = arm.model.base.flange(Q)
     R, places = T[:, :3, :3], T[:, :3, 3]
-    J = (R @ _columns(arm, Q)[:, :3]).reshape(3 * len(Q), -1)
+    J = (R @ arm_columns(arm, Q)[:, :3]).reshape(3 * len(Q), -1)
     lever = se3.hat(places)
     own = np.concatenate([np.tile(np.eye(3), (len(Q), 1, 1)), -lever, R], axis=2).reshape(3 * len(Q), 9)
     return np.asarray(J - own @ np.linalg.lstsq(own, J, rcond=None)[0])

@@ -154,6 +154,13 @@ class GivenNoise(Strict):
     sigma_flange_r: SigmaAngle | None = None
 
 
+class Task(Strict):
+    """Where the result is to be used: what the arm's joints are there, and how far the camera looks."""
+
+    q: Joints
+    distance_m: Annotated[float, Field(gt=0, le=100)]
+
+
 class FrameEntry(Strict):
     """One exposure of a pose; ``corners`` as measured by the vision child, null where unseen."""
 
@@ -200,6 +207,7 @@ class Capture(Strict):
     target: TargetTable
     noise: GivenNoise | None = None
     robot: dict[str, Any] | None = None
+    task: Task | None = None
     observations: Annotated[list[Observation], Field(max_length=OBSERVATIONS)]
     notes: Any = None
 

@@ -61,9 +61,18 @@ class _Found:
 
 def check_names(target: str, start_pose: str | None, values: RunValues) -> None:
     """``ARGUMENT_INVALID`` for a target or a pose that the cell does not have."""
-    for key, name, known in (("target", target, values.targets), ("start_pose", start_pose, values.poses)):
-        if name is not None and name not in known:
-            raise error("ARGUMENT_INVALID", f"{key} '{name}' is unknown; there is {', '.join(known)}")
+    _check_name("target", target, values.targets)
+    check_pose("start_pose", start_pose, values)
+
+
+def check_pose(key: str, name: str | None, values: RunValues) -> None:
+    """``ARGUMENT_INVALID`` for a pose that the cell does not have."""
+    _check_name(key, name, values.poses)
+
+
+def _check_name(key: str, name: str | None, known: Mapping[str, Any]) -> None:
+    if name is not None and name not in known:
+        raise error("ARGUMENT_INVALID", f"{key} '{name}' is unknown; there is {', '.join(known)}")
 
 
 class CaptureRun:
@@ -394,6 +403,9 @@ class CaptureRun:
             "target": self.target,
             "robot": arm_robot(self.run.values),
         }
+        if (name := self.config.accept.task_pose) is not None:
+            distance = self.config.accept.task_distance_m or self.config.distance_m
+            header["task"] = {"q": list(self.run.values.poses[name]), "distance_m": distance}
         adopted = None
         if self.run.adopted is not None:
             adopted = await asyncio.to_thread(CaptureRecord.read, self.run.adopted)

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 from cell.formats.result import Envelope
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
 from cell.run_values import RunValues
-from procedures.hand_eye.capturing import CaptureRun, check_names
+from procedures.hand_eye.capturing import CaptureRun, check_names, check_pose
 from procedures.hand_eye.config import Acceptance, ConeCaptureConfig
 from procedures.hand_eye.health import keep_health
 from procedures.hand_eye.result import HandEyeResult
@@ -39,6 +39,7 @@ class ConeCapture(Procedure):
 
     def check(self, values: RunValues) -> None:
         check_names(self.config.target, self.config.start_pose, values)
+        check_pose("accept.task_pose", self.config.accept.task_pose, values)
 
     def proposal(self, run: Run) -> Proposal | None:
         pose = run.result.result.pose() if isinstance(run.result, HandEyeResult) else None

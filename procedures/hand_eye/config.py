@@ -34,7 +34,26 @@ class Acceptance(Strict):
     max_spread_across_r_rad: float | None = Field(
         default=None, gt=0, le=1.0, description="unweighted spread across placements, rotation"
     )
+    task_pose: str | None = Field(
+        default=None,
+        description="name of a [poses] entry where the result is to be used; its accuracy there is predicted",
+    )
+    task_distance_m: float | None = Field(
+        default=None, gt=0, le=10.0, description="camera to what it looks at there; else distance_m"
+    )
+    clearance_m: float | None = Field(
+        default=None,
+        gt=0,
+        le=0.1,
+        description="what the task leaves free on each side; at task_pose 95 % of the errors must stay below",
+    )
     auto: bool = Field(default=False, description="accept a passing result without asking")
+
+    @model_validator(mode="after")
+    def _task_has_a_place(self) -> Self:
+        if self.task_pose is None and not (self.clearance_m is None and self.task_distance_m is None):
+            raise ValueError("clearance_m and task_distance_m need task_pose, the place that they are for")
+        return self
 
 
 class ConeCaptureConfig(Strict):

@@ -193,6 +193,19 @@ class AbsoluteAccuracy(Part):
     predicted_95: Metres = Field(description="95 % of the errors that remain stay below this.")
 
 
+class AtTask(Part):
+    """A point that the camera locates at the task's place (eye-to-hand: the flange there): how far off."""
+
+    configured95: Metres = Field(description="95 % of the errors are below this, by the arm as configured.")
+    corrected95: Metres = Field(description="The same with the corrected arm and the camera's pose on it.")
+    clearance_m: Metres | None = Field(default=None, description="Of a run: what the task leaves free.")
+    grade: Literal["pass", "warn", "fail"] | None = Field(
+        default=None,
+        description="Of a run: `pass` where the configured arm is within the clearance, `warn` where only "
+        "the corrected one is, `fail` where neither is.",
+    )
+
+
 class HandEyeAnswer(Part):
     """Where the camera is, and what that rests on."""
 
@@ -249,6 +262,9 @@ class HandEyeAnswer(Part):
     )
     absolute_accuracy: AbsoluteAccuracy | None = Field(
         default=None, description="With `robot`: how far off the arm is, and what is left with `robot`."
+    )
+    task: AtTask | None = Field(
+        default=None, description="With `robot` and the data set's `task`: accuracy where it is needed."
     )
     T_base_flange: list[Pose] | None = Field(
         default=None, description="With `--predict`: where the flange is at those joints."

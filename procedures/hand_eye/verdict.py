@@ -6,11 +6,13 @@ from typing import Any
 import numpy as np
 
 from calibration.planning.prediction import PredictedUncertainty
-from cell.formats.result import Result
+from cell.formats.result import Result, Warning_
 from procedures.hand_eye.config import Acceptance
 from procedures.hand_eye.result import HandEyeResult, NeighbourSpread, PlainSpread
 from procedures.hand_eye.solve.solver import solve_hand_eye
 from procedures.words import deg, mm
+
+TASK_CLEARANCE = "task.clearance"
 
 
 def solve_within_limits(path: Path, limits: Acceptance) -> HandEyeResult | Result:
@@ -36,12 +38,15 @@ def judged(found: HandEyeResult | Result, limits: Acceptance) -> HandEyeResult |
 
     A result beyond a limit stays filled; the reason names the limit. One without covariance fails, too: an
     unknown error fails the limit. The length that 95 % of the errors stay below comes from the covariance.
-    The unweighted spreads are held against limits of their own where these are given.
+    The unweighted spreads are held against limits of their own where these are given, and the accuracy where
+    the result is to be used against the task's clearance.
     """
     if not isinstance(found, HandEyeResult):
         return found
     spread, beyond = _spread_judged(found.result.neighbour_spread, limits)
     found = found.changed(result=found.result.changed(neighbour_spread=spread)) if spread else found
+    if limits.clearance_m is not None:
+        found = _graded(found, limits.clearance_m)
     if found.uncertainty.cov is None:
         unknown = (
             "no covariance was found, so the errors cannot be held against max_error_t_m and max_error_r_rad"
@@ -60,6 +65,34 @@ def judged(found: HandEyeResult | Result, limits: Acceptance) -> HandEyeResult |
     ]
     uncertainty = found.uncertainty.changed(error95_t_m=sure.error95_t_m, error95_r_rad=sure.error95_r_rad)
     return found.changed(uncertainty=uncertainty).judged([*reasons, *beyond])
+
+
+def _graded(found: HandEyeResult, clearance_m: float) -> HandEyeResult:
+    """``found`` with the grade of its accuracy at the task's place."""
+    task = found.result.task
+    if task is None:
+        return found.judged(
+            ["clearance_m: nothing is known of the accuracy at task_pose, as the arm's errors were not found"]
+        )
+    within = [length <= clearance_m for length in (task.configured95, task.corrected95)]
+    grade = "pass" if within[0] else "warn" if within[1] else "fail"
+    graded = task.changed(clearance_m=clearance_m, grade=grade)
+    found = found.changed(result=found.result.changed(task=graded))
+    if grade == "pass":
+        return found
+    if grade == "warn":
+        text = (
+            f"at task_pose 95 % of the errors stay below {mm(task.configured95)} with the arm as configured, "
+            f"the clearance is {mm(clearance_m)}; with the corrected arm in result.robot they stay below "
+            f"{mm(task.corrected95)}: use that arm"
+        )
+        return found.judged([], Warning_.each([(TASK_CLEARANCE, text)]))
+    return found.judged(
+        [
+            f"clearance_m: at task_pose 95 % of the errors stay below {mm(task.corrected95)} even with the "
+            f"corrected arm, the clearance is {mm(clearance_m)}"
+        ]
+    )
 
 
 def _spread_judged(

@@ -6,6 +6,7 @@ from typing import Any
 from cell.formats.result import Rejected
 from procedures.hand_eye.budget import largest
 from procedures.hand_eye.result import (
+    AtTask,
     HandEyeAnswer,
     HandEyeResiduals,
     HandEyeResult,
@@ -61,6 +62,8 @@ def _answer(answer: HandEyeAnswer, uncertainty: HandEyeUncertainty) -> list[str]
             f"  the arm is {mm(now.t)}, {deg(now.r)} off its model (RMS over its joints; 95 % below "
             f"{mm(now.t95)}); {mm(then.t)}, {deg(then.r)} would be left with what was found taken off"
         )
+    if answer.task:
+        lines.append(f"  {_at_task(answer.task)}")
     spreads = spread_lines(answer)
     lines += [f"  {line}" for line in spreads]
     if spreads:
@@ -68,6 +71,14 @@ def _answer(answer: HandEyeAnswer, uncertainty: HandEyeUncertainty) -> list[str]
     if answer.intrinsics:
         lines.append("  the camera's intrinsics were estimated from the images")
     return lines
+
+
+def _at_task(task: AtTask) -> str:
+    graded = f"; {mm(task.clearance_m)} is free: {task.grade}" if task.clearance_m is not None else ""
+    return (
+        f"at the task's place 95 % of the errors stay below {mm(task.configured95)} with the arm as "
+        f"configured, below {mm(task.corrected95)} with the corrected one{graded}"
+    )
 
 
 def _moved(since: MovedCamera | None) -> list[str]:

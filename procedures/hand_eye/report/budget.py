@@ -99,6 +99,13 @@ def _found(answer: HandEyeAnswer) -> list[tuple[str, object, str]]:
                 "95 % of the errors that remain are below this.",
             ),
         ]
+    if (task := answer.task) is not None:
+        meaning = "95 % of the errors of a point that the camera locates there are below this."
+        for name, length in (("as configured", task.configured95), ("as corrected", task.corrected95)):
+            rows.append((f"At the task's place, arm {name}", mm(length), meaning))
+        if task.clearance_m is not None:
+            meaning = "What the task leaves free, and the grade."
+            rows.append(("Clearance of the task", f"{mm(task.clearance_m)}: {task.grade}", meaning))
     return rows or [("Found", DASH, "The result lists no unknowns.")]
 
 

@@ -16,13 +16,14 @@ from calibration.adjustment.arm_accuracy import (
 )
 from calibration.adjustment.hand_eye import Adjusted, adjust, as_found
 from calibration.adjustment.jackknife import Checked
+from calibration.adjustment.task_accuracy import task_accuracy
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye.problem import Estimate, Problem
 from calibration.hand_eye.solution import Measurements, Solution
 from calibration.kinematics.families import ArmSpec, robot_document
 from cell.devices import Intrinsics
 from cell.errors import error
-from cell.formats.capture import QUERY_SCHEMA, CaptureQuery
+from cell.formats.capture import QUERY_SCHEMA, CaptureQuery, Task
 from cell.formats.reading import parse, read_json
 from cell.poses import Array
 from procedures.hand_eye.budget import by_cause
@@ -93,6 +94,8 @@ def by_adjustment(
             (NO_ARM, f"{without}: the uncertainty holds for an arm without geometric errors only")
         )
     else:
+        if (task := loaded.capture.task) is not None:
+            answer["task"] = _at_task(found, arm, task)
         Q = arm.Q[solution.used] if predict is None else _wanted_joints(predict)
         answer |= _arm_from_board(found, arm, robot, Q)
         if predict is not None:
@@ -137,6 +140,13 @@ def _known(loaded: CaptureSet, robot: ArmSpec | None, camera: CameraChoice) -> K
         None if robot is None else robot.robot,
         from_images=camera.estimated is not None,
     )
+
+
+def _at_task(found: Adjusted, arm: ArmKnown, task: Task) -> dict[str, float]:
+    """``DATA_INVALID`` for joints that the arm does not have."""
+    if len(task.q) != JOINTS:
+        raise error("DATA_INVALID", f"task.q has {len(task.q)} joints; the robot has {JOINTS}")
+    return asdict(task_accuracy(found, arm, np.array(task.q), task.distance_m))
 
 
 def _wanted_joints(path: Path) -> Array:
