@@ -16,6 +16,7 @@ _ROLLS = ((4, 0.5 * np.pi), (2, 0.5 * np.pi), (2, -0.5 * np.pi), (2, np.pi))
 _STEEPER = (1.3, 1.6)  # times the half angle: a board that is seen at an angle tells of the focal length
 _FEWEST = 3  # poses that determine anything
 _WORTH = 0.97  # a change that tells less than this better is not worth its way
+_KEPT = 0.9  # of the plain cone's poses: what a change may cost, if what is left still tells more
 
 Expected = Callable[[ConePlan], float]
 """The error (m) that is expected after a plan; smaller is better."""
@@ -27,21 +28,23 @@ def plan_telling_cone(
     checker: Checker,
     expected: Expected,
 ) -> ConePlan:
-    """The plan of :func:`plan_cone`, changed step by step while the expected error falls and no pose is lost.
+    """The plan of :func:`plan_cone`, changed step by step while the expected error falls.
 
-    A second distance that is given in ``request.shape`` is kept.
+    A change may cost one pose in ten: the error is that of the poses that are left. A second distance that is
+    given in ``request.shape`` is kept.
     """
     best, shape = plan_cone(request, model, checker), request.shape
     if len(best.poses) < _FEWEST:
         return best
     error, tried = expected(best), best.candidates_tried
+    enough = max(_KEPT * len(best.poses), _FEWEST)
     for alternatives in _changes(shape):
         found = []
         for change in alternatives:
             other = change(shape)
             plan = plan_cone(replace(request, shape=other, axes=[best.axis]), model, checker)
             tried += 1
-            if len(plan.poses) >= len(best.poses):
+            if len(plan.poses) >= enough:
                 found.append((expected(plan), plan, other))
         if found and (least := min(found, key=lambda f: f[0]))[0] < _WORTH * error:
             error, best, shape = least

@@ -36,6 +36,7 @@ from tests.kit.imperfect_cell import (
 )
 
 HALF_ANGLE_RAD, DISTANCE_M = 0.44, 0.5
+KEPT = 0.9  # of the poses; a board where fewer are reached stands elsewhere
 NOISE = {"sigma_px": PX, "sigma_flange_t": FLANGE_T, "sigma_flange_r": FLANGE_R}
 
 
@@ -50,7 +51,7 @@ class Placed:
 def planned(
     rng: np.random.Generator, placements: int, poses: int, lens: LensPrior, board: TargetPrior
 ) -> list[Placed]:
-    """Placements at which no pose is lost, for a lens and a board that are so well known."""
+    """Placements at which hardly a pose is lost, for a lens and a board that are so well known."""
     error = partial(expected_error, placements=placements, lens=lens, board=board)
     placed: list[Placed] = []
     while len(placed) < placements:
@@ -69,7 +70,7 @@ def planned(
             q_start=starts[0],
         )
         plan = plan_telling_cone(request, ARM, lambda _from, _to: None, error)
-        if len(plan.poses) == poses:
+        if len(plan.poses) >= KEPT * poses:
             placed.append(Placed(W, plan))
     return placed
 

@@ -1,4 +1,4 @@
-"""Which cone tells most: chosen by the adjustment's information, never at the price of a pose."""
+"""Which cone tells most: chosen by the adjustment's information, at the price of few poses."""
 
 from functools import cache
 
@@ -71,14 +71,15 @@ def test_a_distance_that_is_given_is_kept() -> None:
     assert distances(plan) == {0.42, 0.5}
 
 
-def test_nothing_is_changed_where_it_would_cost_a_pose() -> None:
-    """A box leaves half of the ring; whatever is changed, no pose fewer is visited."""
+def test_a_change_costs_one_pose_in_ten_at_most_and_tells_more_for_it() -> None:
+    """A box leaves half of the ring; what is changed may lose a few of the rest."""
     box = {"name": "post", "min": [-0.9, -0.35, 0.45], "max": [-0.75, -0.15, 1.2]}
     guard, wanted = make_guard(box), request(PLACES[1])
     plain = plan_cone(wanted, guard.model, guard.check_path_joints)
     subject = plan_telling_cone(wanted, guard.model, guard.check_path_joints, error95)
     assert 3 <= len(plain.poses) < 20, "the box is in the way"
-    assert len(subject.poses) >= len(plain.poses)
+    assert len(subject.poses) >= 0.9 * len(plain.poses)
+    assert error95(subject) <= error95(plain)
     assert_sound(subject, guard, wanted.mounting)
 
 
