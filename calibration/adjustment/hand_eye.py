@@ -107,7 +107,7 @@ def adjust(
     rows = np.flatnonzero(solution.used)
     problem = solution.problem.take(solution.used)
     views = [v for i in rows.tolist() if (v := measured.views[i]) is not None]
-    views = _numbered_alike(views, problem.C, camera, measured.motions)
+    views = numbered_alike(views, problem.C, camera, measured.motions)
     shape = target_shape(views)
     of = unknowns(problem, rows, arm, lens or LensPrior(), target or TargetPrior())
     free = (GEOMETRY, GEARS) if arm is not None and arm.scale_free else ()
@@ -169,7 +169,7 @@ def as_found(found: Adjusted, measured: Measurements, solution: Solution) -> tup
     problem = solution.problem
     seen = [i for i, v in enumerate(measured.views) if v is not None]
     views = [v for v in measured.views if v is not None]
-    views = _numbered_alike(views, problem.C[seen], found.camera, measured.motions)
+    views = numbered_alike(views, problem.C[seen], found.camera, measured.motions)
     views = _printed(views, found.shape, found.numbers[found.blocks[TARGET_BLOCK]])
     G, C, cov, sse = problem.G.copy(), problem.C.copy(), problem.cov_px.copy(), problem.sse.copy()
     poses = refine_poses(views, found.camera, C[seen])
@@ -222,7 +222,7 @@ def excess_of(of: Unknowns, state: AdjustedState, images: ImageTerms) -> float:
     return squared / left if left > 0 and squared > chdtri(left, _CHANCE) else 1.0
 
 
-def _numbered_alike(
+def numbered_alike(
     views: Sequence[CornerSet], C: Array, camera: Intrinsics, motions: Array
 ) -> list[CornerSet]:
     """Views with their points as the poses ``C`` (n, 4, 4) have them: ``motions`` turn a target onto itself,

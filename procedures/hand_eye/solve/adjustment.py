@@ -95,7 +95,7 @@ def by_adjustment(
         )
     else:
         if (task := loaded.capture.task) is not None:
-            answer["task"] = _at_task(found, arm, task)
+            answer["task"] = _at_task(found, arm, task, loaded.path)
         Q = arm.Q[solution.used] if predict is None else _wanted_joints(predict)
         answer |= _arm_from_board(found, arm, robot, Q)
         if predict is not None:
@@ -142,10 +142,10 @@ def _known(loaded: CaptureSet, robot: ArmSpec | None, camera: CameraChoice) -> K
     )
 
 
-def _at_task(found: Adjusted, arm: ArmKnown, task: Task) -> dict[str, float]:
+def _at_task(found: Adjusted, arm: ArmKnown, task: Task, path: Path) -> dict[str, float]:
     """``DATA_INVALID`` for joints that the arm does not have."""
     if len(task.q) != JOINTS:
-        raise error("DATA_INVALID", f"task.q has {len(task.q)} joints; the robot has {JOINTS}")
+        raise error("DATA_INVALID", f"{path}: task.q has {len(task.q)} joints; the robot has {JOINTS}")
     return asdict(task_accuracy(found, arm, np.array(task.q), task.distance_m))
 
 
