@@ -57,8 +57,9 @@ def group_poses(problem: Problem, X: Array) -> Array:
         T = own[problem.group == g]
         some = T[:: max(1, len(T) // 32)]
         apart = np.linalg.norm(T[:, None, :3] - some[None, :, :3], axis=(2, 3))
-        half = apart.shape[1] // 2
-        out[g] = T[int(np.argmin(np.partition(apart, half, axis=1)[:, half]))]
+        middle = [(apart.shape[1] - 1) // 2, apart.shape[1] // 2]
+        median = np.partition(apart, middle, axis=1)[:, middle].mean(axis=1)  # np.median takes twice as long
+        out[g] = T[int(np.argmin(median))]
     return out
 
 
