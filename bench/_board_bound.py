@@ -1,4 +1,4 @@
-"""How well an arm can be known from pictures of a board at all: the bound of the whole problem.
+"""How well an arm can be known from pictures of a board: the bound of the whole problem with its priors.
 
 Every corner is an observation. Unknowns are the arm's links, gears and sag, lens, board, the poses of camera
 and boards, and how far the flange is off in each picture; their standard deviations are those that the bench
@@ -58,7 +58,8 @@ def bound(cell: World, Q: Array, group: NDArray[np.int64], C: Array, drawn: Draw
     """RMS position error (m) of the flange at joints ``elsewhere`` (k, 6), after the best base and tool.
 
     Pictures at joints ``Q`` (n, 6) of the boards ``group`` (n,), each seen at about ``C`` (n, 4, 4). It is
-    the least for arms as they are drawn, with lens and board off by what they are off in ``cell``.
+    what the best estimator that goes by the priors is expected to leave, for arms as they are drawn, with
+    lens and board off by what they are off in ``cell``.
     """
     sigma = drawn.sigma()
     free = np.concatenate([sigma > 0.0, np.ones(6 + 6 * (int(group.max()) + 1), dtype=bool)])
@@ -69,12 +70,11 @@ def bound(cell: World, Q: Array, group: NDArray[np.int64], C: Array, drawn: Draw
     # scaled to a unit diagonal: metres, radians and pixels differ by powers of ten
     s = 1.0 / np.sqrt(np.diag(data + P))
     cov = s[:, None] * np.linalg.inv((data + P) * s[:, None] * s) * s
-    of_arm, stated = np.zeros(len(free), dtype=bool), np.zeros(len(free))
-    of_arm[:ARM_NUMBERS] = True
-    stated[ARM_NUMBERS:OF_PICTURES] = _off(cell)
-    drawn_again = P * of_arm[free]
-    bias = cov @ P @ stated[free]
-    expected = cov @ (data + drawn_again) @ cov + np.outer(bias, bias)
+    off = np.zeros(len(free))
+    off[ARM_NUMBERS:OF_PICTURES] = _off(cell)
+    bias = cov @ P @ off[free]
+    of_arm = np.diag(np.where(np.arange(len(free)) < ARM_NUMBERS, precision, 0.0)[free])
+    expected = cov @ (data + of_arm) @ cov + np.outer(bias, bias)
     J = np.zeros((3 * len(elsewhere), len(free)))
     J[:, :ARM_NUMBERS] = _positions(cell, elsewhere)
     J = J[:, free]
@@ -128,7 +128,7 @@ def _differences(of: Callable[[Array], Array], count: int) -> Array:
     columns = []
     for k in range(count):
         step = np.zeros(count)
-        step[k] = _STEP * (1000.0 if count > 6 and _PIXELS.start <= k < _PIXELS.stop else 1.0)
+        step[k] = _STEP * (1000.0 if _PIXELS.start <= k < _PIXELS.stop else 1.0)
         columns.append((of(step) - of(-step)) / (2.0 * step[k]))
     return np.stack(columns, axis=-1)
 
