@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -40,12 +41,30 @@ async def probe_devices(config: CellConfig, record: Path | None = None) -> list[
             stay_s = RECORDED_S
         entries = supervised_devices(config, clock, Beats(clock))
         probes = (_probe(entry.device, entry.expect, stay_s) for entry in entries)
-        return list(await asyncio.gather(*probes))
+        found = list(await asyncio.gather(*probes))
+    for report in found:
+        report["doubts"] += beyond_its_speed(config, report)
+    return found
+
+
+def beyond_its_speed(config: CellConfig, report: Mapping[str, Any]) -> list[str]:
+    """What is said of limits that are above those of the arm's own controller."""
+    most, own = config.limits.joint_speed_rad_s, report["joint_speeds_rad_s"]
+    if own is None or min(own) >= most:
+        return []
+    slowest = min(own)
+    joints = ", ".join(str(number) for number, speed in enumerate(own, 1) if speed < most)
+    return [
+        f"limits.joint_speed_rad_s is {most:g} rad/s, and the controller of {report['device']} lets joint"
+        f" {joints} turn by {slowest:.3g} rad/s at most: an arm that follows set-points falls behind there;"
+        " lower the limit"
+    ]
 
 
 async def _probe(device: Device, expect: ExpectedIdentity, stay_s: float) -> dict[str, Any]:
     report: dict[str, Any] = {
         "device": device.name, "answer": "ok", "model": None, "serial": None, "exit_code": 0, "doubts": [],
+        "joint_speeds_rad_s": None,
     }  # fmt: skip
     try:
         try:
@@ -59,6 +78,7 @@ async def _probe(device: Device, expect: ExpectedIdentity, stay_s: float) -> dic
             async with asyncio.timeout(CLOSE_TIMEOUT_S):
                 await device.close()
         report |= {"model": found.model, "serial": found.serial}
+        report["joint_speeds_rad_s"] = found.extra.get("joint_speeds_rad_s")
         expect.check(device.name, found)
     except CellError as exc:
         _blame(report, exc)

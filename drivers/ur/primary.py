@@ -18,6 +18,7 @@ PORT = 30001
 _ROBOT_STATE = 16
 _CARTESIAN_INFO = 4
 _KINEMATICS_INFO = 5
+_CONFIGURATION_DATA = 6
 _HEADER = struct.Struct(">iB")
 _MAX_PACKAGE = 1 << 20
 
@@ -88,6 +89,17 @@ def parse_kinematics(body: bytes) -> Kinematics:
     return Kinematics(checksum, rows[0], rows[1], rows[2], rows[3], status)
 
 
+def parse_joint_speeds(body: bytes) -> Six:
+    """Highest speed of each joint (rad/s) that this controller allows, from its configuration data.
+
+    Six pairs of joint limits come first, then six of speed and acceleration.
+    """
+    if len(body) < 192:
+        raise error("PROTOCOL_VIOLATION", f"configuration data of {len(body)} bytes")
+    pairs = struct.unpack_from(">12d", body, 96)
+    return pairs[0], pairs[2], pairs[4], pairs[6], pairs[8], pairs[10]
+
+
 class PrimaryLink:
     """Listens on the primary port: ``on_tcp(offset6)`` at every report, kinematics kept."""
 
@@ -99,6 +111,7 @@ class PrimaryLink:
         on_lost: Callable[[CellError], None],
     ) -> None:
         self.kinematics: Kinematics | None = None
+        self.joint_speeds: Six | None = None  # rad/s; None: not told
         self._host, self._writer, self._on_tcp, self._on_lost = host, writer, on_tcp, on_lost
         self._tcp_seen = asyncio.Event()
         self._kinematics_seen = asyncio.Event()
@@ -173,3 +186,5 @@ class PrimaryLink:
             elif kind == _KINEMATICS_INFO:
                 self.kinematics = parse_kinematics(part)
                 self._kinematics_seen.set()
+            elif kind == _CONFIGURATION_DATA:
+                self.joint_speeds = parse_joint_speeds(part)

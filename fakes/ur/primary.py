@@ -16,6 +16,7 @@ from fakes.ur.faults import StreamFaults
 from fakes.ur.runtime import RuntimeState, ScriptError
 from fakes.ur.safety import SafetyMode
 from fakes.ur.scripting import ScriptPort, TextAssembler
+from fakes.world.arm.joint_speeds import fastest_joints
 from fakes.world.arm.kinematics import dh_parameters
 
 if TYPE_CHECKING:
@@ -143,7 +144,7 @@ def _configuration(robot: "Robot") -> bytes:
         6,
         "12d12d5d24d4i",
         *(-_JOINT_LIMIT, _JOINT_LIMIT) * 6,
-        *(3.1416, 13.96) * 6,
+        *(value for speed in fastest_joints(model) for value in (speed, 13.96)),
         *(1.05, 1.4, 0.25, 1.2, 0.1),
         *(*a, *d, *alpha, *theta),
         *(0, 0, _ROBOT_TYPES.get(model.removesuffix("e"), 0), int(model.endswith("e"))),
