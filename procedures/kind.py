@@ -209,6 +209,14 @@ _ALL = (
         measures=("time_offset_s",),
     ),
     Kind(
+        name="cross-check",
+        words="procedures.cross_check.words:cross_check_lines",
+        result="procedures.cross_check.result:CrossCheckResult",
+        data_file="cross-check.json",
+        report="procedures.cross_check.report:CROSS_CHECK",
+        solve="procedures.cross_check.solver:solve_cross_check",
+    ),
+    Kind(
         name="iso9283",
         words="procedures.iso9283.words:iso9283_lines",
         result="procedures.iso9283.result:Iso9283Result",

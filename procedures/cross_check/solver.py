@@ -1,0 +1,216 @@
+"""``cellward cross-check``: two captures and a measured tool, and which part has changed between them."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from calibration.adjustment.cross_check import (
+    CrossChecked,
+    SeenCamera,
+    SeenTool,
+    cross_check,
+    seen_camera,
+)
+from calibration.adjustment.hand_eye import adjust
+from calibration.adjustment.unknowns import ArmKnown
+from calibration.hand_eye.solution import solve
+from calibration.refusal import Refusal
+from cell.errors import error
+from cell.formats.reading import Strict, parse
+from cell.formats.result import Inputs, Result, Warning_
+from cell.poses import Array
+from cell.run_values import RunValues
+from cell.store.files import read_json
+from procedures.arm_setup import arm_model
+from procedures.cross_check.result import (
+    CrossCheckAnswer,
+    CrossCheckHeldOut,
+    CrossCheckInputs,
+    CrossCheckObservability,
+    CrossCheckResiduals,
+    CrossCheckResult,
+    CrossCheckUncertainty,
+)
+from procedures.cross_check.words import JOINTS, said
+from procedures.documents import read_result
+from procedures.hand_eye.known_parts import known_parts
+from procedures.hand_eye.solve.arm import given_arm
+from procedures.hand_eye.solve.camera import check_views, choose_camera
+from procedures.hand_eye.solve.capture import load_capture
+from procedures.hand_eye.solve.solver import given_noise, measurements, one_thread
+from procedures.laser.config import Search
+from procedures.laser.measurement import reference_of
+from procedures.laser.result import LaserResult
+from procedures.solving import Progress, within_limits
+
+FILE_NAME = "cross-check.json"
+SCHEMA = "cellward.cross-check/1"
+BEAM = "xs"  # at which the arm's joints are taken; the other one is near by
+
+
+class CrossCheckSet(Strict):
+    """``cross-check.json``: folders, absolute or from the file's own."""
+
+    schema_: Literal["cellward.cross-check/1"] = Field(alias="schema")
+    then: str = Field(description="capture of when all was well: the run of the camera's calibration")
+    now: str = Field(description="capture of now")
+    beams: str | None = Field(default=None, description="laser-check or laser-update of now")
+
+
+@within_limits
+def solve_cross_check(
+    path: Path, *, method: str | None = None, progress: Progress | None = None
+) -> CrossCheckResult | Result:
+    """The result of a ``cellward.cross-check/1``: its folder, or the file. Bad input: an ``InputError``."""
+    if method is not None:
+        raise error("ARGUMENT_INVALID", f"method is {method!r}; cross-check has one only, leave it out")
+    file = path / FILE_NAME if path.is_dir() else path
+    asked = parse(CrossCheckSet, read_json(file), SCHEMA, str(file))
+    beams = None if asked.beams is None else file.parent / asked.beams
+    return check_cell(file.parent / asked.then, file.parent / asked.now, beams, progress)
+
+
+def check_cell(
+    then: Path, now: Path, beams: Path | None, progress: Progress | None = None
+) -> CrossCheckResult | Result:
+    """From the folders of two captures and of a run that measured the tool."""
+    began = time.perf_counter()
+    show: Callable[[str, int, int], None] = progress or (lambda *_: None)
+    seen: list[SeenCamera] = []
+    names: tuple[str, ...] = ()
+    setups: list[str] = []
+    noise: list[float | None] = []
+    with one_thread():
+        for k, folder in enumerate((then, now)):
+            show("solve", k, 2)
+            one = _camera_of(folder)
+            if isinstance(one, Refusal):
+                return Result(
+                    kind="cross-check",
+                    verdict="fail",
+                    reasons=[f"{one.name}: {folder}: {one.words}"],
+                    result=None,
+                    inputs=Inputs(solve_seconds=time.perf_counter() - began),
+                )
+            setup, names, camera, px = one
+            setups.append(setup)
+            noise.append(px)
+            seen.append(camera)
+    if setups[0] != setups[1]:
+        text = f"{then} is {setups[0]}, {now} is {setups[1]}; give two captures of one camera"
+        raise error("ARGUMENT_INVALID", text)
+    tool = None if beams is None else tool_of(beams)
+    found = cross_check(seen[0], seen[1], tool, names)
+    show("solve", 2, 2)
+    inputs = CrossCheckInputs(
+        then=str(then),
+        now=str(now),
+        beams=None if beams is None else str(beams),
+        setup=setups[0],
+        solve_seconds=time.perf_counter() - began,
+    )
+    residuals = CrossCheckResiduals(then_px=noise[0], now_px=noise[1])
+    return _result(found, inputs, residuals, with_tool=tool is not None)
+
+
+def _camera_of(folder: Path) -> tuple[str, tuple[str, ...], SeenCamera, float | None] | Refusal:
+    """Setup, the names of the arm's numbers, what the capture in ``folder`` says, and its noise, px."""
+    loaded = load_capture(folder)
+    camera = choose_camera(loaded, adjusts=True)
+    check_views(loaded, camera.camera)
+    rows = loaded.usable()
+    if not len(rows) or camera.camera is None:
+        return Refusal("too-few-poses", "no observation shows the target")
+    given, why = given_arm(loaded, rows)
+    if given is None:
+        raise error("DATA_INVALID", f"{loaded.path}: {why}; a cross check needs the arm's joints")
+    measured = measurements(loaded, rows)
+    if any(view is None for view in measured.views):
+        raise error("DATA_INVALID", f"{loaded.path}: a cross check needs the corners of every observation")
+    solution = solve(measured, camera.camera, given_noise(loaded))
+    if isinstance(solution, Refusal):
+        return solution
+    sigma = None if loaded.capture.camera is None else loaded.capture.camera.sigma
+    known = known_parts(
+        loaded.capture.target.model_dump(),
+        None if sigma is None else sigma.model_dump(),
+        given.spec.robot,
+        from_images=camera.estimated is not None,
+    )
+    limits = np.tile([-np.pi, np.pi], (len(JOINTS), 1))
+    arm = ArmKnown(given.spec.arm, given.Q, limits, known.arm)
+    found = adjust(measured, solution, camera.camera, arm, known.lens, known.target)
+    setup = loaded.capture.setup
+    px = found.components.sigma.get("sigma_px")
+    return setup, found.names, seen_camera(found, arm, setup), px
+
+
+def tool_of(folder: Path) -> SeenTool:
+    """What the run in ``folder`` measured of the tool against its reference."""
+    found = read_result(read_json(folder / "result.json"), str(folder))
+    if not isinstance(found, LaserResult):
+        raise error("ARGUMENT_INVALID", f"{folder} holds no measurement of a tool in the beams")
+    if found.result.cov is None:
+        raise error("ARGUMENT_INVALID", f"{folder}: the tool's point has no stated uncertainty")
+    values = RunValues.of(read_json(folder / "run.json")["values"])
+    cov = np.array(found.result.cov)[:3, :3]
+    return SeenTool(np.array(found.result.dp_flange), cov, _by_joints(values))
+
+
+def _by_joints(values: RunValues) -> Array:
+    """(3, 6) how far the tool's point seems to move on the flange for a unit of each joint's zero."""
+    reference, model = reference_of(values), arm_model(values)
+    q = np.array(Search.from_reference(reference, None).beam(BEAM).q)
+    R = model.forward(q).rotation.as_matrix()
+    J = model.jacobian_many(q[None])[0]
+    lever = R @ np.array(reference["tool"]["p_ref"], dtype=float)
+    return np.asarray(R.T @ (J[:3] + np.cross(J[3:].T, lever).T))
+
+
+def _result(
+    found: CrossChecked, inputs: CrossCheckInputs, residuals: CrossCheckResiduals, with_tool: bool
+) -> CrossCheckResult:
+    change, sigma = found.change, found.sigma
+    figures: dict[str, float] = {}
+    if found.part in ("tool", "camera"):
+        figures = {"t": _length(change[:3]), "t_sigma": _rms(sigma[:3])}
+    if found.part in ("camera", "joint zero"):
+        figures |= {"r": _length(change[-3:]), "r_sigma": _rms(sigma[-3:])}
+    answer = CrossCheckAnswer(
+        part=found.part,
+        joint=None if found.joint is None else JOINTS[found.joint],
+        probable={name: float(value) for name, value in found.probable.items()},
+        **figures,
+    )
+    undetermined = [
+        f"the zero of joint '{JOINTS[k]}': it shows in nothing that was measured" for k in found.unseen
+    ]
+    if not with_tool:
+        undetermined.append("the tool: no measurement of it in the beams was given")
+    good, open_ = answer.part == "none", answer.part == "cannot-tell"
+    return CrossCheckResult(
+        verdict="pass" if good else "warn" if open_ else "fail",
+        reasons=[] if good else [said(answer)],
+        warnings=Warning_.each([("cross-check.cannot-tell", said(answer))] if open_ else []),
+        result=answer,
+        uncertainty=CrossCheckUncertainty(
+            meaning="each explanation by its marginal likelihood, beforehand: "
+            "nothing 0.40, one part 0.19 each, two at once 0.03"
+        ),
+        residuals=residuals,
+        heldout=CrossCheckHeldOut(meaning="nothing: every observation is in the probabilities"),
+        observability=CrossCheckObservability(undetermined=undetermined),
+        inputs=inputs,
+    )
+
+
+def _length(v: Array) -> float:
+    return float(np.linalg.norm(v))
+
+
+def _rms(v: Array) -> float:
+    return float(np.sqrt(np.mean(v**2)))

@@ -1,0 +1,40 @@
+"""Which part of a cell has changed: the right one is named, and who cannot tell says so."""
+
+import numpy as np
+import pytest
+
+from calibration.hand_eye.problem import Setup
+from tests.kit.cross_check_scene import JOINT_RAD, TOOL_M, checked
+
+
+def test_nothing_is_named_where_nothing_has_changed() -> None:
+    subject = checked(0, "none")
+    assert (subject.part, subject.joint) == ("none", None)
+    # The last joint's zero turns target and tool about its axis, so neither measurement shows it.
+    assert subject.unseen == (5,)
+
+
+@pytest.mark.parametrize("setup", ["eye-to-hand", "eye-in-hand"])
+def test_a_bent_tool_is_named_with_its_shift(setup: Setup) -> None:
+    subject = checked(1, "tool", setup=setup)
+    assert subject.part == "tool"
+    assert np.linalg.norm(subject.change) == pytest.approx(TOOL_M, rel=0.2)
+
+
+@pytest.mark.parametrize(("setup", "poses"), [("eye-to-hand", 40), ("eye-in-hand", 100)])
+def test_a_moved_camera_is_named(setup: Setup, poses: int) -> None:
+    subject = checked(3, "camera", setup=setup, poses=poses)
+    assert subject.part == "camera"
+    assert subject.sigma.shape == (6,)
+
+
+@pytest.mark.parametrize(("setup", "joint"), [("eye-to-hand", 1), ("eye-in-hand", 2)])
+def test_a_joint_whose_zero_is_off_is_named_with_its_error(setup: Setup, joint: int) -> None:
+    subject = checked(4, "joint", joint, setup)
+    assert (subject.part, subject.joint) == ("joint zero", joint)
+    assert abs(subject.change[0]) == pytest.approx(JOINT_RAD, rel=0.2)
+
+
+def test_a_zero_that_shows_in_nothing_is_no_reason_to_blame_another_part() -> None:
+    subject = checked(5, "joint", 5)
+    assert subject.part in ("none", "cannot-tell")

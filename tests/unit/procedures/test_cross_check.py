@@ -1,0 +1,135 @@
+"""``cellward cross-check``: what two captures on disk and a measured tool say of the cell."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calibration.hand_eye.problem import Setup
+from cell.errors import InputError
+from cell.poses import Array
+from cell.run_values import RunValues
+from procedures.cross_check.solver import _by_joints, check_cell, solve_cross_check, tool_of
+from procedures.cross_check.words import cross_check_lines
+from procedures.report import write_report
+from tests.kit.cross_check_scene import Q_BEAMS, TIP, Change, change, tool_in_beams, views
+from tests.kit.eye_to_hand_scene import POINTS, joints, make_scene, off, pose6
+from tests.kit.imperfect_cell import ARM, CAMERA
+from tests.unit.procedures.test_latency_job import made_by_hand
+
+SETUP: Setup = "eye-to-hand"
+STORED = Path(__file__).parents[2] / "kit" / "stored_results"
+POSES = 40
+
+
+@pytest.fixture(scope="module")
+def captures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Runs of one cell: when all was well, and with each part changed, with the tool in the beams."""
+    rng, root = np.random.default_rng(12), tmp_path_factory.mktemp("cells")
+    scene = make_scene(rng, POSES)
+    found = {}
+    for part in ("then", "none", "camera", "joint"):
+        what = Change() if part == "then" else change(rng, part, 2)
+        folder = found[part] = root / part
+        folder.mkdir()
+        W = scene.W @ off(rng, 0.003, 0.02)
+        measured, Q = views(rng, scene.cell, SETUP, scene.X, W, joints(rng, scene.X, W, POSES), what)
+        (folder / "capture.json").write_text(json.dumps(capture(measured, Q)), "utf-8")
+        seen = tool_in_beams(rng, scene.cell, what)
+        (root / f"{part}-beams").mkdir()
+        write_beams(root / f"{part}-beams", seen.moved, seen.cov)
+        found[f"{part}-beams"] = root / f"{part}-beams"
+    return found
+
+
+def capture(measured: Any, Q: Array) -> dict[str, Any]:
+    lens = {"width": CAMERA.width, "height": CAMERA.height, "K": list(CAMERA.K), "dist": list(CAMERA.dist)}
+    points = {"type": "points", "points": POINTS.tolist(), "scale_sigma": 1e-4, "flatness_m": 2e-5}
+    return {
+        "schema": "cellward.capture/1",
+        "setup": SETUP,
+        "robot": {"model": "ur10e"},
+        "camera": lens,
+        "target": points,
+        "observations": [
+            {
+                "index": k,
+                "group": 0,
+                "q": q.tolist(),
+                "T_base_flange": pose6(F),
+                "corners": view.corners.tolist(),
+            }
+            for k, (q, F, view) in enumerate(zip(Q, measured.F, measured.views, strict=True))
+        ],
+    }
+
+
+def write_beams(folder: Path, moved: Array, cov: Array) -> None:
+    """A run of laser-check that found this, in the fixture of the scene."""
+    result = json.loads((STORED / "laser-01.json").read_text("utf-8"))
+    whole = np.zeros((6, 6))
+    whole[:3, :3] = cov
+    result["result"] |= {"dp_flange": moved.tolist(), "cov": whole.tolist()}
+    (folder / "result.json").write_text(json.dumps(result), "utf-8")
+    (folder / "run.json").write_text(json.dumps({"values": values()}), "utf-8")
+
+
+def values() -> dict[str, Any]:
+    reference = made_by_hand()
+    reference["tool"]["p_ref"] = TIP.tolist()
+    for name in ("xs", "ys"):
+        reference["search"][name]["q"] = Q_BEAMS.tolist()
+    poses = {reference["search"][name]["aux"]: Q_BEAMS.tolist() for name in ("xs", "ys")}
+    tool = {
+        "name": reference["tool"]["id"],
+        "T_flange_tool": [*TIP.tolist(), 0.0, 0.0, 0.0],
+        "radius_m": 0.01,
+    }
+    return {"robot": {"model": "ur10e"}, "tool": tool, "laser_reference": reference, "poses": poses}
+
+
+@pytest.mark.parametrize(("part", "named"), [("none", "none"), ("camera", "camera"), ("joint", "joint zero")])
+def test_the_part_that_has_changed_is_named(captures: dict[str, Path], part: str, named: str) -> None:
+    found = check_cell(captures["then"], captures[part], captures[f"{part}-beams"])
+    answer = found.as_json()["result"]
+    assert answer["part"] == named
+    assert answer.get("joint") == ("elbow" if part == "joint" else None)
+    assert found.verdict == ("pass" if part == "none" else "fail")
+    if part != "none":
+        assert found.reasons[0].startswith(named.replace(" ", "-"))
+
+
+def test_the_data_set_names_folders_from_its_own_and_the_report_says_the_same(
+    captures: dict[str, Path], tmp_path: Path
+) -> None:
+    folder = captures["then"].parent
+    asked = {"schema": "cellward.cross-check/1", "then": "then", "now": "joint", "beams": "joint-beams"}
+    (folder / "cross-check.json").write_text(json.dumps(asked), "utf-8")
+    found = solve_cross_check(folder)
+    report = write_report(found.signed().as_json(), tmp_path / "report.html")
+    assert "zero of joint" in report.read_text("utf-8")
+    lines = "\n".join(cross_check_lines(found))  # type: ignore[arg-type]
+    assert "the zero of joint 'elbow' is off by" in lines
+    assert "the zero of joint 'wrist 3': it shows in nothing that was measured" in lines
+
+
+def test_how_a_joint_moves_the_point_is_what_the_model_does(captures: dict[str, Path]) -> None:
+    subject = _by_joints(RunValues.of(values()))
+    start = ARM.forward(Q_BEAMS)
+    for k in range(6):
+        moved = ARM.forward(Q_BEAMS + 1e-6 * np.eye(6)[k]).apply(TIP)
+        expected = start.rotation.inv().apply(moved - start.apply(TIP)) / 1e-6
+        assert subject[:, k] == pytest.approx(expected, abs=1e-5)
+    assert tool_of(captures["joint-beams"]).by_joints == pytest.approx(subject)
+
+
+def test_what_is_no_measured_tool_and_captures_without_joints_are_refused(
+    captures: dict[str, Path], tmp_path: Path
+) -> None:
+    data = json.loads((captures["then"] / "capture.json").read_text("utf-8"))
+    del data["robot"]
+    (tmp_path / "capture.json").write_text(json.dumps(data), "utf-8")
+    with pytest.raises(InputError, match=r"has no robot; a cross check needs the arm's joints"):
+        check_cell(tmp_path, captures["none"], None)
