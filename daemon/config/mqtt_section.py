@@ -1,6 +1,7 @@
 """``[mqtt]``: the broker of a plant, which is told and never asked."""
 
 import ipaddress
+from importlib.util import find_spec
 from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, model_validator
@@ -36,6 +37,14 @@ class MqttSection(Section):
     state_every_s: float = Field(
         default=1.0, ge=0.2, le=60.0, description="a changing state is told no more often than this"
     )
+
+    @model_validator(mode="after")
+    def _is_installed(self) -> Self:
+        if self.enabled and find_spec("aiomqtt") is None:
+            raise ValueError(
+                "telling a broker needs aiomqtt: install the extra cellward[mqtt], or leave it out"
+            )
+        return self
 
     @model_validator(mode="after")
     def _guards_its_secrets(self) -> Self:

@@ -56,15 +56,11 @@ def make_program(root: Path, wheelhouse: Path, version: str, python: Path, packa
     draft, final = programs / f".new-{version}", programs / version
     shutil.rmtree(draft, ignore_errors=True)
     try:
-        _run([sys.executable, "-m", "venv", "--without-pip", "--symlinks", str(draft)], "the venv")
-        _run(
-            [
-                *(sys.executable, "-m", "pip", "--python", str(draft / "bin/python"), "install", "--quiet"),
-                *("--disable-pip-version-check", "--no-index", "--no-compile", "--only-binary", ":all:"),
-                *("--find-links", str(wheelhouse), f"cellward[mqtt]=={version}"),
-            ],
-            "pip",
-        )
+        # With a pip of its own: the program that runs may be in a venv without one.
+        _run([sys.executable, "-m", "venv", "--symlinks", str(draft)], "venv (apt install python3-venv)")
+        pip = [str(draft / "bin/python"), "-m", "pip", "--isolated", "--disable-pip-version-check", "install"]
+        wheels_alone = ["--no-index", "--only-binary", ":all:", "--find-links", str(wheelhouse)]
+        _run([*pip, "--quiet", "--no-compile", *wheels_alone, f"cellward[mqtt]=={version}"], "pip")
         _relocate(draft, f"/{PROGRAMS / version}", python)
         _compile(draft, f"/{PROGRAMS / version}")
     except BaseException:
@@ -126,9 +122,7 @@ def _run(command: list[str], what: str) -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         last = (done.stderr or done.stdout).strip().splitlines()
-        raise error(
-            "ARGUMENT_INVALID", f"{what} could not be made: {last[-1] if last else 'no reason given'}"
-        )
+        raise error("ARGUMENT_INVALID", f"{what} failed: {last[-1] if last else 'no reason given'}")
 
 
 def _ordered(version: str) -> tuple[int, ...]:

@@ -243,6 +243,13 @@ def test_a_lost_mark_tells_all_runs_anew(tmp_path: Path) -> None:
     assert [run_id for run_id, _ in Outbox(tmp_path).waiting()] == [1]
 
 
+def test_a_broker_without_the_library_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("daemon.config.mqtt_section.find_spec", lambda name: None)
+    with pytest.raises(ValidationError, match=r"cellward\[mqtt\]"):
+        MqttSection(enabled=True)
+    assert not MqttSection().enabled
+
+
 @pytest.mark.parametrize(
     ("keys", "says"),
     [
