@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.calibrations import laser_reference
 from cell.errors import CellError
 from cell.run_values import RunValues
 from daemon.cli.result_text import result_text
@@ -16,10 +15,10 @@ from procedures.laser.config import LaserCheckConfig
 from procedures.laser.judging import judge_check, judge_moved
 from procedures.laser.moved import FALSE_ALARM, FLOOR_M, tolerance, whether_moved
 from procedures.laser.result import Apart
-from tests.kit.laser_cell import TOOL, laser_cell, laser_config, states_of_results
+from tests.kit.laser_cell import laser_cell, laser_config, states_of_results
 from tests.kit.laser_made import T_TOOL, Solved, drawn_reference, solved
-from tests.kit.object_cell import WHO, no_report
-from tests.unit.procedures.test_laser_update import FINE, replayed
+from tests.kit.laser_runs import replayed
+from tests.kit.object_cell import no_report
 
 __all__ = ["no_report", "solved"]
 
@@ -143,25 +142,5 @@ def test_the_job_itself_fails_for_a_tool_that_moved_and_replays_so(tmp_path: Pat
             assert states_of_results(cell) == [], "a check proposes nothing"
             assert replayed(cell, 1) == []
             assert set(known_of(RunValues.of(cell.folder(1).info["values"]))) == set(KNOWN)
-
-    run_virtual(main())
-
-
-@pytest.mark.usefixtures("no_report")
-def test_a_bump_in_the_cell_is_found_by_the_solver_itself_and_a_good_tool_passes(tmp_path: Path) -> None:
-    config = laser_config(tmp_path, reference=FINE, quick=False)
-
-    async def main() -> None:
-        async with laser_cell(config, "laser-reference") as cell:
-            await cell.run_job()
-            (row,) = cell.ledger.results(laser_reference(TOOL))
-            await cell.engine.accept(row["id"], WHO)
-            good = await cell.run_job(job="laser-check")
-            assert (good["outcome"], good["verdict"]) == ("complete", "pass"), cell.result(2)["reasons"]
-            cell.plant.world.tool.bend(cell.clock.now(), BUMP, [0.0, 0.0, 0.0])
-            found = await cell.run_job(job="laser-check")
-            assert (found["outcome"], found["verdict"]) == ("complete", "fail")
-            test = cell.result(3)["result"]["moved"]
-            assert test["shift_m"] == pytest.approx(float(np.linalg.norm(BUMP)), abs=test["U_shift_m"])
 
     run_virtual(main())

@@ -46,7 +46,10 @@ def bent(cell: ObjectCell) -> None:
     cell.plant.world.tool.bend(cell.clock.now(), *BEND)
 
 
-def test_a_bent_tool_is_measured_tried_and_written_within_its_uncertainty(tmp_path: Path) -> None:
+def test_a_moved_tool_is_found_and_a_bent_one_measured_tried_and_written_within_its_uncertainty(
+    tmp_path: Path,
+) -> None:
+    """One reference for the checks of a good tool and of a bumped one, and for the update of a bent one."""
     config = laser_config(tmp_path, reference=FINE, update=AUTO, quick=False)
 
     async def main() -> None:
@@ -55,10 +58,18 @@ def test_a_bent_tool_is_measured_tried_and_written_within_its_uncertainty(tmp_pa
             assert (made["outcome"], made["verdict"]) == ("complete", "pass"), made
             (row,) = cell.ledger.results(laser_reference(TOOL))
             await cell.engine.accept(row["id"], WHO)
+            good = await cell.run_job(job="laser-check")
+            assert (good["outcome"], good["verdict"]) == ("complete", "pass"), cell.result(2)["reasons"]
+            cell.plant.world.tool.bend(cell.clock.now(), BEND[0], [0.0, 0.0, 0.0])
+            found = await cell.run_job(job="laser-check")
+            assert (found["outcome"], found["verdict"]) == ("complete", "fail")
+            moved = cell.result(3)["result"]["moved"]
+            assert moved["shift_m"] == pytest.approx(float(np.linalg.norm(BEND[0])), abs=moved["U_shift_m"])
+
             bent(cell)
             end = await cell.run_job(job=JOB)
-            assert (end["outcome"], end["verdict"]) == ("complete", "pass"), cell.result(2)["reasons"]
-            result = cell.result(2)
+            assert (end["outcome"], end["verdict"]) == ("complete", "pass"), cell.result(4)["reasons"]
+            result = cell.result(4)
             committed = committed_tool(cell)
             assert committed == result["result"]["T_flange_tool"]
             U = result["uncertainty"]["U_point_m"]
@@ -73,7 +84,7 @@ def test_a_bent_tool_is_measured_tried_and_written_within_its_uncertainty(tmp_pa
             assert {"beams.latency_s.beams", f"tool.offset_x_m.{TOOL}"} <= set(result["inputs"]["trend"])
             assert cell.at_rest()
             assert replayed(cell, 1) == []
-            the_plain_rule_misses(cell.folder(2).path, result["result"], row["value"], 2.0 * BEND[0][0])
+            the_plain_rule_misses(cell.folder(4).path, result["result"], row["value"], 2.0 * BEND[0][0])
             now = await cell.engine.rollback(tool_calibration(TOOL), WHO)
             assert now["version"] is None, "one step back is the configured tool"
 
