@@ -99,7 +99,7 @@ class Rules:
 
         Slacks above ``within`` are lower bounds from bounding boxes.
         """
-        segments = ends[:, self._moving].reshape(-1, 2, 3)
+        segments = ends.take(self._moving, axis=1).reshape(-1, 2, 3)
         radii = np.tile(self._body.radii[self._moving], len(ends))
         return [self._keep_out_of(box, segments, radii, within) for box in self._limits.keep_out]
 
@@ -115,7 +115,7 @@ class Rules:
 
     def workspace(self, ends: Array) -> Slacks:
         """Wrist 3 and everything on the flange inside the union of the workspace boxes, surfaces included."""
-        held, low, high = ends[:, self._held], self._held_low, self._held_high
+        held, low, high = ends.take(self._held, axis=1), self._held_low, self._held_high
         # A box is convex: a segment is as deep inside as its shallower end, in the best box.
         apart = held[:, :, None]
         inside = np.minimum(apart - low[:, :, None], high[:, :, None] - apart)
@@ -129,7 +129,7 @@ class Rules:
 
     def floor(self, ends: Array) -> Slacks:
         """The links that swing (not base and shoulder, whose height never changes) above the floor."""
-        heights = ends[..., 2][:, self._swinging]
+        heights = ends[..., 2].take(self._swinging, axis=1)
         lowest = np.minimum(heights[..., 0], heights[..., 1])
         values = lowest - self._body.radii[self._swinging] - self._floor
         return Slacks(values, self._floor_texts)
@@ -137,7 +137,7 @@ class Rules:
     def self_contact(self, ends: Array) -> Slacks:
         """Wrist and tool clear of the arm's own base, shoulder, upper arm and forearm."""
         i, j = self._body.self_pairs.T
-        a, b = ends[:, i].reshape(-1, 2, 3), ends[:, j].reshape(-1, 2, 3)
+        a, b = (ends.take(k, axis=1).reshape(-1, 2, 3) for k in (i, j))
         distance = segment_segment_distance(a[:, 0], a[:, 1], b[:, 0], b[:, 1]).reshape(len(ends), -1)
         return Slacks(distance - self._body.radii[i] - self._body.radii[j], self._self_texts)
 

@@ -68,6 +68,8 @@ def segment_segment_distance(p0: Array, p1: Array, q0: Array, q1: Array) -> Arra
 
     Closed form with clamped parameters (Ericson, Real-Time Collision Detection, 5.1.9).
     """
+    # By coordinate, (3, n): three long rows are worked off several times as fast as n short ones.
+    p0, p1, q0, q1 = (np.ascontiguousarray(ends.T) for ends in (p0, p1, q0, q1))
     d1, d2, r = p1 - p0, q1 - q0, p0 - q0
     a, e, f = _dot(d1, d1), _dot(d2, d2), _dot(d2, r)
     b, c = _dot(d1, d2), _dot(d1, r)
@@ -78,8 +80,8 @@ def segment_segment_distance(p0: Array, p1: Array, q0: Array, q1: Array) -> Arra
     s = np.where(parallel, 0.0, _share((b * f - c * e) / np.where(parallel, 1.0, denominator)))
     t = _share((b * s + f) / safe_e)
     s = _share((b * t - c) / safe_a)
-    gap = r + s[:, None] * d1 - t[:, None] * d2
-    distance: Array = np.sqrt((gap * gap).sum(axis=1))
+    gap = r + s * d1 - t * d2
+    distance: Array = np.sqrt(_dot(gap, gap))
     return distance
 
 
@@ -90,5 +92,6 @@ def _share(along: Array) -> Array:
 
 
 def _dot(a: Array, b: Array) -> Array:
-    product: Array = np.einsum("ni,ni->n", a, b)
+    """(n,) of vectors (3, n)."""
+    product: Array = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     return product
