@@ -53,6 +53,7 @@ class UrArm(SampledDevice):
         self._remote: bool | None = None
         self._dashboard_error = ""
         self._version = ""
+        self.cycle_hz = E_SERIES_HZ  # of the controller: it takes a set-point in each cycle
         self._tcp_set_at = -1e9
         self._tcp_in_packages = False
         self._tasks: set[asyncio.Task[None]] = set()
@@ -242,7 +243,8 @@ class UrArm(SampledDevice):
                 " dashboard server of PolyScope 3 or 5",
             )
         self._primary = await PrimaryLink.connect(config.host, self._take_tcp, self._lose, timeout)
-        frequency_hz = min(config.rtde_frequency_hz, CB3_HZ if version[0] <= 3 else E_SERIES_HZ)
+        self.cycle_hz = CB3_HZ if version[0] <= 3 else E_SERIES_HZ
+        frequency_hz = min(config.rtde_frequency_hz, self.cycle_hz)
         recipe = await self._link.setup_outputs(NAMES, frequency_hz, timeout)
         if "NOT_FOUND" in recipe.types:
             recipe = await self._link.setup_outputs(available(recipe), frequency_hz, timeout)

@@ -38,6 +38,7 @@ class MotionArm(ArmView, Protocol):
     """What the port needs of the arm that opened it."""
 
     feed: StateFeed
+    cycle_hz: float  # of the controller, which takes a set-point in each cycle
 
     async def stop_program(self) -> None: ...
     def tcp_read_back(self, offset6: Array) -> None: ...
@@ -88,7 +89,11 @@ class UrMotion:
         self.script.expect()
         try:
             await self._call(
-                "open", OPEN_DEADLINE_S, host=self._config.host, watchdog_hz=self._config.watchdog_min_hz
+                "open",
+                OPEN_DEADLINE_S,
+                host=self._config.host,
+                watchdog_hz=self._config.watchdog_min_hz,
+                servo_period_s=1.0 / self._arm.cycle_hz,
             )
         except CellError as exc:
             raise open_failure(exc) from exc

@@ -29,7 +29,7 @@ from drivers.ur.framing import Message, Unframer, encode
 
 BEAT_LIMIT_S = 0.1
 KICK_PERIOD_S = 0.02
-SERVO_PERIOD_S = 0.002
+SERVO_PERIOD_S = 0.002  # of an e-Series controller; the daemon tells that of an older one
 SERVO_CALL_LIMIT_S = 0.3
 TICK_S, PAUSED_S = 0.01, 0.1
 
@@ -113,6 +113,7 @@ class MotionChild:
         self._servo = (0.0, 0.0, 0.0)  # look-ahead, gain, deceleration
         self._servoing = False
         self._next_setpoint = 0.0
+        self._servo_period_s = SERVO_PERIOD_S
 
     def run(self) -> None:
         """The loop: read from the daemon, serve one command, keep the watchdog or the set-points going."""
@@ -204,7 +205,7 @@ class MotionChild:
         if now < self._next_setpoint:
             return
         # Missed periods are dropped, not caught up: each set-point is computed for its own instant.
-        self._next_setpoint = max(self._next_setpoint + SERVO_PERIOD_S, now)
+        self._next_setpoint = max(self._next_setpoint + self._servo_period_s, now)
         q = follower.setpoint(now, self._beat)
         if q is None:
             if now >= self._next_kick:
@@ -226,7 +227,7 @@ class MotionChild:
         if time.monotonic() - self._told >= KICK_PERIOD_S:
             self._tell_kick()  # a set-point is a kick; one in ten is told
         with self._limit.within(SERVO_CALL_LIMIT_S, "servoJ"):
-            return control.servoJ(q, 0.0, 0.0, SERVO_PERIOD_S, lookahead, gain)
+            return control.servoJ(q, 0.0, 0.0, self._servo_period_s, lookahead, gain)
 
     def _end_following(self, end: str) -> None:
         self._follower = None
@@ -235,7 +236,8 @@ class MotionChild:
 
     # Commands. Each returns what the reply carries.
 
-    def _open(self, host: str, watchdog_hz: float) -> bool:
+    def _open(self, host: str, watchdog_hz: float, servo_period_s: float = SERVO_PERIOD_S) -> bool:
+        self._servo_period_s = servo_period_s
         self._control = self._connect(host)
         if not self._control.isProgramRunning():
             raise RuntimeError("the control script did not start")

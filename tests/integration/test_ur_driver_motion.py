@@ -70,7 +70,7 @@ def test_setting_the_tcp_starts_an_epoch_and_keeps_the_flange(rig: Rig) -> None:
     rig.play(scenario)
 
 
-def test_a_streamed_trajectory_is_followed_in_time(rig: Rig) -> None:
+def followed_in_time(rig: Rig) -> None:
     async def scenario() -> None:
         async with rig.movable() as (arm, port):
             travel = np.array([0.2, 0.0, 0.0, 0.0, 0.1, 0.0])
@@ -88,6 +88,15 @@ def test_a_streamed_trajectory_is_followed_in_time(rig: Rig) -> None:
             assert 0.0 < np.median(lags) < 0.12
 
     rig.play(scenario)
+
+
+def test_a_streamed_trajectory_is_followed_in_time(rig: Rig) -> None:
+    followed_in_time(rig)
+
+
+def test_a_cb3_with_its_125_hz_follows_in_time_too() -> None:
+    with Rig.running(version="3.15.0", model="ur10") as rig:
+        followed_in_time(rig)
 
 
 def _instant_of(piece: TrajectoryPiece, q: float) -> float:

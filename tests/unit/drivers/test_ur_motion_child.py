@@ -265,6 +265,23 @@ def test_set_points_follow_the_polynomial_until_the_end(subject: Daemon) -> None
     assert subject.control.count("servoStop") == 1
 
 
+def test_an_older_controller_gets_a_set_point_in_each_of_its_own_cycles(subject: Daemon) -> None:
+    """125 Hz of a CB3; a busy machine sends fewer, never more."""
+    assert subject.ask("open", **_OPEN, servo_period_s=0.008)["ok"]
+    subject.beat()
+    subject.ask("follow", horizon_s=0.1, ramp=8.0, lookahead=0.03, gain=500.0, decel=5.0)
+    t0 = time.monotonic()
+    subject.ask("piece", t0=t0, t1=t0 + 0.2, coefficients=[[0.5] * 6, [0.0] * 6])
+    subject.ask("finish")
+    subject.beating(0.5)
+    assert subject.next(lambda m: m.get("event") == "followed")["end"] == "done"
+    took = time.monotonic() - t0
+    sent = [args for name, args in subject.control.calls if name == "servoJ"]
+    assert sent
+    assert len(sent) <= took / 0.008 + 2
+    assert {args[3] for args in sent} == {0.008}
+
+
 def test_following_ends_by_itself_when_the_beat_stops(subject: Daemon) -> None:
     subject.open()
     subject.beat()
