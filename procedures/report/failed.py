@@ -9,7 +9,8 @@ from cell.formats.result import Result
 from cell.store.files import write_atomic
 from procedures.report.cover import Cover, cover
 from procedures.report.figure import plotly_script
-from procedures.report.html import Html, bullets, document, el, join, note, paragraph, section
+from procedures.report.html import Html, bullets, document, el, join, note, paragraph, section, table
+from procedures.report.numbers import DASH, dig, number
 from procedures.report.source import Source, of_folder
 from procedures.report.timeline import timeline
 from procedures.report.write import FILE_NAME, subtitle, titled
@@ -38,8 +39,9 @@ def write_failed_report(folder: Path, path: Path | None = None) -> Path:
             el("header", el("h1", title), el("p", subtitle(source))),
             cover(source, Cover()),
             _cause(source),
+            _timing(source),
             _taken_again(source),
-            timeline(last, shown),
+            timeline(last, shown, routine=True),
             *(paragraph(line) for line in source.missing),
         ]
     )
@@ -62,6 +64,29 @@ def _cause(source: Source[Any]) -> Html:
         paragraph(str(failure.get("hint") or "")),
         note(" ".join(where)),
     )
+
+
+def _timing(source: Source[Any]) -> Html | None:
+    """How late the event loop woke and how old the arm's states were: whether a busy PC is to blame."""
+    told = [e for e in source.journal if e.get("event") == "timing"]
+    if not told:
+        return None
+    rows = [
+        (words, *(_milliseconds(dig(told[-1], key, which)) for which in ("p99_s", "max_s")))
+        for key, words in (
+            ("loop_lag", "the event loop woke late by"),
+            ("state_age", "the arm's states were old by"),
+        )
+        if number(dig(told[-1], key, "n"))
+    ]
+    if not rows:
+        return None
+    return section("How timely it was", table(("", "99 of 100 below", "largest"), rows, "lrr"))
+
+
+def _milliseconds(seconds: object) -> str:
+    value = number(seconds)
+    return DASH if value is None else f"{1e3 * value:.1f} ms"
 
 
 def _taken_again(source: Source[Any]) -> Html | None:

@@ -25,8 +25,11 @@ def events(source: Source[Any], *names: str) -> Counter[str]:
     return Counter(str(e["event"]) for e in _timed(source) if e.get("event") in names)
 
 
-def timeline(source: Source[Any], summary: str = "") -> Html | None:
-    """``summary`` (without its full stop), a strip of the states, and a table; None without a run."""
+def timeline(source: Source[Any], summary: str = "", *, routine: bool = False) -> Html | None:
+    """``summary`` (without its full stop), a strip of the states, and a table; None without a run.
+
+    With ``routine`` the table has every entry, moves and leases too.
+    """
     if not source.run and not source.journal:
         return None
     title = "The run"
@@ -34,7 +37,8 @@ def timeline(source: Source[Any], summary: str = "") -> Html | None:
     if not entries:
         return section(title, absent("The journal has no entries."))
     origin = float(entries[0]["t"])
-    rows = [(f"{e['t'] - origin:.1f}", e.get("kind"), _what(e)) for e in entries if _notable(e)]
+    shown = [e for e in entries if routine or _notable(e)]
+    rows = [(f"{e['t'] - origin:.1f}", e.get("kind"), _what(e)) for e in shown]
     more = len(rows) - _MOST_ROWS
     return section(
         title,

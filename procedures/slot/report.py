@@ -1,7 +1,7 @@
 """The report of an insertion: its first page, and what is known of it in words."""
 
 from procedures.report.cover import Cover, CoverFigure, judged
-from procedures.report.numbers import dig, mm, mms
+from procedures.report.numbers import mm, mms
 from procedures.report.plain import in_words
 from procedures.report.source import Source
 from procedures.slot.result import SlotResult
@@ -27,8 +27,7 @@ def slot_cover(source: Source[SlotResult]) -> Cover:
     if answer.travel_m is not None:
         figures.append(CoverFigure("travel in the slot", mm(answer.travel_m)))
     if answer.force_n is not None:
-        force = dig(source.run, "job_config", "max_force_n")
-        figures.append(judged("force at its end", answer.force_n, force, lambda n: f"{n:.1f} N"))
+        figures.append(CoverFigure("force that ended the guarded move", f"{answer.force_n:.1f} N"))
     return Cover(figures, [*found.observability.undetermined, _LOOK])
 
 

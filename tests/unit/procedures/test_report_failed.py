@@ -1,0 +1,46 @@
+"""The report of an aborted run: its first page says NO-GO and why, and it tells how timely data were."""
+
+from pathlib import Path
+
+import pytest
+
+from cell.clock import MonotonicClock
+from cell.errors import error
+from cell.store.runs import RunFolder
+from procedures.report.failed import write_failed_report
+from tests.unit.procedures.test_report_page import Page
+
+NOT_TIMELY = {"n": 269, "p50_s": 0.001, "p99_s": 0.0106, "p999_s": 0.0168, "max_s": 0.1368}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    info = {
+        "parameters": {},
+        "config": {"cell": {"name": "bay-3", "twin": False}, "device": {"arm": {"calibrated": "2026-05-31"}}},
+        "identities": {"arm": {"model": "ur10e", "serial": "20195501234"}},
+        "started_by": {"who": "anna", "channel": "web"},
+    }
+    run = RunFolder.create(tmp_path, "laser-check", 3, info, MonotonicClock())
+    run.note("state", state="sweep", why="")
+    run.note("motion", event="move_linear", to="beam xs")
+    run.note("device", event="timing", loop_lag={"n": 0}, state_age=NOT_TIMELY)
+    failure = error("DEVICE_LOST", "arm: newest sample is 0.136 s old").as_dict()
+    run.finish({"outcome": "aborted", "packml": "ABORTED", "verdict": None, "error": failure})
+    return run.path
+
+
+def test_the_first_page_says_no_go_and_names_the_cause(folder: Path) -> None:
+    text = Page(write_failed_report(folder).read_text("utf-8")).text
+    assert "NO-GO the run ended aborted: " in text
+    assert text.index("newest sample is 0.136 s old") < text.index("Signatures")
+    assert "started by anna over web" in text
+    assert "arm ur10e 20195501234 2026-05-31" in text
+    assert "Simulated" not in text
+
+
+def test_it_tells_the_last_entries_with_the_moves_and_how_old_the_states_were(folder: Path) -> None:
+    text = Page(write_failed_report(folder).read_text("utf-8")).text
+    assert "motion move_linear" in text
+    assert "the arm's states were old by 10.6 ms 136.8 ms" in text
+    assert "the event loop woke late" not in text  # it was not measured
