@@ -191,7 +191,7 @@ def _start(plc: Plc, step: Step) -> None:
 def _play_operator(plc: Plc, folder: Path, step: Step, placement: int) -> str:
     """Do in the twin what the prompt asks for; returns what was done."""
     if not step.moves_board:
-        return "the operator accepts what is proposed"
+        return "the operator has done what it asks for"
     _tell_twin(plc, folder, "operator", "place", str(placement))
     return f"the operator put the board at place {placement}"
 

@@ -152,6 +152,9 @@ class LaserReferenceConfig(SearchSection):
     max_slope_rad: float = Field(default=0.02, gt=0, le=0.2, description="of a beam against base x-y")
     max_U_m: float = Field(default=0.0002, gt=0, le=0.01, description="95 % uncertainty of the point")
     retract_pose: str | None = Field(default=None, description="name of a [poses] entry to end at")
+    ask_for_tool: bool = Field(
+        default=True, description="a person confirms that the tool in place is the good one, before it moves"
+    )
     max_duration_s: float = Field(
         default=3600.0, gt=0, description="the run is ended when it takes longer, s"
     )

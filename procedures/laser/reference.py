@@ -23,6 +23,14 @@ S = ScanState
 PLACES = 2  # along each beam: two points make a line
 
 
+def mount_text(tool: str) -> str:
+    """What the operator is asked before a reference is made: nothing measured later is better than it."""
+    return (
+        f"Every later check measures against the tool that is in place now: mount tool '{tool}', known to be "
+        "good, clean and undamaged, and leave the beams free; then confirm"
+    )
+
+
 class LaserReference(Procedure):
     """Measures both beams at two places and proposes the reference of this tool."""
 
@@ -56,6 +64,8 @@ class LaserReference(Procedure):
         measurement.check_fixture()
         record = PassRecord(run.folder)
         scan = measurement.scan(record)
+        if self.config.ask_for_tool:
+            await run.ask(mount_text(run.values.tool["name"]))
         await scan.check_clear()
         await run.enter(S.PLAN)
         await measurement.plan_and_note()

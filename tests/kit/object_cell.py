@@ -41,6 +41,7 @@ PLANNERS: dict[Callable[..., Any], Callable[..., Any]] = {
 }
 
 JOB = "cone-capture"
+ASKING = (JOB, "laser-reference")  # the jobs that ask before they begin
 WHO = "test"
 SMALL = {"placements": 1, "poses_per_placement": 4, "frames_per_pose": 2, "settle_s": 0.1}
 
@@ -173,11 +174,12 @@ class ObjectCell:
     async def start(self, *, placed: bool = True, **how: Any) -> int:
         """Start the cell's job, or ``job``; returns the run's number.
 
-        ``placed``: the operator says at once that the board stands where the first placement is to be.
+        ``placed``: the operator says at once that the board stands where the first placement is to be, or
+        that the good tool is mounted.
         """
         params, job = how.pop("params", {}), how.pop("job", self.job)
         begun = await self.engine.start(StartRequest(job, params, WHO, "test", **how))
-        if placed and job == JOB:
+        if placed and job in ASKING:
             await self.until(lambda: self.engine.status()["prompt"] or self._under_way(), "a prompt")
             if not self._under_way():
                 await self.answer()

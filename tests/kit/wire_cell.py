@@ -134,11 +134,11 @@ class WireCell:
         return all(d["state"] == "READY" for d in devices)
 
     def start_job(self, job: str) -> int:
-        """Start it; that the board stands where a capture's first placement is to be is said at once."""
+        """Start it, and confirm what it asks first: the board stands where it is to be; the tool is good."""
         self.pauses.forget()
         run: dict[str, int] = self.call("start", job=job)
-        if job == "cone-capture":
-            wait_for(lambda: bool(self.status()["prompt"]), "question for the first placement", 30.0)
+        if job in ("cone-capture", "laser-reference"):
+            wait_for(lambda: bool(self.status()["prompt"]), "first question of the job", 30.0)
             self.call("confirm", prompt_id=self.status()["prompt"]["id"])
         return run["run_id"]
 
