@@ -14,6 +14,7 @@ from cell.run_values import RunValues
 from procedures.cross_check.solver import _by_joints, check_cell, solve_cross_check, tool_of
 from procedures.cross_check.words import cross_check_lines
 from procedures.report import write_report
+from tests.kit.cli_harness import CellOnDisk, CommandLine
 from tests.kit.cross_check_scene import Q_BEAMS, TIP, Change, change, tool_in_beams, views
 from tests.kit.eye_to_hand_scene import POINTS, joints, make_scene, off, pose6
 from tests.kit.imperfect_cell import ARM, CAMERA
@@ -133,3 +134,25 @@ def test_what_is_no_measured_tool_and_captures_without_joints_are_refused(
     (tmp_path / "capture.json").write_text(json.dumps(data), "utf-8")
     with pytest.raises(InputError, match=r"has no robot; a cross check needs the arm's joints"):
         check_cell(tmp_path, captures["none"], None)
+
+
+def test_the_command_says_the_part_and_ends_with_one(
+    captures: dict[str, Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    cell = CellOnDisk(tmp_path)
+    for run_id, part in ((1, "then"), (2, "joint"), (3, "joint-beams")):
+        folder = cell.add_run(run_id, outcome="complete").path
+        for file in captures[part].iterdir():
+            own = json.loads(file.read_text("utf-8"))
+            if file.name == "run.json":  # beside what the run says of itself
+                own = json.loads((folder / "run.json").read_text("utf-8")) | own
+            (folder / file.name).write_text(json.dumps(own), "utf-8")
+    subject = CommandLine(monkeypatch, capsys, cell.config)
+    done = subject("cross-check", 1, 2, "--beams", 3, "--report", tmp_path / "report.html")
+    assert done.code == 1
+    assert "the zero of joint 'elbow' is off by" in done.out
+    assert (tmp_path / "report.html").exists()
+    assert subject("cross-check", 1, 9).code == 2
