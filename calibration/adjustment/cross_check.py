@@ -1,12 +1,12 @@
 """Which part of a cell has changed: tool, camera, or a joint's zero, or none, or who can tell.
 
 The cell is measured twice: a target before the camera, then and now, and the tool in the beams, now against
-then. All of it is one adjustment with the camera's pose and the arm's numbers as common unknowns; a change of
-the tool, of the camera or of one joint's zero is an unknown with a prior that says: nothing happened. A
-hypothesis is that the prior of one part is wrong, and wide instead. What hypotheses are worth is their
-marginal likelihood (the evidence of MacKay 1992; a score test where one of them is far ahead), in which a
-part with many unknowns pays for them. A change that is constant to the tool, constant to the base, or varying
-with the joints shows as such in both measurements together.
+then; a tracker may have seen the arm of now. All of it is one adjustment with the camera's pose and the arm's
+numbers as common unknowns; a change of the tool, of the camera or of one joint's zero is an unknown with a
+prior that says: nothing happened. A hypothesis is that the prior of one part is wrong, and wide instead. What
+hypotheses are worth is their marginal likelihood (the evidence of MacKay 1992; a score test where one of them
+is far ahead), in which a part with many unknowns pays for them. A change that is constant to the tool,
+constant to the base, or varying with the joints shows as such in both measurements together.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,6 +15,7 @@ from typing import Literal
 
 import numpy as np
 
+from calibration.adjustment.arm_by_tracker import SeenArm
 from calibration.adjustment.hand_eye import Adjusted
 from calibration.adjustment.unknowns import GEARS, GEOMETRY, ArmKnown, arm_terms
 from calibration.hand_eye import se3
@@ -87,11 +88,16 @@ def seen_camera(found: Adjusted, arm: ArmKnown, setup: Setup) -> SeenCamera:
 
 
 def cross_check(
-    then: SeenCamera, now: SeenCamera, tool: SeenTool | None, names: Sequence[str]
+    then: SeenCamera,
+    now: SeenCamera,
+    tool: SeenTool | None,
+    names: Sequence[str],
+    arm: SeenArm | None = None,
 ) -> CrossChecked:
-    """``names`` (a,) are those of the arm's numbers; the zero of joint k is the number ``theta<k + 1>``."""
+    """``names`` (a,) are those of the arm's numbers; the zero of joint k is the number ``theta<k + 1>``.
+    ``arm``: what a tracker tells of the arm of now."""
     joints = [k for k in range(len(names)) if f"theta{k + 1}" in names]
-    cell = _Cell(then, now, tool, [list(names).index(f"theta{k + 1}") for k in joints])
+    cell = _Cell(then, now, tool, [list(names).index(f"theta{k + 1}") for k in joints], arm)
     hypotheses = cell.hypotheses()
     evidence = {name: cell.evidence(sigma) for name, (sigma, _) in hypotheses.items()}
     best = max(evidence.values())
@@ -117,7 +123,12 @@ class _Cell:
     (3), zeros of the joints (j). What is measured says ``information`` and ``pull`` of them."""
 
     def __init__(
-        self, then: SeenCamera, now: SeenCamera, tool: SeenTool | None, zeros: Sequence[int]
+        self,
+        then: SeenCamera,
+        now: SeenCamera,
+        tool: SeenTool | None,
+        zeros: Sequence[int],
+        arm: SeenArm | None,
     ) -> None:
         a, j = len(then.numbers), len(zeros)
         self.camera = slice(_POSE + a, 2 * _POSE + a)
@@ -138,6 +149,10 @@ class _Cell:
             own[_POSE:, _POSE:] -= np.diag(seen.prior**-2.0)
             self.information += A.T @ own @ A
             self.pull += A.T @ (N @ m)
+        if arm is not None:
+            A = second[_POSE:]
+            self.information += A.T @ arm.information @ A
+            self.pull += A.T @ arm.pull
         if tool is not None:
             A = np.zeros((3, count))
             A[:, self.tool] = np.eye(3)

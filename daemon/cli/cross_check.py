@@ -17,6 +17,7 @@ def cross_check(
     beams: Annotated[
         int | None, typer.Option("--beams", help="Run of laser-check or laser-update of now.")
     ] = None,
+    tracker: Annotated[int | None, typer.Option("--tracker", help="Run of tracker-sampling of now.")] = None,
     report: Annotated[
         Path | None, typer.Option("--report", help="Write an HTML report to this file.")
     ] = None,
@@ -28,8 +29,8 @@ def cross_check(
     from procedures.cross_check.solver import check_cell
 
     first, second = (load(config, number).path for number in (then, now))
-    measured = None if beams is None else load(config, beams).path
-    result = check_cell(first, second, measured).signed().as_json()
+    measured, sampled = (None if run is None else load(config, run).path for run in (beams, tracker))
+    result = check_cell(first, second, measured, sampled).signed().as_json()
     if report is not None:
         from procedures.report import write_report
 

@@ -54,6 +54,7 @@ class CrossCheckInputs(Inputs):
     then: str = Field(description="The capture of when all was well.")
     now: str = Field(description="The capture of now.")
     beams: str | None = Field(default=None, description="The run that measured the tool in the beams.")
+    tracker: str | None = Field(default=None, description="The run in which a tracker saw the arm.")
     setup: str = Field(description="Where the camera is.")
 
 

@@ -2,12 +2,14 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
+from calibration.adjustment.arm_by_tracker import FEWEST_PLACES, SeenArm, seen_arm
 from calibration.adjustment.cross_check import (
     CrossChecked,
     SeenCamera,
@@ -19,6 +21,7 @@ from calibration.adjustment.hand_eye import adjust
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye.solution import solve
 from calibration.refusal import Refusal
+from calibration.tool_frame.repeatability import stated_sigma
 from cell.errors import error
 from cell.formats.reading import Strict, parse
 from cell.formats.result import Inputs, Result, Warning_
@@ -46,9 +49,11 @@ from procedures.laser.config import Search
 from procedures.laser.measurement import reference_of
 from procedures.laser.result import LaserResult
 from procedures.solving import Progress, within_limits
+from procedures.tracker.solve.data import load_kincal
 
 FILE_NAME = "cross-check.json"
 SCHEMA = "cellward.cross-check/1"
+TRACKER_M = 2e-5  # standard deviation of a place along an axis, where the data do not state it
 BEAM = "xs"  # at which the arm's joints are taken; the other one is near by
 
 
@@ -59,6 +64,7 @@ class CrossCheckSet(Strict):
     then: str = Field(description="capture of when all was well: the run of the camera's calibration")
     now: str = Field(description="capture of now")
     beams: str | None = Field(default=None, description="laser-check or laser-update of now")
+    tracker: str | None = Field(default=None, description="tracker-sampling of the arm of now")
 
 
 @within_limits
@@ -70,18 +76,23 @@ def solve_cross_check(
         raise error("ARGUMENT_INVALID", f"method is {method!r}; cross-check has one only, leave it out")
     file = path / FILE_NAME if path.is_dir() else path
     asked = parse(CrossCheckSet, read_json(file), SCHEMA, str(file))
-    beams = None if asked.beams is None else file.parent / asked.beams
-    return check_cell(file.parent / asked.then, file.parent / asked.now, beams, progress)
+    beams, tracker = (None if f is None else file.parent / f for f in (asked.beams, asked.tracker))
+    return check_cell(file.parent / asked.then, file.parent / asked.now, beams, tracker, progress)
 
 
 def check_cell(
-    then: Path, now: Path, beams: Path | None, progress: Progress | None = None
+    then: Path,
+    now: Path,
+    beams: Path | None = None,
+    tracker: Path | None = None,
+    progress: Progress | None = None,
 ) -> CrossCheckResult | Result:
-    """From the folders of two captures and of a run that measured the tool."""
+    """From the folders of two captures, of a run that measured the tool, and of one that sampled the arm."""
     began = time.perf_counter()
     show: Callable[[str, int, int], None] = progress or (lambda *_: None)
     seen: list[SeenCamera] = []
     names: tuple[str, ...] = ()
+    arm: ArmKnown | None = None
     setups: list[str] = []
     noise: list[float | None] = []
     with one_thread():
@@ -96,7 +107,7 @@ def check_cell(
                     result=None,
                     inputs=Inputs(solve_seconds=time.perf_counter() - began),
                 )
-            setup, names, camera, px = one
+            setup, names, camera, px, arm = one
             setups.append(setup)
             noise.append(px)
             seen.append(camera)
@@ -104,12 +115,14 @@ def check_cell(
         text = f"{then} is {setups[0]}, {now} is {setups[1]}; give two captures of one camera"
         raise error("ARGUMENT_INVALID", text)
     tool = None if beams is None else tool_of(beams)
-    found = cross_check(seen[0], seen[1], tool, names)
+    by_tracker = None if tracker is None or arm is None else _arm_by(tracker, arm)
+    found = cross_check(seen[0], seen[1], tool, names, by_tracker)
     show("solve", 2, 2)
     inputs = CrossCheckInputs(
         then=str(then),
         now=str(now),
         beams=None if beams is None else str(beams),
+        tracker=None if tracker is None else str(tracker),
         setup=setups[0],
         solve_seconds=time.perf_counter() - began,
     )
@@ -117,8 +130,8 @@ def check_cell(
     return _result(found, inputs, residuals, with_tool=tool is not None)
 
 
-def _camera_of(folder: Path) -> tuple[str, tuple[str, ...], SeenCamera, float | None] | Refusal:
-    """Setup, the names of the arm's numbers, what the capture in ``folder`` says, and its noise, px."""
+def _camera_of(folder: Path) -> tuple[str, tuple[str, ...], SeenCamera, float | None, ArmKnown] | Refusal:
+    """Setup, names of the arm's numbers, what the capture in ``folder`` says, its noise (px), and the arm."""
     loaded = load_capture(folder)
     camera = choose_camera(loaded, adjusts=True)
     check_views(loaded, camera.camera)
@@ -146,7 +159,22 @@ def _camera_of(folder: Path) -> tuple[str, tuple[str, ...], SeenCamera, float | 
     found = adjust(measured, solution, camera.camera, arm, known.lens, known.target)
     setup = loaded.capture.setup
     px = found.components.sigma.get("sigma_px")
-    return setup, found.names, seen_camera(found, arm, setup), px
+    return setup, found.names, seen_camera(found, arm, setup), px, arm
+
+
+def _arm_by(folder: Path, arm: ArmKnown) -> SeenArm:
+    """What the run in ``folder`` tells of the numbers of ``arm``."""
+    loaded = load_kincal(folder)
+    Q, places = loaded.problem.Q, loaded.problem.p.T
+    if Q.shape[1] != len(JOINTS):
+        raise error("ARGUMENT_INVALID", f"{folder}: its arm has {Q.shape[1]} joints, that of the captures 6")
+    if len(Q) < FEWEST_PLACES:
+        raise error("ARGUMENT_INVALID", f"{folder} has {len(Q)} places, {FEWEST_PLACES} are needed")
+    noise = loaded.noise
+    stated = noise.get("sigma0", TRACKER_M) + noise.get("sigma_per_m", 0.0) * np.linalg.norm(places, axis=1)
+    # The arm comes to rest elsewhere each time.
+    sigma = np.hypot(stated, stated_sigma(getattr(loaded.spec.robot, "model", None)))
+    return seen_arm(replace(arm, Q=Q), places, loaded.problem.target, sigma)
 
 
 def tool_of(folder: Path) -> SeenTool:

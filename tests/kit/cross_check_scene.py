@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from calibration.adjustment.arm_by_tracker import SeenArm, seen_arm
+from calibration.adjustment.arm_terms import reference_joints
 from calibration.adjustment.cross_check import CrossChecked, SeenCamera, SeenTool, cross_check, seen_camera
 from calibration.adjustment.hand_eye import adjust
 from calibration.adjustment.lens_terms import LensPrior, TargetPrior
@@ -21,6 +23,7 @@ from tests.kit.eye_to_hand_scene import POINTS, _project, joints, make_scene, of
 from tests.kit.imperfect_cell import CAMERA, FLANGE_R, FLANGE_T, MODEL, PX, World
 
 TOOL_M, CAMERA_M, CAMERA_RAD, JOINT_RAD = 7e-4, 1e-3, 1e-3, 1e-3
+TRACKER_M = 2e-5
 BEAM_M = 1.5e-5  # noise of the tool's point in the beams, per axis, in each measurement
 TIP = np.array([0.0, 0.0, 0.18])
 Q_BEAMS = np.array([0.4, -1.4, 1.7, -1.9, -1.5708, 0.3])
@@ -51,7 +54,13 @@ def change(rng: np.random.Generator, part: str, joint: int = 0) -> Change:
 
 
 def checked(
-    seed: int, part: str, joint: int = 0, setup: Setup = "eye-to-hand", poses: int = 40, arm_m: float = 2e-4
+    seed: int,
+    part: str,
+    joint: int = 0,
+    setup: Setup = "eye-to-hand",
+    poses: int = 40,
+    arm_m: float = 2e-4,
+    tracker: bool = False,
 ) -> CrossChecked:
     """The verdict on a cell in which ``part`` has changed, with ``poses`` poses in each capture."""
     rng = np.random.default_rng([seed, 77])
@@ -70,7 +79,8 @@ def checked(
         names, one = _seen(measured, solution, Q, setup)
         seen.append(one)
     then, now = seen
-    return cross_check(then, now, tool_in_beams(rng, scene.cell, what), names)
+    tool = tool_in_beams(rng, scene.cell, what)
+    return cross_check(then, now, tool, names, by_tracker(rng, scene.cell, what) if tracker else None)
 
 
 def views(
@@ -113,3 +123,18 @@ def _seen(measured: Measurements, solution: Solution, Q: Array, setup: Setup) ->
     arm = ArmKnown(MODEL, Q, _LIMITS)
     found = adjust(measured, solution, CAMERA, arm, LensPrior(), TargetPrior(scale=1e-4, bow=2e-5))
     return list(found.names), seen_camera(found, arm, setup)
+
+
+def in_tracker(rng: np.random.Generator, cell: World, what: Change, count: int = 60) -> tuple[Array, Array]:
+    """Joints (n, 6), and places (n, 3) m of a reflector in a tracker that stands anywhere."""
+    Q = reference_joints(_LIMITS, 10)[rng.permutation(1024)[:count]]
+    p = cell.true_flange(Q + what.zeros) @ [0.04, -0.05, 0.09, 1.0]
+    place = off(rng, 3.0, 1.0)
+    return Q, (p @ place.T)[:, :3] + TRACKER_M * rng.normal(size=(count, 3))
+
+
+def by_tracker(rng: np.random.Generator, cell: World, what: Change) -> SeenArm:
+    """What they tell of the arm."""
+    Q, places = in_tracker(rng, cell, what)
+    sigma = np.full(len(Q), np.hypot(TRACKER_M, FLANGE_T))
+    return seen_arm(ArmKnown(MODEL, Q, _LIMITS), places, np.zeros(len(Q), np.int64), sigma)

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from calibration.hand_eye.problem import Setup
-from tests.kit.cross_check_scene import JOINT_RAD, TOOL_M, checked
+from tests.kit.cross_check_scene import JOINT_RAD, TOOL_M, Change, by_tracker, checked
+from tests.kit.eye_to_hand_scene import make_scene
+from tests.kit.imperfect_cell import MODEL
 
 
 def test_nothing_is_named_where_nothing_has_changed() -> None:
@@ -38,3 +40,22 @@ def test_a_joint_whose_zero_is_off_is_named_with_its_error(setup: Setup, joint: 
 def test_a_zero_that_shows_in_nothing_is_no_reason_to_blame_another_part() -> None:
     subject = checked(5, "joint", 5)
     assert subject.part in ("none", "cannot-tell")
+
+
+def test_a_tracker_makes_a_zero_more_certain_and_agrees_with_the_board() -> None:
+    without, subject = (checked(4, "joint", 1, tracker=tracker) for tracker in (False, True))
+    assert (subject.part, subject.joint) == ("joint zero", 1)
+    assert subject.sigma[0] < without.sigma[0]
+    assert abs(abs(subject.change[0]) - JOINT_RAD) < 4.0 * subject.sigma[0]
+
+
+def test_a_tracker_alone_finds_the_numbers_of_an_arm_as_the_truth_has_them() -> None:
+    rng = np.random.default_rng(3)
+    cell = make_scene(rng, 4).cell
+    zeros = Change(zeros=1e-3 * np.eye(6)[2])
+    then, now = (by_tracker(np.random.default_rng(8), cell, what) for what in (Change(), zeros))
+    names = MODEL.names
+    sigma = np.full(len(then.pull), 2e-4)
+    found = [np.linalg.solve(one.information + np.diag(sigma**-2.0), one.pull) for one in (then, now)]
+    change = (found[1] - found[0])[names.index("theta3")]
+    assert 5e-4 < change < 1.2e-3  # the rest of it is in numbers that do alike

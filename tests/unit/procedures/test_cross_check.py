@@ -15,7 +15,7 @@ from procedures.cross_check.solver import _by_joints, check_cell, solve_cross_ch
 from procedures.cross_check.words import cross_check_lines
 from procedures.report import write_report
 from tests.kit.cli_harness import CellOnDisk, CommandLine
-from tests.kit.cross_check_scene import Q_BEAMS, TIP, Change, change, tool_in_beams, views
+from tests.kit.cross_check_scene import Q_BEAMS, TIP, Change, change, in_tracker, tool_in_beams, views
 from tests.kit.eye_to_hand_scene import POINTS, joints, make_scene, off, pose6
 from tests.kit.imperfect_cell import ARM, CAMERA
 from tests.unit.procedures.test_latency_job import made_by_hand
@@ -156,3 +156,24 @@ def test_the_command_says_the_part_and_ends_with_one(
     assert "the zero of joint 'elbow' is off by" in done.out
     assert (tmp_path / "report.html").exists()
     assert subject("cross-check", 1, 9).code == 2
+
+
+def test_a_tracker_is_asked_of_the_arm_of_now(captures: dict[str, Path], tmp_path: Path) -> None:
+    rng = np.random.default_rng(12)
+    cell = make_scene(rng, POSES).cell  # the one of the captures
+    Q, places = in_tracker(rng, cell, change(np.random.default_rng(1), "joint", 2), 40)
+    data = {
+        "schema": "cellward.kincal/1",
+        "robot": {"model": "ur10e"},
+        "noise": {"sigma0": 2e-5, "sigma_per_m": 0.0},
+        "samples": [{"q": q.tolist(), "p_tracker": p.tolist()} for q, p in zip(Q, places, strict=True)],
+    }
+    (tmp_path / "kincal.json").write_text(json.dumps(data), "utf-8")
+    found = check_cell(captures["then"], captures["none"], tracker=tmp_path).as_json()
+    # The tracker saw a zero off which the board of now did not: nothing that one part explains.
+    assert found["result"]["part"] not in ("none", "tool")
+    assert found["inputs"]["tracker"] == str(tmp_path)
+    data["samples"] = data["samples"][:5]  # type: ignore[index]
+    (tmp_path / "kincal.json").write_text(json.dumps(data), "utf-8")
+    with pytest.raises(InputError, match=r"has 5 places, 10 are needed"):
+        check_cell(captures["then"], captures["none"], tracker=tmp_path)
