@@ -168,7 +168,7 @@ async def _play(session: Session, recording: WireRecording, config: CellConfig, 
     async with WirePlayer(recording, clock) as player:
         with _stand_ins(player, clock):
             supervisor = Supervisor(supervised_devices(config, clock, Beats(clock)))
-            worker = RecordedPace(clock, recording)
+            worker = RecordedPace(clock, session, recording)
             context = CellContext(config, clock, worker, supervisor, MotionBroker(clock), ledger)
             engine = Engine(context, JOBS, runs)
             tasks = [asyncio.create_task(e.run(), name=f"device {n}") for n, e in supervisor.devices.items()]
@@ -206,20 +206,24 @@ async def _do_again(session: Session, engine: Engine, clock: Clock) -> None:
 
 
 class RecordedPace(InlineWorker):
-    """Computes at once, and is ready when it was: just before the next command that was given then."""
+    """Computes at once, and is ready when it was: just before what was done next, by the job or by people."""
 
-    def __init__(self, clock: Clock, recording: WireRecording) -> None:
+    def __init__(self, clock: Clock, session: Session, recording: WireRecording) -> None:
         self._clock = clock
+        people = [t for t, _, _ in session.did]
         self._commands = sorted(
-            record.t
-            for protocol in ("motion-child", "vision-child")
-            for connection in recording.of(protocol)
-            for record in connection.records
-            if record.sent
-            and any(
-                BY_NUMBER[protocol].asks(message) is not None
-                for message in Cutter(BY_NUMBER[protocol].length).feed(record.data)
-            )
+            people
+            + [
+                record.t
+                for protocol in ("motion-child", "vision-child")
+                for connection in recording.of(protocol)
+                for record in connection.records
+                if record.sent
+                and any(
+                    BY_NUMBER[protocol].asks(message) is not None
+                    for message in Cutter(BY_NUMBER[protocol].length).feed(record.data)
+                )
+            ]
         )
 
     async def call(self, fn: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
