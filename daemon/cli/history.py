@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from cell.errors import error
+from cell.errors import CellError, error
 from cell.store.fingerprint import SIGNATURES_FILE
 from daemon.cli.damaged import reading
 from daemon.cli.failures import FAILED
@@ -19,7 +19,6 @@ RunArgument = Annotated[int, typer.Argument(help="The number of a run.", show_de
 
 def load(config: Path | None, run_id: int) -> Any:
     """The folder of a run; ``NOT_FOUND``, which says when and why it was removed if it was."""
-    from cell.errors import CellError
     from cell.store.runs import load_run
 
     runs = cell_paths(config).runs
@@ -77,7 +76,6 @@ def _row(run: Any) -> dict[str, Any]:
 
 def _end_or_reason(run: Any) -> Mapping[str, Any]:
     """The end of a run; one that cannot be read is listed with its reason and hides no other run."""
-    from cell.errors import CellError
 
     if "unreadable" in run.info:
         return {"outcome": f"unreadable: {run.info['unreadable']}"}
@@ -127,6 +125,12 @@ def report(
     pdf: Annotated[
         bool, typer.Option("--pdf", help="Print it to A4 pages; this needs Chromium or Chrome.")
     ] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="Where the pages go; beside the report unless given.", show_default=False
+        ),
+    ] = None,
     config: ConfigOption = None,
 ) -> None:
     """Print where the report of a run is; it is drawn when it is missing.
@@ -139,7 +143,9 @@ def report(
     if pdf:
         from daemon.cli.printing import print_pdf
 
-        path = print_pdf(path)
+        path = print_pdf(path, output)
+    elif output is not None:
+        raise error("ARGUMENT_INVALID", "--output is where --pdf prints to; give --pdf, or leave it out")
     out(str(path))
     if open_it:
         typer.launch(path.as_uri())
@@ -148,8 +154,20 @@ def report(
 def renew_report(folder: Any, paths: CellPaths, rebuild: bool = False) -> Path:
     """Draw the report of a run where it is missing, or older than what it tells; returns where it is.
 
-    It is drawn at the end of the run first, and tells since then who decided about it and who signed it.
+    It is drawn at the end of the run first, and tells since then who decided about it and who signed it. Who
+    may read the folder and not write it gets the report that is there, and is told so.
     """
+    try:
+        return _drawn(folder, paths, rebuild)
+    except CellError as exc:
+        path: Path = folder.path / "report.html"
+        if exc.name not in ("DISK_FAILED", "DISK_FULL") or not path.exists():
+            raise
+        say(f"The report could not be drawn anew, this is an earlier one: {exc}")
+        return path
+
+
+def _drawn(folder: Any, paths: CellPaths, rebuild: bool) -> Path:
     path: Path = folder.path / "report.html"
     if not (folder.path / "result.json").exists():  # always anew: the run may have gone on
         from procedures.report.failed import write_failed_report

@@ -7,19 +7,20 @@ import tempfile
 from pathlib import Path
 
 from cell.errors import error
+from cell.store.files import write_atomic
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "microsoft-edge")
 VARIABLE = "CELLWARD_BROWSER"
 TIMEOUT_S = 180.0
 
 
-def print_pdf(report: Path) -> Path:
-    """Print ``report`` to a PDF beside it; returns where that is.
+def print_pdf(report: Path, target: Path | None = None) -> Path:
+    """Print ``report`` to the PDF ``target``, beside it unless given; returns where that is.
 
-    ``ARGUMENT_INVALID`` says what to install, or how the browser failed.
+    ``ARGUMENT_INVALID`` says what to install, or how the browser failed; ``DISK_FULL``, ``DISK_FAILED``.
     """
     browser = _browser()
-    target = report.with_suffix(".pdf")
+    target = target or report.with_suffix(".pdf")
     with tempfile.TemporaryDirectory(prefix="cellward-") as place:
         printed = Path(place) / target.name
         command = [
@@ -47,8 +48,7 @@ def print_pdf(report: Path) -> Path:
         if done.returncode != 0 or not printed.exists():
             told = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
             raise error("ARGUMENT_INVALID", f"--pdf: {browser} did not print {report}: {told}")
-        shutil.copyfile(printed, target.with_name(f".{target.name}"))
-    target.with_name(f".{target.name}").replace(target)
+        write_atomic(target, printed.read_bytes())
     return target
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from cell.errors import error
 from cell.store.fingerprint import fingerprint
 from cell.store.runs import RunFolder, load_run
 from daemon.auditor import Auditor
@@ -159,6 +160,21 @@ def test_the_report_tells_who_decided_and_who_signed(place: Path, subject: Comma
     assert "decided by somebody on" in text
     assert "E. Muster" in text
     assert fingerprint(path.parent).digest in text
+
+
+def test_who_may_not_write_the_folder_gets_the_report_that_is_there(
+    place: Path, subject: CommandLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(path: Path, content: str) -> None:
+        raise error("DISK_FAILED", f"{path}: Permission denied")
+
+    earlier = Path(subject("report", 1).out.strip())
+    monkeypatch.setattr("procedures.report.write.write_atomic", refuse)
+    done = subject("report", 1, "--rebuild")
+    assert (done.code, done.out.strip()) == (0, str(earlier))
+    assert "this is an earlier one" in done.err
+    earlier.unlink()
+    assert subject("report", 1).code != 0
 
 
 def test_a_run_without_a_result_is_packed_and_verified_too(
