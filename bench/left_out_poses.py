@@ -40,7 +40,7 @@ _STEP = 1e-6
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class PredictionError:
     """Error ``e`` (6,) of a predicted target pose, in the target, and its covariance (6, 6) as stated."""
 
     e: Array
@@ -52,7 +52,7 @@ class LeftOut:
 
 
 @dataclass(frozen=True)
-class Left:
+class OnePose:
     """One pose that is left out: T_base_flange ``F`` (4, 4), its place among the solved groups, its view."""
 
     F: Array
@@ -72,7 +72,7 @@ def main() -> None:
         print(f"{'':34}{'all':>10}{row(errors)}", flush=True)
 
 
-def row(errors: list[LeftOut]) -> str:
+def row(errors: list[PredictionError]) -> str:
     e = np.array([one.e for one in errors])
     variance = np.array([np.diag(one.cov) for one in errors])
     t, r = (np.linalg.norm(e[:, part], axis=1).mean() for part in (slice(3), slice(3, 6)))
@@ -86,7 +86,7 @@ def row(errors: list[LeftOut]) -> str:
     )
 
 
-def left_out(path: Path) -> Iterator[LeftOut]:
+def left_out(path: Path) -> Iterator[PredictionError]:
     """Every usable pose of one capture that still has others of its placement."""
     loaded = load_capture(path)
     camera = choose_camera(loaded, adjusts=True)
@@ -106,9 +106,9 @@ def left_out(path: Path) -> Iterator[LeftOut]:
         view = measurements(loaded, rows[[k]]).views[0]
         if view is not None:
             group = int(np.searchsorted(np.unique(loaded.group[rows[others]]), loaded.group[rows[k]]))
-            own = Left(loaded.F[rows[k]], int(np.searchsorted(first.groups, group)), view)
+            own = OnePose(loaded.F[rows[k]], int(np.searchsorted(first.groups, group)), view)
             e, cov = _predicted(own, measured, camera.camera, first, found)
-            yield LeftOut(e, cov, bool(whole.used[k]))
+            yield PredictionError(e, cov, bool(whole.used[k]))
 
 
 def _solved(measured: Measurements, loaded: CaptureSet, camera: CameraChoice) -> Solution:
@@ -129,13 +129,13 @@ def _known(loaded: CaptureSet, camera: CameraChoice) -> KnownParts:
 
 
 def _predicted(
-    left: Left, measured: Measurements, camera: Intrinsics, first: Solution, found: Adjusted
+    pose: OnePose, measured: Measurements, camera: Intrinsics, first: Solution, found: Adjusted
 ) -> tuple[Array, Array]:
-    """Error (6,) of the pose of ``left`` by ``found``, which was solved without it, and its covariance."""
-    g = left.group
-    G = left.F if measured.setup == "eye-to-hand" else se3.inverse(left.F)
+    """Error (6,) of ``pose`` by ``found``, which was solved without it, and its covariance."""
+    g = pose.group
+    G = pose.F if measured.setup == "eye-to-hand" else se3.inverse(pose.F)
     start = se3.inverse(found.X) @ G @ found.W[g]
-    (view,) = numbered_alike([left.view], start[None], found.camera, measured.motions)
+    (view,) = numbered_alike([pose.view], start[None], found.camera, measured.motions)
     names = len(found.names)
 
     def problem(numbers: Array) -> Problem:
