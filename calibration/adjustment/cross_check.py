@@ -61,7 +61,7 @@ class CrossChecked:
     """The ``part`` that has changed, and which ``joint`` (from 0) where it is a zero; how ``probable`` each
     hypothesis is; and, were it the most probable one, the ``change`` with its standard deviations ``sigma``:
     m for a tool (3,), m and rad for a camera (6,), rad for a joint (1,). ``unseen`` are joints whose zero
-    shows in nothing that was measured."""
+    shows in nothing that was measured, ``by_beams_alone`` those which nothing parts from a bent tool."""
 
     part: Part
     joint: int | None
@@ -69,6 +69,7 @@ class CrossChecked:
     change: Array
     sigma: Array
     unseen: tuple[int, ...]
+    by_beams_alone: tuple[int, ...] = ()
 
 
 def seen_camera(found: Adjusted, arm: ArmKnown, setup: Setup) -> SeenCamera:
@@ -111,11 +112,13 @@ def cross_check(
     change, cov = cell.change(hypotheses[single][0], kind, single)
     joint = int(single.split()[1]) if kind == JOINT else None
     part: Part = "cannot-tell"
-    if kind != SEVERAL and grouped[kind] >= SURE:
+    if kind != SEVERAL and grouped[kind] >= SURE and joint not in cell.by_beams_alone:
         part = "joint zero" if kind == JOINT else kind  # type: ignore[assignment]
     if part != "joint zero":
         joint = None
-    return CrossChecked(part, joint, grouped, change, np.sqrt(np.diag(cov)), cell.unseen)
+    return CrossChecked(
+        part, joint, grouped, change, np.sqrt(np.diag(cov)), cell.unseen, tuple(sorted(cell.by_beams_alone))
+    )
 
 
 class _Cell:
@@ -165,11 +168,13 @@ class _Cell:
         self.still[self.camera] = [_STILL_M] * 3 + [_STILL_RAD] * 3
         self.still[self.tool], self.still[self.joint] = _STILL_M, _STILL_RAD
         self.unseen = tuple(k for k in range(j) if self._left_open(k) > _SEEN)
+        # What one place in the beams shows of these, a tool that is bent in that direction shows as well.
+        alone = {k for k in range(j) if self._left_open(k, tool=True) > _SEEN}
+        self.by_beams_alone = alone - set(self.unseen)
 
-    def _left_open(self, k: int) -> float:
-        """The share of a joint zero's wide prior that the measurements leave."""
-        sigma = self._wide(joint=k)
-        M, _ = self._posed(sigma)
+    def _left_open(self, k: int, tool: bool = False) -> float:
+        """The share of a joint zero's wide prior that is left, also where the ``tool`` may have changed."""
+        M, _ = self._posed(self._wide(joint=k, tool=tool))
         at = self.joint.start + k
         return float(np.sqrt(np.linalg.inv(M)[at, at]))
 

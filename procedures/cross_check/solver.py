@@ -217,6 +217,10 @@ def _result(
     undetermined = [
         f"the zero of joint '{JOINTS[k]}': it shows in nothing that was measured" for k in found.unseen
     ]
+    undetermined += [
+        f"the zero of joint '{JOINTS[k]}' from a bent tool: it shows in the beams alone"
+        for k in found.by_beams_alone
+    ]
     if not with_tool:
         undetermined.append("the tool: no measurement of it in the beams was given")
     good, open_ = answer.part == "none", answer.part == "cannot-tell"

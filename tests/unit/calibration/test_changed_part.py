@@ -59,3 +59,10 @@ def test_a_tracker_alone_finds_the_numbers_of_an_arm_as_the_truth_has_them() -> 
     found = [np.linalg.solve(one.information + np.diag(sigma**-2.0), one.pull) for one in (then, now)]
     change = (found[1] - found[0])[names.index("theta3")]
     assert 5e-4 < change < 1.2e-3  # the rest of it is in numbers that do alike
+
+
+def test_a_zero_that_the_beams_alone_show_is_not_told_from_a_bent_tool() -> None:
+    """A camera on the flange sees a board that is put anew: where the base is turned to is not seen."""
+    subject = checked(1, "joint", 0, "eye-in-hand")
+    assert (subject.part, subject.joint) == ("cannot-tell", None)
+    assert subject.by_beams_alone == (0,)
