@@ -6,9 +6,9 @@ RUNS. A UR10e whose links are off by 0.2 mm and 0.3 mrad, or as its maker calibr
 100, of which 60 or so show the target) with 0.2 px a corner, 0.03 mm and 0.05 mrad of the flange; the tool's
 point in the beams to 0.015 mm per axis. Injected: 0.7 mm of the tool's point, 1 mm and 1 mrad of the camera,
 1 mrad of the zero of a joint, in directions of chance. With a fixed camera it is one of the joints 1 to 5:
-that of joint 6 turns a target that is put anew, and a tool on its axis, about that axis, and shows in nothing.
-With a camera on the flange it is one of the joints 2 to 6: that of joint 1 shows in the beams alone, as a bent
-tool does.
+that of joint 6 turns a target that is put anew, and a tool on its axis, about that axis, and shows nowhere.
+With a camera on the flange it is one of the joints 2 to 6: that of joint 1 shows in the beams alone, as a
+bent tool does.
 """
 
 import argparse
