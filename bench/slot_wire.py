@@ -36,7 +36,7 @@ READY, BUSY = 1 << 0, 1 << 1
 NEEDED = READY | 1 << 7 | 1 << 8  # arm and camera
 LONGEST_S = 240.0
 ATTEMPTS = 2
-LIMITS = PATIENT | {"oak": {"frame_timeout_s": 20.0}}
+LIMITS = PATIENT | {"oak": {"frame_timeout_s": 10.0}}
 HEAD = f"{'slot':>5}  {'part':<10}{'beside mm':>10}{'95 % mm':>9}{'inside':>8}{'took s':>8}{'again':>7}"
 
 

@@ -187,8 +187,11 @@ class FrameServer:
         half = 0.5 * self._camera.exposure_s
         times = [t]
         with self._lock:
-            if self._rack is not None and self.world.operator.placement_at(t) is None:
-                return Picture(*self._rack.picture(t, seq))
+            rack = self._rack if self.world.operator.placement_at(t) is None else None
+            T_base_camera = self.world.scene(t).T_base_camera
+        if rack is not None:  # drawn without the lock, for it takes longer than set-points may wait
+            return Picture(*rack.drawn(T_base_camera, t, seq))
+        with self._lock:
             if self._moves(t - half, t + half):
                 times = list(np.linspace(t - half, t + half, _SUB_EXPOSURES))
             poses = [None if self.faults.lost_board else self._target(k) for k in times]
