@@ -6,9 +6,12 @@ from typing import Any
 import pytest
 
 from cell.calibrations import time_offset
+from cell.errors import CellError
 from daemon.cli.replay import differences
 from daemon.demo.ending import beside_truth
+from daemon.rehearsal.objects import rehearsed_cell
 from fakes.object import run_virtual
+from fakes.world.scenario import Scenario
 from tests.kit.object_cell import (
     WHO,
     ObjectCell,
@@ -156,3 +159,17 @@ def test_what_the_job_cannot_do_with_is_refused_in_one_sentence(tmp_path: Path) 
             assert far["error"]["name"] == "LATENCY_WAY_REFUSED"
 
     run_virtual(main())
+
+
+def test_a_twin_for_a_rehearsal_has_the_camera_and_its_target_and_none_for_a_belt(tmp_path: Path) -> None:
+    config, out = late_cell(tmp_path), tmp_path / "out"
+    out.mkdir()
+    subject = rehearsed_cell(config, tmp_path / "cell.toml", JOB, 1, out)
+    world = Scenario.load(out / "scenario.toml").world
+    assert world.camera is not None
+    assert world.camera.T_base_camera is not None
+    assert world.target is not None
+    assert subject.rehearsal.look == "show"
+    config = late_cell(tmp_path, **BELT, belt_z_m=0.15)
+    with pytest.raises(CellError, match="nobody starts and stops the belt"):
+        rehearsed_cell(config, tmp_path / "cell.toml", JOB, 1, out)
