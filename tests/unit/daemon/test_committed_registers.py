@@ -2,6 +2,7 @@
 
 import asyncio
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -132,6 +133,7 @@ def test_a_client_that_is_not_ours_never_reads_half_of_a_change(config: CellConf
         try:
             while not done.is_set():
                 read.append(tuple(client.read_input_registers(64, 32) or ()))
+            time.sleep(0.05)  # a reading may be 10 ms old
             read.append(tuple(client.read_input_registers(64, 32) or ()))
             assert client.read_holding_registers(1064, 32) == list(read[-1]), "the mirror"
         finally:
