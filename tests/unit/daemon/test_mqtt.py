@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import os
 import shutil
 import socket
 import subprocess
@@ -196,7 +197,8 @@ asyncio.run(Publisher(section(int(sys.argv[1])), Engine(), "bay 3", pathlib.Path
 @in_loop
 async def test_the_broker_says_when_the_daemon_was_killed(tmp_path: Path, broker: Broker) -> None:
     child = await asyncio.create_subprocess_exec(
-        sys.executable, "-c", CHILD, str(broker.port), str(tmp_path), cwd=Path(__file__).parents[3]
+        *(sys.executable, "-c", CHILD, str(broker.port), str(tmp_path)),
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])},
     )
     topic = "plant/hall-2/bay 3/online"
     assert [m["body"] for m in await heard(broker.port, topic, 1)] == [1]
