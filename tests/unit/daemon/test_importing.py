@@ -342,7 +342,7 @@ def test_a_ur_arm_from_its_installation(subject: CommandLine, tmp_path: Path, pa
         (kinematics_xml("ur3e", small(), "NOT_INITIALIZED"), (), "saved without a robot"),
         (b"<Installation/>", (), "no element 'kinematics'"),
         (b'<!DOCTYPE x [<!ENTITY a "b">]><x>&a;</x>', (), "declares entities"),
-        (gzip.compress(b"<x/>")[:-9], (), "cut short"),
+        (gzip.compress(b"<x/>", mtime=0)[:-9], (), "cut short"),
         (b"delta_theta = [0, 0, 0, 0, 0, 0]", ("--model", "ur3e"), "no 'delta_a'"),
         (b"<x/>", ("--model", "ur99"), "there is"),
         (b"<x/>", ("--setup", "eye-in-hand"), "says nothing about 'ur'"),
