@@ -50,7 +50,7 @@ def test_a_valid_file_is_said_to_be_valid_with_what_can_be_expected(
     shown, as_json = subject("check", "-c", objects), subject("check", "-c", objects, "--json")
     assert (shown.code, as_json.code) == (0, 0)
     assert "is valid" in shown.out
-    assert "12 of 12 poses are reached" in shown.out
+    assert "11 of 12 poses are reached" in shown.out  # steeper laps lose one for what the rest tell
     assert "expected error below" in shown.out
     prediction, beams = json.loads(as_json.out)["predictions"]
     # 36 poses at half a metre with 0.1 px: between a hundredth and half a millimetre.
@@ -341,7 +341,7 @@ def test_a_limit_of_acceptance_below_the_prediction_cannot_be_passed(
     path.write_text(init_text().replace("max_error_t_m = 0.0005", "max_error_t_m = 0.00001"))
     done = subject("check", "-c", path)
     assert done.code == 2
-    assert "accept.max_error_t_m = 1e-05 m is below the predicted 95 % error of 0.00022 m" in done.err
+    assert "accept.max_error_t_m = 1e-05 m is below the predicted 95 % error of 0.00016 m" in done.err
     assert "no number of placements gets there" in done.err
 
 

@@ -19,6 +19,7 @@ KIND_OF_ROLE = {
 KIND_OF_DRIVER = {
     "ur": "arm", "oak": "camera", "modbus-inputs": "inputs", "arm-inputs": "inputs", "geocom": "tracker",
     "line-stream": "tracker", "observed-arm": "observed arm", "arm-gripper": "gripper",
+    "modbus-gripper": "gripper", "robotiq": "gripper",
     "canopen-encoder": "encoder", "raw-can-encoder": "encoder",
 }  # fmt: skip
 WRONG = [
@@ -67,6 +68,15 @@ driver = "arm-gripper"
 arm = "ur"
 output = 0
 confirm = 0
+[device.modbus-gripper]
+driver = "modbus-gripper"
+url = "tcp://127.0.0.1:502"
+output = 0
+serial = "1"
+[device.robotiq]
+driver = "robotiq"
+url = "urcap://127.0.0.1:63352"
+serial = "1"
 [device.canopen-encoder]
 driver = "canopen-encoder"
 bus = "socketcan:can0"
