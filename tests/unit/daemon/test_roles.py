@@ -72,6 +72,7 @@ confirm = 0
 driver = "modbus-gripper"
 url = "tcp://127.0.0.1:502"
 output = 0
+confirm = 0
 serial = "1"
 [device.robotiq]
 driver = "robotiq"
