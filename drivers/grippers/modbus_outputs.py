@@ -48,7 +48,7 @@ class ModbusGripperConfig(PolledConfig):
         default=None,
         ge=0,
         le=65535,
-        description="Input of the module that is on while something is held; absent: nobody knows",
+        description="Input of the module that is on while something is held; absent: unknown",
     )
     confirm_table: Literal["discrete", "coils"] = Field(
         default="discrete", description="Modbus table of that input"
@@ -67,7 +67,7 @@ class ModbusGripperConfig(PolledConfig):
         parse_url(self.url)
         if self.confirm is None and self.moves_s is None:
             raise ValueError(
-                "give confirm, or moves_s: without an input that confirms, nobody knows when it has closed"
+                "give confirm, or moves_s: without an input that confirms, it is unknown when it has closed"
             )
         if self.open_output == self.output:
             raise ValueError(f"open_output is {self.output}, which is output; give another one, or none")

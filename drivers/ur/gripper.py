@@ -42,7 +42,7 @@ class ArmGripperConfig(Strict):
         default=None,
         ge=0,
         lt=DIGITAL_INPUTS,
-        description="Input that is on while something is held, as of a vacuum switch; absent: nobody knows",
+        description="Input that is on while something is held, as of a vacuum switch; absent: unknown",
     )
     invert_confirm: bool = Field(default=False, description="true: the input is off while something is held")
     moves_s: float | None = Field(
@@ -59,7 +59,7 @@ class ArmGripperConfig(Strict):
     def _checked(self) -> Self:
         if self.confirm is None and self.moves_s is None:
             raise ValueError(
-                "give confirm, or moves_s: without an input that confirms, nobody knows when it has closed"
+                "give confirm, or moves_s: without an input that confirms, it is unknown when it has closed"
             )
         if self.open_output == self.output:
             raise ValueError(f"open_output is {self.output}, which is output; give another one, or none")

@@ -35,7 +35,7 @@ def test_an_inverted_output_closes_when_it_is_off() -> None:
 @pytest.mark.parametrize(
     ("keys", "told"),
     [
-        ({"output": 0}, "nobody knows when it has closed"),
+        ({"output": 0}, "it is unknown when it has closed"),
         ({"output": 0, "moves_s": 0.3, "open_output": 0}, "open_output is 0, which is output"),
         ({"output": 0, "confirm": 7, "blow_off_s": 0.1}, "blow_off_s is of an open_output"),
     ],

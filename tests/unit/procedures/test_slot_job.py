@@ -125,7 +125,7 @@ def test_what_is_in_the_way_jams_the_part_which_is_drawn_back_and_held(tmp_path:
 
 @pytest.mark.soak
 def test_a_part_that_meets_the_plate_is_stopped_before_it_travels(tmp_path: Path) -> None:
-    """The camera is 1 mm from where its calibration has it, which nobody knows."""
+    """The camera is 1 mm from where its calibration has it, and nothing tells the job."""
 
     def look(ran: Ran) -> None:
         assert ran.answer["part"] == "jammed"
