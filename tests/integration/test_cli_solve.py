@@ -156,7 +156,7 @@ def test_a_missing_or_corrupt_image_is_named(
     [
         (("solve", "hand-eye", "/no/such/folder"), "/no/such/folder"),
         (("solve", "handeye", "."), "did you mean hand-eye?"),
-        (("solve", "belt", "."), "there is: axbc, hand-eye"),
+        (("solve", "belt", "."), "there is: axbc, cross-check, hand-eye"),
         (("solve", "hand-eye", ".", "-o", "/no/such/folder/result.json"), "/no/such/folder"),
     ],
 )

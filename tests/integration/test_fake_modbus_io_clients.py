@@ -106,7 +106,8 @@ def test_pymodbustcp_reads_writes_and_identifies() -> None:
             assert client.last_except == 2
             assert client.read_input_registers(31, 2) is None
             assert client.last_except == 2
-            assert client.write_read_multiple_registers(0, [1], 0, 1) is None
+            assert client.write_read_multiple_registers(4, [3, 4], 4, 2) == [3, 4]
+            assert client.custom_request(b"\x07") is None  # read exception status: a serial line's function
             assert client.last_except == 1
             told = client.read_device_identification(read_code=3, object_id=0)
             assert told is not None

@@ -63,6 +63,7 @@ def test_the_module_listens_where_the_config_of_the_daemon_says(tmp_path: Path) 
             "url": f"tcp://{HOST}:5513",
             "module": "ioLogik-E1210",
             "poll_period_s": 0.005,
+            "filter_s": 0.0,
             "inputs": {"xs": {"address": 3, "invert": False}, "ys": {"address": 4, "invert": True}},
             "expect_serial": "99993300042",
         }
