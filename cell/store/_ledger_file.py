@@ -1,6 +1,7 @@
 """Transactions and queries on the ledger's file."""
 
 import sqlite3
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 from cell.store._database import disk_error
 
 
-class LedgerFile:
+class LedgerFile(ABC):
     """One open database; ``wall`` gives the time of day, s."""
 
     def __init__(self, path: Path, wall: Callable[[], float], db: sqlite3.Connection) -> None:
@@ -54,10 +55,10 @@ class LedgerFile:
             except sqlite3.Error as exc:
                 raise disk_error(self.path, exc) from exc
 
+    @abstractmethod
     def _copy_versions(self) -> None:
         """What has to succeed before changed versions are committed."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _versions_written(self) -> None:
         """Changed versions are in the file."""
-        raise NotImplementedError

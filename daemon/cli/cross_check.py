@@ -24,7 +24,7 @@ def cross_check(
     config: ConfigOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Tool, camera or a joint's zero: what has changed, or that nobody can tell; exit code 1 for a part."""
+    """Tool, camera or a joint's zero: what has changed, or that it cannot be told; exit code 1 for a part."""
     from daemon.cli.result_text import result_text
     from procedures.cross_check.solver import check_cell
 

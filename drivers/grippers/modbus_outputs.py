@@ -12,6 +12,7 @@ from drivers.grippers.polled import PolledConfig, PolledGripper
 from drivers.modbus.address import parse_url
 from drivers.modbus.link import LinkSettings, ModbusLink, NoAnswer, TlsFiles
 from drivers.modbus.registers import Span, Table
+from drivers.valve import check_valve
 
 _READ_BACK_S = 0.5
 
@@ -65,14 +66,7 @@ class ModbusGripperConfig(PolledConfig):
     @model_validator(mode="after")
     def _checked(self) -> Self:
         parse_url(self.url)
-        if self.confirm is None and self.moves_s is None:
-            raise ValueError(
-                "give confirm, or moves_s: without an input that confirms, it is unknown when it has closed"
-            )
-        if self.open_output == self.output:
-            raise ValueError(f"open_output is {self.output}, which is output; give another one, or none")
-        if self.blow_off_s is not None and self.open_output is None:
-            raise ValueError("blow_off_s is of an open_output: give that too")
+        check_valve(self)
         return self
 
 

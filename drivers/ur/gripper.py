@@ -16,6 +16,7 @@ from drivers.ur.gripper_outputs import GripperOutputs
 from drivers.ur.inputs import DIGITAL_INPUTS
 from drivers.ur.rtde import Recipe
 from drivers.ur.rtde_link import RtdeLink
+from drivers.valve import check_valve
 
 _READ_BACK_S = 0.1
 _SILENT_S = 0.2  # without a state of the arm
@@ -57,14 +58,7 @@ class ArmGripperConfig(Strict):
 
     @model_validator(mode="after")
     def _checked(self) -> Self:
-        if self.confirm is None and self.moves_s is None:
-            raise ValueError(
-                "give confirm, or moves_s: without an input that confirms, it is unknown when it has closed"
-            )
-        if self.open_output == self.output:
-            raise ValueError(f"open_output is {self.output}, which is output; give another one, or none")
-        if self.blow_off_s is not None and self.open_output is None:
-            raise ValueError("blow_off_s is of an open_output: give that too")
+        check_valve(self)
         return self
 
 

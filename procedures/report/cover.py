@@ -141,7 +141,7 @@ def _origin_rows(source: Source[Any]) -> Rows:
     payload = dig(values, "payload_kg") if own else None
     return [
         ("result", _decided(source)),
-        ("software", _versions(versions) if versions else source.result.software or run.get("software")),
+        ("software", _versions(versions) if versions else source.result.software),
         ("configuration", _short(run.get("config_digest"))),
         ("tool", dig(values, "tool", "name") if own else None),
         ("payload", None if payload is None else f"{payload:g} kg"),
