@@ -137,7 +137,7 @@ def _name(process: psutil.Process, root: psutil.Process) -> str:
     for module, name in (("vision_child", "vision child"), ("motion_child", "arm motion child")):
         if module in words:
             return name
-    return "solver worker" if "spawn_main" in words else "worker's resource tracker"
+    return "worker's resource tracker" if "resource_tracker" in words else "solver worker"
 
 
 def _print_times(triggers: Sequence[float], bare: Sequence[float]) -> None:

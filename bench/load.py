@@ -114,7 +114,7 @@ def _child_name(command: str) -> str:
     ):
         if word in command:
             return name
-    return "spawned child"
+    return "solver or camera"
 
 
 def _add_used(names: dict[int, str], used: dict[int, float], loads: dict[str, Load]) -> None:

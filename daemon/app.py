@@ -52,19 +52,21 @@ def main(config_path: Path) -> int:
     """Run the daemon until SIGTERM or SIGINT; returns the exit code."""
     config = load_config(config_path)
     set_up_logging()
-    asyncio.run(_until_signal(config))
+    worker = ProcessWorker()
+    worker.fork()
+    asyncio.run(_until_signal(config, worker))
     return 0
 
 
-async def _until_signal(config: CellConfig) -> None:
+async def _until_signal(config: CellConfig, worker: ProcessWorker) -> None:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.set)
-    await serve(config, stop)
+    await serve(config, stop, worker)
 
 
-async def serve(config: CellConfig, stop: asyncio.Event) -> None:
+async def serve(config: CellConfig, stop: asyncio.Event, worker: ProcessWorker) -> None:
     """Build the cell, say READY, and serve until ``stop``.
 
     READY means that config, ledger and control socket are up; devices may still be retrying. A task that
@@ -86,7 +88,6 @@ async def serve(config: CellConfig, stop: asyncio.Event) -> None:
         stack.callback(ledger.close)
         if (damage := ledger.damage()) is not None:
             log.error("%s. 'cellward acknowledge-ledger' ends this message", damage_text(damage))
-        worker = ProcessWorker()
         stack.push_async_callback(worker.stop)
         await worker.start()
 

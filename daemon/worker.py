@@ -2,6 +2,7 @@
 
 import asyncio
 import ctypes
+import gc
 import os
 import signal
 import sys
@@ -21,14 +22,19 @@ _PR_SET_PDEATHSIG = 1
 _QUIET_TRACKER = "ignore:resource_tracker:UserWarning"
 
 
+def _keep_to_ourselves() -> None:
+    """Die with the parent, leave signals to it, and let its loop, which watches the arm, come first."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    yield_to_others(COMPUTING)
+
+
 def _warm_up(configured: Mapping[str, str]) -> None:
-    """Die with the parent, leave signals to it, and import what jobs compute with before it is needed.
+    """Import what jobs compute with before it is needed.
 
     ``configured`` are the jobs that only a configuration names: their results are of kinds of their own.
     """
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    yield_to_others(COMPUTING)  # the loop, which watches the arm, comes first
+    _keep_to_ourselves()
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ[name] = "1"  # one BLAS thread: the same data give the same bits
     from procedures.registry import add_configured  # after the lines above, which numpy reads once
@@ -36,6 +42,12 @@ def _warm_up(configured: Mapping[str, str]) -> None:
     for name, reference in configured.items():
         with suppress(LookupError):  # a result of its kind then says what is missing
             add_configured(name, reference)
+
+
+def _warm_up_forked() -> None:
+    """As :func:`_warm_up` for a copy of the daemon, which has imported everything before."""
+    gc.freeze()  # a collection would write on pages that are shared as long as nobody does
+    _keep_to_ourselves()
 
 
 def _start_tracker() -> None:
@@ -60,11 +72,27 @@ def _ready() -> int:
     return os.getpid()
 
 
+def _has_threads() -> bool:
+    """Threads of native libraries count as well."""
+    return len(os.listdir("/proc/self/task")) > 1
+
+
 class ProcessWorker:
     """Runs module-level functions in its process; a worker that ended is replaced at the next call."""
 
     def __init__(self) -> None:
         self._pool: ProcessPoolExecutor | None = None
+
+    def fork(self) -> None:
+        """Make the first process a copy of this one, which is warm at once; for a program that begins.
+
+        What is open now stays open in the copy, and a copy of a program with threads may find a lock that
+        nobody gives back: so before the loop and the first thread. Where an imported package has started
+        threads nothing is done, and the process starts as those that replace it do.
+        """
+        if not _has_threads():
+            self._pool = ProcessPoolExecutor(1, mp_context=get_context("fork"), initializer=_warm_up_forked)
+            self._pool.submit(_ready)  # processes are started when there is work
 
     async def start(self) -> int:
         """Start the process and wait until it is warm; returns its pid."""

@@ -11,6 +11,7 @@ from cell.store.ledger import Ledger
 from daemon.app import serve
 from daemon.config import load_config
 from daemon.control_client import ControlClient
+from daemon.worker import ProcessWorker
 
 
 def appears(path: Path) -> None:
@@ -36,7 +37,7 @@ def test_a_write_over_the_control_socket_is_in_the_audit_table(tmp_path: Path) -
 
     async def main() -> None:
         stop = asyncio.Event()
-        daemon = asyncio.create_task(serve(load_config(path), stop))
+        daemon = asyncio.create_task(serve(load_config(path), stop, ProcessWorker()))
         async with asyncio.timeout(60.0):
             await asyncio.to_thread(appears, tmp_path / "control.sock")
             await asyncio.to_thread(write)

@@ -96,3 +96,71 @@ def test_a_killed_daemon_leaves_no_warning_of_its_semaphores() -> None:
     killed = "import os; from daemon.worker import _new_pool; pool = _new_pool(); os.kill(os.getpid(), 9)"
     ended = subprocess.run([sys.executable, "-c", killed], stderr=subprocess.PIPE, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (-signal.SIGKILL, "")
+
+
+FORKED = """
+import asyncio, os, threading
+import psutil
+import {known}
+from daemon.worker import ProcessWorker
+
+async def use():
+    pid = await subject.start()
+    print(psutil.Process(pid).cmdline() == psutil.Process().cmdline())
+    print(await subject.call(eval, "'{known}' in __import__('sys').modules"))
+    try:
+        await subject.call(os._exit, 3)
+    except Exception as exc:
+        print(type(exc).__name__, exc.name)
+    print(await subject.call(os.getpid) != pid)
+    await subject.stop()
+
+{first}
+subject = ProcessWorker()
+subject.fork()
+asyncio.run(use())
+{last}
+"""
+
+
+def started_by(first: str = "", last: str = "") -> list[str]:
+    """What a program says whose worker is made before its loop: is it a copy of the program; does it know a
+    module that nobody imported for it; how its death is told; is there another one afterwards."""
+    script = FORKED.format(known="colorsys", first=first, last=last)
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", script],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout.splitlines()
+
+
+def test_the_first_process_of_a_program_is_its_copy_and_replaced_when_it_dies() -> None:
+    assert started_by() == ["True", "True", "AbortError CHILD_DIED", "True"]
+
+
+def test_a_program_with_threads_is_not_copied() -> None:
+    """A copy may hold locks of threads that it has not."""
+    begun = "end = threading.Event(); threading.Thread(target=end.wait).start()"
+    assert started_by(begun, "end.set()") == ["False", "False", "AbortError CHILD_DIED", "True"]
+
+
+KILLED = """
+import os
+from daemon import worker
+
+subject = worker.ProcessWorker()
+subject.fork()
+print(subject._pool.submit(worker._ready).result(), flush=True)
+os.kill(os.getpid(), 9)
+"""
+
+
+def test_a_copy_ends_with_a_killed_program() -> None:
+    told = subprocess.run(
+        [sys.executable, "-c", KILLED], stdout=subprocess.PIPE, text=True, check=False
+    ).stdout
+    wait_until(lambda: not Path(f"/proc/{int(told)}").exists())
