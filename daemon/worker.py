@@ -14,6 +14,7 @@ from multiprocessing import get_context, resource_tracker
 from typing import Any, TypeVar
 
 from cell.errors import error
+from cell.forking import may_fork
 from cell.priority import COMPUTING, yield_to_others
 
 R = TypeVar("R")
@@ -72,11 +73,6 @@ def _ready() -> int:
     return os.getpid()
 
 
-def _has_threads() -> bool:
-    """Threads of native libraries count as well."""
-    return len(os.listdir("/proc/self/task")) > 1
-
-
 class ProcessWorker:
     """Runs module-level functions in its process; a worker that ended is replaced at the next call."""
 
@@ -86,11 +82,10 @@ class ProcessWorker:
     def fork(self) -> None:
         """Make the first process a copy of this one, which is warm at once; for a program that begins.
 
-        What is open now stays open in the copy, and a copy of a program with threads may find a lock that
-        nobody gives back: so before the loop and the first thread. Where an imported package has started
-        threads nothing is done, and the process starts as those that replace it do.
+        Where that must not be, as an imported package has started threads, nothing is done: the process
+        starts as those that replace it do.
         """
-        if not _has_threads():
+        if may_fork():
             self._pool = ProcessPoolExecutor(1, mp_context=get_context("fork"), initializer=_warm_up_forked)
             self._pool.submit(_ready)  # processes are started when there is work
 

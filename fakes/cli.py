@@ -1,6 +1,5 @@
 """``cellward-twin``: the twin of a cell, its faults, its truth and its operator."""
 
-import asyncio
 import json
 import os
 import signal
@@ -80,7 +79,7 @@ def twin(
         from fakes.world.scenario import IDEAL_SUFFIX
 
         scenario += IDEAL_SUFFIX
-    asyncio.run(_serve(scenario, folder, bind, operator == "auto"))
+    _serve(scenario, folder, bind, operator == "auto")
 
 
 @app.command()
@@ -196,18 +195,13 @@ def straighten(folder: Folder) -> None:
     out.print(f"T_flange_tool {json.dumps(pose)}", highlight=False, soft_wrap=True)
 
 
-async def _serve(scenario: str, folder: Path, bind: str | None, automatic: bool) -> None:
+def _serve(scenario: str, folder: Path, bind: str | None, automatic: bool) -> None:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # before numpy reads them, here and in the camera's process
     # Only here: the other commands answer at once without the libraries that a world needs.
     from fakes.twin.serve import TwinOptions, serve
 
-    options = TwinOptions(scenario, folder, bind, automatic)
-    stop = asyncio.Event()
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, stop.set)
-    await serve(options, stop, _announce)
+    serve(TwinOptions(scenario, folder, bind, automatic), _announce)
 
 
 def _announce(twin: "Twin") -> None:

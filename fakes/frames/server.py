@@ -41,11 +41,21 @@ _JUNK = bytes(range(256)) * 64
 
 
 def serve_frames(socket_path: str, scenario_path: str, connection: Connection) -> None:
-    """Entry point of the twin's camera process; returns when the other end of ``connection`` closes."""
+    """Entry point of the twin's camera process; returns when the other end of ``connection`` closes.
+
+    It listens when the first message has come: until then another twin may own the socket.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the twin ends us in order
     cv2.setNumThreads(1)
     scenario = Scenario.load(scenario_path)
-    server = FrameServer(World.from_scenario(scenario, time.monotonic()), socket_path)
+    world = World.from_scenario(scenario, time.monotonic())
+    try:
+        first = connection.recv()
+    except (EOFError, OSError):
+        return
+    server = FrameServer(world, socket_path)
+    for message in first:
+        server.handle(message)
     mirror = threading.Thread(target=_follow, args=(server, connection), name="mirror", daemon=True)
     mirror.start()
     try:

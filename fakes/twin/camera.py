@@ -23,6 +23,10 @@ class TwinCamera:
         self._restart: asyncio.TimerHandle | None = None
         self.faults = CameraFaults(lambda message: self._process.send(message))
 
+    def fork(self) -> None:
+        """Make the process beforehand, as a copy of a program that begins."""
+        self._process.fork()
+
     async def start(self) -> None:
         """Start the process and wait until it listens."""
         self._begin()

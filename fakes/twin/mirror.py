@@ -13,6 +13,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any
 
+from cell.forking import may_fork
 from fakes.frames.server import serve_frames
 from fakes.wire.lifetime import die_with_parent, run_as_camera, run_as_controller
 from fakes.world.world import Message, World
@@ -31,17 +32,32 @@ class FrameProcess:
         self._world = world
         self._queue: queue.Queue[Message | None] = queue.Queue(BACKLOG)
         self._process: BaseProcess | None = None
+        self._pipe: Connection[Any, Any]
         self._thread: threading.Thread | None = None
         self._open = True
 
+    def fork(self) -> None:
+        """Make the child a copy of this program, which need not import anything; it waits for :meth:`start`.
+
+        Where a program must not be copied, the child is started later, as one that replaces another.
+        """
+        if may_fork():
+            context = multiprocessing.get_context("fork")
+            self._pipe, theirs = context.Pipe()
+            arguments = (*self._arguments, theirs, self._pipe)
+            self._process = context.Process(target=_serve, args=arguments, daemon=True)
+            self._process.start()
+            theirs.close()
+
     def start(self) -> None:
-        """Start the child and bring its world to the twin's."""
-        context = multiprocessing.get_context("spawn")
-        ours, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(*self._arguments, theirs), daemon=True)
-        self._process.start()
-        theirs.close()
-        self._thread = threading.Thread(target=self._write, args=(ours,), name="mirror", daemon=True)
+        """Start the child, if it is not there yet, and bring its world to the twin's."""
+        if self._process is None:
+            context = multiprocessing.get_context("spawn")
+            self._pipe, theirs = context.Pipe()
+            self._process = context.Process(target=_serve, args=(*self._arguments, theirs), daemon=True)
+            self._process.start()
+            theirs.close()
+        self._thread = threading.Thread(target=self._write, args=(self._pipe,), name="mirror", daemon=True)
         self._thread.start()
         self._world.mirror_to(self.send)
 
@@ -68,6 +84,8 @@ class FrameProcess:
         with contextlib.suppress(queue.Full):
             self._queue.put_nowait(None)
         if self._process is not None:
+            if self._thread is None:  # forked and not begun
+                self._pipe.close()
             self._process.join(JOIN_S)
             if self._process.is_alive():
                 self._process.kill()
@@ -89,7 +107,15 @@ class FrameProcess:
                 time.sleep(_GATHER_S)
 
 
-def _serve(socket_path: str, scenario: str, connection: "Connection[Any, Any]") -> None:
+def _serve(
+    socket_path: str,
+    scenario: str,
+    connection: "Connection[Any, Any]",
+    not_ours: "Connection[Any, Any] | None" = None,
+) -> None:
+    """``not_ours``: the parent's end in a copy of it, which would keep the pipe open."""
+    if not_ours is not None:
+        not_ours.close()
     die_with_parent()
     run_as_camera()
     serve_frames(socket_path, scenario, connection)

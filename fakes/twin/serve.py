@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import gc
 import math
+import signal
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -90,6 +91,11 @@ class Twin:
         if self.scenario.world.camera is not None:  # last: it draws as soon as it listens
             devices["camera"] = TwinCamera(self.frames_socket, scenario, world)
         return devices
+
+    def fork_camera(self) -> None:
+        """Make the camera's process beforehand, as a copy of a program that begins."""
+        if isinstance(camera := self._devices.get("camera"), TwinCamera):
+            camera.fork()
 
     async def __aenter__(self) -> "Twin":
         self.world.truth(self.controller.now())  # what it needs is made before anything keeps time
@@ -245,10 +251,19 @@ def _is_finite(value: Any) -> bool:
     return isinstance(value, int | float) and math.isfinite(value)
 
 
-async def serve(options: TwinOptions, stop: asyncio.Event, ready: Callable[[Twin], None]) -> None:
-    """Run a twin until ``stop`` is set; ``ready`` is called when everything listens."""
+def serve(options: TwinOptions, ready: Callable[[Twin], None]) -> None:
+    """Run a twin until SIGINT or SIGTERM; ``ready`` is called when everything listens."""
     twin = Twin(options)
     settle_collector()
+    twin.fork_camera()
+    asyncio.run(_until_signal(twin, ready))
+
+
+async def _until_signal(twin: Twin, ready: Callable[[Twin], None]) -> None:
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)
     run_as_controller()  # not before: making a world takes a second of a core
     async with twin:
         ready(twin)

@@ -113,6 +113,7 @@ def test_a_wrong_command_is_one_sentence_and_an_exit_code(
     assert done.returncode == code
     assert said in done.stderr
     assert "Traceback" not in done.stderr
+    assert (subject.folder / "frames.sock").is_socket(), "the running twin keeps its camera"
 
 
 def test_commands_without_a_twin_say_so(tmp_path: Path) -> None:
