@@ -16,6 +16,7 @@ from cell.wire_recording.tap import NO_TAP, Tap, tap
 from drivers.modbus.address import ModbusAddress
 from drivers.modbus.registers import Span, Table
 
+_REFUSAL_BIT = 0x80
 # More than pymodbus would take before it closes the connection; when a link is lost is our decision.
 _NEVER = 1_000_000
 
@@ -127,7 +128,9 @@ class ModbusLink:
     async def read(self, span: Span) -> list[int]:
         """Bits or registers; :class:`NoAnswer`, or ``MODBUS_REFUSED`` when the module says no."""
         call = getattr(self._client, _CALLS[span.table])
-        reply = await self._ask(lambda: call(span.start, count=span.count, device_id=self._config.unit))
+        reply = await self._ask(
+            span.table.function, lambda: call(span.start, count=span.count, device_id=self._config.unit)
+        )
         if reply.isError():
             raise self._refused(str(span), reply)
         values: list[int] = reply.bits if span.table.has_bits else reply.registers
@@ -139,7 +142,7 @@ class ModbusLink:
     async def write(self, start: int, words: Sequence[int]) -> None:
         """Write holding registers from ``start`` on in one request; errors as :meth:`read`."""
         reply = await self._ask(
-            lambda: self._client.write_registers(start, list(words), device_id=self._config.unit)
+            16, lambda: self._client.write_registers(start, list(words), device_id=self._config.unit)
         )
         if reply.isError():
             last = start + len(words) - 1
@@ -147,30 +150,35 @@ class ModbusLink:
 
     async def write_coil(self, address: int, on: bool) -> None:
         """Switch one coil; errors as :meth:`read`."""
-        reply = await self._ask(lambda: self._client.write_coil(address, on, device_id=self._config.unit))
+        reply = await self._ask(5, lambda: self._client.write_coil(address, on, device_id=self._config.unit))
         if reply.isError():
             raise self._refused(f"function 5, address 0x{address:04X}", reply)
 
     async def identification(self, read_code: int, object_id: int) -> tuple[dict[int, bytes], int]:
         """Objects of function 43/14, and the number of the next object, 0 at the end. Errors as ``read``."""
         reply = await self._ask(
+            43,
             lambda: self._client.read_device_information(
                 read_code=read_code, object_id=object_id, device_id=self._config.unit
-            )
+            ),
         )
         if reply.isError():
             raise self._refused(f"function 43, object 0x{object_id:02X}", reply)
         found = {n: v[0] if isinstance(v, list) else v for n, v in reply.information.items()}
         return found, reply.next_object_id if reply.more_follows else 0
 
-    async def _ask(self, call: Callable[[], Any]) -> Any:
+    async def _ask(self, function: int, call: Callable[[], Any]) -> Any:
         if self._client is None:
             raise NoAnswer("the connection is closed")
         try:
-            return await call()
+            reply = await call()
         except ModbusException as exc:
             await self._let_late_replies_pass()
             raise NoAnswer(f"no answer in {self._config.timeout_s:g} s") from exc
+        if (answered := reply.function_code & ~_REFUSAL_BIT) != function:
+            await self._let_late_replies_pass()
+            raise NoAnswer(f"a reply to function {answered} came for a request of function {function}")
+        return reply
 
     async def _let_late_replies_pass(self) -> None:
         """Replies on a serial line carry no number: a late one must not answer the next request."""

@@ -288,7 +288,7 @@ def test_an_adapter_that_was_pulled_out_is_opened_again_when_it_is_back() -> Non
         await until(lambda: not face.connected)
         adapter.plug_in()
         await until(lambda: face.connected)
-        assert await asyncio.to_thread(plc.command, FINISH, 1) == (1, 1, 1, 4711)
+        assert await asyncio.to_thread(plc.ask_until_told, FINISH, 1) == (1, 1, 1, 4711)
 
     play("slcan", script)
 

@@ -91,22 +91,26 @@ def test_a_module_on_a_serial_line_is_read_and_identified() -> None:
 
 class LateSlave:
     """A coupler by hand. It knows no function 43, shows input 0 on at the fourth look and input 1 at others,
-    and tells the fourth 20 ms after the client gave it up."""
+    and tells the fourth 30 ms after the client gave it up. The refusal of function 43 takes ``refuses_s``."""
 
-    def __init__(self) -> None:
+    def __init__(self, refuses_s: float = 0.0) -> None:
+        self.refuses_s = refuses_s
         self.ours, self.theirs = os.openpty()
         tty.setraw(self.theirs)
         self.looks = 0
+        self.looked_on = asyncio.Event()  # well after the fourth look
         asyncio.get_running_loop().add_reader(self.ours, self._take)
 
     def _take(self) -> None:
         request = os.read(self.ours, 256)
         if request[1] == 43:
-            self._send(0.0, bytes([request[0], 0xAB, 1]))
+            self._send(self.refuses_s, bytes([request[0], 0xAB, 1]))
             return
         self.looks += 1
+        if self.looks == 7:
+            self.looked_on.set()
         late = self.looks == 4
-        self._send(0.07 if late else 0.03, bytes([request[0], request[1], 1, 0b01 if late else 0b10]))
+        self._send(0.23 if late else 0.08, bytes([request[0], request[1], 1, 0b01 if late else 0b10]))
 
     def _send(self, delay_s: float, body: bytes) -> None:
         frame = body + FramerRTU.compute_CRC(body).to_bytes(2, "big")
@@ -119,18 +123,19 @@ class LateSlave:
 
 
 @needs_pyserial
-def test_a_late_reply_on_a_serial_line_does_not_answer_the_next_request() -> None:
+@pytest.mark.parametrize("refuses_s", [0.0, 0.23, 0.44])
+def test_a_late_reply_on_a_serial_line_does_not_answer_the_next_request(refuses_s: float) -> None:
     async def scene() -> None:
-        slave = LateSlave()
+        slave = LateSlave(refuses_s)
         url = f"rtu://{os.ttyname(slave.theirs)}?{BAUD}"
-        async with opened(url, module="WAGO-750", poll_period_s=0.002, timeout_s=0.05) as subject:
+        async with opened(url, module="WAGO-750", poll_period_s=0.002, timeout_s=0.2) as subject:
             seen: list[tuple[bool, ...]] = []
             subject.inputs.subscribe(lambda poll: seen.append(poll.value.levels))
-            await asyncio.sleep(0.4)
+            async with asyncio.timeout(5.0):
+                await slave.looked_on.wait()
             assert subject.health()["failures"] >= 1, "the late reply; a pause of this machine may add one"
-            assert slave.looks >= 6
             assert set(seen) == {(False, True)}, "the fourth look was shown as a later one"
-        await asyncio.sleep(0.05)
+        await asyncio.sleep(0.3)
         slave.close()
 
     asyncio.run(scene())
