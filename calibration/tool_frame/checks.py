@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from calibration.tool_frame.averaging import design
 from calibration.tool_frame.bounds import rows_of
 from calibration.tool_frame.crossings import Crossing
+from calibration.tool_frame.lateral import Lateral
 from calibration.tool_frame.scene import Refused, ToolFrameScene
 from calibration.tool_frame.solution import Solution
 from cell.poses import Array
@@ -42,9 +43,8 @@ def own_residuals(solution: Solution) -> Residuals:
     return Residuals(rest, lateral.rows.width, lateral.rows.source)
 
 
-def residuals(solution: Solution, crossings: Mapping[int, Crossing]) -> Residuals:
-    """Of crossings that the solution has not seen."""
-    lateral = solution.lateral
+def residuals(lateral: Lateral, crossings: Mapping[int, Crossing]) -> Residuals:
+    """Of crossings that ``lateral`` has not seen."""
     groups = {k: c.source.beam if c.source.current else "reference" for k, c in crossings.items()}
     rows = rows_of(crossings, groups, lateral.model, lateral.at, lateral.height)
     d = len(lateral.model.names)
@@ -55,9 +55,9 @@ def residuals(solution: Solution, crossings: Mapping[int, Crossing]) -> Residual
 
 
 def held_out(
-    scene: ToolFrameScene, solution: Solution, solve: Callable[[ToolFrameScene], Solution], folds: int = FOLDS
+    scene: ToolFrameScene, solution: Solution, solve: Callable[[ToolFrameScene], Lateral], folds: int = FOLDS
 ) -> Residuals | None:
-    """Each edge against a solution without the passes of its fold; None where too few are left.
+    """Each edge against what ``solve`` finds without the passes of its fold; None where too few are left.
 
     A way there and the way back that follows it are in one fold.
     """
@@ -70,14 +70,15 @@ def held_out(
             other = solve(scene.take(keep))
         except Refused:
             continue
-        known = set(other.lateral.rows.labels)
+        known = set(other.rows.labels)
         left = {
             k: solution.seen.crossings[k]
             for k in part
             if all((scene.passes[k].beam, j) in known for j in range(solution.seen.crossings[k].edges))
         }
         if left:
-            found.append(residuals(_same_reading(other, solution), left))
+            # For crossings that were read with the delay of the solution.
+            found.append(residuals(replace(other, tau_read=solution.lateral.tau_read), left))
     if not found:
         return None
     return Residuals(
@@ -85,11 +86,6 @@ def held_out(
         np.concatenate([f.width for f in found]),
         np.concatenate([f.source for f in found]),
     )
-
-
-def _same_reading(other: Solution, solution: Solution) -> Solution:
-    """``other`` for crossings that were read with the delay of ``solution``."""
-    return replace(other, lateral=replace(other.lateral, tau_read=solution.lateral.tau_read))
 
 
 def _folds(scene: ToolFrameScene, used: Sequence[int], folds: int) -> list[set[int]]:

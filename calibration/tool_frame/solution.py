@@ -62,6 +62,11 @@ def solve(scene: ToolFrameScene, method: str = INTERVAL, points: int = 2048) -> 
     return _Solving(scene, method, points).run()
 
 
+def solve_across(scene: ToolFrameScene, method: str = INTERVAL, points: int = 2048) -> Lateral:
+    """What :func:`solve` finds across the beams, without the displacement along the tool."""
+    return _Solving(scene, method, points).across()[0]
+
+
 class _Solving:
     def __init__(self, scene: ToolFrameScene, method: str, points: int) -> None:
         self.scene, self.method, self.points = scene, method, points
@@ -70,6 +75,11 @@ class _Solving:
         self.frames = geo.frames(scene.beams, scene.R, scene.tool)
 
     def run(self) -> Solution:
+        return self._put_together(*self.across())
+
+    def across(self) -> tuple[Lateral, At, Vertical, Mapping[int, str]]:
+        """What the crossings tell, where they were linearised, the heights of the passes, and which passes
+        are not used, with the reason."""
         seen = see(self.scene, self.frames)
         selection, warnings = selected(self.scene, seen)
         tau = rough_delay(seen, selection)
@@ -90,7 +100,7 @@ class _Solving:
         self.warnings += self.ways.warnings
         lateral, at, told = solve_lateral(crossings, vertical, tau, self.method, self.points)
         self.warnings += told
-        return self._put_together(lateral, at, vertical, rejected)
+        return lateral, at, vertical, rejected
 
     def _put_together(
         self, lateral: Lateral, at: At, vertical: Vertical, rejected: Mapping[int, str]

@@ -15,7 +15,7 @@ from calibration.tool_frame.classic import Classic, solve_classic
 from calibration.tool_frame.lateral import AVERAGING, INTERVAL
 from calibration.tool_frame.places import at_current_places
 from calibration.tool_frame.scene import Refused
-from calibration.tool_frame.solution import solve
+from calibration.tool_frame.solution import solve, solve_across
 from cell.errors import error
 from cell.formats.laser import LaserData
 from cell.formats.result import Result
@@ -70,7 +70,7 @@ def solve_laser(
     _tell(progress, "held out", 0)
     checks = None
     if classic is None:
-        checks = held_out(scene, solution, partial(solve, method=how, points=_FOLD_POINTS))
+        checks = held_out(scene, solution, partial(solve_across, method=how, points=_FOLD_POINTS))
     result = fill_result(
         scene, solution, classic, own_residuals(solution), checks, [*warnings, *solution.warnings], inputs
     )
