@@ -102,9 +102,16 @@ def to_json(value: Any, indent: int | None = None) -> str:
 
 def plain(value: Any) -> Any:
     """``value`` made of nothing but dict, list, str, int, float, bool and None."""
+    kind = type(value)  # most values are of these kinds, and by the thousand
+    if kind is float:
+        return value if math.isfinite(value) else None
+    if kind is int or kind is str or kind is bool or value is None:
+        return value
+    if kind is list:
+        return [plain(item) for item in value]
     if isinstance(value, Enum):
         return plain(value.value)
-    if value is None or isinstance(value, bool | int | str):
+    if isinstance(value, (int, str)):
         return value
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None

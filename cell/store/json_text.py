@@ -10,6 +10,7 @@ from typing import Any
 
 _AT_ONCE = 200  # items of a list, each a number or a few
 _FEW = 16
+_ENCODERS = {ascii: json.JSONEncoder(allow_nan=False, ensure_ascii=ascii) for ascii in (False, True)}
 
 
 def json_text(value: Any, *, ensure_ascii: bool = True) -> str:
@@ -49,4 +50,4 @@ def _is_short(item: Any) -> bool:
 
 
 def _text(value: Any, ensure_ascii: bool) -> str:
-    return json.dumps(value, allow_nan=False, ensure_ascii=ensure_ascii)
+    return _ENCODERS[ensure_ascii].encode(value)
