@@ -15,6 +15,8 @@ from typing import Any, TypeVar, TypeVarTuple
 T = TypeVar("T")
 Ts = TypeVarTuple("Ts")
 
+_SELDOM = 64  # so many turns of the loop are made without a look at its own wake-up pipe
+
 
 class DeadlockError(RuntimeError):
     """Every task waits for something that nothing can bring about."""
@@ -28,9 +30,10 @@ class _JumpingSelector(selectors.BaseSelector):
         self.now = 0.0
         self.outside = 0
         self.own_fds = 0  # the loop's own wake-up pipe is no source of events
+        self._unlooked = 0
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        events = self._real.select(0)
+        events = self._look(timeout)
         if events or (timeout is not None and timeout <= 0):
             return events
         if self.outside:
@@ -41,6 +44,16 @@ class _JumpingSelector(selectors.BaseSelector):
         if len(self._real.get_map()) <= self.own_fds:
             raise DeadlockError("nothing is scheduled, and no file or executor job can wake the loop")
         return self._real.select(None)
+
+    def _look(self, timeout: float | None) -> list[tuple[selectors.SelectorKey, int]]:
+        """What is ready now. Where only the loop's own pipe could be, the question is seldom put to the
+        system: what a thread hands over is seen at the next turn without it, and signals can wait so long."""
+        alone = timeout is not None and not self.outside and len(self._real.get_map()) <= self.own_fds
+        if alone and self._unlooked < _SELDOM:
+            self._unlooked += 1
+            return []
+        self._unlooked = 0
+        return self._real.select(0)
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
         return self._real.register(fileobj, events, data)
