@@ -138,31 +138,50 @@ def rows_of(
     column = {name: k for k, name in enumerate(model.names)}
     labels = sorted({(c.source.beam, j) for c in crossings.values() for j in range(c.edges)})
     number = {label: k for k, label in enumerate(labels)}
-    parts: list[tuple[Array, Array, Array, Array, Array, Array]] = []
-    for place, c in crossings.items():
-        beam, group = c.source.beam, groups[place]
-        moved, current = group in model.shifts, c.source.current
-        tilt = at.tilt.get(beam, 0.0) if current else at.own_tilt.get(beam, 0.0)
-        s, z = (at.shift.get(group, 0.0), at.along_w.get(group, 0.0)) if moved else (0.0, 0.0)
-        cos, sin = np.cos(tilt), np.sin(tilt)
-        h = c.above + height.get(beam, 0.0) + z
-        slope = cos * h - sin * (c.middle + s)
-        X = np.zeros((c.edges, len(column)))
-        delay = "tau_current" if model.delays == 2 and c.source.current else "tau"
-        X[:, column[delay]] = cos * c.v
-        if model.several_speeds:
-            X[:, column["hysteresis"]] = 0.5 * cos * np.sign(c.v)
-            X[:, column["lag"]] = 0.5 * cos * c.v * np.where(c.rising, -1.0, 1.0)
-        if moved:
-            X[:, column[f"shift {group}"]] = -cos
-        base = np.zeros(c.edges)
+    kinds = {
+        (c.source.beam, c.source.current, groups[place]): None for place, c in crossings.items()
+    }  # few: all else is the same for the crossings of one
+    own = [list(kinds).index((c.source.beam, c.source.current, groups[k])) for k, c in crossings.items()]
+    count = [c.edges for c in crossings.values()]
+    of = np.repeat(own, count)
+    tilt, cos, sin, up, s, z = np.array([_kind(model, at, height, *kind) for kind in kinds]).T[:, of]
+    low, high, soft, above, v = (
+        np.concatenate([getattr(c, name) for c in crossings.values()])
+        for name in ("low", "high", "soft", "above", "v")
+    )
+    rising = np.concatenate([c.rising for c in crossings.values()])
+    h = above + up + z
+    slope = cos * h - sin * (0.5 * (low + high) + s)
+    X, base = np.zeros((len(low), len(column))), np.zeros(len(low))
+    if model.several_speeds:
+        X[:, column["hysteresis"]] = 0.5 * cos * np.sign(v)
+        X[:, column["lag"]] = 0.5 * cos * v * np.where(rising, -1.0, 1.0)
+    for k, (beam, current, group) in enumerate(kinds):
+        rows = of == k
+        X[rows, column["tau_current" if model.delays == 2 and current else "tau"]] = (cos * v)[rows]
+        if group in model.shifts:
+            X[rows, column[f"shift {group}"]] = -cos[rows]
         name = f"tilt {beam}" if current else f"own tilt {beam}"
         if name in column:
-            X[:, column[name]] = -slope
-            base = -slope * tilt
-        offset = sin * h + base
-        count = np.array([number[beam, j] for j in range(c.edges)])
-        ends = np.full(c.edges, place)
-        parts.append((cos * c.low + offset, cos * c.high + offset, cos * c.soft, count, X, ends))
-    low, high, soft, edge, X, source = (np.concatenate(p) for p in zip(*parts, strict=True))
-    return Rows(low, high, soft / np.sqrt(3.0), edge.astype(np.int64), X, source.astype(np.int64), labels)
+            X[rows, column[name]] = -slope[rows]
+            base[rows] = (-slope * tilt)[rows]
+    offset = sin * h + base
+    return Rows(
+        cos * low + offset,
+        cos * high + offset,
+        cos * soft / np.sqrt(3.0),
+        np.array([number[c.source.beam, j] for c in crossings.values() for j in range(c.edges)], np.int64),
+        X,
+        np.repeat(np.array(list(crossings), np.int64), count),
+        labels,
+    )
+
+
+def _kind(
+    model: LateralModel, at: At, height: Mapping[str, float], beam: str, current: bool, group: str
+) -> tuple[float, ...]:
+    """Of the passes of one beam, set and group: the tilt, its cosine and sine, what is added to heights above
+    the beam, and the displacement along ``n`` and ``w``."""
+    tilt = at.tilt.get(beam, 0.0) if current else at.own_tilt.get(beam, 0.0)
+    s, z = (at.shift.get(group, 0.0), at.along_w.get(group, 0.0)) if group in model.shifts else (0.0, 0.0)
+    return tilt, np.cos(tilt), np.sin(tilt), height.get(beam, 0.0), s, z

@@ -79,7 +79,10 @@ class PassContents:
 
 
 def see(scene: ToolFrameScene, frames: Mapping[str, BeamFrame], tau: float = 0.0) -> PassContents:
-    """All passes of ``scene``; positions are read ``tau`` s before the polls, where the arm truly was."""
+    """All passes of ``scene``; positions are read ``tau`` s before the polls, where the arm truly was.
+
+    ``frames`` are those of the scene's beams and tool.
+    """
     crossings: dict[int, Crossing] = {}
     missed: list[int] = []
     reasons: dict[int, str] = {}
@@ -90,7 +93,10 @@ def see(scene: ToolFrameScene, frames: Mapping[str, BeamFrame], tau: float = 0.0
         elif not edges:
             missed.append(place)
         else:
-            crossings[place] = crossing(scene, frames[found.beam], found, edges, tau)
+            known = scene.seen.get((found, tau))
+            if known is None:
+                known = scene.seen[found, tau] = crossing(scene, frames[found.beam], found, edges, tau)
+            crossings[place] = known
     partial = _take_bounce_out(scene, frames, crossings, reasons, tau)
     return PassContents(crossings, partial, missed, reasons)
 

@@ -220,15 +220,17 @@ class _Walks:
         steps = self.A @ directions
         room = np.stack([self.high - y, y - self.low])  # above and below where each edge's change was seen
         width, edges = self.high - self.low, np.arange(len(steps))
-        for direction, step in zip(directions.T, steps.T, strict=True):
-            size = np.abs(step)
-            felt = size > 1e-9 * np.max(size)
-            inverse = (1.0 / np.where(felt, size, 1.0))[:, None]
-            against = (step < 0.0).astype(np.intp)
-            ahead, behind = room[against, edges] * inverse, room[1 - against, edges] * inverse
-            if not felt.all():
-                ahead[~felt] = behind[~felt] = np.inf
-            t = self._on_line(direction, -np.min(behind, axis=0), np.min(ahead, axis=0))
+        size = np.abs(steps)
+        felt = size > 1e-9 * np.max(size, axis=0)
+        inverse = 1.0 / np.where(felt, size, 1.0)
+        against = (steps < 0.0).astype(np.intp)
+        for k, (direction, step) in enumerate(zip(directions.T, steps.T, strict=True)):
+            ahead, behind = room[against[:, k], edges], room[1 - against[:, k], edges]
+            ahead *= inverse[:, k, None]
+            behind *= inverse[:, k, None]
+            if not felt[:, k].all():
+                ahead[~felt[:, k]] = behind[~felt[:, k]] = np.inf
+            t = self._on_line(direction, -behind.min(axis=0), ahead.min(axis=0))
             self.theta += direction[:, None] * t
             np.clip(room[0] - step[:, None] * t, 0.0, width, out=room[0])
             np.subtract(width, room[0], out=room[1])

@@ -1,8 +1,9 @@
 """What a measurement with two crossed beams consists of, in memory. Metres, seconds; frames as named."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,12 +91,16 @@ class ToolFrameScene:
     tool: ReferenceTool
     passes: Sequence[Pass]
     repeatability_m: float | None = None
+    # What was seen of a pass at a delay: a scene and its parts are solved many times.
+    seen: dict[tuple[Pass, float], Any] = field(default_factory=dict, init=False, repr=False)
 
     def take(self, keep: Sequence[int]) -> "ToolFrameScene":
         """Only the passes at the places ``keep`` of the list."""
-        return ToolFrameScene(
+        part = ToolFrameScene(
             self.R, self.beams, self.tool, [self.passes[k] for k in keep], self.repeatability_m
         )
+        object.__setattr__(part, "seen", self.seen)
+        return part
 
 
 class Refused(Exception):
