@@ -21,6 +21,9 @@ _CONFIG = {
     "showSendToCloud": False,
     "plotlyServerURL": "",
 }
+# The look comes in as a figure goes into its page: in each figure it takes plotly longer than to draw it.
+pio.templates.default = None
+_LOOK = pio.templates["simple_white"].to_plotly_json()
 
 
 def colour(groups: Sequence[int], group: int) -> str:
@@ -47,7 +50,6 @@ def figure(height: int, **layout: Any) -> Any:
 def dressed(fig: Any, height: int, **layout: Any) -> Any:
     """``fig`` (one with several axes, say) with the report's fonts and margins."""
     fig.update_layout(
-        template="simple_white",
         height=height,
         font={"family": "Segoe UI, Roboto, Arial, DejaVu Sans, sans-serif", "size": 13, "color": INK},
         paper_bgcolor="#fff",
@@ -88,7 +90,15 @@ def embed(fig: Any, name: str) -> Html:
     """The figure as a part of the page. Plotly writes ``<`` and ``/`` in data as escapes."""
     fig.update_xaxes(gridcolor=LINE, showgrid=True, linecolor=SOFT)
     fig.update_yaxes(gridcolor=LINE, showgrid=True, linecolor=SOFT)
+    drawn = fig.to_dict()
+    drawn["layout"] = {"template": _LOOK, **drawn["layout"]}
     markup = pio.to_html(
-        fig, full_html=False, include_plotlyjs=False, include_mathjax=False, div_id=name, config=_CONFIG
+        drawn,
+        validate=False,
+        full_html=False,
+        include_plotlyjs=False,
+        include_mathjax=False,
+        div_id=name,
+        config=_CONFIG,
     )
     return el("div", Html(markup), class_="figure")
