@@ -19,9 +19,9 @@ from fakes.world.beams.truth import BeamTruth
 
 Snapshot = tuple[float, list[bool], list[int], list[list[float]]]
 
-_WAY_M = 0.02  # a window of samples is as long as the tool may need for this way
-_STEP_M = _WAY_M / 32
-_LONGEST_S = 0.5
+_WAY_M = 0.06  # a window of samples is as long as the tool may need for this way
+_STEP_M = _WAY_M / 96
+_LONGEST_S = 1.5
 _WORTH_M = 0.004  # from here on it is cheaper to wait until the tool may have come
 _UNSEEN_SEGMENTS = 16  # so many may pile up unasked: looking at them must not hold up who commands the arm
 _HISTORY_S = 60.0
