@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -60,7 +61,8 @@ def solve_laser(
     how = AVERAGING if chosen == AVERAGING else INTERVAL
     _tell(progress, "solve", 0)
     try:
-        solution, seconds = _timed(partial(solve, scene, how), calls)
+        # Each call with a scene that was not looked at, or the second one would find it half done.
+        solution, seconds = _timed(lambda: solve(replace(scene), how), calls)
         classic: Classic | None = None
         if chosen == CLASSIC:
             classic, seconds = _timed(lambda: solve_classic(scene, solution.seen), calls)
