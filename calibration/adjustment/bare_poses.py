@@ -11,7 +11,7 @@ from calibration.adjustment.hand_eye import excess_of, left_out, solved
 from calibration.adjustment.jackknife import Checked, checked
 from calibration.adjustment.lens_terms import ImageTerms
 from calibration.adjustment.mount import Mounted, on_true_arm
-from calibration.adjustment.unknowns import GEARS, GEOMETRY, AdjustedState, ArmKnown, unknowns
+from calibration.adjustment.unknowns import AdjustedState, ArmKnown, free_scales, unknowns
 from calibration.hand_eye.solution import Solution
 
 
@@ -22,7 +22,7 @@ def adjust_poses(solution: Solution, arm: ArmKnown | None) -> Mounted:
     """
     problem = solution.problem.take(solution.used)
     of = unknowns(problem, np.flatnonzero(solution.used), arm, None, None)
-    free = (GEOMETRY, GEARS) if arm is not None and arm.scale_free else ()
+    free = free_scales(arm)
     none = np.zeros(len(of.names))
     components = Components(
         dict(solution.noise.sigma),

@@ -58,7 +58,8 @@ def estimated(
     free = np.array([name in start.free for name in names])
     if not free.any():
         return start
-    theta = np.log([v**2 for v in (*start.sigma.values(), *start.scale.values())])
+    given = np.array([*start.sigma.values(), *start.scale.values()])
+    theta = 2.0 * np.log(given)
     floor = np.log(
         [_FLOOR.get(k, _SMALLEST) ** 2 for k in start.sigma] + [_SMALLEST_SCALE**2 for _ in start.scale]
     )
@@ -75,7 +76,7 @@ def estimated(
         step = np.zeros(len(names))
         step[active] = np.clip(np.linalg.solve(block + ridge, score[active]), -_LONGEST, _LONGEST)
         theta = np.clip(theta + step, floor, ceiling)
-        values = np.exp(0.5 * theta)
+        values = np.where(free, np.exp(0.5 * theta), given)
         found = replace(
             start,
             sigma=dict(zip(start.sigma, map(float, values), strict=False)),

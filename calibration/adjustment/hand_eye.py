@@ -23,9 +23,8 @@ from calibration.adjustment.lens_terms import (
     moved_camera,
     target_shape,
 )
+from calibration.adjustment.shared_errors import PLACE, SharedErrors
 from calibration.adjustment.unknowns import (
-    GEARS,
-    GEOMETRY,
     LENS_BLOCK,
     NOISE,
     TARGET_BLOCK,
@@ -33,6 +32,7 @@ from calibration.adjustment.unknowns import (
     ArmKnown,
     Unknowns,
     budget,
+    free_scales,
     moved_problem,
     observations,
     unknowns,
@@ -95,14 +95,15 @@ def adjust(
     measured: Measurements,
     solution: Solution,
     camera: Intrinsics,
-    arm: ArmKnown | None,
+    arm: ArmKnown | SharedErrors | None,
     lens: LensPrior | None = None,
     target: TargetPrior | None = None,
 ) -> Adjusted:
     """From the observations that ``solution`` uses, and from where it is. Each of them needs a view.
 
     ``camera`` is the one that ``solution`` was made with, and ``lens`` says how well it is known. Without
-    ``arm`` the flange's poses are taken as an exact arm has them, but for their noise.
+    ``arm`` the flange's poses are taken as an exact arm has them, but for their noise. Of an arm whose joints
+    are not known there are :class:`SharedErrors`.
     """
     rows = np.flatnonzero(solution.used)
     problem = solution.problem.take(solution.used)
@@ -110,7 +111,7 @@ def adjust(
     views = numbered_alike(views, problem.C, camera, measured.motions)
     shape = target_shape(views)
     of = unknowns(problem, rows, arm, lens or LensPrior(), target or TargetPrior())
-    free = (GEOMETRY, GEARS) if arm is not None and arm.scale_free else ()
+    free = free_scales(arm)
     state = AdjustedState(
         problem,
         solution.at,
@@ -164,7 +165,8 @@ def adjust(
 def as_found(found: Adjusted, measured: Measurements, solution: Solution) -> tuple[Measurements, Problem]:
     """All observations, also those that ``solution`` does not use, with lens, target and arm as found.
 
-    The flange of an observation that is not used stays where it was given.
+    The flange of an observation that is not used stays where it was given; so do all where errors that
+    neighbouring poses share were found: at poses that were not visited nothing is known of them.
     """
     problem = solution.problem
     seen = [i for i, v in enumerate(measured.views) if v is not None]
@@ -175,7 +177,9 @@ def as_found(found: Adjusted, measured: Measurements, solution: Solution) -> tup
     poses = refine_poses(views, found.camera, C[seen])
     C[seen], cov[seen], sse[seen] = poses.C, poses.cov, poses.sse
     used, own = solution.used, found.problem
-    G[used], C[used], cov[used], sse[used] = own.G, own.C, own.cov_px, own.sse
+    if PLACE not in found.blocks:
+        G[used] = own.G
+    C[used], cov[used], sse[used] = own.C, own.cov_px, own.sse
     printed: list[CornerSet | None] = list(measured.views)
     for i, view in zip(seen, views, strict=True):
         printed[i] = view

@@ -19,6 +19,7 @@ from calibration.adjustment.arm_terms import (
 from calibration.adjustment.components import Components
 from calibration.adjustment.equations import Equations, Observations, Prior
 from calibration.adjustment.lens_terms import LENS, TARGET, ImageTerms, LensPrior, TargetPrior
+from calibration.adjustment.shared_errors import ATTITUDE, PLACE, SharedErrors
 from calibration.hand_eye import se3
 from calibration.hand_eye.noise import shapes
 from calibration.hand_eye.normal import Linearised
@@ -80,12 +81,16 @@ class AdjustedState:
 def unknowns(
     problem: Problem,
     rows: NDArray[np.int64],
-    arm: ArmKnown | None,
+    arm: ArmKnown | SharedErrors | None,
     lens: LensPrior | None,
     target: TargetPrior | None,
 ) -> Unknowns:
     """Of ``problem``, whose observations have the joints ``rows`` of ``arm``; lens and target of images."""
-    terms = {} if arm is None else arm_terms(arm, arm.Q[rows])
+    terms: dict[str, ArmTerms] = {}
+    if isinstance(arm, SharedErrors):
+        terms = arm.terms(problem.flange)
+    elif arm is not None:
+        terms = arm_terms(arm, arm.Q[rows])
     parts = [(name, t.names, t.sigma) for name, t in terms.items()]
     if lens is not None:
         parts.append((LENS_BLOCK, LENS, lens.sigma()))
@@ -103,6 +108,13 @@ def unknowns(
     )
     flange = np.concatenate([np.zeros((problem.n, 6, 0)), *(t.columns for t in terms.values())], axis=2)
     return Unknowns(tuple(names), blocks, prior, flange)
+
+
+def free_scales(arm: ArmKnown | SharedErrors | None) -> tuple[str, ...]:
+    """Blocks of ``arm`` whose prior's scale follows from the data."""
+    if isinstance(arm, SharedErrors):
+        return (PLACE, ATTITUDE)
+    return (GEOMETRY, GEARS) if arm is not None and arm.scale_free else ()
 
 
 def arm_terms(arm: ArmKnown, Q: Array) -> dict[str, ArmTerms]:

@@ -44,6 +44,11 @@ class Problem:
     def groups(self) -> int:
         return int(self.group.max()) + 1 if self.n else 0
 
+    @property
+    def flange(self) -> Array:
+        """T_base_flange (n, 4, 4)."""
+        return self.G if self.setup == "eye-to-hand" else se3.inverse(self.G)
+
     def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> "Problem":
         """The problem of some observations; groups that lose all are renumbered away."""
         _, group = np.unique(self.group[rows], return_inverse=True)

@@ -5,10 +5,16 @@ from typing import TypedDict
 
 import numpy as np
 
+from calibration.adjustment.shared_errors import ATTITUDE, PLACE
 from calibration.adjustment.unknowns import GEARS, GEOMETRY, LENS_BLOCK, TARGET_BLOCK
 from cell.poses import Array
 
-_CAUSES = {"arm": (GEOMETRY, GEARS), "lens": (LENS_BLOCK,), "target": (TARGET_BLOCK,), "noise": ("noise",)}
+_CAUSES = {
+    "arm": (GEOMETRY, GEARS, PLACE, ATTITUDE),
+    "lens": (LENS_BLOCK,),
+    "target": (TARGET_BLOCK,),
+    "noise": ("noise",),
+}
 
 
 class Share(TypedDict):

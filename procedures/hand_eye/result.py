@@ -123,6 +123,11 @@ class NoiseInUse(Part):
     sigma_flange_r: Radians | None = Field(default=None, description="Of its rotation, about one axis.")
     sigma_pose_t: Metres | None = Field(default=None, description="Of a measured pose of the target.")
     sigma_pose_r: Radians | None = Field(default=None, description="Of its rotation.")
+    sigma_shared_t: Metres | None = Field(
+        default=None,
+        description="Without joints: errors of the flange's place that neighbouring poses share, one axis.",
+    )
+    sigma_shared_r: Radians | None = Field(default=None, description="The same of its rotation.")
     estimated: list[str] = Field(description="Which of them come from the data.")
 
 

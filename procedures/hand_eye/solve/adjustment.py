@@ -16,8 +16,11 @@ from calibration.adjustment.arm_accuracy import (
 )
 from calibration.adjustment.hand_eye import Adjusted, adjust, as_found
 from calibration.adjustment.jackknife import Checked
+from calibration.adjustment.shared_errors import ATTITUDE, PLACE, shared_errors
 from calibration.adjustment.task_accuracy import task_accuracy
 from calibration.adjustment.unknowns import ArmKnown
+from calibration.hand_eye.noise import Noise, weights
+from calibration.hand_eye.normal import linearise, minimise
 from calibration.hand_eye.problem import Estimate, Problem
 from calibration.hand_eye.solution import Measurements, Solution
 from calibration.kinematics.families import ArmSpec, robot_document
@@ -43,9 +46,10 @@ _SIZE_UNKNOWN = 0.02  # of a target whose size was found from the data
 @dataclass(frozen=True)
 class AdjustedSolution:
     """The solution with the views and the camera that were found, what the result tells of it, and what to
-    warn of."""
+    warn of. ``judged`` has the camera's pose by which its residuals are judged."""
 
     solution: Solution
+    judged: Solution
     measured: Measurements
     camera: CameraChoice
     told: Adjustment
@@ -86,14 +90,23 @@ def by_adjustment(
         limits = np.tile([-np.pi, np.pi], (JOINTS, 1))
         arm = ArmKnown(given.spec.arm, given.Q, limits, known.arm)
     expected = known.target if factor == 1.0 else replace(known.target, scale=_SIZE_UNKNOWN)
-    found = adjust(measured, solution, camera.camera, arm, known.lens, expected)
+    shared = shared_errors(measured.F[solution.used], known.arm) if arm is None else None
+    found = adjust(measured, solution, camera.camera, arm or shared, known.lens, expected)
     answer = _answer(found, known, factor) | {"as_configured": spreads(solution)}
+    priors = dict(known.sources)
     warnings = target_warnings(found, known.target, factor)
-    if arm is None or robot is None:
-        warnings.append(
-            (NO_ARM, f"{without}: the uncertainty holds for an arm without geometric errors only")
+    if shared is not None:
+        sizes = shared.sizes(found.components.scale)
+        warnings.append((NO_ARM, f"{without}: {_shared_words(*sizes)}"))
+        priors["arm"] = (
+            "errors that neighbouring poses share ("
+            f"{_sizes(*shared.sizes({}))} an axis of the flange), their scale by the data"
         )
-    else:
+        answer["noise"] = _noise(solution, found).as_dict() | {
+            "sigma_shared_t": sizes[0],
+            "sigma_shared_r": sizes[1],
+        }
+    elif arm is not None and robot is not None:
         if (task := loaded.capture.task) is not None:
             answer["task"] = _at_task(found, arm, task, loaded.path)
         Q = arm.Q[solution.used] if predict is None else _wanted_joints(predict)
@@ -103,24 +116,37 @@ def by_adjustment(
             answer |= {"T_base_flange": [pose6(one) for one in T], "p_cov": p_cov.tolist()}
     if predict is not None and arm is None:
         raise error("ARGUMENT_INVALID", f"--predict needs robot and q of every observation; {without}")
-    covers = ["arm", "gears", "sag", "lens", "target"][0 if arm is not None else 3 :]
+    covers = ["arm", *(["gears", "sag"] if arm is not None else []), "lens", "target"]
     if found.by_leaving_out.added.any():
         warnings.append((LEAVING_OUT, _leaving_out(found.by_leaving_out)))
     printed, problem = as_found(found, measured, solution)
+    adjusted = _solution(solution, problem, found)
     return AdjustedSolution(
-        _solution(solution, problem, found),
+        adjusted,
+        adjusted if shared is None else _by_poses_alone(solution, problem),
         printed,
         replace(camera, camera=found.camera),
         Adjustment(
             answer,
             {
                 "covers": covers,
-                "priors": dict(known.sources),
+                "priors": priors,
                 "leaving_out": {"ratio": found.by_leaving_out.largest, "limit": found.by_leaving_out.limit},
             },
         ),
         warnings,
     )
+
+
+def _shared_words(t: float, r: float) -> str:
+    return (
+        f"errors of the flange that neighbouring poses share ({_sizes(t, r)} an axis) are in the uncertainty "
+        "as far as these poses show them; robot and q of every observation tell the arm's geometry"
+    )
+
+
+def _sizes(t: float, r: float) -> str:
+    return f"{1e3 * t:.2g} mm, {1e3 * r:.2g} mrad"
 
 
 def _leaving_out(found: Checked) -> str:
@@ -158,6 +184,11 @@ def _wanted_joints(path: Path) -> Array:
     return np.array(query.q, dtype=float)
 
 
+def _noise(first: Solution, found: Adjusted) -> Noise:
+    """The noise levels of ``first`` as the adjustment found them."""
+    return replace(first.noise, sigma=dict(found.components.sigma))
+
+
 def _solution(first: Solution, problem: Problem, found: Adjusted) -> Solution:
     """``first`` with what the adjustment found; ``problem`` has every observation as found."""
     return replace(
@@ -166,9 +197,19 @@ def _solution(first: Solution, problem: Problem, found: Adjusted) -> Solution:
         at=Estimate(found.X, found.W),
         cov=found.cov,
         cov_W=found.cov_W,
-        noise=replace(first.noise, sigma=dict(found.components.sigma)),
+        noise=_noise(first, found),
         excess=found.excess,
     )
+
+
+def _by_poses_alone(first: Solution, problem: Problem) -> Solution:
+    """``first`` with the camera's pose that serves the poses of ``problem`` best, each with its own noise.
+
+    Shared errors are functions of these very poses. Residuals less what was found of them would be those of
+    no other pose, so figures by residuals are made without.
+    """
+    part = linearise(problem.take(first.used), first.at)
+    return replace(first, problem=problem, at=minimise(part, weights(part, first.noise)).at)
 
 
 def _answer(found: Adjusted, known: KnownParts, factor: float) -> dict[str, object]:
@@ -183,7 +224,9 @@ def _answer(found: Adjusted, known: KnownParts, factor: float) -> dict[str, obje
     x, y = sure["scale_x"], sure["scale_y"]
     return {
         "unknowns": {
-            block: {name: sure[name] for name in found.names[part]} for block, part in found.blocks.items()
+            block: {name: sure[name] for name in found.names[part]}
+            for block, part in found.blocks.items()
+            if block not in (PLACE, ATTITUDE)  # functions of these poses alone
         },
         "scale": {k: float(v) for k, v in found.components.scale.items()},
         "budget": by_cause(found.budget),

@@ -1,6 +1,7 @@
 """The result of a hand-eye solution: every figure with its name, in the form of docs/data-sets.md."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -64,13 +65,15 @@ class Adjustment:
 
 @dataclass(frozen=True)
 class Solved:
-    """Everything that the result is written from. ``rows`` are the usable observations."""
+    """Everything that the result is written from. ``rows`` are the usable observations; ``judged`` is what
+    residuals, held-out figures and spreads are made by."""
 
     loaded: CaptureSet
     rows: NDArray[np.int64]
     measured: Measurements
     camera: CameraChoice
     solution: Solution
+    judged: Solution
     cov: Array | None
     method: str
     warnings: list[tuple[str, str]]
@@ -78,10 +81,15 @@ class Solved:
     neighbours: Neighbours
     adjustment: Adjustment | None = None
 
+    @cached_property
+    def through_arm(self) -> Array:
+        """RMS distance (n,) in pixels of the corners from where arm, X and target put them; NaN without."""
+        return _through_arm(self)
+
 
 def fill_result(solved: Solved) -> HandEyeResult:
     """The whole result; the verdict is ``warn`` when anything is to be warned of."""
-    solution = solved.solution
+    solution = solved.judged
     part = solution.problem.take(solution.used)
     lin = linearise(part, solution.at)
     P = weights(lin, solution.noise)
@@ -115,7 +123,7 @@ def _answer(solved: Solved, lin: Linearised, P: Array) -> dict[str, Any]:
     solution = solved.solution
     X, W, words = names(solution.problem.setup)
     labels = _labels(solved)
-    found = _estimates_of_placements(solution, lin, P)
+    found = _estimates_of_placements(solved.judged, lin, P)
     two = _two_spreads(found)
     answer: dict[str, Any] = {
         X: pose6(solution.at.X),
@@ -226,14 +234,14 @@ def _uncertainty(solved: Solved) -> HandEyeUncertainty:
 
 
 def _residuals(solved: Solved, lin: Linearised, P: Array) -> HandEyeResiduals:
-    solution, problem = solved.solution, solved.solution.problem
+    solution, problem = solved.judged, solved.judged.problem
     used = solution.used
     own = problem.target_poses(solution.at.X)
     t_all, r_all = spread_about_mean(own, problem.group)
     t, r = spread_about_mean(own[used], problem.group[used])
     px = np.sqrt(problem.sse / np.maximum((problem.dof + 6.0) / 2.0, 1.0))
     seen = used & (problem.dof > -6.0) & np.any(problem.cov_px, axis=(1, 2))
-    through = _through_arm(solved)
+    through = solved.through_arm
     corners = (problem.dof + 6.0) / 2.0
     index = solved.loaded.indices
     return HandEyeResiduals(
@@ -260,16 +268,16 @@ def _residuals(solved: Solved, lin: Linearised, P: Array) -> HandEyeResiduals:
             )
             for k, row in enumerate(solved.rows)
         ],
-        cross_check=_cross_check(solution),
+        cross_check=_cross_check(solved.solution),
     )
 
 
 def _held_out(solved: Solved, lin: Linearised, P: Array) -> HandEyeHeldOut:
     left_out, placement = held_out(lin, P), by_placement(lin, P)
-    problem, at = solved.solution.problem, solved.solution.at
-    known = np.isin(problem.group, solved.solution.groups)
-    rows = np.flatnonzero(~solved.solution.used & known)  # no solution saw these
-    W = at.W[np.searchsorted(solved.solution.groups, problem.group[rows])]
+    problem, at = solved.judged.problem, solved.judged.at
+    known = np.isin(problem.group, solved.judged.groups)
+    rows = np.flatnonzero(~solved.judged.used & known)  # no solution saw these
+    W = at.W[np.searchsorted(solved.judged.groups, problem.group[rows])]
     t, r = pose_distances(problem.target_poses(at.X)[rows], W)
     every = LeftOut(
         np.concatenate([left_out.rows, rows]),
@@ -290,8 +298,7 @@ def _held_out(solved: Solved, lin: Linearised, P: Array) -> HandEyeHeldOut:
 
 
 def _through_arm(solved: Solved) -> Array:
-    """RMS distance (n,) in pixels of the corners from where arm, X and target pose put them; NaN without."""
-    solution, camera = solved.solution, solved.camera.camera
+    solution, camera = solved.judged, solved.camera.camera
     out = np.full(solution.problem.n, np.nan)
     place = {int(g): k for k, g in enumerate(solution.groups)}
     for k, view in enumerate(solved.measured.views):
@@ -357,12 +364,12 @@ def _observability(solved: Solved, part: Problem) -> HandEyeObservability:
 def _warnings(solved: Solved) -> list[tuple[str, str]]:
     out = []
     index = [solved.loaded.indices[int(r)] for r in solved.rows]
-    still = still_pairs(solved.solution.problem)
+    still = still_pairs(solved.judged.problem)
     if still:
         text = ", ".join(f"{index[i]}-{index[j]} ({np.degrees(a):.2f} deg)" for i, j, a in still[:8])
         more = f" and {len(still) - 8} more" if len(still) > 8 else ""
         out.append(("pairs.no-rotation", f"consecutive observations without rotation: {text}{more}"))
-    noise = solved.solution.noise
+    noise = solved.judged.noise
     for name in noise.implausible:
         how = (
             "it was held there, which predicts left-out poses better, and the covariance is widened instead"
@@ -377,12 +384,12 @@ def _warnings(solved: Solved) -> list[tuple[str, str]]:
             )
         )
     out += _arm_warning(solved)
-    total, used = len(solved.loaded.F), int(solved.solution.used.sum())
+    total, used = len(solved.loaded.F), int(solved.judged.used.sum())
     if total - used > _MANY_REJECTED * total:
         out.append(("observations.rejected", f"{total - used} of {total} observations were not used"))
-    if solved.solution.excess > 1.0 and not noise.implausible:
-        factor = float(np.sqrt(solved.solution.excess))
-        given = len(solved.solution.noise.estimated) < len(solved.solution.noise.sigma)
+    if solved.judged.excess > 1.0 and not noise.implausible:
+        factor = float(np.sqrt(solved.judged.excess))
+        given = len(solved.judged.noise.estimated) < len(solved.judged.noise.sigma)
         what = "the given noise" if given else "noise"
         out.append(("noise.too-small", f"the residuals are {factor:.1f} times what {what} explains"))
     return out
@@ -390,8 +397,8 @@ def _warnings(solved: Solved) -> list[tuple[str, str]]:
 
 def _arm_warning(solved: Solved) -> list[tuple[str, str]]:
     """Where corners fit their images and are far from where the arm puts them."""
-    through, used = _through_arm(solved), solved.solution.used
-    problem = solved.solution.problem
+    through, used = solved.through_arm, solved.judged.used
+    problem = solved.judged.problem
     seen = used & np.isfinite(through) & (problem.dof > 0.0)
     if not seen.any():
         return []

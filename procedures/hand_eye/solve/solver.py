@@ -135,12 +135,13 @@ def _solve(
     inputs["method"] = method
     warnings += more
     cov: np.ndarray | None = solution.cov
+    judged: Solution | None = None
     told: Adjustment | None = None
     if method == ADJUSTMENT:
         adjust = partial(by_adjustment, loaded, rows, measured, camera, arm_of, solution, factor, predict)
         found, more_seconds = timed(adjust, calls)
         inputs["solve_seconds"] = seconds + more_seconds
-        solution, measured = found.solution, found.measured
+        solution, judged, measured = found.solution, found.judged, found.measured
         camera, told = found.camera, found.told
         cov, warnings = solution.cov, [*warnings, *found.warnings]
     elif method in (CLASSIC, CLASSIC_LEAST_SQUARES):
@@ -150,7 +151,20 @@ def _solve(
     labels = [str(loaded.group[rows][solution.problem.group == g][0]) for g in solution.groups]
     parent = "base" if loaded.capture.setup == "eye-in-hand" else "flange"
     warnings = [*warnings, *alike_warnings(solution.at.W, labels, parent)]
-    solved = Solved(loaded, rows, measured, camera, solution, cov, method, warnings, inputs, neighbours, told)
+    solved = Solved(
+        loaded=loaded,
+        rows=rows,
+        measured=measured,
+        camera=camera,
+        solution=solution,
+        judged=judged or solution,
+        cov=cov,
+        method=method,
+        warnings=warnings,
+        inputs=inputs,
+        neighbours=neighbours,
+        adjustment=told,
+    )
     return fill_result(solved)
 
 

@@ -99,15 +99,20 @@ def test_the_arms_accuracy_is_told_from_the_board_alone(
     assert subject["corrected"]["t"] < 0.6 * subject["configured"]["t"]
 
 
-def test_without_joints_the_result_says_that_the_arm_is_taken_as_exact(
+def test_without_joints_the_result_has_the_errors_that_neighbouring_poses_share(
     imperfect: tuple[World, dict[str, Any]], tmp_path: Path
 ) -> None:
     _, document = imperfect
     bare = [{k: v for k, v in o.items() if k != "q"} for o in document["observations"]]
     subject = solved(tmp_path, document | {"observations": bare}, "adjustment")
-    assert subject["uncertainty"]["covers"] == ["lens", "target"]
+    assert subject["uncertainty"]["covers"] == ["arm", "lens", "target"]
     (warning,) = [w for w in subject["warnings"] if w["code"] == "arm.accuracy"]
     assert "no q of every observation" in warning["text"]
+    noise = subject["result"]["noise"]
+    assert 5e-5 < noise["sigma_shared_t"] < 2e-3
+    assert f"{1e3 * noise['sigma_shared_t']:.2g} mm" in warning["text"]
+    assert set(subject["result"]["unknowns"]) == {"lens", "target"}
+    assert "neighbouring poses share" in subject["uncertainty"]["priors"]["arm"]
     assert subject["verdict"] == "warn"
 
 
@@ -142,7 +147,7 @@ def test_joints_that_do_not_belong_to_the_poses_are_refused_with_the_cause(
         solved(tmp_path, document, "adjustment")
 
 
-def test_an_arm_of_four_joints_is_taken_as_exact_and_said_so(
+def test_an_arm_of_four_joints_is_known_by_its_poses_alone_and_said_so(
     imperfect: tuple[World, dict[str, Any]], tmp_path: Path
 ) -> None:
     keys = [*(f"{kind}{k}" for kind in "akt" for k in (1, 2, 3, 5)), "a4", "d1", "d5", "tx", "ty", "tz"]
@@ -150,7 +155,7 @@ def test_an_arm_of_four_joints_is_taken_as_exact_and_said_so(
     subject = solved(tmp_path, imperfect[1] | {"robot": palletizer}, "adjustment")
     (warning,) = [w for w in subject["warnings"] if w["code"] == "arm.accuracy"]
     assert "robot has 4 joints" in warning["text"]
-    assert subject["uncertainty"]["covers"] == ["lens", "target"]
+    assert subject["uncertainty"]["covers"] == ["arm", "lens", "target"]
 
 
 def test_bare_poses_are_refused_by_name(tmp_path: Path) -> None:
