@@ -18,6 +18,7 @@ _HIDDEN = 0.02  # s in which a change does not show
 _NORMAL95, _RARE = 1.96, -np.log(0.95)
 _FEW = 4  # past forecasts that say something
 _QUANTUM = 12.0**-0.5
+_TURNED = 3.0  # counts; a fit may pass each reading by one, on either side
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,9 @@ class Motion:
     """A motion fitted to the counts up to ``now`` (stamp of the newest, s); positions in counts.
 
     ``timed`` holds the true times of the frames from ``begin`` on. A parabola is followed for as long as it
-    has been seen and not beyond the speeds ``low`` and ``high`` (counts/s), then the speed stays.
+    has been seen and not beyond the speeds ``low`` and ``high`` (counts/s), then the speed stays. One that
+    would turn the belt as it never went stays at rest until the counts go back as well: a belt that was
+    braked to a stop.
     """
 
     now: float
@@ -72,6 +75,8 @@ class Motion:
     def _bends_for(self, fit: Window) -> float:
         _, v, half = fit.c
         bound = self.high if half > 0.0 else self.low
+        if np.isinf(bound) and v * half > 0.0 and v * v < 4.0 * abs(half) * _TURNED:
+            return float(max(-v / (2.0 * half), -fit.length - _HIDDEN))
         reach = (bound - v) / (2.0 * half) if abs(half) > 1e-9 else np.inf
         return float(min(max(reach, 0.0), max(fit.length, _PERSISTS)))
 

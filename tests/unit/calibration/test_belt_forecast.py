@@ -127,6 +127,27 @@ def test_a_reversing_belt_is_followed_through_zero() -> None:
     assert low < -1000.0 < 1000.0 < high
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_a_belt_that_brakes_to_a_stop_is_not_forecast_to_turn_round(seed: int) -> None:
+    """Its last parabola passes through rest before the counts show that it is over."""
+    rng = np.random.default_rng(seed)
+    v, a, begins = 0.2, rng.uniform(0.3, 1.5), 3.0 + rng.uniform(0.0, 0.1)
+    rests = begins + v / a
+
+    def travel(t: float) -> float:
+        braked = min(max(t - begins, 0.0), v / a)
+        return v * min(t, begins) + v * braked - 0.5 * a * braked**2
+
+    belt, missed = BeltEstimator(EncoderScale(M_PER_COUNT, 65536, PERIOD)), []
+    for t in np.arange(0.0, rests + 0.3, PERIOD):
+        belt.add(float(t), int(travel(t) / M_PER_COUNT))
+        if t > rests - 0.02:
+            forecast = belt.forecast()
+            assert forecast is not None
+            missed.append(forecast.travel(t + 0.07) - forecast.travel(0.0) - travel(t + 0.07))
+    assert np.abs(missed).max() < 6e-4
+
+
 def test_a_standing_belt_stays_where_it_is() -> None:
     subject = BeltEstimator(EncoderScale(M_PER_COUNT, 65536, PERIOD))
     subject.extend((PERIOD * k, 17) for k in range(400))
