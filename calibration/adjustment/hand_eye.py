@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri
 
 from calibration.adjustment.components import Components, estimated
 from calibration.adjustment.equations import Equations
@@ -42,6 +41,7 @@ from calibration.hand_eye.normal import linearise
 from calibration.hand_eye.pnp import refine_poses
 from calibration.hand_eye.problem import Problem
 from calibration.hand_eye.solution import Measurements, Solution
+from calibration.hand_eye.solution import excess_of as excess_over
 from calibration.hand_eye.views import CornerSet, undistort
 from cell.devices import Intrinsics
 from cell.poses import Array
@@ -49,7 +49,6 @@ from cell.poses import Array
 _ROUNDS = 4  # images solved again with the lens and the target found
 _STEPS = 4
 _SETTLED = 0.01  # of a standard deviation of X
-_CHANCE = 1e-3
 _LINEAR = 0.3  # of these the images' poses follow a change of lens and target linearly enough
 _LINEAR_SIGMA = np.concatenate([LensPrior().sigma(), TargetPrior().sigma()])
 
@@ -221,9 +220,7 @@ def excess_of(of: Unknowns, state: AdjustedState, images: ImageTerms) -> float:
     lin = linearise(moved_problem(of, state, images.moves), state.at)
     obs = observations(of, state, images, lin)
     weight = inverse_spd(state.components.variances(obs.parts))
-    squared = float(np.einsum("ni,nij,nj->", lin.r, weight, lin.r))
-    left = 6 * lin.problem.n - 6 - 6 * lin.problem.groups
-    return squared / left if left > 0 and squared > chdtri(left, _CHANCE) else 1.0
+    return excess_over(lin, weight)
 
 
 def numbered_alike(

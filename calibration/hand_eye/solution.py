@@ -11,7 +11,7 @@ from calibration.hand_eye import se3
 from calibration.hand_eye.ambiguity import candidates, choose
 from calibration.hand_eye.noise import Noise, weights
 from calibration.hand_eye.noise_limit import fit_within_limits
-from calibration.hand_eye.normal import normal, squared_distances
+from calibration.hand_eye.normal import Linearised, normal, squared_distances
 from calibration.hand_eye.observability import refuse
 from calibration.hand_eye.pnp import solve_pnp
 from calibration.hand_eye.problem import Estimate, Groups, Problem, Setup
@@ -21,6 +21,7 @@ from cell.devices import Intrinsics
 from cell.poses import Array
 
 _WEAK = 5.0  # times less certain than the median: weighs nothing, and its own pose says nothing
+_CHANCE = 1e-3  # of residuals that exceed right noise levels
 _BAD_FIT = 4.0  # times the median reprojection error
 
 
@@ -103,9 +104,7 @@ def solve(
     if refusal is not None:
         return refusal
     P = weights(fit.lin, fit.noise)
-    squared = float(squared_distances(fit.lin.r, P).sum())
-    left = 6 * fit.lin.problem.n - 6 - 6 * fit.lin.problem.groups
-    excess = squared / left if left > 0 and squared > chdtri(left, 1e-3) else 1.0
+    excess = excess_of(fit.lin, P)
     cov = normal(fit.lin, P).covariance()
     distance = np.full(problem.n, np.nan)
     distance[fit_rows] = fit.distance
@@ -125,6 +124,13 @@ def solve(
         excess=excess,
         distance=distance,
     )
+
+
+def excess_of(lin: Linearised, weight: Array) -> float:
+    """By which the squared residuals exceed what the noise explains, one where they do not beyond chance."""
+    squared = float(squared_distances(lin.r, weight).sum())
+    left = 6 * lin.problem.n - 6 - 6 * lin.problem.groups
+    return squared / left if left > 0 and squared > chdtri(left, _CHANCE) else 1.0
 
 
 def weak_views(problem: Problem) -> dict[int, str]:

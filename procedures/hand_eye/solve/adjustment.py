@@ -19,10 +19,10 @@ from calibration.adjustment.jackknife import Checked
 from calibration.adjustment.shared_errors import ATTITUDE, PLACE, shared_errors
 from calibration.adjustment.task_accuracy import task_accuracy
 from calibration.adjustment.unknowns import ArmKnown
-from calibration.hand_eye.noise import Noise, weights
+from calibration.hand_eye.noise import Noise, reml, weights
 from calibration.hand_eye.normal import linearise, minimise
 from calibration.hand_eye.problem import Estimate, Problem
-from calibration.hand_eye.solution import Measurements, Solution
+from calibration.hand_eye.solution import Measurements, Solution, excess_of
 from calibration.kinematics.families import ArmSpec, robot_document
 from cell.devices import Intrinsics
 from cell.errors import error
@@ -208,8 +208,11 @@ def _by_poses_alone(first: Solution, problem: Problem) -> Solution:
     Shared errors are functions of these very poses. Residuals less what was found of them would be those of
     no other pose, so figures by residuals are made without.
     """
-    part = linearise(problem.take(first.used), first.at)
-    return replace(first, problem=problem, at=minimise(part, weights(part, first.noise)).at)
+    noise, lin = first.noise, linearise(problem.take(first.used), first.at)
+    for _ in range(2):  # noise levels and pose in turn
+        noise = reml(lin, noise)
+        lin = minimise(lin, weights(lin, noise))
+    return replace(first, problem=problem, at=lin.at, noise=noise, excess=excess_of(lin, weights(lin, noise)))
 
 
 def _answer(found: Adjusted, known: KnownParts, factor: float) -> dict[str, object]:
