@@ -122,8 +122,9 @@ def _score(obs: Observations, prior: Prior, at: Array, now: Components) -> tuple
     away = at + x - prior.mean
     for j, (name, scale) in enumerate(now.scale.items()):
         part = prior.blocks[name]
-        told = 1.0 - precision[part] * np.diag(cov)[part]  # share of each unknown that the data decide
+        root = np.sqrt(precision[part])
+        told = np.eye(len(root)) - root[:, None] * cov[part, part] * root  # what the data decide of the block
         of_scale = np.log(scale**2) / (2.0 * np.log(SCALE_FACTOR)) ** 2
-        score[k + j] = 0.5 * float(np.sum(precision[part] * away[part] ** 2 - told)) - of_scale
+        score[k + j] = 0.5 * float(np.sum(precision[part] * away[part] ** 2) - np.trace(told)) - of_scale
         metric[k + j, k + j] = 0.5 * float(np.sum(told**2)) + (2.0 * np.log(SCALE_FACTOR)) ** -2.0
     return score, metric
