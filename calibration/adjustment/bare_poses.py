@@ -34,8 +34,9 @@ def adjust_poses(solution: Solution, arm: ArmKnown | None) -> Mounted:
     images = ImageTerms(np.zeros((n, 6, 0)), np.zeros((n, 0, 0)), np.zeros((n, 0)))
     state, eq = solved(of, AdjustedState(problem, solution.at, none, none, components), images, estimates=2)
     excess = excess_of(of, state, images)
-    cov = excess * _joint(eq)
-    opinion: Checked = checked(cov[:6, :6], left_out(of, state, images), n)
+    joint = _joint(eq)
+    opinion: Checked = checked(joint[:6, :6], left_out(of, state, images), excess)
+    cov = excess * joint
     cov[:6, :6] = opinion.cov
     found = Mounted(state.at.X, state.at.W[0], state.numbers, cov, dict(state.components.scale))
     return on_true_arm(found, arm)

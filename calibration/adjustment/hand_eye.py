@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration.adjustment.components import Components, estimated
 from calibration.adjustment.equations import Equations
-from calibration.adjustment.jackknife import Checked, checked, jackknife
+from calibration.adjustment.jackknife import Checked, Jackknife, checked, jackknife
 from calibration.adjustment.lens_terms import (
     ImageTerms,
     LensPrior,
@@ -137,7 +137,7 @@ def adjust(
         state = replace(state, problem=again_seen, base=state.numbers)
     cov = eq.covariance
     excess = excess_of(of, state, images)
-    by_leaving_out = checked(excess * cov[:6, :6], left_out(of, state, images), problem.n)
+    by_leaving_out = checked(cov[:6, :6], left_out(of, state, images), excess)
     causes = {name: excess * part for name, part in budget(eq, of.blocks).items()}
     causes[NOISE] = causes[NOISE] + np.diag(by_leaving_out.added)
     return Adjusted(
@@ -208,8 +208,8 @@ def solved(
     return state, eq
 
 
-def left_out(of: Unknowns, state: AdjustedState, images: ImageTerms) -> Array:
-    """(6, 6) covariance of X by leaving out observations."""
+def left_out(of: Unknowns, state: AdjustedState, images: ImageTerms) -> Jackknife:
+    """Of X, by leaving out observations."""
     obs = observations(of, state, images, linearise(moved_problem(of, state, images.moves), state.at))
     x0 = np.concatenate([np.zeros(6), state.numbers])
     return jackknife(obs, state.components, state.components.equations(obs, of.prior, x0), 6)

@@ -8,7 +8,7 @@ import pytest
 from calibration.adjustment.components import Components
 from calibration.adjustment.equations import Observations, Prior
 from calibration.adjustment.hand_eye import adjust
-from calibration.adjustment.jackknife import checked, jackknife
+from calibration.adjustment.jackknife import Jackknife, at_least, by_chance, checked, jackknife
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye import se3
 from calibration.hand_eye.solution import Solution, solve
@@ -53,18 +53,36 @@ def test_it_is_that_of_solving_again_without_each_observation() -> None:
     )
     left -= left.mean(axis=0)
     expected = (obs.n - 1) / obs.n * left.T @ left
-    np.testing.assert_allclose(jackknife(solved, COMPONENTS, eq, 6), expected, rtol=1e-6)
+    np.testing.assert_allclose(jackknife(solved, COMPONENTS, eq, 6).cov, expected, rtol=1e-6)
 
 
 def test_a_direction_beyond_chance_is_enlarged_to_it_and_no_other() -> None:
     cov = np.diag([1.0, 4.0, 1.0, 1.0, 1.0, 1.0])
-    found = checked(cov, np.diag([2.0, 400.0, 0.1, 1.0, 1.0, 1.0]), 20)
+    even = np.broadcast_to(cov / 100, (100, 6, 6))
+    found = checked(cov, Jackknife(np.diag([1.5, 400.0, 0.1, 1.0, 1.0, 1.0]), even))
     np.testing.assert_allclose(found.cov, np.diag([1.0, 400.0, 1.0, 1.0, 1.0, 1.0]))
     assert found.largest == pytest.approx(10.0)
-    assert found.limit == pytest.approx(np.sqrt(1.0 + 120.0 / 20))
-    assert not checked(cov, np.diag([2.0] * 6), 20).added.any()
+    assert not checked(cov, Jackknife(1.5 * cov, even)).added.any()
+    assert checked(cov, Jackknife(1.5 * cov, even), 9.0).cov == pytest.approx(9.0 * cov)
     open_ = np.diag([np.inf, 1.0, 1.0, 1.0, 1.0, 1.0])
-    assert checked(open_, cov, 20).cov is open_
+    assert not checked(open_, Jackknife(cov, even)).added.any()
+
+
+@pytest.mark.parametrize("uneven", [0.0, 1.0])
+@pytest.mark.parametrize("n", [20, 60, 200])
+def test_chance_alone_is_beyond_the_limit_as_seldom_as_stated(n: int, uneven: float) -> None:
+    """Sums of squares of normal numbers, drawn here with other numbers: one set of a thousand is beyond."""
+    rng = np.random.default_rng(n)
+    shares = np.exp(uneven * rng.normal(size=n))
+    shares /= shares.sum()
+    limit = by_chance(shares[:, None, None] * np.eye(6))
+    x = np.sqrt(shares)[:, None] * rng.normal(size=(4000, n, 6))
+    beyond = np.linalg.eigvalsh(np.swapaxes(x, 1, 2) @ x)[:, -1] > limit
+    assert np.count_nonzero(beyond) <= 16  # 4 are to be expected, and the limit is good to half of them
+    if not uneven:
+        assert at_least(n, 6) == pytest.approx(limit, rel=0.15)
+    else:
+        assert at_least(n, 6) < limit
 
 
 @pytest.mark.parametrize("worse_m", [0.0, 1e-2])
