@@ -5,7 +5,8 @@ time in the shipped scenario ``picking``, the real world of it, at 0.2 m/s with 
 as chance has it. The camera stamps 15 ms late and the encoder 8 ms, beside its own jitter. In each run
 ``latency-calibration`` measures the camera and then the encoder, and items are picked three times in like
 worlds: without delays, with them, and with them while what was found is in effect. ``error`` is how far the
-tool's true point is from the item's true grasp point at first contact, level, RMS over all contacts.
+tool's true point is from the item's true grasp point at first contact, level, RMS and median of all
+contacts: a belt that brakes while the tool comes down makes one of millimetres, with delays and without.
 """
 
 import argparse
@@ -132,7 +133,7 @@ def main() -> int:
     )
     for name, one in found.items():
         print(one.line(name))
-    print(f"\n{'contacts':24s}{'error mm':>10s}{'most mm':>10s}{'n':>6s}")
+    print(f"\n{'contacts':24s}{'error mm':>10s}{'median mm':>11s}{'most mm':>10s}{'n':>6s}")
     rms = {}
     for case, title in (
         ("none", "no delay"),
@@ -141,7 +142,8 @@ def main() -> int:
     ):
         own = np.array(contacts[case])
         rms[case] = float(np.sqrt(np.mean(own**2)))
-        print(f"{title:24s}{1e3 * rms[case]:10.3f}{1e3 * own.max():10.3f}{len(own):6d}")
+        middle, most = np.median(own), own.max()
+        print(f"{title:24s}{1e3 * rms[case]:10.3f}{1e3 * middle:11.3f}{1e3 * most:10.3f}{len(own):6d}")
     worst = max(max(np.abs(one.off)) for one in found.values())
     good = worst <= WITHIN_S and rms["after"] <= 1.1 * rms["none"]
     print(f"\nfound within {1e3 * WITHIN_S:g} ms, and contacts within 10 % of those without delay: "

@@ -29,16 +29,23 @@ def descend(
     :func:`calibration.belt.pursuit.plan`.
     """
     straight = plan(t0, state, origin, offset, limits, apart=True)
-    face = max(-float(offset[2]), 0.0)  # over the end of a way that goes on down beside the item
-    touch, gap = straight.down_at(face + TOUCH_M), straight.gap(t0)
+    touches = touch_height(offset)
+    touch, gap = straight.down_at(touches), straight.gap(t0)
     over = max(_beside(straight, t0), _beside(straight, touch)) <= BESIDE_M
+    face = touches - TOUCH_M
     if over and not (cautious and gap.p[2] > face + HOLD_M + _THERE_M):
         return straight
     low = _stop(gap, limits)
-    if low <= face + TOUCH_M:
+    if low <= touches:
         return straight
     above = np.array([0.0, 0.0, min(low, face + HOLD_M), 0.0])
     return plan(t0, state, origin, offset + above, limits, apart=True)
+
+
+def touch_height(offset: Array) -> float:
+    """How high over the end of a way to ``offset`` (4,) from the middle of an item's face the tool may touch
+    it, m: a way may go on down beside the item."""
+    return max(-float(offset[2]), 0.0) + TOUCH_M
 
 
 def _beside(leg: Leg, t: float) -> float:

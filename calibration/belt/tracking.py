@@ -80,6 +80,12 @@ class ItemTrack:
         origin = self.place.along * u + self.place.across * np.array([-u[1], u[0]])
         return np.asarray(origin + self.forecast.travels(t)[:, None] * self.flat)
 
+    def was_at(self, t: float) -> Array:
+        """Position (2,) in base (m) at ``t``, also before the newest count."""
+        now = self.forecast.now
+        moved = self.forecast.travel(t) - self.forecast.travel(now)
+        return np.asarray(self.xy(np.array([now]))[0] + moved * self.flat)
+
     def z(self, t: Array) -> Array:
         """Height (k,) in base (m) at ``t`` (k,): a belt may climb."""
         moved = self.forecast.travels(t) - self.forecast.travel(self.place.at)

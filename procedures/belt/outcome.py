@@ -42,6 +42,12 @@ def result_of(
     if watch.late:
         text = f"{watch.late} pictures came more than {LOOK_BACK_S:g} s after exposure and were not used"
         warnings.append(Warning_(code="belt.late-pictures", text=text))
+    off_m = following.contacts.largest_m or 0.0
+    if off_m > config.following_limit_m:
+        text = (
+            f"the belt changed its speed while the tool came down: an item was {1e3 * off_m:.1f} mm beside it"
+        )
+        warnings.append(Warning_(code="belt.contact-off", text=text))
     if (tight := gripper_times.tight) is not None:
         warnings.append(Warning_(code="belt.grip-timeout", text=tight))
     warnings += emergency_warnings(watch.emergencies.told)
@@ -65,6 +71,8 @@ def result_of(
             arm_lag_s=following.lag.s if following.looks else None,
             following_rms_m=following.rms_m,
             following_largest_m=following.largest_m if following.looks else None,
+            contact_off_rms_m=following.contacts.rms_m,
+            contact_off_largest_m=following.contacts.largest_m,
             gripper_closing_s=gripper_times.closing_s,
             gripper_opening_s=gripper_times.opening_s,
             follow=config.follow,

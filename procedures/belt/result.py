@@ -183,6 +183,12 @@ class PickingAnswer(Part):
         default=None, description="Tool beside its set-points during grips."
     )
     following_largest_m: Metres | None = Field(default=None, description="The largest of those.")
+    contact_off_rms_m: Metres | None = Field(
+        default=None,
+        description="Item beside the tool's set-point at contact, level, as later counts show it: what the "
+        "belt did meanwhile, without errors of camera, calibration and arm; null before the first.",
+    )
+    contact_off_largest_m: Metres | None = Field(default=None, description="The largest of those.")
     gripper_closing_s: Seconds | None = Field(
         default=None,
         description="From the command to the confirmation, the longest of the last; null before.",

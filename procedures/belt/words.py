@@ -39,6 +39,12 @@ def belt_tracking_lines(found: BeltTrackingResult) -> list[str]:
             f"  the arm is {1e3 * answer.arm_lag_s:.0f} ms late on its set-points, which is made up for; "
             f"during grips the tool was {mm(answer.following_rms_m)} RMS beside them"
         )
+    if answer.contact_off_rms_m is not None and answer.contact_off_largest_m is not None:
+        lines.append(
+            f"  at contact the belt was {mm(answer.contact_off_rms_m)} RMS from where it was forecast to be, "
+            f"{mm(answer.contact_off_largest_m)} at most; "
+            "that is without errors of camera, calibration and arm"
+        )
     if answer.gripper_closing_s is not None:
         lines.append(f"  the gripper closed in {answer.gripper_closing_s:.2f} s")
     how = "moving with the item" if answer.follow else "standing"

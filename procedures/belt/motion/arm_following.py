@@ -9,6 +9,7 @@ from cell.errors import CellError, error
 from cell.following import along
 from cell.guard import MotionGuard
 from cell.poses import Array
+from procedures.belt.motion.contact_check import ContactCheck
 from procedures.belt.motion.servo_lag import Lag
 
 _FORGET = 0.1  # of squares: about ten looks, a fifth of a second
@@ -18,7 +19,7 @@ class ArmFollowing:
     """Of one run. Distances are of the tool's point from its set-points at the same time, at an item."""
 
     def __init__(self, expected_lag_s: float, limit_m: float, guard: MotionGuard) -> None:
-        self.lag = Lag(expected_lag_s)
+        self.lag, self.contacts = Lag(expected_lag_s), ContactCheck()
         self._limit_m, self._guard = limit_m, guard
         self._squares = 0.0
         self._lately: float | None = None

@@ -240,6 +240,7 @@ class Picker:
         if turns and self._choice.has_come_in(ride.track, t + self._descent_s):
             self._path.at_full_speed()
             await self._run.enter(S.DESCEND)
+            self._following.contacts.begin()
             self._is_cautious = self._watch.doubt(DOUBT_S) > DOUBT_M
             self._phase = self._descend
         return True
@@ -249,6 +250,7 @@ class Picker:
         if ride is None or self.standing:
             return await self._give_up(t)
         self._path.descend(t, ride, self._at_grip, self._is_cautious)
+        self._following.contacts.expect(t, *self._path.touches(self._at_grip))
         if not self._choice.inside(ride.track, self._path.t1, self._path.t1 + self._config.dwell_s):
             return await self._give_up(t)
         if self._meets(t, ride):
@@ -295,6 +297,7 @@ class Picker:
         if t >= self._agreed.contact - self._descent_s - 0.5 * STEP_S:
             self._path.at_full_speed()
             await self._run.enter(S.DESCEND)
+            self._following.contacts.begin()
             self._phase = self._go_down
         return True
 
@@ -302,6 +305,7 @@ class Picker:
         if (place := self._aim_improved(t)) is None:
             return await self._give_up(t)
         self._path.go(t, place, self._at_grip)
+        self._following.contacts.expect(t, *self._path.touches(self._at_grip))
         if self._path.t1 - t <= 0.5 * STEP_S:
             await self._close(t)
         return True
@@ -339,6 +343,7 @@ class Picker:
 
     async def _end_grip(self, t: float, held: bool) -> bool:
         """Up, with the item or without."""
+        self._following.contacts.end(self._in_hand, self._watch)
         self._in_hand.note(t, "gripped" if held else "grip failed")
         self._held = held
         await self._run.enter(S.LIFT)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from calibration.belt.descent import descend
+from calibration.belt.descent import descend, touch_height
 from calibration.belt.pursuit import FixedPoint, Leg, Origin, PursuitLimits, PursuitState, Ride, plan
 from cell.devices import TrajectoryPiece
 from cell.guard import MotionGuard
@@ -60,6 +60,13 @@ class ToolPath:
     def at(self, t: float) -> PursuitState:
         """The tool at ``t``."""
         return self._leg.at(t)
+
+    def touches(self, grip: Array) -> tuple[float, Array]:
+        """When the tool may touch an item that it grips at ``grip`` (4,) from the middle of its face, and
+        where it then is (2,) in the base, m; never, for a way that ends above the face."""
+        height = float(grip[2]) + touch_height(grip) - float(self._leg.offset[2])
+        t = self._leg.down_at(height) if height >= 0.0 else np.inf
+        return t, self._leg.at(min(t, self._leg.t1)).p[:2]
 
     # -- where to
 
