@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import RigidTransform, Slerp
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from cell.arm_model import ArmModel
 from cell.errors import CellError, error
@@ -215,23 +215,22 @@ class MotionGuard:
         return np.array(joints[-len(poses) :])
 
     def _line_poses(self, T0: RigidTransform, T1: RigidTransform, speed: float) -> tuple[Array, float]:
-        """Flange poses (n, 4, 4) along the TCP's line, and its duration; turning is paced by the joints."""
-        tool = self.tool.T_flange_tool
-        a, b = T0 * tool, T1 * tool
-        shift = b.translation - a.translation
-        angle = float((a.rotation.inv() * b.rotation).magnitude())
-        length = float(np.linalg.norm(shift))
+        """Flange poses (n, 4, 4) along the TCP's line, and its duration; turning is paced by the joints.
+
+        By plain matrices: SciPy's products and :class:`Slerp` take longer than the joints of a short line.
+        """
+        tool = self.tool.T_flange_tool.as_matrix()
+        a, b = T0.as_matrix() @ tool, T1.as_matrix() @ tool
+        shift, turn = b[:3, 3] - a[:3, 3], Rotation.from_matrix(a[:3, :3].T @ b[:3, :3]).as_rotvec()
+        length, angle = float(np.linalg.norm(shift)), float(np.linalg.norm(turn))
         count = max(1, int(np.ceil((length + angle * self._body.tool_reach) / SAMPLE_M)))
-        s = np.linspace(0.0, 1.0, count + 1)
-        turns = Slerp([0.0, 1.0], type(a.rotation).concatenate([a.rotation, b.rotation]))(s)
+        s = np.linspace(0.0, 1.0, count + 1)[:, None]
         tcp = np.zeros((len(s), 4, 4))
-        tcp[:, :3, :3], tcp[:, :3, 3], tcp[:, 3, 3] = (
-            turns.as_matrix(),
-            a.translation + s[:, None] * shift,
-            1.0,
-        )
+        tcp[:, :3, :3] = a[:3, :3] @ Rotation.from_rotvec(s * turn).as_matrix()
+        tcp[:, :3, 3] = a[:3, 3] + s * shift
+        tcp[:, 3, 3] = 1.0
         duration = max(length / speed, angle / (_TURN_SHARE * self.limits.joint_speed_rad_s))
-        return tcp @ tool.inv().as_matrix(), duration
+        return tcp @ self.tool.T_flange_tool.inv().as_matrix(), duration
 
     def _check_line_speed(self, Q: Array, step_s: float, speed: float) -> None:
         if len(Q) < 2 or step_s <= 0.0:
