@@ -93,7 +93,6 @@ class ArmState:
     q: Array  # (6,) joint positions, rad
     qd: Array  # (6,) joint speeds, rad/s
     tcp_pose6: Array  # (6,) pose of the active TCP in base
-    tcp_speed: Array  # (6,) m/s and rad/s
     tcp_force: Array  # (6,) N and Nm
     tcp_offset6: Array  # (6,) active TCP in the flange, as read back from the controller
     robot_mode: int  # 7 is running

@@ -19,7 +19,6 @@ _DOUBLES = (
     "actual_q",
     "actual_qd",
     "actual_TCP_pose",
-    "actual_TCP_speed",
     "actual_TCP_force",
     "target_speed_fraction",
     "speed_scaling",
@@ -133,7 +132,7 @@ class StateFeed:
         words = _WORDS_LAYOUT.unpack_from(payload, 1 + 8 * self._doubles)
         self._judge(words[0], words[1], words[2], arrival)
         self.runtime_state = words[3]
-        self.speed_fraction = float(block[31])
+        self.speed_fraction = float(block[25])
         if (place := self._places.get("tcp_offset")) is not None:
             self.set_tcp(block[place])
         if (place := self._places.get("payload_cog")) is not None:
@@ -184,8 +183,7 @@ class StateFeed:
             q=block[1:7],
             qd=block[7:13],
             tcp_pose6=block[13:19],
-            tcp_speed=block[19:25],
-            tcp_force=block[25:31],
+            tcp_force=block[19:25],
             tcp_offset6=self.tcp_offset6,
             robot_mode=words[0],
             safety_mode=words[1],
@@ -193,7 +191,7 @@ class StateFeed:
             digital_in=words[4],
             digital_out=words[5],
             stamp=stamp,
-            speed_scaling=self._scaling(float(block[32]), words[3]),
+            speed_scaling=self._scaling(float(block[26]), words[3]),
         )
         self.stream.push(Sample(state, t, 0.5 / self._frequency_hz, self._seq))
 

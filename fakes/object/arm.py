@@ -169,21 +169,15 @@ class ObjectArm(ObjectDevice):
         if self._tcp[0] is not c.T_flange_tcp:
             self._tcp = c.T_flange_tcp, c.T_flange_tcp.as_matrix(), to_pose6(c.T_flange_tcp)
         _, T_flange_tcp, tcp_offset6 = self._tcp
-        if qd.any():
-            T_base_flange, J = self.world.believed.pose_and_jacobian(q, tcp_offset6[:3])
-            tcp_speed = J @ qd
-        else:
-            T_base_flange, tcp_speed = self.world.believed.matrix(q), np.zeros(6)
-        T = T_base_flange @ T_flange_tcp
+        T = self.world.believed.matrix(q) @ T_flange_tcp
         tcp_pose6 = np.concatenate([T[:3, 3], rotation_vector(T[:3, :3])])
         force = self.world.contact_force(t, c.T_flange_tcp) + self.world.reported.force(t)
-        for array in (q, qd, tcp_offset6, tcp_pose6, tcp_speed, force):
+        for array in (q, qd, tcp_offset6, tcp_pose6, force):
             array.flags.writeable = False
         return ArmState(
             q=q,
             qd=qd,
             tcp_pose6=tcp_pose6,
-            tcp_speed=tcp_speed,
             tcp_force=force,
             tcp_offset6=tcp_offset6,
             robot_mode=c.robot_mode,

@@ -48,7 +48,7 @@ class ScriptedArm:
             if not self.silent:
                 qd = np.full(6, 0.3 if self.moving else 0.0)
                 zero = np.zeros(6)
-                state = ArmState(zero, qd, zero, zero, zero, zero, 7, 1, self.program_running, 0, 0, 0.0)
+                state = ArmState(zero, qd, zero, zero, zero, 7, 1, self.program_running, 0, 0, 0.0)
                 self.state.push(Sample(state, self.clock.now() + self.time_offset_s, 0.001, seq))
                 seq += 1
             await asyncio.sleep(0.01)

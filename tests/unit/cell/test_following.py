@@ -14,7 +14,7 @@ from fakes.object.clock import VirtualClock
 
 STEP_S, SPEED = 0.02, np.array([0.5, 0.0, -0.3, 0.0, 0.0, 1.0])
 ZERO = np.zeros(6)
-STATE = ArmState(ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, 7, 1, True, 0, 0, 0.0)
+STATE = ArmState(ZERO, ZERO, ZERO, ZERO, ZERO, 7, 1, True, 0, 0, 0.0)
 
 
 class Streamed:

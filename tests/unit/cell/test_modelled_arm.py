@@ -37,7 +37,7 @@ def state_at(q: np.ndarray) -> ArmState:
     """As the controller reports it."""
     zeros = np.zeros(6)
     pose6 = to_pose6(BELIEVED.forward(q) * TCP)
-    return ArmState(q, zeros, pose6, zeros, zeros, to_pose6(TCP), 7, 1, False, 0, 0, 0.0)
+    return ArmState(q, zeros, pose6, zeros, to_pose6(TCP), 7, 1, False, 0, 0, 0.0)
 
 
 class HandClock:

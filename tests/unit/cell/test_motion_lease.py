@@ -230,7 +230,7 @@ def test_samples_that_waited_and_are_read_at_once_are_no_standstill() -> None:
             looking = asyncio.create_task(measured_standstill(arm, 0.5))  # type: ignore[arg-type]
             await asyncio.sleep(0.1)
             zero = np.zeros(6)
-            state = ArmState(zero, zero, zero, zero, zero, zero, 7, 1, True, 0, 0, 0.0)
+            state = ArmState(zero, zero, zero, zero, zero, 7, 1, True, 0, 0, 0.0)
             for k in range(20):
                 arm.state.push(Sample(state, arm.clock.now() - 0.2 + 0.01 * k, 0.001, k))
             assert not await looking

@@ -81,7 +81,7 @@ async def states(cell: SimpleNamespace, seconds: float, kicked: bool = True) -> 
         if kicked:
             cell.kicks.note(cell.clock.now())
         cell.seq += 1
-        state = ArmState(zero, zero, zero, zero, zero, zero, 7, 1, cell.runtime == PLAYING, 0, 0, 0.0)
+        state = ArmState(zero, zero, zero, zero, zero, 7, 1, cell.runtime == PLAYING, 0, 0, 0.0)
         cell.state.push(Sample(state, cell.clock.now(), 0.001, cell.seq))
 
 

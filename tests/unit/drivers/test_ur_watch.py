@@ -20,7 +20,7 @@ TARGET = np.full(6, 0.1)
 def resting(t: float, seq: int) -> Sample[ArmState]:
     """A sample of an arm at rest 0.1 rad from its target, our script running."""
     z = np.zeros(6)
-    return Sample(ArmState(z, z, z, z, z, z, 7, 1, True, 0, 0, 0.0), t, 0.001, seq)
+    return Sample(ArmState(z, z, z, z, z, 7, 1, True, 0, 0, 0.0), t, 0.001, seq)
 
 
 def outcome(times: list[float], withheld_after: int | None = None, end: ScriptEnd = ScriptEnd.NONE) -> str:

@@ -18,7 +18,7 @@ def subject() -> WhereLeft:
 
 def at(q: float, qd: float = 0.0) -> Sample[ArmState]:
     zero = np.zeros(6)
-    state = ArmState(np.full(6, q), np.full(6, qd), zero, zero, zero, zero, 7, 1, True, 0, 0, 0.0)
+    state = ArmState(np.full(6, q), np.full(6, qd), zero, zero, zero, 7, 1, True, 0, 0, 0.0)
     return Sample(state, 0.0, 0.001, 0)
 
 
