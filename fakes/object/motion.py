@@ -12,10 +12,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from cell.clock import Clock
 from cell.devices import ArmState, Speed, ToolSettings, TrajectoryPiece
 from cell.errors import CellError, error
-from cell.poses import Array, log_xi
+from cell.poses import Array, compose
 from cell.samples import Readings
 from fakes.object.controller import Controller
-from fakes.world.arm.kinematics import UnreachableError
+from fakes.world.arm.kinematics import UnreachableError, rotation_vector
 from fakes.world.arm.segments import Polynomial
 from fakes.world.arm.servo import lag_s
 from fakes.world.world import World
@@ -274,7 +274,7 @@ class ObjectMotionPort:
             self._world.track.start_linear_move(
                 self._clock.now(),
                 self._world.believed,
-                T_base_flange * T_flange_tcp,
+                compose(T_base_flange, T_flange_tcp),
                 T_flange_tcp,
                 speed.tcp_m_s,
                 speed.tcp_m_s2,
@@ -293,9 +293,10 @@ class ObjectMotionPort:
             raise error("ARM_NOT_AT_TARGET", f"{self._arm.name}: a joint is {off:.4f} rad off")
 
     async def _check_flange(self, T_base_flange: RigidTransform) -> None:
-        measured = self._world.believed.forward(await self._measured_joints())
-        gap = log_xi(T_base_flange.inv() * measured)
-        off_t, off_r = float(np.linalg.norm(gap[:3])), float(np.linalg.norm(gap[3:]))
+        measured = self._world.believed.matrix(await self._measured_joints())
+        wanted = T_base_flange.as_matrix()
+        off_t = float(np.linalg.norm(measured[:3, 3] - wanted[:3, 3]))
+        off_r = float(np.linalg.norm(rotation_vector(wanted[:3, :3].T @ measured[:3, :3])))
         if off_t > 0.0005 or off_r > 0.001:
             detail = f"{self._arm.name}: flange is {off_t * 1e3:.2f} mm and {off_r:.4f} rad off"
             raise error("ARM_NOT_AT_TARGET", detail)

@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from cell.poses import Array
-from fakes.world.arm.kinematics import Chain
+from fakes.world.arm.kinematics import Chain, rotation_vector
 from fakes.world.arm.profile import Trapezoid
 from fakes.world.arm.segments import PathMove
 
@@ -27,15 +27,14 @@ class LinearPath:
         self, believed: Chain, q_start: Array, T_base_tcp: RigidTransform, T_flange_tcp: RigidTransform
     ) -> None:
         self._believed = believed
-        start = believed.forward(q_start) * T_flange_tcp
-        way = T_base_tcp.translation - start.translation
-        turn = (start.rotation.inv() * T_base_tcp.rotation).as_rotvec()
+        start, end = believed.matrix(q_start) @ T_flange_tcp.as_matrix(), T_base_tcp.as_matrix()
+        way, turn = end[:3, 3] - start[:3, 3], rotation_vector(start[:3, :3].T @ end[:3, :3])
         self.length = max(float(np.linalg.norm(way)), ROTATION_ARM_M * float(np.linalg.norm(turn)))
         self._pieces = int(np.clip(np.ceil(self.length / _STEP_M), _FEWEST, _MOST))
         f = np.linspace(0.0, 1.0, self._pieces + 1)[:, None]
         goals = np.tile(np.eye(4), (self._pieces + 1, 1, 1))
-        goals[:, :3, :3] = (start.rotation * Rotation.from_rotvec(f * turn)).as_matrix()
-        goals[:, :3, 3] = start.translation + f * way
+        goals[:, :3, :3] = start[:3, :3] @ Rotation.from_rotvec(f * turn).as_matrix()
+        goals[:, :3, 3] = start[:3, 3] + f * way
         self._goals = goals @ T_flange_tcp.inv().as_matrix()
         self._joints = [np.asarray(q_start, dtype=float)]
 
