@@ -148,11 +148,13 @@ def _time(sample: Sample[Any]) -> float:
 class Mapped(Generic[T]):
     """The readings of ``source`` with ``see`` applied to every value, when somebody looks at it.
 
-    Stamps are earlier by ``late_s``; :meth:`latest` judges the age by those of the source.
+    Stamps are earlier by ``late_s``; :meth:`latest` judges the age by those of the source. All who look at
+    the newest sample see one and the same.
     """
 
     def __init__(self, source: Readings[T], see: Callable[[T], T], late_s: float = 0.0) -> None:
         self._source, self._see, self._late_s = source, see, late_s
+        self._newest: tuple[Sample[T], Sample[T]] | None = None  # as the source has it, and as it is seen
 
     @property
     def name(self) -> str:
@@ -189,4 +191,9 @@ class Mapped(Generic[T]):
         return [self._seen(sample) for sample in self._source.between(t0 + self._late_s, t1 + self._late_s)]
 
     def _seen(self, sample: Sample[T]) -> Sample[T]:
-        return Sample(self._see(sample.value), sample.t - self._late_s, sample.dt, sample.seq, sample.quality)
+        newest = self._newest
+        if newest is None or newest[0] is not sample:
+            t = sample.t - self._late_s
+            seen = Sample(self._see(sample.value), t, sample.dt, sample.seq, sample.quality)
+            newest = self._newest = sample, seen
+        return newest[1]
