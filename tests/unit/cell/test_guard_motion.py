@@ -280,6 +280,17 @@ def test_a_line_too_fast_for_a_joint_passes_at_a_lower_speed(subject: MotionGuar
     fast.check_path_linear(HOME_POSE, end, HOME, speed_m_s=0.1)
 
 
+def test_a_line_too_short_to_get_up_to_speed_is_not_refused_for_joint_speed() -> None:
+    """Where the arm is said to be has noise: some 0.01 mm and 0.1 mrad, more than this line is long."""
+    rng = np.random.default_rng(0)
+    q0 = np.array([-1.020579, -1.626522, 2.055822, -2.000097, -1.570796, 0.550218])
+    goal = ARM.forward(q0)
+    subject = make_guard(joint_speed_rad_s=0.8, speed_m_s=0.25, keep_out=[])
+    for _ in range(300):
+        noise = from_pose6([*rng.normal(0.0, 1e-5, 3), *rng.normal(0.0, 1e-4, 3)])
+        subject.check_path_linear(goal * noise, goal, q0)
+
+
 def test_the_tcp_and_not_the_flange_travels_on_the_line() -> None:
     arm = RecordingArm("ur10e")
     subject = make_guard(arm=arm)
