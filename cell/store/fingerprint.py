@@ -16,7 +16,7 @@ from cell.store.files import disk_errors
 
 SUMS_FILE, BUNDLE_FILE, SIGNATURES_FILE = "SHA256SUMS", "bundle.json", "signatures.jsonl"
 ADDED_LATER = frozenset(
-    {"report.html", "report.pdf", "truth.json", SIGNATURES_FILE, SUMS_FILE, BUNDLE_FILE}
+    {"report.html", "report.pdf", "figures.csv", "truth.json", SIGNATURES_FILE, SUMS_FILE, BUNDLE_FILE}
 )  # of the top folder
 _LINE = re.compile(r"(?P<sum>[0-9a-f]{64})  (?P<path>[^\n]+)")
 

@@ -125,10 +125,16 @@ def report(
     pdf: Annotated[
         bool, typer.Option("--pdf", help="Print it to A4 pages; this needs Chromium or Chrome.")
     ] = False,
+    figures: Annotated[
+        bool, typer.Option("--csv", help="Write every figure of the result as a line of CSV.")
+    ] = False,
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", help="Where the pages go; beside the report unless given.", show_default=False
+            "--output",
+            "-o",
+            help="Where the pages or figures go; beside the report unless given.",
+            show_default=False,
         ),
     ] = None,
     config: ConfigOption = None,
@@ -137,7 +143,14 @@ def report(
 
     A run without a result has one that tells why it ended. What was decided and signed since is told.
     """
+    if pdf and figures:
+        raise error("ARGUMENT_INVALID", "--pdf and --csv write one file each; ask for one at a time")
     folder = load(config, run)
+    if figures:
+        with reading(folder.path):
+            path = _write_figures(folder, output)
+        out(str(path))
+        return
     with reading(folder.path):
         path = renew_report(folder, cell_paths(config), rebuild)
     if pdf:
@@ -145,10 +158,21 @@ def report(
 
         path = print_pdf(path, output)
     elif output is not None:
-        raise error("ARGUMENT_INVALID", "--output is where --pdf prints to; give --pdf, or leave it out")
+        raise error("ARGUMENT_INVALID", "--output is for --pdf or --csv; give one of them, or leave it out")
     out(str(path))
     if open_it:
         typer.launch(path.as_uri())
+
+
+def _write_figures(folder: Any, output: Path | None) -> Path:
+    from cell.store.files import write_atomic
+    from procedures.documents import read_result
+    from procedures.report.figures_csv import FILE_NAME, figures_csv
+
+    path: Path = output or folder.path / FILE_NAME
+    document = result_of(folder)
+    write_atomic(path, figures_csv(read_result(document, str(folder.path / "result.json"))))
+    return path
 
 
 def renew_report(folder: Any, paths: CellPaths, rebuild: bool = False) -> Path:

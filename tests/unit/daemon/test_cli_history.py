@@ -56,6 +56,27 @@ def test_a_run_that_cannot_be_read_hides_no_other(cell: CellOnDisk, subject: Com
     assert str(strange) in subject("runs").out.replace("\n", "")
 
 
+def test_the_figures_of_a_result_are_written_as_csv(
+    cell: CellOnDisk, subject: CommandLine, tmp_path: Path
+) -> None:
+    folder = cell.add_run(1, hand_eye_result(), outcome="complete").path
+    done = subject("report", 1, "--csv")
+    assert done.code == 0, done.err
+    assert done.out.strip() == str(folder / "figures.csv")
+    lines = (folder / "figures.csv").read_text("utf-8").splitlines()
+    assert lines[0] == "key,value,unit,meaning"
+    assert any(line.startswith('result.T_flange_camera[1],-0.08,"m, rad",') for line in lines)
+    assert not (folder / "report.html").exists()
+    elsewhere = tmp_path / "there.csv"
+    assert subject("report", 1, "--csv", "-o", elsewhere).code == 0
+    assert elsewhere.read_text("utf-8").splitlines() == lines
+    refused = subject("report", 1, "--csv", "--pdf")
+    assert refused.code == 2
+    assert "one at a time" in refused.err
+    cell.add_run(2, outcome="aborted")
+    assert "has no result" in subject("report", 2, "--csv").err
+
+
 def test_an_empty_cell_has_no_runs_and_no_results_and_that_is_no_error(subject: CommandLine) -> None:
     for command in ("runs", "results"):
         text, as_json = subject(command), subject(command, "--json")

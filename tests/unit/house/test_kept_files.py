@@ -1,10 +1,14 @@
 """What earlier versions wrote is read by this one, and solved again to the same answer."""
 
+import csv
 import json
 import shutil
 import sqlite3
 import tarfile
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +20,7 @@ from cell.store.runs import list_runs
 from daemon.config import load_config
 from daemon.modbus.table import register_table
 from procedures.documents import kind_of, read_result
+from procedures.report.figures_csv import figures_csv
 from tests.kit.cli_harness import CommandLine
 
 KEPT = Path(__file__).parents[2] / "data/kept"
@@ -113,6 +118,19 @@ def test_a_result_of_an_earlier_version_fits_its_model(unpacked: Path, cell: str
     subject = read_result(recorded)
     assert subject.as_json()["result"] is not None
     assert subject.verdict == recorded["verdict"]
+    # The table of its figures has all of them and nothing else.
+    rows = list(csv.DictReader(StringIO(figures_csv(subject))))
+    shown = [str(leaf).lower() if isinstance(leaf, bool) else str(leaf) for leaf in _leaves(recorded)]
+    assert Counter(row["value"] for row in rows) == Counter("" if s == "None" else s for s in shown)
+    assert any(row["unit"] == "m" and row["meaning"] for row in rows)
+
+
+def _leaves(value: Any) -> Iterator[Any]:
+    if isinstance(value, dict | list):
+        for inside in value.values() if isinstance(value, dict) else value:
+            yield from _leaves(inside)
+    else:
+        yield value
 
 
 def _of_the_rounding(difference: dict[str, Any], share: float = 1e-7, least: float = 1e-12) -> bool:
