@@ -200,9 +200,10 @@ class Block:
 
 def function_block(text: str, name: str) -> Block:
     """A fresh instance of the function block ``name`` of the source ``text``."""
-    return Block(_read(text), name)
+    return Block(read_blocks(text), name)
 
 
-@cache  # the grammar takes a second
-def _read(text: str) -> dict[str, st.FunctionBlock]:
+@cache  # the grammar takes seconds
+def read_blocks(text: str) -> dict[str, st.FunctionBlock]:
+    """The function blocks of ``text`` by their names, in the text's order."""
     return {str(item.name): item for item in parse_source_code(text).transform().items}

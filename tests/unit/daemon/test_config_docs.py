@@ -18,6 +18,12 @@ from procedures.registry import JOBS
 from tests.kit.solved import solve_laser
 
 
+@pytest.fixture(scope="module")
+def pages() -> dict[str, str]:
+    """Drawn once for all tests that read them."""
+    return generated(JOBS)
+
+
 def test_no_generated_page_is_stale() -> None:
     assert stale(JOBS) == [], "run 'make docs' and commit what it writes"
 
@@ -32,8 +38,8 @@ def test_a_page_that_was_edited_or_lost_is_found(tmp_path: Path) -> None:
     assert sorted(stale(JOBS, tmp_path)) == ["docs/errors.md", "docs/registers.md"]
 
 
-def test_every_register_bit_and_value_is_in_the_manual() -> None:
-    page = generated(JOBS)["docs/registers.md"]
+def test_every_register_bit_and_value_is_in_the_manual(pages: dict[str, str]) -> None:
+    page = pages["docs/registers.md"]
     table = register_table()
     for register in (*table.command, *table.readable):
         assert f"`{register.name}`" in page
@@ -41,21 +47,23 @@ def test_every_register_bit_and_value_is_in_the_manual() -> None:
             assert f"| {text} |" in page
 
 
-def test_every_error_is_in_the_manual_once() -> None:
-    page = generated(JOBS)["docs/errors.md"]
+def test_every_error_is_in_the_manual_once(pages: dict[str, str]) -> None:
+    page = pages["docs/errors.md"]
     for entry in catalogue().values():
         assert page.count(f"| {entry.code} | `{entry.name}` |") == 1
 
 
 @pytest.mark.parametrize("job", sorted(JOBS))
-def test_every_job_has_its_number_in_the_register_table_and_a_state_diagram(job: str) -> None:
+def test_every_job_has_its_number_in_the_register_table_and_a_state_diagram(
+    job: str, pages: dict[str, str]
+) -> None:
     numbers = next(r for r in register_table().command if r.name == "job").values
     assert numbers[JOBS[job].number] == job
-    assert f"## {JOBS[job].number} {job}\n" in generated(JOBS)["docs/jobs.md"]
+    assert f"## {JOBS[job].number} {job}\n" in pages["docs/jobs.md"]
 
 
-def test_the_schema_knows_every_key_of_the_example() -> None:
-    schema = json.loads(generated(JOBS)["docs/cell.schema.json"])
+def test_the_schema_knows_every_key_of_the_example(pages: dict[str, str]) -> None:
+    schema = json.loads(pages["docs/cell.schema.json"])
     example = tomllib.loads(init_text())
     assert example.keys() <= schema["properties"].keys()
     assert schema["additionalProperties"] is False
@@ -79,8 +87,7 @@ def test_the_schema_knows_every_key_of_the_example() -> None:
         )
 
 
-def test_what_this_version_does_not_have_is_in_no_manual_and_in_no_example() -> None:
-    pages = generated(JOBS)
+def test_what_this_version_does_not_have_is_in_no_manual_and_in_no_example(pages: dict[str, str]) -> None:
     for name in JOBS_OF_LATER_VERSIONS:
         assert not [page for page, text in pages.items() if name in text]
 
@@ -103,33 +110,33 @@ def rows_of(page: str, section: str) -> dict[str, list[str]]:
     return {row[1].strip().strip("`"): [cell.strip() for cell in row[2:]] for row in rows}
 
 
-def test_the_manual_has_the_defaults_of_a_table_where_it_is_used() -> None:
-    page = generated(JOBS)["docs/config.md"]
+def test_the_manual_has_the_defaults_of_a_table_where_it_is_used(pages: dict[str, str]) -> None:
+    page = pages["docs/config.md"]
     rows = rows_of(page, "[job.laser-check]")
     made = JOBS["laser-check"].Config().against_last
     assert rows["against_last.max_shift_m"][1] == f"`{made.max_shift_m:g}`"
     assert rows["against_last.max_tilt_rad"][1] == f"`{made.max_tilt_rad:g}`"
-    schema = json.loads(generated(JOBS)["docs/cell.schema.json"])
+    schema = json.loads(pages["docs/cell.schema.json"])
     check = schema["$defs"]["LaserCheckConfig"]["properties"]
     assert check["against_last"]["default"]["max_shift_m"] == made.max_shift_m
 
 
-def test_required_and_optional_keys_can_be_told_apart() -> None:
-    rows = rows_of(generated(JOBS)["docs/config.md"], '[device.NAME] with driver = "ur"')
+def test_required_and_optional_keys_can_be_told_apart(pages: dict[str, str]) -> None:
+    rows = rows_of(pages["docs/config.md"], '[device.NAME] with driver = "ur"')
     assert (rows["host"][1], rows["expect_serial"][1]) == ("**required**", "none")
     assert all(row[1] for row in rows.values())
 
 
-def test_every_key_of_the_configuration_has_a_meaning() -> None:
-    page = generated(JOBS)["docs/config.md"]
+def test_every_key_of_the_configuration_has_a_meaning(pages: dict[str, str]) -> None:
+    page = pages["docs/config.md"]
     rows = [re.split(r"(?<!\\)\|", line) for line in page.splitlines() if line.startswith("| `")]
     assert len(rows) > 300
     assert [row[1].strip() for row in rows if not row[5].strip()] == []
 
 
-def test_the_manual_of_the_configuration_points_to_no_file_that_is_not_there() -> None:
+def test_the_manual_of_the_configuration_points_to_no_file_that_is_not_there(pages: dict[str, str]) -> None:
     for name in ("docs/config.md", "docs/cell.schema.json"):
-        assert "FORMATS" not in generated(JOBS)[name]
+        assert "FORMATS" not in pages[name]
 
 
 def test_the_figures_of_the_laser_example_are_those_of_the_program(tmp_path: Path) -> None:

