@@ -46,11 +46,10 @@ test-virtual: $(VENV)/.ready
 		$(BIN)/pytest $(VIRTUAL) --numprocesses 2 --dist worksteal' >build/virtual.log 2>&1; \
 		status=$$?; cat build/virtual.log; exit $$status
 
-# Status 2 is mypy's own failure: where the machine is busy its second process may come too late.
 lint: $(VENV)/.ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy --num-workers 2 || { test $$? -eq 2 && $(BIN)/mypy; }
+	$(BIN)/mypy
 	$(BIN)/lint-imports
 
 soak: $(VENV)/.ready
