@@ -22,7 +22,7 @@ def answers(script: str, cases: Mapping[str, Mapping[str, Any]]) -> dict[str, di
         input=json.dumps(cases),
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,  # of a hang: on a busy PC the library alone can take a minute to load
         env={**os.environ, **QUIET},
     )
     assert done.returncode == 0, done.stderr
