@@ -26,6 +26,7 @@ log = logging.getLogger("cellward.motion")
 
 MAX_STATE_AGE_S = 0.1
 FRESH_WITHIN_S = 0.2
+_FRESH_TRIES = 4
 LOOK_S = 0.5
 TOOL_BACK, TOOL_BACK_S = "tool given back", 3.0
 TAKE_UP_REST_S = 1.0
@@ -353,13 +354,14 @@ class MotionLease:
 
     async def _movable_state(self) -> ArmState:
         """The arm's state now; a short silence is waited out, motion never begins on an old state."""
-        try:
-            self._arm.check_movable()
-        except CellError as exc:
-            if exc.name != "STALE_DATA":
-                raise
-            await self._arm.wait_fresh(FRESH_WITHIN_S)
-            self._arm.check_movable()
+        for left in reversed(range(_FRESH_TRIES)):
+            try:
+                self._arm.check_movable()
+                break
+            except CellError as exc:
+                if exc.name != "STALE_DATA" or not left:
+                    raise
+            await self._arm.wait_fresh(FRESH_WITHIN_S)  # on a busy machine it may be old again when we run
         return self._arm.state.latest(MAX_STATE_AGE_S).value
 
     async def _end(self) -> None:

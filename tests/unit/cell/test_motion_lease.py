@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -253,6 +254,36 @@ def test_a_full_disk_does_not_keep_the_stop_ladder_from_its_next_step() -> None:
                 await bench.drive()
             bench.notes.disk_full = False
             await cancel_times(1)(bench)  # the arm was not left lent
+
+    run_virtual(main())
+
+
+@pytest.mark.parametrize(("stale", "moves"), [(3, True), (4, False)])
+def test_a_move_begins_when_the_state_is_fresh_after_some_looks_and_not_without(
+    stale: int, moves: bool
+) -> None:
+    """On a busy machine a fresh state may be old again before the one who waited for it runs."""
+
+    class Late(ScriptedArm):
+        looks = waits = 0
+
+        def check_movable(self) -> None:
+            self.looks += 1
+            if 1 < self.looks <= 1 + stale:  # the first look is that of the lease
+                raise error("STALE_DATA", "arm")
+
+        async def wait_fresh(self, timeout: float) -> None:
+            self.waits += 1
+
+    async def main() -> None:
+        arm = Late()
+        async with bench_with(arm) as bench:
+            with suppress(CellError, TimeoutError):
+                async with bench.lease() as lease, asyncio.timeout(1.0):
+                    await lease.move_joints(np.zeros(6))
+            assert arm.waits == 3
+            told = [line.get("event") for line in bench.notes.lines]
+            assert ("move_joints" in told) is moves
 
     run_virtual(main())
 
