@@ -154,6 +154,9 @@ class BeltEstimator:
         begin, timed = self._view(size)
         now = self._history.at(size - 1)[0]
         s, n = timed.t - now, self._history.n(begin, size)
+        # Of frames that came at once, to a PC that had stood still, the last one is of that moment.
+        alone = np.append(np.diff(s) != 0.0, True)
+        s, n = s[alone], n[alone]
         good = ~strays(s, n, timed.sigma)
         s, n = s[good], n[good]
         judge = Judge(timed.sigma, self.encoder.period)

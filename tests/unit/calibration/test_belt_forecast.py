@@ -221,6 +221,25 @@ def test_a_burst_of_frames_with_one_stamp_breaks_no_forecast(held: int) -> None:
             assert t < 3.0 or abs(forecast.travel(t + 0.1) - forecast.travel(t - 0.15) - true) < 1e-3
 
 
+@pytest.mark.parametrize("before", [0, 1, 12])
+@pytest.mark.parametrize("held", [30, 60, 120])
+@pytest.mark.parametrize("after", [0, 3, 60])
+def test_a_stream_that_begins_with_frames_that_came_at_once_is_forecast(
+    before: int, held: int, after: int
+) -> None:
+    """A PC stands still just when the encoder begins to send, and then finds all its frames with one stamp."""
+    subject = BeltEstimator(EncoderScale(M_PER_COUNT, None, PERIOD))
+    late = PERIOD * (before + held)
+    for k in range(before + held + after):
+        t = PERIOD * k if k < before else max(late, PERIOD * k)
+        subject.add(t, 10 * k)
+    forecast = subject.forecast()
+    assert forecast is None if before + after == 0 else forecast is not None
+    if forecast is not None and after == 60:
+        assert forecast.speed(forecast.now) == pytest.approx(0.2, rel=0.02)
+        assert forecast.sigma(forecast.now, forecast.now + 0.1) < 0.01
+
+
 def test_a_count_from_the_past_is_dropped_and_counted() -> None:
     subject = BeltEstimator(EncoderScale(M_PER_COUNT, None, PERIOD))
     subject.extend([(0.0, 0), (0.005, 10), (0.002, 4), (0.010, 20)])
