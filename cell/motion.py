@@ -354,15 +354,16 @@ class MotionLease:
 
     async def _movable_state(self) -> ArmState:
         """The arm's state now; a short silence is waited out, motion never begins on an old state."""
-        for left in reversed(range(_FRESH_TRIES)):
+        tries = _FRESH_TRIES
+        while True:
             try:
                 self._arm.check_movable()
-                break
+                return self._arm.state.latest(MAX_STATE_AGE_S).value
             except CellError as exc:
-                if exc.name != "STALE_DATA" or not left:
+                tries -= 1
+                if exc.name != "STALE_DATA" or not tries:
                     raise
             await self._arm.wait_fresh(FRESH_WITHIN_S)  # on a busy machine it may be old again when we run
-        return self._arm.state.latest(MAX_STATE_AGE_S).value
 
     async def _end(self) -> None:
         port, self._port = self._port, None

@@ -2,11 +2,11 @@
 
 What a robot, its base and what hangs on its flange err by changes slowly from pose to pose. Taken as noise of
 each pose by itself it would average out over the poses, which it does not: the stated uncertainty was then up
-to seven times too small. So place and attitude of the flange, each along three axes of the base, are off by
-random functions of the pose; their size follows from the data. How slowly they change is not known: the
-correlation is a mixture of all lengths about the distance of poses that differ by the arm's reach or by a
-right angle. Source: collocation, Moritz, Advanced Physical Geodesy (1980); rational quadratic covariance,
-Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), 4.19.
+to four times too small in simulations. So place and attitude of the flange, each along three axes of the
+base, are off by random functions of the pose; their size follows from the data. How slowly they change is not
+known: the correlation is a mixture of all lengths about the distance of poses that differ by the arm's reach
+or by a right angle. Source: collocation, Moritz, Advanced Physical Geodesy (1980); rational quadratic
+covariance, Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), 4.19.
 """
 
 from collections.abc import Mapping

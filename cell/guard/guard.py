@@ -27,7 +27,7 @@ _JUMP_RAD = 0.5  # a joint that turns this far within one sample of a line has c
 _SMOOTH_RAD = 0.1  # no joint turns farther within one sample of a line unless branches are close
 _TOGETHER = 8  # samples of a line, so near each other that their joints are found from common starts
 _MEASURED_M = 0.0005  # a path starts at *measured* joints: what was planned onto a face may leave it again
-_HARDEST_RAD_S2 = 40.0  # no arm turns a joint up to speed sooner, nor brakes it
+_NOISE_RAD = 1e-3  # joints that turn by less get up to no speed, and noise of a pose is a tenth of it
 _TURN_SHARE = 0.5  # the tool turns on a line at this share of the joints' limit: it takes several joints
 _WRONG_ARM_M = 0.01  # the published model of a UR is within 3 mm of its factory calibration
 
@@ -237,9 +237,9 @@ class MotionGuard:
         if len(Q) < 2 or step_s <= 0.0:
             return
         limit = self.limits.joint_speed_rad_s
-        # On a line of some micrometres noise of the start would pass for speed, which no joint reaches there.
-        fast = np.ptp(Q, axis=0) * _HARDEST_RAD_S2 > limit**2
-        rates = np.abs(np.diff(Q, axis=0)) * fast / step_s
+        if np.ptp(Q, axis=0).max() < _NOISE_RAD:
+            return  # on a line of some micrometres noise of the start would pass for speed
+        rates = np.abs(np.diff(Q, axis=0)) / step_s
         n, j = np.unravel_index(int(np.argmax(rates)), rates.shape)
         if rates[n, j] > limit * 1.01:
             raise error(

@@ -143,8 +143,8 @@ def report(
 
     A run without a result has one that tells why it ended. What was decided and signed since is told.
     """
-    if pdf and figures:
-        raise error("ARGUMENT_INVALID", "--pdf and --csv write one file each; ask for one at a time")
+    if figures and (pdf or open_it or rebuild):
+        raise error("ARGUMENT_INVALID", "--csv writes figures alone: leave out --pdf, --open and --rebuild")
     folder = load(config, run)
     if figures:
         with reading(folder.path):

@@ -44,9 +44,7 @@ def result_of(
         warnings.append(Warning_(code="belt.late-pictures", text=text))
     off_m = following.contacts.largest_m or 0.0
     if off_m > config.following_limit_m:
-        text = (
-            f"the belt changed its speed while the tool came down: an item was {1e3 * off_m:.1f} mm beside it"
-        )
+        text = f"an item was {1e3 * off_m:.1f} mm beside the tool at contact, as later counts show"
         warnings.append(Warning_(code="belt.contact-off", text=text))
     if (tight := gripper_times.tight) is not None:
         warnings.append(Warning_(code="belt.grip-timeout", text=tight))

@@ -185,8 +185,9 @@ class PickingAnswer(Part):
     following_largest_m: Metres | None = Field(default=None, description="The largest of those.")
     contact_off_rms_m: Metres | None = Field(
         default=None,
-        description="Item beside the tool's set-point at contact, level, as later counts show it: what the "
-        "belt did meanwhile, without errors of camera, calibration and arm; null before the first.",
+        description="Item beside the tool's set-point at contact, level, as later counts and pictures show: "
+        "mostly what the belt did meanwhile, without constant errors of camera, calibration and arm; "
+        "null before the first.",
     )
     contact_off_largest_m: Metres | None = Field(default=None, description="The largest of those.")
     gripper_closing_s: Seconds | None = Field(

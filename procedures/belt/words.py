@@ -41,9 +41,9 @@ def belt_tracking_lines(found: BeltTrackingResult) -> list[str]:
         )
     if answer.contact_off_rms_m is not None and answer.contact_off_largest_m is not None:
         lines.append(
-            f"  at contact the belt was {mm(answer.contact_off_rms_m)} RMS from where it was forecast to be, "
+            f"  at contact items were {mm(answer.contact_off_rms_m)} RMS beside the tool by later counts, "
             f"{mm(answer.contact_off_largest_m)} at most; "
-            "that is without errors of camera, calibration and arm"
+            "that is without constant errors of camera, calibration and arm"
         )
     if answer.gripper_closing_s is not None:
         lines.append(f"  the gripper closed in {answer.gripper_closing_s:.2f} s")

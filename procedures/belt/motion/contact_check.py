@@ -13,7 +13,8 @@ _NOTED_M = 0.001
 
 class ContactCheck:
     """Of one run. A set-point is sent before the belt comes to where it was forecast to be: whatever the belt
-    does meanwhile shows here. Errors of camera, belt calibration and arm do not."""
+    does meanwhile shows here, and what pictures told later; constant errors of camera, belt calibration and
+    arm do not."""
 
     def __init__(self) -> None:
         self.off_m: list[float] = []
@@ -31,7 +32,7 @@ class ContactCheck:
 
     def end(self, item: Item, watch: BeltWatch) -> None:
         """The grip of ``item`` is over; nothing when its place is not known any more."""
-        if (track := watch.track(item)) is None:
+        if not np.isfinite(self._t) or (track := watch.track(item)) is None:
             return
         off = float(np.linalg.norm(track.was_at(self._t) - self._xy))
         self.off_m.append(off)

@@ -52,7 +52,7 @@ def tracking_cover(source: BeltSource) -> Cover:
     if follow is not None:
         figures.append(judged("tool beside its set-points, largest", follow, limit, mm))
     if (off := answer.contact_off_largest_m) is not None:
-        figures.append(judged("belt beside its forecast at contact, largest", off, limit, mm))
+        figures.append(judged("item beside the tool at contact by later counts, largest", off, limit, mm))
     return Cover(figures, [_COUNTED])
 
 

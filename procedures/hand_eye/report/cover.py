@@ -39,6 +39,8 @@ def hand_eye_cover(source: HandEyeSource) -> Cover:
     ]
     covers = found.uncertainty.covers or []
     open_ = [f"errors of the {part}: it is taken as exact" for part in _PARTS if part not in covers]
+    if "arm" in covers and "gears" not in covers:
+        open_.append("errors of the arm that neighbouring poses do not share, as those of other branches")
     open_ += [*found.observability.unobservable, _CHANGES, *([_MOTOR] if "gears" in covers else [])]
     return Cover(figures, open_)
 

@@ -369,7 +369,7 @@ def _warnings(solved: Solved) -> list[tuple[str, str]]:
         text = ", ".join(f"{index[i]}-{index[j]} ({np.degrees(a):.2f} deg)" for i, j, a in still[:8])
         more = f" and {len(still) - 8} more" if len(still) > 8 else ""
         out.append(("pairs.no-rotation", f"consecutive observations without rotation: {text}{more}"))
-    noise = solved.judged.noise
+    noise = solved.solution.noise
     for name in noise.implausible:
         how = (
             "it was held there, which predicts left-out poses better, and the covariance is widened instead"

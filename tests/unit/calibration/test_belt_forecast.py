@@ -227,7 +227,7 @@ def test_a_burst_of_frames_with_one_stamp_breaks_no_forecast(held: int) -> None:
 def test_a_stream_that_begins_with_frames_that_came_at_once_is_forecast(
     before: int, held: int, after: int
 ) -> None:
-    """A PC stands still just when the encoder begins to send, and then finds all its frames with one stamp."""
+    """A PC stands still just when the encoder begins to send, and finds all frames with one stamp."""
     subject = BeltEstimator(EncoderScale(M_PER_COUNT, None, PERIOD))
     late = PERIOD * (before + held)
     for k in range(before + held + after):

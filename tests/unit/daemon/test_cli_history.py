@@ -72,7 +72,7 @@ def test_the_figures_of_a_result_are_written_as_csv(
     assert elsewhere.read_text("utf-8").splitlines() == lines
     refused = subject("report", 1, "--csv", "--pdf")
     assert refused.code == 2
-    assert "one at a time" in refused.err
+    assert "leave out --pdf" in refused.err
     cell.add_run(2, outcome="aborted")
     assert "has no result" in subject("report", 2, "--csv").err
 
