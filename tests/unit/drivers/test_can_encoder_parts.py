@@ -24,6 +24,8 @@ from drivers.can_encoder.sdo import SdoAbort, SdoClient
 from drivers.can_encoder.stamps import GatewayStamps, HostStamps, KernelStamps
 from drivers.can_encoder.words import abort_words, emergency_words
 
+pytestmark = pytest.mark.wire  # answers are waited for in real time
+
 PERIOD = 0.005
 
 

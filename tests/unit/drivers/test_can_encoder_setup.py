@@ -17,6 +17,8 @@ from fakes.can.node import POSITION, SPEED, EncoderNode, State
 from fakes.can.objects import Entry, constant
 from tests.kit.can_rig import NODE, SERIAL, TestShaft
 
+pytestmark = pytest.mark.wire  # answers are waited for in real time
+
 Change = Callable[[EncoderNode], None]
 
 
