@@ -24,20 +24,22 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 unexport PYTHONDONTWRITEBYTECODE
 
 VIRTUAL := -m "not wire and not soak"
-WIRE := -m "wire and not soak"
+WIRE := -m "wire and not alone and not soak"
+ALONE := tests/integration tests/browser -m "alone and not soak"
 
 .PHONY: demo test test-wire test-virtual lint soak bench docs wheelhouse deb clean python
 
 demo: $(VENV)/.ready
 	$(BIN)/cellward demo
 
-# What keeps real time comes first, by files; of whole cells in motion there is one at a time (tests/conftest.py).
+# What keeps real time comes first, one whole cell in motion at a time: a twin and a daemon use most of a core.
 # The rest, which asks for nothing but time, fills what is left of both cores; it is shown when it has ended.
 test: $(VENV)/.ready
 	$(MAKE) --no-print-directory --jobs 2 test-wire test-virtual
 
 test-wire: $(VENV)/.ready
-	$(BIN)/pytest $(WIRE) --numprocesses 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/pytest $(ALONE)
+	$(BIN)/pytest $(WIRE) --numprocesses 2 --dist loadfile
 
 test-virtual: $(VENV)/.ready
 	@mkdir -p build

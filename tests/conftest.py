@@ -45,26 +45,6 @@ def pytest_itemcollected(item: pytest.Item) -> None:
         raise pytest.UsageError(f"{item.path}: has tests marked wire, so it must say the word 'wire'")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Whole cells in motion first: one after the other they take longest."""
-    items.sort(key=lambda item: item.get_closest_marker("alone") is None)
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """With ``--dist loadfile`` the files of whole cells count as one: one cell is in motion at a time."""
-    if config.getoption("dist") != "loadfile":
-        return None
-    from xdist.scheduler import LoadFileScheduling
-
-    class OneCellAtATime(LoadFileScheduling):
-        def _split_scope(self, nodeid: str) -> str:
-            file: str = super()._split_scope(nodeid)
-            return "alone" if "mark.alone" in (config.rootpath / file).read_text("utf-8") else file
-
-    return OneCellAtATime(config, log)
-
-
 def pytest_collection_finish() -> None:
     """Keep modules and tests, which live as long as the process, out of what the collector looks through.
 

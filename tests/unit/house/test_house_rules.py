@@ -65,6 +65,11 @@ def test_every_transition_table_is_sound(job: str) -> None:
     assert reached == states, f"unreachable: {states - reached}"
 
 
+def test_whole_cells_are_where_make_test_looks_for_them() -> None:
+    marked = {path for path in (ROOT / "tests").rglob("test_*.py") if "mark.alone" in path.read_text("utf-8")}
+    assert {path.parent.name for path in marked - {Path(__file__)}} == {"integration"}
+
+
 def test_nothing_tracked_names_a_registry_host_or_a_home_folder() -> None:
     # The words are put together here so that this file does not name them itself.
     forbidden = ["python" + "hosted", "pypi." + "org", "registry.npm" + "js", "/ro" + "ot/", "/wo" + "rk/"]
