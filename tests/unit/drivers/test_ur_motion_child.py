@@ -249,21 +249,28 @@ def test_a_command_before_open_is_refused(subject: Daemon) -> None:
     assert not subject.ask("stop", decel=1.0)["ok"]
 
 
-def test_set_points_follow_the_polynomial_until_the_end(subject: Daemon) -> None:
-    subject.open()
-    end = ""
-    for _ in range(10):  # a machine that pauses for longer than a beat may be late ends the following
+def follow_to_the_end(subject: Daemon, seconds: float) -> float:
+    """Follow a constant piece to its end, and again where this machine paused for longer than a beat may be
+    late; returns when the following that came to its end began."""
+    for _ in range(10):
         subject.control.calls.clear()
+        began = time.monotonic()
         subject.beat()
         assert subject.ask("follow", horizon_s=0.1, ramp=8.0, lookahead=0.03, gain=500.0, decel=5.0)["ok"]
         assert not subject.ask("move_joints", q=[0.1] * 6, speed=0.5, accel=1.0)["ok"]
         t0 = time.monotonic() + 0.02
-        subject.ask("piece", t0=t0, t1=t0 + 0.1, coefficients=[[0.5] * 6, [0.0] * 6])
+        piece = subject.ask("piece", t0=t0, t1=t0 + seconds, coefficients=[[0.5] * 6, [0.0] * 6])
         subject.ask("finish")
-        subject.beating(0.3)
-        if (end := subject.next(lambda m: m.get("event") == "followed")["end"]) == "done":
-            break
-    assert end == "done"
+        subject.beating(seconds + 0.2)
+        if subject.next(lambda m: m.get("event") == "followed")["end"] == "done":
+            assert piece["value"]
+            return began
+    pytest.fail("the following was never taken to its end")
+
+
+def test_set_points_follow_the_polynomial_until_the_end(subject: Daemon) -> None:
+    subject.open()
+    follow_to_the_end(subject, 0.1)
     sent = [args for name, args in subject.control.calls if name == "servoJ"]
     assert len(sent) > 20
     assert all(args[0] == [0.5] * 6 for args in sent)
@@ -274,17 +281,7 @@ def test_set_points_follow_the_polynomial_until_the_end(subject: Daemon) -> None
 def test_an_older_controller_gets_a_set_point_in_each_of_its_own_cycles(subject: Daemon) -> None:
     """125 Hz of a CB3; a busy machine sends fewer, never more."""
     assert subject.ask("open", **_OPEN, servo_period_s=0.008)["ok"]
-    began, end = time.monotonic(), ""
-    for _ in range(10):  # a machine that pauses for longer than a beat may be late ends the following
-        subject.beat()
-        subject.ask("follow", horizon_s=0.1, ramp=8.0, lookahead=0.03, gain=500.0, decel=5.0)
-        t0 = time.monotonic()
-        subject.ask("piece", t0=t0, t1=t0 + 0.2, coefficients=[[0.5] * 6, [0.0] * 6])
-        subject.ask("finish")
-        subject.beating(0.5)
-        if (end := subject.next(lambda m: m.get("event") == "followed")["end"]) == "done":
-            break
-    assert end == "done"
+    began = follow_to_the_end(subject, 0.2)
     took = time.monotonic() - began
     sent = [args for name, args in subject.control.calls if name == "servoJ"]
     assert sent
