@@ -180,7 +180,9 @@ def plan(
     for synchronization in (each,) if apart else (together, each):
         wanted.per_dof_synchronization = synchronization
         trajectory = Trajectory(AXES)
-        with suppress(RuckigError):  # a few states leave no common duration, each axis alone has one
+        # A few states leave no common duration, each axis alone has one. One that is too long is a code that
+        # ruckig's binding does not know.
+        with suppress(RuckigError, ValueError):
             if Ruckig(AXES).calculate(wanted, trajectory) in (Result.Working, Result.Finished):
                 return Leg(t0, trajectory, origin, np.asarray(offset, dtype=float), apart)
     raise error("PLAN_INFEASIBLE", f"no motion within the limits from {np.round(relative.p, 4).tolist()}")

@@ -12,7 +12,7 @@ import numpy as np
 from calibration.belt.arm_time import MotionLimits, rest_to_rest
 from calibration.belt.pursuit import FixedPoint, Leg, PursuitState, Ride
 from cell.devices import TrajectoryPiece
-from cell.errors import CellError, present
+from cell.errors import CellError, error, present
 from cell.guard import MotionGuard
 from cell.poses import Array
 from cell.procedure import Run
@@ -97,6 +97,7 @@ class Picker:
         self._following.lag.begin(clock.now(), q)
         self._phase, self.standing, self._standing_since = self._ready, False, None
         here = q, np.zeros(6)
+        sent: TrajectoryPiece | None = None
         self._bookkeeping.streaming = True
         try:
             while True:
@@ -108,9 +109,12 @@ class Picker:
                 # A piece that is over would only end the one in use.
                 if clock.now() < t - self._following.delay_s + AHEAD_S:
                     yield self._following.ahead(piece)
+                    sent = piece
                 await clock.sleep(max(t + STEP_S - (LEAD_S + self._following.delay_s) - clock.now(), 0.0))
                 t = max(t + STEP_S, clock.now() + (LEAD_S + self._following.delay_s))
-                here = on_piece(piece, t)  # where the arm is sent then, also when the plan changes
+                if sent is None or t > sent.t1:  # the arm is braked on its own where its set-points end
+                    raise error("MOTION_WATCHDOG", "the PC paused for longer than the arm has set-points")
+                here = on_piece(sent, t)  # where the arm is sent then, also when the plan changes
         finally:
             await self._gripper.end()
             if self._item is not None and self._item.touched:  # in the gripper, or where the arm stopped

@@ -17,6 +17,7 @@ JOINT_SHARE = 0.85  # of the joints' speed limit that a plan may use; a change o
 BRAKE_SHARE = 0.9
 TOOL_SHARE = 0.99  # of the tool's speed limit: a goal that jumps shares it anew among axes that are all fast
 SLOWINGS, LEAST_SLOWING = 5, 1.1  # a way that never reaches the speed limit feels a lower one late
+LEAST_SHARE = 0.2  # slower would not help: a tool that still gets faster is first to lose its acceleration
 YAW_SHARE = 0.6  # of the joints' speed limit for turning the tool; the way itself turns the wrist too
 
 
@@ -141,9 +142,10 @@ class ToolPath:
             piece = self._tool.piece(t, AHEAD_S, [here, *zip(Q, Qd, strict=True)])
             ways = [self._leg.at(t + k * AHEAD_S).v[:3] for k in (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)]
             slow = max(float(np.linalg.norm(v)) for v in ways) <= TOOL_SHARE * limits.speed_m_s
-            if slow and fastest_joint(piece) <= BRAKE_SHARE * limits.joint_speed_rad_s:
+            fine = slow and fastest_joint(piece) <= BRAKE_SHARE * limits.joint_speed_rad_s
+            if fine or self._share <= LEAST_SHARE:
                 break
-            self._share *= 0.8
+            self._share = max(0.8 * self._share, LEAST_SHARE)
             slower, old = self._limits.slower(self._share), self._leg
             self._leg = plan(t, old.at(t), old.origin, old.offset, slower, old.apart)
         return piece

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.belt.pursuit import FixedPoint, Leg, PursuitLimits, PursuitState, plan
+from cell.errors import CellError
 
 LIMITS = PursuitLimits(v=1.0, a=6.0, j=80.0)
 SPEED = np.array([0.2, -0.05, 0.0, 0.0])
@@ -126,3 +127,10 @@ def test_a_tool_that_has_to_get_slower_brakes_as_hard_as_ever() -> None:
     a = float(quick.at(now).a[0])
     assert fastest <= float(quick.at(now).v[0]) + a * a / (2.0 * LIMITS.j) + 1e-6
     assert slow.at(now + 0.3).v[0] < 0.31 * LIMITS.v
+
+
+def test_a_way_that_would_take_hours_is_refused_with_a_code() -> None:
+    """Ruckig's answer for it is one that its Python binding cannot name."""
+    crawling = PursuitLimits(v=1e-7, a=6.0, j=80.0, yaw_v=1e-7)
+    with pytest.raises(CellError, match="no motion within the limits"):
+        plan(0.0, START, FixedPoint(np.array([0.6, 0.5, 0.3, 0.3])), ABOVE, crawling)

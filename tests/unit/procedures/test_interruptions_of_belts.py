@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from fakes.object import run_virtual
+from procedures.belt.motion.picker import Picker
 from tests.kit.interrupted import Struck, run_struck, silence_at
 from tests.kit.object_cell import no_report
 from tests.kit.picking_cell import picking_cell, picking_config
@@ -48,6 +49,34 @@ def test_a_silence_while_picking_leaves_the_counters_true(
                 assert subject.taken_again
             if moment in ("grip", "lift", "place"):
                 assert counted(cell, 1)["lost"] == 0, "what was in the gripper was put down at the place"
+
+    run_virtual(main())
+
+
+@pytest.mark.parametrize(("late_s", "times"), [(0.06, 0), (0.15, 1), (0.17, 1), (0.19, 1), (0.25, 1)])
+@pytest.mark.parametrize("moment", ["approach", "place"])
+def test_set_points_that_are_late_by_more_than_the_arm_has_cost_a_step(
+    moment: str, late_s: float, times: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Joined to where the arm was sent before, they would turn its joints faster than it may."""
+    config = picking_config(tmp_path, {"picks": 2, "max_duration_s": 60.0}, FEED)
+    learn, states = Picker._learn, list[str]()
+
+    async def slow(picker: Picker) -> None:
+        states.append(str(picker._run.state))
+        if states.count(moment) == 6 and states[-1] == moment:
+            await picker._run.clock.sleep(late_s)
+        await learn(picker)
+
+    monkeypatch.setattr(Picker, "_learn", slow)
+
+    async def main() -> None:
+        async with picking_cell(config) as cell:
+            subject = Struck(cell)
+            await run_struck(subject)
+            assert len(subject.taken_again) == times, subject.taken_again
+            assert counted(cell, 1)["picked"] == 2
+            agrees_with_the_world(cell, 1)
 
     run_virtual(main())
 
