@@ -32,6 +32,7 @@ STOP_DEADLINE_S = 0.3
 END_DEADLINE_S = 0.8
 START_MARGIN_S = 3.0
 MAX_START_STEP_RAD = 0.05
+ASK_S = 0.2  # before a piece ends; who makes short ones then sets the pace
 
 
 class MotionArm(ArmView, Protocol):
@@ -168,7 +169,7 @@ class UrMotion:
     async def stream(self, pieces: AsyncIterator[TrajectoryPiece]) -> None:
         """Follow polynomials until they end; returns at measured rest on the last set-point.
 
-        Pieces are asked for when the current one ends within 100 ms. The child follows a piece to its end
+        Pieces are asked for when the current one ends within 200 ms. The child follows a piece to its end
         only while our beat goes on. ``MOTION_WATCHDOG`` when a piece came too late and the arm was ramped to
         rest, ``MOTION_LIMIT`` when the first piece does not begin where the arm is.
         """
@@ -378,7 +379,7 @@ class UrMotion:
                 break
             self._send_piece(piece, first=last is None)
             last = piece
-            while not watch.over and (left := last.t1 - BEAT_LIMIT_S - self._clock.now()) > 0.0:
+            while not watch.over and (left := last.t1 - ASK_S - self._clock.now()) > 0.0:
                 await self._clock.sleep(min(left, 0.02))
         return last
 
