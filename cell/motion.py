@@ -212,7 +212,7 @@ class MotionLease:
     async def _move_joints(self, target: Array, speed: Speed) -> None:
         start = await self._movable_state()
         await asyncio.to_thread(self._guard.check_path_joints, start.q, target)
-        await self._movable_state()  # checking took a while
+        await self._still_at(start.q)
         self._recorder.note("motion", event="move_joints", q=[round(float(v), 6) for v in target])
         with self._where_left.moving():
             await self._live_port().move_joints(target, speed)
@@ -221,7 +221,7 @@ class MotionLease:
         start = await self._movable_state()
         line = start.T_base_flange, T_base_flange, start.q, speed.tcp_m_s
         await asyncio.to_thread(self._guard.check_path_linear, *line)
-        await self._movable_state()  # checking took a while
+        await self._still_at(start.q)
         self._recorder.note("motion", event="move_linear", to=[float(v) for v in T_base_flange.translation])
         with self._where_left.moving():
             await self._live_port().move_linear(T_base_flange, speed)
@@ -237,7 +237,7 @@ class MotionLease:
         start, speed = await self._movable_state(), speed or self._speed
         line = start.T_base_flange, T_base_flange, start.q, speed.tcp_m_s
         await asyncio.to_thread(self._guard.check_path_linear, *line)
-        await self._movable_state()  # checking took a while
+        await self._still_at(start.q)
         self._recorder.note("motion", event="guarded_move", max_force_n=max_force_n)
         with self._where_left.moving():
             return await self._live_port().guarded_move(T_base_flange, speed, max_force_n, max_travel_m)
@@ -364,6 +364,15 @@ class MotionLease:
                 if exc.name != "STALE_DATA" or not tries:
                     raise
             await self._arm.wait_fresh(FRESH_WITHIN_S)  # on a busy machine it may be old again when we run
+
+    async def _still_at(self, q: Array) -> None:
+        """Checking a path took a while: the arm can be moved now, and rests where the path begins."""
+        now = await self._movable_state()
+        moved = float(np.max(np.abs(now.q - q)))
+        if moved > STAYED_RAD:
+            raise error(
+                "ARM_MOVED", f"{self._arm.name}: a joint turned by {moved:.4f} rad while its path was checked"
+            )
 
     async def _end(self) -> None:
         port, self._port = self._port, None

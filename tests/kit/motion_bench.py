@@ -40,18 +40,21 @@ class ScriptedArm:
         self.clock = VirtualClock()
         self.state: Stream[ArmState] = Stream("arm", self.clock)
         self.moving = False
+        self.q, self._seq = np.zeros(6), 0
         self.asked: list[str] = []
 
     async def sample_for_ever(self) -> None:
-        seq = 0
         while True:
             if not self.silent:
-                qd = np.full(6, 0.3 if self.moving else 0.0)
-                zero = np.zeros(6)
-                state = ArmState(zero, qd, zero, zero, zero, 7, 1, self.program_running, 0, 0, 0.0)
-                self.state.push(Sample(state, self.clock.now() + self.time_offset_s, 0.001, seq))
-                seq += 1
+                self.sample()
             await asyncio.sleep(0.01)
+
+    def sample(self) -> None:
+        qd = np.full(6, 0.3 if self.moving else 0.0)
+        zero = np.zeros(6)
+        state = ArmState(self.q, qd, zero, zero, zero, 7, 1, self.program_running, 0, 0, 0.0)
+        self.state.push(Sample(state, self.clock.now() + self.time_offset_s, 0.001, self._seq))
+        self._seq += 1
 
     def check_movable(self) -> None:
         if self.refusal is not None:

@@ -455,13 +455,21 @@ def test_a_cancel_while_a_motion_client_is_closed_does_not_leave_it_half_closed(
 
 
 @pytest.mark.parametrize("move", ["joints", "linear", "guarded"])
-def test_an_arm_that_may_no_longer_move_when_its_way_was_checked_does_not(move: str) -> None:
+@pytest.mark.parametrize("happens", ["refuses", "turns"])
+def test_an_arm_that_changed_while_its_way_was_checked_does_not_move(move: str, happens: str) -> None:
+    def meanwhile() -> None:
+        if happens == "refuses":
+            arm.refusal = error("ARM_LOCAL_MODE", "while the way was checked")
+        else:
+            arm.q = np.array([0.0, 0.0, 0.003, 0.0, 0.0, 0.0])
+            arm.sample()
+
     class SlowGuard(OpenGuard):
         def check_path_joints(self, q0: Any, q1: Any) -> None:
-            arm.refusal = error("ARM_LOCAL_MODE", "while the way was checked")
+            meanwhile()
 
         def check_path_linear(self, T0: Any, T1: Any, q0: Any, speed_m_s: Any = None) -> None:
-            arm.refusal = error("ARM_LOCAL_MODE", "while the way was checked")
+            meanwhile()
 
     arm = ScriptedArm()
 
@@ -473,7 +481,7 @@ def test_an_arm_that_may_no_longer_move_when_its_way_was_checked_does_not(move: 
                 "linear": lambda: lease.move_linear(there),
                 "guarded": lambda: lease.guarded_move(there, 10.0, 0.1),
             }
-            with pytest.raises(CellError, match="while the way was checked"):
+            with pytest.raises(CellError, match=r"while (the way|its path) was checked"):
                 await moves[move]()
             assert not arm.moving
 
