@@ -123,6 +123,11 @@ class Follower:
             self._ramp = self._begin_ramp(piece, min(now, limit))
         return self._ramp.at(now)
 
+    @property
+    def broken_off(self) -> End | None:
+        """Why the trajectory is followed no more before its end, as soon as that is so."""
+        return None if self._ramp is None or self._ramp.end is End.DONE else self._ramp.end
+
     def ended(self, now: float, beat: float) -> End | None:
         """Why it is over, once the ramp and the settling time have passed."""
         if self._ramp is not None:

@@ -22,7 +22,7 @@ from drivers.ur.motion_checks import finite, open_failure, same_pose, shortened
 from drivers.ur.motion_child import BEAT_LIMIT_S
 from drivers.ur.motion_client import MotionClient
 from drivers.ur.script_end import ScriptEnd, ScriptRecord
-from drivers.ur.watch import REST_SAMPLES, ArmView, Judge, Watch, joints_judge, pose_judge, until
+from drivers.ur.watch import REST_SAMPLES, ArmView, Judge, Watch, joints_judge, pose_judge, until, watchdog
 
 OPEN_DEADLINE_S = 8.0  # the client itself waits 5 s for its script to start
 START_SEEN_S = 3.0  # and another process may pause meanwhile
@@ -32,6 +32,7 @@ STOP_DEADLINE_S = 0.3
 END_DEADLINE_S = 0.8
 START_MARGIN_S = 3.0
 MAX_START_STEP_RAD = 0.05
+AFTER_GAP_S = 0.3  # an arm whose set-points waited for so long is still far from them
 ASK_S = 0.2  # before a piece ends; who makes short ones then sets the pace
 
 
@@ -182,13 +183,17 @@ class UrMotion:
             "decel": config.stop_decel_m_s2,
         }
         with self._watch(lambda sample: None) as watch:
-            undo = self.client.subscribe(lambda event: _note_end(watch, event))
+            broken_off: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+            undo = self.client.subscribe(lambda event: _note_end(watch, broken_off, event))
             try:
                 await self._ask(watch, "follow", how)
-                last = await self._send_pieces(pieces, watch)
+                last = await self._send_pieces(pieces, watch, broken_off)
                 self.client.post("finish")
                 left = max(last.t1 - self._clock.now(), 0.0) if last is not None else 0.0
                 end = await watch.outcome(left + START_MARGIN_S, "following")
+            except CellError as exc:
+                self._stop_now()
+                raise self._explained(exc) from None
             except BaseException:
                 self._stop_now()
                 raise
@@ -363,14 +368,14 @@ class UrMotion:
             self.client.kill()
 
     async def _send_pieces(
-        self, pieces: AsyncIterator[TrajectoryPiece], watch: Watch
+        self, pieces: AsyncIterator[TrajectoryPiece], watch: Watch, broken_off: asyncio.Future[None]
     ) -> TrajectoryPiece | None:
         last: TrajectoryPiece | None = None
         iterator = aiter(pieces)
-        while not watch.over:
+        while not watch.over and not broken_off.done():
             pull = asyncio.ensure_future(anext(iterator, None))
             try:
-                if not await watch.first(pull):
+                if not await watch.first(pull, broken_off):
                     break
                 piece = pull.result()
             finally:
@@ -379,9 +384,24 @@ class UrMotion:
                 break
             self._send_piece(piece, first=last is None)
             last = piece
-            while not watch.over and (left := last.t1 - ASK_S - self._clock.now()) > 0.0:
+            while (
+                not watch.over
+                and not broken_off.done()
+                and (left := last.t1 - ASK_S - self._clock.now()) > 0.0
+            ):
                 await self._clock.sleep(min(left, 0.02))
         return last
+
+    def _explained(self, failure: CellError) -> CellError:
+        """``failure``; where an arm seems not to follow as nothing was sent or seen for a moment, that."""
+        now, gap = self._clock.now(), self._arm.state.last_gap
+        if failure.name != "ARM_NOT_FOLLOWING":
+            return failure
+        if self.client.kicks.lapsed_at(now, 0.0):
+            return watchdog("the motion client")
+        if gap is not None and now - gap[1] < AFTER_GAP_S:
+            return error("STALE_DATA", f"the arm gave no state for {gap[1] - gap[0]:.3f} s")
+        return failure
 
     def _send_piece(self, piece: TrajectoryPiece, first: bool) -> None:
         rows = np.asarray(piece.coefficients, dtype=float)
@@ -437,6 +457,8 @@ async def _end(work: asyncio.Future[Any]) -> None:
         work.exception()
 
 
-def _note_end(watch: Watch, event: Message) -> None:
+def _note_end(watch: Watch, broken_off: "asyncio.Future[None]", event: Message) -> None:
     if event["event"] == "followed":
         watch.end(event["end"])
+    elif event["event"] == "broken off" and not broken_off.done():
+        broken_off.set_result(None)

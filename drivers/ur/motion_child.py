@@ -111,7 +111,7 @@ class MotionChild:
         self._told = -1e9  # the latest kick that the daemon was told of
         self._follower: Follower | None = None
         self._servo = (0.0, 0.0, 0.0)  # look-ahead, gain, deceleration
-        self._servoing = False
+        self._servoing = self._broken_off = False
         self._next_setpoint = 0.0
         self._servo_period_s = SERVO_PERIOD_S
 
@@ -215,6 +215,9 @@ class MotionChild:
             return
         else:
             self._servoing = True
+        if (why := follower.broken_off) is not None and not self._broken_off:
+            self._broken_off = True
+            self._tell({"event": "broken off", "why": why.value})
         end = follower.ended(now, self._beat)
         if end is not None:
             if self._servoing:
@@ -274,7 +277,7 @@ class MotionChild:
         # of them a low-pass of that time has left 2 % of the way.
         self._follower = Follower(min(horizon_s, BEAT_LIMIT_S), ramp, 4.0 * lookahead + 0.04, gap_s=lookahead)
         self._servo = (lookahead, gain, decel)
-        self._servoing = False
+        self._servoing = self._broken_off = False
         self._next_setpoint = time.monotonic()
         return True
 

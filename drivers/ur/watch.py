@@ -74,10 +74,11 @@ class Watch:
             raise await self._explained(verdict)
         return verdict
 
-    async def first(self, work: asyncio.Future[Any]) -> bool:
-        """Wait for ``work`` or for the end of the watch; True when ``work`` was done first."""
-        await asyncio.wait([work, self._outcome], return_when=asyncio.FIRST_COMPLETED)
-        return work.done() and not self._outcome.done()
+    async def first(self, work: asyncio.Future[Any], *ends: asyncio.Future[None]) -> bool:
+        """Wait for ``work``, one of ``ends`` or the end of the watch; True when ``work`` was done first."""
+        others = [*ends, self._outcome]
+        await asyncio.wait([work, *others], return_when=asyncio.FIRST_COMPLETED)
+        return work.done() and not any(other.done() for other in others)
 
     @property
     def over(self) -> bool:
@@ -115,7 +116,7 @@ class Watch:
         if verdict.name == "ARM_NOT_AT_TARGET":
             await asyncio.sleep(TOLD_LATE_S)  # a loop that stood still reads what the child told last
             if self._client.withheld or self._script.end is ScriptEnd.OURS:
-                return _watchdog("the daemon's beat" if self._client.withheld else "the motion client")
+                return watchdog("the daemon's beat" if self._client.withheld else "the motion client")
         return verdict
 
     async def _why_gone(self) -> CellError:
@@ -136,11 +137,11 @@ class Watch:
         if end is ScriptEnd.UNSEEN:
             return error("STALE_DATA", "our script ended while the arm gave no state")
         if end is ScriptEnd.OURS:
-            return _watchdog("the daemon's beat" if self._client.withheld else "the motion client")
+            return watchdog("the daemon's beat" if self._client.withheld else "the motion client")
         return error("ARM_SCRIPT_DIED", self._refusal)
 
 
-def _watchdog(who: str) -> CellError:
+def watchdog(who: str) -> CellError:
     return error("MOTION_WATCHDOG", f"{who} was late, so the watchdog was not kicked in time")
 
 

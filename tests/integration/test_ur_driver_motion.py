@@ -1,6 +1,8 @@
 """Moves through the genuine client in its child process, against a controller on the wire."""
 
 import asyncio
+import os
+import signal
 import time
 from collections.abc import AsyncIterator
 from itertools import pairwise
@@ -13,6 +15,7 @@ from ur_driver_rig import TOOL, Rig, own_pauses, rests, untouched
 from ur_motion_scene import SPEED, joints, quintic, rig, shared, turned
 
 from cell.devices import ArmState, Speed, ToolSettings, TrajectoryPiece
+from cell.errors import error
 from cell.poses import from_pose6
 from cell.samples import Sample
 from cell.testing.taken_again import ends_by
@@ -121,6 +124,39 @@ def test_a_stream_that_is_not_renewed_ends_in_rest_and_says_so(rig: Rig) -> None
             await rests(arm, 1.0)
             untouched(pauses)  # the stream ends earlier, too, when the beat is late
             assert 0.08 < joints(arm)[0] - q0[0] < 0.12
+
+    rig.play(scenario)
+
+
+@pytest.mark.parametrize("pause_s", [0.06, 0.15, 0.6])
+def test_an_arm_that_stood_as_the_motion_client_paused_is_not_said_not_to_follow(
+    pause_s: float, rig: Rig
+) -> None:
+    """Whoever compares the arm with its set-points sees it first; the cause is that none were sent."""
+
+    async def scenario() -> None:
+        async with rig.movable() as (arm, port):
+            q0, begin, speed = joints(arm), time.monotonic() + 0.3, 0.5
+            client = port.client
+            asyncio.get_running_loop().call_later(0.8, os.kill, client.pid, signal.SIGSTOP)
+            asyncio.get_running_loop().call_later(0.8 + pause_s, os.kill, client.pid, signal.SIGCONT)
+            lag: list[float] = []
+
+            async def pieces() -> AsyncIterator[TrajectoryPiece]:
+                t = begin
+                while t < begin + 1.5:
+                    newest = arm.state.latest(1.0)
+                    q = q0 + np.array([speed * (t - begin), 0, 0, 0, 0, 0])
+                    yield TrajectoryPiece(t, t + 0.15, np.array([q, [speed, 0, 0, 0, 0, 0]]))
+                    lag.append(speed * max(newest.t - begin, 0.0) - newest.value.q[0] + q0[0])
+                    if lag[-1] > lag[0] + 0.05:
+                        raise error("ARM_NOT_FOLLOWING", f"{lag[-1]:.3f} rad")
+                    await asyncio.sleep(max(t + 0.008 - time.monotonic(), 0.0))
+                    t = max(t + 0.02, time.monotonic() + 0.012)
+
+            with ends_by("MOTION_WATCHDOG"):
+                await port.stream(pieces())
+            await rests(arm, 1.0)
 
     rig.play(scenario)
 

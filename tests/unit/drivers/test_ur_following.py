@@ -142,7 +142,9 @@ def test_after_a_time_without_set_points_the_latest_one_is_held(
 def test_a_first_set_point_that_is_late_does_not_move_the_arm() -> None:
     subject = Follower(HORIZON, DECEL, SETTLE, GAP)
     subject.add(constant_speed(1.0, 2.0, 2.0, start=0.3))
+    assert subject.broken_off is None
     assert led_to(subject, 2.0, since=1.2) == [0.3] * 6
+    assert subject.broken_off is End.NOT_RENEWED
     assert subject.ended(2.0, beat=2.0) is End.NOT_RENEWED
 
 
@@ -152,4 +154,5 @@ def test_a_pause_at_the_end_of_a_trajectory_is_none_to_it() -> None:
     subject.finish()
     led_to(subject, 1.01)
     assert led_to(subject, 2.0, since=1.5) == [0.5] * 6
+    assert subject.broken_off is None
     assert subject.ended(2.0, beat=2.0) is End.DONE
