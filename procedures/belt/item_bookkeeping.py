@@ -19,7 +19,7 @@ PUBLISH_S = 0.2
 class ItemBookkeeping:
     """Looks at the belt beside the job, and by the stream itself while :attr:`streaming`: it knows when it
     has the time, and which item is in hand. ``picks``: how many are wanted, 0 for no end. ``carried`` is what
-    the gripper had when the stream ended: it is picked once it is put down, and lost otherwise."""
+    the gripper had when the stream ended: picked once it is put down, else ``if_empty`` became of it."""
 
     def __init__(self, run: Run, watch: BeltWatch, picks: int, failed_grips: int) -> None:
         self._run, self._watch, self._picks = run, watch, picks
@@ -29,7 +29,7 @@ class ItemBookkeeping:
         self._published = -np.inf
         self.streaming = False
         self.carried: Item | None = None
-        self.was_held = False  # the gripper had confirmed that it holds what is carried
+        self.if_empty = Outcome.LOST  # of what is carried, where the gripper is seen to hold nothing
 
     async def beside(self, work: Coroutine[Any, Any, None]) -> None:
         """Do ``work`` and look meanwhile; what fails first ends both."""
@@ -76,9 +76,9 @@ class ItemBookkeeping:
         """Whether so many grips in a row took nothing that it is an alarm."""
         return 0 < self._failed_grips <= self.failed_in_a_row
 
-    def carry(self, item: Item, held: bool) -> None:
-        """The arm stopped with ``item``; ``held`` says whether the gripper had confirmed that it holds it."""
-        self.carried, self.was_held = item, held
+    def carry(self, item: Item, if_empty: Outcome) -> None:
+        """The arm stopped with ``item``; ``if_empty`` became of it if the gripper holds nothing then."""
+        self.carried, self.if_empty = item, if_empty
 
     def end_carried(self, outcome: Outcome) -> None:
         """This became of what was carried, if anything was."""

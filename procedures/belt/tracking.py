@@ -207,8 +207,7 @@ class _Picking:
         if held := self.run.gripper().holding(HELD_S):
             await lease.move_joints(self.q_place)
         await self._open_gripper()
-        not_held = Outcome.LOST if self.bookkeeping.was_held else Outcome.GRIP_FAILED
-        self.bookkeeping.end_carried(Outcome.PICKED if held else not_held)
+        self.bookkeeping.end_carried(Outcome.PICKED if held else self.bookkeeping.if_empty)
         if held:
             self.run.steps_taken.part_done()
 

@@ -118,9 +118,16 @@ class Picker:
         finally:
             await self._gripper.end()
             if self._item is not None and self._item.touched:  # in the gripper, or where the arm stopped
-                self._bookkeeping.carry(self._item, self._held)
+                self._bookkeeping.carry(self._item, self._if_empty)
                 self._item = None
             self._bookkeeping.streaming = False
+
+    @property
+    def _if_empty(self) -> Outcome:
+        """What became of the item in hand, if the gripper turns out to hold nothing where the arm stopped."""
+        if self._phase == self._release:  # at rest at the place, with fingers that were told to open
+            return Outcome.PICKED
+        return Outcome.LOST if self._held else Outcome.GRIP_FAILED
 
     def _keep(self, t: float) -> None:
         """This set-point, for whoever looks at the run later."""

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from cell.errors import error
 from fakes.object import run_virtual
 from procedures.belt.motion.picker import Picker
 from tests.kit.interrupted import Struck, run_struck, silence_at
@@ -75,6 +76,32 @@ def test_set_points_that_are_late_by_more_than_the_arm_has_cost_a_step(
             subject = Struck(cell)
             await run_struck(subject)
             assert len(subject.taken_again) == times, subject.taken_again
+            assert counted(cell, 1)["picked"] == 2
+            agrees_with_the_world(cell, 1)
+
+    run_virtual(main())
+
+
+def test_an_item_that_was_let_go_at_the_place_is_picked_though_nobody_saw_the_fingers_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = picking_config(tmp_path, {"picks": 2, "max_duration_s": 60.0}, FEED)
+    release, times = Picker._release, list[float]()
+
+    async def paused(picker: Picker, t: float) -> bool:
+        times.append(t)
+        if len(times) == 1:
+            raise error("MOTION_WATCHDOG", "a pause")
+        return await release(picker, t)
+
+    monkeypatch.setattr(Picker, "_release", paused)
+
+    async def main() -> None:
+        async with picking_cell(config) as cell:
+            subject = Struck(cell)
+            await run_struck(subject)
+            assert len(subject.taken_again) == 1
+            assert counted(cell, 1)["lost"] == 0
             assert counted(cell, 1)["picked"] == 2
             agrees_with_the_world(cell, 1)
 
