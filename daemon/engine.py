@@ -17,13 +17,14 @@ from cell.procedure import Procedure, Run
 from cell.run_values import RunValues
 from cell.store.runs import RunFolder, load_run
 from cell.store.signatures import Statement, sign
+from daemon.adoption import adoptable
 from daemon.cell_context import CellContext
 from daemon.config.load import NO_PART_OF_A_RUN
 from daemon.decisions import check_confirmed, check_decidable, require_read, use_of
 from daemon.job_config import make_procedure
 from daemon.losses import Losses
 from daemon.results import note_arm_model, propose_results
-from daemon.run_end import shown_of, write_end
+from daemon.run_end import main_figure_of, shown_of, write_end
 from daemon.run_making import make_run, withdraw_run
 from daemon.run_origin import origin
 from daemon.run_timing import RunTiming
@@ -96,7 +97,7 @@ class Engine:
             "identities": self._identities(devices),
             **await asyncio.to_thread(origin, context.config, request),
         }
-        adopted = self._adoptable(request.adopt, procedure, conditions)
+        adopted = adoptable(self.runs, request.adopt, procedure.name, conditions)
         started_by = None if request.dry_run else (request.who, request.channel)
         folder = await make_run(self.runs, self.ledger, request.job, conditions, context.clock, started_by)
         try:
@@ -301,20 +302,6 @@ class Engine:
         entries = ((name, self.context.supervisor.devices[name].identity) for name in devices)
         return {name: {"model": i.model, "serial": i.serial} for name, i in entries if i is not None}
 
-    def _adoptable(
-        self, run_id: int | None, procedure: Procedure, conditions: Mapping[str, Any]
-    ) -> Path | None:
-        """The folder of an earlier run whose finished poses may be taken over; None when none is wanted."""
-        if run_id is None:
-            return None
-        old = load_run(self.runs, run_id)
-        if old.job != procedure.name:
-            raise error("IDENTITY_DIFFERS", f"run {run_id} was a {old.job}, not a {procedure.name}")
-        for key in ("config", "job_config", "values", "identities"):
-            if old.info.get(key) != conditions[key]:
-                raise error("IDENTITY_DIFFERS", f"'{key}' of run {run_id} is not what it is now")
-        return old.path
-
     async def _dry_run(self, run: Run, folder: RunFolder) -> dict[str, Any]:
         end: dict[str, Any] = {"outcome": "dry-run", "error": None}
         try:
@@ -387,6 +374,7 @@ class Engine:
             "outcome": outcome,
             "packml": final.name,
             "verdict": verdict,
+            "figure": main_figure_of(run),
             "error": failure.as_dict() if failure else None,
         }
         unwritten = await write_end(run, folder, self.ledger, end)

@@ -4,6 +4,7 @@ import asyncio
 import logging
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import asdict
 from typing import Any
 
 from cell.errors import CellError, error
@@ -35,6 +36,16 @@ async def write_end(run: Run, folder: RunFolder, ledger: Ledger, end: Mapping[st
             with suppress(CellError):
                 await asyncio.to_thread(ledger.end_run, run.id, end["outcome"], end["verdict"])
         return coded
+
+
+def main_figure_of(run: Run) -> dict[str, Any] | None:
+    """What a list of runs shows of the result, as ``end.json`` has it; a kind that cannot say it has none."""
+    try:
+        figure = run.result.main_figure() if run.result is not None else None
+    except Exception:  # of a kind of another package: it must not cost the end of the run
+        log.exception("run %d has no main figure", run.id)
+        return None
+    return None if figure is None else asdict(figure)
 
 
 def shown_of(run: Run) -> tuple[Figures, dict[str, Any] | None]:

@@ -19,6 +19,7 @@ from pydantic import (
 )
 
 from cell.errors import error
+from cell.formats.main_figure import MainFigure
 from cell.formats.reading import path_in
 from cell.version import software
 
@@ -160,6 +161,10 @@ class Envelope(Part):
     def figures(self) -> Figures:
         """What registers show of it."""
         return Figures()
+
+    def main_figure(self) -> MainFigure | None:
+        """What a list of runs shows of it; None for a kind that has no such figure."""
+        return None
 
     def judged(self, reasons: Sequence[str], warnings: Sequence[Warning_] = ()) -> Self:
         """With more findings: any of the ``reasons``, which stand first, fails it; warnings make a pass a

@@ -9,6 +9,7 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 from cell.errors import error
@@ -73,6 +74,23 @@ def fingerprint(folder: Path) -> Fingerprint:
     ``FILE_UNREADABLE`` for a link or a device among them: what it holds is not in the folder.
     """
     return Fingerprint({path.relative_to(folder).as_posix(): _sum_of(path) for path in files_below(folder)})
+
+
+def fingerprint_as_last_seen(folder: Path) -> Fingerprint:
+    """As :func:`fingerprint`; files of which size and times are those of an earlier call are not read again.
+
+    For lists that are looked at often. The time of the last change of an entry (ctime) is among them, which
+    no program sets back.
+    """
+    with disk_errors(folder):
+        seen = tuple((str(path), s.st_size, s.st_mtime_ns, s.st_ctime_ns, s.st_ino)
+                     for path, s in ((path, path.stat()) for path in files_below(folder)))  # fmt: skip
+    return _fingerprint_of(folder, seen)
+
+
+@lru_cache(maxsize=512)
+def _fingerprint_of(folder: Path, _seen: tuple[object, ...]) -> Fingerprint:
+    return fingerprint(folder)
 
 
 def files_below(folder: Path) -> list[Path]:

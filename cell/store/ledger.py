@@ -368,6 +368,18 @@ class Ledger(Records):
             run_id,
         )
 
+    def decisions_since(self, run_id: int) -> dict[int, list[dict[str, Any]]]:
+        """What :meth:`decisions_on` tells of this run and all later ones, by run."""
+        found: dict[int, list[dict[str, Any]]] = {}
+        rows = self._rows(
+            "SELECT run_id, id, name, state, version, proposed, decided, who, why FROM calibrations"
+            " WHERE run_id >= ? ORDER BY id",
+            run_id,
+        )
+        for row in rows:
+            found.setdefault(row.pop("run_id"), []).append(row)
+        return found
+
     def result(self, result_id: int) -> dict[str, Any]:
         """One calibration with the summary of its result; ``NOT_FOUND``. ``whole_result`` reads all of it."""
         return self._result(result_id)

@@ -8,9 +8,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from cell.errors import error
+from cell.errors import CellError, error
 from cell.store.files import append_lines
-from cell.store.fingerprint import SIGNATURES_FILE, Fingerprint, fingerprint
+from cell.store.fingerprint import (
+    SIGNATURES_FILE,
+    Fingerprint,
+    fingerprint,
+    fingerprint_as_last_seen,
+)
 from cell.store.runs import RunFolder
 
 SCHEMA = "cellward.signature/1"
@@ -87,6 +92,48 @@ def read_signatures(folder: Path) -> list[Signature]:
     except (OSError, UnicodeDecodeError) as exc:
         raise error("FILE_UNREADABLE", f"{path}: {exc}") from exc
     return [_parsed(line, f"{path}:{number}") for number, line in enumerate(lines, 1)]
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A signature, and what is not as it was signed, in words: a line for each; none when nothing changed.
+
+    Of a file of signatures that cannot be read, ``signature`` is None.
+    """
+
+    signature: Signature | None
+    changed: tuple[str, ...] = ()
+
+
+def check_signatures(folder: Path, found: Fingerprint | None = None) -> list[Checked]:
+    """The signatures of a run held against its files; ``found`` is their fingerprint where it is known.
+
+    Files are read for it only where there is a signature. Whatever cannot be read counts as changed.
+    """
+    try:
+        signatures = read_signatures(folder)
+    except CellError as exc:
+        return [Checked(None, (str(exc),))]
+    if not signatures:
+        return []
+    try:
+        found = found or fingerprint_as_last_seen(folder)
+    except CellError as exc:
+        return [Checked(signature, (str(exc),)) for signature in signatures]
+    return [Checked(signature, tuple(_changed(signature, found))) for signature in signatures]
+
+
+def _changed(signature: Signature, found: Fingerprint) -> list[str]:
+    if wrong := fault_of(signature, found):
+        return found.record.against(signature.signed) or [wrong]
+    return []
+
+
+def fault_of(signature: Signature, found: Fingerprint) -> str:
+    """What is wrong with a signature of the files ``found``, in words; empty when nothing is."""
+    if signature.signed.digest != signature.digest:
+        return "its own list of files was altered"
+    return "" if signature.digest == found.digest else "it is for other files"
 
 
 def _parsed(line: str, where: str) -> Signature:

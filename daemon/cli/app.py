@@ -24,6 +24,7 @@ from daemon.cli import (
     record,
     recover,
     rehearse,
+    reports,
     service,
     setup,
 )
@@ -59,6 +60,7 @@ PANELS = {
         history.runs,
         history.show,
         history.report,
+        reports.reports,
         history.compare,
         cross_check.cross_check,
         history.replay,

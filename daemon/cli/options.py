@@ -30,11 +30,12 @@ WaitOption = Annotated[
 
 @dataclass(frozen=True)
 class CellPaths:
-    """Where a cell keeps its runs, and where its daemon listens."""
+    """What a cell is called, where it keeps its runs, and where its daemon listens."""
 
     config: Path
     state_dir: Path
     control_socket: Path
+    name: str = "cell"
 
     @property
     def runs(self) -> Path:
@@ -71,7 +72,8 @@ def cell_paths(option: Path | None) -> CellPaths:
 
         full = load_config(path).cell
         state, control = full.state_dir, full.control_socket
-    paths = CellPaths(path, Path(str(state)), Path(str(control)))
+    name = section.get("name")
+    paths = CellPaths(path, Path(str(state)), Path(str(control)), name if isinstance(name, str) else "cell")
     if paths.state_dir.exists() and not paths.state_dir.is_dir():
         raise error("FILE_UNREADABLE", f"{paths.state_dir}, [cell] state_dir of {path}, is not a folder")
     return paths

@@ -11,7 +11,7 @@ from cell.store.bundle import DAMAGED, unpack_bundle
 from cell.store.files import read_json
 from cell.store.fingerprint import BUNDLE_FILE, SUMS_FILE, Fingerprint, fingerprint
 from cell.store.runs import RunFolder, load_run
-from cell.store.signatures import Signature, read_signatures
+from cell.store.signatures import Signature, fault_of, read_signatures
 from daemon.cli.replay import differences
 from procedures.replay import solve_again
 
@@ -90,12 +90,7 @@ def _without_sums(found: Fingerprint) -> Fingerprint:
 def _of(run: RunFolder, found: Fingerprint) -> Verified:
     verified = Verified(run.run_id, run.job, found.digest, len(found.record.sums))
     for signature in read_signatures(run.path):
-        why = ""
-        if signature.signed.digest != signature.digest:
-            why = "its own list of files was altered"
-        elif signature.digest != found.digest:
-            why = "it is for other files"
-        verified.signatures.append((signature, why))
+        verified.signatures.append((signature, fault_of(signature, found)))
     _solve(run, verified)
     return verified
 

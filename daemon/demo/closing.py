@@ -1,9 +1,14 @@
-"""What became of each step of the demo, and the table that closes it."""
+"""What became of each step of the demo: the table and the index of reports that close it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-from daemon.cli.output import out
+from cell.errors import CellError
+from daemon.cli.failures import FAILED
+from daemon.cli.output import out, say
+from daemon.report_index import CellState, write_report_index
+from procedures.report.index import FILE_NAME
 from procedures.words import table
 
 
@@ -18,8 +23,19 @@ class Row:
     code: int
 
 
+def close_demo(rows: Sequence[Row], twins: Sequence[CellState], folder: Path) -> int:
+    """Print what each step came to and where the index of all reports is; the exit code of the demo."""
+    code = closing_table(rows)
+    try:
+        out(f"\nAll reports: {write_report_index(twins, folder / FILE_NAME)}")
+    except CellError as exc:  # the figures above hold without it
+        say(f"The index of the reports could not be written: {exc}. {exc.hint}")
+        return max(code, FAILED)
+    return code
+
+
 def closing_table(rows: Sequence[Row]) -> int:
-    """Print what each step came to; the exit code of the whole demo."""
+    """Print what each step came to; the exit code that this makes."""
     lines = [(row.job, row.stated, row.off, row.verdict) for row in rows]
     out("")
     out(table(("job", "stated by the job", "off the twin's truth", "verdict"), lines))

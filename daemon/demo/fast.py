@@ -24,13 +24,14 @@ from daemon.cli.output import out, say
 from daemon.cli.progress import ProgressBar
 from daemon.composition import supervised_devices
 from daemon.config import CellConfig, load_config
-from daemon.demo.closing import Row, closing_table
+from daemon.demo.closing import Row, close_demo
 from daemon.demo.ending import conclude
 from daemon.demo.folder import begin_in
 from daemon.demo.scenes import DemoScene, give_camera, scenes_of
 from daemon.demo.steps import Step
 from daemon.engine import Engine
 from daemon.health import Beats
+from daemon.report_index import CellState
 from daemon.start_request import StartRequest
 from daemon.supervisor import Supervisor
 from daemon.worker import InlineWorker
@@ -39,17 +40,20 @@ from procedures.registry import JOBS
 READY_S = 30.0
 POLL_S = 0.1
 WHO = "the demo"
+STATE = "fast-state"  # as in fast_*.toml
 
 
 def run_fast(folder: Path, steps: Sequence[Step]) -> int:
     """Run the demo with its files in ``folder``; the exit code is that of the full one."""
     out(f"Cellward demo, fast: {', '.join(s.job for s in steps)} in one process. ETA a minute.")
     out("All devices and the clock are virtual objects: no process, no protocol and no Modbus is exercised.")
-    return closing_table([row for scene in scenes_of(steps) for row in _play(scene, folder / scene.twin)])
+    scenes = scenes_of(steps)
+    rows = [row for scene in scenes for row in _play(scene, folder / scene.twin)]
+    return close_demo(rows, [CellState(s.twin, folder / s.twin / STATE) for s in scenes], folder)
 
 
 def _play(scene: DemoScene, folder: Path) -> list[Row]:
-    begin_in(folder, "fast-state")
+    begin_in(folder, STATE)
     logging.basicConfig(filename=folder / "fast.log", level=logging.INFO, force=True)
     scene.prepare(folder)
     config = load_config(write_config(scene, folder))

@@ -21,13 +21,14 @@ from daemon.cli.output import out, say
 from daemon.cli.progress import ProgressBar
 from daemon.demo import plc as registers
 from daemon.demo.children import Child, console_script
-from daemon.demo.closing import Row, closing_table
+from daemon.demo.closing import Row, close_demo
 from daemon.demo.ending import conclude
 from daemon.demo.folder import begin_in
 from daemon.demo.page import DemoPage
 from daemon.demo.plc import POLL_S, Plc
 from daemon.demo.scenes import DemoScene, give_camera, scenes_of
 from daemon.demo.steps import Bump, Step, eta_text
+from daemon.report_index import CellState
 
 NEEDED_PORTS = (29999, 30001, 30003, 30004, 5020, 5502, 1212)  # UR's four; Modbus servers; GeoCOM
 TWIN_START_S = 60.0
@@ -40,6 +41,7 @@ LATE = SILENCES | {"CALL_TIMEOUT"}  # what a machine without a free core ends a 
 ATTEMPTS = 2
 START_ATTEMPTS, START_AGAIN_S = 4, 0.8
 LINE_EVERY_STEPS = 10
+STATE = "state"  # as the twin names it in its cell.toml
 
 
 def run_wire(folder: Path, steps: Sequence[Step]) -> int:
@@ -65,7 +67,8 @@ def run_wire(folder: Path, steps: Sequence[Step]) -> int:
                 lost = failure
             rows += [conclude(*run) if isinstance(run, tuple) else run for run in done]
             rows += [Row(s.job, "-", "-", f"not done: {lost}", FAILED) for s in scene.steps[len(done) :]]
-    return closing_table(rows)
+    twins = [CellState(scene.twin, folder / scene.twin / STATE) for scene in scenes_of(steps)]
+    return close_demo(rows, twins, folder)
 
 
 Finished = tuple[Path, int, dict[str, Any]] | Row
@@ -74,7 +77,7 @@ Finished = tuple[Path, int, dict[str, Any]] | Row
 
 def _play(scene: DemoScene, folder: Path, done: list[Finished], page: DemoPage) -> None:
     """All steps in one twin with one daemon; what is done of them is appended to ``done``."""
-    begin_in(folder, "state")
+    begin_in(folder, STATE)
     config, failed = folder / "cell.toml", set[str]()
     scenario = scene.prepare(folder)
     with _no_socket_left(folder), _twin(folder, config, scenario) as twin:

@@ -2,18 +2,21 @@
 
 import asyncio
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from aiohttp import web
 
 from cell.errors import CellError, error
-from cell.store.runs import RunFolder, list_runs, load_run
+from cell.store.run_list import listed_runs
+from cell.store.runs import RunFolder, load_run
 from daemon.cli.journal_text import timeline
 from daemon.cli.result_text import result_text
 from daemon.engine import Engine
 from daemon.web.answers import Visitors, json_answer
 from daemon.web.origin import REPORT_POLICY
+from daemon.web.signed import told
 
 MOST_RUNS = 200
 JOURNAL_LINES = 400
@@ -38,13 +41,13 @@ class RunsView:
         ]
 
     async def runs(self, request: web.Request) -> web.Response:
+        """The newest runs as the index of reports has them."""
         self._visitors.require_look(request)
         return json_answer(await asyncio.to_thread(self._list))
 
     def _list(self) -> list[dict[str, Any]]:
-        who = {row["run_id"]: row for row in self._engine.ledger.runs(MOST_RUNS)}
-        found = [_row(run) for run in reversed(list_runs(self._engine.runs, MOST_RUNS))]
-        return [{**row, "who": who.get(row["run_id"], {}).get("who")} for row in found]
+        found = listed_runs(self._engine.runs, self._engine.ledger, MOST_RUNS)
+        return [{**asdict(run), "signatures": [told(s) for s in run.signatures]} for run in found]
 
     async def run(self, request: web.Request) -> web.Response:
         self._visitors.require_look(request)

@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from cell.formats.main_figure import MainFigure
 from cell.formats.result import (
     Covariance,
     Empty,
@@ -97,6 +98,10 @@ class BeltCalibrationResult(Envelope):
     heldout: BeltHeldOut
     observability: BeltObservability
     inputs: BeltInputs
+
+    def main_figure(self) -> MainFigure:
+        half = self.uncertainty.half_m_per_count
+        return MainFigure("m_per_count", "travel of one count", self.result.m_per_count, "m", half)
 
 
 class BeltFromSightings(Part):
@@ -216,6 +221,9 @@ class BeltTrackingResult(Envelope):
     heldout: ForecastHeldOut | Empty = Field(description="Empty when nothing could be checked.")
     observability: Empty = Field(description="Empty.")
     inputs: PickingInputs
+
+    def main_figure(self) -> MainFigure:
+        return MainFigure("picks", "items picked", self.result.picks, "")
 
 
 class QueryAnswer(Part):

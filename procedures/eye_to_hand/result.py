@@ -4,6 +4,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from cell.formats.main_figure import MainFigure
 from cell.formats.result import (
     Covariance,
     Envelope,
@@ -160,3 +161,7 @@ class AxbcResult(Envelope):
     def figures(self) -> Figures:
         correction = self.result.correction
         return Figures(kinematic_rms_m=correction.by_way()[correction.chosen] or 0.0)
+
+    def main_figure(self) -> MainFigure:
+        half = 1.96 * self.result.eval_sigma.t  # standard deviations to 95 % of a normal distribution
+        return MainFigure("eval_t_m", "camera off its place", self.result.eval.t, "m", half)

@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from cell.formats.main_figure import MainFigure
 from cell.formats.result import (
     Covariance,
     Envelope,
@@ -433,3 +434,7 @@ class HandEyeResult(Envelope):
             spread_across_m=0.0 if across is None else across.t_norm,
             predicted_95_m=self.uncertainty.error95_t_m or 0.0,
         )
+
+    def main_figure(self) -> MainFigure | None:
+        found = self.uncertainty.error95_t_m
+        return None if found is None else MainFigure("error95_t_m", "95 % error of the place", found, "m")

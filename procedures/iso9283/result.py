@@ -4,6 +4,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
+from cell.formats.main_figure import MainFigure
 from cell.formats.result import (
     Envelope,
     Explained,
@@ -162,3 +163,8 @@ class Iso9283Result(Envelope):
     heldout: Iso9283HeldOut
     observability: Iso9283Observability
     inputs: Iso9283Inputs
+
+    def main_figure(self) -> MainFigure:
+        worst = max(self.result.AP, key=self.result.AP.__getitem__)
+        half = self.uncertainty.AP_U[worst]
+        return MainFigure("AP_max_m", "pose accuracy AP, worst pose", self.result.AP_max, "m", half)

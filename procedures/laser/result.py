@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from cell.formats.main_figure import MainFigure
 from cell.formats.result import (
     Covariance,
     Empty,
@@ -235,6 +236,10 @@ class LaserResult(Envelope):
             stands=update is None or update.committed is True,
         )
 
+    def main_figure(self) -> MainFigure:
+        off = hypot(*self.result.dp_flange)
+        return MainFigure("tool_off_m", "point off the reference", off, "m", self.uncertainty.U_point_m)
+
 
 class BeamLine(Part):
     """A beam as a line."""
@@ -328,3 +333,6 @@ class ReferenceResult(Envelope):
     def figures(self) -> Figures:
         """The uncertainty of the tool's point."""
         return Figures(predicted_95_m=self.uncertainty.U_point_m)
+
+    def main_figure(self) -> MainFigure:
+        return MainFigure("U_point_m", "95 % error of the tool's point", self.uncertainty.U_point_m, "m")

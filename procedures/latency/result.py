@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from cell.formats.main_figure import MainFigure
 from cell.formats.result import Envelope, Inputs, Interval, Metres, Part, Seconds, Unit
 
 
@@ -70,3 +71,8 @@ class LatencyResult(Envelope):
     heldout: LatencyHeldOut
     observability: LatencyObservability
     inputs: LatencyInputs
+
+    def main_figure(self) -> MainFigure:
+        low, high = self.result.interval95_s
+        found, half = self.result.time_offset_s, (high - low) / 2
+        return MainFigure("time_offset_s", "delay of the stamps", found, "s", half)

@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from cell.formats.main_figure import MainFigure
 from cell.formats.result import (
     Covariance,
     Envelope,
@@ -109,3 +110,9 @@ class SlotResult(Envelope):
     def figures(self) -> Figures:
         budget = self.result.budget
         return Figures(predicted_95_m=0.0 if budget is None else budget.predicted_95_m)
+
+    def main_figure(self) -> MainFigure | None:
+        budget = self.result.budget
+        if budget is None:
+            return None
+        return MainFigure("beside_95_m", "95 % beside the middle of the slot", budget.predicted_95_m, "m")

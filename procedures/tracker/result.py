@@ -4,6 +4,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from cell.formats.main_figure import MainFigure
 from cell.formats.result import (
     Covariance,
     Envelope,
@@ -352,3 +353,9 @@ class KincalResult(Envelope):
             kinematic_rms_m=after or self.result.rms_calibrated or 0.0,
             predicted_95_m=0.0 if accuracy is None else accuracy.predicted_95,
         )
+
+    def main_figure(self) -> MainFigure | None:
+        forecast = self.uncertainty.predicted_95
+        if forecast is None:
+            return None
+        return MainFigure("predicted_95_m", "95 % error at the worst place", forecast.workspace.max, "m")

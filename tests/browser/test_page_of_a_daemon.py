@@ -16,6 +16,17 @@ def test_runs_are_listed_newest_first_with_who_started_them(subject: PageCell) -
     ]
 
 
+def test_a_run_in_the_list_has_its_main_figure_and_what_became_of_its_results(subject: PageCell) -> None:
+    failed, complete = subject.get("/api/runs")
+    assert (failed["cause"], failed["figure"], failed["report"]) == ("The arm is lost", None, False)
+    assert (complete["figure"]["value"], complete["figure"]["unit"]) == (3.1e-4, "m")
+    assert complete["report"]
+    assert [(row["state"], row["who"]) for row in complete["decided"]] == [
+        ("committed", "anna"),
+        ("proposed", None),
+    ]
+
+
 def test_a_failed_run_tells_its_cause_and_its_journal(subject: PageCell) -> None:
     run = subject.get("/api/runs/2")
     assert run["error"]["text"] == "The arm is lost"

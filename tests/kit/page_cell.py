@@ -20,6 +20,7 @@ from tests.kit.page_rig import ROLES, TOKENS, http_section
 BIN = Path(sys.executable).parent
 POSE = [0.0, -0.08, 0.05, 0.0, 0.0, 0.0]
 FOUND = [0.001, -0.081, 0.052, 0.001, 0.0, 0.002]
+FIGURE = {"name": "error95_t_m", "words": "95 % error of the place", "value": 3.1e-4, "unit": "m"}
 WARNED = {"code": "target.scale", "text": "the board is printed 0.2 % too large"}
 
 
@@ -106,7 +107,10 @@ def fill_store(state: Path) -> None:
                 (folder.path / "report.html").write_text("<title>report</title><script>var a = 1</script>")
                 (folder.path / "images").mkdir()
                 (folder.path / "images/0000-0-0.png").write_bytes(b"\x89PNG\r\n\x1a\n")
-            folder.finish({"outcome": outcome, "packml": "COMPLETE", "verdict": None, "error": error})
+            figure = FIGURE if outcome == "complete" else None
+            folder.finish(
+                {"outcome": outcome, "packml": "COMPLETE", "verdict": None, "error": error, "figure": figure}
+            )
             ledger.end_run(number, outcome, None)
         known = {"kind": "hand-eye", "verdict": "warn", "reasons": [WARNED["text"]], "warnings": [WARNED]}
         certain = {"uncertainty": {"error95_t_m": 0.00031, "error95_r_rad": 0.0004}}

@@ -15,6 +15,20 @@ export const mm = (metres, digits = 2) => `${number(metres === null ? null : 1e3
 export const degrees = (radians, digits = 2) =>
   `${number(radians === null ? null : (radians * 180) / Math.PI, digits)}°`;
 
+const SHOWN = { m: [1e3, " mm"], rad: [180 / Math.PI, "°"], s: [1e3, " ms"] };
+const USUAL_DIGITS = 3;
+const MOST_DIGITS = 7;
+
+// The main figure of a result with its unit, as precise as its uncertainty (95 %) is: two digits of that.
+export function figureText({ value, unit, uncertainty }) {
+  if (!unit) return number(value, 0);
+  const [scale, symbol] = SHOWN[unit] || [1, ` ${unit}`];
+  const half = uncertainty === null ? null : scale * uncertainty;
+  const digits = half ? Math.max(0, Math.min(MOST_DIGITS, 1 - Math.floor(Math.log10(half)))) : USUAL_DIGITS;
+  const text = number(scale * value, digits);
+  return half === null ? `${text}${symbol}` : `${text} ± ${number(half, digits)}${symbol}`;
+}
+
 // A span of time in the unit that a person would use.
 export function span(seconds) {
   if (seconds === null || seconds === undefined) return "–";

@@ -1,10 +1,11 @@
 // Runs: every run with its outcome, filtered; and one with its journal, its result in words and its report.
 
 import { ask, may } from "../cell.js";
-import { moment, span } from "../format.js";
+import { figureText, moment, span } from "../format.js";
 import { Action, Actions, Card, Facts, Grid, Loading, Notice, useGot, Verdict } from "../parts.js";
 import { html, useState } from "../vendor/htm-preact.js";
-import { t } from "../texts.js";
+import { Signature } from "../signatures.js";
+import { t, textOr } from "../texts.js";
 import { jobName } from "./now.js";
 
 export function Runs({ state, rest }) {
@@ -22,19 +23,30 @@ function AllRuns({ state }) {
     cells: [
       html`<a href=${`#runs/${run.run_id}`}>${run.run_id}</a>`,
       jobName(run.job),
-      moment(run.started),
-      outcomeWords(run),
-      run.verdict ? html`<${Verdict} verdict=${run.verdict} />` : "–",
-      run.who || "–",
+      html`${moment(run.started)}${run.who && html`<small>${run.who}</small>`}`,
+      run.outcome === "complete" && run.verdict ? html`<${Verdict} verdict=${run.verdict} />` : html`<${HowItEnded} run=${run} />`,
+      run.figure ? html`<b class="num">${figureText(run.figure)}</b><small>${textOr(`figure.${run.figure.name}`, run.figure.words)}</small>` : "–",
+      run.decided.length ? run.decided.map((row) => html`<${Decision} key=${row.id} row=${row} />`) : "–",
+      run.signatures.length ? run.signatures.map((one) => html`<${Signature} signature=${one} />`) : "–",
+      run.report ? html`<a href=${`/api/runs/${run.run_id}/report`} target="_blank" rel="noopener">${t("result.report")}</a>` : "–",
     ],
   }));
-  const columns = ["run", "job", "started", "outcome", "verdict", "who"].map((key) => t(`column.${key}`));
+  const keys = ["run", "job", "started", "verdict", "figure", "decision", "signed", "report"];
+  const columns = keys.map((key) => t(`column.${key}`));
   return html`<h1>${t("screen.runs")}</h1>
     <${Card} wide>
       ${jobs.length > 1 && html`<label>${t("runs.only")} <select onChange=${(event) => setJob(event.target.value)}>
         <option value="">${t("runs.all")}</option>${jobs.map((name) => html`<option value=${name}>${jobName(name)}</option>`)}</select></label>`}
       <${Grid} columns=${columns} rows=${rows} empty=${t("runs.none")} />
     </${Card}>`;
+}
+
+const HowItEnded = ({ run }) => html`${outcomeWords(run)}${run.cause && html`<small>${run.cause}</small>`}`;
+
+// What became of a result of the run, by whom.
+function Decision({ row }) {
+  const by = row.who && t("runs.decided", { who: row.who, at: moment(row.decided) });
+  return html`<p><a href=${`#result/${row.id}`}>${t(`state.${row.state}`)}</a> ${by}${row.why && html`<small>${row.why}</small>`}</p>`;
 }
 
 const outcomeWords = (run) => (run.outcome ? t(`outcome.${run.outcome}`) : t("runs.goes_on"));
