@@ -275,7 +275,8 @@ class Bench:
                 if self.cell.ready():
                     if self.cell.status()["packml"] in ("ABORTED", "STOPPED"):
                         if self.job == "belt-tracking":
-                            ask(self.cell.folder, {"do": "operator", "empty": True})
+                            with suppress(CellError):  # most runs end with nothing in the gripper
+                                ask(self.cell.folder, {"do": "operator", "empty": True})
                         self.cell.call("reset")
                     return
             pause(0.2)
