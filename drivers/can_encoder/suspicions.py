@@ -5,6 +5,7 @@ from collections import deque
 _PAIRS, _AGREE = 10, 8  # of the latest steps, so many have to tell the same
 _LEAST_COUNTS, _BACK = 16, 8  # a step to the other sender is this large, and is taken back to an eighth
 _WINDOW_S, _TOO_MANY = 1.0, 2.0  # times as many frames as the timer sends
+_STALL_S, _SLOWER = 10.0, 1.1  # the longest silence that is made good; a timer that is slower by a tenth
 
 
 class TwoSenders:
@@ -28,16 +29,23 @@ class TwoSenders:
 
 
 class Flood:
-    """Told of every frame."""
+    """Told of every frame. Whoever could not read for a while finds at once all that was sent meanwhile: such
+    frames count as sent one after the other in the silence before them."""
 
     def __init__(self, period_s: float) -> None:
-        self._most = round(_TOO_MANY * _WINDOW_S / period_s) + 1
-        self._heard: deque[float] = deque(maxlen=self._most)
+        self._each_s, self._apart_s = period_s / _TOO_MANY, _SLOWER * period_s
+        self._sent: float | None = None  # when the latest frame may have been, at the earliest
+        self._filled = self._since = (
+            0.0  # frames at the highest rate that is no flood fill the time up to here
+        )
+        self._frames = 0
 
     def seen(self, t: float) -> float | None:
         """Frames a second, when they are too many; None while they are not."""
-        self._heard.append(t)
-        spent = t - self._heard[0]
-        if len(self._heard) < self._most or spent > _WINDOW_S:
-            return None
-        return (self._most - 1) / max(spent, 1e-3)
+        sent = t if self._sent is None else min(max(self._sent + self._apart_s, t - _STALL_S), t)
+        if self._sent is None or self._filled <= sent - _WINDOW_S:
+            self._filled, self._since, self._frames = sent - _WINDOW_S, sent, 0
+        self._sent = sent
+        self._filled += self._each_s
+        self._frames += 1
+        return None if self._filled <= t else self._frames / max(t - self._since, 1e-3)

@@ -35,8 +35,18 @@ def test_frames_by_the_timer_are_no_flood_and_those_with_every_count_are() -> No
     assert told[-1] == pytest.approx(1500.0, rel=0.01)
 
 
-def test_a_burst_after_a_stall_is_no_flood() -> None:
+@pytest.mark.parametrize("stalled_s", [0.4, 1.5, 5.0])
+def test_a_burst_after_a_stall_is_no_flood(stalled_s: float) -> None:
     subject = Flood(PERIOD_S)
-    times = [k * PERIOD_S for k in range(400)]
-    times = [t if not 1.0 < t < 1.4 else 1.4 for t in times]
+    back = 1.0 + stalled_s
+    times = [k * PERIOD_S for k in range(3000)]
+    times = [t if not 1.0 < t < back else back for t in times]
     assert not any(subject.seen(t) for t in times)
+
+
+def test_a_flood_is_one_also_after_a_stall() -> None:
+    subject = Flood(PERIOD_S)
+    before = [subject.seen(k * PERIOD_S) for k in range(200)]
+    assert not any(before)
+    told = [subject.seen(1.5 + k / 1500.0) for k in range(3000)]
+    assert any(told)
