@@ -1,16 +1,20 @@
 """A fixed camera, a target on the flange: what is found, who is blamed, and how well targets are reached.
 
-``python -m bench.axbc [RUNS] [--observe poses|corners]``. UR10e, reported by its nominal arm. Arms: lengths
-to 0.2 mm and angles to 0.3 mrad, with gears and sag; or as its maker calibrates one (0.06 mm, 0.09 mrad).
-Poses have the noise 0.05 mm and 0.2 mrad; corners 0.2 px. C is known to 0.1 mm and 0.3 mrad.
+``python -m bench.axbc [RUNS] [--observe poses|corners] [--no-joints]``. UR10e, reported by its nominal arm.
+Arms: lengths to 0.2 mm and angles to 0.3 mrad, with gears and sag; or as its maker calibrates one (0.06 mm,
+0.09 mrad). Poses have the noise 0.05 mm and 0.2 mrad; corners 0.2 px. C is known to 0.1 mm and 0.3 mrad.
 
 First table: RMS over 60 unseen places of the distance of the target from where the file's commands should
 bring it, executed by the true arm; with the given (true) hand-eye, with the published constant, through
 the model, and by the way that was chosen; how often that is worse than none. Second table: how often each
 part is blamed, and the share of given hand-eyes whose error is inside the stated 95 %.
+
+``--no-joints``: the second table alone, from data without joints, also of an arm without errors and with 20
+poses. ``python -m bench.no_joints`` has the uncertainty of such data.
 """
 
 import argparse
+import itertools
 import json
 import tempfile
 from collections import Counter
@@ -28,15 +32,27 @@ from tests.kit.imperfect_cell import ARM
 
 USUAL, FACTORY = 2e-4, 6e-5
 EXACT, AS_KNOWN, WRONG = (0.0, 0.0), (SIGMA_C_T, SIGMA_C_R), (5e-4, 1e-3)
-WAYS = ("none", "constant", "model", "chosen")
+WRONGS = (
+    ("nothing", AS_KNOWN, EXACT),
+    ("C 0.5 mm, 1 mrad", WRONG, EXACT),
+    ("hand-eye 1 mm, 1 mrad", AS_KNOWN, (1e-3, 1e-3)),
+)
+WAYS, BLAMED = ("none", "constant", "model", "chosen"), ("none", "X", "C", "arm")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("runs", nargs="?", type=int, default=20)
     parser.add_argument("--observe", choices=("poses", "corners"), default="poses")
+    parser.add_argument("--no-joints", action="store_true")
     options = parser.parse_args()
     bare = options.observe == "poses"
+    if not options.no_joints:
+        _print_reached(options.runs, bare)
+    _print_blamed(options.runs, bare, not options.no_joints)
+
+
+def _print_reached(runs: int, bare: bool) -> None:
     print(
         f"{'arm mm':>6}{'poses':>6} {'C off':8}"
         + "".join(f"{way:>10}" for way in WAYS)
@@ -48,27 +64,24 @@ def main() -> None:
         (FACTORY, 60, AS_KNOWN),
         (USUAL, 20, AS_KNOWN),
     ):
-        rows = np.array([reached(seed, arm, n, C_off, bare) for seed in range(options.runs)])
+        rows = np.array([reached(seed, arm, n, C_off, bare) for seed in range(runs)])
         rms = "".join(f"{1e3 * v:10.3f}" for v in np.sqrt(np.nanmean(rows**2, axis=0)))
         worse = int(np.sum(rows[:, 3] > rows[:, 0]))
         print(f"{1e3 * arm:6.2f}{n:6d} {_off(C_off):8}{rms}       {worse} of {len(rows)}", flush=True)
-    counted = "".join(f"{name:>6}" for name in ("none", "X", "C", "arm"))
-    print(f"\n{'arm mm':>6} {'wrong':25}{counted}{'cannot-tell':>13}  inside t %  r %")
-    for arm in (FACTORY, USUAL):
-        for name, C_off, X_off in (
-            ("nothing", AS_KNOWN, EXACT),
-            ("C 0.5 mm, 1 mrad", WRONG, EXACT),
-            ("hand-eye 1 mm, 1 mrad", AS_KNOWN, (1e-3, 1e-3)),
-        ):
-            found = [judged(seed, arm, C_off, X_off, bare) for seed in range(options.runs)]
-            count = Counter(blamed for blamed, _, _ in found)
-            inside = [100.0 * np.mean([f[k] for f in found]) for k in (1, 2)]
-            names = (
-                "".join(f"{count[k]:>6}" for k in ("none", "X", "C", "arm")) + f"{count['cannot-tell']:>13}"
-            )
-            print(
-                f"{1e3 * arm:6.2f} {name:25}{names}            {inside[0]:5.0f}{inside[1]:5.0f}", flush=True
-            )
+    print()
+
+
+def _print_blamed(runs: int, bare: bool, with_joints: bool) -> None:
+    counted = "".join(f"{name:>6}" for name in BLAMED)
+    print(f"{'arm mm':>6}{'poses':>6} {'wrong':25}{counted}{'cannot-tell':>13}  inside t %  r %")
+    arms = ((FACTORY, 60), (USUAL, 60)) if with_joints else itertools.product((0.0, FACTORY, USUAL), (20, 60))
+    for (arm, n), (name, C_off, X_off) in itertools.product(arms, WRONGS):
+        found = [judged(seed, arm, n, C_off, X_off, bare, with_joints) for seed in range(runs)]
+        count = Counter(blamed for blamed, _, _ in found)
+        inside = [100.0 * np.mean([f[k] for f in found]) for k in (1, 2)]
+        names = "".join(f"{count[k]:>6}" for k in BLAMED) + f"{count['cannot-tell']:>13}"
+        row = f"{1e3 * arm:6.2f}{n:6d} {name:25}{names}            {inside[0]:5.0f}{inside[1]:5.0f}"
+        print(row, flush=True)
 
 
 def reached(seed: int, arm: float, n: int, C_off: tuple[float, float], bare: bool) -> list[float]:
@@ -87,12 +100,19 @@ def reached(seed: int, arm: float, n: int, C_off: tuple[float, float], bare: boo
 
 
 def judged(
-    seed: int, arm: float, C_off: tuple[float, float], X_off: tuple[float, float], bare: bool
+    seed: int,
+    arm: float,
+    n: int,
+    C_off: tuple[float, float],
+    X_off: tuple[float, float],
+    bare: bool,
+    with_joints: bool,
 ) -> tuple[str, bool, bool]:
     """Who is blamed, and whether the error of the standard is inside its stated 95 %: place, rotation."""
     rng = np.random.default_rng([seed, 32])
-    scene = make_scene(rng, 60, arm)
-    answer = solved(scene.data_set(rng, poses=bare, C_off=C_off, X_off=X_off))["result"]
+    scene = make_scene(rng, n, arm)
+    data = scene.data_set(rng, poses=bare, C_off=C_off, X_off=X_off, with_joints=with_joints)
+    answer = solved(data)["result"]
     T = se3.matrices(from_pose6(answer["T_camera_base"]))
     e, cov = se3.log(se3.inverse(T) @ se3.inverse(scene.X)), np.array(answer["cov"])
     inside = [

@@ -11,14 +11,16 @@ from calibration.adjustment.hand_eye import excess_of, left_out, solved
 from calibration.adjustment.jackknife import Checked, checked
 from calibration.adjustment.lens_terms import ImageTerms
 from calibration.adjustment.mount import Mounted, on_true_arm
+from calibration.adjustment.shared_errors import SharedErrors
 from calibration.adjustment.unknowns import AdjustedState, ArmKnown, free_scales, unknowns
 from calibration.hand_eye.solution import Solution
 
 
-def adjust_poses(solution: Solution, arm: ArmKnown | None) -> Mounted:
+def adjust_poses(solution: Solution, arm: ArmKnown | SharedErrors | None) -> Mounted:
     """From the observations that ``solution`` of an eye-to-hand set uses, all of one placement.
 
-    Without ``arm`` the flange's poses are taken as an exact arm has them, but for their noise.
+    Without ``arm`` the flange's poses are taken as an exact arm has them, but for their noise. Of an arm
+    whose joints are not known there are :class:`SharedErrors`.
     """
     problem = solution.problem.take(solution.used)
     of = unknowns(problem, np.flatnonzero(solution.used), arm, None, None)
@@ -39,7 +41,7 @@ def adjust_poses(solution: Solution, arm: ArmKnown | None) -> Mounted:
     cov = excess * joint
     cov[:6, :6] = opinion.cov
     found = Mounted(state.at.X, state.at.W[0], state.numbers, cov, dict(state.components.scale))
-    return on_true_arm(found, arm)
+    return on_true_arm(found, arm, state.components)
 
 
 def _joint(eq: Equations) -> np.ndarray:

@@ -7,14 +7,16 @@ uncertainty: the less is known of an arm, the less a known place says.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from scipy.special import chdtri
 
+from calibration.adjustment.components import Components
 from calibration.adjustment.hand_eye import Adjusted
-from calibration.adjustment.unknowns import ArmKnown, arm_terms
+from calibration.adjustment.shared_errors import SharedErrors
+from calibration.adjustment.unknowns import LENS_BLOCK, ArmKnown, arm_terms
 from calibration.hand_eye import se3
 from cell.poses import Array, adjoint
 
@@ -83,9 +85,9 @@ class Suspicion:
         return "X" if self.X > self.W else "C"
 
 
-def mounted(found: Adjusted, arm: ArmKnown | None) -> Mounted:
+def mounted(found: Adjusted, arm: ArmKnown | SharedErrors | None) -> Mounted:
     """Of an eye-to-hand adjustment with one placement, for the true base and the true flange."""
-    a = _count(found, arm)
+    a = found.blocks[LENS_BLOCK].start  # the arm's numbers come first
     cross_W = found.cross_W[0]
     cov = np.block(
         [
@@ -95,13 +97,23 @@ def mounted(found: Adjusted, arm: ArmKnown | None) -> Mounted:
         ]
     )
     own = Mounted(found.X, found.W[0], found.numbers[:a], cov, dict(found.components.scale))
-    return on_true_arm(own, arm)
+    return on_true_arm(own, arm, found.components)
 
 
-def on_true_arm(found: Mounted, arm: ArmKnown | None) -> Mounted:
-    """``found`` for an arm without the motions of base and flange that its errors contain, with them."""
+def on_true_arm(found: Mounted, arm: ArmKnown | SharedErrors | None, components: Components) -> Mounted:
+    """``found`` for an arm without the motions of base and flange that its errors contain, with them.
+
+    ``components`` are what was found of the noise and of the arm's scale.
+    """
     if arm is None:
         return found
+    if isinstance(arm, SharedErrors):
+        base, flange = arm.ends(components.scale, components.sigma)
+        A, B = adjoint(se3.inverse(found.X)), adjoint(se3.inverse(found.W))
+        cov = found.cov.copy()
+        cov[_X, _X] += A * base**2 @ A.T
+        cov[_W, _W] += B * flange**2 @ B.T
+        return replace(found, cov=cov)
     gauge = np.concatenate([t.gauge for t in arm_terms(arm, arm.Q[:1]).values()], axis=1)
     X = se3.exp(gauge[:6] @ found.numbers) @ found.X
     W = se3.exp(-gauge[6:] @ found.numbers) @ found.W
@@ -138,7 +150,3 @@ def suspicion(found: Mounted, camera: GivenPose, place: GivenPose) -> Suspicion:
 def _distance(y: Array, S: Array) -> float:
     scale = 1.0 / np.sqrt(np.diag(S))
     return float((y * scale) @ np.linalg.solve(S * np.outer(scale, scale), y * scale))
-
-
-def _count(found: Adjusted, arm: ArmKnown | None) -> int:
-    return 0 if arm is None else sum(t.columns.shape[2] for t in arm_terms(arm, arm.Q[:1]).values())

@@ -18,8 +18,9 @@ from calibration.adjustment.arm_terms import ArmPrior, ArmTerms
 from cell.poses import Array
 
 PLACE, ATTITUDE = "flange_t", "flange_r"
-# One axis of the flange for the chain's lengths and angles: 40 arms at 1024 joints over the reach of a UR10e.
-_PLACE, _ATTITUDE = 2.2, 1.9
+# RMS of one axis of a UR10e's flange over all its joints, with the best base and flange, in units of the
+# usual error of a length and of an angle of its chain; a UR3e to a UR20 have 1.8 to 2.4, and 1.9.
+_PLACE, _ATTITUDE = 2.1, 1.9
 _KEPT = 1e-5  # share of the variance that functions beyond those kept may have
 _MOST = 40  # functions, for each axis of place and attitude
 _NUMBERS = 80_000  # functions times poses: the derivatives of 5000 poses then take 20 MB
@@ -43,6 +44,19 @@ class SharedErrors:
     def sizes(self, scale: Mapping[str, float]) -> tuple[float, float]:
         """Standard deviations of one axis, place (m) and attitude (rad), with the ``scale`` found."""
         return self.sigma[PLACE] * scale.get(PLACE, 1.0), self.sigma[ATTITUDE] * scale.get(ATTITUDE, 1.0)
+
+    def ends(self, scale: Mapping[str, float], noise: Mapping[str, float]) -> tuple[Array, Array]:
+        """Standard deviations (6,), m and rad, of motions of the true base and the true flange, each in its
+        own frame, of an arm whose errors are found with this ``scale`` and ``noise`` of single poses.
+
+        The first link's offset and zero move the base along and about its z, the numbers of the last link
+        the flange along and about its x and z. Poses on different branches of the arm share hardly anything
+        else, so its errors may be in the noise: all of that counts.
+        """
+        t, r = self.sizes(scale)
+        t = float(np.hypot(t, np.linalg.norm([v for k, v in noise.items() if k.endswith("_t")]))) / _PLACE
+        r = float(np.hypot(r, np.linalg.norm([v for k, v in noise.items() if k.endswith("_r")]))) / _ATTITUDE
+        return np.array([0.0, 0.0, t, 0.0, 0.0, r]), np.array([t, 0.0, t, r, 0.0, r])
 
     def functions(self, F: Array) -> Array:
         """(n, c) at flange poses ``F`` (n, 4, 4); unlike poses share nothing, so they fall to zero there."""

@@ -11,6 +11,8 @@ from cell.formats.robot import Robot
 # Of intrinsics that were found from the same images: those images are in the adjustment, so nothing else is.
 _FROM_IMAGES = LensPrior(focal=0.05, aspect=0.01, centre_px=50.0, radial=0.2, tangential=0.01)
 
+NO_ARM = "arm.accuracy"
+
 
 @dataclass(frozen=True)
 class KnownParts:
@@ -49,6 +51,25 @@ def _arm_text(prior: ArmPrior) -> str:
         f"lengths {1e3 * prior.length:g} mm, angles {1e3 * prior.angle:g} mrad, "
         f"gears {1e6 * prior.gear:g} urad, sag {1e6 * prior.sag:g} urad"
     )
+
+
+def shared_source(t: float, r: float) -> str:
+    """What is known of an arm whose joints are not given: one axis of its flange is off by m and rad."""
+    shared = f"errors that neighbouring poses share ({_sizes(t, r)} an axis of the flange)"
+    return f"{shared}, their scale by the data"
+
+
+def without_joints(why: str, t: float, r: float) -> tuple[str, str]:
+    """The warning that there are no joints, ``why``, and how large the errors are that were found: m, rad."""
+    return NO_ARM, (
+        f"{why}: errors of the flange that neighbouring poses share ({_sizes(t, r)} an axis) are in the "
+        "uncertainty as far as these poses show them; robot and q of every observation tell the arm's "
+        "geometry"
+    )
+
+
+def _sizes(t: float, r: float) -> str:
+    return f"{1e3 * t:.2g} mm, {1e3 * r:.2g} mrad"
 
 
 def known_lens(sigma: Mapping[str, Any] | None) -> tuple[LensPrior, str]:

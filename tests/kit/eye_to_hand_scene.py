@@ -16,6 +16,7 @@ from tests.kit.imperfect_cell import ARM, CAMERA, FLANGE_R, FLANGE_T, MODEL, PX,
 
 POINTS = np.array([[0.03 * x, 0.03 * y, 0.0] for y in range(6) for x in range(8)]) - [0.105, 0.075, 0.0]
 SIGMA_C_T, SIGMA_C_R = 1e-4, 3e-4
+POSE_T, POSE_R = 5e-5, 2e-4  # of a T_camera_marker
 _CENTRE, _SIDE = np.array([0.55, 0.15, 0.45]), np.array([0.3, 0.3, 0.25])  # where the marker works, m
 _TURN = 0.9  # rad, of the marker away from the camera, at most
 _MARKER_ON_FLANGE = RigidTransform.from_components(
@@ -51,6 +52,7 @@ class EyeToHandScene:
         C_off: tuple[float, float] = (0.0, 0.0),
         X_off: tuple[float, float] = (0.0, 0.0),
         poses: bool = False,
+        with_joints: bool = True,
     ) -> dict[str, object]:
         """The ``cellward.axbc/1``; C and X as given are off by (m, rad) in directions of chance.
 
@@ -63,9 +65,11 @@ class EyeToHandScene:
             seen: dict[str, object] = {"corners": uv.tolist()}
             if poses:
                 seen = {
-                    "T_camera_marker": pose6(T @ se3.exp(rng.normal(size=6) * np.repeat([5e-5, 2e-4], 3)))
+                    "T_camera_marker": pose6(T @ se3.exp(rng.normal(size=6) * np.repeat([POSE_T, POSE_R], 3)))
                 }
-            observations.append({"q": q.tolist(), "T_base_flange": pose6(F), **seen})
+            if with_joints:
+                seen["q"] = q.tolist()
+            observations.append({"T_base_flange": pose6(F), **seen})
         return {
             "schema": "cellward.axbc/1",
             "robot": {"model": "ur10e"},

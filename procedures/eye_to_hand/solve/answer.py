@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from calibration.adjustment.arm_accuracy import arm_with
 from calibration.adjustment.mount import GivenPose, Mounted, suspicion
+from calibration.adjustment.shared_errors import SharedErrors
 from calibration.adjustment.target_correction import ChosenWay, plain_mean
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye import se3
@@ -43,7 +44,7 @@ class Found:
     solution: Solution
     rows: NDArray[np.int64]
     F: Array
-    arm: ArmKnown | None
+    arm: ArmKnown | SharedErrors
     alone: Mounted
     standard: Mounted
 
@@ -60,7 +61,7 @@ def answer_of(data: AxbcData, found: Found, choice: ChosenWay, arm: GivenArm | N
     given = se3.inverse(data.camera.T)
     off = se3.log(se3.inverse(T) @ given)
     robot = None
-    if arm is not None and found.arm is not None:
+    if arm is not None and isinstance(found.arm, ArmKnown):
         corrected, values = arm_with(standard.numbers, found.arm)
         robot = robot_document(arm.spec, corrected, values, arm.spec.tools)
     places, positioning = _positioning(data, found)

@@ -12,6 +12,7 @@ from calibration.adjustment.bare_poses import adjust_poses
 from calibration.adjustment.hand_eye import adjust, as_found
 from calibration.adjustment.lens_terms import LensPrior
 from calibration.adjustment.mount import Mounted, mounted, with_place
+from calibration.adjustment.shared_errors import SharedErrors, shared_errors
 from calibration.adjustment.target_correction import (
     CameraAndTarget,
     ChosenWay,
@@ -29,15 +30,14 @@ from procedures.eye_to_hand.result import AxbcHeldOut, AxbcInputs, AxbcResult, A
 from procedures.eye_to_hand.solve.answer import ARM_WORSE, Found, answer_of, arm_text, residuals_of
 from procedures.eye_to_hand.solve.commands import TargetCorrections, answer_targets
 from procedures.eye_to_hand.solve.data import AxbcData, load_axbc
-from procedures.hand_eye.known_parts import KnownParts, known_parts
-from procedures.hand_eye.solve.adjustment import NO_ARM
+from procedures.hand_eye.known_parts import KnownParts, known_parts, shared_source, without_joints
 from procedures.hand_eye.solve.arm import JOINTS, GivenArm, given_arm
 from procedures.hand_eye.solve.camera import CameraChoice, check_views, choose_camera
 from procedures.hand_eye.solve.solver import given_noise, measurements, one_thread
 from procedures.solving import Progress, refused, within_limits
 from procedures.timed import timed
 
-_AS_GIVEN = LensPrior(focal=1e-6, aspect=1e-6, centre_px=1e-3, radial=1e-6, tangential=1e-6)
+LENS_AS_GIVEN = LensPrior(focal=1e-6, aspect=1e-6, centre_px=1e-3, radial=1e-6, tangential=1e-6)
 _ARM_REJECTED = "arm.beyond-prior"
 
 
@@ -77,14 +77,16 @@ def _solve(data: AxbcData, camera: CameraChoice, targets: Path | None, calls: in
     found, inputs["solve_seconds"] = timed(find, calls)
     if isinstance(found, Refusal):
         return refused("axbc", found, warnings, inputs, unobservable=[found.words])
-    if arm_of[0] is None:
-        warnings.append((NO_ARM, f"{arm_of[1]}: the uncertainty holds for an arm without errors only"))
+    sources = dict(known.sources) | data.known
+    if isinstance(found.arm, SharedErrors):
+        warnings.append(without_joints(arm_of[1], *found.arm.sizes(found.alone.scale)))
+        sources["arm"] = shared_source(*found.arm.sizes({}))
     choice = _choice(data, found)
     answer = answer_of(data, found, choice, arm_of[0])
     if max(found.alone.scale.values(), default=0.0) > ARM_WORSE:
         warnings.append((_ARM_REJECTED, arm_text(found.alone)))
     if targets is not None:
-        model = None if found.arm is None else (found.standard, found.arm)
+        model = (found.standard, found.arm) if isinstance(found.arm, ArmKnown) else None
         constant = plain_mean(found.F, found.C, data.place.T)
         commands, more = answer_targets(
             targets, TargetCorrections(data.camera.T, constant, model), choice.chosen
@@ -105,7 +107,7 @@ def _solve(data: AxbcData, camera: CameraChoice, targets: Path | None, calls: in
         uncertainty=AxbcUncertainty(
             meaning="of T_camera_base, perturbation on the right: noise, arm, gears, sag, lens and target",
             cov=answer.cov,
-            priors=dict(known.sources) | data.known,
+            priors=sources,
         ),
         residuals=residuals_of(found),
         heldout=AxbcHeldOut(
@@ -131,7 +133,7 @@ def _known(data: AxbcData, camera: CameraChoice, arm: GivenArm | None) -> KnownP
     )
     if sigma is not None or camera.estimated is not None:
         return known
-    return replace(known, lens=_AS_GIVEN, sources={**known.sources, "lens": "taken as it is given"})
+    return replace(known, lens=LENS_AS_GIVEN, sources={**known.sources, "lens": "taken as it is given"})
 
 
 def _one_kind(path: Path, measured: Measurements) -> None:
@@ -150,9 +152,13 @@ def _find(
     solution = solve(measured, camera.camera, given_noise(data.seen))
     if isinstance(solution, Refusal):
         return solution
-    limits = np.tile([-np.pi, np.pi], (JOINTS, 1))
-    own = None if arm is None else ArmKnown(arm.spec.arm, arm.Q, limits, known.arm)
     rows = np.flatnonzero(solution.used)
+    own: ArmKnown | SharedErrors
+    if arm is None:
+        own = shared_errors(measured.F[rows], known.arm)
+    else:
+        limits = np.tile([-np.pi, np.pi], (JOINTS, 1))
+        own = ArmKnown(arm.spec.arm, arm.Q, limits, known.arm)
     if measured.views[0] is None or camera.camera is None:
         alone = adjust_poses(solution, own)
     else:
@@ -166,9 +172,9 @@ def _find(
 def _choice(data: AxbcData, found: Found) -> ChosenWay:
     """Which way to correct targets, by observations that were not looked at; lens and print are of all."""
     given = CameraAndTarget(data.camera.T, data.place.T)
-    if found.arm is None:
-        return choose(given, found.F, found.C, None)
     arm = found.arm
+    if not isinstance(arm, ArmKnown):
+        return choose(given, found.F, found.C, None)
 
     def model(rest: NDArray[np.int64]) -> Mounted:
         used = np.zeros(len(found.solution.used), dtype=bool)

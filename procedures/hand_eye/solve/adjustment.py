@@ -30,7 +30,7 @@ from cell.formats.capture import QUERY_SCHEMA, CaptureQuery, Task
 from cell.formats.reading import parse, read_json
 from cell.poses import Array
 from procedures.hand_eye.budget import by_cause
-from procedures.hand_eye.known_parts import KnownParts, known_parts
+from procedures.hand_eye.known_parts import KnownParts, known_parts, shared_source, without_joints
 from procedures.hand_eye.solve.arm import JOINTS, GivenArm
 from procedures.hand_eye.solve.camera import CameraChoice
 from procedures.hand_eye.solve.capture import CaptureSet
@@ -38,7 +38,6 @@ from procedures.hand_eye.solve.result import Adjustment, names, pose6, spreads
 from procedures.hand_eye.solve.target_check import target_warnings
 
 METHOD = "adjustment"
-NO_ARM = "arm.accuracy"
 LEAVING_OUT = "uncertainty.leaving-out"
 _SIZE_UNKNOWN = 0.02  # of a target whose size was found from the data
 
@@ -97,11 +96,8 @@ def by_adjustment(
     warnings = target_warnings(found, known.target, factor)
     if shared is not None:
         sizes = shared.sizes(found.components.scale)
-        warnings.append((NO_ARM, f"{without}: {_shared_words(*sizes)}"))
-        priors["arm"] = (
-            "errors that neighbouring poses share ("
-            f"{_sizes(*shared.sizes({}))} an axis of the flange), their scale by the data"
-        )
+        warnings.append(without_joints(without, *sizes))
+        priors["arm"] = shared_source(*shared.sizes({}))
         answer["noise"] = _noise(solution, found).as_dict() | {
             "sigma_shared_t": sizes[0],
             "sigma_shared_r": sizes[1],
@@ -136,17 +132,6 @@ def by_adjustment(
         ),
         warnings,
     )
-
-
-def _shared_words(t: float, r: float) -> str:
-    return (
-        f"errors of the flange that neighbouring poses share ({_sizes(t, r)} an axis) are in the uncertainty "
-        "as far as these poses show them; robot and q of every observation tell the arm's geometry"
-    )
-
-
-def _sizes(t: float, r: float) -> str:
-    return f"{1e3 * t:.2g} mm, {1e3 * r:.2g} mrad"
 
 
 def _leaving_out(found: Checked) -> str:

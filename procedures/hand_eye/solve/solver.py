@@ -18,9 +18,10 @@ from calibration.hand_eye.solution import Measurements, Solution, solve
 from calibration.refusal import Refusal
 from cell.errors import error
 from cell.formats.result import Result
+from procedures.hand_eye.known_parts import NO_ARM
 from procedures.hand_eye.result import HandEyeResult
 from procedures.hand_eye.solve.adjustment import METHOD as ADJUSTMENT
-from procedures.hand_eye.solve.adjustment import NO_ARM, by_adjustment, why_not
+from procedures.hand_eye.solve.adjustment import by_adjustment, why_not
 from procedures.hand_eye.solve.alike import alike_warnings
 from procedures.hand_eye.solve.arm import given_arm
 from procedures.hand_eye.solve.camera import CameraChoice, check_views, choose_camera

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from calibration.adjustment.arm_terms import reference_joints
 from calibration.adjustment.hand_eye import Adjusted, adjust
 from calibration.adjustment.shared_errors import ATTITUDE, PLACE, shared_errors
+from calibration.adjustment.unknowns import ArmKnown, arm_terms
 from calibration.hand_eye import se3
 from calibration.hand_eye.solution import Measurements, Solution, solve
-from tests.kit.imperfect_cell import CAMERA, capture, world
+from tests.kit.imperfect_cell import ARM, CAMERA, MODEL, capture, world
 
 
 def poses(n: int, seed: int = 0) -> np.ndarray:
@@ -71,6 +73,31 @@ def test_the_stated_covariance_bears_an_arm_whose_joints_are_not_known(arm_m: fl
     assert 3.0 < np.mean(squared[True]) < 11.0  # a mean of six with six degrees of freedom: 6 +- 1.4
     if arm_m:
         assert np.mean(squared[False]) > 2.0 * np.mean(squared[True])
+
+
+def test_the_size_of_an_axis_is_that_of_a_nominal_arm_over_all_its_joints() -> None:
+    Q = reference_joints(ARM.joint_limits)
+    terms = arm_terms(ArmKnown(MODEL, Q, ARM.joint_limits), Q)["geometry"]
+    subject = shared_errors(poses(5))
+    for block, part in ((PLACE, slice(3)), (ATTITUDE, slice(3, 6))):
+        axis = np.sqrt(np.mean(np.sum((terms.columns[:, part] * terms.sigma) ** 2, axis=(1, 2))) / 3.0)
+        assert subject.sigma[block] == pytest.approx(axis, rel=0.03)
+
+
+def test_first_and_last_link_move_base_and_flange_by_one_unit_of_an_arms_errors() -> None:
+    """Of the chain's numbers as priors have them: what they do to base and flange as a whole."""
+    terms = arm_terms(ArmKnown(MODEL, np.zeros((1, 6)), ARM.joint_limits), np.zeros((1, 6)))["geometry"]
+    ends = np.sqrt(np.sum((terms.gauge * terms.sigma) ** 2, axis=1))
+    stated = np.concatenate(shared_errors(poses(5)).ends({PLACE: 1.0, ATTITUDE: 1.0}, {}))
+    np.testing.assert_allclose(stated, ends, rtol=0.1, atol=2e-5)
+
+
+def test_noise_of_single_poses_may_be_the_arms_errors_too() -> None:
+    """Poses of different branches share next to nothing of an arm's errors."""
+    subject = shared_errors(poses(5))
+    _, flange = subject.ends({PLACE: 0.1, ATTITUDE: 0.1}, {"sigma_px": 0.2, "sigma_flange_t": 4e-4})
+    assert flange[0] == pytest.approx(np.hypot(0.042e-3, 0.4e-3) / 2.1, rel=1e-3)
+    assert flange[3] == pytest.approx(0.1 * 3e-4, rel=1e-3)
 
 
 def by_poses(measured: Measurements, first: Solution) -> Adjusted:
