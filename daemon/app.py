@@ -23,7 +23,6 @@ from daemon.config import CellConfig, load_config
 from daemon.control import ControlServer
 from daemon.disk_space import DiskSpace, low_limit
 from daemon.engine import Engine
-from daemon.failed_reports import FailedReports
 from daemon.health import Beats, LoopLag, watchdog
 from daemon.log_lines import RecentLog
 from daemon.logs import set_up_logging
@@ -31,6 +30,7 @@ from daemon.modbus import ModbusFace
 from daemon.notify import Notifier
 from daemon.plc import PlcFace
 from daemon.recent_writes import RecentWrites
+from daemon.report_drawing import ReportDrawing
 from daemon.results import reject_left_open
 from daemon.state_folder import claimed, damage_text, end_interrupted, make_state_folder
 from daemon.supervisor import Supervisor
@@ -105,8 +105,8 @@ async def serve(config: CellConfig, stop: asyncio.Event, worker: ProcessWorker) 
         engine.disk = disk.status
         check_due = CheckDue(config, ledger, JOBS, clock)
         engine.due = check_due.status
-        failed_reports = FailedReports()
-        engine.ended_without_result = failed_reports.want
+        drawing = ReportDrawing()
+        engine.report_wanted = drawing.want
         await _report_interrupted(engine, ledger)
 
         essential: list[asyncio.Task[Any]] = []
@@ -118,7 +118,7 @@ async def serve(config: CellConfig, stop: asyncio.Event, worker: ProcessWorker) 
         spawn("disk space", disk.watch())
         if check_due.wanted:
             spawn("calibrations due", check_due.watch())
-        spawn("reports of failed runs", failed_reports.run())
+        spawn("drawing of reports", drawing.run())
         spawn("loop lag", lag.watch(beats, config.supervisor.loop_lag_warn_s))
         for name, entry in supervisor.devices.items():
             spawn(f"device {name}", entry.run())

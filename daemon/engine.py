@@ -55,7 +55,7 @@ class Engine:
         self.loop_lag: Callable[[], dict[str, float]] = dict
         self.disk: Callable[[], dict[str, Any]] = dict
         self.due: Callable[[], list[dict[str, Any]]] = list  # calibrations that want to be checked
-        self.ended_without_result: Callable[[Path], None] = lambda folder: None
+        self.report_wanted: Callable[[Path], None] = lambda folder: None
         self._starting = ""  # the job whose run is being made
         self._task: asyncio.Task[None] | None = None  # the run with its beginning and end
         self._job: asyncio.Task[None] | None = None  # the procedure alone
@@ -214,12 +214,14 @@ class Engine:
         require_read(await asyncio.to_thread(self.ledger.result, result_id), warned)
         await asyncio.to_thread(tell_configured, self.context.config, self.ledger)
         entry = await asyncio.to_thread(self.ledger.accept, result_id, who, why=why)
+        await self._draw_again(entry["run_id"])
         await self.look_what_waits()
         return {**entry, "use": use_of(self.context.config, entry["name"], entry["version"])}
 
     async def reject(self, result_id: int, who: str, why: str) -> dict[str, Any]:
         await asyncio.to_thread(check_decidable, self.ledger, self.running, result_id)
         entry = await asyncio.to_thread(self.ledger.reject, result_id, who, why)
+        await self._draw_again(entry["run_id"])
         await self.look_what_waits()
         return entry
 
@@ -230,13 +232,23 @@ class Engine:
 
     async def rollback(self, name: str, who: str) -> dict[str, Any]:
         await asyncio.to_thread(tell_configured, self.context.config, self.ledger)
+        before = await asyncio.to_thread(self.ledger.in_effect, name)
         now = await asyncio.to_thread(self.ledger.rollback, name, who)
+        if before is not None:
+            await self._draw_again(before["run_id"])
         self._publish()
         return now
 
     async def sign(self, run_id: int, said: Statement, who: str) -> dict[str, Any]:
         run = await asyncio.to_thread(load_run, self.runs, run_id)
-        return asdict(await asyncio.to_thread(sign, run, said, who))
+        signature = await asyncio.to_thread(sign, run, said, who)
+        self.report_wanted(run.path)
+        return asdict(signature)
+
+    async def _draw_again(self, run_id: int) -> None:
+        """A report tells what became of the result; a run that is gone has none."""
+        with suppress(CellError):
+            self.report_wanted((await asyncio.to_thread(load_run, self.runs, run_id)).path)
 
     async def acknowledge_ledger(self) -> dict[str, Any]:
         return await asyncio.to_thread(self.ledger.acknowledge_damage)
@@ -397,7 +409,7 @@ class Engine:
         log.log(level, "run %d %s: %s", run.id, outcome, failure or verdict or "")
         self._publish()
         if run.result is None:
-            self.ended_without_result(folder.path)
+            self.report_wanted(folder.path)
 
     def _told_by_loss(self, failure: CellError | None, devices: list[str]) -> CellError | None:
         """A job may find a device gone a moment before the watch does; the loss is the cause to name."""

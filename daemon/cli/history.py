@@ -197,10 +197,13 @@ def _drawn(folder: Any, paths: CellPaths, rebuild: bool) -> Path:
         from procedures.report.failed import write_failed_report
 
         return write_failed_report(folder.path, path)
+    from cell.store.signatures import check_signatures
+
     decided = decisions(paths, folder.run_id)
     told = [folder.path / name for name in ("result.json", "end.json", SIGNATURES_FILE)]
     newest = max([p.stat().st_mtime for p in told if p.exists()] + [d["decided"] or 0.0 for d in decided])
-    if rebuild or not path.exists() or path.stat().st_mtime < newest:
+    changed = any(signature.changed for signature in check_signatures(folder.path))
+    if rebuild or changed or not path.exists() or path.stat().st_mtime < newest:
         result_of(folder)
         from procedures.report import write_report
 

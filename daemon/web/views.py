@@ -14,6 +14,7 @@ from daemon.web.jobs_view import JobsView
 from daemon.web.metrics import Metrics
 from daemon.web.results_view import ResultsView
 from daemon.web.runs_view import RunsView
+from daemon.web.signed import RecordView
 
 
 def views(
@@ -25,6 +26,7 @@ def views(
         return [
             *JobsView(engine, visitors).routes(),
             *RunsView(engine, visitors).routes(),
+            *RecordView(engine.runs, visitors).routes(),
             *ResultsView(engine, visitors).routes(),
             *CellView(engine, plc, writes, log, visitors).routes(),
             *Metrics(engine, visitors).routes(),

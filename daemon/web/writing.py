@@ -27,7 +27,7 @@ NEEDS: Mapping[str, Role] = {
     "accept": "operator",
     "reject": "operator",
     "rollback": "integrator",
-    "sign": "operator",
+    "sign": "integrator",
     "acknowledge_ledger": "integrator",
 }
 

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from cell.errors import CellError
-from cell.store.fingerprint import fingerprint
+from cell.store.fingerprint import fingerprint_as_last_seen
 from procedures.kinematics_in_use import in_words
 from procedures.report.html import Html, bullets, el, join, note, table
 from procedures.report.numbers import DASH, dig, number
@@ -196,13 +196,15 @@ def _instruments(run: Mapping[str, Any]) -> Html | None:
 
 def sign_off(source: Source[Any]) -> Html:
     """Who signed, as the record has it, and lines for those who have not."""
-    rows: list[tuple[object, ...]] = [
-        (s.role, s.name + (f" ({s.remark})" if s.remark else ""), moment(s.at), _short(s.digest))
-        for s in source.signatures
-    ]
-    done = {s.role for s in source.signatures}
+    rows: list[tuple[object, ...]] = []
+    done = set[str]()
+    for checked in source.signatures:
+        if (s := checked.signature) is not None:
+            name = s.name + (f" ({s.remark})" if s.remark else "")
+            rows.append((s.role, name, moment(s.at), signed_content(checked.changed, s.digest)))
+            done.add(s.role)
     rows += [(role, "", "", "") for role in ROLES if role not in done]
-    head = ("signed as", "name", "date", "signature, or digest signed")
+    head = ("signed as", "name", "signed on", "signature, or what was signed")
     return el(
         "div",
         el("h3", "Signatures"),
@@ -212,11 +214,19 @@ def sign_off(source: Source[Any]) -> Html:
     )
 
 
+def signed_content(changed: Sequence[str], digest: str) -> Html:
+    """Which content a signature is for, and what of it was changed since."""
+    content = f"content SHA-256 {digest[:16]}…"
+    if not changed:
+        return join([content])
+    return join([content, el("b", f" changed after signing: {'; '.join(changed)}", class_="fail")])
+
+
 def _digest(source: Source[Any]) -> tuple[object, ...]:
     if source.folder is None or not source.end:
         return ("The record had not ended when this was drawn: 'cellward report' draws it with its digest.",)
     try:
-        digest = fingerprint(source.folder).digest
+        digest = fingerprint_as_last_seen(source.folder).digest
     except CellError as exc:
         return (f"The record has no digest: {exc}",)
     return (

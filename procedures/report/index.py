@@ -11,7 +11,7 @@ from urllib.parse import quote
 from cell.store.files import write_atomic
 from cell.store.run_list import REPORT_FILE, ListedRun
 from cell.store.signatures import Checked
-from procedures.report.cover import TWIN, moment
+from procedures.report.cover import TWIN, moment, signed_content
 from procedures.report.html import Html, absent, bullets, document, el, join, note, section, table
 from procedures.report.numbers import DASH
 
@@ -99,10 +99,8 @@ def signed(checked: Checked) -> Html:
     by = checked.signature
     if by is None:
         return el("b", f"the signatures cannot be read: {'; '.join(checked.changed)}", class_="fail")
-    words = f"signed by {by.name} ({by.role}) on {moment(by.at)}, content SHA-256 {by.digest[:16]}…"
-    if not checked.changed:
-        return join([words])
-    return join([words, el("b", f" changed after signing: {'; '.join(checked.changed)}", class_="fail")])
+    content = signed_content(checked.changed, by.digest)
+    return join([f"signed by {by.name} ({by.role}) on {moment(by.at)}, ", content])
 
 
 def _lines(lines: Iterable[Html]) -> Html | str:

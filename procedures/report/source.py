@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar, cast
 from cell.errors import CellError
 from cell.formats.result import Envelope, Result
 from cell.store.files import read_json
-from cell.store.signatures import Signature, read_signatures
+from cell.store.signatures import Checked, check_signatures
 
 JOURNAL_FILE = "journal.jsonl"
 RESULT_FILE = "result.json"
@@ -34,7 +34,7 @@ class Source(Generic[E]):
     folder: Path | None = None
     truth: Mapping[str, Any] = field(default_factory=dict)
     decided: Sequence[Mapping[str, Any]] = ()  # rows of the ledger about results of the run
-    signatures: Sequence[Signature] = ()
+    signatures: Sequence[Checked] = ()  # without one that cannot be read
     misfit: str = ""  # why the result does not fit the model of its kind
 
     @property
@@ -64,10 +64,9 @@ def of_folder(cls: type[S], result: Envelope, folder: Path, data_file: str) -> S
     if (folder / TRUTH_FILE).exists():
         source.truth = _optional(folder / TRUTH_FILE, source.missing)
     source.journal = _journal(folder / JOURNAL_FILE, source.missing)
-    try:
-        source.signatures = read_signatures(folder)
-    except CellError as exc:
-        source.missing.append(str(exc))
+    checked = check_signatures(folder)
+    source.signatures = [each for each in checked if each.signature is not None]
+    source.missing += [line for each in checked if each.signature is None for line in each.changed]
     return source
 
 

@@ -48,6 +48,8 @@ def _decision(source: Source[Any]) -> Html | None:
     if not proposed:
         return None
     number, name = proposed[-1]["result_id"], proposed[-1].get("name")
+    if any(row["id"] == number and row["state"] != "proposed" for row in source.decided):
+        return None  # the first page says by whom and when
     became = {e.get("event") for e in told if e["result_id"] == number}
     if became & {"committed", "rejected"}:
         return None  # the job decided itself, and its report says how

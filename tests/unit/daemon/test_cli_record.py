@@ -12,6 +12,7 @@ import pytest
 from cell.errors import error
 from cell.store.fingerprint import fingerprint
 from cell.store.runs import RunFolder, load_run
+from daemon import report_drawing
 from daemon.auditor import Auditor
 from daemon.requests import Caller, carry_out
 from fakes.object import run_virtual
@@ -33,6 +34,8 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
                 cell.ledger.audit("control", who, what, accepted, detail)
 
             assert (await cell.run_job())["outcome"] == "complete"
+            drawn: list[Path] = []
+            cell.engine.report_wanted = drawn.append
             await cell.engine.accept(1, "somebody", warned=True)
             auditor = Auditor(audit)
             auditor.start()
@@ -42,6 +45,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
             )
             assert made["digest"] == digest
             await auditor.stop()
+            assert drawn == 2 * [cell.folder(1).path]  # after the decision, and after the signature
 
     run_virtual(scenario())
     return place
@@ -160,6 +164,24 @@ def test_the_report_tells_who_decided_and_who_signed(place: Path, subject: Comma
     assert "decided by somebody on" in text
     assert "E. Muster" in text
     assert fingerprint(path.parent).digest in text
+
+
+def test_a_report_drawn_after_a_signed_record_was_changed_says_so(place: Path, subject: CommandLine) -> None:
+    path = Path(subject("report", 1).out.strip())
+    assert "changed after signing" not in path.read_text("utf-8")
+    move_a_pose(path.parent)
+    assert Path(subject("report", 1).out.strip()) == path
+    assert "changed after signing: capture.json was altered" in path.read_text("utf-8")
+
+
+def test_the_daemon_draws_a_report_that_tells_the_decision(place: Path) -> None:
+    path = run_in(place).path / "report.html"
+    assert "waited for a decision" in path.read_text("utf-8")
+    assert report_drawing.main(path.parent) == 0
+    text = path.read_text("utf-8")
+    assert "decided by somebody on" in text
+    assert "E. Muster" in text
+    assert "waited for a decision" not in text
 
 
 def test_who_may_not_write_the_folder_gets_the_report_that_is_there(

@@ -4,7 +4,7 @@ import { ask, may } from "../cell.js";
 import { figureText, moment, span } from "../format.js";
 import { Action, Actions, Card, Facts, Grid, Loading, Notice, useGot, Verdict } from "../parts.js";
 import { html, useState } from "../vendor/htm-preact.js";
-import { Signature } from "../signatures.js";
+import { Signature, Signatures } from "../signatures.js";
 import { t, textOr } from "../texts.js";
 import { jobName } from "./now.js";
 
@@ -75,6 +75,7 @@ function OneRun({ state, number }) {
     ${run.error && html`<${Card} title=${t("runs.cause")}><${Notice} notice=${run.error} /></${Card}>`}
     ${run.result && run.result.waiting.map((one) => html`<${Card} key=${one.id} kind="state wait"><p>${t("runs.waits")}</p>
       <a class="button go" href=${`#result/${one.id}`}>${t("now.look_decide")}</a></${Card}>`)}
+    ${run.ended && html`<${Signatures} run=${run.run_id} />`}
     ${run.result && html`<${Card} wide title=${t("result.words")}><pre class="words">${run.result.words}</pre></${Card}>`}
     <${Card} wide title=${t("runs.journal")}>
       <div class="scroll tall" tabindex="0" role="region" aria-label=${t("runs.journal")}><pre>${run.journal}</pre></div></${Card}>`;

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from cell.errors import error
-from daemon import failed_reports
-from daemon.failed_reports import FailedReports
+from daemon import report_drawing
+from daemon.report_drawing import ReportDrawing
 from fakes.object import run_virtual
 from procedures.hand_eye.record import CaptureRecord
 from tests.kit.cli_harness import CellOnDisk
@@ -23,7 +23,7 @@ def drawn(folders: list[Path], until: Path) -> float:
     """Have ``folders`` drawn until the file ``until`` is there; the seconds that asking for it took."""
 
     async def scenario() -> float:
-        subject = FailedReports()
+        subject = ReportDrawing()
         task = asyncio.create_task(subject.run())
         began = time.perf_counter()
         for folder in folders:
@@ -59,16 +59,16 @@ def test_a_report_that_cannot_be_drawn_is_told_in_one_line_and_the_next_one_is_d
     bad.write_text("no folder")
     with caplog.at_level(logging.WARNING, "cellward.results"):
         drawn([bad, good.path], good.path / "report.html")
-    told = [r.getMessage() for r in caplog.records]
+    told = [r.getMessage() for r in caplog.records if r.name == "cellward.results"]
     assert len(told) == 1
     assert "the report of a_file was not drawn" in told[0]
 
 
 def test_the_drawing_runs_behind_all_other_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
-    monkeypatch.setattr(failed_reports, "yield_to_others", asked.append)
+    monkeypatch.setattr(report_drawing, "yield_to_others", asked.append)
     run = CellOnDisk(tmp_path).add_run(1)
-    assert failed_reports.main(run.path) == 0
+    assert report_drawing.main(run.path) == 0
     assert asked == [19]
 
 
@@ -94,7 +94,7 @@ def test_the_engine_asks_for_it_when_a_run_has_no_result_and_the_next_can_start_
     async def main() -> None:
         async with open_cell(write_config(tmp_path)) as cell:
             wanted: list[tuple[Path, bool]] = []
-            cell.engine.ended_without_result = lambda folder: wanted.append((folder, cell.engine.active))
+            cell.engine.report_wanted = lambda folder: wanted.append((folder, cell.engine.active))
             with monkeypatch.context() as patch:
                 patch.setattr(CaptureRecord, "begin", full)
                 await cell.run_job()

@@ -1,5 +1,6 @@
-"""Reports of runs that ended without a result, drawn when they end, behind everything else.
+"""Reports that are drawn behind everything else.
 
+Of a run without a result when it ends, and of any run again when somebody decided about it or signed it.
 Each is drawn by a process of its own, for the worker has to be free when the next job plans or solves. A
 report that is not drawn costs nothing: ``cellward report`` draws it when it is asked for.
 """
@@ -7,11 +8,13 @@ report that is not drawn costs nothing: ``cellward report`` draws it when it is 
 import asyncio
 import logging
 import sys
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
+from typing import Any
 
 from cell.errors import CellError
 from cell.priority import yield_to_others
+from cell.store.ledger import Ledger
 
 log = logging.getLogger("cellward.results")
 
@@ -20,14 +23,14 @@ TIMEOUT_S = 120.0  # on a machine that is busy with the next job
 MAX_WAITING = 20
 
 
-class FailedReports:
+class ReportDrawing:
     """Draws one after the other; ``want`` returns at once."""
 
     def __init__(self) -> None:
         self._waiting: asyncio.Queue[Path] = asyncio.Queue(MAX_WAITING)
 
     def want(self, folder: Path) -> None:
-        """Draw the report of a run folder that has its end and no result."""
+        """Draw the report of a run folder that has its end."""
         if self._waiting.full():
             log.warning("too many reports wait; 'cellward report' draws that of %s", folder.name)
             return
@@ -52,7 +55,7 @@ async def _draw(folder: Path) -> str:
         sys.executable,
         "-P",  # a folder with another "daemon" to start in must not shadow ours
         "-m",
-        "daemon.failed_reports",
+        "daemon.report_drawing",
         str(folder),
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.DEVNULL,
@@ -71,14 +74,24 @@ async def _draw(folder: Path) -> str:
 def main(folder: Path) -> int:
     """Draw one report."""
     yield_to_others(NICENESS)
+    from procedures.report import write_report
     from procedures.report.failed import write_failed_report
 
     try:
-        write_failed_report(folder)
+        if (folder / "result.json").exists():
+            write_report(folder, decided=_decided(folder))
+        else:
+            write_failed_report(folder)
     except CellError as exc:
         sys.stderr.write(f"{exc}\n")
         return 1
     return 0
+
+
+def _decided(folder: Path) -> list[dict[str, Any]]:
+    """What became of the run's results, by the ledger of its cell."""
+    with closing(Ledger(folder.parent.parent / "ledger.sqlite", read_only=True)) as ledger:
+        return ledger.decisions_on(int(folder.name.rpartition("_")[2]))
 
 
 if __name__ == "__main__":
