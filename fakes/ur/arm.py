@@ -23,6 +23,7 @@ Plan = Generator[None, None, float]  # a cycle per step; returns when the arm wi
 SAMPLES_PER_CYCLE = 3
 SHORTEST_WAY_M = 1e-9
 HALT_RAD_S2 = 6.0  # how hard the arm brakes when its program ends
+SILENT_S = 0.1  # a client that saw nothing of the arm for longer has stopped it
 JOINT_LIMIT = 2.0 * np.pi  # +- 360 degrees
 ZERO6 = (0.0,) * 6
 
@@ -60,6 +61,18 @@ class Arm:
         self.period = 0.002  # of the control cycle
         self.refusal = ""  # why motion commands are refused, when they are
         self._waypoint: Array | None = None
+        self._stood_s, self._has_jumped = 0.0, False
+
+    def stood_still(self, seconds: float, t: float) -> None:
+        """The twin's process did, until ``t``; a controller, which has a computer of its own, would not have.
+
+        What the client sent meanwhile is read only now. So a move goes on from where it was: a stop that
+        came soon after comes soon after. And the arm is where the next set-point has it, as if it had
+        followed all before.
+        """
+        if seconds > SILENT_S:
+            self._stood_s, self._has_jumped = self._stood_s + seconds, True
+            self.track.delay(t, seconds)
 
     def moving(self, t: float) -> bool:
         """True while a joint turns or a planned move is not finished."""
@@ -175,11 +188,11 @@ class Arm:
         self._waypoint = waypoint
         try:
             halts = self.halts
-            end = yield from plan()
-            while self.t < end or self.halts != halts:
+            end = (yield from plan()) - self._stood_s
+            while self.t < end + self._stood_s or self.halts != halts:
                 if self.halts != halts:
                     halts = self.halts
-                    end = yield from plan()
+                    end = (yield from plan()) - self._stood_s
                 else:
                     yield
         finally:
@@ -222,6 +235,9 @@ class Arm:
         """servoj: be at ``q`` in ``dt`` seconds, or as late as look-ahead and gain make the arm."""
         self._require_position_control()
         goal, dt = _finite(q), max(dt, self.period)
+        if self._has_jumped:
+            self.track.hold(self.t, goal)
+            self._has_jumped = False
         if self._servo is not None:
             late_s = lag_s(_positive(lookahead_s), _positive(gain))
             goal = self._servo.step(self.t, self.q, goal, late_s, self.period, self.speed_fraction)

@@ -61,7 +61,7 @@ class Controller:
         self.dashboard = Dashboard(self.robot)
         self.scripts = ScriptPort(self.robot)
         self.primary = PrimaryServer(self.robot, self.scripts, self.faults)
-        self.ticker = Ticker(self.robot.rate, self._cycle, self.now, self.robot.inputs.excuse)
+        self.ticker = Ticker(self.robot.rate, self._cycle, self.now, self.robot.stood_still)
         self._text_links: set[Link] = set()
         self._servers: list[asyncio.Server] = []
         self._listening = asyncio.Lock()

@@ -206,6 +206,11 @@ class Robot:
         playing = self.runtime.program is not None
         return int(self.safety.powered) | int(playing) << 1 | 1 << 3
 
+    def stood_still(self, seconds: float, t: float) -> None:
+        """The twin's process did, for so long until ``t``."""
+        self.inputs.excuse(seconds, t)
+        self.arm.stood_still(seconds, t)
+
     def step(self, t: float) -> Instant:
         """One control cycle at ``t``."""
         self.arm.t = t

@@ -7,6 +7,7 @@ to this one at every time.
 
 from bisect import bisect_right
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -80,6 +81,12 @@ class Track:
         """Stand still from ``t`` on, at once (brakes), or appear at ``q``."""
         self.append(Hold(t, self.at(t)[0] if q is None else np.array(q, dtype=float)))
         return t
+
+    def delay(self, t: float, seconds: float) -> None:
+        """A planned move that is under way stood still for so long until ``t``, and goes on from there."""
+        segment = self.segment_at(t - seconds)
+        if isinstance(segment, JointMove | PathMove) and segment is self._segments[-1]:
+            self.append(replace(segment, t0=segment.t0 + seconds))
 
     def start_joint_move(self, t: float, q_target: ArrayLike, v: float, a: float) -> float:
         """Synchronised joint move, ``v`` (rad/s) and ``a`` (rad/s^2) for the joint with the longest way.

@@ -1,8 +1,12 @@
-"""A twin whose process stood still does not blame the client for kicks that it has not read yet."""
+"""A twin whose process stood still does not blame the client for what it has not read yet."""
 
+import numpy as np
 import pytest
 
+from fakes.ur.arm import Arm, Tool
 from fakes.ur.inputs import InputOutput, Inputs
+from fakes.world.arm.kinematics import chain
+from fakes.world.arm.track import Track
 
 
 @pytest.fixture
@@ -28,3 +32,40 @@ def test_a_kick_that_was_read_right_after_it_does_not_hide_that_no_other_follows
     subject.excuse(1.5, 1.501)
     assert not subject.watchdog_expired(1.59)
     assert subject.watchdog_expired(1.61)
+
+
+@pytest.fixture
+def arm() -> Arm:
+    """At rest at zero."""
+    track = Track(0.0, np.zeros(6))
+    return Arm(track, chain("ur10e"), Tool())
+
+
+def test_a_move_goes_on_from_where_it_was(arm: Arm) -> None:
+    """A stop that the client sent in the meantime finds the arm where it had come to, and no farther."""
+    steps = arm.move_joints([1.0, 0.0, 0.0, 0.0, 0.0, 0.0], 1.0, 5.0)
+    next(steps)
+    arm.t = 0.4
+    before, _ = arm.track.at(0.4)
+    arm.stood_still(0.5, 0.9)
+    arm.t = 0.9
+    after, speeds = arm.track.at(0.9)
+    assert after == pytest.approx(before)
+    assert speeds[0] == pytest.approx(1.0)
+    arm.t = 1.3  # without the pause it would have arrived at 1.2
+    next(steps)
+    arm.t = 1.75
+    with pytest.raises(StopIteration):
+        next(steps)
+    assert arm.q[0] == pytest.approx(1.0)
+
+
+def test_the_arm_is_where_the_next_set_point_has_it(arm: Arm) -> None:
+    """It is not driven there from where it was when the process stopped, faster than any joint turns."""
+    arm.servo([0.002, 0, 0, 0, 0, 0], 0.002, 0.05, 500.0)
+    arm.stood_still(0.5, 0.502)
+    arm.t = 0.502
+    arm.servo([0.4, 0, 0, 0, 0, 0], 0.002, 0.05, 500.0)
+    q, qd = arm.track.at(0.51)
+    assert q[0] == pytest.approx(0.4)
+    assert np.abs(qd).max() == pytest.approx(0.0, abs=1e-9)
