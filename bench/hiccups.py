@@ -275,8 +275,7 @@ class Bench:
                 if self.cell.ready():
                     if self.cell.status()["packml"] in ("ABORTED", "STOPPED"):
                         if self.job == "belt-tracking":
-                            with suppress(CellError):  # most runs end with nothing in the gripper
-                                ask(self.cell.folder, {"do": "operator", "empty": True})
+                            ask(self.cell.folder, {"do": "gripper", "empty": True})
                         self.cell.call("reset")
                     return
             pause(0.2)

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 from typing import Any, Protocol
 
@@ -31,6 +31,7 @@ TOOL_DEADLINE_S = 2.0  # three commands to the script, at rest
 STOP_DEADLINE_S = 0.3
 END_DEADLINE_S = 0.8
 START_MARGIN_S = 3.0
+SETTLED_S = 2.0
 MAX_START_STEP_RAD = 0.05
 AFTER_GAP_S = 0.3  # an arm whose set-points waited for so long is still far from them
 ASK_S = 0.2  # before a piece ends; who makes short ones then sets the pace
@@ -338,7 +339,16 @@ class UrMotion:
         return self._watching
 
     async def _ask(self, watch: Watch, do: str, arguments: dict[str, Any]) -> None:
-        """Give the child a command; what ends the watch meanwhile does not wait for its answer."""
+        """Give the child a command; what ends the watch meanwhile does not wait for its answer.
+
+        A trajectory that was broken off is followed until the arm has settled, which is later than the arm
+        is seen at rest.
+        """
+        with suppress(TimeoutError):
+            async with asyncio.timeout(SETTLED_S):
+                await self.client.idle.wait()
+        if do == "follow":
+            self.client.idle.clear()
         call = asyncio.ensure_future(self._answer(do, CALL_DEADLINE_S, arguments))
         try:
             if await watch.first(call) and not call.result() and not watch.over:

@@ -30,6 +30,8 @@ class MotionClient:
         self.withheld = self.killed = False
         self.kicks = Kicks()
         self.ended = asyncio.Event()
+        self.idle = asyncio.Event()  # no trajectory is followed
+        self.idle.set()
         self._process, self._pipe = process, pipe
         self._stdout = present(process.stdout, "pipe from the motion child")
         self._loop = asyncio.get_running_loop()
@@ -182,6 +184,8 @@ class MotionClient:
                 self.withheld = message["event"] == "withheld"
             elif message["event"] == "kicked":
                 self.kicks.note(message["at"])
+            elif message["event"] == "followed":
+                self.idle.set()
             for listener in tuple(self._listeners):
                 listener(message)
             return
@@ -222,6 +226,7 @@ class MotionClient:
         self._loop.remove_reader(self._stdout.fileno())
         self._stdout.close()
         self._close_pipe()
+        self.idle.set()
         self.ended.set()
         for reply in self._replies.values():
             if not reply.done():

@@ -161,6 +161,24 @@ def test_an_arm_that_stood_as_the_motion_client_paused_is_not_said_not_to_follow
     rig.play(scenario)
 
 
+def test_a_move_that_follows_a_stream_that_failed_waits_until_the_client_has_settled(rig: Rig) -> None:
+    async def scenario() -> None:
+        async with rig.movable() as (arm, port):
+            q0, t0 = joints(arm), time.monotonic() + 0.2
+
+            async def pieces() -> AsyncIterator[TrajectoryPiece]:
+                yield TrajectoryPiece(t0, t0 + 0.4, np.array([q0, [0.2, 0, 0, 0, 0, 0]]))
+                await asyncio.sleep(0.1)
+                raise error("STALE_DATA", "whatever ends a step")
+
+            with ends_by("STALE_DATA", match="whatever"):
+                await port.stream(pieces())
+            await port.move_joints(q0, SPEED)
+            np.testing.assert_allclose(joints(arm), q0, atol=1e-3)
+
+    rig.play(scenario)
+
+
 def test_a_stream_that_begins_elsewhere_is_refused_at_rest(rig: Rig) -> None:
     async def scenario() -> None:
         async with rig.movable() as (arm, port):
