@@ -40,6 +40,11 @@ class Glimpse:
         found: Array = LOST + (1.0 - LOST) * seen
         return found
 
+    @property
+    def likely_length(self) -> float:
+        """Mean length of the breaks that the polls of a hit allow, m."""
+        return float(np.sum(self.chance * self.lengths) / max(np.sum(self.chance), 1e-300))
+
     def of_any(self, longest: float) -> float:
         """How likely the polls are with a break of any length up to ``longest`` (m)."""
         wide = float(np.trapezoid(self.chance, self.lengths)) + self.beyond * longest

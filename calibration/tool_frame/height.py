@@ -64,9 +64,11 @@ def first_contact(
 ) -> Density:
     """The density from ``glimpses`` of one beam and set; the height is expected in ``below .. above`` (m)."""
     low, high = below - ABOVE_M, above + ABOVE_M
+    hits = [g.likely_length for g in glimpses if g.hit]
+    usual = float(np.median(hits)) if hits else None
     for _ in range(_ZOOMS):
         grid = np.linspace(low, high, _POINTS)
-        log = log_likelihood(glimpses, view, ends, scatter, grid)
+        log = log_likelihood(glimpses, view, ends, scatter, grid, usual)
         a, b = likely(log)
         a, b = max(a - 3, 0), min(b + 3, _POINTS - 1)
         if b - a > 0.5 * _POINTS:
@@ -87,11 +89,13 @@ def log_likelihood(
     ends: Sequence[TipShape],
     scatter: PassScatter,
     grid: Array,
+    usual: float | None = None,
 ) -> Array:
-    """(E, S, n) logarithm of the likelihood of all passes for the heights ``grid`` (n,)."""
+    """(E, S, n) logarithm of the likelihood of all passes for the heights ``grid`` (n,). ``usual`` (m) is how
+    long they were broken on the whole: of an end that is of no known shape, no more is expected."""
     near = [g for g in glimpses if not g.hit or float(grid[0]) - g.height < 0.5 * view.chord]
     together: dict[int, list[Array]] = {}
-    for g, chance in zip(near, _chances(near, view, ends, grid), strict=True):
+    for g, chance in zip(near, _chances(near, view, ends, grid, usual), strict=True):
         together.setdefault(g.pair, []).append(chance)
     found = np.zeros((len(scatter.sigmas), len(ends), len(grid)))
     points = scatter.sigmas / float(grid[1] - grid[0])
@@ -107,15 +111,24 @@ def log_likelihood(
 
 
 def _chances(
-    glimpses: Sequence[Glimpse], view: ToolInBeam, ends: Sequence[TipShape], grid: Array
+    glimpses: Sequence[Glimpse],
+    view: ToolInBeam,
+    ends: Sequence[TipShape],
+    grid: Array,
+    usual: float | None,
 ) -> Iterator[Array]:
     """For each of ``glimpses`` (E, n) how likely its polls are with an arm that is where it should be."""
     depth = grid - np.array([[g.height] for g in glimpses]).reshape(-1, 1)
     lengths = {s: view.lengths(ends, depth, s) for s in {g.sense for g in glimpses}}
+    others = np.array([[end.kind == "other"] for end in ends])
     for k, g in enumerate(glimpses):
         chance = g.at(lengths[g.sense][:, k])
         if g.hit:  # deep down the end's shape is not as simple
-            chance = np.where(depth[k] > NEAR_M, np.maximum(chance, g.of_any(view.chord)), chance)
+            far, unknown = depth[k] > NEAR_M, others & (depth[k] > 0.0)
+            of_any = g.of_any(view.chord)
+            chance = np.where(far, np.maximum(chance, of_any), chance)
+            as_usual = 0.0 if usual is None else float(g.at(np.array(usual)))
+            chance = np.where(unknown, max(of_any, as_usual), chance)
         yield chance
 
 

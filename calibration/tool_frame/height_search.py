@@ -188,7 +188,8 @@ class _Seeking:
         found = np.zeros((len(self._ends), len(cuts) + 2, len(depths)))
         for off, share in zip((-1.2, 0.0, 1.2), (0.25, 0.5, 0.25), strict=True):
             lengths = self.view.lengths(self._ends, depths + off * scatter)
-            found += share * _classes(lengths, depths > NEAR_M, cuts, resolution)
+            untold = (depths > NEAR_M) | np.array([[end.kind == "other"] for end in self._ends])
+            found += share * _classes(lengths, untold, cuts, resolution)
         return found
 
     def _expected(self, table: Array) -> float:
@@ -202,11 +203,11 @@ def _points(low: float, high: float) -> int:
     return min(int((high - low) / _FINE_M) + 2, _POINTS)
 
 
-def _classes(length: Array, deep: NDArray[np.bool_], cuts: Array, resolution: float) -> Array:
+def _classes(length: Array, untold: NDArray[np.bool_], cuts: Array, resolution: float) -> Array:
     """(ends, classes, n) how likely a break of ``length`` (ends, n) m is seen between which of ``cuts`` (m);
-    the first class is a miss, the last one of breaks so ``deep`` (n,) that their length says nothing."""
+    the first class is a miss, the last one of breaks whose length says nothing: ``untold`` (ends, n)."""
     missed = np.clip(1.0 - length / resolution, 0.0, 1.0)
-    seen = np.where(deep, 0.0, 1.0 - missed)
+    seen = np.where(untold, 0.0, 1.0 - missed)
     below = np.clip((cuts[:, None] - length[:, None]) / (_SPREAD * resolution) + 0.5, 0.0, 1.0)
     below *= seen[:, None]
     found = np.empty((len(length), len(cuts) + 2, length.shape[1]))

@@ -4,7 +4,8 @@ At a depth ``d`` below the first contact a ball is ``2 sqrt(2 r d)`` wide, a fla
 with a corner, and a level one is as wide as the tool at once. An input with hysteresis clears only at a
 greater distance than it breaks, as if the tool were deeper by then: a break is longer by that at the side
 that leaves the beam last, which for a tilted flat end is much in one direction of the way and little in the
-other. Which shape it is, the passes near the end tell.
+other. A beam has a radius, and the rim of a flat end a chamfer: it is as wide as the tool only so far up.
+Which shape it is, the passes near the end tell; of one that is none of these, whether a pass met it at all.
 """
 
 from collections.abc import Sequence
@@ -15,37 +16,49 @@ import numpy as np
 
 from cell.poses import Array
 
+_SHARPEST = 0.15  # of the tool's width: the ball that a pass may miss most deeply
 _TURN = np.linspace(0.0, 2.0 * np.pi, 181)[:, None]
 _ALONG = np.linspace(-1.0, 1.0, 61)[:, None]
 _RATIOS = {0.15: 0.1, 0.4: 0.1, 0.7: 0.1, 1.0: 0.6, 1.5: 0.1}
 _BANDS_M = (0.0, 1.5e-5, 3e-5, 5e-5, 8e-5, 1.2e-4)
+_RIMS_M = (1e-4, 2e-4, 3e-4, 4e-4, 5e-4, 6e-4, 8e-4)
+_RIM_BANDS_M = (0.0, 3e-5, 6e-5, 1.2e-4)
+_ROUND = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 25)
 _FINE_BANDS_M = (0.0, 1e-5, 2e-5, 3e-5, 4e-5, 5e-5, 6e-5, 8e-5, 1e-4, 1.2e-4)
 
 
 @dataclass(frozen=True)
 class TipShape:
     """One shape. ``prior`` is how likely it is before any pass. ``ratio`` is a ball's radius as a share of
-    the tool's, ``band`` (m) by how much more distance the beam clears than it breaks."""
+    the tool's, ``band`` (m) by how much more distance the beam clears than it breaks, ``rim`` (m) the radius
+    of a flat end's rim and of the beam together. Of the kind "other" no length of a break is known."""
 
     kind: str
     prior: float
     ratio: float = 1.0
     band: float = 0.0
+    rim: float = 0.0
 
 
-def _with_bands(kind: str, prior: float, bands: Sequence[float], ratio: float = 1.0) -> list[TipShape]:
-    return [TipShape(kind, prior / len(bands), ratio, band) for band in bands]
+def _with_bands(
+    kind: str, prior: float, bands: Sequence[float], ratio: float = 1.0, rim: float = 0.0
+) -> list[TipShape]:
+    return [TipShape(kind, prior / len(bands), ratio, band, rim) for band in bands]
 
 
 ENDS = (
-    TipShape("point", 0.15),
+    TipShape("point", 0.1),
+    TipShape("other", 0.05),
     *_with_bands("edge", 0.1, _FINE_BANDS_M),
-    *_with_bands("flat", 0.35, _FINE_BANDS_M),
+    *_with_bands("flat", 0.15, _FINE_BANDS_M),
+    *(end for rim in _RIMS_M for end in _with_bands("flat", 0.2 / len(_RIMS_M), _RIM_BANDS_M, rim=rim)),
     *(end for ratio, share in _RATIOS.items() for end in _with_bands("ball", 0.4 * share, _BANDS_M, ratio)),
 )
 # Of an upright tool, and enough to decide where to cross next.
 UPRIGHT = (
-    TipShape("point", 0.6),
+    TipShape("point", 0.4),
+    TipShape("other", 0.1),
+    *(end for rim in (2e-4, 4e-4, 6e-4) for end in _with_bands("flat", 0.1 / 3.0, (0.0, 4e-5), rim=rim)),
     *(end for ratio in (0.15, 0.4, 1.0) for end in _with_bands("ball", 0.4 / 3.0, (0.0, 4e-5), ratio)),
 )
 POINT = (TipShape("point", 1.0),)  # where widths tell nothing
@@ -78,7 +91,9 @@ class ToolInBeam:
         if end.kind == "edge":
             return self.radius * abs(float(self.lift @ self.n))
         if end.kind == "flat":
-            return self.radius * float(np.sqrt(max(1.0 - float(self.lift @ self.axis) ** 2, 0.0)))
+            own = max(end.rim - max(0.5 * self.chord - self.radius, 0.0), 0.0)  # of the rim, without the beam
+            tilt = float(np.sqrt(max(1.0 - float(self.lift @ self.axis) ** 2, 0.0)))
+            return max(self.radius - own, 0.0) * tilt
         return 0.0
 
     def lengths(self, ends: Sequence[TipShape], depth: Array, sense: float = 1.0) -> Array:
@@ -86,17 +101,17 @@ class ToolInBeam:
         above it. ``sense`` is 1 on ways along ``side`` and -1 on those against it."""
         d = np.maximum(depth, 0.0)
         found = np.full((len(ends), *d.shape), self.chord)
-        breaks: dict[tuple[str, float], Array] = {}  # the part that does not depend on the band
+        breaks: dict[tuple[str, float, float], Array] = {}  # the part that does not depend on the band
         for k, end in enumerate(ends):
-            shape = end.kind, end.ratio
-            if end.kind == "ball":
-                wide = end.ratio * self.chord
+            shape = end.kind, end.ratio, end.rim
+            if end.kind in ("ball", "other"):
+                wide = (end.ratio if end.kind == "ball" else _SHARPEST) * self.chord
                 deep = np.minimum(d, 0.5 * wide)
                 if shape not in breaks:
                     breaks[shape] = np.sqrt(deep * (wide - deep))
                 found[k] = breaks[shape] + np.sqrt((deep + end.band) * (wide - deep))
             elif end.kind in ("edge", "flat"):
-                up, low, high = self._edge if end.kind == "edge" else self._flat
+                up, low, high = self._edge if end.kind == "edge" else self._flat(end.rim)
                 first, last = (high, low) if sense > 0.0 else (low, high)
                 if shape not in breaks:
                     breaks[shape] = np.interp(d, up, first)
@@ -109,9 +124,18 @@ class ToolInBeam:
         return self._profile(0.5 * self.chord * _ALONG * self.n)
 
     @cached_property
-    def _flat(self) -> tuple[Array, Array, Array]:
-        rim = np.cos(_TURN) * self.n + np.sin(_TURN) * np.cross(self.axis, self.n)
-        return self._profile(0.5 * self.chord * rim)
+    def _flats(self) -> dict[float, tuple[Array, Array, Array]]:
+        return {}
+
+    def _flat(self, rim_m: float) -> tuple[Array, Array, Array]:
+        if rim_m not in self._flats:
+            inner = max(0.5 * self.chord - rim_m, 0.0)
+            rim = inner * (np.cos(_TURN) * self.n + np.sin(_TURN) * np.cross(self.axis, self.n))
+            if rim_m > 0.0:
+                about = rim_m * (np.outer(np.sin(_ROUND), self.side) - np.outer(np.cos(_ROUND), self.lift))
+                rim = (rim[:, None] + about).reshape(-1, 3)
+            self._flats[rim_m] = self._profile(rim)
+        return self._flats[rim_m]
 
     def _profile(self, rim: Array) -> tuple[Array, Array, Array]:
         """Heights (n,) m over the lowest place of ``rim`` (n, 3) m, and between which places (n,) along

@@ -1,6 +1,6 @@
 """Ways across a beam near the end of a tool whose height is known: a search in height without a cell."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -11,9 +11,16 @@ from calibration.tool_frame.tip import TipShape, ToolInBeam
 
 CHORD_M = 0.007
 ROUND_END, FLAT_END = TipShape("ball", 1.0, 1.0, 2e-5), TipShape("point", 1.0)
+RIMMED_END = TipShape("flat", 1.0, band=5e-5, rim=5.5e-4)  # as a beam of 0.5 mm sees a flat end
 UP = np.array([0.0, 0.0, 1.0])
 VIEW = ToolInBeam(-UP, np.array([0.0, 1.0, 0.0]), UP, np.array([0.0, 1.0, 0.0]), 0.5 * CHORD_M, CHORD_M)
+End = TipShape | Callable[[float], float]  # a shape, or the length of the break (m) by the depth (m)
 FAST, SLOW, PERIOD_S = 0.05, 0.02, 0.005
+
+
+def stepped(depth: float) -> float:
+    """A thin pin in the middle of a thicker one."""
+    return 0.0 if depth <= 0.0 else 0.45 * CHORD_M if depth < 1e-3 else CHORD_M
 
 
 def polls(rng: np.random.Generator, speed: float, gap: tuple[float, float] | None = None) -> np.ndarray:
@@ -24,7 +31,7 @@ def polls(rng: np.random.Generator, speed: float, gap: tuple[float, float] | Non
 
 def crossed(
     rng: np.random.Generator,
-    end: TipShape,
+    end: End,
     depth: float,
     height: float,
     pair: int,
@@ -33,14 +40,15 @@ def crossed(
 ) -> Glimpse:
     """One way whose tool truly is ``depth`` (m) below the first contact, with the flange at ``height``."""
     places = polls(rng, speed, gap)
-    half = 0.5 * float(VIEW.lengths((end,), np.array([depth]))[0, 0])
+    length = end(depth) if callable(end) else float(VIEW.lengths((end,), np.array([depth]))[0, 0])
+    half = 0.5 * length
     middle = 1e-4 * rng.normal()
     return glimpse(height, pair, places, np.abs(places - middle) < half, 0.0, 2e-4)
 
 
 def pairs_at(
     rng: np.random.Generator,
-    end: TipShape,
+    end: End,
     truth: float,
     heights: Sequence[float],
     sigma: float,
@@ -56,7 +64,7 @@ def pairs_at(
 
 
 def searched(
-    rng: np.random.Generator, end: TipShape, sigma: float, most: int = 8, step: float = 5e-3
+    rng: np.random.Generator, end: End, sigma: float, most: int = 8, step: float = 5e-3
 ) -> tuple[Sought, float]:
     """A whole search, and the true height; the first hit is up to ``step`` (m) below it."""
     truth = step * float(rng.random())

@@ -16,19 +16,22 @@ from tests.kit.height_scene import (
     FAST,
     FLAT_END,
     PERIOD_S,
+    RIMMED_END,
     ROUND_END,
     SLOW,
     VIEW,
+    End,
     crossed,
     pairs_at,
     searched,
+    stepped,
 )
 from tests.kit.laser_scene import BALL, Bench, data_set
 
 SIGMA = 1e-5
 
 
-def known(seed: int, end: TipShape, heights: list[float], sigma: float = SIGMA) -> tuple[float, float]:
+def known(seed: int, end: End, heights: list[float], sigma: float = SIGMA) -> tuple[float, float]:
     """Error and standard deviation of a first contact at height 0, from ways at ``heights`` (m)."""
     rng = np.random.default_rng(seed)
     scatter = scatter_of(sigma * np.sqrt(2.0), sigma)
@@ -41,9 +44,11 @@ def known(seed: int, end: TipShape, heights: list[float], sigma: float = SIGMA) 
 NEAR = [-1e-4, -4e-5, 1e-5, -1e-5, 2e-5, -2e-5, 0.0]
 
 
-@pytest.mark.parametrize("end", [ROUND_END, FLAT_END], ids=["round", "flat"])
+@pytest.mark.parametrize(
+    "end", [ROUND_END, FLAT_END, RIMMED_END, stepped], ids=["round", "flat", "rimmed", "stepped"]
+)
 @pytest.mark.parametrize("sigma", [1e-5, 2.1e-5])
-def test_the_height_is_as_true_as_it_is_said_to_be(end: TipShape, sigma: float) -> None:
+def test_the_height_is_as_true_as_it_is_said_to_be(end: End, sigma: float) -> None:
     found = np.array([known(seed, end, NEAR, sigma) for seed in range(16)])
     squared = (found[:, 0] / found[:, 1]) ** 2
     assert 0.3 < np.mean(squared) < 2.0
