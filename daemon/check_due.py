@@ -4,7 +4,8 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
 
 from cell.calibrations import belt_scale, kinematics, laser_reference, time_offset, tool_calibration
 from cell.clock import Clock
@@ -20,6 +21,25 @@ log = logging.getLogger("cellward.health")
 
 LOOK_S = 2.0
 HOUR_S = 3600.0
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Why a calibration is due: it was ``never`` measured, or its ``age`` (h) or number of ``runs`` is above
+    the limit."""
+
+    cause: Literal["never", "age", "runs"]
+    value: float | None = None
+    limit: float | None = None
+
+    @property
+    def text(self) -> str:
+        """In words, for the command line and the log."""
+        if self.cause == "never":
+            return "it was never measured, what is configured is in use"
+        if self.cause == "age":
+            return f"checked {self.value:.3g} h ago, more than max_age_h = {self.limit:g}"
+        return f"{self.value} runs since its last check, more than max_runs = {self.limit}"
 
 
 class CheckDue:
@@ -51,7 +71,7 @@ class CheckDue:
         return bool(self._rules)
 
     def status(self) -> list[dict[str, Any]]:
-        """``name``, ``why`` and ``job`` (None where no job measures it) of each that is due."""
+        """Of each that is due: ``name``, ``why``, ``job`` (None where no job measures it), its ``Reason``."""
         return self.found
 
     async def watch(self) -> None:
@@ -73,25 +93,47 @@ class CheckDue:
 
     def due(self) -> list[dict[str, Any]]:
         """Those that are due now; blocks on the disk."""
-        entries = ((name, self._why(name, rule)) for name, rule in self._rules.items())
-        return [
-            {"name": name, "why": why, "job": next(iter(self._measuring[name]), None)}
-            for name, why in entries
-            if why
-        ]
+        found = []
+        for name, rule in self._rules.items():
+            if (reason := self._reason(name, rule)) is not None:
+                found.append({"name": name, "why": reason.text, "job": self._job(name), **asdict(reason)})
+        return found
 
-    def _why(self, name: str, rule: DueAfter) -> str:
-        """Why it is due, in words; empty when it is not."""
+    def outlook(self) -> list[dict[str, Any]]:
+        """Each calibration that has a rule, with its ``job`` and whether it is ``due``; blocks on the disk.
+
+        ``checked`` is when it was checked last (s since 1970; None: never). It is due at ``due_at`` (as that)
+        or after ``runs_left`` more runs, whichever is first; None where the rule does not bound it.
+        """
+        found = []
+        for name, rule in self._rules.items():
+            since = self._ledger.checked_at(name, self._judging[name])
+            due_at = runs_left = None
+            if since is not None and rule.max_age_h is not None:
+                due_at = since + HOUR_S * rule.max_age_h
+            if since is not None and rule.max_runs is not None:
+                runs_left = max(rule.max_runs + 1 - self._runs_since(name, since), 0)
+            due = self._reason(name, rule) is not None
+            standing = {"checked": since, "due_at": due_at, "runs_left": runs_left, "due": due}
+            found.append({"name": name, "job": self._job(name), **standing})
+        return found
+
+    def _job(self, name: str) -> str | None:
+        return next(iter(self._measuring[name]), None)
+
+    def _runs_since(self, name: str, since: float) -> int:
+        return self._ledger.runs_since(since, self._measuring[name])
+
+    def _reason(self, name: str, rule: DueAfter) -> Reason | None:
+        """Why it is due; None when it is not."""
         since = self._ledger.checked_at(name, self._judging[name])
         if since is None:
-            return "it was never measured, what is configured is in use"
+            return Reason("never")
         if rule.max_age_h is not None and (age := (self._wall() - since) / HOUR_S) > rule.max_age_h:
-            return f"checked {age:.3g} h ago, more than max_age_h = {rule.max_age_h:g}"
-        if rule.max_runs is not None:
-            runs = self._ledger.runs_since(since, self._measuring[name])
-            if runs > rule.max_runs:
-                return f"{runs} runs since its last check, more than max_runs = {rule.max_runs}"
-        return ""
+            return Reason("age", age, rule.max_age_h)
+        if rule.max_runs is not None and (runs := self._runs_since(name, since)) > rule.max_runs:
+            return Reason("runs", runs, rule.max_runs)
+        return None
 
 
 def calibrations_of(config: CellConfig) -> dict[str, str]:

@@ -42,8 +42,9 @@ class Kind:
     ``live`` and ``live_page``: ``(numbers, rows) -> line`` and ``(title, rows, reload_s) -> HTML`` of a run
     that goes on. ``data_file`` is the data set in a run folder, and ``arguments`` are what its jobs take from
     a PLC. ``measures`` are the calibrations that its jobs measure, named without a tool or a device;
-    ``judges``: a run that passes says that the one in effect still holds. A reference that begins with ":" is
-    in ``module``.
+    ``judges``: a run that passes says that the one in effect still holds. ``trend_limits``: trends,
+    without the names that they end with, and the key of the job's section that bounds their size. A reference
+    that begins with ":" is in ``module``.
     """
 
     name: str
@@ -64,6 +65,7 @@ class Kind:
     arguments: tuple[Argument, ...] = ()
     measures: tuple[str, ...] = ()
     judges: bool = False
+    trend_limits: tuple[tuple[str, str], ...] = ()
     module: str = ""
 
     def __post_init__(self) -> None:
@@ -91,6 +93,10 @@ _ALL = (
         truth="procedures.hand_eye.truth:judge_camera",
         rehearsal="procedures.hand_eye.rehearsal:rehearse_cone",
         measures=("T_flange_camera", "T_base_camera"),
+        trend_limits=(
+            ("hand_eye.spread_within_m", "accept.max_spread_within_t_m"),
+            ("hand_eye.spread_across_m", "accept.max_spread_across_t_m"),
+        ),
     ),
     Kind(
         name="axbc",
@@ -134,6 +140,11 @@ _ALL = (
         rehearsal="procedures.laser.rehearsal:rehearse_measurement",
         measures=("T_flange_tool",),
         judges=True,
+        trend_limits=(
+            ("tool.offset_x_m", "against_reference.max_shift_m"),
+            ("tool.offset_y_m", "against_reference.max_shift_m"),
+            ("tool.offset_z_m", "against_reference.max_shift_m"),
+        ),
     ),
     Kind(
         name="kincal",
@@ -150,6 +161,7 @@ _ALL = (
         truth="procedures.tracker.truth:judge_arm",
         rehearsal="procedures.tracker.rehearsal:rehearse_sampling",
         measures=("kinematics",),
+        trend_limits=(("tracker.drift_m", "max_drift_m"),),
     ),
     Kind(
         name="belt-calibration",
@@ -207,6 +219,12 @@ _ALL = (
         expectation="procedures.latency.expectation:delay_expectation",
         rehearsal="procedures.latency.rehearsal:rehearse_delay",
         measures=("time_offset_s",),
+        trend_limits=(
+            ("beams.latency_s", "accept.max_offset_s"),
+            ("flange_camera.latency_s", "accept.max_offset_s"),
+            ("fixed_camera.latency_s", "accept.max_offset_s"),
+            ("belt.latency_s", "accept.max_offset_s"),
+        ),
     ),
     Kind(
         name="cross-check",
@@ -227,6 +245,10 @@ _ALL = (
         compare="procedures.iso9283.comparison:compare_iso9283",
         expectation="procedures.iso9283.expectation:iso9283_expectation",
         rehearsal="procedures.iso9283.rehearsal:rehearse_test",
+        trend_limits=(
+            ("iso9283.AP_m", "max_AP_m"),
+            ("iso9283.RP_m", "max_RP_m"),
+        ),
     ),
 )
 KINDS: Mapping[str, Kind] = {kind.name: kind for kind in _ALL}

@@ -1,4 +1,4 @@
-"""Results as the page shows them: what waits, what is in effect, what a decision changes, and trends."""
+"""Results as the page shows them: what waits, what is in effect, and what a decision changes."""
 
 import asyncio
 from collections.abc import Mapping
@@ -17,7 +17,6 @@ from daemon.values import tell_configured
 from daemon.web.answers import Visitors, json_answer
 
 MOST_RESULTS = 200
-TREND_POINTS = 200
 
 
 class ResultsView:
@@ -30,7 +29,6 @@ class ResultsView:
         return [
             web.get("/api/results", self.results),
             web.get(r"/api/results/{result:\d{1,10}}", self.result),
-            web.get("/api/trends", self.trends),
         ]
 
     async def results(self, request: web.Request) -> web.Response:
@@ -85,16 +83,6 @@ class ResultsView:
             return {}
         accept = job.get("accept")
         return accept if isinstance(accept, Mapping) else {}
-
-    async def trends(self, request: web.Request) -> web.Response:
-        """Every health number with its newest points, [wall time in s, value] in SI units."""
-        self._visitors.require_look(request)
-        ledger = self._engine.ledger
-
-        def read() -> dict[str, list[tuple[float, float]]]:
-            return {name: ledger.trend(name, TREND_POINTS) for name in ledger.trend_names()}
-
-        return json_answer(await asyncio.to_thread(read))
 
 
 def _value(name: str, value: Any) -> dict[str, Any]:

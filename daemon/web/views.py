@@ -15,6 +15,7 @@ from daemon.web.metrics import Metrics
 from daemon.web.results_view import ResultsView
 from daemon.web.runs_view import RunsView
 from daemon.web.signed import RecordView
+from daemon.web.trends_view import TrendsView
 
 
 def views(
@@ -28,6 +29,7 @@ def views(
             *RunsView(engine, visitors).routes(),
             *RecordView(engine.runs, visitors).routes(),
             *ResultsView(engine, visitors).routes(),
+            *TrendsView(engine, visitors).routes(),
             *CellView(engine, plc, writes, log, visitors).routes(),
             *Metrics(engine, visitors).routes(),
         ]

@@ -67,8 +67,13 @@ def test_a_result_shows_what_was_before_what_changes_and_its_warnings(subject: P
 
 
 def test_trends_come_oldest_first_in_si_units(subject: PageCell) -> None:
-    points = subject.get("/api/trends")["tool.offset_x_m.gripper"]
-    assert [value for _, value in points] == [0.0001, 0.0002, 0.0004]
+    trend = subject.get("/api/trends")["trends"]["tool.offset_x_m.gripper"]
+    assert [value for _, value in trend["points"]] == [0.0001, 0.0002, 0.0004]
+
+
+def test_a_trend_has_the_limit_of_the_job_that_leaves_it(subject: PageCell) -> None:
+    trend = subject.get("/api/trends")["trends"]["tool.offset_x_m.gripper"]
+    assert (trend["limit"], trend["key"]) == (0.003, "[job.laser-check] against_reference.max_shift_m")
 
 
 def test_every_job_says_what_keeps_it_from_starting(subject: PageCell) -> None:

@@ -2,7 +2,7 @@
 
 import { get, isStale } from "./cell.js";
 import { html, useEffect, useRef, useState } from "./vendor/htm-preact.js";
-import { t } from "./texts.js";
+import { t, textOr } from "./texts.js";
 
 export function Card({ title, kind = "", wide = false, children }) {
   return html`<section class=${`card ${kind} ${wide ? "wide" : ""}`}>
@@ -74,6 +74,13 @@ export const Dot = ({ state }) => html`<span class=${`dot ${state}`} aria-hidden
 export function Verdict({ verdict }) {
   if (!verdict) return html`<span class="dim">–</span>`;
   return html`<span class=${`verdict ${verdict}`}>${t(`verdict.${verdict}`)}</span>`;
+}
+
+// A calibration by its name in the ledger, in words.
+export function calibrationName(name) {
+  const [kind, owner] = name.split(".");
+  const words = textOr(`calibration.${kind}`, kind);
+  return owner ? `${words}: ${owner}` : words;
 }
 
 // What a path answers; asked again whenever `again` changes, and every `everyMs` when that is given.

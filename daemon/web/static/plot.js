@@ -11,13 +11,13 @@ const BOTTOM = 26;
 const TOP = 12;
 const MOST_POINTS = 400; // drawn; more look the same
 
-// points: [[x, y], ..]; limit: a height that is drawn in; label: of an x in words.
-export function Plot({ title, points, limit = null, unit = "", scale = 1, line = false, label = (x) => number(x, 1) }) {
+// points: [[x, y], ..]; limits: heights that are drawn in; label: of an x in words.
+export function Plot({ title, points, limits = [], unit = "", scale = 1, line = false, label = (x) => number(x, 1) }) {
   const step = Math.ceil(points.length / MOST_POINTS);
   const shown = points.filter((_, index) => index % step === 0 || index === points.length - 1);
   const xs = shown.map((point) => point[0]);
   const ys = shown.map((point) => scale * point[1]);
-  const bound = limit === null ? [] : [scale * limit];
+  const bound = limits.map((limit) => scale * limit);
   const [low, high, ticks] = round(Math.min(...ys, ...bound), Math.max(...ys, ...bound));
   const [first, last] = [Math.min(...xs), Math.max(...xs)];
   const x = (value) => LEFT + ((WIDTH - LEFT - 12) * (value - first)) / (last - first || 1);
@@ -29,8 +29,8 @@ export function Plot({ title, points, limit = null, unit = "", scale = 1, line =
     <svg class="plot" viewBox=${`0 0 ${WIDTH} ${HEIGHT}`} role="img" aria-label=${words}>
       ${ticks.map((tick) => html`<path class="axis" d=${`M${LEFT} ${y(tick)}H${WIDTH - 12}`} />
         <text x=${LEFT - 8} y=${y(tick) + 4} text-anchor="end">${number(tick, digits)}</text>`)}
-      ${limit !== null && html`<path class="limit" d=${`M${LEFT} ${y(scale * limit)}H${WIDTH - 12}`} />
-        <text class="limit-text" x=${WIDTH - 14} y=${y(scale * limit) - 6} text-anchor="end">${t("plot.limit")} ${number(scale * limit, digits)} ${unit}</text>`}
+      ${bound.map((limit) => html`<path class="limit" d=${`M${LEFT} ${y(limit)}H${WIDTH - 12}`} />
+        <text class="limit-text" x=${WIDTH - 14} y=${y(limit) + (y(limit) < 2 * TOP ? 17 : -6)} text-anchor="end">${t("plot.limit")} ${number(limit, digits)} ${unit}</text>`)}
       ${(line || shown.length > 1) && html`<polyline class="line" points=${shown.map((_, i) => `${x(xs[i]).toFixed(1)},${y(ys[i]).toFixed(1)}`).join(" ")} />`}
       ${!line && shown.map((_, i) => html`<circle class="point" cx=${x(xs[i])} cy=${y(ys[i])} r="4.5" />`)}
       <text x=${LEFT} y=${HEIGHT - 4}>${label(first)}</text>

@@ -134,6 +134,24 @@ def test_runs_of_other_jobs_are_counted_since_the_last_check(
     assert subject.due() == []
 
 
+def test_the_outlook_tells_when_each_is_due_and_the_reason_comes_with_its_figures(
+    tmp_path: Path, ledger: Ledger, wall: Wall
+) -> None:
+    config = cell(tmp_path, T_flange_tool={"max_age_h": 24, "max_runs": 2}, laser_reference={"max_runs": 5})
+    subject, name = subject_of(config, ledger, wall), tool_name(config)
+    never = next(entry for entry in subject.outlook() if entry["name"] != name)
+    assert (never["checked"], never["due_at"], never["runs_left"], never["due"]) == (None, None, None, True)
+    commit(ledger, name, [0.0] * 6)
+    for left in (3, 2, 1, 0):
+        tool = next(entry for entry in subject.outlook() if entry["name"] == name)
+        assert (tool["checked"], tool["due_at"]) == (BEGIN, BEGIN + 24 * HOUR_S)
+        assert (tool["runs_left"], tool["due"], tool["job"]) == (left, left == 0, "laser-check")
+        wall.now += 1.0
+        run(ledger, "belt-tracking")
+    reasons = {entry["name"]: (entry["cause"], entry["value"], entry["limit"]) for entry in subject.due()}
+    assert reasons == {name: ("runs", 4, 2), never["name"]: ("never", None, None)}
+
+
 def test_a_rollback_brings_back_the_age_of_the_version_before(
     tmp_path: Path, ledger: Ledger, wall: Wall
 ) -> None:

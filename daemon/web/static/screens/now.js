@@ -1,11 +1,14 @@
 // Now: one sentence that says how things are, and the one or two things to do about it.
 
 import { ask, may } from "../cell.js";
-import { moment, span } from "../format.js";
-import { Action, Actions, Card, Dot, Facts, Verdict } from "../parts.js";
+import { moment, number, span } from "../format.js";
+import { Action, Actions, calibrationName, Card, Dot, Facts, Verdict } from "../parts.js";
 import { html } from "../vendor/htm-preact.js";
 import { t, textOr } from "../texts.js";
 
+// Why a calibration wants to be checked, as the daemon told it.
+export const dueWords = ({ cause, value, limit }) =>
+  t(`due.${cause}`, { value: number(value, cause === "age" ? 1 : 0), limit: number(limit, 0) });
 export const jobName = (job) => textOr(`job.${job}`, job);
 const HELD = new Set(["HELD", "HOLDING", "SUSPENDED"]);
 const ENDING = new Set(["STOPPING", "ABORTING", "COMPLETING", "CLEARING"]);
@@ -21,8 +24,8 @@ export function Now({ state }) {
       <p>${t("now.plc_silent_do")}</p></${Card}>`}
     ${status.ledger_damage && html`<${Damage} />`}
     ${status.due.map((due) => html`<${Card} wide kind="state wait" key=${due.name}>
-      <p class="big">${t("now.due", { name: due.name })}</p>
-      <p>${due.why}${due.job && html`. ${t("now.due_do", { job: jobName(due.job) })}`}</p></${Card}>`)}
+      <p class="big">${t("now.due", { name: calibrationName(due.name) })}</p>
+      <p>${dueWords(due)}${due.job && html` <a href=${`#start/${due.job}`}>${t("now.due_do", { job: jobName(due.job) })}</a>`}</p></${Card}>`)}
     ${status.disk && status.disk.warning && html`<${Card} wide kind="state wait"><p class="big">${t("now.disk")}</p>
       <p>${status.disk.warning}</p></${Card}>`}
     <${Devices} devices=${status.devices} />

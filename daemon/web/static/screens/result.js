@@ -2,10 +2,9 @@
 
 import { ask, may } from "../cell.js";
 import { degrees, mm, moment } from "../format.js";
-import { Action, Actions, Card, Facts, Loading, useGot, Verdict } from "../parts.js";
+import { Action, Actions, calibrationName, Card, Facts, Loading, useGot, Verdict } from "../parts.js";
 import { html, useState } from "../vendor/htm-preact.js";
 import { t } from "../texts.js";
-import { calibrationName } from "./results.js";
 
 const OPEN = new Set(["proposed", "accepted"]);
 const AXES = ["x", "y", "z"];

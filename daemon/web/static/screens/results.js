@@ -2,16 +2,10 @@
 
 import { ask, may } from "../cell.js";
 import { moment } from "../format.js";
-import { Action, Actions, Card, Grid, Loading, useGot } from "../parts.js";
+import { Action, Actions, calibrationName, Card, Grid, Loading, useGot } from "../parts.js";
 import { html, useState } from "../vendor/htm-preact.js";
-import { t, textOr } from "../texts.js";
+import { t } from "../texts.js";
 import { NoRole } from "./now.js";
-
-export function calibrationName(name) {
-  const [kind, owner] = name.split(".");
-  const words = textOr(`calibration.${kind}`, kind);
-  return owner ? `${words}: ${owner}` : words;
-}
 
 export function Results({ state }) {
   const [count, again] = useState(0);

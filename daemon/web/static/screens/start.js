@@ -2,10 +2,10 @@
 
 import { ask, may } from "../cell.js";
 import { sinceMoment, span } from "../format.js";
-import { Action, Card, Loading, Notice, useGot, useNotice, Verdict } from "../parts.js";
+import { Action, calibrationName, Card, Loading, Notice, useGot, useNotice, Verdict } from "../parts.js";
 import { html, useState } from "../vendor/htm-preact.js";
 import { t, textOr } from "../texts.js";
-import { jobName, NoRole } from "./now.js";
+import { dueWords, jobName, NoRole } from "./now.js";
 
 const LOOK_MS = 5000;
 
@@ -19,16 +19,17 @@ export function Start({ state, rest }) {
   const others = got.content.filter((one) => !one.configured);
   return html`<h1>${t("start.title")}</h1>
     ${state.status.job && html`<p class="wide">${t("start.busy", { job: jobName(state.status.job) })}</p>`}
-    <div class="cards">${here.map((one) => html`<${JobCard} key=${one.name} job=${one} />`)}</div>
+    <div class="cards">${here.map((one) => html`<${JobCard} key=${one.name} job=${one} due=${state.status.due.filter((due) => due.job === one.name)} />`)}</div>
     ${here.length === 0 && html`<${Card} wide><p>${t("start.none")}</p></${Card}>`}
     ${others.length > 0 && html`<p class="wide dim">${t("start.others")}: ${others.map((one) => jobName(one.name)).join(" · ")}</p>`}`;
 }
 
-function JobCard({ job }) {
+function JobCard({ job, due }) {
   return html`<${Card} title=${jobName(job.name)}>
     <p class="dim">${job.name}</p>
     <p>${textOr(`about.${job.name}`, "")}</p>
     <${Last} job=${job} />
+    ${due.map((one) => html`<p key=${one.name}><b>${t("now.due", { name: calibrationName(one.name) })}</b> ${dueWords(one)}</p>`)}
     ${job.obstacle && job.obstacle.name !== "BUSY" && html`<${Obstacle} obstacle=${job.obstacle} />`}
     <div class="actions"><a class="button go" href=${`#start/${job.name}`}>${t("start.prepare")}</a></div>
   </${Card}>`;
