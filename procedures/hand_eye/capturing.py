@@ -379,6 +379,8 @@ class CaptureRun:
             return
         if error95 is not None:
             self._known = so_far_text(error95)
+            known = self.run.trace("known", ("placements", "error95_t_m", "limit_t_m"))
+            known.add(self._placements_done(), error95["error95_t_m"], self.config.accept.max_error_t_m)
             self.run.note("decision", event="known so far", **error95)
 
     async def _go_to_start(self, lease: MotionLease, interrupted: Mapping[str, Any] | None) -> Array:

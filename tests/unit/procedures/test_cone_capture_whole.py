@@ -48,6 +48,8 @@ def test_a_job_finds_the_truth_within_its_own_uncertainty(setup: str, tmp_path: 
             assert cell.journal(run_id)[-1]["terminal"] is True
             (known,) = cell.notes(run_id, "known so far")  # after the first placement
             assert known["error95_t_m"] > cell.result(run_id)["uncertainty"]["error95_t_m"]
+            _, rows = cell.engine.run.traces["known"].since(0, 9)  # what the page draws against the limit
+            assert rows == [(1, known["error95_t_m"], 0.0005)]
             first, asked = cell.notes(run_id, "prompt")
             assert first["text"].startswith("Placement 1 of 2: ")
             assert "So far the camera's pose is known to" in asked["text"]

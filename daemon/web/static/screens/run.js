@@ -1,7 +1,7 @@
 // Run: the job as it goes, what the camera saw, and the numbers that it leaves to be drawn.
 
 import { get } from "../cell.js";
-import { number } from "../format.js";
+import { mm, number } from "../format.js";
 import { Card, Facts, useGot } from "../parts.js";
 import { Plot } from "../plot.js";
 import { html, useEffect, useState } from "../vendor/htm-preact.js";
@@ -50,6 +50,7 @@ function Seen({ run, step }) {
 function Traces({ run }) {
   const traces = useTraces(run);
   return Object.entries(traces).map(([name, { columns, rows }]) => {
+    if (name === "known") return html`<${Known} key=${name} rows=${rows} />`;
     if (rows.length < 2) return null;
     return html`<${Card} key=${name} title=${textOr(`trace.${name}`, name)}>
       ${columns.slice(1).map((column, index) => {
@@ -59,6 +60,19 @@ function Traces({ run }) {
       })}
     </${Card}>`;
   });
+}
+
+// The 95 % error that the data so far promise, beside the limit that it has to come under.
+function Known({ rows }) {
+  if (rows.length === 0) return null;
+  const [placements, error, limit] = rows[rows.length - 1];
+  const points = rows.map((row) => [row[0], row[1]]);
+  return html`<${Card} title=${t("known.title")}>
+    <p class="num"><b>${mm(error, 3)}</b> · ${t("plot.limit")} ${mm(limit, 3)}</p>
+    <meter min="0" max=${Math.max(2 * limit, error)} high=${limit} value=${error} aria-label=${t("known.title")}></meter>
+    <p>${t(error > limit ? "known.beyond" : "known.within", { placements })}</p>
+    ${points.length > 1 && html`<${Plot} title=${t("known.by_placement")} points=${points} limits=${[limit]} unit="mm" scale=${1e3} label=${(x) => number(x, 0)} />`}
+  </${Card}>`;
 }
 
 function useTraces(run) {
