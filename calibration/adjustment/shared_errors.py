@@ -5,8 +5,10 @@ each pose by itself it would average out over the poses, which it does not: the 
 to four times too small in simulations. So place and attitude of the flange, each along three axes of the
 base, are off by random functions of the pose; their size follows from the data. How slowly they change is not
 known: the correlation is a mixture of all lengths about the distance of poses that differ by the arm's reach
-or by a right angle. Source: collocation, Moritz, Advanced Physical Geodesy (1980); rational quadratic
-covariance, Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), 4.19.
+or by a right angle. A smaller part is the same in all poses along the axes of the flange, as an error of the
+last joints is; where it looks like the camera's pose, or the target's, the data do not tell it.
+Source: collocation, Moritz, Advanced Physical Geodesy (1980); rational quadratic covariance, Rasmussen and
+Williams, Gaussian Processes for Machine Learning (2006), 4.19.
 """
 
 from collections.abc import Mapping
@@ -21,6 +23,9 @@ PLACE, ATTITUDE = "flange_t", "flange_r"
 # RMS of one axis of a UR10e's flange over all its joints, with the best base and flange, in units of the
 # usual error of a length and of an angle of its chain; a UR3e to a UR20 have 1.8 to 2.4, and 1.9.
 _PLACE, _ATTITUDE = 2.1, 1.9
+# What all poses share along the axes of the flange, in units of an axis' standard deviation: its share of the
+# variance is 0 (every pose on another branch) to 0.25 of a UR10e, see decision 0047.
+_ALIKE = 0.25
 _KEPT = 1e-5  # share of the variance that functions beyond those kept may have
 _MOST = 40  # functions, for each axis of place and attitude
 _NUMBERS = 80_000  # functions times poses: the derivatives of 5000 poses then take 20 MB
@@ -72,14 +77,16 @@ class SharedErrors:
         values = self.functions(F)
         n, count = values.shape
         moved = (np.swapaxes(F[:, :3, :3], 1, 2)[..., None] * values[:, None, None]).reshape(n, 3, 3 * count)
+        moved = np.concatenate([moved, np.broadcast_to(np.eye(3), (n, 3, 3))], axis=2)
         none = np.zeros_like(moved)
-        names = tuple(f"{axis}.{k}" for axis in "xyz" for k in range(count))
+        names = [f"{axis}.{k}" for axis in "xyz" for k in range(count)] + [f"flange.{axis}" for axis in "xyz"]
+        share = np.repeat([1.0, _ALIKE], [3 * count, 3])
         return {
             block: ArmTerms(
                 tuple(f"{block}.{name}" for name in names),
-                np.full(3 * count, self.sigma[block]),
+                self.sigma[block] * share,
                 np.concatenate(halves, axis=1),
-                np.zeros((12, 3 * count)),
+                np.zeros((12, len(names))),
             )
             for block, halves in ((PLACE, (moved, none)), (ATTITUDE, (none, moved)))
         }
