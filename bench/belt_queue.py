@@ -22,7 +22,8 @@ import numpy as np
 from bench._expected import expect
 from fakes.object import run_virtual
 from procedures.belt.item_tracking import BeltWatch
-from procedures.belt.motion.picker import STEP_S, Picker
+from procedures.belt.motion.picker import Picker
+from procedures.belt.motion.tool_path import STEP_S
 from tests.kit.picking_cell import picking_cell, picking_config
 
 FAR_M = 13.0

@@ -90,10 +90,14 @@ class KnownBelt:
 
 @dataclass(frozen=True)
 class KnownGripper:
-    """A gripper on digital outputs of the arm; ``confirm`` is an input, None when there is none."""
+    """A gripper on digital outputs of the arm; ``confirm`` is an input, None when there is none.
+
+    ``place_clear`` is the input that tells whether the place is clear where it puts items down.
+    """
 
     output: int
     confirm: int | None
+    place_clear: str | None = None
 
 
 @dataclass(frozen=True)

@@ -214,6 +214,9 @@ class RobotSection(Section):
     belt: str | None = Field(default=None, description="device: the encoder of the belt")
     tracker: str | None = Field(default=None, description="device: the laser tracker or total station")
     gripper: str | None = Field(default=None, description="device: the gripper")
+    place_inputs: str | None = Field(
+        default=None, description="device: the digital inputs that tell whether a place is clear"
+    )
     T_flange_camera_nominal: Pose6 | None = Field(default=None, description="nominal pose, the first guess")
     T_base_camera_nominal: Pose6 | None = Field(
         default=None, description="first guess of a fixed camera's pose"

@@ -30,6 +30,7 @@ ROLES: dict[str, Role] = {
     "belt": Role(Encoder, "an encoder", "encoder ok"),
     "tracker": Role(LaserTracker, "a laser tracker", "tracker ok"),
     "gripper": Role(Gripper, "a gripper"),
+    "place_inputs": Role(DigitalInputs, "a group of digital inputs"),
 }
 
 

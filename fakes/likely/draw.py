@@ -23,6 +23,7 @@ DRIVERS = {
     "tracker": "fakes.object:ObjectTracker",
     "belt": "fakes.object:ObjectEncoder",
     "gripper": "fakes.object:ObjectGripper",
+    "place_inputs": "fakes.object:ObjectPlaceInputs",
 }
 
 
@@ -50,6 +51,8 @@ def likely_scenario(known: KnownCell, seed: int) -> str:
         world |= draw_belt(known.belt, rngs["belt"])
     if known.gripper is not None:
         world["gripper"] = draw_gripper(known.gripper, rngs["gripper"])
+        if known.gripper.place_clear is not None:
+            world["place"] = {"input": known.gripper.place_clear}
     text = to_toml({"schema": SCHEMA, "world": world})
     Scenario.parse(text, "the likely cell")
     return text

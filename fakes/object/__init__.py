@@ -12,6 +12,7 @@ from fakes.object.gripper import ObjectGripper
 from fakes.object.inputs import ObjectInputs
 from fakes.object.loop import DeadlockError, VirtualTimeLoop, run_virtual
 from fakes.object.observed import ObjectObservedArm
+from fakes.object.place_inputs import ObjectPlaceInputs
 from fakes.object.registry import ObjectCell, cell_of, world_of
 from fakes.object.tracker import ObjectTracker
 
@@ -24,6 +25,7 @@ __all__ = [
     "ObjectGripper",
     "ObjectInputs",
     "ObjectObservedArm",
+    "ObjectPlaceInputs",
     "ObjectTracker",
     "VirtualClock",
     "VirtualTimeLoop",

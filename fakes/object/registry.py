@@ -17,6 +17,7 @@ from fakes.world.scenario import FaultEntry, Scenario
 from fakes.world.world import World
 
 P = TypeVar("P", bound=Plant)
+PLACE_SERIAL = "99993300002"
 
 
 class ObjectCell:
@@ -37,6 +38,8 @@ class ObjectCell:
             self.plants["palletizer"] = ObservedPlant(self.world.observed, clock)
         if self.world.tracker is not None:
             self.plants["tracker"] = TrackerPlant(self.world.tracker, clock)
+        if self.world.place is not None:
+            self.plants["place_inputs"] = Plant("place_inputs", clock, PLACE_SERIAL)
         self._clock, self._started = clock, False
 
     @property

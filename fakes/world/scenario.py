@@ -16,7 +16,7 @@ from cell.errors import error
 from cell.formats.reading import Strict
 from fakes.world.arm.truth import ArmTruth, Six, ToolTruth
 from fakes.world.beams.truth import BeamTruth, Channel, IoTruth, Three
-from fakes.world.belt.item_truth import GripperTruth, ItemsTruth
+from fakes.world.belt.item_truth import GripperTruth, ItemsTruth, PlaceTruth
 from fakes.world.belt.truth import BeltTruth
 from fakes.world.camera.truth import CameraTruth, Placement, PrintTruth
 from fakes.world.palletizer.truth import ObservedTruth
@@ -78,6 +78,7 @@ class WorldTruth(Strict):
     belt: BeltTruth | None = None
     items: ItemsTruth | None = None
     gripper: GripperTruth | None = None
+    place: PlaceTruth | None = None
     rack: RackTruth | None = Field(default=None, description="slots and parts; not beside items of a belt")
     observed: ObservedTruth | None = Field(default=None, description="an arm that its own program moves")
     tracker: TrackerTruth | None = None
@@ -95,6 +96,7 @@ class WorldTruth(Strict):
             OBSERVED: self.observed,
             "belt": self.belt,
             "gripper": self.gripper,
+            "place_inputs": self.place,
         }
 
     @property
@@ -152,6 +154,12 @@ class WorldTruth(Strict):
         return self
 
     @model_validator(mode="after")
+    def _a_gripper_puts_items_on_a_place(self) -> Self:
+        if self.place is not None and self.gripper is None:
+            raise ValueError("a gripper puts items on the place: give [world.gripper] too")
+        return self
+
+    @model_validator(mode="after")
     def _one_kind_of_things_to_take(self) -> Self:
         if self.items is not None and self.rack is not None:
             raise ValueError("a gripper takes items of a belt or parts of a rack: give one of the two")
@@ -204,7 +212,7 @@ class FakeAddresses(Strict):
 class FaultEntry(Strict):
     """``[[fault]]``: ``kind`` happens to ``device`` ``when_s`` seconds after the twin's start."""
 
-    device: Literal["arm", "camera", "beams", "tracker", "palletizer", "belt"]
+    device: Literal["arm", "camera", "beams", "tracker", "palletizer", "belt", "place_inputs"]
     kind: str
     when_s: float = Field(ge=0)
     args: dict[str, Any] = Field(default={})

@@ -36,6 +36,7 @@ from fakes.world.belt.belt import Belt
 from fakes.world.belt.encoder import BeltEncoder
 from fakes.world.belt.gripper import Gripper
 from fakes.world.belt.items import Items
+from fakes.world.belt.place import Place
 from fakes.world.camera.printed import printed_target
 from fakes.world.camera.truth import CameraTruth
 from fakes.world.palletizer.observed import ObservedPalletizer
@@ -159,6 +160,9 @@ class World:
         self.gripper: Gripper | None = None
         if truth.gripper is not None:
             self.gripper = Gripper(truth.gripper, self.items or self.rack, self.tool_point)
+        self.place: Place | None = None
+        if truth.place is not None and self.gripper is not None:
+            self.place = Place(truth.place, self.gripper)
         self.inputs = None if truth.io is None else InputModule(truth.io, self.beams, t0)
         self.tracker: Tracker | None = None
         if (tracker := truth.tracker) is not None:

@@ -54,6 +54,12 @@ class BeltTrackingConfig(Strict):
 
     wait_pose: str = Field(description="of [poses]: the tool points down, above the belt")
     place_pose: str = Field(description="of [poses]: the tool's point is where an item is put down")
+    place_clear: str | None = Field(
+        default=None,
+        min_length=1,
+        description="input of [robot] place_inputs that is on while the place is clear; an item is put down "
+        "only then, and no reading is as off. Without it the place is always clear",
+    )
     zone: Zone = Field(description="where along the belt items may be touched")
     belt_z_m: float = Field(ge=-5, le=5, description="height of the belt's surface in the base")
     items: ItemLook = Field(default_factory=ItemLook, description="how items look from the camera")
@@ -148,6 +154,10 @@ class BeltTrackingConfig(Strict):
                 f"items.max_height_m = {high:g} m; raise above_m, or lower items.max_height_m"
             )
         return self
+
+    def roles(self) -> tuple[str, ...]:
+        """Roles of ``[robot]`` that the job needs."""
+        return ("arm", "fixed_camera", "belt", "gripper", *(["place_inputs"] if self.place_clear else ()))
 
     @property
     def down_m(self) -> float:

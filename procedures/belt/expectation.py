@@ -14,10 +14,8 @@ from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.motion.cycle_estimate import SPEEDS_M_S, CycleEstimate, ExpectedCycle, slides
 from procedures.belt.motion.tool_joints import ToolJoints
 from procedures.belt.setup_checks import belt_setup
-from procedures.belt.tracking import CAMERA, UPRIGHT_RAD
+from procedures.belt.tracking import UPRIGHT_RAD
 from procedures.setup import Setup
-
-ROLES = ("arm", CAMERA, "belt", "gripper")
 
 
 def belt_expectation(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
@@ -26,7 +24,7 @@ def belt_expectation(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
     ``problems``: the job is refused or cannot pick with these; ``cautions``: it can, but not at every speed,
     or something looks mistaken.
     """
-    problems = [*setup.missing(*ROLES), *_poses(setup, job)]
+    problems = [*setup.missing(*job.roles()), *_poses(setup, job), *_place_input(setup, job)]
     values = setup.values
     try:
         values = with_job_limits(values, job.limits)
@@ -63,6 +61,17 @@ def _poses(setup: Setup, job: BeltTrackingConfig) -> Iterator[str]:
     for key in ("wait_pose", "place_pose"):
         if (name := getattr(job, key)) not in setup.poses:
             yield f"{key} '{name}' is not in [poses]; teach it there"
+
+
+def _place_input(setup: Setup, job: BeltTrackingConfig) -> Iterator[str]:
+    """An input for a clear place that its device does not have, where that names its inputs."""
+    device = setup.roles.get("place_inputs")
+    inputs = getattr(setup.devices.get(device or ""), "inputs", None)
+    if job.place_clear is not None and inputs and job.place_clear not in inputs:
+        yield (
+            f"place_clear = '{job.place_clear}' is no input of [device.{device}], which has "
+            f"{', '.join(inputs)}; correct the name, or add the input there"
+        )
 
 
 def _leans(job: BeltTrackingConfig, tool: ToolJoints, q_wait: Array, q_place: Array) -> Iterator[str]:

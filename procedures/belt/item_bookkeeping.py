@@ -80,10 +80,14 @@ class ItemBookkeeping:
         """The arm stopped with ``item``; ``if_empty`` became of it if the gripper holds nothing then."""
         self.carried, self.if_empty = item, if_empty
 
+    def take_up(self) -> Item | None:
+        """What the gripper has, for whoever goes on with it; None: nothing."""
+        item, self.carried = self.carried, None
+        return item
+
     def end_carried(self, outcome: Outcome) -> None:
         """This became of what was carried, if anything was."""
-        item, self.carried = self.carried, None
-        if item is not None:
+        if (item := self.take_up()) is not None:
             self.end(item, outcome)
 
     def _ended(self, item: Item, outcome: Outcome) -> None:

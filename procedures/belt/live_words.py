@@ -17,6 +17,8 @@ def live_line(numbers: Mapping[str, float], rows: Rows) -> str:
     parts = [*_belt(rows.get("belt", ())), *_items(rows.get("items", ()))]
     if "picks" in numbers:
         parts.append(f"{numbers['picks']:.0f} picked{_missed(numbers)}")
+    if waits := numbers.get("place_waits"):
+        parts.append(f"waited {waits:.0f} times for a clear place")
     return "  |  ".join(parts) or "nothing yet"
 
 

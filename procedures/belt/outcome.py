@@ -8,13 +8,22 @@ from procedures.belt.item_tracking import LOOK_BACK_S, BeltWatch
 from procedures.belt.items import Outcome
 from procedures.belt.motion.arm_following import ArmFollowing
 from procedures.belt.motion.gripper_times import GripperTimes
-from procedures.belt.result import BeltTrackingResult, CameraStalls, PickingAnswer, PickingInputs, Slip
+from procedures.belt.motion.place_clear import PlaceWaits
+from procedures.belt.result import (
+    BeltTrackingResult,
+    CameraStalls,
+    PickingAnswer,
+    PickingInputs,
+    PlaceWaitTimes,
+    Slip,
+)
 
 
 def result_of(
     watch: BeltWatch,
     following: ArmFollowing,
     gripper_times: GripperTimes,
+    waits: PlaceWaits,
     config: BeltTrackingConfig,
     values: RunValues,
     duration_s: float,
@@ -66,6 +75,7 @@ def result_of(
             slips=[Slip(t=slip.t, along_m=slip.by, sigma_m=slip.sigma) for slip in watch.slips],
             jumps_m=list(watch.jumps),
             camera_stalls=CameraStalls(count=stall.count, longest_s=stall.longest_s),
+            place_waits=PlaceWaitTimes(count=waits.count, longest_s=waits.longest_s, total_s=waits.total_s),
             arm_lag_s=following.lag.s if following.looks else None,
             following_rms_m=following.rms_m,
             following_largest_m=following.largest_m if following.looks else None,

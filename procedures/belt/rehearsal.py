@@ -16,9 +16,10 @@ PICKS = 10
 
 def rehearse_picking(setup: Setup, job: BeltTrackingConfig) -> Rehearsal:
     """``CONFIG_INVALID`` says what the configuration lacks."""
-    needed(setup, "arm", "fixed_camera", "belt", "gripper")
+    needed(setup, *job.roles())
     gripper = setup.devices[setup.roles["gripper"]]
-    known = KnownGripper(int(getattr(gripper, "output", 0)), getattr(gripper, "confirm", None))
+    output, confirm = int(getattr(gripper, "output", 0)), getattr(gripper, "confirm", None)
+    known = KnownGripper(output, confirm, job.place_clear)
     look, q = joints(setup, job.wait_pose)
     return Rehearsal(
         look,

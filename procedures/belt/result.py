@@ -167,6 +167,14 @@ class CameraStalls(Part):
     longest_s: Seconds = Field(description="The longest.")
 
 
+class PlaceWaitTimes(Part):
+    """Times for which the arm waited, with an item, until the place was clear."""
+
+    count: int = Field(description="How many.")
+    longest_s: Seconds = Field(description="The longest.")
+    total_s: Seconds = Field(description="All together.")
+
+
 class PickingAnswer(Part):
     """What a run of picking came to."""
 
@@ -180,6 +188,9 @@ class PickingAnswer(Part):
     slips: list[Slip] = Field(description="Of the encoder's wheel.")
     jumps_m: Annotated[list[float], Unit("m")] = Field(description="Of the encoder's position.")
     camera_stalls: CameraStalls = Field(description="Times without pictures.")
+    place_waits: PlaceWaitTimes | None = Field(
+        default=None, description="Waits for a clear place; null in results of before these were counted."
+    )
     arm_lag_s: Seconds | None = Field(
         default=None,
         description="How late the arm was on its set-points, made up for; null before the first grip.",

@@ -17,6 +17,7 @@ class PickState(StrEnum):
     GRIP = "grip"
     LIFT = "lift"
     PLACE = "place"
+    WAIT_PLACE = "wait-place"  # at rest with an item: the place is not clear
     RETURN = "return"
     STANDING = "standing"  # the belt stands or runs backward
     REPORT = "report"
@@ -30,16 +31,17 @@ AFTER: Mapping[Any, frozenset[Any]] = {
     S.DESCEND: frozenset({S.GRIP, S.RETURN, S.WAIT, S.APPROACH}),
     S.GRIP: frozenset({S.LIFT}),
     S.LIFT: frozenset({S.PLACE, S.RETURN, S.WAIT, S.APPROACH}),
-    S.PLACE: frozenset({S.RETURN, S.WAIT, S.APPROACH}),
+    S.PLACE: frozenset({S.RETURN, S.WAIT, S.APPROACH, S.WAIT_PLACE}),
     S.RETURN: frozenset({S.WAIT, S.APPROACH}),
 }
 PICKING: Mapping[Any, frozenset[Any]] = {
     None: frozenset({S.PREPARE}),
     S.PREPARE: frozenset({S.TO_WAIT}),
-    S.TO_WAIT: frozenset({S.READY}),
+    S.TO_WAIT: frozenset({S.READY, S.WAIT_PLACE}),
+    S.WAIT_PLACE: frozenset({S.PLACE, S.WAIT_PLACE, S.TO_WAIT, S.REPORT}),
     S.READY: frozenset({S.WAIT, S.APPROACH, S.STANDING, S.REPORT, S.READY}),
     S.STANDING: frozenset({S.STANDING, S.TO_WAIT, S.REPORT}),
     **{state: after | {S.READY, S.STANDING, S.REPORT} for state, after in AFTER.items()},
     S.REPORT: frozenset(),
 }
-CHECKPOINTS: frozenset[Any] = frozenset({S.READY, S.STANDING})
+CHECKPOINTS: frozenset[Any] = frozenset({S.READY, S.STANDING, S.WAIT_PLACE})

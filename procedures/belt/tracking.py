@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from calibration.belt.pursuit import PursuitState
+from cell.devices import Speed
 from cell.errors import InputError, error
 from cell.formats.result import Envelope, read_as
 from cell.motion import MotionLease
@@ -29,6 +30,7 @@ from procedures.belt.motion.arm_following import ArmFollowing
 from procedures.belt.motion.gripper_times import GripperTimes
 from procedures.belt.motion.gripper_work import STUCK
 from procedures.belt.motion.picker import Picker
+from procedures.belt.motion.place_clear import PlaceClear, PlaceWaits
 from procedures.belt.motion.tool_joints import ToolJoints
 from procedures.belt.outcome import result_of
 from procedures.belt.prediction_check import with_predictions
@@ -59,7 +61,7 @@ class BeltTracking(Procedure):
     config: BeltTrackingConfig
 
     def uses(self) -> tuple[str, ...]:
-        return ("arm", CAMERA, "belt", "gripper")
+        return self.config.roles()
 
     def check(self, values: RunValues) -> None:
         for key in ("wait_pose", "place_pose"):
@@ -81,7 +83,13 @@ class BeltTracking(Procedure):
             duration_s = run.clock.now() - started
         await run.enter(S.REPORT)
         picked = result_of(
-            picking.watch, picking.arm_following, picking.gripper_times, self.config, run.values, duration_s
+            picking.watch,
+            picking.arm_following,
+            picking.gripper_times,
+            picking.place_waits,
+            self.config,
+            run.values,
+            duration_s,
         )
         run.result = picked
         if (path := run.folder / DATA_FILE).exists():
@@ -137,6 +145,8 @@ class _Picking:
         self.tool = ToolJoints(self.model, from_pose6(values.tool["T_flange_tool"]), self.q_wait)
         self.guard = lease_settings(values)[0]
         self.gripper_times = GripperTimes(config.grip_timeout_s)
+        inputs = run.inputs("place_inputs") if config.place_clear else None
+        self.place_clear, self.place_waits = PlaceClear(inputs, config.place_clear), PlaceWaits(run.clock)
         self.arm_following = ArmFollowing(self.arm.expected_lag_s, config.following_limit_m, self.guard)
         for key, q in (("wait_pose", self.q_wait), ("place_pose", self.q_place)):
             lean = self.tool.lean(q)
@@ -202,14 +212,52 @@ class _Picking:
         here = self.arm.state.latest(0.1).value.T_base_flange
         rise = float(self.model.forward(self.q_wait).translation[2] - here.translation[2])
         if rise > 0.0:
-            slow = replace(speed := lease_settings(self.run.values)[2], tcp_m_s=min(speed.tcp_m_s, RISE_M_S))
-            await lease.move_linear(RigidTransform.from_translation([0.0, 0.0, rise]) * here, slow)
+            up = RigidTransform.from_translation([0.0, 0.0, rise]) * here
+            await lease.move_linear(up, self._slow())
         if held := self.run.gripper().holding(HELD_S):
-            await lease.move_joints(self.q_place)
+            await self._into_place(lease)
         await self._open_gripper()
         self.bookkeeping.end_carried(Outcome.PICKED if held else self.bookkeeping.if_empty)
         if held:
             self.run.steps_taken.part_done()
+
+    def _slow(self) -> Speed:
+        speed = lease_settings(self.run.values)[2]
+        return replace(speed, tcp_m_s=min(speed.tcp_m_s, RISE_M_S))
+
+    async def _into_place(self, lease: MotionLease) -> None:
+        """With what the gripper holds: over the place, and straight down when it is clear."""
+        place, up = self._place(), np.array([0.0, 0.0, self.config.above_m, 0.0])
+        over = place + PursuitState.still(up)
+        down, back = (RigidTransform.from_matrix(T) for T in self.tool.flanges([place, over]))
+        slow = self._slow()
+        await lease.move_joints(self.tool.joints(over, self.q_place)[0])
+        while True:
+            if self.place_clear.obstacle() is not None:
+                await self._until_place_is_clear()
+                await self.run.enter(S.TO_WAIT)
+            await lease.move_linear(down, slow)
+            if self.place_clear.obstacle() is None:
+                return
+            await lease.move_linear(back, slow)
+
+    async def _until_place_is_clear(self) -> None:
+        """At rest with an item: something outside has to clear the place, so the job is suspended."""
+        run = self.run
+        self.place_waits.begin()
+        try:
+            while True:
+                why = self.place_clear.obstacle()
+                await run.enter(S.WAIT_PLACE, why or "the place is clear again")
+                if why is None:
+                    return
+                run.suspend(f"with an item above the place: {why}")
+                run.publish(place_waits=self.place_waits.count)
+                while self.place_clear.obstacle() is not None and not run.wants_rest:
+                    await run.clock.sleep(LOOK_S)
+                run.unsuspend()
+        finally:
+            self.place_waits.end()
 
     async def _pick(self, lease: MotionLease) -> bool:
         """Stream until the belt stands (True) or enough is picked (False); pauses end in READY."""
@@ -226,10 +274,14 @@ class _Picking:
             self.guard,
             wait,
             place,
+            self.place_clear,
         )
         while not picker.enough:
             await self._until_picks_are_wanted()
             await lease.stream(picker.pieces(self.arm.state.latest(0.1).value.q))
+            while self.bookkeeping.carried is not None:  # above a place that is not clear
+                await self._until_place_is_clear()
+                await lease.stream(picker.pieces(self.arm.state.latest(0.1).value.q))
             if self.bookkeeping.grips_fail:
                 await run.enter(S.READY)
                 await self._alarm()

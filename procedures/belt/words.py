@@ -45,6 +45,11 @@ def belt_tracking_lines(found: BeltTrackingResult) -> list[str]:
             f"{mm(answer.contact_off_largest_m)} at most; "
             "that is without constant errors of camera, calibration and arm"
         )
+    if (waits := answer.place_waits) is not None and waits.count:
+        lines.append(
+            f"  waited {waits.count} times for a clear place, {waits.total_s:.1f} s together, "
+            f"{waits.longest_s:.1f} s at most"
+        )
     if answer.gripper_closing_s is not None:
         lines.append(f"  the gripper closed in {answer.gripper_closing_s:.2f} s")
     how = "moving with the item" if answer.follow else "standing"

@@ -85,6 +85,7 @@ def write_config(
                 ),
                 ("belt", "fakes.object:ObjectEncoder", None),
                 ("gripper", "fakes.object:ObjectGripper", None),
+                ("place_inputs", "fakes.object:ObjectPlaceInputs", None),
             )
         },
         state_dir=str(folder / "state"),

@@ -32,6 +32,15 @@ class Contact:
     slide_m_s: float | None = None
 
 
+@dataclass(frozen=True)
+class PutDown:
+    """The fingers opened at ``t`` and let ``item`` go; the tool's point was at ``at``, in the base, m."""
+
+    item: int
+    t: float
+    at: tuple[float, float, float]
+
+
 class Takeable(Protocol):
     """What lies about for fingers to close on, by number."""
 
@@ -52,6 +61,7 @@ class Gripper:
     ) -> None:
         self.truth, self._items, self._tool = truth, items, tool_point
         self.contacts: list[Contact] = []
+        self.put_down: list[PutDown] = []
         self._closed = False
         self._due: list[tuple[float, bool]] = []  # when what was commanded has happened
         self._held: list[tuple[float, int | None]] = []
@@ -72,8 +82,9 @@ class Gripper:
         """Let happen what was due until ``t``."""
         while self._due and self._due[0][0] <= t:
             at, close = self._due.pop(0)
-            if not close:
-                self._let_go(at)
+            if not close and (held := self._let_go(at)) is not None:
+                x, y, z = self._tool(at)
+                self.put_down.append(PutDown(held, at, (float(x), float(y), float(z))))
             self._held.append((at, self._close(at) if close else None))
 
     def empty(self, t: float) -> int | None:
@@ -84,10 +95,11 @@ class Gripper:
             self._held.append((t, None))
         return held
 
-    def _let_go(self, t: float) -> None:
+    def _let_go(self, t: float) -> int | None:
         held = self._held[-1][1] if self._held else None
         if held is not None and self._items is not None:
             self._items.let_go(held, t)
+        return held
 
     def truth_at(self, t: float) -> dict[str, Any]:
         """What is held, and every closing so far, as plain values."""

@@ -36,6 +36,15 @@ class ItemsTruth(Strict):
         return self
 
 
+class PlaceTruth(Strict):
+    """``[world.place]``: an input that is on while nothing lies where the gripper puts items down."""
+
+    input: str = Field(default="clear", min_length=1, description="its name")
+    carried_off_s: float = Field(
+        default=1.0, ge=0, le=1e6, description="so long after it was put down an item is carried off"
+    )
+
+
 class GripperTruth(Strict):
     """``[world.gripper]``: two fingers, or a cup, on the arm, moved by one or two of its digital outputs.
 

@@ -26,13 +26,13 @@ from procedures.belt.motion.gripper_times import GripperTimes
 from procedures.belt.motion.gripper_work import GripperWork
 from procedures.belt.motion.item_selection import ItemSelection
 from procedures.belt.motion.meeting import Aim, strategy
+from procedures.belt.motion.place_clear import PlaceClear
+from procedures.belt.motion.putting_down import Put, PuttingDown
 from procedures.belt.motion.tool_joints import ToolJoints, on_piece
-from procedures.belt.motion.tool_path import AHEAD_S, ToolPath, pursuit_limits
+from procedures.belt.motion.tool_path import AHEAD_S, LEAD_S, STEP_S, ToolPath, pursuit_limits
 from procedures.belt.states import PickState as S
 
-STEP_S = 0.02  # between decisions
 LEARN_S = 0.04  # between looks at what has come in, but for the last of the way to an item
-LEAD_S = 0.012  # from a decision to the set-points that come of it
 CLOSE = frozenset({S.DESCEND, S.GRIP})
 MET_M, MET_M_S, MET_RAD = 0.0003, 0.02, 0.02  # from rest on an item
 DOUBT_S, DOUBT_M = 0.15, 0.0003  # a belt that may be so far off so soon is waited for just above its item
@@ -41,7 +41,10 @@ REFUSED_S = 0.2  # an item out of reach is not tried again for so long: the arm 
 
 
 class Picker:
-    """Streams until something asks for rest: a pause, the end, a belt that stands."""
+    """Streams until something asks for rest: a pause, the end, a belt that stands, a place that is not clear.
+
+    What it carries at the end of a stream it puts down in the next one.
+    """
 
     def __init__(
         self,
@@ -55,6 +58,7 @@ class Picker:
         guard: MotionGuard,
         wait: PursuitState,
         place: PursuitState,
+        clear: PlaceClear,
     ) -> None:
         self._run, self._config, self._watch, self._bookkeeping, self._tool = (
             run,
@@ -84,13 +88,14 @@ class Picker:
         self._t_contact, self._tries = 0.0, 0
         self._phase: Callable[[float], Coroutine[Any, Any, bool]] = self._ready
         self._path = ToolPath(tool, limits, guard, wait)
+        self._putting = PuttingDown(self._path, self._gripper, self._blend, clear, self._above)
         self._choice = ItemSelection(config, watch, tool, float(wait.p[3]), self._descent_s, gripper_times)
         self._learnt = -np.inf
         self._standing_since: float | None = None
         self.standing = False
 
     async def pieces(self, q: Array) -> AsyncIterator[TrajectoryPiece]:
-        """Set-points from rest at ``q`` (6,) on, until :attr:`standing`, a wish for rest, or enough picks."""
+        """Set-points from rest at ``q`` (6,) on, until one of these reasons for rest."""
         clock = self._run.clock
         t = clock.now() + (LEAD_S + self._following.delay_s)
         self._path.start(t, q, self._wait)
@@ -100,6 +105,9 @@ class Picker:
         sent: TrajectoryPiece | None = None
         self._bookkeeping.streaming = True
         try:
+            if (carried := self._bookkeeping.take_up()) is not None:
+                self._item, self._held = carried, True
+                await self._begin_putting(t)
             while True:
                 await self._learn()
                 if not await self._phase(t):
@@ -125,7 +133,7 @@ class Picker:
     @property
     def _if_empty(self) -> Outcome:
         """What became of the item in hand, if the gripper turns out to hold nothing where the arm stopped."""
-        if self._phase == self._release:  # at rest at the place, with fingers that were told to open
+        if self._phase == self._put_down and self._putting.lets_go:
             return Outcome.PICKED
         return Outcome.LOST if self._held else Outcome.GRIP_FAILED
 
@@ -385,55 +393,37 @@ class Picker:
 
     async def _lift(self, t: float) -> bool:
         """Straight up, seen from the belt, until what lies beside is cleared."""
-        if not self._clear(t, self._foot_m):
+        if not self._path.has_risen(t, self._foot_m, self._blend):
             return True
         if self._held:
-            await self._run.enter(S.PLACE)
-            self._path.begin(t, self._place, self._above)
-            self._phase = self._to_place
+            await self._begin_putting(t)
         elif self._gripper.opened():
             await self._run.enter(S.RETURN)
             self._phase = self._ready
         return True
 
-    async def _to_place(self, t: float) -> bool:
-        self._path.go(t, self._place, self._above)
-        if self._path.t1 - t <= self._blend.lead_s:
-            self._path.at_full_speed()
-            self._phase = self._put_down
-        return True
+    async def _begin_putting(self, t: float) -> None:
+        await self._run.enter(S.PLACE)
+        self._putting.begin(t, self._place)
+        self._phase = self._put_down
 
     async def _put_down(self, t: float) -> bool:
-        self._path.go(t, self._place, np.zeros(4), apart=True)
-        if self._path.t1 - t <= 0.5 * STEP_S:
-            if not self._gripper.holding():
+        """To the place and away from it; a stream ends above a place that is not clear."""
+        match self._putting.step(t):
+            case Put.BLOCKED:
+                return False
+            case Put.EMPTY:
                 await self._end_item(Outcome.LOST)
-            self._gripper.begin_release(t - LEAD_S)
-            self._phase = self._release
-        return True
-
-    async def _release(self, t: float) -> bool:
-        if not self._gripper.opened():
-            return True
-        if self._item is not None:
-            await self._end_item(Outcome.PICKED)
-            self._run.steps_taken.part_done()
-        self._phase = self._leave_place
-        return True
-
-    async def _leave_place(self, t: float) -> bool:
-        self._path.go(t, self._place, self._above)
-        if self._clear(t, float(self._place.p[2])):
-            await self._run.enter(S.RETURN)
-            self._path.begin(t, self._wait, np.zeros(4))
-            self._phase = self._ready
+            case Put.OPENED if self._item is not None:
+                await self._end_item(Outcome.PICKED)
+                self._run.steps_taken.part_done()
+            case Put.LEFT:
+                await self._run.enter(S.RETURN)
+                self._path.begin(t, self._wait, np.zeros(4))
+                self._phase = self._ready
         return True
 
     # -- steps of the phases
-
-    def _clear(self, t: float, foot_m: float) -> bool:
-        """Whether the tool has risen so far from ``foot_m`` that it may go sideways."""
-        return t >= self._path.t1 or float(self._path.at(t).p[2]) - foot_m >= self._blend.clear_m
 
     def _ride(self) -> Ride | None:
         """The item in hand, as it is predicted now."""
@@ -456,7 +446,7 @@ class Picker:
 
     async def _rise(self, t: float) -> bool:
         """Straight up beside an item that was given up."""
-        if self._clear(t, self._foot_m):
+        if self._path.has_risen(t, self._foot_m, self._blend):
             self._phase = self._ready
             self._path.begin(t, self._wait, np.zeros(4))
         return True

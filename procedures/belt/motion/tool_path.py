@@ -10,8 +10,11 @@ from cell.devices import TrajectoryPiece
 from cell.guard import MotionGuard
 from cell.poses import Array
 from procedures.belt.config import JobLimits
+from procedures.belt.motion.blend import Blend
 from procedures.belt.motion.tool_joints import ToolJoints, fastest_joint, looks_along
 
+STEP_S = 0.02  # between decisions
+LEAD_S = 0.012  # from a decision to the set-points that come of it
 AHEAD_S, NODES = 0.05, (1, 2, 3)  # a piece goes on for longer than a loop that is late once
 JOINT_SHARE = 0.85  # of the joints' speed limit that a plan may use; a change of plan needs the rest
 BRAKE_SHARE = 0.9
@@ -124,6 +127,10 @@ class ToolPath:
     def rise(self, t: float, offset: Array) -> None:
         """Straight up at full speed, seen from what the tool is at."""
         self._leg = plan(t, self._leg.at(t), self._leg.origin, offset, self._limits)
+
+    def has_risen(self, t: float, foot_m: float, blend: Blend) -> bool:
+        """Whether the tool is so far above ``foot_m`` at ``t`` that it may go sideways."""
+        return t >= self._leg.t1 or float(self._leg.at(t).p[2]) - foot_m >= blend.clear_m
 
     def at_full_speed(self) -> None:
         """From the next plan on."""

@@ -10,7 +10,8 @@ from daemon.status import LIVE_ROWS
 from fakes.object import run_virtual
 from procedures.belt.live import AHEAD_S, COLUMNS
 from procedures.belt.live_words import live_line
-from procedures.belt.motion.picker import LEARN_S, STEP_S
+from procedures.belt.motion.picker import LEARN_S
+from procedures.belt.motion.tool_path import STEP_S
 from procedures.belt.report.live import live_page
 from tests.kit.object_cell import ObjectCell, no_report
 from tests.kit.picking_cell import picking_cell, picking_config

@@ -7,6 +7,7 @@ import pytest
 from cell.errors import error
 from fakes.object import run_virtual
 from procedures.belt.motion.picker import Picker
+from procedures.belt.motion.putting_down import Put, PuttingDown
 from tests.kit.interrupted import Struck, run_struck, silence_at
 from tests.kit.object_cell import no_report
 from tests.kit.picking_cell import picking_cell, picking_config
@@ -86,15 +87,15 @@ def test_an_item_that_was_let_go_at_the_place_is_picked_though_nobody_saw_the_fi
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     config = picking_config(tmp_path, {"picks": 2, "max_duration_s": 60.0}, FEED)
-    release, times = Picker._release, list[float]()
+    release, times = PuttingDown._release, list[float]()
 
-    async def paused(picker: Picker, t: float) -> bool:
+    def paused(putting: PuttingDown, t: float) -> Put:
         times.append(t)
         if len(times) == 1:
             raise error("MOTION_WATCHDOG", "a pause")
-        return await release(picker, t)
+        return release(putting, t)
 
-    monkeypatch.setattr(Picker, "_release", paused)
+    monkeypatch.setattr(PuttingDown, "_release", paused)
 
     async def main() -> None:
         async with picking_cell(config) as cell:

@@ -1,0 +1,86 @@
+"""From the lift to leaving the place: over it, down when it is clear, the gripper open, and up again."""
+
+from collections.abc import Callable
+from enum import Enum, auto
+
+import numpy as np
+
+from calibration.belt.pursuit import FixedPoint
+from cell.poses import Array
+from procedures.belt.motion.blend import Blend
+from procedures.belt.motion.gripper_work import GripperWork
+from procedures.belt.motion.place_clear import PlaceClear
+from procedures.belt.motion.tool_path import LEAD_S, STEP_S, ToolPath
+
+
+class Put(Enum):
+    """What a step of putting an item down has come to."""
+
+    UNDER_WAY = auto()
+    BLOCKED = auto()  # at rest above a place that is not clear, with the item
+    EMPTY = auto()  # in the place, and the gripper does not hold the item any more
+    OPENED = auto()  # the gripper let go
+    LEFT = auto()  # clear of the place: the tool may go anywhere
+
+
+class PuttingDown:
+    """One item after the other, each decided step by step as the picker's phases are.
+
+    ``above`` (4,) is the level way over the place. Once the gripper was told to open, the place is left
+    whatever the input says.
+    """
+
+    def __init__(
+        self, path: ToolPath, gripper: GripperWork, blend: Blend, clear: PlaceClear, above: Array
+    ) -> None:
+        self._path, self._gripper, self._blend, self._clear = path, gripper, blend, clear
+        self._above = above
+        self._place = FixedPoint(np.zeros(4))
+        self._step: Callable[[float], Put] = self._over
+
+    @property
+    def lets_go(self) -> bool:
+        """Whether the tool is at rest in the place, with fingers that were told to open."""
+        return self._step == self._release
+
+    def begin(self, t: float, place: FixedPoint) -> None:
+        """Set out for ``place`` at ``t``."""
+        self._place, self._step = place, self._over
+        self._path.begin(t, place, self._above)
+
+    def step(self, t: float) -> Put:
+        """Decide about the way from ``t`` on."""
+        return self._step(t)
+
+    def _over(self, t: float) -> Put:
+        self._path.go(t, self._place, self._above)
+        if self._path.t1 - t > self._blend.lead_s:
+            return Put.UNDER_WAY
+        if self._clear.obstacle() is not None:
+            return Put.BLOCKED if t >= self._path.t1 else Put.UNDER_WAY
+        self._path.at_full_speed()
+        self._step = self._down
+        return Put.UNDER_WAY
+
+    def _down(self, t: float) -> Put:
+        if self._clear.obstacle() is not None:
+            self._path.rise(t, self._above)
+            self._step = self._over
+            return Put.UNDER_WAY
+        self._path.go(t, self._place, np.zeros(4), apart=True)
+        if self._path.t1 - t > 0.5 * STEP_S:
+            return Put.UNDER_WAY
+        holds = self._gripper.holding()
+        self._gripper.begin_release(t - LEAD_S)
+        self._step = self._release
+        return Put.UNDER_WAY if holds else Put.EMPTY
+
+    def _release(self, t: float) -> Put:
+        if not self._gripper.opened():
+            return Put.UNDER_WAY
+        self._step = self._leave
+        return Put.OPENED
+
+    def _leave(self, t: float) -> Put:
+        self._path.go(t, self._place, self._above)
+        return Put.LEFT if self._path.has_risen(t, float(self._place.p[2]), self._blend) else Put.UNDER_WAY

@@ -1,0 +1,196 @@
+"""An item is put down on a place that an input says to be clear, and nowhere else."""
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daemon.cli.predict import setup_of
+from daemon.config import CellConfig
+from fakes.object import run_virtual
+from fakes.world.belt.gripper import Gripper
+from fakes.world.belt.place import Place
+from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.expectation import belt_expectation
+from tests.kit.object_cell import ObjectCell, no_report
+from tests.kit.picking_cell import JOB, picking_cell, picking_config
+from tests.kit.picking_truth import agrees_with_the_world, counted
+
+__all__ = ["no_report"]
+pytestmark = pytest.mark.usefixtures("no_report")
+
+OFF = "the place is not clear: 'clear' is off"
+
+
+def config_of(folder: Path, carried_off_s: float, **job: Any) -> CellConfig:
+    world = {"confirm": f"7\n[world.place]\ncarried_off_s = {carried_off_s}"}
+    return picking_config(folder, {"place_clear": "clear", **job}, world)
+
+
+def place_of(cell: ObjectCell) -> Place:
+    place = cell.plant.world.place
+    assert place is not None
+    return place
+
+
+def gripper_of(cell: ObjectCell) -> Gripper:
+    gripper = cell.plant.world.gripper
+    assert gripper is not None
+    gripper.settle(cell.clock.now())
+    return gripper
+
+
+def above_place(cell: ObjectCell) -> np.ndarray:
+    """(3,) m: the tool's point from the place, in the base."""
+    q, world = np.array(cell.config.poses["place"]), cell.plant.world
+    place = (world.true.forward(q) * world.T_flange_tool).translation
+    return np.asarray(world.tool_point(cell.clock.now()) - place)
+
+
+async def goes_down_to(cell: ObjectCell, above_m: float) -> None:
+    """Wait until the tool is on its way down into the place."""
+    while np.hypot(*above_place(cell)[:2]) > 0.004 or above_place(cell)[2] > above_m:
+        await cell.clock.sleep(0.004)
+
+
+async def waits(cell: ObjectCell) -> None:
+    await cell.until_state("wait-place", 60.0)
+    await cell.until(lambda: cell.engine.packml.name == "SUSPENDED", "suspended", 5.0)
+    await cell.clock.sleep(1.0)
+    assert cell.at_rest()
+    assert gripper_of(cell).holds(cell.clock.now()) is not None
+    assert above_place(cell) == pytest.approx(np.array([0.0, 0.0, 0.05]), abs=1e-3)
+
+
+def test_each_item_waits_above_the_place_until_the_one_before_is_carried_off(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with picking_cell(config_of(tmp_path, 8.0, picks=3)) as cell:
+            run_id = await cell.start()
+            await waits(cell)
+            assert cell.engine.status()["live"]["place_waits"] == 1
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            put = [down.t for down in gripper_of(cell).put_down]
+            assert len(put) == 3
+            assert min(b - a for a, b in pairwise(put)) > 8.0
+            assert counted(cell, run_id)["picked"] == 3
+            told = cell.result(run_id)["result"]["place_waits"]
+            assert told["count"] == 2
+            assert 0.0 < told["longest_s"] < told["total_s"] < 16.0
+            why = [line["why"] for line in cell.notes(run_id, "suspended")]
+            assert why == [f"with an item above the place: {OFF}"] * 2
+            agrees_with_the_world(cell, run_id)
+
+    run_virtual(scene())
+
+
+def test_a_place_that_is_taken_while_the_tool_goes_down_sends_it_up_again(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with picking_cell(config_of(tmp_path, 3.0, picks=1)) as cell:
+            run_id, place = await cell.start(), place_of(cell)
+            await cell.until_state("place", 60.0)
+            await goes_down_to(cell, 0.03)
+            blocked = cell.clock.now()
+            place.block(blocked)
+            await waits(cell)
+            assert not gripper_of(cell).put_down
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            assert gripper_of(cell).put_down[0].t > blocked + 3.0
+            assert counted(cell, run_id)["picked"] == 1
+            agrees_with_the_world(cell, run_id)
+
+    run_virtual(scene())
+
+
+@pytest.mark.parametrize("silent_s", [0.4, 1.5])
+def test_nothing_is_put_down_while_the_input_is_silent(tmp_path: Path, silent_s: float) -> None:
+    """The longer silence loses the device: the step is taken again, with the item in the gripper."""
+
+    async def scene() -> None:
+        async with picking_cell(config_of(tmp_path, 0.0, picks=1)) as cell:
+            run_id = await cell.start()
+            await cell.until_state("place", 60.0)
+            await goes_down_to(cell, 0.04)
+            silent = cell.clock.now()
+            cell.plant.plant("place_inputs").inject("silence", {"duration_s": silent_s})
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            assert gripper_of(cell).put_down[0].t > silent + silent_s
+            assert counted(cell, run_id)["picked"] == 1
+            assert len(cell.notes(run_id, "interrupted")) == (silent_s > 1.0)
+            agrees_with_the_world(cell, run_id)
+
+    run_virtual(scene())
+
+
+def test_after_an_interruption_the_item_is_put_down_only_when_the_place_is_clear(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with picking_cell(config_of(tmp_path, 6.0, picks=1)) as cell:
+            run_id, place = await cell.start(), place_of(cell)
+            await cell.until_state("lift", 60.0)
+            place.block(blocked := cell.clock.now())
+            cell.plant.plant("belt").inject("silence", {"duration_s": 1.0})
+            await waits(cell)
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            assert gripper_of(cell).put_down[0].t > blocked + 6.0
+            assert counted(cell, run_id)["picked"] == 1
+            agrees_with_the_world(cell, run_id)
+
+    run_virtual(scene())
+
+
+def test_a_wait_can_be_paused_and_goes_on_with_the_item_in_the_gripper(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with picking_cell(config_of(tmp_path, 20.0, picks=2)) as cell:
+            run_id = await cell.start()
+            await waits(cell)
+            await cell.engine.pause("test")
+            await cell.until(lambda: cell.engine.packml.name == "HELD", "held", 5.0)
+            await cell.clock.sleep(30.0)
+            assert len(gripper_of(cell).put_down) == 1, "held: also when the place is clear by now"
+            await cell.engine.resume("test")
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            assert counted(cell, run_id)["picked"] == 2
+            assert cell.result(run_id)["result"]["place_waits"]["count"] == 1
+            agrees_with_the_world(cell, run_id)
+
+    run_virtual(scene())
+
+
+def test_a_wait_can_be_finished_and_the_item_in_the_gripper_counts_as_lost(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with picking_cell(config_of(tmp_path, 1e5)) as cell:
+            run_id = await cell.start()
+            await waits(cell)
+            await cell.engine.finish("test")
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            assert len(gripper_of(cell).put_down) == 1
+            outcomes = counted(cell, run_id)
+            assert (outcomes["picked"], outcomes["lost"]) == (1, 1)
+
+    run_virtual(scene())
+
+
+def test_an_input_that_the_device_does_not_have_is_refused_by_name(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with picking_cell(config_of(tmp_path, 1.0, place_clear="free")) as cell:
+            run_id = await cell.start()
+            end = await cell.finished(run_id)
+            assert end["error"]["name"] == "ARGUMENT_INVALID"
+            assert "place_clear = 'free' is no input of place_inputs: it has clear" in str(end["error"])
+
+    run_virtual(scene())
+
+
+def test_check_finds_an_input_that_its_device_does_not_have(tmp_path: Path) -> None:
+    config = config_of(tmp_path, 1.0)
+    section = type("Section", (), {"inputs": {"place_free": None, "box_there": None}})()
+    setup = setup_of(config)
+    setup = replace(setup, devices={**setup.devices, "place_inputs": section})
+    job = BeltTrackingConfig.model_validate(config.job[JOB])
+    found = belt_expectation(setup, job)["problems"]
+    assert found == [
+        "place_clear = 'clear' is no input of [device.place_inputs], which has place_free, box_there; "
+        "correct the name, or add the input there"
+    ]
