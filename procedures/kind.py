@@ -186,7 +186,7 @@ _ALL = (
         rehearsal="procedures.belt.rehearsal:rehearse_picking",
         live="procedures.belt.live_words:live_line",
         live_page="procedures.belt.report.live:live_page",
-        arguments=(Argument("picks", 1),),
+        arguments=(Argument("picks", 1), Argument("first_place", 2)),
     ),
     Kind(
         name="intercept",

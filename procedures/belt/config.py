@@ -6,6 +6,7 @@ from pydantic import Field, model_validator
 
 from cell.formats.reading import Strict
 
+MOST_PLACES = 400
 Length = Annotated[float, Field(gt=0, le=2.0)]
 
 
@@ -40,6 +41,42 @@ class Zone(Strict):
         return self
 
 
+Along = Literal["x", "-x", "y", "-y"]
+
+
+class PlaceGrid(Strict):
+    """A level grid of places, filled column by column and row by row; place_pose is the first of them.
+
+    Directions are those of the tool's axes at place_pose, where the tool points down.
+    """
+
+    rows: int = Field(ge=1, le=50, description="how many rows")
+    columns: int = Field(ge=1, le=50, description="places in a row")
+    column_pitch_m: Length = Field(description="from one column to the next")
+    row_pitch_m: Length = Field(description="from one row to the next")
+    columns_along: Along = Field(default="x", description="axis of the tool along which columns follow")
+    rows_along: Along = Field(default="y", description="axis of the tool along which rows follow")
+    ask_empty: bool = Field(
+        default=True, description="ask before a run whether the places from first_place on are empty"
+    )
+    when_full: Literal["end", "hold"] = Field(
+        default="end",
+        description="end the job when the last place is filled, or hold it at rest until somebody confirms "
+        "that all places are empty again",
+    )
+
+    @model_validator(mode="after")
+    def _makes_sense(self) -> Self:
+        if self.columns_along[-1] == self.rows_along[-1]:
+            raise ValueError(
+                f"columns_along = '{self.columns_along}' and rows_along = '{self.rows_along}' are one line; "
+                "give x for one and y for the other"
+            )
+        if (places := self.rows * self.columns) > MOST_PLACES:
+            raise ValueError(f"{places} places are more than {MOST_PLACES}; make rows or columns fewer")
+        return self
+
+
 class JobLimits(Strict):
     """Of the motion in this job. Above [limits] only where allow_job_override permits it."""
 
@@ -61,6 +98,15 @@ class BeltTrackingConfig(Strict):
         "only then, and no reading is as off. Without it the place is always clear",
     )
     zone: Zone = Field(description="where along the belt items may be touched")
+    place_grid: PlaceGrid | None = Field(
+        default=None, description="places from place_pose on, filled one after the other; without it one"
+    )
+    first_place: int = Field(
+        default=1,
+        ge=1,
+        le=MOST_PLACES,
+        description="of place_grid: a run begins here, counted from 1; those before are filled already",
+    )
     belt_z_m: float = Field(ge=-5, le=5, description="height of the belt's surface in the base")
     items: ItemLook = Field(default_factory=ItemLook, description="how items look from the camera")
     above_m: Length = Field(
@@ -142,6 +188,9 @@ class BeltTrackingConfig(Strict):
             raise ValueError("straight_m must not be larger than above_m")
         if self.grip_m >= self.above_m:
             raise ValueError("grip_m must be smaller than above_m")
+        places = 1 if self.place_grid is None else self.place_grid.rows * self.place_grid.columns
+        if self.first_place > places:
+            raise ValueError(f"first_place = {self.first_place} is beyond the last of {places} places")
         low, high = self.items.min_height_m, self.items.max_height_m
         if low + self.grip_m <= 0.0:
             raise ValueError(

@@ -37,6 +37,7 @@ def belt_expectation(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
     tool = ToolJoints(model, from_pose6(values.tool["T_flange_tool"]), q_wait)
     problems = list(_leans(job, tool, q_wait, q_place))
     slide, mistaken = _slide_words(job), list(belt_setup(setup, job))
+    mistaken += _overlaps(job)
     if values.belt is None:
         text = f"{slide}; no prediction of the zone without [robot] belt_nominal"
         return {"text": text, "problems": problems, "cautions": mistaken}
@@ -71,6 +72,19 @@ def _place_input(setup: Setup, job: BeltTrackingConfig) -> Iterator[str]:
         yield (
             f"place_clear = '{job.place_clear}' is no input of [device.{device}], which has "
             f"{', '.join(inputs)}; correct the name, or add the input there"
+        )
+
+
+def _overlaps(job: BeltTrackingConfig) -> Iterator[str]:
+    """Items that are picked, and longer than the grid has room for along the tool's x, where they lie."""
+    if (grid := job.place_grid) is None:
+        return
+    along = "column_pitch_m" if grid.columns_along.endswith("x") else "row_pitch_m"
+    if (pitch := getattr(grid, along)) < job.items.max_size_m:
+        yield (
+            f"place_grid.{along} = {pitch:g} m is shorter than items.max_size_m = "
+            f"{job.items.max_size_m:g} m: longer items would lie on each other, as their longer side is "
+            "along the tool's x; make items.max_size_m as small as the items are"
         )
 
 

@@ -17,6 +17,9 @@ def live_line(numbers: Mapping[str, float], rows: Rows) -> str:
     parts = [*_belt(rows.get("belt", ())), *_items(rows.get("items", ()))]
     if "picks" in numbers:
         parts.append(f"{numbers['picks']:.0f} picked{_missed(numbers)}")
+    if "next_place" in numbers:
+        place = numbers["next_place"]
+        parts.append(f"place {place:.0f} is next" if place else "all places are filled")
     if waits := numbers.get("place_waits"):
         parts.append(f"waited {waits:.0f} times for a clear place")
     return "  |  ".join(parts) or "nothing yet"

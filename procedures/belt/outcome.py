@@ -9,9 +9,11 @@ from procedures.belt.items import Outcome
 from procedures.belt.motion.arm_following import ArmFollowing
 from procedures.belt.motion.gripper_times import GripperTimes
 from procedures.belt.motion.place_clear import PlaceWaits
+from procedures.belt.motion.places import Places
 from procedures.belt.result import (
     BeltTrackingResult,
     CameraStalls,
+    GridFill,
     PickingAnswer,
     PickingInputs,
     PlaceWaitTimes,
@@ -24,6 +26,7 @@ def result_of(
     following: ArmFollowing,
     gripper_times: GripperTimes,
     waits: PlaceWaits,
+    places: Places,
     config: BeltTrackingConfig,
     values: RunValues,
     duration_s: float,
@@ -76,6 +79,11 @@ def result_of(
             jumps_m=list(watch.jumps),
             camera_stalls=CameraStalls(count=stall.count, longest_s=stall.longest_s),
             place_waits=PlaceWaitTimes(count=waits.count, longest_s=waits.longest_s, total_s=waits.total_s),
+            grid=GridFill(
+                places=len(places), filled=places.filled, next=places.number, renewed=places.renewed
+            )
+            if places.is_grid
+            else None,
             arm_lag_s=following.lag.s if following.looks else None,
             following_rms_m=following.rms_m,
             following_largest_m=following.largest_m if following.looks else None,

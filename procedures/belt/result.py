@@ -175,6 +175,15 @@ class PlaceWaitTimes(Part):
     total_s: Seconds = Field(description="All together.")
 
 
+class GridFill(Part):
+    """The places of a grid."""
+
+    places: int = Field(description="How many there are.")
+    filled: int = Field(description="Filled in this run; one at which the gripper opened counts.")
+    next: int = Field(description="The next one when the run ended, from 1; 0: all were filled.")
+    renewed: int = Field(description="How often somebody confirmed that all are empty again.")
+
+
 class PickingAnswer(Part):
     """What a run of picking came to."""
 
@@ -191,6 +200,7 @@ class PickingAnswer(Part):
     place_waits: PlaceWaitTimes | None = Field(
         default=None, description="Waits for a clear place; null in results of before these were counted."
     )
+    grid: GridFill | None = Field(default=None, description="The grid of places; null without one.")
     arm_lag_s: Seconds | None = Field(
         default=None,
         description="How late the arm was on its set-points, made up for; null before the first grip.",

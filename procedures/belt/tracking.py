@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from calibration.belt.pursuit import PursuitState
 from cell.devices import Speed
 from cell.errors import InputError, error
 from cell.formats.result import Envelope, read_as
@@ -31,6 +30,7 @@ from procedures.belt.motion.gripper_times import GripperTimes
 from procedures.belt.motion.gripper_work import STUCK
 from procedures.belt.motion.picker import Picker
 from procedures.belt.motion.place_clear import PlaceClear, PlaceWaits
+from procedures.belt.motion.places import Places
 from procedures.belt.motion.tool_joints import ToolJoints
 from procedures.belt.outcome import result_of
 from procedures.belt.prediction_check import with_predictions
@@ -87,6 +87,7 @@ class BeltTracking(Procedure):
             picking.arm_following,
             picking.gripper_times,
             picking.place_waits,
+            picking.places,
             self.config,
             run.values,
             duration_s,
@@ -147,6 +148,7 @@ class _Picking:
         self.gripper_times = GripperTimes(config.grip_timeout_s)
         inputs = run.inputs("place_inputs") if config.place_clear else None
         self.place_clear, self.place_waits = PlaceClear(inputs, config.place_clear), PlaceWaits(run.clock)
+        self.places = Places(config, self.tool, self.q_place, lambda number: run.publish(next_place=number))
         self.arm_following = ArmFollowing(self.arm.expected_lag_s, config.following_limit_m, self.guard)
         for key, q in (("wait_pose", self.q_wait), ("place_pose", self.q_place)):
             lean = self.tool.lean(q)
@@ -174,12 +176,24 @@ class _Picking:
         """Lease after lease: a belt that stands is waited for without one."""
         run = self.run
         await run.take_step("look at the gripper", self._require_empty)
+        await self._look_at_grid()
         while True:
             async with run.motion() as lease:
                 await run.take_step("open the gripper", self._open_gripper)
                 if not await run.take_step("picking", partial(self._pick_from_rest, lease), measures=False):
                     return
             await self._wait_for_belt()
+
+    async def _look_at_grid(self) -> None:
+        """``ARGUMENT_INVALID`` when a place is out of reach; a person says whether the places are empty."""
+        grid, places = self.config.place_grid, self.places
+        if grid is None:
+            return
+        if (why := await asyncio.to_thread(places.unreachable, self.guard)) is not None:
+            raise error("ARGUMENT_INVALID", f"place_grid: {why}")
+        if grid.ask_empty:
+            which = f"places {places.number} to {len(places)}"
+            await self.run.ask(f"Items will be put into {which}. See that these are empty, then confirm.")
 
     async def look_for_items(self) -> None:
         """From now on the camera does."""
@@ -215,7 +229,10 @@ class _Picking:
             up = RigidTransform.from_translation([0.0, 0.0, rise]) * here
             await lease.move_linear(up, self._slow())
         if held := self.run.gripper().holding(HELD_S):
+            if self.places.full:
+                await self._renew_grid()
             await self._into_place(lease)
+            self.places.take()
         await self._open_gripper()
         self.bookkeeping.end_carried(Outcome.PICKED if held else self.bookkeeping.if_empty)
         if held:
@@ -227,11 +244,10 @@ class _Picking:
 
     async def _into_place(self, lease: MotionLease) -> None:
         """With what the gripper holds: over the place, and straight down when it is clear."""
-        place, up = self._place(), np.array([0.0, 0.0, self.config.above_m, 0.0])
-        over = place + PursuitState.still(up)
-        down, back = (RigidTransform.from_matrix(T) for T in self.tool.flanges([place, over]))
+        flanges = self.tool.flanges(self.places.over_and_at())
+        back, down = (RigidTransform.from_matrix(T) for T in flanges)
         slow = self._slow()
-        await lease.move_joints(self.tool.joints(over, self.q_place)[0])
+        await lease.move_joints(self.places.joints_over())
         while True:
             if self.place_clear.obstacle() is not None:
                 await self._until_place_is_clear()
@@ -262,7 +278,7 @@ class _Picking:
     async def _pick(self, lease: MotionLease) -> bool:
         """Stream until the belt stands (True) or enough is picked (False); pauses end in READY."""
         run = self.run
-        wait, place = self.tool.state(self.q_wait), self._place()
+        wait, grid = self.tool.state(self.q_wait), self.config.place_grid
         picker = Picker(
             run,
             self.config,
@@ -273,7 +289,7 @@ class _Picking:
             self.tool,
             self.guard,
             wait,
-            place,
+            self.places,
             self.place_clear,
         )
         while not picker.enough:
@@ -285,10 +301,23 @@ class _Picking:
             if self.bookkeeping.grips_fail:
                 await run.enter(S.READY)
                 await self._alarm()
+            elif self.places.full:
+                if grid is None or grid.when_full == "end" or picker.enough:
+                    return False
+                await run.enter(S.READY)
+                await self._renew_grid()
             elif picker.standing:
                 return True
             await run.enter(S.READY)
         return False
+
+    async def _renew_grid(self) -> None:
+        """All places are filled: somebody puts empty ones there, and the arm rests."""
+        await self.run.ask(
+            f"All {len(self.places)} places are filled. See that all of them are empty again, then confirm."
+        )
+        self.places.renew()
+        self.run.note("decision", event="places are empty again", places=len(self.places))
 
     async def _alarm(self) -> None:
         """Grip after grip took nothing: somebody has to look, and the arm rests."""
@@ -309,9 +338,6 @@ class _Picking:
                 await run.clock.sleep(LOOK_S)
             run.unsuspend()
             await run.enter(S.READY)
-
-    def _place(self) -> PursuitState:
-        return self.tool.state(self.q_place)
 
     async def _wait_for_belt(self) -> None:
         """The belt stands or runs backward: something outside, so the job is suspended, at rest."""

@@ -50,6 +50,9 @@ def belt_tracking_lines(found: BeltTrackingResult) -> list[str]:
             f"  waited {waits.count} times for a clear place, {waits.total_s:.1f} s together, "
             f"{waits.longest_s:.1f} s at most"
         )
+    if (grid := answer.grid) is not None:
+        left = f"place {grid.next} is next" if grid.next else "all are filled"
+        lines.append(f"  {grid.filled} put into a grid of {grid.places} places, {left}")
     if answer.gripper_closing_s is not None:
         lines.append(f"  the gripper closed in {answer.gripper_closing_s:.2f} s")
     how = "moving with the item" if answer.follow else "standing"

@@ -30,13 +30,14 @@ class Blend:
         return self.reach_s + self.last_s
 
 
-def blend_for(config: BeltTrackingConfig, limits: PursuitLimits) -> Blend:
-    """What ``config`` asks for, as the planner drives it within ``limits``."""
+def blend_for(config: BeltTrackingConfig, limits: PursuitLimits, least_m: float = 0.0) -> Blend:
+    """What ``config`` asks for, straight for ``least_m`` or more, as it is driven within ``limits``."""
     down_m, straight = config.down_m, config.straight_m
     if straight is None:
         if config.method == "classic":
             return Blend(0.0, 0.0, down_m)
         straight = min(STRAIGHT_M, config.above_m)
+    straight = max(straight, least_m)
     straight += config.sunk_m
     rest = PursuitState.still(np.zeros(4))
     down = plan(0.0, rest, FixedPoint(rest.p), np.array([0.0, 0.0, -down_m, 0.0]), limits)

@@ -17,12 +17,12 @@ from cell.guard import MotionGuard
 from cell.poses import Array
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.motion.blend import blend_for
+from procedures.belt.motion.places import Places
 from procedures.belt.motion.tool_joints import ToolJoints
 from procedures.belt.motion.tool_path import pursuit_limits, within_joint_speed
 
 SPEEDS_M_S = (0.1, 0.2, 0.3)
 SLOWEST_SHARE = 0.1  # of the first of these speeds: a belt that is being set up
-_STEP_M = 0.04  # between joints on a way
 
 
 @dataclass(frozen=True)
@@ -110,8 +110,10 @@ class CycleEstimate:
                 guard.check_joints(q)
             except CellError as exc:
                 found.append(f"{key}: {exc.detail}; teach it elsewhere")
-        if not found and (why := self._forbidden(guard, self._place.p + self._over_place)):
-            found.append(f"above_m = {self._config.above_m:g} m over place_pose: {why}")
+        places = Places(self._config, self._tool, self._q_place)
+        if not found and (unusable := places.unreachable(guard)) is not None:
+            other = "place_grid" if self._config.place_grid else "above_m"
+            found.append(f"place_pose: {unusable}; teach it elsewhere, or change {other}")
         return found
 
     def _forbidden(self, guard: MotionGuard, goal: Array) -> str:
@@ -126,10 +128,7 @@ class CycleEstimate:
         q, start = self._q_wait, self._wait.p
         if np.linalg.norm(state.p - self._place.p) < np.linalg.norm(state.p - start):
             q, start = self._q_place, self._place.p
-        count = int(np.ceil(float(np.linalg.norm((state.p - start)[:3])) / _STEP_M)) + 1
-        for share in np.linspace(0.0, 1.0, count + 1)[1:-1]:
-            q, _ = self._tool.joints(PursuitState.still(start + share * (state.p - start)), q)
-        return self._tool.joints(state, q)
+        return self._tool.joints(state, self._tool.walked(start, state.p, q))
 
     def too_fast_to_follow(self, speed_m_s: float) -> float | None:
         """The joint speed (rad/s) that following at an end of the zone takes, if it is beyond the limit."""

@@ -27,6 +27,7 @@ from procedures.belt.motion.gripper_work import GripperWork
 from procedures.belt.motion.item_selection import ItemSelection
 from procedures.belt.motion.meeting import Aim, strategy
 from procedures.belt.motion.place_clear import PlaceClear
+from procedures.belt.motion.places import Places
 from procedures.belt.motion.putting_down import Put, PuttingDown
 from procedures.belt.motion.tool_joints import ToolJoints, on_piece
 from procedures.belt.motion.tool_path import AHEAD_S, LEAD_S, STEP_S, ToolPath, pursuit_limits
@@ -41,10 +42,7 @@ REFUSED_S = 0.2  # an item out of reach is not tried again for so long: the arm 
 
 
 class Picker:
-    """Streams until something asks for rest: a pause, the end, a belt that stands, a place that is not clear.
-
-    What it carries at the end of a stream it puts down in the next one.
-    """
+    """Streams until something asks for rest; what is carried then is put down in the next stream."""
 
     def __init__(
         self,
@@ -57,17 +55,12 @@ class Picker:
         tool: ToolJoints,
         guard: MotionGuard,
         wait: PursuitState,
-        place: PursuitState,
+        places: Places,
         clear: PlaceClear,
     ) -> None:
-        self._run, self._config, self._watch, self._bookkeeping, self._tool = (
-            run,
-            config,
-            watch,
-            bookkeeping,
-            tool,
-        )
-        self._wait, self._place = FixedPoint(wait.p), FixedPoint(place.p)
+        self._run, self._config, self._watch = run, config, watch
+        self._bookkeeping, self._tool = bookkeeping, tool
+        self._wait, self._places = FixedPoint(wait.p), places
         limits = config.limits
         axis = MotionLimits(limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3)
         self._descent_s = float(rest_to_rest(np.array(config.down_m), axis))
@@ -79,20 +72,17 @@ class Picker:
         self._meets_only = classic or not config.follow
         self._strategy = strategy(config, watch, wait.p[:3], self._descent_s)
         self._gripper = GripperWork(run.gripper(), run.clock, config.grip_timeout_s, gripper_times)
-        self._arm = run.arm()
-        self._following = following
+        self._arm, self._following = run.arm(), following
         self._held = self._is_cautious = False
-        self._foot_m = 0.0
         self._item: Item | None = None
         self._awaited: Item | None = None  # on its way to the zone
-        self._t_contact, self._tries = 0.0, 0
+        self._t_contact, self._foot_m, self._tries = 0.0, 0.0, 0
         self._phase: Callable[[float], Coroutine[Any, Any, bool]] = self._ready
         self._path = ToolPath(tool, limits, guard, wait)
-        self._putting = PuttingDown(self._path, self._gripper, self._blend, clear, self._above)
+        self._putting = PuttingDown(config, self._path, self._gripper, places, clear)
         self._choice = ItemSelection(config, watch, tool, float(wait.p[3]), self._descent_s, gripper_times)
-        self._learnt = -np.inf
+        self._learnt, self.standing = -np.inf, False
         self._standing_since: float | None = None
-        self.standing = False
 
     async def pieces(self, q: Array) -> AsyncIterator[TrajectoryPiece]:
         """Set-points from rest at ``q`` (6,) on, until one of these reasons for rest."""
@@ -187,7 +177,7 @@ class Picker:
     @property
     def _rest_wanted(self) -> bool:
         wanted = self._run.wants_rest or not self._run.work_wanted or self.standing or self.enough
-        return wanted or self._bookkeeping.grips_fail
+        return wanted or self._bookkeeping.grips_fail or self._places.full
 
     # -- phases: each decides about the leg from ``t`` on; False ends the stream
 
@@ -396,6 +386,8 @@ class Picker:
         if not self._path.has_risen(t, self._foot_m, self._blend):
             return True
         if self._held:
+            if self._places.is_grid:
+                self._in_hand.note(t, self._places.words(self._places.number))
             await self._begin_putting(t)
         elif self._gripper.opened():
             await self._run.enter(S.RETURN)
@@ -404,7 +396,7 @@ class Picker:
 
     async def _begin_putting(self, t: float) -> None:
         await self._run.enter(S.PLACE)
-        self._putting.begin(t, self._place)
+        self._putting.begin(t)
         self._phase = self._put_down
 
     async def _put_down(self, t: float) -> bool:

@@ -6,11 +6,12 @@ from enum import Enum, auto
 import numpy as np
 
 from calibration.belt.pursuit import FixedPoint
-from cell.poses import Array
-from procedures.belt.motion.blend import Blend
+from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.motion.blend import blend_for
 from procedures.belt.motion.gripper_work import GripperWork
 from procedures.belt.motion.place_clear import PlaceClear
-from procedures.belt.motion.tool_path import LEAD_S, STEP_S, ToolPath
+from procedures.belt.motion.places import Places
+from procedures.belt.motion.tool_path import LEAD_S, STEP_S, ToolPath, pursuit_limits
 
 
 class Put(Enum):
@@ -24,17 +25,24 @@ class Put(Enum):
 
 
 class PuttingDown:
-    """One item after the other, each decided step by step as the picker's phases are.
+    """One item after the other, each at the next of ``places``, step by step as the picker's phases are.
 
-    ``above`` (4,) is the level way over the place. Once the gripper was told to open, the place is left
-    whatever the input says.
+    Once the gripper was told to open, the place is left whatever ``clear`` says.
     """
 
     def __init__(
-        self, path: ToolPath, gripper: GripperWork, blend: Blend, clear: PlaceClear, above: Array
+        self,
+        config: BeltTrackingConfig,
+        path: ToolPath,
+        gripper: GripperWork,
+        places: Places,
+        clear: PlaceClear,
     ) -> None:
-        self._path, self._gripper, self._blend, self._clear = path, gripper, blend, clear
-        self._above = above
+        self._path, self._gripper, self._places, self._clear = path, gripper, places, clear
+        self._above = np.array([0.0, 0.0, config.above_m, 0.0])
+        # In a grid, what hangs in the gripper comes down straight beside what lies around.
+        least_m = config.items.max_height_m if config.place_grid else 0.0
+        self._blend = blend_for(config, pursuit_limits(config.limits), least_m)
         self._place = FixedPoint(np.zeros(4))
         self._step: Callable[[float], Put] = self._over
 
@@ -43,10 +51,10 @@ class PuttingDown:
         """Whether the tool is at rest in the place, with fingers that were told to open."""
         return self._step == self._release
 
-    def begin(self, t: float, place: FixedPoint) -> None:
-        """Set out for ``place`` at ``t``."""
-        self._place, self._step = place, self._over
-        self._path.begin(t, place, self._above)
+    def begin(self, t: float) -> None:
+        """Set out for the next place at ``t``."""
+        self._place, self._step = self._places.here, self._over
+        self._path.begin(t, self._place, self._above)
 
     def step(self, t: float) -> Put:
         """Decide about the way from ``t`` on."""
@@ -70,7 +78,8 @@ class PuttingDown:
         self._path.go(t, self._place, np.zeros(4), apart=True)
         if self._path.t1 - t > 0.5 * STEP_S:
             return Put.UNDER_WAY
-        holds = self._gripper.holding()
+        if holds := self._gripper.holding():
+            self._places.take()
         self._gripper.begin_release(t - LEAD_S)
         self._step = self._release
         return Put.UNDER_WAY if holds else Put.EMPTY

@@ -13,6 +13,7 @@ from cell.errors import error
 from cell.poses import Array
 
 _FARTHEST_RAD = 0.5  # from one look to the next; more would be another branch
+_WALK_M = 0.04  # between the joints on a way whose end is wanted
 _LOOKS = 13  # along a leg or a piece
 
 
@@ -64,6 +65,15 @@ class ToolJoints:
         """Joints (6,) and joint speeds (6,) for the tool at ``state``, on the branch of ``near`` (6,)."""
         q, qd = self.line([state], near)
         return q[0], qd[0]
+
+    def walked(self, start: Array, goal: Array, near: Array) -> Array:
+        """Joints (6,) for the tool at rest at ``goal`` (4,), found on a straight way from ``start`` (4,) with
+        joints ``near`` (6,)."""
+        count = int(np.ceil(float(np.linalg.norm((goal - start)[:3])) / _WALK_M)) + 1
+        shares = np.linspace(0.0, 1.0, count + 1)[1:]
+        Q, _ = self.line([PursuitState.still(start + share * (goal - start)) for share in shares], near)
+        found: Array = Q[-1]
+        return found
 
     def line(self, states: Sequence[PursuitState], near: Array) -> tuple[Array, Array]:
         """Joints (n, 6) and joint speeds (n, 6) for the tool at ``states``, from ``near`` (6,) on, or with

@@ -1,0 +1,134 @@
+"""Where items are put down: one place, or those of a grid, one after the other."""
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from calibration.belt.pursuit import FixedPoint, PursuitState
+from cell.errors import CellError
+from cell.guard import MotionGuard
+from cell.poses import Array
+from procedures.belt.config import BeltTrackingConfig, PlaceGrid
+from procedures.belt.motion.tool_joints import ToolJoints
+
+
+def grid_points(grid: PlaceGrid, tool: ToolJoints, first: Array) -> Array:
+    """(n, 4) the tool at each place of ``grid`` in the order in which they are filled, the ``first`` (4,)
+    before all others; column by column, then row by row. The grid is level, and the tool keeps its turn."""
+    heading = tool.heading() + float(first[3])
+    x = np.array([np.cos(heading), np.sin(heading), 0.0, 0.0])
+    y = np.array([x[1], -x[0], 0.0, 0.0])  # of a tool that points down
+    along = {"x": x, "-x": -x, "y": y, "-y": -y}
+    column, row = grid.column_pitch_m * along[grid.columns_along], grid.row_pitch_m * along[grid.rows_along]
+    return np.array([first + r * row + c * column for r in range(grid.rows) for c in range(grid.columns)])
+
+
+class Places:
+    """Counts the places that are filled, from ``first_place`` on. A place without a grid is never full.
+
+    ``q_first`` (6,) are the joints at the first place; ``tell`` hears which place of a grid is next.
+    """
+
+    def __init__(
+        self,
+        config: BeltTrackingConfig,
+        tool: ToolJoints,
+        q_first: Array,
+        tell: Callable[[int], None] = lambda number: None,
+    ) -> None:
+        first = tool.state(q_first).p
+        self._grid, self._tool, self._q_first = config.place_grid, tool, q_first
+        self._points = first[None] if self._grid is None else grid_points(self._grid, tool, first)
+        self._up = np.array([0.0, 0.0, config.above_m, 0.0])
+        self._next = config.first_place - 1
+        self.filled = self.renewed = 0
+        self._tell = tell
+        self._say_next()
+
+    def __len__(self) -> int:
+        return len(self._points)
+
+    @property
+    def is_grid(self) -> bool:
+        return self._grid is not None
+
+    @property
+    def full(self) -> bool:
+        """Whether there is no place left."""
+        return self._next >= len(self._points)
+
+    @property
+    def number(self) -> int:
+        """The next place, counted from 1; 0 when all are filled."""
+        return 0 if self.full else self._next + 1
+
+    @property
+    def here(self) -> FixedPoint:
+        """The next place."""
+        return FixedPoint(self._points[self._next])
+
+    def _say_next(self) -> None:
+        """Say which place is next."""
+        if self._grid is not None:
+            self._tell(self.number)
+
+    def take(self) -> None:
+        """The gripper is told to let go of an item at the next place: it counts as filled, whatever comes."""
+        if self._grid is not None:
+            self._next += 1
+            self.filled += 1
+            self._say_next()
+
+    def renew(self) -> None:
+        """Somebody says that all places are empty."""
+        self._next, self.renewed = 0, self.renewed + 1
+        self._say_next()
+
+    def words(self, number: int) -> str:
+        """Of place ``number``, counted from 1."""
+        if self._grid is None:
+            return "the place"
+        row, column = divmod(number - 1, self._grid.columns)
+        return f"place {number} of {len(self)} (row {row + 1}, column {column + 1})"
+
+    def over_and_at(self) -> tuple[PursuitState, PursuitState]:
+        """The tool at rest above the next place, and in it."""
+        at = self.here.p
+        return PursuitState.still(at + self._up), PursuitState.still(at)
+
+    def joints_over(self) -> Array:
+        """Joints (6,) above the next place, on the branch of the first one."""
+        return self._tool.walked(self._points[0] + self._up, self.here.p + self._up, self._over_first())
+
+    def _over_first(self) -> Array:
+        return self._tool.joints(PursuitState.still(self._points[0] + self._up), self._q_first)[0]
+
+    def unreachable(self, guard: MotionGuard) -> str | None:
+        """One sentence on the places, and the ways above them, that ``guard`` or the arm forbids; None: all
+        are free. Each is looked at from the one beside it."""
+        found = list(self._forbidden(guard))
+        if not found:
+            return None
+        number, why = found[0]
+        more = "" if len(found) == 1 else f", and so {len(found) - 1} others"
+        return f"{self.words(number)} cannot be used: {why}{more}"
+
+    def _forbidden(self, guard: MotionGuard) -> Iterator[tuple[int, str]]:
+        q, last = self._q_first, self._points[0]
+        for k in self._beside_each_other():
+            try:
+                there = self._tool.walked(last, self._points[k], q)
+                guard.check_joints(there)
+                over = PursuitState.still(self._points[k] + self._up)
+                guard.check_joints(self._tool.joints(over, there)[0])
+            except CellError as why:
+                yield k + 1, why.detail or str(why)
+                continue
+            q, last = there, self._points[k]
+
+    def _beside_each_other(self) -> Sequence[int]:
+        """The places in an order in which each is beside the one before."""
+        columns = 1 if self._grid is None else self._grid.columns
+        rows = np.arange(len(self._points)).reshape(-1, columns)
+        rows[1::2] = rows[1::2, ::-1]
+        return [int(k) for k in rows.ravel()]

@@ -1,0 +1,177 @@
+"""Items are put into the places of a grid, one after the other, each place once."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daemon.cli.predict import setup_of
+from daemon.config import CellConfig
+from fakes.object import run_virtual
+from fakes.world.belt.gripper import Gripper
+from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.expectation import belt_expectation
+from procedures.belt.items import Outcome
+from tests.kit.object_cell import ObjectCell, no_report
+from tests.kit.picking_cell import JOB, picking_cell, picking_config
+from tests.kit.picking_truth import agrees_with_the_world, counted
+
+__all__ = ["no_report"]
+pytestmark = pytest.mark.usefixtures("no_report")
+
+GRID = {"rows": 2, "columns": 2, "column_pitch_m": 0.08, "row_pitch_m": 0.06, "ask_empty": False}
+SMALL = {"max_size_m": 0.07}
+
+
+def config_of(folder: Path, grid: dict[str, Any] | None = None, **job: Any) -> CellConfig:
+    keys = {"place_grid": {**GRID, **(grid or {})}, "items": SMALL, **job}
+    return picking_config(folder, keys, {"spacing_m": "0.25"})
+
+
+def gripper_of(cell: ObjectCell) -> Gripper:
+    gripper = cell.plant.world.gripper
+    assert gripper is not None
+    gripper.settle(cell.clock.now())
+    return gripper
+
+
+def put_down(cell: ObjectCell) -> np.ndarray:
+    """(n, 2) m: where each item was put down, from the place pose along the tool's x and y there."""
+    world = cell.plant.world
+    T = world.true.forward(np.array(cell.config.poses["place"])) * world.T_flange_tool
+    there = T.inv().apply(np.array([put.at for put in gripper_of(cell).put_down]))
+    assert np.abs(there[:, 2]).max() < 1e-3
+    return np.asarray(there[:, :2])
+
+
+def test_each_place_gets_one_item_row_by_row_and_a_full_grid_ends_the_job(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with picking_cell(config_of(tmp_path)) as cell:
+            run_id = await cell.start()
+            await cell.until(lambda: cell.engine.status()["live"].get("next_place") == 2, "place 2", 60.0)
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            wanted = [[0.0, 0.0], [0.08, 0.0], [0.0, 0.06], [0.08, 0.06]]
+            assert put_down(cell) == pytest.approx(np.array(wanted), abs=1e-3)
+            found = cell.result(run_id)["result"]["grid"]
+            assert found == {"places": 4, "filled": 4, "next": 0, "renewed": 0}
+            lives = [
+                row["detail"]["history"] for row in cell.ledger.items(run_id) if row["outcome"] == "picked"
+            ]
+            assert [life[-2][1] for life in lives][:2] == [
+                "place 1 of 4 (row 1, column 1)",
+                "place 2 of 4 (row 1, column 2)",
+            ]
+            agrees_with_the_world(cell, run_id)
+
+    run_virtual(scene())
+
+
+def test_a_full_grid_is_held_until_somebody_says_that_it_is_empty_again(tmp_path: Path) -> None:
+    grid = {"rows": 1, "columns_along": "-y", "rows_along": "x", "when_full": "hold", "ask_empty": True}
+
+    async def scene() -> None:
+        async with picking_cell(config_of(tmp_path, grid, picks=3)) as cell:
+            run_id = await cell.start()
+            asked = []
+            for _ in range(2):
+                await cell.until(lambda: cell.engine.status()["prompt"], "a prompt", 60.0)
+                await cell.clock.sleep(2.0)
+                assert cell.at_rest()
+                asked.append(cell.engine.status()["prompt"]["text"])
+                await cell.answer()
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            assert asked == [
+                "Items will be put into places 1 to 2. See that these are empty, then confirm.",
+                "All 2 places are filled. See that all of them are empty again, then confirm.",
+            ]
+            assert put_down(cell) == pytest.approx(np.array([[0.0, 0.0], [0.0, -0.08], [0.0, 0.0]]), abs=1e-3)
+            assert cell.result(run_id)["result"]["grid"] == {
+                "places": 2,
+                "filled": 3,
+                "next": 2,
+                "renewed": 1,
+            }
+            assert len(cell.notes(run_id, "places are empty again")) == 1
+
+    run_virtual(scene())
+
+
+def test_a_run_goes_on_at_the_place_that_it_is_given(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with picking_cell(config_of(tmp_path)) as cell:
+            run_id = await cell.start(params={"first_place": "4"})
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            assert put_down(cell) == pytest.approx(np.array([[0.08, 0.06]]), abs=1e-3)
+
+    run_virtual(scene())
+
+
+def test_an_item_that_fell_out_on_the_way_leaves_its_place_to_the_next(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with picking_cell(config_of(tmp_path, picks=1)) as cell:
+            run_id = await cell.start()
+            await cell.until_state("place", 60.0)
+            assert gripper_of(cell).empty(cell.clock.now()) is not None
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            assert counted(cell, run_id)[Outcome.LOST] == 1
+            assert put_down(cell) == pytest.approx(np.zeros((1, 2)), abs=1e-3)
+            assert cell.result(run_id)["result"]["grid"]["filled"] == 1
+
+    run_virtual(scene())
+
+
+@pytest.mark.parametrize("state", ["place", "lift"])
+def test_an_interruption_puts_what_is_held_at_a_place_that_nothing_lies_at(
+    tmp_path: Path, state: str
+) -> None:
+    async def scene() -> None:
+        async with picking_cell(config_of(tmp_path, picks=3)) as cell:
+            run_id = await cell.start()
+            await cell.until(lambda: cell.engine.status()["live"].get("next_place") == 2, "place 2", 60.0)
+            await cell.until_state(state, 60.0)
+            cell.plant.plant("belt").inject("silence", {"duration_s": 1.0})
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            where = put_down(cell)
+            apart = np.linalg.norm(where[:, None] - where[None], axis=2) + np.eye(len(where))
+            assert len(where) == 3
+            assert apart.min() > 0.05
+            agrees_with_the_world(cell, run_id)
+
+    run_virtual(scene())
+
+
+@pytest.mark.parametrize(
+    ("state_of", "grid", "words"),
+    [
+        ("limits", {"columns": 8, "columns_along": "-x", "column_pitch_m": 0.3}, "cannot be used"),
+        (
+            "pitch",
+            {"column_pitch_m": 0.05},
+            "place_grid.column_pitch_m = 0.05 m is shorter than items.max_size_m",
+        ),
+        ("fits", {}, ""),
+    ],
+)
+def test_check_looks_at_every_place(tmp_path: Path, state_of: str, grid: dict[str, Any], words: str) -> None:
+    config = config_of(tmp_path, grid)
+    found = belt_expectation(setup_of(config), BeltTrackingConfig.model_validate(config.job[JOB]))
+    if state_of == "fits":
+        assert not found["problems"]
+        assert "place_grid" not in " ".join(found["cautions"])
+    else:
+        assert words in " ".join([*found["problems"], *found["cautions"]])
+    assert bool(found["problems"]) is (state_of == "limits")
+
+
+def test_a_place_out_of_reach_is_refused_before_anything_moves(tmp_path: Path) -> None:
+    grid = {"columns": 8, "columns_along": "-x", "column_pitch_m": 0.3}
+
+    async def scene() -> None:
+        async with picking_cell(config_of(tmp_path, grid)) as cell:
+            run_id = await cell.start()
+            end = await cell.finished(run_id)
+            assert "place_grid: place" in str(end["error"])
+            assert not cell.notes(run_id, "to-wait")
+
+    run_virtual(scene())
