@@ -11,7 +11,7 @@ from cell.guard import GuardLimits, MotionGuard, Tool
 from cell.poses import Array, from_pose6
 from procedures.arm_setup import with_job_limits
 from procedures.belt.config import BeltTrackingConfig
-from procedures.belt.motion.cycle_estimate import SPEEDS_M_S, CycleEstimate, ExpectedCycle, slides
+from procedures.belt.motion.cycle_estimate import SPEEDS_M_S, CycleEstimate, ExpectedCycle, ZoneTimes, slides
 from procedures.belt.motion.tool_joints import ToolJoints
 from procedures.belt.setup_checks import belt_setup
 from procedures.belt.tracking import UPRIGHT_RAD
@@ -48,13 +48,15 @@ def belt_expectation(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
     problems = expectation.unreachable(guard)
     if problems:
         return {"text": slide, "problems": problems, "cautions": mistaken}
-    expected = [expectation.at_speed(v) for v in SPEEDS_M_S]
+    expected, times = [expectation.at_speed(v) for v in SPEEDS_M_S], expectation.zone_times()
     return {
-        "text": f"{_words(expected)}; {slide}; it needs a calibrated camera above the belt when it starts",
+        "text": f"{_words(expected)}; {_zone_words(times)}; {slide}; it needs a calibrated camera above the "
+        "belt when it starts",
+        "zone": times.as_dict(),
         "speeds": [row.as_dict() for row in expected],
         "slides": [{"speed_m_s": v, "slide_m": slide} for v, slide in slides(job.dwell_s)],
         "problems": [],
-        "cautions": [*mistaken, *_cautions(job, expectation, expected)],
+        "cautions": [*mistaken, *_cautions(job, expectation, expected), *_zone_cautions(job, times)],
     }
 
 
@@ -137,3 +139,42 @@ def _cautions(
                 f"following at {row.speed_m_s:g} m/s at an end of the zone turns a joint at {speed:.2f} "
                 f"rad/s, limits.joint_speed_rad_s is {job.limits.joint_speed_rad_s:g} rad/s; shorten the zone"
             )
+
+
+def _zone_words(times: ZoneTimes) -> str:
+    return (
+        f"an item that comes into the zone as the arm sets out is met and gripped within it up to "
+        f"{times.fastest_m_s:.2f} m/s (approach {times.approach_s:.2f} s, descent {times.descent_s:.2f} s, "
+        f"grip {times.grip_s:.2f} s)"
+    )
+
+
+def _zone_cautions(job: BeltTrackingConfig, times: ZoneTimes) -> Iterator[str]:
+    """T1 against the longest way, and the zone against what an item needs of it."""
+    classic = job.method == "classic"
+    if classic and job.T1_s < times.farthest_s:
+        yield (
+            f"T1_s = {job.T1_s:g} s is shorter than the way above the farther end of the zone, "
+            f"{times.farthest_s:.3f} s: items that would be met there are let pass; raise T1_s to "
+            f"{_up(times.farthest_s):g} s, or shorten the zone"
+        )
+    if (wanted := SPEEDS_M_S[-1]) <= times.fastest_m_s:
+        return
+    length = _up(wanted * times.needed_s)
+    fix = f"for {wanted:g} m/s make it {length:g} m long"
+    shorter = times.length_m / wanted - times.descent_s - times.grip_s
+    if classic and shorter >= times.farthest_s:
+        fix += f", or T1_s {int(1e3 * shorter) / 1e3:g} s"
+    elif not classic:
+        fix += ", or teach wait_pose nearer to its end"
+    yield (
+        f"above {times.fastest_m_s:.2f} m/s the zone of {times.length_m:g} m is too short for "
+        f"{'T1_s' if classic else 'the approach'} ({times.approach_s:.2f} s), descent "
+        f"({times.descent_s:.2f} s) and grip ({times.grip_s:.2f} s) of an item that comes in as the arm sets "
+        f"out, and it is let pass; {fix}"
+    )
+
+
+def _up(value: float) -> float:
+    """To the next hundredth."""
+    return float(np.ceil(100.0 * value - 1e-9) / 100.0)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.belt.arm_time import MotionLimits, rest_to_rest, slower_axis
 from calibration.belt.pursuit import FixedPoint, Leg, Origin, PursuitState, plan
 from cell.errors import CellError
 from cell.guard import MotionGuard
@@ -65,6 +66,36 @@ class _Carried:
         return PursuitState(self.p + (t - self.t0) * velocity, velocity, np.zeros(4))
 
 
+@dataclass(frozen=True)
+class ZoneTimes:
+    """What an item at the zone's first edge needs of the zone when the arm sets out for it, s.
+
+    ``approach_s`` is T1 of the classic method, which is fixed, else the longest way above the zone;
+    ``farthest_s`` is that longest way for both. ``fastest_m_s``: on a faster belt the item leaves the zone
+    before the grip is over.
+    """
+
+    approach_s: float
+    descent_s: float
+    grip_s: float
+    farthest_s: float
+    length_m: float
+
+    @property
+    def needed_s(self) -> float:
+        """Approach, descent and grip."""
+        return self.approach_s + self.descent_s + self.grip_s
+
+    @property
+    def fastest_m_s(self) -> float:
+        return self.length_m / self.needed_s
+
+    def as_dict(self) -> dict[str, float]:
+        """Plain values."""
+        keys = ("approach_s", "descent_s", "grip_s", "fastest_m_s")
+        return {key: getattr(self, key) for key in keys}
+
+
 class CycleEstimate:
     """For a job's config, its tool, the joints of its poses (6,), and the belt's ``way`` (3,) in the base."""
 
@@ -74,7 +105,9 @@ class CycleEstimate:
         self._config, self._tool, self._way = config, tool, way / np.linalg.norm(way)
         self._q_wait, self._q_place = q_wait, q_place
         self._wait, self._place = tool.state(q_wait), tool.state(q_place)
-        self._limits = pursuit_limits(config.limits)
+        limits = config.limits
+        self._limits = pursuit_limits(limits)
+        self._axis = MotionLimits(limits.speed_m_s, limits.accel_m_s2, limits.jerk_m_s3)
         self._gripper_s = config.grip_timeout_s / 3.0
         self._up = np.array([0.0, 0.0, config.down_m, 0.0])  # from the grip
         self._over_place = np.array([0.0, 0.0, config.above_m, 0.0])
@@ -138,6 +171,25 @@ class CycleEstimate:
             _, speeds = self._joints_at(PursuitState(self.grip_point(along), v, np.zeros(4)))
             fastest = max(fastest, float(np.max(np.abs(speeds))))
         return fastest if fastest > self._config.limits.joint_speed_rad_s else None
+
+    def zone_times(self) -> ZoneTimes:
+        """Of the waiting pose, the zone and the limits; the arm's ways are planned as the job does."""
+        config, zone = self._config, self._config.zone
+        classic = config.method == "classic"
+        goals = (FixedPoint(self.grip_point(along)) for along in (zone.min_m, zone.max_m))
+        if classic:  # the slower axis, as that method has it
+            flat = [goal.p[:2] for goal in goals]
+            farthest = float(slower_axis(np.array(flat), self._wait.p[:2], self._axis).max())
+        else:
+            farthest = max(self._way_to(0.0, self._wait, goal, self._up).t1 for goal in goals)
+        follows = config.follow and not classic
+        return ZoneTimes(
+            approach_s=config.T1_s if classic else farthest,
+            descent_s=float(rest_to_rest(np.array(config.down_m), self._axis)),
+            grip_s=max(config.dwell_s, self._gripper_s) if follows else config.dwell_s,
+            farthest_s=farthest,
+            length_m=zone.max_m - zone.min_m,
+        )
 
     def at_speed(self, speed_m_s: float) -> ExpectedCycle:
         """What a belt of this speed leaves."""
