@@ -366,7 +366,7 @@ class MotionLease:
             await self._arm.wait_fresh(FRESH_WITHIN_S)  # on a busy machine it may be old again when we run
 
     async def _still_at(self, q: Array) -> None:
-        """Checking a path took a while: the arm can be moved now, and rests where the path begins."""
+        """Checking a path took a while: the arm can be moved now, and is where the path begins."""
         now = await self._movable_state()
         moved = float(np.max(np.abs(now.q - q)))
         if moved > STAYED_RAD:

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from functools import partial
 from typing import Any, Protocol
 
@@ -22,7 +22,7 @@ from drivers.ur.motion_checks import finite, open_failure, same_pose, shortened
 from drivers.ur.motion_child import BEAT_LIMIT_S
 from drivers.ur.motion_client import MotionClient
 from drivers.ur.script_end import ScriptEnd, ScriptRecord
-from drivers.ur.watch import REST_SAMPLES, ArmView, Judge, Watch, joints_judge, pose_judge, until, watchdog
+from drivers.ur.watch import REST_SAMPLES, ArmView, Judge, Watch, joints_judge, pose_judge, until
 
 OPEN_DEADLINE_S = 8.0  # the client itself waits 5 s for its script to start
 START_SEEN_S = 3.0  # and another process may pause meanwhile
@@ -31,7 +31,7 @@ TOOL_DEADLINE_S = 2.0  # three commands to the script, at rest
 STOP_DEADLINE_S = 0.3
 END_DEADLINE_S = 0.8
 START_MARGIN_S = 3.0
-SETTLED_S = 2.0
+SETTLED_S = 3.0  # a client that holds its last set-point does so for four look-aheads, 0.8 s at most
 MAX_START_STEP_RAD = 0.05
 AFTER_GAP_S = 0.3  # an arm whose set-points waited for so long is still far from them
 ASK_S = 0.2  # before a piece ends; who makes short ones then sets the pace
@@ -123,6 +123,7 @@ class UrMotion:
 
     async def move_joints(self, q: Array, speed: Speed) -> None:
         """Joint move; returns when the measured joints rest at ``q`` (6,) rad."""
+        await self._settled()
         target = finite(q, (6,), "joint target")
         start = self._newest().value
         leading = float(np.max(np.abs(target - start.q)))
@@ -137,6 +138,7 @@ class UrMotion:
 
     async def move_linear(self, T_base_flange: RigidTransform, speed: Speed) -> None:
         """Linear move of the TCP; returns when the measured TCP rests where the flange has this pose."""
+        await self._settled()
         T_base_tcp = T_base_flange * self._tool.T_flange_tool
         await self._linear(T_base_tcp, speed, self._pose_judge(T_base_tcp))
 
@@ -148,6 +150,7 @@ class UrMotion:
         The force is the length of the TCP force's change since the start, so a bias does not count. The stop
         is sent from within the sample that shows it.
         """
+        await self._settled()
         recent = self._arm.state.between(self._clock.now() - 0.05, self._clock.now())
         if not recent:
             raise error("STALE_DATA", "no force reading in the last 50 ms before a guarded move")
@@ -175,6 +178,7 @@ class UrMotion:
         only while our beat goes on. ``MOTION_WATCHDOG`` when a piece came too late and the arm was ramped to
         rest, ``MOTION_LIMIT`` when the first piece does not begin where the arm is.
         """
+        await self._settled()
         config = self._config
         how = {
             "horizon_s": BEAT_LIMIT_S,
@@ -186,6 +190,7 @@ class UrMotion:
         with self._watch(lambda sample: None) as watch:
             broken_off: asyncio.Future[None] = asyncio.get_running_loop().create_future()
             undo = self.client.subscribe(lambda event: _note_end(watch, broken_off, event))
+            self.client.idle.clear()
             try:
                 await self._ask(watch, "follow", how)
                 last = await self._send_pieces(pieces, watch, broken_off)
@@ -338,17 +343,27 @@ class UrMotion:
         self._watching = Watch(self._arm, self.client, judge, self.script)
         return self._watching
 
-    async def _ask(self, watch: Watch, do: str, arguments: dict[str, Any]) -> None:
-        """Give the child a command; what ends the watch meanwhile does not wait for its answer.
+    async def _settled(self) -> None:
+        """A trajectory that was broken off is followed until the arm has settled, which is later than it is
+        seen at rest. What forbids motion meanwhile raises."""
+        if self.client.idle.is_set():
+            return
+        with self._watch(lambda sample: None) as watch:
+            idle = asyncio.ensure_future(self.client.idle.wait())
+            try:
+                async with asyncio.timeout(SETTLED_S):
+                    await watch.first(idle)
+            except TimeoutError:
+                raise error(
+                    "MOTION_WATCHDOG", f"the motion client still follows after {SETTLED_S:g} s"
+                ) from None
+            finally:
+                await _end(idle)
+            if watch.over:
+                await watch.outcome(SETTLED_S, "settling")
 
-        A trajectory that was broken off is followed until the arm has settled, which is later than the arm
-        is seen at rest.
-        """
-        with suppress(TimeoutError):
-            async with asyncio.timeout(SETTLED_S):
-                await self.client.idle.wait()
-        if do == "follow":
-            self.client.idle.clear()
+    async def _ask(self, watch: Watch, do: str, arguments: dict[str, Any]) -> None:
+        """Give the child a command; what ends the watch meanwhile does not wait for its answer."""
         call = asyncio.ensure_future(self._answer(do, CALL_DEADLINE_S, arguments))
         try:
             if await watch.first(call) and not call.result() and not watch.over:
@@ -408,9 +423,10 @@ class UrMotion:
         if failure.name != "ARM_NOT_FOLLOWING":
             return failure
         if self.client.kicks.lapsed_at(now, 0.0):
-            return watchdog("the motion client")
+            return error("MOTION_WATCHDOG", f"the motion client was late; {failure.detail}")
         if gap is not None and now - gap[1] < AFTER_GAP_S:
-            return error("STALE_DATA", f"the arm gave no state for {gap[1] - gap[0]:.3f} s")
+            gone = f"the arm gave no state for {gap[1] - gap[0]:.3f} s"
+            return error("STALE_DATA", f"{gone}; {failure.detail}")
         return failure
 
     def _send_piece(self, piece: TrajectoryPiece, first: bool) -> None:

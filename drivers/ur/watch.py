@@ -116,7 +116,7 @@ class Watch:
         if verdict.name == "ARM_NOT_AT_TARGET":
             await asyncio.sleep(TOLD_LATE_S)  # a loop that stood still reads what the child told last
             if self._client.withheld or self._script.end is ScriptEnd.OURS:
-                return watchdog("the daemon's beat" if self._client.withheld else "the motion client")
+                return _watchdog("the daemon's beat" if self._client.withheld else "the motion client")
         return verdict
 
     async def _why_gone(self) -> CellError:
@@ -137,11 +137,11 @@ class Watch:
         if end is ScriptEnd.UNSEEN:
             return error("STALE_DATA", "our script ended while the arm gave no state")
         if end is ScriptEnd.OURS:
-            return watchdog("the daemon's beat" if self._client.withheld else "the motion client")
+            return _watchdog("the daemon's beat" if self._client.withheld else "the motion client")
         return error("ARM_SCRIPT_DIED", self._refusal)
 
 
-def watchdog(who: str) -> CellError:
+def _watchdog(who: str) -> CellError:
     return error("MOTION_WATCHDOG", f"{who} was late, so the watchdog was not kicked in time")
 
 

@@ -161,7 +161,8 @@ def test_an_arm_that_stood_as_the_motion_client_paused_is_not_said_not_to_follow
     rig.play(scenario)
 
 
-def test_a_move_that_follows_a_stream_that_failed_waits_until_the_client_has_settled(rig: Rig) -> None:
+@pytest.mark.parametrize("then", ["move", "stream"])
+def test_what_follows_a_stream_that_failed_waits_until_the_client_has_settled(then: str, rig: Rig) -> None:
     async def scenario() -> None:
         async with rig.movable() as (arm, port):
             q0, t0 = joints(arm), time.monotonic() + 0.2
@@ -173,8 +174,40 @@ def test_a_move_that_follows_a_stream_that_failed_waits_until_the_client_has_set
 
             with ends_by("STALE_DATA", match="whatever"):
                 await port.stream(pieces())
-            await port.move_joints(q0, SPEED)
+            if then == "move":
+                await port.move_joints(q0, SPEED)
+                np.testing.assert_allclose(joints(arm), q0, atol=1e-3)
+                return
+            await rests(arm, 1.0)
+            here = joints(arm)
+
+            async def back() -> AsyncIterator[TrajectoryPiece]:
+                yield quintic(time.monotonic() + 0.1, 0.5, here, q0 - here)
+
+            await port.stream(back())
             np.testing.assert_allclose(joints(arm), q0, atol=1e-3)
+
+    rig.play(scenario)
+
+
+def test_a_move_is_not_begun_when_the_arm_was_lost_while_the_client_settled(rig: Rig) -> None:
+    async def scenario() -> None:
+        async with rig.movable() as (arm, port):
+            q0, t0 = joints(arm), time.monotonic() + 0.2
+
+            async def pieces() -> AsyncIterator[TrajectoryPiece]:
+                yield TrajectoryPiece(t0, t0 + 0.4, np.array([q0, [0.2, 0, 0, 0, 0, 0]]))
+                await asyncio.sleep(0.1)
+                raise error("STALE_DATA", "whatever ends a step")
+
+            with ends_by("STALE_DATA", match="whatever"):
+                await port.stream(pieces())
+            lost = error("STALE_DATA", "nobody sees the arm")
+            asyncio.get_running_loop().call_later(0.02, port.interrupt, lost)
+            with ends_by("STALE_DATA", match="nobody sees"):
+                await port.move_joints(q0, SPEED)
+            await rests(arm, 1.0)
+            assert abs(joints(arm)[0] - q0[0]) > 0.01, "it did not go back"
 
     rig.play(scenario)
 

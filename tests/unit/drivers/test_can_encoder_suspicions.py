@@ -48,5 +48,10 @@ def test_a_flood_is_one_also_after_a_stall() -> None:
     subject = Flood(PERIOD_S)
     before = [subject.seen(k * PERIOD_S) for k in range(200)]
     assert not any(before)
-    told = [subject.seen(1.5 + k / 1500.0) for k in range(3000)]
-    assert any(told)
+    told = [subject.seen(1.5 + k / 1500.0) for k in range(1500)]
+    assert any(told), "within a second"
+
+
+def test_three_times_the_timers_rate_is_told_within_two_seconds() -> None:
+    subject = Flood(PERIOD_S)
+    assert any(subject.seen(k * PERIOD_S / 3.0) for k in range(round(2.1 * 3.0 / PERIOD_S)))

@@ -1,14 +1,14 @@
 // Now: one sentence that says how things are, and the one or two things to do about it.
 
 import { ask, may } from "../cell.js";
-import { moment, number, span } from "../format.js";
+import { asWritten, moment, number, span } from "../format.js";
 import { Action, Actions, calibrationName, Card, Dot, Facts, Verdict } from "../parts.js";
 import { html } from "../vendor/htm-preact.js";
 import { t, textOr } from "../texts.js";
 
 // Why a calibration wants to be checked, as the daemon told it.
 export const dueWords = ({ cause, value, limit }) =>
-  t(`due.${cause}`, { value: number(value, cause === "age" ? 1 : 0), limit: number(limit, 0) });
+  t(`due.${cause}`, { value: number(value, cause === "age" ? 1 : 0), limit: asWritten(limit) });
 export const jobName = (job) => textOr(`job.${job}`, job);
 const HELD = new Set(["HELD", "HOLDING", "SUSPENDED"]);
 const ENDING = new Set(["STOPPING", "ABORTING", "COMPLETING", "CLEARING"]);
