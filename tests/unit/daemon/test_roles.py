@@ -14,7 +14,8 @@ from tests.kit.cli_harness import CommandLine
 
 KIND_OF_ROLE = {
     "arm": "arm", "observed_arm": "observed arm", "flange_camera": "camera", "fixed_camera": "camera",
-    "beams": "inputs", "belt": "encoder", "tracker": "tracker", "gripper": "gripper",
+    "beams": "inputs", "place_inputs": "inputs", "belt": "encoder", "tracker": "tracker",
+    "gripper": "gripper",
 }  # fmt: skip
 KIND_OF_DRIVER = {
     "ur": "arm", "oak": "camera", "modbus-inputs": "inputs", "arm-inputs": "inputs", "geocom": "tracker",
