@@ -53,7 +53,7 @@ class ObjectPlaceInputs(ObjectDevice):
         return Identity("object-place-inputs", self.plant.serial)
 
     def _poll(self, t: float, tick: int) -> InputsState:
-        level = self._place.lying(t) == 0
+        level = self._place.is_clear(t)
         if tick:
             self._changes += level is not self._level
         self._level = level

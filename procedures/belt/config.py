@@ -97,6 +97,14 @@ class BeltTrackingConfig(Strict):
         description="input of [robot] place_inputs that is on while the place is clear; an item is put down "
         "only then, and no reading is as off. Without it the place is always clear",
     )
+    place_look_above_m: float | None = Field(
+        default=None,
+        ge=0,
+        le=2.0,
+        description="place_clear is looked at until the tool is lower than this above the place, where the "
+        "sensor may see tool and item, and the last look counts; 0: to the end, for one that never sees "
+        "them. Without it items.max_height_m, below which the sensor has to look to see what lies there",
+    )
     zone: Zone = Field(description="where along the belt items may be touched")
     place_grid: PlaceGrid | None = Field(
         default=None, description="places from place_pose on, filled one after the other; without it one"
@@ -188,6 +196,11 @@ class BeltTrackingConfig(Strict):
             raise ValueError("straight_m must not be larger than above_m")
         if self.grip_m >= self.above_m:
             raise ValueError("grip_m must be smaller than above_m")
+        if self.place_look_above_m is not None and self.place_look_above_m > self.above_m:
+            raise ValueError(
+                f"place_look_above_m = {self.place_look_above_m:g} is above above_m = {self.above_m:g} m, "
+                "where the tool waits for a clear place; lower it, or raise above_m"
+            )
         places = 1 if self.place_grid is None else self.place_grid.rows * self.place_grid.columns
         if self.first_place > places:
             raise ValueError(f"first_place = {self.first_place} is beyond the last of {places} places")
@@ -207,6 +220,12 @@ class BeltTrackingConfig(Strict):
     def roles(self) -> tuple[str, ...]:
         """Roles of ``[robot]`` that the job needs."""
         return ("arm", "fixed_camera", "belt", "gripper", *(["place_inputs"] if self.place_clear else ()))
+
+    @property
+    def look_above_m(self) -> float:
+        """Down to this height of the tool above the place the input for a clear place is looked at, m."""
+        above = self.place_look_above_m
+        return self.items.max_height_m if above is None else above
 
     @property
     def down_m(self) -> float:

@@ -259,19 +259,19 @@ class _Picking:
 
     async def _until_place_is_clear(self) -> None:
         """At rest with an item: something outside has to clear the place, so the job is suspended."""
-        run = self.run
+        run, why = self.run, self.place_clear.last_obstacle
         self.place_waits.begin()
         try:
-            while True:
-                why = self.place_clear.obstacle()
-                await run.enter(S.WAIT_PLACE, why or "the place is clear again")
-                if why is None:
-                    return
+            while why is not None:
+                await run.enter(S.WAIT_PLACE, why)
                 run.suspend(f"with an item above the place: {why}")
                 run.publish(place_waits=self.place_waits.count)
+                await run.clock.sleep(LOOK_S)
                 while self.place_clear.obstacle() is not None and not run.wants_rest:
                     await run.clock.sleep(LOOK_S)
                 run.unsuspend()
+                why = self.place_clear.obstacle()
+            await run.enter(S.WAIT_PLACE, "the place is clear again")
         finally:
             self.place_waits.end()
 

@@ -43,6 +43,11 @@ class PlaceTruth(Strict):
     carried_off_s: float = Field(
         default=1.0, ge=0, le=1e6, description="so long after it was put down an item is carried off"
     )
+    beam: Three | None = Field(
+        default=None,
+        description="x, y, z in the base, m, of a light barrier: the tool's point breaks it, too, below z "
+        "and within 0.02 m of x, y; absent: only what lies there is seen",
+    )
 
 
 class GripperTruth(Strict):

@@ -1,22 +1,43 @@
 """The place where items are put down: each lies there until it is carried off."""
 
+from collections.abc import Callable
+
+import numpy as np
+
+from cell.poses import Array
 from fakes.world.belt.gripper import Gripper
 from fakes.world.belt.item_truth import PlaceTruth
 
+_BESIDE_M = 0.02  # of a light barrier, at which the tool breaks it
+
 
 class Place:
-    """What lies where ``gripper`` has put items down, at times in s on the twin's clock."""
+    """What lies where ``gripper`` has put items down, at times in s on the twin's clock.
 
-    def __init__(self, truth: PlaceTruth, gripper: Gripper) -> None:
-        self.truth, self._gripper = truth, gripper
+    ``tool_point`` gives the tool's point (3,) in the base, which a light barrier sees as well.
+    """
+
+    def __init__(self, truth: PlaceTruth, gripper: Gripper, tool_point: Callable[[float], Array]) -> None:
+        self.truth, self._gripper, self._tool_point = truth, gripper, tool_point
         self._blocked: list[float] = []
 
     def block(self, t: float) -> None:
         """Something else is put there at ``t``, and carried off as items are."""
         self._blocked.append(t)
 
-    def lying(self, t: float) -> int:
+    def is_clear(self, t: float) -> bool:
+        """What the input says at ``t``."""
+        return self._lying(t) == 0 and not self._tool_is_seen(t)
+
+    def _lying(self, t: float) -> int:
         """How many things lie there at ``t``."""
         self._gripper.settle(t)
         since = [*(put.t for put in self._gripper.put_down), *self._blocked]
         return sum(put <= t < put + self.truth.carried_off_s for put in since)
+
+    def _tool_is_seen(self, t: float) -> bool:
+        """Whether the tool breaks the light barrier at ``t``."""
+        if self.truth.beam is None:
+            return False
+        x, y, z = self._tool_point(t) - np.array(self.truth.beam)
+        return bool(np.hypot(x, y) <= _BESIDE_M and z < 0.0)

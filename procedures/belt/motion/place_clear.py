@@ -13,6 +13,7 @@ class PlaceClear:
     def __init__(self, inputs: DigitalInputs | None, name: str | None) -> None:
         """``ARGUMENT_INVALID`` when there is no such input."""
         self._inputs, self._index, self._name = inputs, 0, name
+        self.last_obstacle: str | None = None  # what kept an item from being put down last
         if inputs is not None:
             if name not in inputs.names:
                 known = ", ".join(inputs.names)
@@ -23,6 +24,18 @@ class PlaceClear:
 
     def obstacle(self) -> str | None:
         """Why nothing may be put down now, in words; None while the place is clear."""
+        if (found := self._obstacle()) is not None:
+            self.last_obstacle = found
+        return found
+
+    def taken_on_the_way_down(self) -> bool:
+        """:meth:`obstacle`, looked for by a tool that is already below the level way."""
+        if (found := self._obstacle()) is None:
+            return False
+        self.last_obstacle = f"while the tool went down, {found}"
+        return True
+
+    def _obstacle(self) -> str | None:
         if self._inputs is None:
             return None
         try:

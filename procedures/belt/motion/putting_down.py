@@ -27,7 +27,7 @@ class Put(Enum):
 class PuttingDown:
     """One item after the other, each at the next of ``places``, step by step as the picker's phases are.
 
-    Once the gripper was told to open, the place is left whatever ``clear`` says.
+    ``clear`` is asked until the tool is so low that the sensor may see tool or item, and not after that.
     """
 
     def __init__(
@@ -40,6 +40,7 @@ class PuttingDown:
     ) -> None:
         self._path, self._gripper, self._places, self._clear = path, gripper, places, clear
         self._above = np.array([0.0, 0.0, config.above_m, 0.0])
+        self._look_above_m = config.look_above_m
         # In a grid, what hangs in the gripper comes down straight beside what lies around.
         least_m = config.items.max_height_m if config.place_grid else 0.0
         self._blend = blend_for(config, pursuit_limits(config.limits), least_m)
@@ -71,9 +72,10 @@ class PuttingDown:
         return Put.UNDER_WAY
 
     def _down(self, t: float) -> Put:
-        if self._clear.obstacle() is not None:
+        height_m = float(self._path.at(t).p[2] - self._place.p[2])
+        if height_m >= self._look_above_m and self._clear.taken_on_the_way_down():
             self._path.rise(t, self._above)
-            self._step = self._over
+            self._step = self._rise
             return Put.UNDER_WAY
         self._path.go(t, self._place, np.zeros(4), apart=True)
         if self._path.t1 - t > 0.5 * STEP_S:
@@ -83,6 +85,11 @@ class PuttingDown:
         self._gripper.begin_release(t - LEAD_S)
         self._step = self._release
         return Put.UNDER_WAY if holds else Put.EMPTY
+
+    def _rise(self, t: float) -> Put:
+        """Back to rest above the place, where it is waited for: a sensor that sees the tool would otherwise
+        send it up and down without end."""
+        return Put.BLOCKED if t >= self._path.t1 else Put.UNDER_WAY
 
     def _release(self, t: float) -> Put:
         if not self._gripper.opened():

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from calibration.kinematics import robot_from_spec
+from cell.poses import from_pose6
 from daemon.cli.predict import setup_of
 from daemon.config import CellConfig
 from fakes.object import run_virtual
@@ -26,8 +28,22 @@ OFF = "the place is not clear: 'clear' is off"
 
 
 def config_of(folder: Path, carried_off_s: float, **job: Any) -> CellConfig:
+    job = {"place_look_above_m": 0.0, **job}
     world = {"confirm": f"7\n[world.place]\ncarried_off_s = {carried_off_s}"}
     return picking_config(folder, {"place_clear": "clear", **job}, world)
+
+
+def under_a_beam(folder: Path, height_m: float, **job: Any) -> CellConfig:
+    """With a light barrier so far above the place, which the tool breaks as well."""
+    config = config_of(folder, 1.0, picks=1, max_duration_s=90.0, **job)
+    values = setup_of(config).values
+    tool = robot_from_spec(values.robot).forward(np.array(config.poses["place"]))
+    x, y, z = (tool * from_pose6(values.tool["T_flange_tool"])).translation
+    beam = [float(x), float(y), float(z) + height_m]
+    scenario = folder / "scenario.toml"
+    carried = "carried_off_s = 1.0"
+    scenario.write_text(scenario.read_text("utf-8").replace(carried, f"{carried}\nbeam = {beam}"), "utf-8")
+    return config
 
 
 def place_of(cell: ObjectCell) -> Place:
@@ -82,6 +98,37 @@ def test_each_item_waits_above_the_place_until_the_one_before_is_carried_off(tmp
             why = [line["why"] for line in cell.notes(run_id, "suspended")]
             assert why == [f"with an item above the place: {OFF}"] * 2
             agrees_with_the_world(cell, run_id)
+
+    run_virtual(scene())
+
+
+@pytest.mark.parametrize("look_above_m", [None, 0.025])
+def test_a_light_barrier_that_the_tool_breaks_does_not_send_it_up_again(
+    tmp_path: Path, look_above_m: float | None
+) -> None:
+    async def scene() -> None:
+        config = under_a_beam(tmp_path, 0.02, place_look_above_m=look_above_m)
+        async with picking_cell(config) as cell:
+            run_id = await cell.start()
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            assert cell.result(run_id)["result"]["place_waits"]["count"] == 0
+            assert not cell.notes(run_id, "suspended")
+            agrees_with_the_world(cell, run_id)
+
+    run_virtual(scene())
+
+
+def test_a_sensor_that_sees_the_tool_too_high_makes_each_descent_a_counted_wait(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with picking_cell(under_a_beam(tmp_path, 0.02, place_look_above_m=0.0)) as cell:
+            run_id = await cell.start()
+            await cell.until(lambda: cell.engine.status()["live"].get("place_waits") == 3, "waits", 60.0)
+            why = [line["why"] for line in cell.notes(run_id, "suspended")]
+            assert why == [f"with an item above the place: while the tool went down, {OFF}"] * 3
+            assert not gripper_of(cell).put_down
+            await cell.engine.finish("test")
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            assert counted(cell, run_id)["lost"] == 1
 
     run_virtual(scene())
 
