@@ -44,6 +44,7 @@ CAMERA = "fixed_camera"
 LOOK_S = 0.05  # between looks at a belt that stands
 HELD_S = 0.5  # age of what the gripper says
 UPRIGHT_RAD = 0.02  # that the tool may lean at the poses
+LOOK_M = 0.01  # between looks at the place on the way down to it, after an interruption
 RISE_M_S = 0.25  # from anywhere in the zone, after an interruption: at full speed a joint may turn too fast
 
 
@@ -223,39 +224,48 @@ class _Picking:
 
         Fingers that closed on nothing are opened as well, or they would be closed when they meet an item.
         """
-        here = self.arm.state.latest(0.1).value.T_base_flange
-        rise = float(self.model.forward(self.q_wait).translation[2] - here.translation[2])
-        if rise > 0.0:
-            up = RigidTransform.from_translation([0.0, 0.0, rise]) * here
+        here = self.arm.state.latest(0.1).value
+        level = max(self.tool.state(self.q_wait).p[2], self.places.level_m)
+        if (rise := float(level - self.tool.state(here.q).p[2])) > 0.0:
+            up = RigidTransform.from_translation([0.0, 0.0, rise]) * here.T_base_flange
             await lease.move_linear(up, self._slow())
-        if held := self.run.gripper().holding(HELD_S):
-            if self.places.full:
-                await self._renew_grid()
-            await self._into_place(lease)
-            self.places.take()
+        if not self.run.gripper().holding(HELD_S):
+            await self._open_gripper()
+            self.bookkeeping.end_carried(self.bookkeeping.if_empty)
+            return
+        if self.places.full:
+            await self._renew_grid()
+        above = await self._into_place(lease)
+        self.places.take()
         await self._open_gripper()
-        self.bookkeeping.end_carried(Outcome.PICKED if held else self.bookkeeping.if_empty)
-        if held:
-            self.run.steps_taken.part_done()
+        self.bookkeeping.end_carried(Outcome.PICKED)
+        self.run.steps_taken.part_done()
+        await lease.move_linear(above, self._slow())  # what lies beside is not swept away
 
     def _slow(self) -> Speed:
         speed = lease_settings(self.run.values)[2]
         return replace(speed, tcp_m_s=min(speed.tcp_m_s, RISE_M_S))
 
-    async def _into_place(self, lease: MotionLease) -> None:
-        """With what the gripper holds: over the place, and straight down when it is clear."""
-        flanges = self.tool.flanges(self.places.over_and_at())
-        back, down = (RigidTransform.from_matrix(T) for T in flanges)
-        slow = self._slow()
+    async def _into_place(self, lease: MotionLease) -> RigidTransform:
+        """With what the gripper holds: over the place, and straight down when it is clear; the flange above
+        it. The arm stops to look at the place again and again, down to where its sensor may see the tool."""
+        flanges = self.tool.flanges(self.places.looks_down(LOOK_M))
+        above, *looks, down = (RigidTransform.from_matrix(T) for T in flanges)
         await lease.move_joints(self.places.joints_over())
+        taken = self.place_clear.obstacle() is not None
         while True:
-            if self.place_clear.obstacle() is not None:
+            while taken:
                 await self._until_place_is_clear()
                 await self.run.enter(S.TO_WAIT)
-            await lease.move_linear(down, slow)
-            if self.place_clear.obstacle() is None:
-                return
-            await lease.move_linear(back, slow)
+                taken = self.place_clear.obstacle() is not None
+            for look in looks:
+                await lease.move_linear(look, self._slow())
+                if taken := self.place_clear.taken_on_the_way_down():
+                    break
+            else:
+                await lease.move_linear(down, self._slow())
+                return above
+            await lease.move_linear(above, self._slow())
 
     async def _until_place_is_clear(self) -> None:
         """At rest with an item: something outside has to clear the place, so the job is suspended."""

@@ -40,6 +40,7 @@ class Places:
         self._grid, self._tool, self._q_first = config.place_grid, tool, q_first
         self._points = first[None] if self._grid is None else grid_points(self._grid, tool, first)
         self._up = np.array([0.0, 0.0, config.above_m, 0.0])
+        self._look_above_m = config.look_above_m
         self._next = config.first_place - 1
         self.filled = self.renewed = 0
         self._tell = tell
@@ -91,10 +92,19 @@ class Places:
         row, column = divmod(number - 1, self._grid.columns)
         return f"place {number} of {len(self)} (row {row + 1}, column {column + 1})"
 
-    def over_and_at(self) -> tuple[PursuitState, PursuitState]:
-        """The tool at rest above the next place, and in it."""
-        at = self.here.p
-        return PursuitState.still(at + self._up), PursuitState.still(at)
+    @property
+    def level_m(self) -> float:
+        """Height of the tool on the level ways above the places, in the base."""
+        return float(self._points[0, 2] + self._up[2])
+
+    def looks_down(self, step_m: float) -> list[PursuitState]:
+        """The tool at rest above the next place, where ``place_clear`` is looked at on the way down from
+        there (every ``step_m``, the last time at ``look_above_m``), and in the place."""
+        above_m = float(self._up[2])
+        heights = np.arange(above_m, self._look_above_m, -step_m)
+        heights = np.unique(np.round([above_m, *heights, self._look_above_m, 0.0], 6))[::-1]
+        at, up = self.here.p, np.array([0.0, 0.0, 1.0, 0.0])
+        return [PursuitState.still(at + height * up) for height in heights]
 
     def joints_over(self) -> Array:
         """Joints (6,) above the next place, on the branch of the first one."""

@@ -187,6 +187,29 @@ def test_after_an_interruption_the_item_is_put_down_only_when_the_place_is_clear
     run_virtual(scene())
 
 
+def test_after_an_interruption_a_place_that_is_taken_on_the_way_down_is_waited_for(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with picking_cell(config_of(tmp_path, 3.0, picks=1)) as cell:
+            run_id, place = await cell.start(), place_of(cell)
+            await cell.until_state("lift", 60.0)
+            cell.plant.plant("belt").inject("silence", {"duration_s": 1.0})
+            await cell.until_state("to-wait", 60.0)
+            await goes_down_to(cell, 0.03)
+            place.block(blocked := cell.clock.now())
+            lowest = np.inf
+            while cell.clock.now() < blocked + 0.5:
+                await cell.clock.sleep(0.01)
+                lowest = min(lowest, above_place(cell)[2])
+            assert lowest > 0.005, "seen at the next look"
+            await waits(cell)
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            assert gripper_of(cell).put_down[0].t > blocked + 3.0
+            assert counted(cell, run_id)["picked"] == 1
+            assert cell.result(run_id)["result"]["place_waits"]["count"] == 1
+
+    run_virtual(scene())
+
+
 def test_a_wait_can_be_paused_and_goes_on_with_the_item_in_the_gripper(tmp_path: Path) -> None:
     async def scene() -> None:
         async with picking_cell(config_of(tmp_path, 20.0, picks=2)) as cell:

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from calibration.kinematics import robot_from_spec
+from cell.poses import from_pose6
 from daemon.cli.predict import setup_of
 from daemon.config import CellConfig
 from fakes.object import run_virtual
@@ -13,6 +15,7 @@ from fakes.world.belt.gripper import Gripper
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.expectation import belt_expectation
 from procedures.belt.items import Outcome
+from procedures.belt.motion.tool_joints import ToolJoints
 from tests.kit.object_cell import ObjectCell, no_report
 from tests.kit.picking_cell import JOB, picking_cell, picking_config
 from tests.kit.picking_truth import agrees_with_the_world, counted
@@ -137,6 +140,64 @@ def test_an_interruption_puts_what_is_held_at_a_place_that_nothing_lies_at(
             assert len(where) == 3
             assert apart.min() > 0.05
             agrees_with_the_world(cell, run_id)
+
+    run_virtual(scene())
+
+
+def from_place(cell: ObjectCell) -> tuple[float, float]:
+    """How far the tool's point is beside the place pose, and above it, m."""
+    q, world = np.array(cell.config.poses["place"]), cell.plant.world
+    place = (world.true.forward(q) * world.T_flange_tool).translation
+    x, y, z = world.tool_point(cell.clock.now()) - place
+    return float(np.hypot(x, y)), float(z)
+
+
+async def interrupted_with_an_item(cell: ObjectCell) -> None:
+    await cell.until_state("lift", 60.0)
+    cell.plant.plant("belt").inject("silence", {"duration_s": 1.0})
+
+
+def test_after_an_interruption_the_tool_leaves_the_place_straight_up(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with picking_cell(config_of(tmp_path, picks=1)) as cell:
+            run_id = await cell.start()
+            await interrupted_with_an_item(cell)
+            await cell.until(lambda: gripper_of(cell).put_down, "an item that is put down", 60.0)
+            lowest = np.inf
+            while cell.engine.status().get("state") not in ("ready", "report"):
+                await cell.clock.sleep(0.01)
+                beside, above = from_place(cell)
+                lowest = min(lowest, above) if 0.005 < beside < 0.12 else lowest
+            assert 0.045 < lowest < np.inf
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+
+    run_virtual(scene())
+
+
+def test_after_an_interruption_the_tool_rises_to_a_place_that_is_higher_than_the_waiting_pose(
+    tmp_path: Path,
+) -> None:
+    config = config_of(tmp_path, picks=1, place_grid=None)
+    values = setup_of(config).values
+    q_wait, q_place = (np.array(config.poses[name]) for name in ("wait", "place"))
+    tool = ToolJoints(robot_from_spec(values.robot), from_pose6(values.tool["T_flange_tool"]), q_wait)
+    here = tool.state(q_place).p
+    there = here.copy()
+    there[2] = tool.state(q_wait).p[2] + 0.05
+    config.poses["place"] = [float(v) for v in tool.walked(here, there, q_place)]
+
+    async def scene() -> None:
+        async with picking_cell(config) as cell:
+            run_id = await cell.start()
+            await interrupted_with_an_item(cell)
+            await cell.until_state("to-wait", 60.0)
+            start, risen = from_place(cell)[0], -np.inf
+            while abs(from_place(cell)[0] - start) < 0.01:
+                await cell.clock.sleep(0.01)
+                risen = from_place(cell)[1]
+            assert risen > 0.045
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            assert counted(cell, run_id)["picked"] == 1
 
     run_virtual(scene())
 
