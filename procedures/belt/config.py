@@ -192,10 +192,14 @@ class BeltTrackingConfig(Strict):
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Self:
-        if self.straight_m is not None and self.straight_m > self.above_m:
-            raise ValueError("straight_m must not be larger than above_m")
         if self.grip_m >= self.above_m:
             raise ValueError("grip_m must be smaller than above_m")
+        shortest = min(self.above_m, self.down_m)
+        if self.straight_m is not None and self.straight_m > shortest:
+            raise ValueError(
+                f"straight_m = {self.straight_m:g} m is longer than the way down, {shortest:g} m "
+                "(above_m, less a grip_m above 0); lower straight_m, or raise above_m"
+            )
         if self.place_look_above_m is not None and self.place_look_above_m > self.above_m:
             raise ValueError(
                 f"place_look_above_m = {self.place_look_above_m:g} is above above_m = {self.above_m:g} m, "

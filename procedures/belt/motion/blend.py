@@ -31,7 +31,10 @@ class Blend:
 
 
 def blend_for(config: BeltTrackingConfig, limits: PursuitLimits, least_m: float = 0.0) -> Blend:
-    """What ``config`` asks for, straight for ``least_m`` or more, as it is driven within ``limits``."""
+    """What ``config`` asks for, straight for ``least_m`` or more, as it is driven within ``limits``.
+
+    A way down that is shorter than that is straight from the level way on.
+    """
     down_m, straight = config.down_m, config.straight_m
     if straight is None:
         if config.method == "classic":
@@ -42,6 +45,7 @@ def blend_for(config: BeltTrackingConfig, limits: PursuitLimits, least_m: float 
     rest = PursuitState.still(np.zeros(4))
     down = plan(0.0, rest, FixedPoint(rest.p), np.array([0.0, 0.0, -down_m, 0.0]), limits)
     level = plan(0.0, rest, FixedPoint(rest.p), np.array([_LEVEL_M, 0.0, 0.0, 0.0]), limits)
-    high = [t for t in np.arange(0.0, down.t1, _STEP_S) if -down.at(t).p[2] <= down_m - straight]
+    level_m = max(down_m - straight, 0.0)
+    high = [t for t in np.arange(0.0, down.t1, _STEP_S) if -down.at(t).p[2] <= level_m]
     off = [t for t in np.arange(0.0, level.t1, _STEP_S) if level.at(t).p[0] <= _LEVEL_M - BESIDE_M]
     return Blend(float(high[-1]), float(level.t1 - off[-1]), straight)
