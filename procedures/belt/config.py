@@ -205,9 +205,11 @@ class BeltTrackingConfig(Strict):
                 f"place_look_above_m = {self.place_look_above_m:g} is above above_m = {self.above_m:g} m, "
                 "where the tool waits for a clear place; lower it, or raise above_m"
             )
-        places = 1 if self.place_grid is None else self.place_grid.rows * self.place_grid.columns
-        if self.first_place > places:
-            raise ValueError(f"first_place = {self.first_place} is beyond the last of {places} places")
+        grid, first = self.place_grid, self.first_place
+        if grid is None and first > 1:
+            raise ValueError(f"first_place = {first}, but there is no place_grid; give one, or leave it out")
+        if grid is not None and first > (places := grid.rows * grid.columns):
+            raise ValueError(f"first_place = {first} is beyond the last of {places} places of place_grid")
         low, high = self.items.min_height_m, self.items.max_height_m
         if low + self.grip_m <= 0.0:
             raise ValueError(

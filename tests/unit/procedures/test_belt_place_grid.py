@@ -236,3 +236,19 @@ def test_a_place_out_of_reach_is_refused_before_anything_moves(tmp_path: Path) -
             assert not cell.notes(run_id, "to-wait")
 
     run_virtual(scene())
+
+
+@pytest.mark.parametrize(
+    ("job", "words"),
+    [
+        ({"first_place": 3}, "first_place = 3, but there is no place_grid"),
+        (
+            {"first_place": 5, "place_grid": GRID},
+            "first_place = 5 is beyond the last of 4 places of place_grid",
+        ),
+    ],
+)
+def test_a_first_place_that_is_not_there_is_refused(job: dict[str, Any], words: str) -> None:
+    keys = {"wait_pose": "wait", "place_pose": "place", "zone": {"min_m": 0.0, "max_m": 0.3}, "belt_z_m": 0.0}
+    with pytest.raises(ValueError, match=words):
+        BeltTrackingConfig.model_validate({**keys, **job})
