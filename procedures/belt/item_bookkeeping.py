@@ -80,6 +80,11 @@ class ItemBookkeeping:
         """The arm stopped with ``item``; ``if_empty`` became of it if the gripper holds nothing then."""
         self.carried, self.if_empty = item, if_empty
 
+    @property
+    def was_let_go(self) -> bool:
+        """Whether the arm stopped with an item in its place that the gripper was told to let go of."""
+        return self.carried is not None and self.if_empty is Outcome.PICKED
+
     def take_up(self) -> Item | None:
         """What the gripper has, for whoever goes on with it; None: nothing."""
         item, self.carried = self.carried, None

@@ -217,13 +217,24 @@ class _Picking:
             await self._clear_hands(lease)
         await lease.move_joints(self.q_wait)
         await run.enter(S.READY)
+        if self._ends_full:
+            return False
         return await self._pick(lease)
+
+    @property
+    def _ends_full(self) -> bool:
+        """Whether the grid is full and the job ends with it; what the gripper holds stays there, as after a
+        finish."""
+        grid = self.config.place_grid
+        return grid is not None and grid.when_full == "end" and self.places.full
 
     async def _clear_hands(self, lease: MotionLease) -> None:
         """After an interruption: straight up first, and what the gripper holds is put down at the place.
 
         Fingers that closed on nothing are opened as well, or they would be closed when they meet an item.
         """
+        if self.bookkeeping.was_let_go:  # it is in its place already
+            await self._open_gripper()
         here = self.arm.state.latest(0.1).value
         level = max(self.tool.state(self.q_wait).p[2], self.places.level_m)
         if (rise := float(level - self.tool.state(here.q).p[2])) > 0.0:
@@ -233,10 +244,13 @@ class _Picking:
             await self._open_gripper()
             self.bookkeeping.end_carried(self.bookkeeping.if_empty)
             return
+        if self._ends_full:
+            return  # there is no place for it
         if self.places.full:
             await self._renew_grid()
         above = await self._into_place(lease)
         self.places.take()
+        self.bookkeeping.if_empty = Outcome.PICKED
         await self._open_gripper()
         self.bookkeeping.end_carried(Outcome.PICKED)
         self.run.steps_taken.part_done()
@@ -288,7 +302,7 @@ class _Picking:
     async def _pick(self, lease: MotionLease) -> bool:
         """Stream until the belt stands (True) or enough is picked (False); pauses end in READY."""
         run = self.run
-        wait, grid = self.tool.state(self.q_wait), self.config.place_grid
+        wait = self.tool.state(self.q_wait)
         picker = Picker(
             run,
             self.config,
@@ -312,7 +326,7 @@ class _Picking:
                 await run.enter(S.READY)
                 await self._alarm()
             elif self.places.full:
-                if grid is None or grid.when_full == "end" or picker.enough:
+                if self._ends_full or picker.enough:
                     return False
                 await run.enter(S.READY)
                 await self._renew_grid()

@@ -14,7 +14,8 @@ from fakes.object import run_virtual
 from fakes.world.belt.gripper import Gripper
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.expectation import belt_expectation
-from procedures.belt.items import Outcome
+from procedures.belt.item_bookkeeping import ItemBookkeeping
+from procedures.belt.items import CONTACT, Outcome
 from procedures.belt.motion.tool_joints import ToolJoints
 from tests.kit.object_cell import ObjectCell, no_report
 from tests.kit.picking_cell import JOB, picking_cell, picking_config
@@ -140,6 +141,38 @@ def test_an_interruption_puts_what_is_held_at_a_place_that_nothing_lies_at(
             assert len(where) == 3
             assert apart.min() > 0.05
             agrees_with_the_world(cell, run_id)
+
+    run_virtual(scene())
+
+
+@pytest.mark.parametrize("as_stopped", [True, False])
+def test_an_interruption_at_the_last_place_ends_the_job_as_a_full_grid_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, as_stopped: bool
+) -> None:
+    """A gripper that still holds the item lets go of it in its place, or keeps it where that is not known."""
+    if not as_stopped:
+        carry = ItemBookkeeping.carry
+        monkeypatch.setattr(
+            ItemBookkeeping, "carry", lambda self, item, if_empty: carry(self, item, Outcome.LOST)
+        )
+    keys = {"place_grid": {**GRID, "rows": 1, "columns": 1}, "items": SMALL}
+    slow = {"spacing_m": "0.25", "confirm": "7\nopen_s = 1.9"}
+    config = picking_config(tmp_path, {**keys, "grip_timeout_s": 5.0, "max_duration_s": 60.0}, slow)
+
+    async def scene() -> None:
+        async with picking_cell(config) as cell:
+            run_id = await cell.start()
+            await cell.until(lambda: cell.engine.status()["live"].get("next_place") == 0, "full", 60.0)
+            cell.plant.plant("belt").inject("silence", {"duration_s": 1.0})
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            assert len(cell.notes(run_id, "interrupted")) == 1
+            lives = [(row["outcome"], row["detail"]["history"]) for row in cell.ledger.items(run_id)]
+            touched = [what for what, life in lives if CONTACT in [event for _, event in life]]
+            assert touched == ["picked" if as_stopped else "lost"]
+            found = cell.result(run_id)["result"]["grid"]
+            assert found == {"places": 1, "filled": 1, "next": 0, "renewed": 0}
+            if as_stopped:
+                assert put_down(cell) == pytest.approx(np.zeros((1, 2)), abs=1e-3)
 
     run_virtual(scene())
 
