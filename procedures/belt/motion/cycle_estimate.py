@@ -129,10 +129,14 @@ class CycleEstimate:
     def unreachable(self, guard: MotionGuard) -> list[str]:
         """One sentence for each end of the zone, and each pose, that ``guard`` or the arm forbids."""
         found = []
-        zone = self._config.zone
+        zone, places = self._config.zone, Places(self._config, self._tool, self._q_place)
         for key, along in (("min_m", zone.min_m), ("max_m", zone.max_m)):
             p = self.grip_point(along)
-            for where, goal in (("above an item", p + self._up), ("at an item", p)):
+            goals = [("above an item", p + self._up), ("at an item", p)]
+            if places.is_grid:  # an item is lifted so high before it is carried over others
+                high = np.array([*p[:2], max(places.level_m, p[2] + self._up[2]), p[3]])
+                goals.append(("as high as above_m over the grid", high))
+            for where, goal in goals:
                 if why := self._forbidden(guard, goal):
                     found.append(
                         f"zone.{key} = {along:g} m cannot be worked in, {where}: {why}; shorten the zone"
@@ -143,7 +147,6 @@ class CycleEstimate:
                 guard.check_joints(q)
             except CellError as exc:
                 found.append(f"{key}: {exc.detail}; teach it elsewhere")
-        places = Places(self._config, self._tool, self._q_place)
         if not found and (unusable := places.unreachable(guard)) is not None:
             other = "place_grid" if self._config.place_grid else "above_m"
             found.append(f"place_pose: {unusable}; teach it elsewhere, or change {other}")

@@ -79,7 +79,7 @@ class Picker:
         self._t_contact, self._foot_m, self._tries = 0.0, 0.0, 0
         self._phase: Callable[[float], Coroutine[Any, Any, bool]] = self._ready
         self._path = ToolPath(tool, limits, guard, wait)
-        self._putting = PuttingDown(config, self._path, self._gripper, places, clear)
+        self._putting = PuttingDown(config, self._path, self._gripper, places, clear, self._wait)
         self._choice = ItemSelection(config, watch, tool, float(wait.p[3]), self._descent_s, gripper_times)
         self._learnt, self.standing = -np.inf, False
         self._standing_since: float | None = None

@@ -97,6 +97,13 @@ class Places:
         """Height of the tool on the level ways above the places, in the base."""
         return float(self._points[0, 2] + self._up[2])
 
+    def is_over(self, p: Array) -> bool:
+        """Whether the tool at ``p`` (4,) is over a grid, or within a pitch beside it."""
+        if self._grid is None:
+            return False
+        beside = max(self._grid.column_pitch_m, self._grid.row_pitch_m)
+        return bool(np.linalg.norm(self._points[:, :2] - p[:2], axis=1).min() < beside)
+
     def looks_down(self, step_m: float) -> list[PursuitState]:
         """The tool at rest above the next place, where ``place_clear`` is looked at on the way down from
         there (every ``step_m``, the last time at ``look_above_m``), and in the place."""
@@ -114,8 +121,8 @@ class Places:
         return self._tool.joints(PursuitState.still(self._points[0] + self._up), self._q_first)[0]
 
     def unreachable(self, guard: MotionGuard) -> str | None:
-        """One sentence on the places, and the ways above them, that ``guard`` or the arm forbids; None: all
-        are free. Each is looked at from the one beside it."""
+        """One sentence on the places, and the points ``above_m`` over them, that ``guard`` or arm forbids;
+        None: all are free. Each is looked at from the one beside it; the ways between them are not."""
         found = list(self._forbidden(guard))
         if not found:
             return None

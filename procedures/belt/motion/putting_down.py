@@ -6,12 +6,15 @@ from enum import Enum, auto
 import numpy as np
 
 from calibration.belt.pursuit import FixedPoint
+from cell.poses import Array
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.motion.blend import blend_for
 from procedures.belt.motion.gripper_work import GripperWork
 from procedures.belt.motion.place_clear import PlaceClear
 from procedures.belt.motion.places import Places
 from procedures.belt.motion.tool_path import LEAD_S, STEP_S, ToolPath, pursuit_limits
+
+ROUND_M = 0.5e-3  # of a height that is reached
 
 
 class Put(Enum):
@@ -37,10 +40,12 @@ class PuttingDown:
         gripper: GripperWork,
         places: Places,
         clear: PlaceClear,
+        wait: FixedPoint,
     ) -> None:
         self._path, self._gripper, self._places, self._clear = path, gripper, places, clear
         self._above = np.array([0.0, 0.0, config.above_m, 0.0])
-        self._look_above_m = config.look_above_m
+        self._look_above_m, self._wait = config.look_above_m, wait
+        self._highest_m = config.items.max_height_m
         # In a grid, what hangs in the gripper comes down straight beside what lies around.
         least_m = config.items.max_height_m if config.place_grid else 0.0
         self._blend = blend_for(config, pursuit_limits(config.limits), least_m)
@@ -53,13 +58,34 @@ class PuttingDown:
         return self._step == self._release
 
     def begin(self, t: float) -> None:
-        """Set out for the next place at ``t``."""
-        self._place, self._step = self._places.here, self._over
-        self._path.begin(t, self._place, self._above)
+        """Set out for the next place at ``t``: one of a grid from so high that others are crossed above what
+        lies there."""
+        self._place = self._places.here
+        if self._places.is_grid and not self._is_high(t):
+            self._step = self._climb
+            self._path.begin(t, self._at_level(self._path.at(t).p), np.zeros(4))
+        else:
+            self._set_out(t)
 
     def step(self, t: float) -> Put:
         """Decide about the way from ``t`` on."""
         return self._step(t)
+
+    def _is_high(self, t: float) -> bool:
+        return float(self._path.at(t).p[2] - self._place.p[2]) >= self._highest_m - ROUND_M
+
+    def _at_level(self, p: Array) -> FixedPoint:
+        """``p`` (4,) at the height of the level ways above the place."""
+        return FixedPoint(np.array([*p[:2], self._places.level_m, p[3]]))
+
+    def _climb(self, t: float) -> Put:
+        if self._is_high(t) or t >= self._path.t1:
+            self._set_out(t)
+        return Put.UNDER_WAY
+
+    def _set_out(self, t: float) -> None:
+        self._step = self._over
+        self._path.begin(t, self._place, self._above)
 
     def _over(self, t: float) -> Put:
         self._path.go(t, self._place, self._above)
@@ -99,4 +125,15 @@ class PuttingDown:
 
     def _leave(self, t: float) -> Put:
         self._path.go(t, self._place, self._above)
-        return Put.LEFT if self._path.has_risen(t, float(self._place.p[2]), self._blend) else Put.UNDER_WAY
+        if not self._path.has_risen(t, float(self._place.p[2]), self._blend):
+            return Put.UNDER_WAY
+        if not self._places.is_grid or self._wait.p[2] >= self._places.level_m:
+            return Put.LEFT
+        self._path.begin(t, self._at_level(self._wait.p), np.zeros(4))
+        self._step = self._leave_grid
+        return Put.UNDER_WAY
+
+    def _leave_grid(self, t: float) -> Put:
+        """Level until no place is below: a waiting pose that is lower pulls the tool down at once."""
+        over = self._places.is_over(self._path.at(t).p)
+        return Put.UNDER_WAY if over and t < self._path.t1 else Put.LEFT

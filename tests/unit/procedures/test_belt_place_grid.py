@@ -33,6 +33,17 @@ def config_of(folder: Path, grid: dict[str, Any] | None = None, **job: Any) -> C
     return picking_config(folder, keys, {"spacing_m": "0.25"})
 
 
+def raised(config: CellConfig, higher_m: float) -> CellConfig:
+    """With the place so much higher."""
+    values = setup_of(config).values
+    q_wait, q_place = (np.array(config.poses[name]) for name in ("wait", "place"))
+    tool = ToolJoints(robot_from_spec(values.robot), from_pose6(values.tool["T_flange_tool"]), q_wait)
+    here = tool.state(q_place).p
+    there = here + np.array([0.0, 0.0, higher_m, 0.0])
+    config.poses["place"] = [float(v) for v in tool.walked(here, there, q_place)]
+    return config
+
+
 def gripper_of(cell: ObjectCell) -> Gripper:
     gripper = cell.plant.world.gripper
     assert gripper is not None
@@ -67,6 +78,32 @@ def test_each_place_gets_one_item_row_by_row_and_a_full_grid_ends_the_job(tmp_pa
                 "place 2 of 4 (row 1, column 2)",
             ]
             agrees_with_the_world(cell, run_id)
+
+    run_virtual(scene())
+
+
+@pytest.mark.parametrize("higher_m", [0.0, 0.1])
+def test_the_tool_is_low_over_the_grid_only_in_a_place(tmp_path: Path, higher_m: float) -> None:
+    """The tray is 0.1 m and 0.2 m above the belt; columns follow away from it."""
+    along = {"rows": 1, "columns": 3, "columns_along": "-y", "rows_along": "x", "column_pitch_m": 0.08}
+    config = raised(config_of(tmp_path, along), higher_m)
+
+    async def scene() -> None:
+        async with picking_cell(config) as cell:
+            run_id = await cell.start()
+            q, world = np.array(cell.config.poses["place"]), cell.plant.world
+            T = world.true.forward(q) * world.T_flange_tool
+            places = np.array([[0.0, 0.0], [0.0, -0.08], [0.0, -0.16]])
+            crossed = []
+            while len(gripper_of(cell).put_down) < 3:
+                await cell.clock.sleep(0.01)
+                x, y, down = T.inv().apply(world.tool_point(cell.clock.now()))
+                nearest = np.hypot(*(places - [x, y]).T).min()
+                if 0.006 < nearest < 0.04:
+                    crossed.append(-down)
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            assert len(gripper_of(cell).put_down) == 3
+            assert min(crossed) > 0.045
 
     run_virtual(scene())
 
