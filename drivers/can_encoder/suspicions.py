@@ -36,9 +36,8 @@ class Flood:
     def __init__(self, period_s: float) -> None:
         self._each_s, self._apart_s = period_s / _TOO_MANY, _SLOWER * period_s
         self._sent: float | None = None  # when the latest frame may have been, at the earliest
-        self._filled = self._since = (
-            0.0  # frames at the highest rate that is no flood fill the time up to here
-        )
+        # Since when frames count, and up to where they would fill the time at the highest rate allowed.
+        self._since = self._filled = 0.0
         self._frames = 0
 
     def seen(self, t: float) -> float | None:

@@ -33,7 +33,7 @@ END_DEADLINE_S = 0.8
 START_MARGIN_S = 3.0
 SETTLED_S = 3.0  # a client that holds its last set-point does so for four look-aheads, 0.8 s at most
 MAX_START_STEP_RAD = 0.05
-AFTER_GAP_S = 0.3  # an arm whose set-points waited for so long is still far from them
+AFTER_GAP_S = 0.3  # so long after a time without states the arm may still be far from its set-points
 ASK_S = 0.2  # before a piece ends; who makes short ones then sets the pace
 
 
@@ -197,11 +197,10 @@ class UrMotion:
                 self.client.post("finish")
                 left = max(last.t1 - self._clock.now(), 0.0) if last is not None else 0.0
                 end = await watch.outcome(left + START_MARGIN_S, "following")
-            except CellError as exc:
+            except BaseException as exc:
                 self._stop_now()
-                raise self._explained(exc) from None
-            except BaseException:
-                self._stop_now()
+                if isinstance(exc, CellError):
+                    raise self._explained(exc) from None
                 raise
             finally:
                 undo()
@@ -397,7 +396,11 @@ class UrMotion:
     ) -> TrajectoryPiece | None:
         last: TrajectoryPiece | None = None
         iterator = aiter(pieces)
-        while not watch.over and not broken_off.done():
+
+        def over() -> bool:
+            return watch.over or broken_off.done()
+
+        while not over():
             pull = asyncio.ensure_future(anext(iterator, None))
             try:
                 if not await watch.first(pull, broken_off):
@@ -409,11 +412,7 @@ class UrMotion:
                 break
             self._send_piece(piece, first=last is None)
             last = piece
-            while (
-                not watch.over
-                and not broken_off.done()
-                and (left := last.t1 - ASK_S - self._clock.now()) > 0.0
-            ):
+            while not over() and (left := last.t1 - ASK_S - self._clock.now()) > 0.0:
                 await self._clock.sleep(min(left, 0.02))
         return last
 

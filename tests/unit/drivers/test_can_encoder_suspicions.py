@@ -52,6 +52,7 @@ def test_a_flood_is_one_also_after_a_stall() -> None:
     assert any(told), "within a second"
 
 
-def test_three_times_the_timers_rate_is_told_within_two_seconds() -> None:
+@pytest.mark.parametrize(("times", "within_s"), [(3.0, 2.1), (2.2, 10.1)])
+def test_a_flood_is_told_the_later_the_less_it_is_one(times: float, within_s: float) -> None:
     subject = Flood(PERIOD_S)
-    assert any(subject.seen(k * PERIOD_S / 3.0) for k in range(round(2.1 * 3.0 / PERIOD_S)))
+    assert any(subject.seen(k * PERIOD_S / times) for k in range(round(within_s * times / PERIOD_S)))
