@@ -16,7 +16,6 @@ import numpy as np
 
 from cell.poses import Array
 
-_SHARPEST = 0.15  # of the tool's width: the ball that a pass may miss most deeply
 _TURN = np.linspace(0.0, 2.0 * np.pi, 181)[:, None]
 _ALONG = np.linspace(-1.0, 1.0, 61)[:, None]
 _RATIOS = {0.15: 0.1, 0.4: 0.1, 0.7: 0.1, 1.0: 0.6, 1.5: 0.1}
@@ -31,7 +30,8 @@ _FINE_BANDS_M = (0.0, 1e-5, 2e-5, 3e-5, 4e-5, 5e-5, 6e-5, 8e-5, 1e-4, 1.2e-4)
 class TipShape:
     """One shape. ``prior`` is how likely it is before any pass. ``ratio`` is a ball's radius as a share of
     the tool's, ``band`` (m) by how much more distance the beam clears than it breaks, ``rim`` (m) the radius
-    of a flat end's rim and of the beam together. Of the kind "other" no length of a break is known."""
+    of a flat end's rim and of the beam together. Of the kind "other" no length of
+    a break is known; a pass may miss it as deep down as it may miss that ball."""
 
     kind: str
     prior: float
@@ -48,7 +48,7 @@ def _with_bands(
 
 ENDS = (
     TipShape("point", 0.1),
-    TipShape("other", 0.05),
+    TipShape("other", 0.05, 0.15),
     *_with_bands("edge", 0.1, _FINE_BANDS_M),
     *_with_bands("flat", 0.15, _FINE_BANDS_M),
     *(end for rim in _RIMS_M for end in _with_bands("flat", 0.2 / len(_RIMS_M), _RIM_BANDS_M, rim=rim)),
@@ -57,7 +57,7 @@ ENDS = (
 # Of an upright tool, and enough to decide where to cross next.
 UPRIGHT = (
     TipShape("point", 0.4),
-    TipShape("other", 0.1),
+    TipShape("other", 0.1, 0.15),
     *(end for rim in (2e-4, 4e-4, 6e-4) for end in _with_bands("flat", 0.1 / 3.0, (0.0, 4e-5), rim=rim)),
     *(end for ratio in (0.15, 0.4, 1.0) for end in _with_bands("ball", 0.4 / 3.0, (0.0, 4e-5), ratio)),
 )
@@ -105,7 +105,7 @@ class ToolInBeam:
         for k, end in enumerate(ends):
             shape = end.kind, end.ratio, end.rim
             if end.kind in ("ball", "other"):
-                wide = (end.ratio if end.kind == "ball" else _SHARPEST) * self.chord
+                wide = end.ratio * self.chord
                 deep = np.minimum(d, 0.5 * wide)
                 if shape not in breaks:
                     breaks[shape] = np.sqrt(deep * (wide - deep))
