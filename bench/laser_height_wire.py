@@ -1,9 +1,11 @@
 """References and updates of bumped tools on the wire in real time, beside the twin's truth.
 
-``python -m bench.laser_height_wire [COUNT] [--sigma-um 30] [--end round] [--busy] [--bind 127.0.54.2]``.
-Each time twin and daemon begin anew with beams elsewhere; the tool is bumped after the reference. ``--busy``
-has a program beside them that uses a whole core. Printed are the errors, the coverage of the stated 95 % and
-99 % for point, height and tilt, and how many are outside 99 %: at most one of each of 20 may be.
+``python -m bench.laser_height_wire [COUNT] [CELL]... [--busy] [--keep FILE] [--bind 127.0.54.2]``.
+Each time twin and daemon begin anew with beams elsewhere; the tool is bumped after the reference. The COUNT
+runs, 7 minutes each, go round the cells, which are named as in ``bench.laser_height``. ``--busy`` has a
+program beside them that uses a whole core. With ``--keep FILE`` a bench that was ended goes on where it was.
+Printed are the errors, the coverage of the stated 95 % and 99 % for point, height and tilt, and how many are
+outside 99 %: at most one of each of 20 may be.
 """
 
 import argparse
@@ -22,6 +24,7 @@ from fakes.twin.control import ask
 from tests.kit.wire_cell import WireCell
 
 LIMIT_S = 900.0
+CELLS = ("round-14", "round-30", "flat-14", "flat-30")
 AUTO = """
 accept = { auto = true }
 [cell.job.laser-update]
@@ -29,11 +32,11 @@ accept = { auto = true }
 """
 
 
-def one(folder: Path, options: argparse.Namespace, seed: int, tally: Tally) -> None:
+def one(folder: Path, bind: str, kind: str, seed: int, tally: Tally) -> None:
     """One reference and one update in a cell of its own."""
     rng = np.random.default_rng([seed, 78])
-    text = scenario(options.end, 1e-6 * options.sigma_um, seed) + AUTO
-    cell = WireCell(folder, options.bind, text)
+    end, sigma = kind.split("-")
+    cell = WireCell(folder, bind, scenario(end, 1e-6 * float(sigma), seed) + AUTO)
     try:
         cell.start_twin()
         cell.start_daemon()
@@ -70,19 +73,27 @@ def _done(cell: WireCell, job: str, tally: Tally) -> dict[str, Any] | None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("count", nargs="?", type=int, default=20)
-    parser.add_argument("--sigma-um", type=float, default=30.0)
-    parser.add_argument("--end", choices=("round", "flat"), default="round")
+    parser.add_argument("cells", nargs="*", default=CELLS, help="such as round-14 or flat-30")
     parser.add_argument("--busy", action="store_true")
     parser.add_argument("--first", type=int, default=0, help="seed of the first one")
+    parser.add_argument("--keep", type=Path, help="file of runs: new ones are added, old ones not run")
     parser.add_argument("--bind", default="127.0.54.2")
     options = parser.parse_args()
+    kept = {kind: Tally.of_file(options.keep, kind) if options.keep else {} for kind in options.cells}
     tally = Tally()
     with busy_programs(int(options.busy)):
-        for k in range(options.count):
-            with tempfile.TemporaryDirectory() as folder:
-                one(Path(folder), options, options.first + k, tally)
-            last = f"z off {1e6 * float(tally.point[-1][2]):.0f} um" if tally.point else "no answer yet"
-            print(f"{k + 1} of {options.count}: {last}, {len(tally.failed)} not done", flush=True)
+        for seed in range(options.first, options.first + options.count):
+            kind = options.cells[seed % len(options.cells)]
+            own = kept[kind].get(seed)
+            if own is None:
+                own = Tally()
+                with tempfile.TemporaryDirectory() as folder:
+                    one(Path(folder), options.bind, kind, seed, own)
+                if options.keep:
+                    own.keep(options.keep, kind, seed)
+            tally.add(own)
+            told = f"z off {1e6 * float(own.point[0][2]):.0f} um" if own.point else "; ".join(own.failed)
+            print(f"{seed}: {kind}, {told}", flush=True)
     print("\n".join(tally.lines()))
     outside = {name: tally.outside(name, 0.99) for name in ("point", "height", "tilt")}
     print("outside the stated 99 %: " + ", ".join(f"{name} {n}" for name, n in outside.items()))

@@ -1,6 +1,7 @@
 """The input module of a twin: the world's inputs on their wires, and what a daemon must know to read them."""
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +16,22 @@ POLL_PERIOD_S = 0.005
 
 
 class TwinInputs:
-    """Serves ``inputs`` between :meth:`start` and :meth:`stop`."""
+    """Serves ``inputs`` between :meth:`start` and :meth:`stop`, each answer as of ``now``."""
 
-    def __init__(self, inputs: InputModule, addresses: FakeAddresses, bind: str, folder: Path) -> None:
+    def __init__(
+        self,
+        inputs: InputModule,
+        addresses: FakeAddresses,
+        bind: str,
+        folder: Path,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._truth: IoTruth = inputs.truth
         module = Module(
             inputs,
             register_map(self._truth.module),
             Identity(self._truth.module, self._truth.serial),
-            time.monotonic,
+            now,
         )
         line = folder / SERIAL_LINE if addresses.io_rtu else None
         pace = Pace(addresses.io_delay_s, addresses.io_jitter_s)

@@ -79,7 +79,7 @@ class Twin:
         world, where = self.world, (self.scenario.fakes, self.bind, self.folder)
         devices: dict[str, TwinDevice] = {}
         if world.inputs is not None:
-            devices["beams"] = TwinInputs(world.inputs, *where)
+            devices["beams"] = TwinInputs(world.inputs, *where, self.controller.ticker.catch_up)
         if world.encoder is not None:
             devices["belt"] = TwinEncoder(world.encoder, *where)
         if world.observed is not None:

@@ -70,9 +70,22 @@ class Ticker:
     def _due(self) -> float:
         return self._origin + self._count * self._period
 
+    def catch_up(self) -> float:
+        """Call the cycles that are due, and give the time.
+
+        After a stall the loop may come to a question first: who answers for now has to know what the cycles
+        of the past do, or it takes back later what it has answered.
+        """
+        now = self._now()
+        if self._fd >= 0 and now >= self._due:
+            self._run(now)
+        return now
+
     def _wake(self) -> None:
         os.read(self._fd, 8)
-        now = self._now()
+        self._run(self._now())
+
+    def _run(self, now: float) -> None:
         if now - self._due > LATE_S:
             self._stood_still(now - self._due, now)
         behind = int((now - self._due) / self._period)

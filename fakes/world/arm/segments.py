@@ -48,20 +48,29 @@ class Hold:
 
 @dataclass(frozen=True, eq=False)
 class JointMove:
-    """All joints together on a straight line in joint space; the profile is the longest-moving joint's."""
+    """All joints together on a straight line in joint space; the profile is the longest-moving joint's.
+
+    ``gone_s`` of the profile were over at ``t0``: the move goes on after an interruption.
+    """
 
     settles: ClassVar[bool] = True
     t0: float
     q0: Array
     q1: Array
     profile: Trapezoid
+    gone_s: float = 0.0
+
+    @property
+    def begun(self) -> float:
+        """When the profile would have begun without an interruption."""
+        return self.t0 - self.gone_s
 
     @property
     def t_end(self) -> float:
-        return self.t0 + self.profile.duration
+        return self.begun + self.profile.duration
 
     def at(self, t: float) -> tuple[Array, Array]:
-        s, v = self.profile.at(t - self.t0)
+        s, v = self.profile.at(t - self.begun)
         if s >= self.profile.length:
             return self.q1.copy(), np.zeros_like(self.q1)
         per_length = (self.q1 - self.q0) / self.profile.length
@@ -73,6 +82,7 @@ class PathMove:
     """Joints along a spline ``q(s)``, travelled with a profile; a stop is the same path with a ramp.
 
     ``knots`` (n,) are path lengths, ``coefficients`` (4, n-1, 6) SciPy's cubic pieces, highest power first.
+    ``gone_s`` of the profile were over at ``t0``.
     """
 
     settles: ClassVar[bool] = True
@@ -80,14 +90,20 @@ class PathMove:
     knots: Array
     coefficients: Array
     profile: Trapezoid | Ramp
+    gone_s: float = 0.0
+
+    @property
+    def begun(self) -> float:
+        """When the profile would have begun without an interruption."""
+        return self.t0 - self.gone_s
 
     @property
     def t_end(self) -> float:
-        return self.t0 + self.profile.duration
+        return self.begun + self.profile.duration
 
-    def __reduce__(self) -> tuple[type["PathMove"], tuple[float, Array, Array, Trapezoid | Ramp]]:
+    def __reduce__(self) -> tuple[type["PathMove"], tuple[float, Array, Array, Trapezoid | Ramp, float]]:
         """Without what can be computed again."""
-        return PathMove, (self.t0, self.knots, self.coefficients, self.profile)
+        return PathMove, (self.t0, self.knots, self.coefficients, self.profile, self.gone_s)
 
     @cached_property
     def _lengths(self) -> list[float]:
@@ -99,7 +115,7 @@ class PathMove:
         return list(self.coefficients.swapaxes(0, 1))
 
     def at(self, t: float) -> tuple[Array, Array]:
-        s, v = self.profile.at(t - self.t0)
+        s, v = self.profile.at(t - self.begun)
         knots = self._lengths
         i = min(max(bisect_right(knots, s) - 1, 0), len(knots) - 2)
         c3, c2, c1, c0 = self._pieces[i]

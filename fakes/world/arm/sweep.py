@@ -15,11 +15,11 @@ def joints(segment: Segment, times: Array) -> Array:
         case Hold():
             return np.tile(segment.q, (len(times), 1))
         case JointMove():
-            part = distances(segment.profile, times - segment.t0) / max(segment.profile.length, 1e-300)
+            part = distances(segment.profile, times - segment.begun) / max(segment.profile.length, 1e-300)
             out: Array = segment.q0 + part[:, None] * (segment.q1 - segment.q0)
             return out
         case PathMove():
-            s = distances(segment.profile, times - segment.t0)
+            s = distances(segment.profile, times - segment.begun)
             i = np.clip(np.searchsorted(segment.knots, s, side="right") - 1, 0, len(segment.knots) - 2)
             c3, c2, c1, c0 = segment.coefficients[:, i]
             x = (s - segment.knots[i])[:, None]

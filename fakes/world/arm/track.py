@@ -83,10 +83,15 @@ class Track:
         return t
 
     def delay(self, t: float, seconds: float) -> None:
-        """A planned move that is under way stood still for so long until ``t``, and goes on from there."""
-        segment = self.segment_at(t - seconds)
+        """A planned move that is under way stood still for so long until ``t``, and goes on from there.
+
+        What was before that stays as it was: somebody may have seen it.
+        """
+        since = t - seconds
+        segment = self.segment_at(since)
         if isinstance(segment, JointMove | PathMove) and segment is self._segments[-1]:
-            self.append(replace(segment, t0=segment.t0 + seconds))
+            self.append(Hold(since, segment.at(since)[0]))
+            self.append(replace(segment, t0=t, gone_s=since - segment.begun))
 
     def start_joint_move(self, t: float, q_target: ArrayLike, v: float, a: float) -> float:
         """Synchronised joint move, ``v`` (rad/s) and ``a`` (rad/s^2) for the joint with the longest way.
@@ -132,7 +137,7 @@ class Track:
         segment = self.segment_at(t)
         if not isinstance(segment, PathMove):
             return self.stop_joint(t, decel)
-        s, speed = segment.profile.at(t - segment.t0)
+        s, speed = segment.profile.at(t - segment.begun)
         self.append(PathMove(t, segment.knots, segment.coefficients, self._ramp(segment, s, speed, decel)))
         return self.end_time
 
@@ -141,7 +146,7 @@ class Track:
         end of it. What a program asks for with :meth:`stop_joint` may carry further."""
         segment = self.segment_at(t)
         if isinstance(segment, JointMove):
-            gone, speed = segment.profile.at(t - segment.t0)
+            gone, speed = segment.profile.at(t - segment.begun)
             room = segment.profile.length - gone
             if speed > 0.0 and room > 0.0:
                 decel = max(decel, 0.5 * speed * speed / room)

@@ -60,6 +60,19 @@ def test_a_move_goes_on_from_where_it_was(arm: Arm) -> None:
     assert arm.q[0] == pytest.approx(1.0)
 
 
+def test_what_was_before_a_pause_stays_as_it_was(arm: Arm) -> None:
+    """An input module has counted what the tool broke on that way."""
+    next(arm.move_joints([1.0, 0.0, 0.0, 0.0, 0.0, 0.0], 1.0, 5.0))
+    times = [0.05, 0.3, 0.4]
+    before = [arm.track.at(t)[0][0] for t in times]
+    arm.stood_still(0.5, 0.9)
+    arm.stood_still(0.2, 1.2)
+    assert [arm.track.at(t)[0][0] for t in times] == before
+    assert arm.track.at(0.7)[0][0] == arm.track.at(0.9)[0][0] == before[-1]
+    assert arm.track.at(1.2)[0][0] == pytest.approx(arm.track.at(1.0)[0][0])
+    assert arm.track.at(1.3)[0][0] == pytest.approx(arm.track.at(1.2)[0][0] + 0.1)
+
+
 def test_the_arm_is_where_the_next_set_point_has_it(arm: Arm) -> None:
     """It is not driven there from where it was when the process stopped, faster than any joint turns."""
     arm.servo([0.002, 0, 0, 0, 0, 0], 0.002, 0.05, 500.0)
