@@ -17,12 +17,12 @@ from cell.priority import LOOP, process_in_real_time
 from cell.samples import Sample
 from drivers.ur.config import UrConfig
 from drivers.ur.feed import StateFeed
-from drivers.ur.framing import Message
 from drivers.ur.motion_checks import finite, open_failure, same_pose, shortened
 from drivers.ur.motion_child import BEAT_LIMIT_S
 from drivers.ur.motion_client import MotionClient
+from drivers.ur.pieces import Following, rest_after
 from drivers.ur.script_end import ScriptEnd, ScriptRecord
-from drivers.ur.watch import REST_SAMPLES, ArmView, Judge, Watch, joints_judge, pose_judge, until
+from drivers.ur.watch import REST_SAMPLES, ArmView, Judge, Watch, drop, joints_judge, pose_judge, until
 
 OPEN_DEADLINE_S = 8.0  # the client itself waits 5 s for its script to start
 START_SEEN_S = 3.0  # and another process may pause meanwhile
@@ -32,9 +32,6 @@ STOP_DEADLINE_S = 0.3
 END_DEADLINE_S = 0.8
 START_MARGIN_S = 3.0
 SETTLED_S = 3.0  # a client that holds its last set-point does so for four look-aheads, 0.8 s at most
-MAX_START_STEP_RAD = 0.05
-AFTER_GAP_S = 0.3  # so long after a time without states the arm may still be far from its set-points
-ASK_S = 0.2  # before a piece ends; who makes short ones then sets the pace
 
 
 class MotionArm(ArmView, Protocol):
@@ -187,27 +184,21 @@ class UrMotion:
             "gain": config.servo_gain,
             "decel": config.stop_decel_m_s2,
         }
-        with self._watch(lambda sample: None) as watch:
-            broken_off: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-            undo = self.client.subscribe(lambda event: _note_end(watch, broken_off, event))
-            self.client.idle.clear()
+        with self._watch(lambda sample: None) as watch, Following(self.client, self._arm, watch) as following:
             try:
                 await self._ask(watch, "follow", how)
-                last = await self._send_pieces(pieces, watch, broken_off)
-                self.client.post("finish")
+                last = await following.send(pieces, lambda: self._newest().value.q)
                 left = max(last.t1 - self._clock.now(), 0.0) if last is not None else 0.0
                 end = await watch.outcome(left + START_MARGIN_S, "following")
             except BaseException as exc:
                 self._stop_now()
                 if isinstance(exc, CellError):
-                    raise self._explained(exc) from None
+                    raise following.explained(exc) from None
                 raise
-            finally:
-                undo()
         if end != "done":
             raise error("MOTION_WATCHDOG", f"following ended early: {end}")
         if last is not None:
-            await self._believe(last)
+            await self._believe(rest_after(last, config.follow_decel_rad_s2))
 
     async def decelerate(self) -> None:
         """Ask for a stop; a child that does not answer is killed, so that the watchdog stops the arm."""
@@ -297,7 +288,7 @@ class UrMotion:
                         raise why from exc
                 raise
             finally:
-                await _end(call)
+                await drop(call)
 
     def _payload_is(self, wanted_kg: float) -> bool:
         """True also for controllers that do not report it."""
@@ -357,7 +348,7 @@ class UrMotion:
                     "MOTION_WATCHDOG", f"the motion client still follows after {SETTLED_S:g} s"
                 ) from None
             finally:
-                await _end(idle)
+                await drop(idle)
             if watch.over:
                 await watch.outcome(SETTLED_S, "settling")
 
@@ -368,7 +359,7 @@ class UrMotion:
             if await watch.first(call) and not call.result() and not watch.over:
                 watch.end_by_script(f"the control script did not accept {do}")
         finally:
-            await _end(call)
+            await drop(call)
 
     async def _answer(self, do: str, deadline_s: float, arguments: dict[str, Any]) -> Any:
         """A child without an answer in time was late, as the beat may be: another one may be opened."""
@@ -391,65 +382,8 @@ class UrMotion:
         except CellError:
             self.client.kill()
 
-    async def _send_pieces(
-        self, pieces: AsyncIterator[TrajectoryPiece], watch: Watch, broken_off: asyncio.Future[None]
-    ) -> TrajectoryPiece | None:
-        last: TrajectoryPiece | None = None
-        iterator = aiter(pieces)
-
-        def over() -> bool:
-            return watch.over or broken_off.done()
-
-        while not over():
-            pull = asyncio.ensure_future(anext(iterator, None))
-            try:
-                if not await watch.first(pull, broken_off):
-                    break
-                piece = pull.result()
-            finally:
-                await _end(pull)
-            if piece is None:
-                break
-            self._send_piece(piece, first=last is None)
-            last = piece
-            while not over() and (left := last.t1 - ASK_S - self._clock.now()) > 0.0:
-                await self._clock.sleep(min(left, 0.02))
-        return last
-
-    def _explained(self, failure: CellError) -> CellError:
-        """``failure``; where an arm seems not to follow as nothing was sent or seen for a moment, that."""
-        now, gap = self._clock.now(), self._arm.state.last_gap
-        if failure.name != "ARM_NOT_FOLLOWING":
-            return failure
-        if self.client.kicks.lapsed_at(now, 0.0):
-            return error("MOTION_WATCHDOG", f"the motion client was late; {failure.detail}")
-        if gap is not None and now - gap[1] < AFTER_GAP_S:
-            gone = f"the arm gave no state for {gap[1] - gap[0]:.3f} s"
-            return error("STALE_DATA", f"{gone}; {failure.detail}")
-        return failure
-
-    def _send_piece(self, piece: TrajectoryPiece, first: bool) -> None:
-        rows = np.asarray(piece.coefficients, dtype=float)
-        if rows.ndim != 2 or rows.shape[1] != 6 or not np.isfinite(rows).all() or not piece.t1 > piece.t0:
-            raise error(
-                "ARGUMENT_INVALID", f"a trajectory piece of shape {rows.shape} over {piece.t1 - piece.t0} s"
-            )
-        if first:
-            step = float(np.max(np.abs(rows[0] - self._newest().value.q)))
-            if step > MAX_START_STEP_RAD:
-                raise error("MOTION_LIMIT", f"the trajectory begins {step:.3f} rad from where the arm is")
-        self.client.post("piece", t0=piece.t0, t1=piece.t1, coefficients=rows.tolist())
-
-    async def _believe(self, last: TrajectoryPiece) -> None:
+    async def _believe(self, target: Array) -> None:
         """Following ended as planned; now the measured joints have to say the same."""
-        span = last.t1 - last.t0
-        target = np.polynomial.polynomial.polyval(span, np.asarray(last.coefficients, dtype=float))
-        # An end speed other than zero ends in a ramp, which goes on beyond the last set-point.
-        speed = np.polynomial.polynomial.polyval(
-            span, np.polynomial.polynomial.polyder(np.asarray(last.coefficients, dtype=float))
-        )
-        peak = float(np.max(np.abs(speed)))
-        target = target + speed * peak / (2.0 * self._config.follow_decel_rad_s2)
         judge = joints_judge(target, 5.0 * self._config.joint_tolerance_rad, self._clock.now())
         with self._watch(judge) as watch:
             await watch.outcome(2.0, "coming to rest after following")
@@ -471,19 +405,3 @@ class UrMotion:
 
     def _newest(self) -> Sample[ArmState]:
         return self._arm.state.latest(self._config.silent_after_s)
-
-
-async def _end(work: asyncio.Future[Any]) -> None:
-    """Nobody waits for it any more, nor for what it failed with."""
-    if not work.done():
-        work.cancel()
-        await asyncio.wait([work])
-    if not work.cancelled():
-        work.exception()
-
-
-def _note_end(watch: Watch, broken_off: "asyncio.Future[None]", event: Message) -> None:
-    if event["event"] == "followed":
-        watch.end(event["end"])
-    elif event["event"] == "broken off" and not broken_off.done():
-        broken_off.set_result(None)

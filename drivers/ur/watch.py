@@ -236,3 +236,12 @@ async def until(
         raise arm.lost or error("STALE_DATA", f"{what}: the arm gave no state in {timeout:g} s")
     if not seen.result():
         raise error(failure, f"{what} was not seen in {timeout:g} s")
+
+
+async def drop(work: asyncio.Future[Any]) -> None:
+    """Nobody waits for it any more, nor for what it failed with."""
+    if not work.done():
+        work.cancel()
+        await asyncio.wait([work])
+    if not work.cancelled():
+        work.exception()
