@@ -14,12 +14,12 @@ from daemon.modbus.table import register_table
 
 COMMAND, SEQUENCE, ARGUMENTS, HEARTBEAT, CONTROL_BITS = 0, 1, 4, 10, 11
 ENABLE = register_table().bit("control", "enable")
-START, FINISH, RESET, ACKNOWLEDGE, CONFIRM = 1, 2, 7, 9, 10
+START, FINISH, RESUME, RESET, ACKNOWLEDGE, CONFIRM = 1, 2, 6, 7, 9, 10
 READY, BUSY, ARM_OK, CAMERA_OK, BEAMS_OK, ENCODER_OK, TRACKER_OK = (
     register_table().bit("status", name)
     for name in ("ready", "busy", "arm ok", "camera ok", "beams ok", "encoder ok", "tracker ok")
 )
-COMPLETE = 17
+COMPLETE, HELD = 17, 11
 REFUSED = 0x8000
 STATUS_REGISTERS = 64
 ANSWER_TIMEOUT_S = 20.0
@@ -45,6 +45,11 @@ class Status:
     @property
     def busy(self) -> bool:
         return bool(self.bits & BUSY)
+
+    @property
+    def held(self) -> bool:
+        """Whether the run waits to be resumed, and not for the answer to a prompt."""
+        return self.packml == HELD and not self.prompt_id
 
     def _uint32(self, address: int) -> int:
         return self._r[address] << 16 | self._r[address + 1]

@@ -165,6 +165,9 @@ def _run_step(plc: Plc, step: Step, folder: Path, children: tuple[Child, ...]) -
                 say(f"{status.picks} picks; the PLC finishes the job")
                 finished = True
                 plc.command(registers.FINISH)
+            if status.held:
+                plc.command(registers.RESUME)
+                say(f"run {status.run_id} was held; the operator had a look, and the PLC resumed it")
             if status.prompt_id not in (0, answered):
                 placement += 1
                 did = _play_operator(plc, folder, step, placement)
@@ -227,19 +230,31 @@ def _tell_twin(plc: Plc, folder: Path, *words: str) -> None:
 @contextmanager
 def _twin(folder: Path, config: Path, scenario: str) -> Iterator[Child]:
     config.unlink(missing_ok=True)
-    where = ["--bind", _free_address(), "--out", str(folder)]
-    command = [str(console_script("cellward-twin")), "--scenario", scenario, *where]
-    with Child("twin", command, folder / "twin.log") as twin:
-        twin.wait_for(config.exists, "cell.toml", TWIN_START_S)
-        yield twin
+    with free_address() as address:
+        where = ["--bind", address, "--out", str(folder)]
+        command = [str(console_script("cellward-twin")), "--scenario", scenario, *where]
+        with Child("twin", command, folder / "twin.log") as twin:
+            twin.wait_for(config.exists, "cell.toml", TWIN_START_S)
+            yield twin
 
 
-def _free_address() -> str:
-    """A loopback address on which nobody, such as another twin, uses a port that the demo needs."""
+@contextmanager
+def free_address() -> Iterator[str]:
+    """A loopback address on which nobody, such as another twin, uses a port that the demo needs.
+
+    A twin takes its ports a while later. Two demos that begin at the same moment are kept apart by a socket
+    with the address for its name, which is gone with the process.
+    """
     for number in range(2, 10):
         address = f"127.0.0.{number}"
-        if all(_can_listen(address, port) for port in NEEDED_PORTS):
-            return address
+        with socket.socket(socket.AF_UNIX) as claim:
+            try:
+                claim.bind(f"\0cellward-demo-{address}")
+            except OSError:
+                continue
+            if all(_can_listen(address, port) for port in NEEDED_PORTS):
+                yield address
+                return
     raise error("NOT_NOW", "on 127.0.0.2 to 127.0.0.9 the ports of the twin are in use; stop a twin first")
 
 

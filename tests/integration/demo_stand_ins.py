@@ -1,7 +1,7 @@
 """Stand-ins for the two commands that the demo starts: a run takes a second instead of minutes.
 
 Run as ``demo_stand_ins.py twin|daemon ARGUMENTS``; what the daemon does is told by the file ``mode`` in the
-demo's folder: complete, beyond (an answer far from the truth), abort, or die.
+demo's folder: complete, beyond (an answer far from the truth), hold (until it is resumed), abort, or die.
 """
 
 import asyncio
@@ -47,7 +47,7 @@ class Daemon:
     def __init__(self, folder: Path, bind: str) -> None:
         self.mode = (folder / "mode").read_text()
         self.run = RunFolder.create(folder / "state" / "runs", "cone-capture", 7, {}, MonotonicClock())
-        self.confirmed = asyncio.Event()
+        self.confirmed, self.resumed = asyncio.Event(), asyncio.Event()
         self.status: dict[str, Any] = {"status": READY_BITS, "packml_state": 4}
         self.job: asyncio.Task[None] | None = None
         config = ModbusSection(bind=bind, allow_write=True, allow_clients=["127.0.0.0/8"])
@@ -66,6 +66,8 @@ class Daemon:
             self.job = asyncio.create_task(self.play())
         elif command.code == 10 and command.argument_uint32 == PROMPT:
             self.confirmed.set()
+        elif command.code == 6:
+            self.resumed.set()
         return 1
 
     async def play(self) -> None:
@@ -75,6 +77,10 @@ class Daemon:
         self.status = self.status | {"step": 20, "prompt_id": PROMPT}
         await self.confirmed.wait()
         self.status = self.status | {"step": 60, "prompt_id": 0}
+        if self.mode == "hold":
+            self.status = self.status | {"packml_state": 11}
+            await self.resumed.wait()
+            self.status = self.status | {"packml_state": 6}
         await asyncio.sleep(0.3)
         await asyncio.to_thread(self.write_end)
         packml = 9 if self.mode == "abort" else 17

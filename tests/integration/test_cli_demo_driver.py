@@ -61,6 +61,20 @@ def test_a_good_run_ends_with_0_and_shows_the_answer_beside_the_truth(
     assert children() == []
 
 
+def test_a_run_that_was_held_is_resumed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As the daemon holds it when the demo's own PLC had no core for a while."""
+    (folder / "mode").write_text("hold")
+    assert run_wire(folder) == 0
+    assert capsys.readouterr().err.count("run 7 was held") == 1
+
+
+def test_demos_that_begin_at_the_same_moment_take_different_addresses() -> None:
+    with wire.free_address() as first, wire.free_address() as second:
+        assert first != second
+    with wire.free_address() as again:
+        assert again == first
+
+
 @pytest.mark.parametrize(
     ("mode", "told"),
     [("beyond", "NOT consistent with"), ("abort", "The board was not seen: at pose 3 (5001)")],
