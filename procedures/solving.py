@@ -14,7 +14,6 @@ from cell.formats.result import Inputs, Result, Warning_
 P = ParamSpec("P")
 T = TypeVar("T")
 Progress = Callable[[str, int, int], None]
-LONG_S = 1.0  # a call that takes so long is not slow because caches are cold
 
 
 def within_limits(solver: Callable[P, T]) -> Callable[P, T]:

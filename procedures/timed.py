@@ -5,10 +5,10 @@ from collections.abc import Callable
 from typing import TypeVar
 
 T = TypeVar("T")
-LONG_S = 1.0  # a call that takes so long is not slow because caches are cold
+LONG_S = 0.3  # what cold caches cost is little beside a call that takes so long
 
 
-def timed(call: Callable[[], T], calls: int) -> tuple[T, float]:
+def timed(call: Callable[[], T], calls: int = 2) -> tuple[T, float]:
     """The last answer of ``calls`` calls and the shortest of their times, s; a long one is called once."""
     seconds = []
     for _ in range(calls):

@@ -1,6 +1,5 @@
 """Belt tracking from an intercept data set: the one path of jobs, replay and ``cellward solve``."""
 
-import time
 from functools import partial
 from pathlib import Path
 
@@ -10,7 +9,8 @@ from procedures.belt.result import InterceptResult
 from procedures.belt.solve.answers import solve_adaptive, solve_classic
 from procedures.belt.solve.data import load_intercept
 from procedures.belt.solve.result import fill_result, refusal
-from procedures.solving import LONG_S, Progress, within_limits
+from procedures.solving import Progress, within_limits
+from procedures.timed import timed
 
 ADAPTIVE, CLASSIC = "adaptive", "classic"
 
@@ -33,16 +33,10 @@ def solve_intercept(
     if refused is not None:
         return refused
     solve = solve_adaptive if chosen == ADAPTIVE else solve_classic
-    count = len(loaded.queries)
-    seconds = []
-    for begin in (0, count):  # two calls: the first one pays for cold caches
-        start = time.perf_counter()
-        solved = solve(loaded, None if progress is None else partial(_show, progress, begin, 2 * count))
-        seconds.append(time.perf_counter() - start)
-        if seconds[0] > LONG_S:
-            break
-    return fill_result(loaded, solved, chosen, min(seconds))
+    show = None if progress is None else partial(_show, progress, len(loaded.queries))
+    solved, seconds = timed(lambda: solve(loaded, show))
+    return fill_result(loaded, solved, chosen, seconds)
 
 
-def _show(progress: Progress, before: int, total: int, done: int) -> None:
-    progress("solve", before + done, total)
+def _show(progress: Progress, total: int, done: int) -> None:
+    progress("solve", done, total)

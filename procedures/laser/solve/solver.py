@@ -1,11 +1,9 @@
 """The tool's displacement, or a reference, from passes across two beams: the path of jobs and of replay."""
 
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
@@ -24,13 +22,13 @@ from procedures.laser.result import LaserInputs, LaserResult, Passes, ReferenceR
 from procedures.laser.solve.data import load_laser, scene_of, unit_warnings
 from procedures.laser.solve.result import fill_reference, fill_result
 from procedures.solving import refused, within_limits
+from procedures.timed import timed
 
 CLASSIC = "classic"
 METHODS = (INTERVAL, AVERAGING, CLASSIC)
 LIMITS = ("max_shift_m", "max_tilt_rad")
 Progress = Callable[[str, int, int], None]
 _FOLD_POINTS = 128
-T = TypeVar("T")
 
 
 @within_limits
@@ -46,7 +44,8 @@ def solve_laser(
     ``method`` is ``interval`` (the likelihood of the polls' intervals, the default), ``averaging`` (their
     middles, otherwise the same) or ``classic``. ``limits`` may hold ``max_shift_m`` and
     ``max_tilt_rad``: beyond them the tool is bent, the verdict is fail and the answer is given all the same.
-    ``solve_seconds`` is the shortest time of ``calls`` calls; a job, which nobody compares by it, needs one.
+    ``solve_seconds`` is the shortest time of ``calls`` calls (one where it takes long); a job, which nobody
+    compares by it, needs one.
     Bad input raises an ``InputError``; data that cannot determine the answer give ``result`` null.
     """
     chosen = method or INTERVAL
@@ -62,10 +61,10 @@ def solve_laser(
     _tell(progress, "solve", 0)
     try:
         # Each call with a scene that was not looked at, or the second one would find it half done.
-        solution, seconds = _timed(lambda: solve(replace(scene), how), calls)
+        solution, seconds = timed(lambda: solve(replace(scene), how), calls)
         classic: Classic | None = None
         if chosen == CLASSIC:
-            classic, seconds = _timed(lambda: solve_classic(scene, solution.seen), calls)
+            classic, seconds = timed(lambda: solve_classic(scene, solution.seen), calls)
     except Refused as exc:
         return _refused("laser", exc.refusal, warnings, inputs)
     inputs = inputs.changed(solve_seconds=seconds)
@@ -93,7 +92,7 @@ def solve_reference(path: Path, progress: Progress | None = None, calls: int = 2
     inputs = _inputs(file, data, INTERVAL)
     _tell(progress, "solve", 0)
     try:
-        found, seconds = _timed(lambda: find_beams(scene), calls)
+        found, seconds = timed(lambda: find_beams(scene), calls)
     except Refused as exc:
         return _refused("laser-reference", exc.refusal, warnings, inputs)
     _tell(progress, "solve", 1)
@@ -108,16 +107,6 @@ def _inputs(file: Path, data: LaserData, method: str) -> LaserInputs:
         tool=data.tool.id,
         passes=Passes(reference=len(data.reference.passes), current=len(data.current.passes)),
     )
-
-
-def _timed(call: Callable[[], T], calls: int) -> tuple[T, float]:
-    """The answer, and the shortest time of so many calls: the first one pays for cold caches."""
-    seconds = []
-    for _ in range(calls):
-        began = time.perf_counter()
-        found = call()
-        seconds.append(time.perf_counter() - began)
-    return found, min(seconds)
 
 
 def _refused(kind: str, refusal: Refusal, warnings: list[tuple[str, str]], inputs: LaserInputs) -> Result:

@@ -1,7 +1,7 @@
 """Kinematic calibration from tracker points: the one path of jobs, replay and ``cellward solve``."""
 
-import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,8 @@ from calibration.refusal import Refusal
 from cell.errors import error
 from cell.formats.result import Result
 from cell.poses import Array
-from procedures.solving import LONG_S, Progress, refused, within_limits
+from procedures.solving import Progress, refused, within_limits
+from procedures.timed import timed
 from procedures.tracker.result import KincalResult
 from procedures.tracker.solve.data import KincalSet, check_match, load_kincal
 from procedures.tracker.solve.queries import Query, Wanted, load_query, load_targets
@@ -76,39 +77,21 @@ def _solve(
         words = f"{loaded.problem.n} of {len(loaded.data.samples)} samples have a reading of their own"
         name = "poses-not-distinct" if loaded.copies else "too-few-poses"
         return _refused(loaded, Refusal(name, words), None, inputs)
-    timed = _twice(loaded, method)
-    inputs["solve_seconds"] = timed.seconds
-    solution = timed.solution
+    found, inputs["solve_seconds"] = timed(partial(_estimate, loaded, method))
+    classic = None if isinstance(found, Solution) else found
+    solution = _of_classic(loaded, found) if isinstance(found, Classic) else found
     observed = _observed(solution)
     refusal = refuse(solution.problem, observed, loaded.spec.robot.prior is not None, loaded.copies)
     if refusal is not None:
         return _refused(loaded, refusal, observed, inputs)
     check_match(loaded, solution)
-    return fill_result(Solved(loaded, solution, observed, timed.classic, query, wanted, inputs))
+    return fill_result(Solved(loaded, solution, observed, classic, query, wanted, inputs))
 
 
-@dataclass(frozen=True, eq=False)
-class _Timed:
-    solution: Solution
-    classic: Classic | None
-    seconds: float
-
-
-def _twice(loaded: KincalSet, method: str) -> _Timed:
-    """The answer, and the shorter time of two calls: the first one pays for cold caches."""
-    seconds, classic = [], None
-    for _ in range(2):
-        start = time.perf_counter()
-        if method == CLASSIC:
-            classic = solve_classic(loaded.problem)
-        else:
-            solution = identify_with_constant(loaded.problem, loaded.noise, method == ADJUSTMENT)
-        seconds.append(time.perf_counter() - start)
-        if seconds[0] > LONG_S:
-            break
-    if classic is not None:
-        solution = _of_classic(loaded, classic)
-    return _Timed(solution, classic, min(seconds))
+def _estimate(loaded: KincalSet, method: str) -> Solution | Classic:
+    if method == CLASSIC:
+        return solve_classic(loaded.problem)
+    return identify_with_constant(loaded.problem, loaded.noise, method == ADJUSTMENT)
 
 
 def _of_classic(loaded: KincalSet, found: Classic) -> Solution:

@@ -308,7 +308,7 @@ def test_the_shorter_of_two_calls_is_the_time_and_progress_is_told(tmp_path: Pat
     told: list[tuple[str, int, int]] = []
     result = solve_intercept(tmp_path, progress=lambda *step: told.append(step))
     assert result["inputs"]["solve_seconds"] > 0.0
-    assert told == [("solve", 1, 2), ("solve", 2, 2)]
+    assert told == 2 * [("solve", 1, 1)]
 
 
 def test_the_result_in_words_names_contacts_and_what_came_true(solve: Any) -> None:
