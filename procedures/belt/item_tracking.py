@@ -19,12 +19,12 @@ from cell.samples import Sample
 from procedures.belt.camera_stall import Stall
 from procedures.belt.camera_to_belt import CameraToBelt, SeenItem
 from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.count_origin import CountOrigin
 from procedures.belt.encoder_alarms import Emergencies
 from procedures.belt.items import Item, Outcome, Queue, as_sighting
 from procedures.belt.record import PickRecord
 
 KEEP_M = 0.5  # past the zone, so that nothing already dealt with is taken for new
-FASTEST_M_S, JUMP_M = 5.0, 0.01  # what goes farther is no belt, whatever the stamps are worth
 LOOK_BACK_S = 1.0  # an exposure older than this is not asked for any more
 
 
@@ -49,17 +49,16 @@ class BeltWatch:
         #: The belt's motion as it was last learnt: counts come all the time, and each changes it a little.
         self.forecast: TravelForecast | None = None
         self._tracks: dict[int, ItemTrack | None] = {}  # as it predicts them
-        self._epoch, self._since = encoder.counts.epoch, -np.inf
+        self._since = -np.inf
         self._unplaced: list[Item] = []  # by an encoder that began to count anew
         self._over: list[tuple[Item, Outcome]] = []  # more than the queue takes
         self.slips: list[Slip] = []
-        self.jumps: list[float] = []  # m, of the encoder's position
-        self._last_count: tuple[float, int] | None = None
         self.stall = Stall(config.camera_stall_s)
         self.late = 0  # pictures that came longer than LOOK_BACK_S after their exposure
         self._slip_watch, self._doubted = SlipWatch(config.spacing_m), list[_Look]()
         self.tell: Callable[..., None] = lambda event, **what: None  # what an operator should know
         self.emergencies = Emergencies(encoder, lambda what: self.tell("encoder emergency", what=what))
+        self.origin = CountOrigin(encoder, belt, lambda event, **what: self.tell(event, **what))
         self._encoder, self._camera, self._camera_to_belt, self._config = (
             encoder,
             camera,
@@ -162,25 +161,15 @@ class BeltWatch:
         return level / self._flat_length - forecast.travel(forecast.now) * self._flat_length
 
     def _count(self, sample: Sample[EncoderState]) -> None:
-        before, self._last_count = self._last_count, (sample.t, sample.value.count)
-        if self._encoder.counts.epoch != self._epoch:
-            self._begin_anew(sample.t)
-        elif before is not None and abs(jump := self._jump(*before, sample)) > 0.0:
-            self.jumps.append(jump)
-            self.tell("encoder jump", by_m=round(jump, 4))
+        if self.origin.moved(sample):
             self._begin_anew(sample.t)
         self.emergencies.count(sample)
         self.tracker.belt.add(sample.t, sample.value.count)
 
-    def _jump(self, t: float, count: int, sample: Sample[EncoderState]) -> float:
-        """How far (m) no belt moves from ``count`` at ``t`` to ``sample``; 0 when it may."""
-        way = (sample.value.count - count) * self._scale.m_per_count
-        return way if abs(way) > JUMP_M + FASTEST_M_S * (sample.t - t) else 0.0
-
     def _begin_anew(self, t: float) -> None:
         """The encoder counts from elsewhere (its node restarted, or somebody set its position): where items
         lie is not known any more."""
-        self._epoch, self._since = self._encoder.counts.epoch, t
+        self._since = t
         self.tracker, self.forecast = BeltTracker(BeltEstimator(self._scale), self._direction), None
         self._tracks.clear()
         self._unplaced += [item for item in self.queue.items if item.outcome is None]

@@ -44,9 +44,9 @@ def result_of(
         most = 1e3 * max(abs(slip.by) for slip in watch.slips)
         text = f"the encoder's wheel slipped {len(watch.slips)} times, by {most:.1f} mm at most"
         warnings.append(Warning_(code="belt.slip", text=text))
-    if watch.jumps:
-        most = 1e3 * max(abs(jump) for jump in watch.jumps)
-        text = f"the encoder's position jumped {len(watch.jumps)} times, by {most:.0f} mm at most"
+    if jumps := watch.origin.jumps:
+        most = 1e3 * max(abs(jump) for jump in jumps)
+        text = f"the encoder's position jumped {len(jumps)} times, by {most:.0f} mm at most"
         warnings.append(Warning_(code="belt.jump", text=text))
     if (stall := watch.stall).count:
         text = f"the camera gave no picture {stall.count} times, for {stall.longest_s:.1f} s at most"
@@ -76,7 +76,7 @@ def result_of(
             picks_per_minute=60.0 * picks / duration_s if duration_s > 0 else None,
             counters=watch.queue.live(),
             slips=[Slip(t=slip.t, along_m=slip.by, sigma_m=slip.sigma) for slip in watch.slips],
-            jumps_m=list(watch.jumps),
+            jumps_m=list(watch.origin.jumps),
             camera_stalls=CameraStalls(count=stall.count, longest_s=stall.longest_s),
             place_waits=PlaceWaitTimes(count=waits.count, longest_s=waits.longest_s, total_s=waits.total_s),
             grid=GridFill(

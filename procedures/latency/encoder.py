@@ -14,6 +14,7 @@ from cell.run_values import RunValues
 from cell.samples import Sample
 from cell.store.files import append_lines
 from procedures.belt.camera_to_belt import CameraToBelt
+from procedures.belt.count_origin import CountOrigin
 from procedures.latency.config import LatencyCalibrationConfig
 from procedures.latency.solver import BELT_SIGHTINGS
 from procedures.latency.states import S
@@ -41,8 +42,9 @@ class DelayedEncoder:
         self._written = (0, 0)  # of counts and sightings
         self._moved_at = self._changed_at = run.clock.now()
         self._stands = True
-        self._epoch = self.encoder.counts.epoch
-        self._anew = False
+        self._origin = CountOrigin(
+            self.encoder, self._belt, lambda event, **what: run.note("decision", event=event, **what)
+        )
 
     @staticmethod
     def uses() -> tuple[str, ...]:
@@ -64,14 +66,18 @@ class DelayedEncoder:
 
     def data(self) -> dict[str, Any]:
         """Counts by the encoder's own stamps, sightings by the camera's as corrected, and what is known."""
-        belt: Mapping[str, Any] | None = self.run.values.configured.get(belt_scale(self.encoder.name))
         return {
             "T_base_camera": to_pose6(self.camera_to_belt.T_base_camera).tolist(),
-            "configured": belt,
+            "configured": self._belt,
             "camera_sigma_s": self.run.values.time_offset_s[CAMERA].get("sigma", 0.0),
             "encoder": self.counts,
             "sightings": self.sightings,
         }
+
+    @property
+    def _belt(self) -> Mapping[str, Any] | None:
+        belt: Mapping[str, Any] | None = self.run.values.configured.get(belt_scale(self.encoder.name))
+        return belt
 
     def amount(self) -> str:
         seen = sum(len(look["points"]) for look in self.sightings)
@@ -105,8 +111,8 @@ class DelayedEncoder:
             while not self._enough():
                 await run.clock.sleep(LOOK_S)
                 await self._keep()
-                if self._anew:
-                    raise error("DEVICE_LOST", f"{self.encoder.name} began to count anew")
+                if self._origin.changed is not None:
+                    raise self._origin.changed
                 if run.wants_rest:
                     await run.enter(S.WATCH)
                 if run.clock.now() - self._changed_at > config.patience_s:
@@ -142,7 +148,7 @@ class DelayedEncoder:
     # -- what comes in
 
     def _count(self, sample: Sample[EncoderState]) -> None:
-        self._anew |= self.encoder.counts.epoch != self._epoch
+        self._origin.moved(sample)
         moved = bool(self.counts) and sample.value.count != self.counts[-1][1]
         if moved:
             self._moved_at = sample.t

@@ -16,7 +16,7 @@ import numpy as np
 
 from cell.calibrations import belt_scale
 from cell.devices import EncoderState, Frame
-from cell.errors import CellError, error
+from cell.errors import CellError
 from cell.formats.result import Envelope
 from cell.poses import from_pose6, to_pose6
 from cell.procedure import FinishRequested, Procedure, Proposal, Run
@@ -27,6 +27,7 @@ from procedures.belt.calibrating.record import CalibrationRecord
 from procedures.belt.calibrating.rows import ItemFollower, count_at, motion_of
 from procedures.belt.calibrating.solving import solve_within_limits
 from procedures.belt.camera_to_belt import CameraToBelt
+from procedures.belt.count_origin import CountOrigin
 from procedures.belt.encoder_alarms import Emergencies
 from procedures.belt.result import BeltCalibrationResult
 from procedures.trends import keep_trends
@@ -143,7 +144,9 @@ class _Session:
         self._fresh: deque[Frame] = deque()
         self._follower = ItemFollower(motion_of(self._configured))
         self.camera_to_belt = _camera_to_belt(config, run.values)
-        self._epoch = self.encoder.counts.epoch
+        self._origin = CountOrigin(
+            self.encoder, self._configured, lambda event, **what: run.note("decision", event=event, **what)
+        )
         self._begins: deque[float] = deque()  # times when it began anew, which no frame was after yet
         self._undo: list[Any] = []
 
@@ -259,8 +262,8 @@ class _Session:
         return max(counts) - min(counts) <= STILL_COUNTS
 
     async def _keep(self) -> None:
-        if self.record.begins and self.camera_to_belt is None:  # two touches are compared by their counts
-            raise error("DEVICE_LOST", f"{self.encoder.name} began to count anew")
+        if (changed := self._origin.changed) and self.camera_to_belt is None:
+            raise changed  # two touches are compared by their counts
         await asyncio.to_thread(self.record.flush)
 
     # -- by touch
@@ -323,11 +326,9 @@ class _Session:
 
     def _count(self, sample: Sample[EncoderState]) -> None:
         self._emergencies.count(sample)
-        if self.encoder.counts.epoch != self._epoch:
-            self._epoch = self.encoder.counts.epoch
+        if self._origin.moved(sample):
             self.record.begins.append(sample.t)
             self._begins.append(sample.t)
-            self.run.note("decision", event="counts begin anew", count=sample.value.count)
         self.record.counts.append((sample.t, sample.value.count, sample.value.raw))
 
     def _frame(self, sample: Sample[Frame]) -> None:

@@ -204,6 +204,22 @@ def test_touches_before_and_after_a_lost_encoder_are_never_compared(tmp_path: Pa
     run_virtual(scene())
 
 
+def test_touches_before_and_after_a_jump_of_the_count_are_never_compared(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with belt_cell(tmp_path) as cell:
+            teacher = Teacher(cell)
+            run_id = await cell.start(params=TOUCH)
+            await cell.until(lambda: cell.engine.run and cell.engine.run.prompt, "a prompt")
+            await teacher.touch()
+            await cell.until(lambda: cell.engine.run and cell.engine.run.step == 1, "the first touch")
+            cell.plant.plant("belt").inject("wrap", {"before": 30000})
+            await teacher.touch()
+            end = await cell.finished(run_id)
+            assert (end["outcome"], end["error"]["name"]) == ("aborted", "ENCODER_JUMP")
+
+    run_virtual(scene())
+
+
 @pytest.mark.parametrize(
     ("device", "kind", "name"),
     [

@@ -69,6 +69,22 @@ def test_a_position_that_somebody_sets_is_told_and_no_item_is_met_by_it(tmp_path
     run_virtual(scene())
 
 
+def test_a_position_that_is_set_to_zero_begins_anew_and_is_no_jump(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with picking_cell(picking_config(tmp_path, {"picks": 3})) as cell:
+            run_id = await cell.start()
+            await cell.until_state("descend")
+            encoder = cell.plant.encoder.encoder
+            encoder.preset(cell.clock.now(), 0)
+            assert (await cell.finished(run_id))["outcome"] == "complete"
+            assert len(cell.notes(run_id, "counts begin anew")) == 1
+            assert not cell.notes(run_id, "encoder jump")
+            assert counted(cell, run_id)["lost"] >= 1
+            assert "belt.jump" not in {w["code"] for w in cell.result(run_id)["warnings"]}
+
+    run_virtual(scene())
+
+
 @pytest.mark.parametrize("m", [0.005, -0.005])
 def test_a_slip_is_told_by_its_size_and_items_out_of_sight_are_met_all_the_same(
     tmp_path: Path, m: float

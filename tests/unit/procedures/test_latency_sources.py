@@ -105,6 +105,19 @@ def test_an_encoder_is_late_against_a_camera_whose_delay_is_known(tmp_path: Path
     run_virtual(main())
 
 
+def test_a_jump_of_the_count_ends_the_run_by_name(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with picking_cell(late_cell(tmp_path, **BELT, belt_z_m=0.15)) as cell:
+            known(cell, "camera", CAMERA_S)
+            run_id = await cell.start(job=JOB)
+            await cell.until_state("watch")
+            await cell.clock.sleep(1.0)
+            cell.plant.plant("belt").inject("wrap", {"before": 30000})
+            assert (await cell.finished(run_id))["error"]["name"] == "ENCODER_JUMP"
+
+    run_virtual(main())
+
+
 def test_a_belt_that_does_not_stop_ends_the_wait_with_what_is_missing(tmp_path: Path) -> None:
     config = late_cell(tmp_path, "[{ speed_m_s = 0.2 }]", **BELT, belt_z_m=0.15, patience_s=12.0)
 
