@@ -26,7 +26,7 @@ REFUSED = 0x8000
 PROTOCOL_VERSION = 0x0100
 COUNTERS = {
     "picks", "misses", "missed_not_detected", "missed_out_of_zone", "missed_lost", "missed_grip_failed",
-    "missed_queue_full",
+    "missed_queue_full", "next_place", "place_waits",
 }  # fmt: skip
 OF_NOW = {"belt_speed_m_s", "belt_position_m", "queue_length"}
 NOT_AT_WORK = WAITING | {PackML.STOPPING, PackML.ABORTING, PackML.COMPLETING}

@@ -19,7 +19,7 @@ from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.expectation import belt_expectation
 from tests.kit.object_cell import ObjectCell, no_report
 from tests.kit.picking_cell import JOB, picking_cell, picking_config
-from tests.kit.picking_truth import agrees_with_the_world, counted
+from tests.kit.picking_truth import agrees_with_the_world, counted, told
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -129,6 +129,7 @@ def test_a_sensor_that_sees_the_tool_too_high_makes_each_descent_a_counted_wait(
             await cell.engine.finish("test")
             assert (await cell.finished(run_id))["outcome"] == "complete"
             assert counted(cell, run_id)["lost"] == 1
+            assert told(cell, run_id).registers["place_waits"] == 3
 
     run_virtual(scene())
 

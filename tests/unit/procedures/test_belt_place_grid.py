@@ -19,7 +19,7 @@ from procedures.belt.items import CONTACT, Outcome
 from procedures.belt.motion.tool_joints import ToolJoints
 from tests.kit.object_cell import ObjectCell, no_report
 from tests.kit.picking_cell import JOB, picking_cell, picking_config
-from tests.kit.picking_truth import agrees_with_the_world, counted
+from tests.kit.picking_truth import agrees_with_the_world, counted, told
 
 __all__ = ["no_report"]
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -65,7 +65,9 @@ def test_each_place_gets_one_item_row_by_row_and_a_full_grid_ends_the_job(tmp_pa
         async with picking_cell(config_of(tmp_path)) as cell:
             run_id = await cell.start()
             await cell.until(lambda: cell.engine.status()["live"].get("next_place") == 2, "place 2", 60.0)
+            assert told(cell, run_id).registers["next_place"] == 2
             assert (await cell.finished(run_id))["outcome"] == "complete"
+            assert told(cell, run_id).registers["next_place"] == 0
             wanted = [[0.0, 0.0], [0.08, 0.0], [0.0, 0.06], [0.08, 0.06]]
             assert put_down(cell) == pytest.approx(np.array(wanted), abs=1e-3)
             found = cell.result(run_id)["result"]["grid"]
