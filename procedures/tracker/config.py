@@ -1,12 +1,13 @@
 """What an integrator can set for the sampling of an arm with a laser tracker."""
 
-from itertools import combinations
+from itertools import combinations, count
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from calibration.identification.selection import RULE_POSES
 from cell.formats.reading import Strict
 
 Two = Annotated[list[float], Field(min_length=2, max_length=2)]
@@ -87,6 +88,11 @@ class TrackerSamplingConfig(Strict):
     poses: int = Field(default=40, ge=6, le=500, description="to measure, those set aside included")
     held_out_share: float = Field(
         default=0.2, ge=0, le=0.5, description="of the poses: set aside before solving, to judge the result"
+    )
+    keep_rule: bool = Field(
+        default=False,
+        description="plan by the rule of thumb: at least 50 poses to solve from, and every joint turns by "
+        "more than 15 degrees from one of them to the next; nothing moves where that cannot be had",
     )
     monument_every: int = Field(default=10, ge=1, le=500, description="poses between looks at the monuments")
     max_drift_m: float = Field(
@@ -203,6 +209,14 @@ class TrackerSamplingConfig(Strict):
             raise ValueError("joint_ranges_rad is missing; an observed arm's joints have no known limits")
         if self.arm == "observed_arm" and self.payload_kg is None:
             raise ValueError("payload_kg is missing; [robot] payload_kg is that of the arm that is moved")
+        if self.keep_rule and self.with_set is not None:
+            raise ValueError("keep_rule is about the poses of one run; leave with_set out, or keep_rule")
+        if self.keep_rule and self.poses - self.held_out < RULE_POSES:
+            enough = next(n for n in count(self.poses) if n - round(n * self.held_out_share) >= RULE_POSES)
+            raise ValueError(
+                f"keep_rule asks for {RULE_POSES} poses to solve from, and poses = {self.poses} leaves "
+                f"{self.poses - self.held_out}; make poses {enough}"
+            )
         if self.with_set is not None and not Path(self.with_set).is_absolute():
             raise ValueError(f"with_set is '{self.with_set}'; give the full path of the file")
         if self.with_set is not None and len(self.monuments) < LEAST_WITH_SET:

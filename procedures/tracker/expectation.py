@@ -9,6 +9,7 @@ from procedures.setup import Setup
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.feasible_poses import make_space, payload_of, robot_of
 from procedures.tracker.plan import PlanRequest, plan_sampling
+from procedures.tracker.plan_words import rule_words
 from procedures.tracker.procedure import check_payload
 from procedures.tracker.stored import load_stored
 from procedures.words import mm
@@ -50,28 +51,24 @@ def tracker_expectation(setup: Setup, job: TrackerSamplingConfig) -> dict[str, A
         "rank": plan["rank"],
         "unidentifiable": plan["unidentifiable"],
         "source_rule": plan["source_rule"],
+        "by_rule": plan["by_rule"],
         "problems": [],
         "cautions": cautions,
     }
 
 
 def _words(job: TrackerSamplingConfig, plan: dict[str, Any], assumed: str) -> str:
-    predicted, rule = plan["predicted"], plan["source_rule"]
+    predicted = plan["predicted"]
     sight = "" if job.T_base_tracker_nominal is not None else ", wherever the tracker stands"
     stored = f", {plan['stored']} of a stored set are solved with the others" if plan["stored"] else ""
     random = predicted["random_rms_m"]
     against = "" if random is None else f" ({mm(random, 4)} after as many random poses)"
-    kept = (
-        "is kept"
-        if rule["kept"]
-        else f"is not kept ({rule['samples']} poses, {rule['short_steps']} short steps)"
-    )
     return (
         f"{len(plan['poses'])} of {job.poses} poses are reached and seen{sight}, {job.held_out} of them are "
         f"set aside{stored}; predictions elsewhere will be {mm(predicted['rms_m'], 4)} off (RMS){against}, "
         f"95 % of them less than {mm(predicted['error_95_max_m'], 4)} at the worst place, with {assumed}; "
         f"rank {plan['rank']} of {plan['rank_possible']} possible; the rule of thumb of 50 poses and "
-        f"15 degrees {kept}"
+        f"15 degrees {rule_words(plan)}"
     )
 
 

@@ -16,6 +16,7 @@ from calibration.identification.model import Targets
 from calibration.identification.observability import Observability, observe, refuse
 from calibration.identification.reflector_constant import KEY, open_constant
 from calibration.identification.selection import (
+    RULE_ANGLE,
     SourceRule,
     choose,
     choose_poses,
@@ -29,7 +30,8 @@ from cell.poses import Array
 from cell.run_values import RunValues
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.feasible_poses import Space, make_space
-from procedures.tracker.visit_order import blocked, tour
+from procedures.tracker.rule_of_thumb import require_kept, rule_cost, rule_entry, rule_text, short_steps
+from procedures.tracker.visit_order import FarSteps, blocked, tour
 
 _CANDIDATES = 8  # for each pose of the plan
 _LEAST_CANDIDATES = 120
@@ -38,6 +40,7 @@ _NEAR_RAD = 0.35  # joints around the start pose, while the tracker's place is u
 _NEAR_DRAWS = 200
 _SAME_FACING_RAD = 0.3
 _AHEAD = 1.0 + 1e-9
+_EXCHANGES = 40  # of poses that no order keeps to the rule of thumb
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,7 @@ class _Planner:
         done = [*request.stored, *solving]
         joints = space.spec.arm.joints
         self._done_q = np.array([q for q, _ in done], dtype=float).reshape(len(done), joints)
+        self._gear = np.max(np.abs(space.spec.arm.base.coupling), axis=0)
         self._done_target = np.array([names.index(name) for _, name in done], dtype=np.int64)
         self._candidates: tuple[Array, Targets] = self._done_q[:0], self._done_target[:0]
         aside = sum(held for _, _, held in request.measured)
@@ -115,7 +119,7 @@ class _Planner:
         self._count = max(config.poses - config.held_out - len(solving), 0)
 
     def plan(self) -> SamplingPlan:
-        space = self._space
+        space, config = self._space, self._config
         try:
             space.check_start(self._start)
         except CellError as why:
@@ -127,7 +131,15 @@ class _Planner:
         chosen, random_rms = self._chosen(validation)
         locate = self._locate()
         start = self._start if not locate else np.array(locate[-1].q)
-        order, lost = self._ordered(start, chosen)
+        if config.keep_rule:
+            chosen = self._with_far_steps(start, chosen, validation)
+        order, lost = self._ordered(start, chosen, config.keep_rule)
+        by_rule = None
+        if config.keep_rule:
+            shortest, _ = self._ordered(start, chosen, by_rule=False)
+            limits = None if space.guard is None else self._request.values.limits
+            path, least = (self._path(start, chosen.q, rows) for rows in (order, shortest))
+            by_rule = rule_cost(path, least, limits)
         chosen = chosen.take([row for row, _ in order])
         Q, target, held = chosen.q, chosen.target, chosen.held_out
         visits = [
@@ -137,9 +149,9 @@ class _Planner:
         solving_target = np.concatenate([self._done_target, target[~held]])
         observed = self._observed(solving, solving_target)
         predicted = self._predicted(solving, solving_target, validation)
-        rule = source_rule(
-            np.concatenate([self._done_q, Q]) * np.max(np.abs(space.spec.arm.base.coupling), axis=0)
-        )
+        rule = source_rule(solving * self._gear)
+        if config.keep_rule:
+            require_kept(rule, solving * self._gear, space.ranges * self._gear[:, None])
         self._hold_against_limit(predicted["error_95_max_m"], rule)
         listing = {
             "poses": [self._listed(k, visit) for k, visit in enumerate(visits)],
@@ -148,7 +160,8 @@ class _Planner:
             "rank": observed.rank,
             "rank_possible": observed.rank_possible,
             "unidentifiable": list(observed.unidentifiable),
-            "source_rule": _rule_entry(rule),
+            "source_rule": rule_entry(rule),
+            "by_rule": by_rule,
             "stored": len(self._request.stored),
             "not_possible": space.why_not(),
             "lost": lost,
@@ -209,23 +222,73 @@ class _Planner:
         Q, target = np.concatenate([self._done_q, Q]), np.concatenate([self._done_target, target])
         return (Q, target, self._space.sigma(Q, target)) if len(Q) else None
 
-    def _ordered(self, start: Array, poses: _Poses) -> tuple[list[tuple[int, bool]], list[dict[str, Any]]]:
+    def _ordered(
+        self, start: Array, poses: _Poses, by_rule: bool
+    ) -> tuple[list[tuple[int, bool]], list[dict[str, Any]]]:
         """Rows in their order with whether they go by the hub, and what cannot be got to.
 
         A reflector that a person carries is carried once from nest to nest.
         """
+        last = self._done_q[-1] if len(self._done_q) else start
+        least = RULE_ANGLE / np.maximum(self._gear, 1e-12)
         Q, target = poses.q, poses.target
         each = range(len(self._config.reflectors)) if self._config.swap_by_operator else [None]
         order: list[tuple[int, bool]] = []
         lost = []
         for k in each:
             mine = np.arange(len(Q)) if k is None else np.flatnonzero(target == k)
-            found = tour(start, Q[mine], self._space.check_path, self._hub)
+            far = FarSteps(last, least, ~poses.held_out[mine]) if by_rule else None
+            found = tour(start, Q[mine], self._space.check_path, self._hub, far)
             order += [(int(mine[row]), by_hub) for row, by_hub in zip(found.rows, found.via, strict=True)]
             lost += [{"q": Q[mine[row]].tolist(), "why": why} for row, why in found.lost.items()]
             if order:
                 start = Q[order[-1][0]]
+            last = next((Q[row] for row, _ in reversed(order) if not poses.held_out[row]), last)
         return order, lost
+
+    def _with_far_steps(self, start: Array, poses: _Poses, validation: Array) -> _Poses:
+        """``poses`` with other candidates for those that no order has far from the ones before and after."""
+        for _ in range(_EXCHANGES):
+            order, _ = self._ordered(start, poses, by_rule=True)
+            rows = [row for row, _ in order if not poses.held_out[row]]
+            before = self._done_q[-1:]
+            short = short_steps(np.concatenate([before, poses.q[rows]]) * self._gear).any(axis=1)
+            steps = np.flatnonzero(short) + 1 - len(before)
+            tried = (self._exchanged(poses, rows, int(k), validation) for k in steps)
+            if (other := next((found for found in tried if found is not poses), None)) is None:
+                break
+            poses = other
+        return poses
+
+    def _exchanged(self, poses: _Poses, rows: list[int], k: int, validation: Array) -> _Poses:
+        """``poses`` with the best candidate for ``rows[k]`` that is far from its neighbours, if there is."""
+        space, row = self._space, rows[k]
+        others = [other for other in rows if other != row]
+        beside = np.concatenate(
+            [poses.q[rows[k - 1 : k]] if k else self._done_q[-1:], poses.q[rows[k + 1 : k + 2]]]
+        )
+        Q, target = self._candidates
+        fits = np.all(np.abs(Q[:, None] - beside) * self._gear > RULE_ANGLE, axis=(1, 2))
+        fits &= ~np.any(np.all(Q[:, None] == poses.q, axis=2), axis=1)
+        if self._config.swap_by_operator:
+            fits &= target == poses.target[row]
+        if not fits.any():
+            return poses
+        model, Q, target = space.model, Q[fits], target[fits]
+        measured = self._with_done(poses.q[others], poses.target[others])
+        design = make_design(
+            model, model.nominal, Q, target, space.sigma(Q, target), validation, measured=measured
+        )
+        (best,) = choose(design, 1)
+        q, own = poses.q.copy(), poses.target.copy()
+        q[row], own[row] = Q[best], target[best]
+        return _Poses(q, own, poses.held_out)
+
+    def _path(self, start: Array, Q: Array, order: list[tuple[int, bool]]) -> Array:
+        path = [start]
+        for row, by_hub in order:
+            path += [self._hub, Q[row]] if by_hub else [Q[row]]
+        return np.array(path)
 
     @property
     def _hub(self) -> Array:
@@ -353,23 +416,6 @@ def _far_apart(p: Array, count: int) -> list[int]:
         away = np.min(np.linalg.norm(p[:, None] - p[rows][None], axis=2), axis=1)
         rows.append(int(np.argmax(away)))
     return rows
-
-
-def rule_text(rule: SourceRule) -> str:
-    """The rule of thumb in words, kept or not."""
-    if rule.kept:
-        return f"{rule.poses} poses, every joint more than 15 deg from one to the next"
-    return f"{rule.poses} of 50 poses, {rule.short_steps} steps with a joint that moves 15 deg or less"
-
-
-def _rule_entry(rule: SourceRule) -> dict[str, Any]:
-    return {
-        "kept": rule.kept,
-        "samples": rule.poses,
-        "short_steps": rule.short_steps,
-        "smallest_step_rad": rule.smallest_rad if np.isfinite(rule.smallest_rad) else None,
-        "meaning": "a rule of thumb asks for 50 poses, every joint more than 15 deg from one to the next",
-    }
 
 
 def measured_entries(samples: Sequence[Mapping[str, Any]]) -> list[tuple[list[float], str, bool]]:

@@ -31,6 +31,23 @@ def tracker_plan_lines(plan: Mapping[str, Any]) -> list[str]:
     return lines
 
 
+def rule_words(plan: Mapping[str, Any]) -> str:
+    """Whether the rule of thumb is kept, and what that costs beside the shortest order of the same poses."""
+    rule, cost = plan["source_rule"], plan.get("by_rule")
+    if not rule["kept"]:
+        return (
+            f"is not kept: {rule['samples']} poses, {rule['short_steps']} steps with a joint that moves less"
+        )
+    if cost is None:
+        return "is kept"
+    turned, least = degrees(cost["travel_rad"]), degrees(cost["shortest_rad"])
+    ways = f"joints turn {turned:.0f} deg from pose to pose, {least:.0f} deg in the shortest order"
+    if "moving_s" not in cost:
+        return f"is kept by their order: {ways}"
+    seconds, fewest = cost["moving_s"], cost["shortest_s"]
+    return f"is kept by their order, which costs {seconds - fewest:.0f} s of {seconds:.0f} s ({ways})"
+
+
 def _row(pose: Mapping[str, Any], purpose: str) -> list[str | None]:
     distance = pose.get("range_m")
     return [
@@ -49,17 +66,12 @@ def _joints(q: Sequence[float]) -> str:
 
 
 def _promise(plan: Mapping[str, Any]) -> str:
-    predicted, rule = plan["predicted"], plan["source_rule"]
+    predicted = plan["predicted"]
     assumed = predicted["assuming"]
-    rule_text = (
-        "is kept"
-        if rule["kept"]
-        else f"is not kept: {rule['samples']} poses, {rule['short_steps']} steps with a joint that moves less"
-    )
     return (
         f"expected error of predictions {mm(predicted['rms_m'], 4)} (RMS), 95 % below "
         f"{mm(predicted['error_95_max_m'], 4)} at the worst place, with a tracker of "
         f"{mm(assumed['sigma0'])} + {mm(assumed['sigma_per_m'])}/m; rank {plan['rank']} of "
         f"{plan['rank_possible']} possible; the rule of thumb (50 poses, every joint 15 deg from "
-        f"one to the next) {rule_text}"
+        f"one to the next) {rule_words(plan)}"
     )

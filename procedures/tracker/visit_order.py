@@ -1,9 +1,13 @@
-"""In which order to visit poses: short in joint travel, every way between two of them free."""
+"""In which order to visit poses: short in joint travel, every way between two of them free.
+
+Where every joint shall turn far from pose to pose, a step that is too short counts as a very long way.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cell.errors import CellError
 from cell.poses import Array
@@ -11,6 +15,7 @@ from cell.poses import Array
 Check = Callable[[Array, Array], None]
 """``check(q0, q1)`` raises a ``CellError`` when that joint path is not free."""
 _PASSES = 20
+_TOO_SHORT_RAD = 1e3  # longer than any tour
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,10 +28,33 @@ class Tour:
     lost: dict[int, str]
 
 
-def tour(start: Array, Q: Array, check: Check, hub: Array) -> Tour:
+@dataclass(frozen=True, eq=False)
+class FarSteps:
+    """Every joint shall turn by more than ``least`` (j,) rad from each pose of ``counted`` (n,) to the next
+    one of them, and from ``last`` (j,) to the first. The others come in between, where it is not far."""
+
+    last: Array
+    least: Array
+    counted: NDArray[np.bool_]
+
+    def order(self, Q: Array) -> list[int]:
+        """An order of ``Q`` (n, j) with little travel, and as few steps that are too short as is found."""
+        points = np.vstack([self.last[None], Q])
+        away = _away(points)
+        away[np.any(np.abs(points[:, None] - points[None]) <= self.least, axis=2)] += _TOO_SHORT_RAD
+        solving = np.concatenate([[0], np.flatnonzero(self.counted) + 1])
+        path = [0, *(int(solving[row + 1]) for row in _order(away[np.ix_(solving, solving)]))]
+        for k in np.flatnonzero(~self.counted) + 1:
+            before, after = path[:-1], path[1:]
+            longer = away[before, k] + away[after, k] - away[before, after]
+            path.insert(int(np.argmin(longer)) + 1 if len(longer) else 1, int(k))
+        return [k - 1 for k in path[1:]]
+
+
+def tour(start: Array, Q: Array, check: Check, hub: Array, far: FarSteps | None = None) -> Tour:
     """Visit all of ``Q`` (n, j) from ``start`` (j,), straight in joint space or by way of ``hub`` (j,)."""
     here, rows, via, lost = start, list[int](), list[bool](), dict[int, str]()
-    waiting = shortest(start, Q)
+    waiting = shortest(start, Q) if far is None else far.order(Q)
     for last_try in (False, True):
         postponed = []
         for row in waiting:
@@ -55,15 +83,27 @@ def blocked(q0: Array, q1: Array, check: Check) -> str | None:
     return None
 
 
-def shortest(start: Array, Q: Array) -> list[int]:
-    """An order of ``Q`` (n, j) with little travel: nearest neighbours, then 2-opt (Croes 1958).
+def travel(path: Array) -> Array:
+    """(n - 1,) rad: the way of the joint that turns farthest, which sets the time, on each step of ``path``
+    (n, j)."""
+    way: Array = np.max(np.abs(np.diff(path, axis=0)), axis=1)
+    return way
 
-    Travel is that of the joint with the longest way, which sets the time.
-    """
-    n = len(Q)
-    points = np.vstack([start[None], Q])
-    away = np.max(np.abs(points[:, None] - points[None]), axis=2)
-    order, free = [0], set(range(1, n + 1))
+
+def shortest(start: Array, Q: Array) -> list[int]:
+    """An order of ``Q`` (n, j) with little :func:`travel`."""
+    return _order(_away(np.vstack([start[None], Q])))
+
+
+def _away(points: Array) -> Array:
+    away: Array = np.max(np.abs(points[:, None] - points[None]), axis=2)
+    return away
+
+
+def _order(away: Array) -> list[int]:
+    """An order of the points after the first, counted from 0: nearest neighbours, then 2-opt (Croes 1958).
+    ``away`` (n + 1, n + 1) is the way between two of them."""
+    order, free = [0], set(range(1, len(away)))
     while free:
         nearest = min(free, key=lambda k: (away[order[-1], k], k))
         order.append(nearest)

@@ -32,7 +32,23 @@ def test_check_says_how_well_the_poses_will_tell_the_arm(tmp_path: Path, scenari
     assert 1e-5 < found["predicted"]["rms_m"] < found["predicted"]["error_95_max_m"] < 1e-3
     assert "12 of 12 poses are reached and seen, 2 of them are set aside" in found["text"]
     assert f"rank {rank} of {rank} possible" in found["text"]
-    assert "is not kept (12 poses," in found["text"]
+    assert "is not kept: 10 poses," in found["text"]
+
+
+def test_check_says_what_the_rule_of_thumb_costs_where_some_poses_have_to_give_way_to_it(
+    tmp_path: Path,
+) -> None:
+    """More than half of the poses that tell most of a palletizer have joint 2 at one end of its range."""
+    job = {"poses": 62, "held_out_share": 0.2}
+    free = expected(tmp_path, job, scenario="palletizer:ideal")
+    kept = expected(tmp_path, {**job, "keep_rule": True}, scenario="palletizer:ideal")
+    assert not free["source_rule"]["kept"]
+    assert kept["source_rule"] | {"smallest_step_rad": 0.0} == {
+        **free["source_rule"], "kept": True, "short_steps": 0, "smallest_step_rad": 0.0,
+    }  # fmt: skip
+    assert 1.0 <= kept["predicted"]["rms_m"] / free["predicted"]["rms_m"] < 1.05
+    assert 1.0 < kept["by_rule"]["travel_rad"] / kept["by_rule"]["shortest_rad"] < 3.0
+    assert "is kept by their order: joints turn" in kept["text"], "how fast it moves is not known here"
 
 
 def test_check_names_what_keeps_the_job_from_succeeding(tmp_path: Path) -> None:

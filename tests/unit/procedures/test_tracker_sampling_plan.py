@@ -20,6 +20,7 @@ from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.feasible_poses import Space, make_space
 from procedures.tracker.line_of_sight import REASONS
 from procedures.tracker.plan import PlanRequest, SamplingPlan, plan_sampling
+from procedures.tracker.plan_words import tracker_plan_lines
 from procedures.tracker.visit_order import blocked, shortest, tour
 from tests.kit.tracker_cell import BRISK, nominal_tracker, reflectors, rms
 
@@ -216,9 +217,55 @@ def test_a_predicted_error_beyond_the_limit_is_refused_unless_the_sources_rule_i
     with pytest.raises(CellError, match=r"is 0\.01 mm; nor is the rule of thumb for poses kept") as caught:
         plan_sampling(request(max_predicted_m=0.00001))
     assert caught.value.name == "TRACKER_PLAN_REFUSED"
-    monkeypatch.setattr("calibration.identification.selection.RULE_POSES", 12)
+    monkeypatch.setattr("calibration.identification.selection.RULE_POSES", 10)
     monkeypatch.setattr("calibration.identification.selection.RULE_ANGLE", -1.0)
     assert plan_sampling(request(max_predicted_m=0.00001)).listing["source_rule"]["kept"]
+
+
+def test_a_plan_that_is_to_keep_the_rule_keeps_it_and_says_what_that_costs() -> None:
+    asked = request(poses=63, keep_rule=True)
+    free, plan = plan_sampling(request(poses=63)).listing, plan_sampling(asked)
+    assert (free["source_rule"]["samples"], free["source_rule"]["kept"], free["by_rule"]) == (50, False, None)
+    assert plan.listing["source_rule"]["kept"]
+    steps = np.abs(np.diff([visit.q for visit in plan.visits if not visit.held_out], axis=0))
+    assert len(steps) == 49
+    assert np.degrees(steps.min()) > 15.0
+    assert plan.listing["predicted"]["rms_m"] == pytest.approx(free["predicted"]["rms_m"], rel=1e-6)
+    space, here = space_of(asked), np.array(HOME)
+    for visit in (*plan.locate, *plan.visits):
+        for q in (*visit.via, visit.q):
+            space.check_path(here, np.array(q))
+            here = np.array(q)
+    cost = plan.listing["by_rule"]
+    assert 1.0 < cost["travel_rad"] / cost["shortest_rad"] < 2.0
+    assert 1.0 < cost["moving_s"] / cost["shortest_s"] < 2.0
+    costs = cost["moving_s"] - cost["shortest_s"]
+    assert f"is kept by their order, which costs {costs:.0f} s of" in "\n".join(
+        tracker_plan_lines(plan.listing)
+    )
+
+
+def test_a_run_that_is_taken_up_keeps_the_rule_from_its_last_pose_on() -> None:
+    first = plan_sampling(request(poses=63, keep_rule=True)).visits[:30]
+    measured = [(visit.q, visit.reflector, visit.held_out) for visit in first]
+    plan = plan_sampling(replace(request(poses=63, keep_rule=True), measured=measured))
+    Q = np.array([visit.q for visit in (*first, *plan.visits) if not visit.held_out])
+    assert len(Q) == 50
+    assert np.degrees(np.abs(np.diff(Q, axis=0)).min()) > 15.0
+
+
+def test_a_rule_that_a_joint_cannot_keep_is_refused_with_the_joint() -> None:
+    ranges = [[-2, 2], [-2.2, -0.8], [1.0, 1.2], [-2, 2], [-2, 2], [-2, 2]]
+    with pytest.raises(
+        CellError, match=r"keep_rule: 50 of 50 poses, .* joint 3, whose range is 11 deg"
+    ) as caught:
+        plan_sampling(request(poses=63, keep_rule=True, joint_ranges_rad=ranges))
+    assert caught.value.name == "TRACKER_PLAN_REFUSED"
+
+
+def test_too_few_poses_for_the_rule_are_refused_with_how_many_it_takes() -> None:
+    with pytest.raises(ValueError, match="poses = 40 leaves 32; make poses 62"):
+        request(poses=40, keep_rule=True)
 
 
 def test_a_place_from_which_nothing_is_seen_is_refused_with_what_is_in_the_way() -> None:

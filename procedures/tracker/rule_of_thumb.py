@@ -1,0 +1,64 @@
+"""The rule of thumb for poses in a plan: 50, and every joint turns by more than 15 degrees to the next."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from calibration.identification.selection import RULE_ANGLE, SourceRule
+from cell.errors import error
+from cell.poses import Array
+from procedures.tracker.visit_order import travel
+
+
+def rule_text(rule: SourceRule) -> str:
+    """The rule in words, kept or not."""
+    if rule.kept:
+        return f"{rule.poses} poses, every joint more than 15 deg from one to the next"
+    return f"{rule.poses} of 50 poses, {rule.short_steps} steps with a joint that moves 15 deg or less"
+
+
+def rule_entry(rule: SourceRule) -> dict[str, Any]:
+    """For the listing of a plan."""
+    return {
+        "kept": rule.kept,
+        "samples": rule.poses,
+        "short_steps": rule.short_steps,
+        "smallest_step_rad": rule.smallest_rad if np.isfinite(rule.smallest_rad) else None,
+        "meaning": "a rule of thumb asks for 50 poses, every joint more than 15 deg from one to the next",
+    }
+
+
+def short_steps(links: Array) -> Array:
+    """(n - 1, j): which joints turn too little on each step of ``links`` (n, j), rad at the links."""
+    short: Array = np.abs(np.diff(links, axis=0)) <= RULE_ANGLE
+    return short
+
+
+def require_kept(rule: SourceRule, links: Array, ranges: Array) -> None:
+    """``TRACKER_PLAN_REFUSED`` where it is not kept, with the joint that turns too little most often.
+
+    ``links`` (n, j) are the poses in their order and ``ranges`` (j, 2) what a joint may be, rad at the links.
+    """
+    if rule.kept:
+        return
+    worst = int(np.argmax(short_steps(links).sum(axis=0)))
+    raise error(
+        "TRACKER_PLAN_REFUSED",
+        f"keep_rule: {rule_text(rule)}; most often joint {worst + 1}, whose range is "
+        f"{np.degrees(np.ptp(ranges[worst])):.0f} deg: widen joint_ranges_rad or the space that is free and "
+        "seen, or leave keep_rule out",
+    )
+
+
+def rule_cost(path: Array, shortest: Array, limits: Mapping[str, Any] | None) -> dict[str, float]:
+    """Travel (rad) along ``path`` (n, j) and along the ``shortest`` one through the same poses; with the
+    ``limits`` of an arm how long it takes, s, with a rest at each pose."""
+    ways = {"travel_rad": travel(path), "shortest_rad": travel(shortest)}
+    cost = {key: float(way.sum()) for key, way in ways.items()}
+    if limits is not None:
+        v, a = limits["joint_speed_rad_s"], limits["joint_accel_rad_s2"]
+        for key, way in zip(("moving_s", "shortest_s"), ways.values(), strict=True):
+            times = np.where(way > v * v / a, way / v + v / a, 2.0 * np.sqrt(way / a))
+            cost[key] = float(times.sum())
+    return cost
