@@ -2,13 +2,18 @@
 
 Lengths: Universal Robots, "DH Parameters for calculations of kinematics and dynamics"
 (universal-robots.com/articles/ur/application-installation/dh-parameters-for-calculations-of-kinematics-and-dynamics).
-UR7e and UR12e have the lengths of UR5e and UR10e.
+UR7e and UR12e have the lengths of UR5e and UR10e; UR15 and UR18 differ in both long links only.
 
 Joints turn by two turns in all. The elbow is held to one: past half a turn either way the forearm meets the
 upper arm, so nothing is lost (the maker's ROS description limits it in the same way).
 
 Offsets of upper arm and forearm along the shoulder axis are those of the maker's ROS description. Radii are
 approximate: the housings of each size class (joint sizes 0..4), rounded up so that a capsule covers the link.
+
+Offsets and radii of UR15 and UR18 are those of the bounds of the maker's drawings (STL) of the like links of
+a UR8 Long, in mm about the joints' axes: base 126 with its connector, shoulder 81; upper arm 79, 112 outside
+the shoulder's face at 109; forearm 63, 88 inside the elbow's face at 134; wrists 51. The maker's ROS
+description has the same drawings of base, shoulder and wrists for all three, and both faces within 9 mm.
 """
 
 from dataclasses import dataclass
@@ -62,6 +67,8 @@ _MEDIUM = LinkRadii(base=0.076, shoulder=0.072, upper_arm=0.062, forearm=0.055, 
 _LARGE = LinkRadii(base=0.096, shoulder=0.090, upper_arm=0.080, forearm=0.065, wrist=0.055)
 _EXTRA = LinkRadii(base=0.125, shoulder=0.120, upper_arm=0.105, forearm=0.085, wrist=0.070)
 
+_LONG = LinkRadii(base=0.127, shoulder=0.082, upper_arm=0.080, forearm=0.065, wrist=0.052)
+
 _UR5E = UrModel(0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996, 0.138, 0.007, _MEDIUM)
 _UR10E = UrModel(0.1807, -0.6127, -0.57155, 0.17415, 0.11985, 0.11655, 0.1762, 0.0393, _LARGE)
 
@@ -74,7 +81,9 @@ UR_MODELS: dict[str, UrModel] = {
     "ur7e": _UR5E,
     "ur10e": _UR10E,
     "ur12e": _UR10E,
+    "ur15": UrModel(0.2186, -0.6475, -0.5164, 0.1824, 0.1361, 0.1434, 0.221, 0.046, _LONG),
     "ur16e": UrModel(0.1807, -0.4784, -0.36, 0.17415, 0.11985, 0.11655, 0.1762, 0.0393, _LARGE),
+    "ur18": UrModel(0.2186, -0.475, -0.3389, 0.1824, 0.1361, 0.1434, 0.221, 0.046, _LONG),
     "ur20": UrModel(0.2363, -0.862, -0.7287, 0.201, 0.1593, 0.1543, 0.260, 0.043, _EXTRA),
     "ur30": UrModel(0.2363, -0.637, -0.5037, 0.201, 0.1593, 0.1543, 0.260, 0.043, _EXTRA),
 }

@@ -27,6 +27,11 @@ def independent_poses(model: str) -> tuple[Array, Array]:
     return np.array(document["q"]), np.concatenate([rows, last], axis=1)
 
 
+def models_of_the_library() -> list[str]:
+    """It is older than some arms."""
+    return sorted(_stored()["T_base_flange"])
+
+
 @cache
 def _stored() -> Any:
     return json.loads(_STORED.read_text("utf-8"))

@@ -1,7 +1,7 @@
 """How fast the joints of UR's arms turn at most.
 
 Source: UR's user manuals, as UR's own description package lists them (Universal_Robots_ROS2_Description,
-``config/*/joint_limits.yaml``). An arm that is not listed has no limit of its own here.
+``config/*/joint_limits.yaml``; of the UR15 its URDF). An arm that is not listed has no limit of its own here.
 """
 
 import numpy as np
@@ -16,6 +16,8 @@ _DEG_S: dict[str, tuple[float, float, float, float, float, float]] = {
     "ur5e": (180, 180, 180, 180, 180, 180),
     "ur10e": (120, 120, 180, 180, 180, 180),
     "ur16e": (120, 120, 180, 180, 180, 180),
+    "ur15": (180, 180, 240, 300, 300, 300),
+    "ur18": (180, 180, 240, 300, 300, 300),
     "ur20": (120, 120, 150, 210, 210, 210),
     "ur30": (120, 120, 150, 210, 210, 210),
 }

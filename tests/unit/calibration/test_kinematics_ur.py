@@ -18,7 +18,7 @@ from cell.arm_model import ArmModel
 from cell.errors import CellError
 from cell.formats.robot import parse_robot
 from cell.poses import Array, log_xi
-from tests.kit.ur_reference import independent_poses
+from tests.kit.ur_reference import independent_poses, models_of_the_library
 
 angles = st.lists(st.floats(-3.1, 3.1), min_size=6, max_size=6).map(np.array)
 
@@ -52,10 +52,16 @@ def subject(request: pytest.FixtureRequest) -> ArmModel:
     return UrArmModel("ur5e", factory_deltas() if request.param == "calibrated" else None)
 
 
-@pytest.mark.parametrize("name", sorted(UR_MODELS))
+@pytest.mark.parametrize("name", models_of_the_library())
 def test_every_nominal_arm_agrees_with_an_independent_library(name: str) -> None:
     Q, expected = independent_poses(name)
     np.testing.assert_allclose(UrArmModel(name).forward_many(Q).as_matrix(), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "reach_m"), [("ur10e", 1.3), ("ur20", 1.75), ("ur15", 1.3), ("ur18", 0.95)])
+def test_an_arm_that_no_library_has_reaches_as_far_as_its_data_sheet_says(name: str, reach_m: float) -> None:
+    model = UR_MODELS[name]
+    assert abs(model.a2) + abs(model.a3) + model.d6 == pytest.approx(reach_m, abs=0.01)
 
 
 def test_the_stretched_arm_has_the_published_reach() -> None:

@@ -101,6 +101,7 @@ def test_a_sub_package_longer_than_its_state_is_a_violation() -> None:
         ("UR10e", 5, "ur10e"),
         ("UR10", 3, "ur10"),
         ("UR20", 5, "ur20"),
+        ("UR18", 5, "ur18"),
         ("UR3", 10, "ur3e"),
     ],
 )
