@@ -48,7 +48,9 @@ class LineStreamConfig(TrackerConfig):
     columns: dict[str, int] | None = Field(
         default=None, description="The same names with the number of their column, counted from 1"
     )
-    delimiter: str = Field(default=",", min_length=1, max_length=4, description="Between columns")
+    delimiter: str = Field(
+        default=",", min_length=1, max_length=4, description="Between columns; ' ': any blanks"
+    )
     decimal: Literal[".", ","] = Field(default=".", description="sign before the decimals of a number")
     ignore: str | None = Field(
         default=None, description="Regular expression of whole lines that are passed over, as a heading"

@@ -75,7 +75,7 @@ class LineParser:
                 raise BadLine("it does not match the pattern")
             return {name: value for name, value in match.groupdict().items() if value is not None}
         delimiter = self._config.delimiter
-        cells = text.split() if delimiter.isspace() else text.split(delimiter)
+        cells = text.split() if delimiter == " " else text.split(delimiter)  # blanks line numbers up
         columns = self._config.columns or {}
         if (most := max(columns.values())) > len(cells):
             raise BadLine(f"it has {len(cells)} columns, and {most} are needed")
@@ -101,8 +101,8 @@ class LineParser:
         value = self._number(found, name) * _PASCALS[self._config.pressure_unit or "Pa"]
         if not _LEAST_PA <= value <= _MOST_PA:
             raise BadLine(
-                f"its {name} of {value:g} Pa is no pressure of air;"
-                " pressure_unit says the unit of a field 'pressure'"
+                f"its {name} of {value:g} Pa is no pressure of air; where it has another unit, name the "
+                "field 'pressure' and give pressure_unit in cell.toml"
             )
         return value
 
