@@ -1,6 +1,9 @@
 """``cellward check``: is the configuration right, what can be expected of it, and do the devices answer?"""
 
 import re
+import shutil
+import sys
+import textwrap
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -101,7 +104,7 @@ def check(
         if arm is not None:
             out(f"arm: {arm['text']}")
         for job in expected:
-            out(f"{job['job']} {job['text']}")
+            out(_clauses(job["job"], job["text"]))
         if probe:
             columns = ("device", "answer", "model", "serial")
             out(table(columns, ([d["device"], d["answer"], d["model"], d["serial"]] for d in found)))
@@ -112,6 +115,15 @@ def check(
         say(bad[0]["hint"])
     if problems or bad:
         raise typer.Exit(BAD_INPUT if problems else bad[0]["exit_code"])
+
+
+def _clauses(job: str, text: str) -> str:
+    """A line for each clause of a prediction; on a terminal none is longer than the terminal is wide."""
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
+    lines = [f"{job}:"]
+    for clause in text.split("; "):
+        lines += textwrap.wrap(clause, width - 4, subsequent_indent="  ") if width > 40 else [clause]
+    return "\n  ".join(lines)
 
 
 def _as_findings(path: Path, exc: CellError) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from daemon.cli import init
+from daemon.cli.predict import found_in, predictions
 from daemon.config import load_config
 from tests.kit.cli_harness import CellOnDisk, CommandLine
 
@@ -46,6 +47,12 @@ def test_each_combination_is_loaded_without_a_finding(
     text = path.read_text()
     assert "20235500123" not in text.replace('# expect_serial = "20235500123"', "")
     assert "pillar" not in text
+
+
+def test_what_is_drafted_for_a_belt_can_be_done_with_it(subject: CommandLine, tmp_path: Path) -> None:
+    path = tmp_path / "belt.toml"
+    assert subject("init", "-o", path, *OPTIONS["belt"]).code == 0
+    assert found_in(predictions(load_config(path)), "problems") == []
 
 
 def test_addresses_stand_where_they_belong(subject: CommandLine) -> None:
