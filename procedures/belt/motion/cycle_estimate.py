@@ -205,6 +205,12 @@ class CycleEstimate:
             cycle = self._cycle(speed_m_s, middle), self._cycle(speed_m_s, max(last, middle))
         except CellError as exc:
             why = exc.detail or str(exc)
+            if exc.name == "MOTION_UNREACHABLE":
+                limits = config.limits
+                why = (
+                    f"with {limits.speed_m_s:g} m/s and {limits.accel_m_s2:g} m/s^2 the way beside it leaves "
+                    f"the arm's reach ({why}); raise limits of the job, or let the belt run slower"
+                )
         return ExpectedCycle(speed_m_s, window, speed_m_s * config.dwell_s, cycle, why)
 
     def _cycle(self, speed_m_s: float, along_m: float) -> float:
