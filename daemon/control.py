@@ -165,6 +165,8 @@ class _Connection:
             return self._engine.status()
         if method == "live":
             return live(self._engine, Params(method, params))
+        if method == "joints":
+            return self._engine.joints()
         return await carry_out(self._engine, self._auditor, method, params, Caller(self.who, "control"))
 
     async def _watch(self, request_id: Any) -> None:

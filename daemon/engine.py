@@ -18,6 +18,7 @@ from cell.run_values import RunValues
 from cell.store.runs import RunFolder, load_run
 from cell.store.signatures import Statement, sign
 from daemon.adoption import adoptable
+from daemon.arm_joints import arm_joints
 from daemon.cell_context import CellContext
 from daemon.config.load import NO_PART_OF_A_RUN
 from daemon.decisions import check_confirmed, check_decidable, require_read, use_of
@@ -280,6 +281,10 @@ class Engine:
     def live(self, since: Mapping[str, int]) -> dict[str, Any]:
         """Numbers and rows of traces of the running job, to be drawn; see :func:`daemon.status.live_of`."""
         return live_of(self, since)
+
+    def joints(self) -> dict[str, Any]:
+        """Where the arm stands; see :func:`daemon.arm_joints.arm_joints`."""
+        return arm_joints(self.context)
 
     async def shutdown(self) -> None:
         """End a running job as ``halt`` does and wait for its standstill."""

@@ -20,6 +20,7 @@ from daemon.cli import (
     manual,
     offline,
     plc_files,
+    poses,
     prune,
     record,
     recover,
@@ -103,4 +104,5 @@ for panel, commands in PANELS.items():
     for command in commands:
         app.command(rich_help_panel=panel)(command)
 app.command("import", rich_help_panel="Without a cell")(importing.import_data)
+app.add_typer(poses.pose_app, name="pose", rich_help_panel="Start here")
 app.add_typer(setup.config_app, name="config", rich_help_panel="Without a cell")

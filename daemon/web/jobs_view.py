@@ -6,15 +6,12 @@ from typing import Any
 
 from aiohttp import web
 
-from cell.devices import Arm
-from cell.errors import CellError, error
-from cell.kinds import as_kind
+from cell.errors import CellError
 from daemon.engine import Engine
 from daemon.job_config import make_procedure
 from daemon.web.answers import Visitors, json_answer
 
 LOOKED_BACK = 500  # runs
-STATE_AGE_S = 0.5
 
 
 class JobsView:
@@ -57,14 +54,9 @@ class JobsView:
         return set(procedure.uses()) <= config.robot.roles().keys()
 
     async def joints(self, request: web.Request) -> web.Response:
-        """Where the arm is: joints (rad) and flange (m, rad); refused while no fresh state of it is there."""
+        """Where the arm is: joints (rad); refused while no fresh state of it is there."""
         self._visitors.require_look(request)
-        name = self._engine.context.config.robot.roles().get("arm")
-        if name is None:
-            raise error("DEVICE_NOT_READY", "[robot] names no arm")
-        arm = as_kind(self._engine.context.supervisor.devices[name].device, Arm)
-        state = arm.state.latest(STATE_AGE_S).value
-        return json_answer({"q": state.q.tolist(), "moving": bool(abs(state.qd).max() > 1e-3)})
+        return json_answer(self._engine.joints())
 
 
 def _shown(run: Mapping[str, Any]) -> dict[str, Any]:

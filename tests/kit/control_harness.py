@@ -29,6 +29,9 @@ class RecordingEngine:
     def live(self, since: Mapping[str, int]) -> dict[str, Any]:
         return {"since": dict(since)}
 
+    def joints(self) -> dict[str, Any]:
+        return {"q": [0.0] * 6, "moving": False}
+
     async def start(self, request: StartRequest) -> dict[str, Any]:
         await self._ask("start", request)
         return {"plan": self.plan} if request.dry_run else {"run_id": 7}
