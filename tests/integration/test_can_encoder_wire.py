@@ -19,6 +19,7 @@ from cell.samples import Quality
 from drivers.can_encoder import CanopenEncoder, RawCanEncoder, RawCanEncoderConfig
 from fakes.can.bus import Frame
 from fakes.faults.vocabulary import Fault
+from procedures.belt.count_origin import CountOrigin
 from tests.kit.can_rig import NODE, CanRig, TestShaft, can_rig
 
 pytestmark = pytest.mark.wire
@@ -80,6 +81,31 @@ def test_a_range_that_is_no_power_of_two_is_unwrapped(interface: str) -> None:
         assert all(step > 0 and abs(step - 50 * round(step / 50)) <= 1 for step in steps)
 
     play(interface, script, TestShaft(speed=10_000.0, modulus=1003))
+
+
+def test_a_position_that_somebody_sets_is_a_jump_unless_it_is_zero_and_a_wrap_is_none(interface: str) -> None:
+    shaft = TestShaft(speed=10_000.0)
+    shaft.preset(time.monotonic(), shaft.modulus - 10_000)
+
+    async def script(rig: CanRig, device: CanopenEncoder) -> None:
+        told: list[str] = []
+        origin = CountOrigin(device, {"m_per_count": 1e-4}, lambda event, **_: told.append(event))
+        device.counts.subscribe(lambda sample: told.append("moved") if origin.moved(sample) else None)
+
+        async def set_to(position: int) -> None:
+            shaft.preset(time.monotonic(), position)
+            await asyncio.sleep(0.1)
+            await device.wait_fresh(5.0)
+
+        await asyncio.sleep(1.2)
+        assert told == [], "it has wrapped"
+        await set_to(32_000)
+        assert told == ["encoder jump", "moved"]
+        await set_to(0)
+        assert told[2:] == ["counts begin anew", "moved"]
+        assert device.counts.epoch == 1
+
+    play(interface, script, shaft)
 
 
 def test_lines_that_are_no_frames_cost_nothing_but_themselves(interface: str) -> None:

@@ -114,6 +114,20 @@ def test_a_dry_run_shows_every_pose_with_its_margins_and_what_stays_open(tmp_pat
 
 
 @pytest.mark.usefixtures("no_report")
+def test_a_run_by_the_rule_of_thumb_has_kept_it_when_it_is_solved(tmp_path: Path) -> None:
+    job = {"poses": 62, "held_out_share": 0.2, "keep_rule": True}
+
+    async def main() -> dict[str, Any]:
+        async with open_cell(tracker_config(tmp_path, job, scenario="palletizer:ideal"), job=JOB) as cell:
+            await cell.run_job()
+            return cell.result(1)
+
+    result = run_virtual(main())
+    rule = result["observability"]["source_rule"]
+    assert (result["verdict"], rule["kept"], rule["samples"]) == ("pass", True, 50)
+
+
+@pytest.mark.usefixtures("no_report")
 def test_a_run_is_told_in_words_and_drawn(tmp_path: Path) -> None:
     async def main() -> tuple[dict[str, Any], Path]:
         async with open_cell(
