@@ -179,11 +179,11 @@ TOUCH_ENDS = [
     kind("belt", "reboot", "DEVICE_LOST", BEFORE_THE_END),
     kind("belt", "bus-off", "CAN_BUS_OFF", {*BEFORE_THE_END, "solve"}),
     kind("belt", "drop", "DEVICE_LOST", BEFORE_THE_END),
+    kind("belt", "wrap", "ENCODER_JUMP", {"touch 2", "touch 3"}, before=30000),  # by a jump, after a count
 ]
 TOUCH_BORNE = [
     kind("arm", "protective-stop", "", set()),  # the arm is only read, and stands
     kind("belt", "slip", "", set(), m=0.005),
-    kind("belt", "wrap", "", set(), before=20),
     kind("belt", "gap", "", set(), count=20),
     kind("camera", "drop", "", set()),
 ]
