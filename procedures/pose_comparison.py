@@ -1,5 +1,6 @@
 """Do two poses differ by more than their covariances explain?"""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,9 +10,11 @@ from scipy.special import chdtrc, chdtri, ndtri
 from cell.errors import error
 from cell.formats.result import Covariance
 from cell.poses import Array
+from procedures.comparison import Compared
 from procedures.words import deg, mm, sigma_text
 
 FALSE_ALARM = 1.0 / 300.0  # how often two measurements of the same pose are called different
+AXES = ("x", "y", "z", "about_x", "about_y", "about_z")
 FOUND = 0.99  # how often a shift of the size that is promised is
 
 
@@ -26,6 +29,7 @@ class PoseComparison:
     degrees_of_freedom: int
     m2: float  # squared Mahalanobis distance; chi-square with so many degrees of freedom if nothing changed
     p: float
+    places: tuple[Sequence[float], ...] = ()  # both (3,) m, where the difference of their numbers is ``xi``
 
     @property
     def significant(self) -> bool:
@@ -50,6 +54,16 @@ class PoseComparison:
             "false_alarm": FALSE_ALARM,
             "detectable_m": self.detectable_m,
         }
+
+    def rows(self) -> list[Compared]:
+        """Along and about each axis of ``frame``; what neither run measured is left out."""
+        sigmas = np.sqrt(np.diag(self.cov)).tolist()
+        both = [*zip(*self.places, strict=True), *[(None, None)] * 6]
+        return [
+            Compared(name, "m" if i < 3 else "rad", float(self.xi[i]), sigmas[i], *both[i])
+            for i, name in enumerate(AXES)
+            if sigmas[i] > 0.0
+        ]
 
     def text(self, first: str, second: str) -> str:
         """What a person wants to know: how much, against what, and whether it means anything."""
@@ -87,8 +101,15 @@ def require_covariances(first: Covariance | None, second: Covariance | None) -> 
     return np.array(first), np.array(second)
 
 
-def weighed(name: str, frame: str, xi: Array, cov: Array, seen: Array) -> PoseComparison:
+def weighed(
+    name: str,
+    frame: str,
+    xi: Array,
+    cov: Array,
+    seen: Array,
+    places: tuple[Sequence[float], ...] = (),
+) -> PoseComparison:
     """``seen`` (6, k) has the directions that were measured."""
     along = seen.T @ xi
     m2 = float(along @ np.linalg.solve(seen.T @ cov @ seen, along))
-    return PoseComparison(name, frame, xi, cov, seen.shape[1], m2, float(chdtrc(seen.shape[1], m2)))
+    return PoseComparison(name, frame, xi, cov, seen.shape[1], m2, float(chdtrc(seen.shape[1], m2)), places)

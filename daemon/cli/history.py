@@ -258,7 +258,7 @@ def compare(
     first: RunArgument, second: RunArgument, config: ConfigOption = None, as_json: JsonOption = False
 ) -> None:
     """The difference of two results of the same kind, against their uncertainties."""
-    from daemon.cli.compare import compare_results
+    from procedures.comparison import compare_results
 
     folders = [load(config, number) for number in (first, second)]
     results = [result_of(folder) for folder in folders]

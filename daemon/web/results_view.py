@@ -15,8 +15,10 @@ from daemon.decisions import use_of, warnings_of
 from daemon.engine import Engine
 from daemon.values import tell_configured
 from daemon.web.answers import Visitors, json_answer
+from procedures.kind import KINDS
 
 MOST_RESULTS = 200
+COMPARED = {name for kind in KINDS.values() if kind.compare for name in kind.measures}
 
 
 class ResultsView:
@@ -41,7 +43,8 @@ class ResultsView:
         found = []
         for entry in self._engine.ledger.results(limit=MOST_RESULTS):
             kept = {k: v for k, v in in_a_list(entry).items() if k not in ("config_value", "folder", "value")}
-            found.append({**kept, "words": value_text(entry["name"], entry["value"])})
+            compared = entry["name"].partition(".")[0] in COMPARED
+            found.append({**kept, "words": value_text(entry["name"], entry["value"]), "compared": compared})
         return found
 
     async def result(self, request: web.Request) -> web.Response:

@@ -9,7 +9,7 @@ from typing import Any
 from aiohttp import web
 
 from cell.errors import CellError, error
-from cell.store.run_list import listed_runs
+from cell.store.run_list import ListedRun, listed_runs
 from cell.store.runs import RunFolder, load_run
 from daemon.cli.journal_text import timeline
 from daemon.cli.result_text import result_text
@@ -17,6 +17,9 @@ from daemon.engine import Engine
 from daemon.web.answers import Visitors, json_answer
 from daemon.web.origin import REPORT_POLICY
 from daemon.web.signed import told
+from procedures.comparison import compare_results
+from procedures.documents import kind_named
+from procedures.registry import JOBS
 
 MOST_RUNS = 200
 JOURNAL_LINES = 400
@@ -35,6 +38,7 @@ class RunsView:
         return [
             web.get("/api/runs", self.runs),
             web.get(r"/api/runs/{run:\d{1,10}}", self.run),
+            web.get(r"/api/runs/{run:\d{1,10}}/against/{first:\d{1,10}}", self.against),
             web.get(r"/api/runs/{run:\d{1,10}}/report", self.report),
             web.get(r"/api/runs/{run:\d{1,10}}/seen", self.seen),
             web.get(r"/api/runs/{run:\d{1,10}}/picture/{name}", self.picture),
@@ -47,7 +51,10 @@ class RunsView:
 
     def _list(self) -> list[dict[str, Any]]:
         found = listed_runs(self._engine.runs, self._engine.ledger, MOST_RUNS)
-        return [{**asdict(run), "signatures": [told(s) for s in run.signatures]} for run in found]
+        return [
+            {**asdict(run), "signatures": [told(s) for s in run.signatures], "compared_as": _compared_as(run)}
+            for run in found
+        ]
 
     async def run(self, request: web.Request) -> web.Response:
         self._visitors.require_look(request)
@@ -84,6 +91,21 @@ class RunsView:
         waiting = [entry for entry in self._engine.waiting if entry["run_id"] == folder.run_id]
         return {**kept, "words": words, "waiting": waiting}
 
+    async def against(self, request: web.Request) -> web.Response:
+        """The result of a run against that of an earlier one, as ``cellward compare`` tells it."""
+        self._visitors.require_look(request)
+        first = int(request.match_info["first"])
+        return json_answer(await asyncio.to_thread(self._against, first, self._number(request)))
+
+    def _against(self, first: int, second: int) -> dict[str, Any]:
+        found = compare_results(*(_result_of(load_run(self._engine.runs, run)) for run in (first, second)))
+        rows = [asdict(row) for row in found.rows()]
+        return {
+            "figures": found.as_dict(),
+            "rows": rows,
+            "words": found.text(f"run {first}", f"run {second}"),
+        }
+
     async def report(self, request: web.Request) -> web.Response:
         """The report as it is on disk, in a sandbox: its scripts can ask the cell nothing."""
         self._visitors.require_look(request)
@@ -115,6 +137,27 @@ class RunsView:
     @staticmethod
     def _number(request: web.Request) -> int:
         return int(request.match_info["run"])
+
+
+def _compared_as(run: ListedRun) -> str | None:
+    """The kind of a run's result where results of that kind are compared; None for any other run."""
+    job = JOBS.get(run.job)
+    if run.outcome != "complete" or job is None:
+        return None
+    kind = kind_named(job.kind)
+    return kind.name if kind.compare else None
+
+
+def _result_of(run: RunFolder) -> dict[str, Any]:
+    path = run.path / "result.json"
+    if not path.exists():
+        raise error("NOT_FOUND", f"run {run.run_id} has no result")
+    if path.stat().st_size > LONGEST_RESULT:
+        raise error(
+            "FILE_UNREADABLE",
+            f"the result of run {run.run_id} is too long for the page: use 'cellward compare'",
+        )
+    return run.read_result() or {}
 
 
 def _newest(journal: list[dict[str, Any]]) -> list[dict[str, Any]]:

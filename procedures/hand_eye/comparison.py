@@ -7,6 +7,7 @@ import numpy as np
 
 from cell.errors import error
 from cell.poses import adjoint, from_pose6, log_xi
+from procedures.comparison import Compared
 from procedures.hand_eye.result import HandEyeAnswer, HandEyeResult
 from procedures.hand_eye.words import spread_lines
 from procedures.pose_comparison import PoseComparison, require_covariances, weighed
@@ -27,6 +28,19 @@ class HandEyeComparison:
             for answer in self.answers
         ]
         return self.pose.as_dict() | {"spreads": spreads}
+
+    def rows(self) -> list[Compared]:
+        """The pose's axes, then the spreads that both have."""
+        return self.pose.rows() + [row for key in _SPREADS[:2] for row in self._spread(key)]
+
+    def _spread(self, key: str) -> list[Compared]:
+        a, b = (getattr(answer, key) for answer in self.answers)
+        if a is None or b is None:
+            return []
+        return [
+            Compared(f"{key}_t", "m", b.t_norm - a.t_norm, None, a.t_norm, b.t_norm),
+            Compared(f"{key}_r", "rad", b.r - a.r, None, a.r, b.r),
+        ]
 
     def text(self, first: str, second: str) -> str:
         lines = [self.pose.text(first, second)]

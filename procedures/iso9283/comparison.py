@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cell.errors import error
+from procedures.comparison import Compared
 from procedures.iso9283.result import Iso9283Answer, Iso9283Result
 from procedures.words import mm, table
 
@@ -13,20 +14,30 @@ _NEAR_M, _SAME_KG = 0.001, 1e-3
 
 @dataclass(frozen=True)
 class IsoComparison:
-    """``rows`` have, for each pose, the AP and RP of both (m); ``how`` says how each was commanded."""
+    """``poses`` have, for each pose, the AP and RP of both (m); ``how`` says how each was commanded."""
 
-    rows: list[dict[str, Any]]
+    poses: list[dict[str, Any]]
     how: tuple[str, str]
     place: tuple[str, str]
 
     def as_dict(self) -> dict[str, Any]:
-        return {"poses": self.rows, "commanded": list(self.how), "registration": list(self.place)}
+        return {"poses": self.poses, "commanded": list(self.how), "registration": list(self.place)}
+
+    def rows(self) -> list[Compared]:
+        """AP and RP of each pose; of one that its tracker did not resolve, the upper bound."""
+        return [
+            Compared(key, "m", second - first, None, first, second, row["pose"])
+            for row in self.poses
+            for key in ("AP", "RP")
+            for first, second in [row[key]]
+        ]
 
     def text(self, first: str, second: str) -> str:
         """AP and RP of both tests; a figure that its tracker did not resolve is an upper bound."""
         head = ("pose", f"AP {first}", f"AP {second}", f"RP {first}", f"RP {second}")
         cells = [
-            [row["pose"], *(_shown(row, key, k) for key in ("AP", "RP") for k in (0, 1))] for row in self.rows
+            [row["pose"], *(_shown(row, key, k) for key in ("AP", "RP") for k in (0, 1))]
+            for row in self.poses
         ]
         lines = [
             f"{first} was commanded {self.how[0]}, {second} {self.how[1]}; the tracker's place was "

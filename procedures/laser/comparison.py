@@ -25,4 +25,5 @@ def compare_laser(first: LaserResult, second: LaserResult) -> PoseComparison:
         seen[:3, :3] = np.eye(3)
         # The spin about the tool's axis is in no measurement; it is the direction without any error.
         seen[3:, 3:] = np.linalg.eigh(cov[3:, 3:])[1][:, 1:]
-    return weighed("dp_flange", "the flange", xi, cov, seen)
+    points = first.result.dp_flange, second.result.dp_flange
+    return weighed("dp_flange", "the flange", xi, cov, seen, points)

@@ -12,6 +12,7 @@ import numpy as np
 
 from calibration.identification.registration import register
 from cell.errors import error
+from procedures.comparison import Compared
 from procedures.tracker.judging import places
 from procedures.tracker.result import KincalResult
 from procedures.words import mm
@@ -45,6 +46,13 @@ class ArmComparison:
             "explained_rms_m": self.explained,
             "significant": self.significant,
         }
+
+    def rows(self) -> list[Compared]:
+        """How far apart (RMS) they put the reflector."""
+        return [
+            Compared("apart_rms", "m", self.rms, self.explained),
+            Compared("apart_max", "m", self.largest),
+        ]
 
     def text(self, first: str, second: str) -> str:
         """What a person wants to know."""

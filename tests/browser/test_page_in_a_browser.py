@@ -14,8 +14,8 @@ from tests.kit.page_rig import TOKENS, PageRig, on_page
 pytestmark = [pytest.mark.wire, needs_chromium]
 
 SCREENS = (
-    "now", "start", "start/laser-check", "run", "result/2", "result/1", "results", "runs", "runs/2", "trends",
-    "cell", "plc", "teach", "login",
+    "now", "start", "start/laser-check", "run", "result/2", "result/1", "results", "runs", "runs/2",
+    "compare/1/3", "compare/1/2", "trends", "cell", "plc", "teach", "login",
 )  # fmt: skip
 EVIL = """<script>
 async function ask(init) {{ try {{ await fetch("{url}/api/do/start", init); }} catch (refused) {{}} }}
@@ -64,6 +64,21 @@ def test_all_screens_run_within_their_own_policy_in_both_languages(subject: Page
             for screen in SCREENS:
                 await visitor.show(screen)
             assert visitor.complaints == []
+
+    in_browser(use)
+
+
+def test_two_runs_are_chosen_and_seen_beside_each_other(subject: PageCell) -> None:
+    async def use(browser: Browser) -> None:
+        visitor = await Visitor.at(browser, subject.url, locale="de-DE")
+        await visitor.show("runs")
+        for run in (3, 1):
+            await visitor.page.get_by_label(f"Lauf {run} vergleichen").check()
+        await visitor.page.get_by_role("link", name="Lauf 1 mit Lauf 3 vergleichen").click()
+        await visitor.sees("Sie unterscheiden sich um mehr, als ihre Unsicherheiten erklären.")
+        row = visitor.page.get_by_role("row").filter(has=visitor.page.get_by_text("x", exact=True))
+        assert await row.locator("td").all_inner_texts() == ["x", "–", "–", "1,000 mm", "0,141 mm"]
+        assert visitor.complaints == []
 
     in_browser(use)
 

@@ -11,13 +11,14 @@ pytestmark = pytest.mark.wire
 
 def test_runs_are_listed_newest_first_with_who_started_them(subject: PageCell) -> None:
     assert [(run["run_id"], run["outcome"], run["who"]) for run in subject.get("/api/runs")] == [
+        (3, "complete", "anna"),
         (2, "aborted", "anna"),
         (1, "complete", "anna"),
     ]
 
 
 def test_a_run_in_the_list_has_its_main_figure_and_what_became_of_its_results(subject: PageCell) -> None:
-    failed, complete = subject.get("/api/runs")
+    _, failed, complete = subject.get("/api/runs")
     assert (failed["cause"], failed["figure"], failed["report"]) == ("The arm is lost", None, False)
     assert (complete["figure"]["value"], complete["figure"]["unit"]) == (3.1e-4, "m")
     assert complete["report"]
@@ -32,6 +33,19 @@ def test_a_failed_run_tells_its_cause_and_its_journal(subject: PageCell) -> None
     assert run["error"]["text"] == "The arm is lost"
     assert "start" in run["journal"]
     assert subject.get("/api/runs/77")["error"]["name"] == "NOT_FOUND"
+
+
+def test_two_results_of_one_kind_are_compared_as_the_command_line_does(subject: PageCell) -> None:
+    assert [run["compared_as"] for run in subject.get("/api/runs")] == ["hand-eye", None, "hand-eye"]
+    found = subject.get("/api/runs/3/against/1")
+    across = found["rows"][0]
+    assert (across["name"], across["unit"]) == ("x", "m")
+    assert across["difference"] == pytest.approx(1e-3)
+    assert across["sigma"] == pytest.approx(2**0.5 * 1e-4)
+    assert found["figures"]["significant"]
+    assert found["words"].startswith("T_flange_camera: run 3 against run 1")
+    assert [row["first"] for row in found["rows"] if row["name"] == "spread_within_t"] == [0.0012]
+    assert "run 2" in subject.get("/api/runs/2/against/1")["error"]["text"]
 
 
 def test_a_report_is_shown_in_a_sandbox_that_can_ask_the_cell_nothing(subject: PageCell) -> None:
@@ -78,7 +92,7 @@ def test_a_trend_has_the_limit_of_the_job_that_leaves_it(subject: PageCell) -> N
 
 def test_every_job_says_what_keeps_it_from_starting(subject: PageCell) -> None:
     jobs = {job["name"]: job for job in subject.get("/api/jobs")}
-    assert jobs["cone-capture"]["last"]["run_id"] == 2
+    assert jobs["cone-capture"]["last"]["run_id"] == 3
     assert all(job["obstacle"] is not None for job in jobs.values())  # there is no device at all
     assert not any(job["configured"] for job in jobs.values())
 

@@ -15,6 +15,7 @@ from typing import Any
 from cell.clock import MonotonicClock
 from cell.store.ledger import Ledger
 from cell.store.runs import RunFolder
+from tests.kit.cli_harness import hand_eye_result
 from tests.kit.page_rig import ROLES, TOKENS, http_section
 
 BIN = Path(sys.executable).parent
@@ -96,14 +97,20 @@ def write_config(cell: PageCell) -> None:
 
 
 def fill_store(state: Path) -> None:
-    """Two runs, of which one failed; a result in effect, one that waits with a warning; a trend."""
+    """Three runs, of which the second failed; a result in effect, one that waits with a warning; a trend."""
     with closing(Ledger(state / "ledger.sqlite")) as ledger:
-        for outcome, error in (("complete", None), ("aborted", {"text": "The arm is lost", "hint": "Look."})):
+        lost = {"text": "The arm is lost", "hint": "Look."}
+        for outcome, error, x_mm in (
+            ("complete", None, 0.0),
+            ("aborted", lost, 0.0),
+            ("complete", None, 1.0),
+        ):
             number = ledger.next_run_id()
             folder = RunFolder.create(state / "runs", "cone-capture", number, {}, MonotonicClock())
             ledger.start_run(number, "cone-capture", folder.path.name, "anna", "control")
             folder.note("operator", event="start", who="anna")
             if outcome == "complete":
+                folder.write_result(hand_eye_result(x_mm))
                 (folder.path / "report.html").write_text("<title>report</title><script>var a = 1</script>")
                 (folder.path / "images").mkdir()
                 (folder.path / "images/0000-0-0.png").write_bytes(b"\x89PNG\r\n\x1a\n")

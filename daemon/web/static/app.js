@@ -4,6 +4,7 @@ import { cell, isStale, who } from "./cell.js";
 import { Frame } from "./frame.js";
 import { html, render } from "./vendor/htm-preact.js";
 import { CellScreen } from "./screens/cell_screen.js";
+import { Compare } from "./screens/compare.js";
 import { Login } from "./screens/login.js";
 import { Now } from "./screens/now.js";
 import { Plc } from "./screens/plc.js";
@@ -27,8 +28,9 @@ const SCREENS = {
   plc: Plc,
   teach: Teach,
   result: Result,
+  compare: Compare,
 };
-const PART_OF = { result: "results" }; // screens that are reached from another one
+const PART_OF = { result: "results", compare: "runs" }; // screens that are reached from another one
 const LOOK_MS = 500; // how often the age of the last word is looked at
 
 export const route = () => {

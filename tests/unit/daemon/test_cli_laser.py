@@ -8,6 +8,7 @@ import pytest
 
 from cell.store.ledger import Ledger
 from daemon.cli.plan_text import plan_text
+from procedures.comparison import compare_results
 from tests.kit.cli_harness import CellOnDisk, CommandLine
 from tests.kit.whole_results import whole
 
@@ -223,6 +224,11 @@ def test_compare_weighs_the_displacements_of_two_checks(cell: CellOnDisk, subjec
     assert far["degrees_of_freedom"] == 5
     assert (far["significant"], near["significant"]) == (True, False)
     assert "(in the flange)" in subject("compare", 1, 2).out
+    rows = {row.name: row for row in compare_results(laser_result(), laser_result(x_mm=1.3)).rows()}
+    assert (rows["x"].first, rows["x"].second) == (pytest.approx(1.2e-3), pytest.approx(1.3e-3))
+    assert rows["x"].difference == pytest.approx(1e-4)
+    assert rows["x"].sigma == pytest.approx(2**0.5 * 1e-5)
+    assert rows["about_x"].first is None  # the turn alone has a meaning
 
 
 def test_what_one_good_tool_of_twenty_shows_by_chance_is_no_difference(

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from cell.errors import CellError
-from daemon.cli.compare import compare_results
 from daemon.cli.plan_text import plan_text
 from daemon.cli.result_text import result_text
+from procedures.comparison import compare_results
 from procedures.iso9283.report.source import IsoSource
 from procedures.report.write import from_folder, from_result, render
 from tests.unit.calibration.test_iso9283_figures import data_set, known, solved
@@ -128,6 +128,11 @@ def test_two_tests_are_compared_side_by_side(result: dict[str, Any]) -> None:
     better["result"]["corrected"] = True
     for pose in better["result"]["poses"]:
         pose |= {"AP": pose["AP_tracker"], "AP_resolved": False}
+    first, *_ = compare_results(result, better).rows()
+    poses = [each["result"]["poses"][0] for each in (result, better)]
+    assert (first.name, first.of, first.sigma) == ("AP", poses[0]["name"], None)
+    assert [first.first, first.second] == [pose["AP"] for pose in poses]
+    assert first.difference == pytest.approx(poses[1]["AP"] - poses[0]["AP"])
     text = compare_results(result, better).text("run 1", "run 2")
     assert "run 1 was commanded by the model of its controller, run 2 through its calibrated" in text
     worst = result["result"]["AP_max"]

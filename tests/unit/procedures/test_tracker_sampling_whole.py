@@ -12,11 +12,11 @@ from cell.calibrations import kinematics
 from cell.errors import CellError
 from cell.formats.kincal import SCHEMA
 from cell.store.files import read_json
-from daemon.cli.compare import compare_results
 from daemon.cli.replay import differences
 from daemon.cli.value_text import value_text
 from daemon.status import summary_of
 from fakes.object import run_virtual
+from procedures.comparison import compare_results
 from tests.kit.object_cell import ObjectCell, open_cell
 from tests.kit.solved import solve_again
 from tests.kit.tracker_cell import JOB, rms, tracker_config, true_errors

@@ -30,15 +30,21 @@ function Calibration({ name, entries, again }) {
       moment(entry.decided || entry.proposed),
       entry.who || "–",
       entry.why || "–",
+      entry.compared && active && active.run_id !== entry.run_id ? html`<${CompareLink} runs=${[active.run_id, entry.run_id]} />` : "–",
     ],
   }));
-  const columns = ["result", "state", "version", "run", "when", "who", "why"].map((key) => t(`column.${key}`));
+  const columns = ["result", "state", "version", "run", "when", "who", "why", "compare"].map((key) => t(`column.${key}`));
   return html`<${Card} wide title=${calibrationName(name)}>
     <p class="dim">${name}</p>
     <p>${active ? html`<b>${t("results.active", { version: active.version })}</b> ${active.words}` : t("results.configured")}</p>
     <${Grid} columns=${columns} rows=${rows} empty="" />
     ${active && html`<${RollBack} name=${name} active=${active} again=${again} />`}
   </${Card}>`;
+}
+
+function CompareLink({ runs }) {
+  const [first, second] = runs.sort((a, b) => a - b);
+  return html`<a href=${`#compare/${first}/${second}`}>${t("results.with_active")}</a>`;
 }
 
 function RollBack({ name, active, again }) {

@@ -15,13 +15,16 @@ export function Runs({ state, rest }) {
 function AllRuns({ state }) {
   const got = useGot("/api/runs", state.status.run_id);
   const [job, setJob] = useState("");
+  const [chosen, choose] = useState([]);
   if (!got.content) return html`<${Loading} got=${got} />`;
   const jobs = [...new Set(got.content.map((run) => run.job))].sort();
   const shown = got.content.filter((run) => !job || run.job === job);
+  const compared = got.content.filter((run) => chosen.includes(run.run_id));
   const rows = shown.map((run) => ({
     key: run.run_id,
     cells: [
       html`<a href=${`#runs/${run.run_id}`}>${run.run_id}</a>`,
+      run.compared_as ? html`<${Choice} run=${run} chosen=${compared} choose=${choose} />` : "–",
       jobName(run.job),
       html`${moment(run.started)}${run.who && html`<small>${run.who}</small>`}`,
       run.outcome === "complete" && run.verdict ? html`<${Verdict} verdict=${run.verdict} />` : html`<${HowItEnded} run=${run} />`,
@@ -31,14 +34,30 @@ function AllRuns({ state }) {
       run.report ? html`<a href=${`/api/runs/${run.run_id}/report`} target="_blank" rel="noopener">${t("result.report")}</a>` : "–",
     ],
   }));
-  const keys = ["run", "job", "started", "verdict", "figure", "decision", "signed", "report"];
+  const keys = ["run", "compare", "job", "started", "verdict", "figure", "decision", "signed", "report"];
   const columns = keys.map((key) => t(`column.${key}`));
   return html`<h1>${t("screen.runs")}</h1>
     <${Card} wide>
       ${jobs.length > 1 && html`<label>${t("runs.only")} <select onChange=${(event) => setJob(event.target.value)}>
         <option value="">${t("runs.all")}</option>${jobs.map((name) => html`<option value=${name}>${jobName(name)}</option>`)}</select></label>`}
       <${Grid} columns=${columns} rows=${rows} empty=${t("runs.none")} />
+      ${got.content.filter((run) => run.compared_as).length > 1 && html`<${CompareChosen} chosen=${compared} />`}
     </${Card}>`;
+}
+
+// Two runs whose results are of one kind are chosen: a third, or one of another kind, cannot be.
+function Choice({ run, chosen, choose }) {
+  const is = chosen.includes(run);
+  const barred = !is && (chosen.length > 1 || chosen.some((other) => other.compared_as !== run.compared_as));
+  const change = () => choose((is ? chosen.filter((other) => other !== run) : [...chosen, run]).map((one) => one.run_id));
+  return html`<input type="checkbox" checked=${is} disabled=${barred} onChange=${change}
+    aria-label=${t("compare.choose", { run: run.run_id })} />`;
+}
+
+function CompareChosen({ chosen }) {
+  if (chosen.length < 2) return html`<p class="dim">${t("compare.choose_two")}</p>`;
+  const [first, second] = chosen.map((run) => run.run_id).sort((a, b) => a - b);
+  return html`<div class="actions"><a class="button go" href=${`#compare/${first}/${second}`}>${t("compare.title", { first, second })}</a></div>`;
 }
 
 const HowItEnded = ({ run }) => html`${outcomeWords(run)}${run.cause && html`<small>${run.cause}</small>`}`;

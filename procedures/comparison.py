@@ -1,6 +1,7 @@
-"""``cellward compare``: do two results differ by more than their uncertainties explain?"""
+"""Do two results differ by more than their uncertainties explain? The command line and the page tell it."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from cell.errors import error
@@ -8,10 +9,28 @@ from procedures.documents import kind_of, read_result
 from procedures.kind import KINDS, load
 
 
+@dataclass(frozen=True)
+class Compared:
+    """One figure of both results in its SI ``unit``; ``of`` is the pose that it belongs to, if any.
+
+    ``difference`` is the second less the first, and ``sigma`` its standard uncertainty, None where none is
+    stated. ``first`` and ``second`` are None where only their difference has a meaning.
+    """
+
+    name: str
+    unit: str
+    difference: float
+    sigma: float | None = None
+    first: float | None = None
+    second: float | None = None
+    of: str = ""
+
+
 class Comparison(Protocol):
     """The second result against the first, as figures and in words."""
 
     def as_dict(self) -> dict[str, Any]: ...
+    def rows(self) -> list[Compared]: ...
     def text(self, first: str, second: str) -> str: ...
 
 
