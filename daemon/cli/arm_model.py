@@ -6,8 +6,8 @@ from typing import Any
 from cell.calibrations import kinematics
 from cell.errors import CellError
 from cell.run_values import CONTROLLER, RunValues
-from daemon.cli.predict import ledger_rows
 from daemon.config import CellConfig
+from daemon.predictions import ledger_rows
 from procedures.kinematics_in_use import in_words, misfits, other_arm, other_device, other_load
 
 SWITCH = "[robot] use_kinematics"

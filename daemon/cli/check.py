@@ -48,9 +48,9 @@ def check(
     from daemon.cli.arm_model import arm_in_use, strangers
     from daemon.cli.machine import low_space
     from daemon.cli.machine import machine as measure
-    from daemon.cli.predict import found_in, predictions
     from daemon.config import load_config
     from daemon.disk_space import capture_bytes
+    from daemon.predictions import found_in, predictions
     from daemon.service.network import not_permitted
 
     if drivers or jobs:

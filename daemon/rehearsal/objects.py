@@ -12,12 +12,12 @@ from typing import Any, Protocol, cast
 
 from cell.errors import CellError, error
 from cell.known_cell import KnownCell
-from daemon.cli.predict import setup_of
 from daemon.config import CellConfig
 from daemon.config.drivers import DRIVERS
 from daemon.config.findings import Findings
 from daemon.config.load import check_config
 from daemon.job_config import make_procedure
+from daemon.predictions import setup_of
 from procedures.documents import kind_named
 from procedures.kind import load
 from procedures.registry import JOBS

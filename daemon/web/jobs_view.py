@@ -1,4 +1,4 @@
-"""The jobs as the page's start screen lists them, the plan of one, and the numbers of a running arm."""
+"""The jobs as the page's start screen lists them, what is expected of one, and where the arm is."""
 
 import asyncio
 from collections.abc import Mapping
@@ -6,12 +6,14 @@ from typing import Any
 
 from aiohttp import web
 
-from cell.errors import CellError
+from cell.errors import CellError, error
 from daemon.engine import Engine
 from daemon.job_config import make_procedure
+from daemon.predictions import prediction_of
 from daemon.web.answers import Visitors, json_answer
 
 LOOKED_BACK = 500  # runs
+EXPECTED_FOR_S = 30.0  # a prediction takes seconds, and nobody may keep the worker busy with them
 
 
 class JobsView:
@@ -19,9 +21,15 @@ class JobsView:
 
     def __init__(self, engine: Engine, visitors: Visitors) -> None:
         self._engine, self._visitors = engine, visitors
+        self._predicting = asyncio.Lock()
+        self._expected: dict[str, tuple[float, dict[str, Any] | None]] = {}  # with the time when it was made
 
     def routes(self) -> list[web.RouteDef]:
-        return [web.get("/api/jobs", self.jobs), web.get("/api/joints", self.joints)]
+        return [
+            web.get("/api/jobs", self.jobs),
+            web.get("/api/jobs/{job}/expected", self.expected),
+            web.get("/api/joints", self.joints),
+        ]
 
     async def jobs(self, request: web.Request) -> web.Response:
         """Every job with what is missing for it, and how its last runs ended."""
@@ -52,6 +60,22 @@ class JobsView:
         except CellError:
             return name in config.job
         return set(procedure.uses()) <= config.robot.roles().keys()
+
+    async def expected(self, request: web.Request) -> web.Response:
+        """What ``cellward check`` expects of a job, null where that is nothing; ``BUSY`` during a run."""
+        self._visitors.require_look(request)
+        engine, job = self._engine, request.match_info["job"]
+        if job not in engine.jobs:
+            raise error("NOT_FOUND", f"job '{job[:50]}'")
+        async with self._predicting:
+            now = engine.context.clock.now()
+            made, answer = self._expected.get(job, (-EXPECTED_FOR_S, None))
+            if now - made >= EXPECTED_FOR_S:
+                if (run := engine.running) is not None:  # the worker is the run's
+                    raise error("BUSY", f"{run.procedure.name}, run {run.id}")
+                answer = await engine.context.worker.call(prediction_of, engine.context.config, job)
+                self._expected[job] = (now, answer)
+        return json_answer(answer)
 
     async def joints(self, request: web.Request) -> web.Response:
         """Where the arm is: joints (rad); refused while no fresh state of it is there."""

@@ -1,6 +1,6 @@
 """What ``cellward check`` expects of a cone capture: which poses are reached, and how well they tell."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -50,15 +50,23 @@ def cone_expectation(setup: Setup, job: ConeCaptureConfig) -> dict[str, Any]:
     if predicted is not None:
         text += f"; {prediction_text(predicted)}, and a camera of 1280 x 800 pixels and 77 degrees"
     found = {"text": text, "reached": reached, "wanted": wanted, "predicted": predicted}
-    return found | {"problems": list(_beyond_acceptance(job, predicted or {}))}
+    limits = list(_limits(job, predicted or {}))
+    return found | {"limits": limits, "problems": list(_beyond_acceptance(limits, predicted or {}))}
 
 
-def _beyond_acceptance(job: ConeCaptureConfig, predicted: Mapping[str, Any]) -> Iterator[str]:
+def _limits(job: ConeCaptureConfig, predicted: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    for key in ("error95_t_m", "error95_r_rad"):
+        if (value := predicted.get(key)) is not None:
+            limit = getattr(job.accept, key.replace("error95", "max_error"))
+            yield {"job": "cone-capture", "name": key, "value": value, "limit": limit}
+
+
+def _beyond_acceptance(limits: Iterable[Mapping[str, Any]], predicted: Mapping[str, Any]) -> Iterator[str]:
     """Limits of acceptance that the best case misses already: no result can pass them."""
-    for key, unit in (("error95_t_m", "m"), ("error95_r_rad", "rad")):
-        limit_key = key.replace("error95", "max_error")
-        limit, error95 = getattr(job.accept, limit_key), predicted.get(key)
-        if error95 is not None and error95 > limit:
+    for one in limits:
+        key, error95, limit = one["name"], one["value"], one["limit"]
+        limit_key, unit = key.replace("error95", "max_error"), key.rpartition("_")[2]
+        if error95 > limit:
             yield (
                 f"accept.{limit_key} = {limit:g} {unit} is below the predicted 95 % error of "
                 f"{error95:.2g} {unit}, so a result will hardly pass; "

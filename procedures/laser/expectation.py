@@ -1,6 +1,6 @@
 """What ``cellward check`` expects of the crossed beams: slide, height, uncertainty, and what is reached."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from math import degrees, sqrt
 from typing import Any
 
@@ -70,8 +70,9 @@ def laser_expectation(setup: Setup, job: LaserReferenceConfig) -> dict[str, Any]
         "assumed_noise_m": sigma,
         "budget_m2": parts,
         "dominating": dominating(parts),
+        "limits": (limits := list(_limits(setup, job, expected.U_point_m))),
         "problems": [],
-        "cautions": list(_uncertainty(setup, job, expected.U_point_m)),
+        "cautions": list(_beyond(limits)),
     }
 
 
@@ -159,16 +160,25 @@ def _polls(device: str, period: float | None, job: LaserReferenceConfig) -> Iter
         )
 
 
-def _uncertainty(setup: Setup, job: LaserReferenceConfig, U: float) -> Iterator[str]:
+def _limits(setup: Setup, job: LaserReferenceConfig, U: float) -> Iterator[dict[str, Any]]:
+    """What each job that measures a tool will hold against its limit; ``U`` has the reference's part, too."""
+    check = setup.job(LaserCheckConfig) or LaserCheckConfig()
+    update = setup.job(LaserUpdateConfig) or LaserUpdateConfig()
+    for name, value, limit in (
+        ("laser-reference", U / sqrt(2.0), job.max_U_m),
+        ("laser-check", U, check.max_U_m),
+        ("laser-update", U, update.max_U_m),
+    ):
+        yield {"job": name, "name": "U_point_m", "value": value, "limit": limit}
+
+
+def _beyond(limits: Iterable[Mapping[str, Any]]) -> Iterator[str]:
     """Limits that the expected uncertainty is beyond: such a run ends with the verdict fail."""
-    expected: list[tuple[str, float, float]] = [("laser-reference", U / sqrt(2.0), job.max_U_m)]  # U has both
-    expected.append(("laser-check", U, (setup.job(LaserCheckConfig) or LaserCheckConfig()).max_U_m))
-    expected.append(("laser-update", U, (setup.job(LaserUpdateConfig) or LaserUpdateConfig()).max_U_m))
-    for name, found, limit in expected:
-        if found > limit:
+    for one in limits:
+        if one["value"] > one["limit"]:
             yield (
-                f"95 % of the errors of the point are expected below {1e3 * found:.3f} mm, and "
-                f"[job.{name}] max_U_m is {1e3 * limit:g} mm; {SLOWER}"
+                f"95 % of the errors of the point are expected below {1e3 * one['value']:.3f} mm, and "
+                f"[job.{one['job']}] max_U_m is {1e3 * one['limit']:g} mm; {SLOWER}"
             )
 
 

@@ -34,6 +34,9 @@ def slot_expectation(setup: Setup, job: SlotInsertionConfig) -> dict[str, Any]:
     )
     return {
         "text": problems[0] if problems else text,
+        "limits": [
+            {"job": "slot-insertion", "name": "left_open_m", "value": alone, "limit": job.clearance_m}
+        ],
         "clearance_m": job.clearance_m,
         "part_and_rack_95_m": alone,
         "problems": problems,

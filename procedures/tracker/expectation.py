@@ -52,6 +52,14 @@ def tracker_expectation(setup: Setup, job: TrackerSamplingConfig) -> dict[str, A
         "unidentifiable": plan["unidentifiable"],
         "source_rule": plan["source_rule"],
         "by_rule": plan["by_rule"],
+        "limits": [
+            {
+                "job": "tracker-sampling",
+                "name": "predicted_95_m",
+                "value": predicted["error_95_max_m"],
+                "limit": job.accept.max_error_m,
+            }
+        ],
         "problems": [],
         "cautions": cautions,
     }

@@ -14,8 +14,8 @@ from tests.kit.page_rig import TOKENS, PageRig, on_page
 pytestmark = [pytest.mark.wire, needs_chromium]
 
 SCREENS = (
-    "now", "start", "start/laser-check", "run", "result/2", "result/1", "results", "runs", "runs/2",
-    "compare/1/3", "compare/1/2", "trends", "cell", "plc", "teach", "login",
+    "now", "start", "start/laser-check", "start/latency-calibration", "run", "result/2", "result/1",
+    "results", "runs", "runs/2", "compare/1/3", "compare/1/2", "trends", "cell", "plc", "teach", "login",
 )  # fmt: skip
 EVIL = """<script>
 async function ask(init) {{ try {{ await fetch("{url}/api/do/start", init); }} catch (refused) {{}} }}

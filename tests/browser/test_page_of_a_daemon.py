@@ -97,6 +97,14 @@ def test_every_job_says_what_keeps_it_from_starting(subject: PageCell) -> None:
     assert not any(job["configured"] for job in jobs.values())
 
 
+def test_what_check_expects_of_a_job_is_told_before_it_starts(subject: PageCell) -> None:
+    found = subject.get("/api/jobs/latency-calibration/expected")
+    assert found["problems"][0].startswith("[robot] names no device for belt")
+    assert found["limits"] == []
+    assert subject.get("/api/jobs/cone-capture/expected") is None  # it has no section
+    assert subject.get("/api/jobs/polish/expected")["error"]["name"] == "NOT_FOUND"
+
+
 def test_registers_and_who_may_write_are_shown(subject: PageCell) -> None:
     registers = {register["name"]: register for register in subject.get("/api/plc")["registers"]}
     assert registers["packml_state"]["words"] == "idle"

@@ -90,6 +90,7 @@ def write_config(cell: PageCell) -> None:
         f'schema = 1\n[cell]\nname = "bay-3"\ntwin = true\nstate_dir = "{cell.folder / "state"}"\n'
         f'control_socket = "{cell.folder / "control.sock"}"\n'
         f"[robot]\nT_flange_camera_nominal = {POSE}\n[modbus]\nenabled = false\n[poses]\nhome = {[0.0] * 6}\n"
+        f'[job.latency-calibration]\nsource = "belt"\nbelt_z_m = 0.1\n'
         f"{page_section(cell.url)}",
         "utf-8",
     )

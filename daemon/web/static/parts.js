@@ -1,6 +1,7 @@
 // What the screens are made of: cards, buttons that tell what became of them, tables of facts, and figures.
 
 import { get, isStale } from "./cell.js";
+import { degrees, mm } from "./format.js";
 import { html, useEffect, useRef, useState } from "./vendor/htm-preact.js";
 import { t, textOr } from "./texts.js";
 
@@ -74,6 +75,17 @@ export const Dot = ({ state }) => html`<span class=${`dot ${state}`} aria-hidden
 export function Verdict({ verdict }) {
   if (!verdict) return html`<span class="dim">–</span>`;
   return html`<span class=${`verdict ${verdict}`}>${t(`verdict.${verdict}`)}</span>`;
+}
+
+// Each 95 % uncertainty as a bar against the limit that it was held against.
+export function Figures({ figures }) {
+  return figures.map(({ name, value, limit }) => {
+    const show = name.endsWith("_rad") ? (v) => degrees(v, 4) : (v) => mm(v, 3);
+    return html`<div key=${name}>
+      <p class="num">${t(`figure.${name}`)}: <b>${show(value)}</b>${limit && ` · ${t("plot.limit")} ${show(limit)}`}</p>
+      ${limit && html`<meter min="0" max=${limit * 1.25} high=${limit} value=${value} aria-label=${t(`figure.${name}`)}></meter>`}
+    </div>`;
+  });
 }
 
 // A calibration by its name in the ledger, in words.

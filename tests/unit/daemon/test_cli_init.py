@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from daemon.cli import init
-from daemon.cli.predict import found_in, predictions
 from daemon.config import load_config
+from daemon.predictions import found_in, predictions
 from tests.kit.cli_harness import CellOnDisk, CommandLine
 
 OPTIONS = {

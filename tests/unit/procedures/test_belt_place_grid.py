@@ -8,8 +8,8 @@ import pytest
 
 from calibration.kinematics import robot_from_spec
 from cell.poses import from_pose6
-from daemon.cli.predict import setup_of
 from daemon.config import CellConfig
+from daemon.predictions import setup_of
 from fakes.object import run_virtual
 from fakes.world.belt.gripper import Gripper
 from procedures.belt.config import BeltTrackingConfig

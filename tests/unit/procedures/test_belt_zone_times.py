@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calibration.belt.arm_time import MotionLimits, rest_to_rest
-from daemon.cli.predict import setup_of
+from daemon.predictions import setup_of
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.expectation import belt_expectation
 from tests.kit.picking_cell import JOB, picking_config

@@ -16,9 +16,9 @@ from cell.errors import CellError
 from cell.poses import from_pose6
 from cell.store.files import read_json, to_json
 from cell.store.ledger import Ledger
-from daemon.cli.predict import setup_of
 from daemon.cli.replay import differences
 from daemon.config import CellConfig
+from daemon.predictions import setup_of
 from daemon.values import robot_spec
 from fakes.object import run_virtual
 from fakes.world.scenario import Scenario

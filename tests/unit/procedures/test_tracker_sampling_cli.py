@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from daemon.cli.plan_text import plan_text
-from daemon.cli.predict import predictions
 from daemon.cli.result_text import result_text
 from daemon.config import ConfigInvalid
+from daemon.predictions import predictions
 from fakes.object import run_virtual
 from procedures.report import write_report
 from tests.kit.object_cell import no_report, open_cell

@@ -2,7 +2,7 @@
 
 import { ask, may } from "../cell.js";
 import { degrees, mm, moment } from "../format.js";
-import { Action, Actions, calibrationName, Card, Facts, Loading, useGot, Verdict } from "../parts.js";
+import { Action, Actions, calibrationName, Card, Facts, Figures, Loading, useGot, Verdict } from "../parts.js";
 import { html, useState } from "../vendor/htm-preact.js";
 import { t } from "../texts.js";
 
@@ -23,17 +23,6 @@ export function Result({ state, rest }) {
     <${Change} result=${result} />
     <${Card} wide title=${t("result.words")}><pre class="words">${result.words}</pre>
       <p><a href=${`#runs/${result.run_id}`}>${t("now.run", { run: result.run_id })}</a></p></${Card}>`;
-}
-
-// Each 95 % uncertainty as a bar against the limit that it was held against.
-function Figures({ figures }) {
-  return figures.map(({ name, value, limit }) => {
-    const show = name.endsWith("_rad") ? (v) => degrees(v, 4) : (v) => mm(v, 3);
-    return html`<div key=${name}>
-      <p class="num">${t(`figure.${name}`)}: <b>${show(value)}</b>${limit && ` · ${t("plot.limit")} ${show(limit)}`}</p>
-      ${limit && html`<meter min="0" max=${limit * 1.25} high=${limit} value=${value} aria-label=${t(`figure.${name}`)}></meter>`}
-    </div>`;
-  });
 }
 
 function Decide({ result }) {

@@ -2,7 +2,7 @@
 
 import { ask, may } from "../cell.js";
 import { sinceMoment, span } from "../format.js";
-import { Action, calibrationName, Card, Loading, Notice, useGot, useNotice, Verdict } from "../parts.js";
+import { Action, calibrationName, Card, Figures, Loading, Notice, useGot, useNotice, Verdict } from "../parts.js";
 import { html, useState } from "../vendor/htm-preact.js";
 import { t, textOr } from "../texts.js";
 import { dueWords, jobName, NoRole } from "./now.js";
@@ -47,6 +47,18 @@ function Last({ job }) {
 const Obstacle = ({ obstacle }) =>
   html`<div class="notice"><p><b>${t("start.missing")}: ${obstacle.text}</b></p><p>${obstacle.hint}</p></div>`;
 
+// What the configuration and the calibrations in effect promise, against the limits that the result will be held to.
+function Expected({ job }) {
+  const got = useGot(`/api/jobs/${job}/expected`);
+  if (got.error) return html`<${Loading} got=${got} />`;
+  if (got.content === null) return null; // asked for, or a job of which nothing is told
+  const { text, limits, problems = [], cautions = [] } = got.content;
+  return html`<h2>${t("start.expected")}</h2>
+    <${Figures} figures=${limits} />
+    <ul class="plain">${text.split("; ").map((clause) => html`<li key=${clause}>${clause}</li>`)}</ul>
+    ${[...problems, ...cautions].map((finding) => html`<div class="notice" key=${finding}><p>${finding}</p></div>`)}`;
+}
+
 function Prepare({ job, state }) {
   const [plan, setPlan] = useState(null);
   const [clear, setClear] = useState(false);
@@ -72,6 +84,7 @@ function Prepare({ job, state }) {
       <p>${textOr(`about.${job.name}`, "")}</p>
       <${Last} job=${job} />
       ${job.obstacle && html`<${Obstacle} obstacle=${job.obstacle} />`}
+      ${!busy && html`<${Expected} job=${job.name} />`}
       <h2>${t("start.step_plan")}</h2>
       <p>${t("start.plan_about")}</p>
       <div class="actions"><${Action} run=${makePlan} disabled=${busy || !may("operator")}>${t("start.plan")}</${Action}></div>

@@ -1,4 +1,4 @@
-"""What ``cellward check`` expects of each job before anything moves."""
+"""What is expected of each job before anything moves: ``cellward check`` and the page tell it."""
 
 from pathlib import Path
 from typing import Any
@@ -19,18 +19,33 @@ NOMINAL = ("T_flange_camera_nominal", "T_base_camera_nominal", "T_flange_target_
 def predictions(config: CellConfig) -> list[dict[str, Any]]:
     """One entry a configured job that can be predicted: ``job``, ``text``, the figures, and what was found.
 
-    ``problems`` keep the job from succeeding, ``cautions`` do not; each is a sentence with its fix.
+    ``problems`` keep the job from succeeding, ``cautions`` do not; each is a sentence with its fix. Each of
+    ``limits`` has a figure (``name``, ``value``, SI) and the ``limit`` that ``job`` will hold it against.
     """
-    setup, found = setup_of(config), []
-    for name, section in _sections(config).items():
-        if not (expectation := kind_named(JOBS[name].kind).expectation):
-            continue
-        try:
-            expected = load(expectation)(setup, section)
-        except CellError as exc:  # one job that cannot be predicted hides nothing of the others
-            expected = {"text": "no prediction", "problems": [f"{exc}. {exc.hint}"]}
-        found.append({"job": name, **expected})
-    return found
+    setup, sections = setup_of(config), _sections(config)
+    return [made for job, section in sections.items() if (made := _prediction(setup, job, section))]
+
+
+def prediction_of(config: CellConfig, job: str) -> dict[str, Any] | None:
+    """What :func:`predictions` tells of one job, with its own limits alone; None where nothing can be told.
+
+    A job that is expected of nothing by itself goes by the section of another one, as a check of a tool by
+    that of its reference.
+    """
+    setup, sections = setup_of(config), _sections(config)
+    for name in (job, *(other.name for other in JOBS[job].inherits)):
+        if name in sections and (made := _prediction(setup, name, sections[name])):
+            return made | {"limits": [one for one in made.get("limits", ()) if one["job"] == job]}
+    return None
+
+
+def _prediction(setup: Setup, job: str, section: BaseModel) -> dict[str, Any] | None:
+    if not (expectation := kind_named(JOBS[job].kind).expectation):
+        return None
+    try:
+        return {"job": job, **load(expectation)(setup, section)}
+    except CellError as exc:  # one job that cannot be predicted hides nothing of the others
+        return {"job": job, "text": "no prediction", "problems": [f"{exc}. {exc.hint}"]}
 
 
 def found_in(predictions: list[dict[str, Any]], kind: str) -> list[str]:

@@ -1,0 +1,39 @@
+"""What is expected of one job, as the page shows it before anything moves."""
+
+import pickle
+from pathlib import Path
+
+import pytest
+
+from daemon.config import CellConfig, load_config
+from daemon.predictions import prediction_of, predictions
+from procedures.laser.plan import plan_scan
+from tests.kit.object_cell import PLANNERS, write_config
+
+
+@pytest.fixture
+def subject(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> CellConfig:
+    """A cell with crossed beams, as the process that predicts gets it."""
+    monkeypatch.setattr("procedures.laser.expectation.plan_scan", PLANNERS[plan_scan])
+    jobs = {"laser-reference": {"max_descents": 2, "passes": 2}, "laser-update": {"max_U_m": 1e-6}}
+    write_config(tmp_path, "laser:ideal", jobs=jobs)
+    loaded: CellConfig = pickle.loads(pickle.dumps(load_config(tmp_path / "cell.toml")))
+    return loaded
+
+
+def test_a_job_is_told_with_its_own_limits_and_what_check_tells_of_it(subject: CellConfig) -> None:
+    (whole,) = (one for one in predictions(subject) if one["job"] == "laser-reference")
+    found = {}
+    for job in ("laser-reference", "laser-check", "laser-update"):
+        expected = prediction_of(subject, job)
+        assert expected is not None
+        assert expected["text"] == whole["text"]
+        ((found[job]),) = expected["limits"]
+    # A check has the uncertainty of the reference in it, too.
+    assert found["laser-check"]["value"] == pytest.approx(2**0.5 * found["laser-reference"]["value"])
+    assert found["laser-update"]["limit"] == 1e-6
+    assert any("[job.laser-update] max_U_m" in text for text in whole["cautions"])
+
+
+def test_of_a_job_that_is_not_configured_nothing_is_told(subject: CellConfig) -> None:
+    assert prediction_of(subject, "tracker-sampling") is None
