@@ -1,4 +1,4 @@
-"""``cellward export``: a calibration in the form of another program."""
+"""``cellward export``: a calibration in the form of another program, or the store as tables."""
 
 from difflib import get_close_matches
 from pathlib import Path
@@ -8,7 +8,7 @@ import typer
 
 from cell.errors import error
 from daemon.cli.damaged import reading
-from daemon.cli.options import ConfigOption, cell_paths
+from daemon.cli.options import CellPaths, ConfigOption, cell_paths
 from daemon.cli.output import out, say
 
 FORMATS = ("urscript", "ros", "urdf", "yaml", "json", "ur-calibration")
@@ -29,27 +29,46 @@ SCHEMA = "cellward.export/1"
 
 def export(
     name: Annotated[
-        str,
+        str | None,
         typer.Argument(
             help="A calibration in effect (T_flange_camera, T_base_camera, T_flange_tool.TOOL, "
             "kinematics.DEVICE), or a result file.",
             show_default=False,
         ),
-    ],
-    form: Annotated[str, typer.Option("--format", "-f", help=f"{', '.join(FORMATS)}.", show_default=False)],
+    ] = None,
+    form: Annotated[
+        str | None, typer.Option("--format", "-f", help=f"{', '.join(FORMATS)}.", show_default=False)
+    ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Write to this file instead of to the terminal.")
     ] = None,
+    parquet: Annotated[
+        Path | None,
+        typer.Option(
+            "--parquet",
+            metavar="FILE",
+            help="Instead: all runs and results as the tables FILE.runs.parquet and FILE.results.parquet.",
+            show_default=False,
+        ),
+    ] = None,
     config: ConfigOption = None,
 ) -> None:
-    """A calibration in effect for another program: with its direction, version, date and uncertainty."""
+    """A calibration in effect for another program: with its direction, version, date and uncertainty.
+
+    Or, with --parquet, every run and result of the cell for the tools of a plant.
+    """
+    if parquet is not None:
+        if name or form or output:
+            raise error("ARGUMENT_INVALID", "--parquet is of the whole store: leave out NAME, -f and -o")
+        return _tables(parquet, cell_paths(config))
+    if name is None or form is None:
+        raise error("ARGUMENT_INVALID", "give NAME and --format, or --parquet FILE for the whole store")
     if form not in FORMATS:
         near = get_close_matches(form, FORMATS, n=1)
         fix = f"did you mean {near[0]}?" if near else f"there is {', '.join(FORMATS)}"
         raise error("ARGUMENT_INVALID", f"--format {form} is not known; {fix}")
-    if output is not None and not output.absolute().parent.is_dir():
-        folder = output.absolute().parent
-        raise error("ARGUMENT_INVALID", f"{output}: the folder {folder} does not exist")
+    if output is not None:
+        _require_folder(output)
     from daemon.cli.export_source import from_file, from_ledger
 
     path = Path(name)
@@ -70,6 +89,19 @@ def export(
 
     write_atomic(output, text)
     say(f"{exported.name} is in {output}.")
+
+
+def _require_folder(file: Path) -> None:
+    if not (folder := file.absolute().parent).is_dir():
+        raise error("ARGUMENT_INVALID", f"{file}: the folder {folder} does not exist")
+
+
+def _tables(file: Path, paths: CellPaths) -> None:
+    _require_folder(file)
+    from daemon.cli.store_tables import write_tables
+
+    for path, lines in write_tables(paths, file):
+        say(f"{path} has {lines} lines.")
 
 
 def written(exported: Any, form: str) -> str:

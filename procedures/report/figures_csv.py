@@ -20,11 +20,12 @@ def figures_csv(result: Envelope) -> str:
     text = io.StringIO()
     lines = csv.writer(text, lineterminator="\n")
     lines.writerow(COLUMNS)
-    lines.writerows(_rows(result, ""))
+    lines.writerows(figure_rows(result))
     return text.getvalue()
 
 
-def _rows(part: Part, before: str) -> Iterator[Row]:
+def figure_rows(part: Part, before: str = "") -> Iterator[Row]:
+    """Key, value (SI), unit and meaning of everything in it."""
     for name, field in type(part).model_fields.items():
         if name in part.model_fields_set or field.is_required():
             yield from _of(before + (field.alias or name), getattr(part, name), _unit(field), field)
@@ -34,7 +35,7 @@ def _rows(part: Part, before: str) -> Iterator[Row]:
 
 def _of(key: str, value: Any, unit: str, field: FieldInfo | None) -> Iterator[Row]:
     if isinstance(value, Part):
-        yield from _rows(value, f"{key}.")
+        yield from figure_rows(value, f"{key}.")
     elif isinstance(value, Mapping):
         for name, inside in value.items():
             yield from _of(f"{key}.{name}", inside, unit, field)
