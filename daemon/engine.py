@@ -24,6 +24,7 @@ from daemon.config.load import NO_PART_OF_A_RUN
 from daemon.decisions import check_confirmed, check_decidable, require_read, use_of
 from daemon.job_config import make_procedure
 from daemon.losses import Losses
+from daemon.movable import ASKED_BY_S, require_movable
 from daemon.results import note_arm_model, propose_results
 from daemon.run_end import main_figure_of, shown_of, write_end
 from daemon.run_making import make_run, withdraw_run
@@ -38,7 +39,6 @@ from procedures.arm_setup import arm_models, with_job_limits
 log = logging.getLogger("cellward.engine")
 
 WAITING = {PackML.IDLE, PackML.STOPPED, PackML.ABORTED, PackML.COMPLETE}
-START_WAIT_S = 0.5  # for a fresh state of the arm
 
 
 class Engine:
@@ -84,7 +84,7 @@ class Engine:
 
     async def _start(self, request: StartRequest) -> dict[str, Any]:
         procedure = self._make_procedure(request.job, request.params)
-        devices = await self._devices_of(procedure)
+        devices = await self._devices_of(procedure, ASKED_BY_S)
         context = self.context
         if context.broker.latched is not None and not request.dry_run:
             raise error("MOTION_LATCHED", f"the last fault was: {context.broker.latched}")
@@ -300,14 +300,14 @@ class Engine:
             raise error("UNKNOWN_JOB", f"'{job}'; there is {', '.join(sorted(self.jobs))}")
         return make_procedure(cls, self.context.config, params)
 
-    async def _devices_of(self, procedure: Procedure) -> list[str]:
-        """Names of the devices the job uses; refused unless all are READY."""
+    async def _devices_of(self, procedure: Procedure, patience_s: float = 0.0) -> list[str]:
+        """Names of the devices the job uses; refused unless all are READY.
+
+        A program of the robot's own that asks for a job as its last act has ``patience_s`` to end.
+        """
         names = [self.context.device(role).name for role in procedure.uses()]
         if "arm" in procedure.uses():
-            arm = as_kind(self.context.device("arm"), Arm)
-            with suppress(CellError):  # a pause of a moment refuses no start; the check tells all else
-                await arm.wait_fresh(START_WAIT_S)
-            arm.check_movable()
+            await require_movable(as_kind(self.context.device("arm"), Arm), self.context.clock, patience_s)
         return names
 
     def _arm(self) -> Arm | None:

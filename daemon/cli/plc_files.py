@@ -16,15 +16,16 @@ def plc_files(
     ],
     force: Annotated[bool, typer.Option("--force", help="Write over files of these names.")] = False,
 ) -> None:
-    """Write the register table and function blocks for a PLC's project: CSV, PLCopen XML, Structured Text."""
+    """Write the register table and function blocks for a PLC's project, and URScript for a robot program."""
     from daemon.modbus import register_table
-    from daemon.modbus.plc_files import plcopen_xml, register_csv, structured_text
+    from daemon.modbus.plc_files import plcopen_xml, register_csv, robot_script, structured_text
 
     created = datetime.now(UTC).replace(microsecond=0, tzinfo=None).isoformat()
     texts = {
         "registers.csv": register_csv(register_table()),
         "cellward.xml": plcopen_xml(register_table(), created),
         "cellward.st": structured_text(),
+        "cellward.script": robot_script(),
     }
     there = [name for name in texts if (folder / name).exists()]
     if there and not force:

@@ -39,6 +39,11 @@ def structured_text() -> str:
     return files("daemon.modbus").joinpath("plc/cellward.st").read_text("utf-8")
 
 
+def robot_script() -> str:
+    """The functions of a robot program that asks for a check of its tool, as URScript."""
+    return files("daemon.modbus").joinpath("plc/cellward.script").read_text("utf-8")
+
+
 def register_csv(table: RegisterTable) -> str:
     """A row a register, and one for each of its bits and values; RFC 4180."""
     text = io.StringIO()

@@ -85,7 +85,8 @@ def test_files_are_written_and_kept(
     command = CommandLine(monkeypatch, capsys, tmp_path / "cell.toml")
     folder = tmp_path / "plc"
     assert command("plc-files", folder).code == 0
-    assert sorted(p.name for p in folder.iterdir()) == ["cellward.st", "cellward.xml", "registers.csv"]
+    written = {p.name for p in folder.iterdir()}
+    assert written == {"cellward.script", "cellward.st", "cellward.xml", "registers.csv"}
     (folder / "cellward.st").write_text("mine", "utf-8")
     again = command("plc-files", folder)
     assert again.code == 2
