@@ -47,7 +47,7 @@ RESULTS = CELL | {
     "why": "string",
     "kind": "string",
     "verdict": "string",
-    **dict.fromkeys((*POSE, "number", *UNCERTAINTY), "double"),
+    **dict.fromkeys((*POSE, "time_offset_s", "m_per_count", *UNCERTAINTY), "double"),
 }
 
 
@@ -132,9 +132,16 @@ def _results(paths: CellPaths) -> Iterator[dict[str, Any]]:
                 "decided_by": row["who"],
                 **{key: result.get(key) for key in ("kind", "verdict")},
                 **dict(zip(POSE, pose, strict=True)),
-                "number": value if isinstance(value, int | float) else None,
+                **_numbers(value),
                 **{key: uncertainty.get(key) for key in UNCERTAINTY},
             }
+
+
+def _numbers(value: Any) -> dict[str, Any]:
+    """Of a calibration that is no pose: a delay is a number alone, the scale of a belt stands in a table."""
+    held = value if isinstance(value, Mapping) else {}
+    delay = value if isinstance(value, int | float) else None
+    return {"time_offset_s": delay, "m_per_count": held.get("m_per_count")}
 
 
 def _cell(paths: CellPaths, folder: RunFolder | None) -> dict[str, Any]:

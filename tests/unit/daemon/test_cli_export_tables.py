@@ -41,6 +41,7 @@ def cell(tmp_path: Path) -> CellOnDisk:
     with closing(Ledger(made.state / "ledger.sqlite")) as ledger:
         first = ledger.propose("T_flange_camera", CAMERA, hand_eye_result(x_mm=1.0), 1, None)
         ledger.accept(first, "anna", why="as before")
+        ledger.propose("belt_scale.belt", {"m_per_count": 2e-5, "dir": [1.0, 0.0, 0.0]}, {}, 1, None)
         ledger.propose("time_offset_s.camera", 0.012, {"kind": "latency", "verdict": "warn"}, 7, None)
     return made
 
@@ -72,12 +73,13 @@ def test_runs_and_results_are_typed_tables_that_name_their_cell(subject: Command
 
 def test_a_pose_is_six_numbers_with_uncertainty_and_decision(subject: CommandLine, tmp_path: Path) -> None:
     assert subject("export", "--parquet", tmp_path / "line.4").code == 0
-    camera, delay = lines(tmp_path / "line.4.results.parquet")
+    camera, belt, delay = lines(tmp_path / "line.4.results.parquet")
     assert [camera[k] for k in ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")] == CAMERA
     # 0.1 mm along each axis: 95 % of a normal error in space stay within 2.795 sigma.
     assert camera["error_95_m"] == pytest.approx(2.795e-4, rel=1e-3)
     assert (camera["state"], camera["decided_by"], camera["why"]) == ("committed", "anna", "as before")
-    assert (camera["number"], delay["number"], delay["x_m"]) == (None, 0.012, None)
+    assert [row["time_offset_s"] for row in (camera, belt, delay)] == [None, None, 0.012]
+    assert (belt["m_per_count"], belt["cell"], delay["x_m"]) == (2e-5, "bay-3", None)
     # The folder of run 7 is gone: the name is the configured one, the digest of its configuration unknown.
     assert (delay["cell"], delay["config_sha256"], delay["verdict"]) == ("cell", None, "warn")
     assert delay["error_95_m"] is None
