@@ -62,7 +62,7 @@ class JobsView:
         return set(procedure.uses()) <= config.robot.roles().keys()
 
     async def expected(self, request: web.Request) -> web.Response:
-        """What ``cellward check`` expects of a job, null where that is nothing; ``BUSY`` during a run."""
+        """``expected``: what ``cellward check`` tells of a job, null for nothing; ``BUSY`` during a run."""
         self._visitors.require_look(request)
         engine, job = self._engine, request.match_info["job"]
         if job not in engine.jobs:
@@ -75,7 +75,7 @@ class JobsView:
                     raise error("BUSY", f"{run.procedure.name}, run {run.id}")
                 answer = await engine.context.worker.call(prediction_of, engine.context.config, job)
                 self._expected[job] = (now, answer)
-        return json_answer(answer)
+        return json_answer({"expected": answer})
 
     async def joints(self, request: web.Request) -> web.Response:
         """Where the arm is: joints (rad); refused while no fresh state of it is there."""

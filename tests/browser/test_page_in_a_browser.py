@@ -78,6 +78,9 @@ def test_two_runs_are_chosen_and_seen_beside_each_other(subject: PageCell) -> No
         await visitor.sees("Sie unterscheiden sich um mehr, als ihre Unsicherheiten erklären.")
         row = visitor.page.get_by_role("row").filter(has=visitor.page.get_by_text("x", exact=True))
         assert await row.locator("td").all_inner_texts() == ["x", "–", "–", "1,000 mm", "0,141 mm"]
+        await visitor.show("results")
+        link = visitor.page.get_by_role("link", name="mit dem geltenden")
+        assert await link.get_attribute("href") == "#compare/1/3"
         assert visitor.complaints == []
 
     in_browser(use)

@@ -18,14 +18,12 @@ def test_runs_are_listed_newest_first_with_who_started_them(subject: PageCell) -
 
 
 def test_a_run_in_the_list_has_its_main_figure_and_what_became_of_its_results(subject: PageCell) -> None:
-    _, failed, complete = subject.get("/api/runs")
+    newest, failed, complete = subject.get("/api/runs")
     assert (failed["cause"], failed["figure"], failed["report"]) == ("The arm is lost", None, False)
     assert (complete["figure"]["value"], complete["figure"]["unit"]) == (3.1e-4, "m")
     assert complete["report"]
-    assert [(row["state"], row["who"]) for row in complete["decided"]] == [
-        ("committed", "anna"),
-        ("proposed", None),
-    ]
+    decided = [[(row["state"], row["who"]) for row in run["decided"]] for run in (complete, newest)]
+    assert decided == [[("committed", "anna")], [("proposed", None)]]
 
 
 def test_a_failed_run_tells_its_cause_and_its_journal(subject: PageCell) -> None:
@@ -98,10 +96,10 @@ def test_every_job_says_what_keeps_it_from_starting(subject: PageCell) -> None:
 
 
 def test_what_check_expects_of_a_job_is_told_before_it_starts(subject: PageCell) -> None:
-    found = subject.get("/api/jobs/latency-calibration/expected")
+    found = subject.get("/api/jobs/latency-calibration/expected")["expected"]
     assert found["problems"][0].startswith("[robot] names no device for belt")
     assert found["limits"] == []
-    assert subject.get("/api/jobs/cone-capture/expected") is None  # it has no section
+    assert subject.get("/api/jobs/cone-capture/expected") == {"expected": None}  # it has no section
     assert subject.get("/api/jobs/polish/expected")["error"]["name"] == "NOT_FOUND"
 
 

@@ -124,7 +124,7 @@ def fill_store(state: Path) -> None:
         certain = {"uncertainty": {"error95_t_m": 0.00031, "error95_r_rad": 0.0004}}
         first = ledger.propose("T_flange_camera", POSE, {"kind": "hand-eye", "verdict": "pass"}, 1, POSE)
         ledger.accept(first, "anna", why="the first one")
-        ledger.propose("T_flange_camera", FOUND, {**known, **certain}, 1, POSE)
+        ledger.propose("T_flange_camera", FOUND, {**known, **certain}, 3, POSE)
         for value in (0.0001, 0.0002, 0.0004):
             ledger.add_trend("tool.offset_x_m.gripper", value)
 

@@ -12,7 +12,7 @@ export function Compare({ rest: [first, second] }) {
   if (!got.content) return html`${title}<${Card} wide><${Loading} got=${got} /></${Card}>${back}`;
   const { figures, rows, words } = got.content;
   const judged = figures.significant === undefined ? null : figures.significant;
-  const columns = [t("column.figure"), runName(first), runName(second), t("result.difference"), t("compare.sigma")];
+  const columns = [t("compare.quantity"), runName(first), runName(second), t("result.difference"), t("compare.sigma")];
   return html`${title}
     <${Card} wide kind=${judged === null ? "" : judged ? "state wait" : "state"}>
       ${judged !== null && html`<p class="big">${t(judged ? "compare.differ" : "compare.same")}</p>`}

@@ -51,8 +51,9 @@ const Obstacle = ({ obstacle }) =>
 function Expected({ job }) {
   const got = useGot(`/api/jobs/${job}/expected`);
   if (got.error) return html`<${Loading} got=${got} />`;
-  if (got.content === null) return null; // asked for, or a job of which nothing is told
-  const { text, limits, problems = [], cautions = [] } = got.content;
+  if (got.content === null) return html`<p class="dim">${t("start.expecting")}</p>`;
+  if (got.content.expected === null) return null;
+  const { text, limits, problems = [], cautions = [] } = got.content.expected;
   return html`<h2>${t("start.expected")}</h2>
     <${Figures} figures=${limits} />
     <ul class="plain">${text.split("; ").map((clause) => html`<li key=${clause}>${clause}</li>`)}</ul>
