@@ -67,6 +67,13 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
+def contents(path: Path) -> bytes:
+    """What is in ``path``, or an ``OSError``. Of a pipe in its place a reader would wait for ever."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise OSError(errno.EINVAL, "neither a file nor a folder", str(path))
+    return path.read_bytes()
+
+
 def read_json(path: Path, max_bytes: int = MAX_JSON_BYTES) -> Any:
     """The JSON value in ``path``; ``FILE_MISSING`` or ``FILE_UNREADABLE`` say in one sentence what is wrong.
 
@@ -76,7 +83,7 @@ def read_json(path: Path, max_bytes: int = MAX_JSON_BYTES) -> Any:
         size = path.stat().st_size
         if size > max_bytes:
             raise error("FILE_UNREADABLE", f"{path}: {size} bytes, more than the limit of {max_bytes}")
-        return json.loads(path.read_text("utf-8"), parse_constant=_refuse_constant)
+        return json.loads(contents(path).decode("utf-8"), parse_constant=_refuse_constant)
     except FileNotFoundError:
         raise error("FILE_MISSING", f"{path} does not exist") from None
     except OSError as exc:

@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Self
 
 from cell.errors import error
-from cell.store.files import AppendFile
+from cell.store.files import AppendFile, contents
 
 HEADER = b"cellward.framed/1\n"
 MAX_FRAME_BYTES = 64 * 2**20
@@ -76,7 +76,7 @@ def read_framed(path: Path) -> tuple[list[bytes], bool]:
 
 def _read(path: Path) -> bytes:
     try:
-        data = path.read_bytes()
+        data = contents(path)
     except FileNotFoundError:
         raise error("FILE_MISSING", str(path)) from None
     except OSError as exc:

@@ -13,7 +13,7 @@ from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 from cell.errors import error
-from cell.store.files import AppendFile, disk_errors, to_json
+from cell.store.files import AppendFile, contents, disk_errors, to_json
 
 if TYPE_CHECKING:
     from cell.clock import Clock
@@ -31,7 +31,7 @@ class Journal:
         self.path, self._clock = path, clock
         self._lock = Lock()
         with disk_errors(path):
-            lines, end = _scan(path.read_bytes()) if path.exists() else ([], 0)
+            lines, end = _scan(contents(path)) if path.exists() else ([], 0)
         self._seq = 1 + max((int(line["seq"]) for line in lines), default=-1)
         self._file = AppendFile(path, keep=end)
         stamp = datetime.fromtimestamp(wall(), UTC).isoformat(timespec="milliseconds")
@@ -68,7 +68,7 @@ class Journal:
 def read_journal(path: Path) -> list[dict[str, Any]]:
     """All whole lines; one that is torn or damaged is left out. ``FILE_MISSING`` or ``FILE_UNREADABLE``."""
     try:
-        return _scan(path.read_bytes())[0]
+        return _scan(contents(path))[0]
     except FileNotFoundError:
         raise error("FILE_MISSING", str(path)) from None
     except OSError as exc:

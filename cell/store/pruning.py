@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.errors import CellError, error
-from cell.store.files import append_lines, disk_errors, read_json, sync_folder
+from cell.store.files import append_lines, contents, disk_errors, read_json, sync_folder
 from cell.store.fingerprint import SIGNATURES_FILE
 from cell.store.runs import RunFolder, list_runs
 
@@ -136,7 +136,7 @@ def removals_recorded(runs: Path) -> list[dict[str, Any]]:
     """
     path = runs / RECORD_FILE
     try:
-        lines = path.read_text("utf-8", "replace").splitlines()
+        lines = contents(path).decode("utf-8", "replace").splitlines()
     except FileNotFoundError:
         return []
     except OSError as exc:

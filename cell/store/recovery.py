@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.store.calibration_copy import COLUMNS, FILE, copy_or_reason
-from cell.store.files import free_name_aside, write_atomic
+from cell.store.files import contents, free_name_aside, write_atomic
 
 
 def bring_back(db: sqlite3.Connection, folder: Path) -> dict[str, Any]:
@@ -32,7 +32,7 @@ def _kept(copy: Path) -> str | None:
     """The name of a second copy; None where there is none to be read. The first stays until the transaction
     is through: a start that fails before is tried again."""
     try:
-        content = copy.read_bytes()
+        content = contents(copy)
     except OSError:
         return None
     target = free_name_aside(copy)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.errors import CellError, error
-from cell.store.files import append_lines
+from cell.store.files import append_lines, contents
 from cell.store.fingerprint import (
     SIGNATURES_FILE,
     Fingerprint,
@@ -88,7 +88,7 @@ def read_signatures(folder: Path) -> list[Signature]:
     if not path.exists():
         return []
     try:
-        lines = path.read_text("utf-8").splitlines()
+        lines = contents(path).decode("utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as exc:
         raise error("FILE_UNREADABLE", f"{path}: {exc}") from exc
     return [_parsed(line, f"{path}:{number}") for number, line in enumerate(lines, 1)]

@@ -189,7 +189,7 @@ def _read(run: RunFolder, name: str) -> dict[str, Any] | None:
 def _newest_seen(runs: Path, number: int) -> dict[str, Any] | None:
     folder = load_run(runs, number).path
     path = folder / "poses.jsonl"
-    if not path.exists():
+    if not path.is_file():
         return None
     with path.open("rb") as file:
         size = file.seek(0, 2)
