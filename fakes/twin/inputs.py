@@ -24,7 +24,7 @@ class TwinInputs:
         addresses: FakeAddresses,
         bind: str,
         folder: Path,
-        now: Callable[[], float] = time.monotonic,
+        now: Callable[[], float],
     ) -> None:
         self._truth: IoTruth = inputs.truth
         module = Module(

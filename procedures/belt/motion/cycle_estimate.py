@@ -206,12 +206,20 @@ class CycleEstimate:
         except CellError as exc:
             why = exc.detail or str(exc)
             if exc.name == "MOTION_UNREACHABLE":
-                limits = config.limits
-                why = (
-                    f"with {limits.speed_m_s:g} m/s and {limits.accel_m_s2:g} m/s^2 the way beside it leaves "
-                    f"the arm's reach ({why}); raise limits of the job, or let the belt run slower"
-                )
+                why = f"no joints for {why}; {self._cure_at(middle)}"
         return ExpectedCycle(speed_m_s, window, speed_m_s * config.dwell_s, cycle, why)
+
+    def _cure_at(self, along_m: float) -> str:
+        """What would help where an item cannot be followed: an item at rest tells whose fault it is."""
+        limits = self._config.limits
+        try:
+            self._cycle(0.0, along_m)
+        except CellError:
+            return "it is the same with a belt at rest: teach place_pose or wait_pose elsewhere"
+        return (
+            f"with {limits.speed_m_s:g} m/s and {limits.accel_m_s2:g} m/s^2 the tool comes up with it beyond "
+            "the arm's reach: raise limits of the job, or let the belt run slower"
+        )
 
     def _cycle(self, speed_m_s: float, along_m: float) -> float:
         """From leaving the place to leaving it again, s, with contact at ``along_m``."""

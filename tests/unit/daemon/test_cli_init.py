@@ -52,7 +52,24 @@ def test_each_combination_is_loaded_without_a_finding(
 def test_what_is_drafted_for_a_belt_can_be_done_with_it(subject: CommandLine, tmp_path: Path) -> None:
     path = tmp_path / "belt.toml"
     assert subject("init", "-o", path, *OPTIONS["belt"]).code == 0
-    assert found_in(predictions(load_config(path)), "problems") == []
+    expected = predictions(load_config(path))
+    assert found_in(expected, "problems") == []
+    slow = [text for text in found_in(expected, "cautions") if "cannot meet an item" in text]
+    assert slow
+    assert all("raise limits of the job" in text for text in slow)
+
+
+def test_a_place_that_cannot_be_reached_from_the_belt_is_not_blamed_on_the_limits(
+    subject: CommandLine, tmp_path: Path
+) -> None:
+    path = tmp_path / "belt.toml"
+    subject("init", "-o", path, *OPTIONS["belt"])
+    path.write_text(path.read_text().replace("place = [-1.948628", "place = [1.5"))
+    met = [
+        text for text in found_in(predictions(load_config(path)), "cautions") if "cannot meet an item" in text
+    ]
+    assert len(met) == 3
+    assert all("the same with a belt at rest" in text for text in met)
 
 
 def test_addresses_stand_where_they_belong(subject: CommandLine) -> None:
