@@ -118,7 +118,7 @@ def check(
 
 
 def _clauses(job: str, text: str) -> str:
-    """A line for each clause of a prediction; on a terminal none is longer than the terminal is wide."""
+    """A line for each clause of a prediction, broken where a terminal ends that has room for text."""
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
     lines = [f"{job}:"]
     for clause in text.split("; "):

@@ -4,8 +4,8 @@ import os
 import re
 import stat
 from collections.abc import Sequence
-from contextlib import suppress
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,6 +14,9 @@ from cell.store.files import write_atomic
 from daemon.cli.jobs import connect
 from daemon.cli.options import ConfigOption, config_path
 from daemon.cli.output import out, say
+
+if TYPE_CHECKING:
+    from tomlkit.items import Comment, Table, Whitespace
 
 DIGITS = 6  # of a radian: a micrometre at a metre
 
@@ -39,19 +42,44 @@ def save(
         raise error("NOT_NOW", "the arm moves; save the pose when it stands")
     q = [round(value, DIGITS) for value in found["q"]]
     line = f"{name} = {q}"
+    _require_writable(path, line)
     try:
-        text = with_pose(path.read_text("utf-8"), name, q, replace)
+        text = with_pose(path.read_bytes().decode("utf-8"), name, q, replace)
     except CellError as refusal:
         raise error(refusal.name, f"{path}: {refusal.detail}") from None
-    if not os.access(path.parent, os.W_OK):
-        raise error("ARGUMENT_INVALID", f"{path.parent} cannot be written; add to [poses] of {path}: {line}")
     before = path.stat()
-    write_atomic(path, text)
-    path.chmod(stat.S_IMODE(before.st_mode))
-    with suppress(PermissionError):
-        os.chown(path, before.st_uid, before.st_gid)
+    draft = path.with_name(f".{path.name}.pose.tmp")
+    try:
+        write_atomic(draft, text.encode("utf-8"))
+        _require_loads(draft, path)
+        draft.chmod(stat.S_IMODE(before.st_mode))
+        os.chown(draft, before.st_uid, before.st_gid)
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
     out(line)
     say(f"It is in [poses] of {path}; the daemon knows it from its next start on.")
+
+
+def _require_writable(path: Path, line: str) -> None:
+    """The file is replaced as a whole, and stays whose it is."""
+    writable = os.access(path, os.W_OK) and os.access(path.parent, os.W_OK)
+    if not writable or os.geteuid() not in (0, path.stat().st_uid):
+        raise error(
+            "NOT_ALLOWED",
+            f"{path} belongs to somebody else; run it as its owner (sudo), or add to its [poses]: {line}",
+        )
+
+
+def _require_loads(draft: Path, path: Path) -> None:
+    """The daemon will start with it as well as before: a joint beyond its range is no pose."""
+    from daemon.config import load_config
+
+    try:
+        load_config(draft)
+    except CellError as refusal:
+        text = str(refusal).replace(str(draft), str(path))
+        raise error("ARGUMENT_INVALID", f"{path} is left as it was; with this pose: {text}") from None
 
 
 def with_pose(text: str, name: str, q: Sequence[float], replace: bool) -> str:
@@ -60,13 +88,26 @@ def with_pose(text: str, name: str, q: Sequence[float], replace: bool) -> str:
     import tomlkit
     from tomlkit.items import Table
 
-    document = tomlkit.parse(text)
+    of_windows = 0 < text.count("\n") == text.count("\r\n")
+    document = tomlkit.parse(text.replace("\r\n", "\n") if of_windows else text)
     poses = document.setdefault("poses", tomlkit.table())
     if not isinstance(poses, Table):
         raise error("ARGUMENT_INVALID", "poses is no table of its own; write it as [poses]")
     if name in poses and not replace:
-        raise error(
-            "ARGUMENT_INVALID", f"there is a pose '{name}' in [poses] already; --replace overwrites it"
-        )
+        raise error("ARGUMENT_INVALID", f"[poses] has a pose '{name}' already; --replace overwrites it")
+    # A new key would come below the comment that heads the next section: that is set aside meanwhile.
+    rest = _behind_the_last_key(poses) if name not in poses else []
     poses[name] = list(q)
-    return tomlkit.dumps(document)
+    for item in rest:
+        poses.add(item)
+    changed = tomlkit.dumps(document)
+    return changed.replace("\n", "\r\n") if of_windows else changed
+
+
+def _behind_the_last_key(table: "Table") -> list["Comment | Whitespace"]:
+    """Take the blank lines and comments off the end of a table."""
+    body = table.value.body
+    taken = []
+    while body and body[-1][0] is None:
+        taken.append(body.pop()[1])
+    return taken[::-1]

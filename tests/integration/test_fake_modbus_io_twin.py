@@ -1,6 +1,7 @@
 """A twin with an input module and without a camera: what it serves, what it writes, what it refuses."""
 
 import asyncio
+import time
 import tomllib
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -13,6 +14,7 @@ from cell.errors import CellError
 from drivers.modbus_inputs.config import InputsConfig
 from fakes.twin.control import ask
 from fakes.twin.serve import Twin, TwinOptions
+from fakes.wire.ticker import Ticker
 from tests.kit.modbus_io_rig import RawClient
 
 pytestmark = pytest.mark.wire
@@ -182,5 +184,34 @@ def test_an_address_of_the_module_that_is_taken_is_said_in_one_sentence(tmp_path
             assert caught.value.name == "DEVICE_UNREACHABLE"
         finally:
             taken.close()
+
+    twin(tmp_path, script)
+
+
+def test_the_control_cycles_of_the_past_are_done_before_an_answer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Or what they do would change what was answered, when the loop comes to the question first."""
+    due_by_then: list[int] = []
+    real = Ticker.catch_up
+
+    def noted(ticker: Ticker) -> float:
+        now = real(ticker)
+        due_by_then.append(ticker.cycles)
+        return now
+
+    monkeypatch.setattr(Ticker, "catch_up", noted)
+
+    async def script(subject: Twin) -> None:
+        async with await RawClient.open((HOST, 5513)) as client:
+            await client.ask("0400300001")
+            due_by_then.clear()
+            before = subject.controller.ticker.cycles
+            client.put("0400300001")
+            until = time.monotonic() + 0.05
+            while time.monotonic() < until:  # the loop gets no core
+                pass
+            await client.reply()
+            assert due_by_then[0] - before >= 20
 
     twin(tmp_path, script)

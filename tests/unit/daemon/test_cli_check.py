@@ -11,6 +11,7 @@ from calibration.tool_frame.prediction import predict
 from cell.store.ledger import Ledger
 from cell.wire_recording.reader import read_recording
 from daemon.cli import machine
+from daemon.cli.check import _clauses
 from daemon.cli.probe import beyond_its_speed
 from daemon.config import init_text, load_config
 from daemon.demo.fast import write_config as write_demo_config
@@ -399,3 +400,14 @@ def test_a_limit_above_the_controllers_own_is_warned_of(
     found = beyond_its_speed(config, {"device": "arm", "joint_speeds_rad_s": own})
     assert len(found) == bool(told)
     assert all(told in text for text in found)
+
+
+def test_a_clause_is_broken_where_the_terminal_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = "one clause that goes on and on beyond the width of it; another"
+    assert _clauses("job", text) == f"job:\n  {text.split('; ')[0]}\n  another"
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    monkeypatch.setenv("COLUMNS", "50")
+    lines = _clauses("job", text).splitlines()
+    assert max(map(len, lines)) <= 50
+    assert [line for line in lines if line.startswith("  another")]
+    assert len(lines) == 4

@@ -13,7 +13,12 @@ from tests.kit.control_harness import RecordingEngine, served
 
 Q = [0.1, -1.5707963267948966, 1.2, 0.0, -0.5, 3.0]
 LINE = "above = [0.1, -1.570796, 1.2, 0.0, -0.5, 3.0]"
-POSES = "\n[poses]           # always joints\nhome = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]   # upright\n\n[http]\n"
+HEADING = "\n# -- the page --\n\n# on this computer alone\n"
+POSES = (
+    "\n[poses]           # always joints\nhome = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]   # upright\n"
+    + HEADING
+    + "[http]\n"
+)
 
 
 class StandingArm(RecordingEngine):
@@ -75,11 +80,40 @@ def test_an_arm_that_moves_and_a_name_that_is_none_are_refused(
 
 def test_comments_and_other_sections_stay_as_they_are() -> None:
     text = with_pose(POSES, "above", Q, replace=False)
-    assert text.splitlines()[:3] == POSES.splitlines()[:3]
-    assert text.endswith("[http]\n")
-    assert list(tomllib.loads(text)["poses"]) == ["home", "above"]
-    assert with_pose(POSES, "home", Q, replace=True).count("home = ") == 1
+    assert text == POSES.replace("# upright\n", f"# upright\nabove = {Q}\n")
+    assert with_pose(POSES, "home", Q, replace=True) == POSES.replace(str([0.0] * 6), str(Q))
+
+
+def test_a_file_with_the_line_ends_of_windows_keeps_them() -> None:
+    text = with_pose(POSES.replace("\n", "\r\n"), "above", Q, replace=False)
+    assert text.count("\n") == text.count("\r\n") == POSES.count("\n") + 1
 
 
 def test_a_file_without_poses_gets_the_section() -> None:
     assert tomllib.loads(with_pose("schema = 1\n", "above", Q, replace=False))["poses"]["above"] == Q
+
+
+def test_joints_with_which_the_daemon_would_not_start_are_refused(
+    cell: CellOnDisk, subject: CommandLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = cell.config.read_text()
+    monkeypatch.setattr(StandingArm, "joints", lambda _: {"q": [6.2999, *Q[1:]], "moving": False})
+    with served(cell.socket, StandingArm()):
+        done = subject("pose", "save", "above")
+    assert done.code == 2
+    assert "poses.above[0]: 6.2999 rad is beyond the joint's range" in done.err
+    assert "is left as it was" in done.err
+    assert cell.config.read_text() == before
+    assert [path.name for path in cell.config.parent.iterdir() if path.name.startswith(".")] == []
+
+
+def test_a_file_of_somebody_else_is_not_replaced(
+    cell: CellOnDisk, subject: CommandLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = cell.config.read_text()
+    monkeypatch.setattr("os.geteuid", lambda: 54321)
+    with served(cell.socket, StandingArm()):
+        done = subject("pose", "save", "above")
+    assert done.code == 4
+    assert LINE in done.err
+    assert cell.config.read_text() == before

@@ -1,11 +1,16 @@
 """A twin whose process stood still does not blame the client for what it has not read yet."""
 
+import pickle
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform
 
 from fakes.ur.arm import Arm, Tool
 from fakes.ur.inputs import InputOutput, Inputs
 from fakes.world.arm.kinematics import chain
+from fakes.world.arm.segments import PathMove
+from fakes.world.arm.sweep import joints
 from fakes.world.arm.track import Track
 
 
@@ -71,6 +76,26 @@ def test_what_was_before_a_pause_stays_as_it_was(arm: Arm) -> None:
     assert arm.track.at(0.7)[0][0] == arm.track.at(0.9)[0][0] == before[-1]
     assert arm.track.at(1.2)[0][0] == pytest.approx(arm.track.at(1.0)[0][0])
     assert arm.track.at(1.3)[0][0] == pytest.approx(arm.track.at(1.2)[0][0] + 0.1)
+
+
+def test_a_straight_move_goes_on_on_its_path_and_the_beams_see_the_same(arm: Arm) -> None:
+    """The beams look at many times in one call, and the camera's process gets a copy."""
+    q0 = np.array([0.0, -1.5, 1.5, -1.57, -1.57, 0.0])
+    track, believed = Track(0.0, q0), chain("ur10e")
+    start = RigidTransform.from_matrix(believed.matrix(q0))
+    goal = RigidTransform.from_translation([0.0, 0.0, 0.1]) * start
+    track.start_linear_move(0.0, believed, goal, RigidTransform.identity(), 0.1, 1.0)
+    before = track.at(0.4)[0]
+    track.delay(0.9, 0.5)
+    moved = track.segment_at(1.0)
+    assert isinstance(moved, PathMove)
+    assert track.at(0.9)[0] == pytest.approx(before, abs=1e-12)
+    times = np.linspace(0.9, 1.7, 9)
+    one_by_one = np.array([track.at(t)[0] for t in times])
+    np.testing.assert_allclose(joints(moved, times), one_by_one, atol=1e-12)
+    np.testing.assert_allclose(joints(pickle.loads(pickle.dumps(moved)), times), one_by_one, atol=1e-12)
+    arrived = believed.matrix(track.at(track.end_time)[0])[:3, 3]
+    np.testing.assert_allclose(arrived, goal.translation, atol=1e-6)
 
 
 def test_the_arm_is_where_the_next_set_point_has_it(arm: Arm) -> None:
