@@ -106,8 +106,10 @@ def with_pose(text: str, name: str, q: Sequence[float], replace: bool) -> str:
 
 def _behind_the_last_key(table: "Table") -> list["Comment | Whitespace"]:
     """Take the blank lines and comments off the end of a table."""
-    body = table.value.body
-    taken = []
-    while body and body[-1][0] is None:
-        taken.append(body.pop()[1])
-    return taken[::-1]
+    from tomlkit.items import Comment, Whitespace
+
+    body, taken = table.value.body, list[Comment | Whitespace]()
+    while body and isinstance(last := body[-1][1], Comment | Whitespace):
+        taken.insert(0, last)
+        body.pop()
+    return taken
