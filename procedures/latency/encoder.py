@@ -99,7 +99,10 @@ class DelayedEncoder:
         )
 
     async def take(self) -> None:
-        """Until the belt has started and stopped often enough, or does not any more."""
+        """Until the belt has started and stopped often enough, or does not any more.
+
+        ``ENCODER_JUMP`` or ``DEVICE_LOST`` where the counts do not go on from each other, finished or not.
+        """
         run, config = self.run, self.config
         undo = [
             self.encoder.counts.subscribe(self._count),
@@ -108,24 +111,25 @@ class DelayedEncoder:
         self._changed_at = run.clock.now()
         try:
             await run.enter(S.WATCH, f"{config.changes} starts and stops of the belt")
-            while not self._enough():
-                await run.clock.sleep(LOOK_S)
-                await self._keep()
-                if self._origin.changed is not None:
-                    raise self._origin.changed
+            while self._origin.changed is None and not self._enough():
                 if run.wants_rest:
                     await run.enter(S.WATCH)
-                if run.clock.now() - self._changed_at > config.patience_s:
+                elif run.clock.now() - self._changed_at > config.patience_s:
                     why = f"the belt neither started nor stopped for {config.patience_s:g} s"
                     run.note("decision", event="finished early", why=why)
-                    return
+                    break
+                else:
+                    await run.clock.sleep(LOOK_S)
+                    await self._keep()
         except FinishRequested:
-            return
+            pass  # what there is will do
         finally:
             for end in undo:
                 end()
             await asyncio.shield(self.camera.set_items(None))
             await asyncio.to_thread(self._flush)
+        if self._origin.changed is not None:  # also where a hold, or somebody who finishes, came after it
+            raise self._origin.changed
 
     def _enough(self) -> bool:
         config = self.config

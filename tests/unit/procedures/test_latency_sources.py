@@ -118,6 +118,24 @@ def test_a_jump_of_the_count_ends_the_run_by_name(tmp_path: Path) -> None:
     run_virtual(main())
 
 
+@pytest.mark.parametrize("then", ["resume", "finish"])
+def test_a_jump_while_the_run_is_held_ends_it_by_name(tmp_path: Path, then: str) -> None:
+    async def main() -> None:
+        async with picking_cell(late_cell(tmp_path, **BELT, belt_z_m=0.15)) as cell:
+            known(cell, "camera", CAMERA_S)
+            run_id = await cell.start(job=JOB)
+            await cell.until_state("watch")
+            await cell.clock.sleep(1.0)
+            await cell.engine.pause(WHO)
+            await cell.clock.sleep(1.0)
+            cell.plant.plant("belt").inject("wrap", {"before": 30000})
+            await cell.clock.sleep(60.0)  # enough starts, stops and sightings to be done
+            await getattr(cell.engine, then)(WHO)
+            assert (await cell.finished(run_id))["error"]["name"] == "ENCODER_JUMP"
+
+    run_virtual(main())
+
+
 def test_a_belt_that_does_not_stop_ends_the_wait_with_what_is_missing(tmp_path: Path) -> None:
     config = late_cell(tmp_path, "[{ speed_m_s = 0.2 }]", **BELT, belt_z_m=0.15, patience_s=12.0)
 
