@@ -37,7 +37,9 @@ class CountOrigin:
             most = SPARE_M + FASTEST_M_S * (sample.t - last.t)
             if abs(step) <= most:
                 return False
-            if abs(sample.value.raw * self._m_per_count) > most:
+            raw = sample.value.raw
+            from_zero = min(raw, self._encoder.modulus - raw)  # a belt that counts down is below it
+            if abs(from_zero * self._m_per_count) > most:
                 self.jumps.append(step)
                 self._tell("encoder jump", by_m=round(step, 4), most_m=round(most, 4))
                 self.changed = error(

@@ -23,7 +23,8 @@ class Positions:
 
     def __post_init__(self) -> None:
         self.counts: Stream[EncoderState] = Stream("belt", VirtualClock())
-        self.name, self.unwrap, self.t = "belt", Unwrap(MODULUS), 0.0
+        self.name, self.modulus = "belt", MODULUS
+        self.unwrap, self.t = Unwrap(MODULUS), 0.0
         self.told: list[str] = []
         self.subject = CountOrigin(
             cast(Encoder, self), self.belt, lambda event, **what: self.told.append(event)
@@ -70,6 +71,14 @@ def test_a_restart_and_a_position_set_to_zero_count_anew_and_are_not_accused() -
     assert encoder.subject.jumps == []
     assert encoder.subject.changed is not None
     assert encoder.subject.changed.name == "DEVICE_LOST"
+
+
+def test_a_position_set_to_zero_is_not_accused_where_the_belt_counts_down() -> None:
+    encoder = Positions(BELT)
+    assert not any(encoder.send(20000, 19992, 19985))
+    assert encoder.send(-3, -11) == [True, False]
+    assert encoder.told == ["counts begin anew"]
+    assert encoder.subject.jumps == []
 
 
 def test_without_a_known_scale_only_a_restart_is_seen() -> None:
