@@ -10,10 +10,17 @@ upper arm, so nothing is lost (the maker's ROS description limits it in the same
 Offsets of upper arm and forearm along the shoulder axis are those of the maker's ROS description. Radii are
 approximate: the housings of each size class (joint sizes 0..4), rounded up so that a capsule covers the link.
 
-Offsets and radii of UR15 and UR18 are those of the bounds of the maker's drawings (STL) of the like links of
-a UR8 Long, in mm about the joints' axes: base 126 with its connector, shoulder 81; upper arm 79, 112 outside
-the shoulder's face at 109; forearm 63, 88 inside the elbow's face at 134; wrists 51. The maker's ROS
-description has the same drawings of base, shoulder and wrists for all three, and both faces within 9 mm.
+Offsets and radii of UR15 and UR18 come from the maker's drawings (STL) of the like links of a UR8 Long. Their
+bounds, in mm:
+
+- Radii about the joints' axes: base with its connector 126, shoulder 81, upper arm 79, forearm 63, wrists 51.
+- Offset of the upper arm: the shoulder's face is at 109 along the shoulder axis, and the upper arm's middle
+  112 outside that face, so at 221.
+- Offset of the forearm: the elbow's face is at 134 along the same direction, and the forearm's middle 88
+  inside that face, so at 46.
+
+The maker's ROS description has the same drawings of base, shoulder and wrists for UR8 Long, UR15 and UR18. Of
+all three it has the shoulder's face and the elbow's face within 9 mm of these.
 """
 
 from dataclasses import dataclass
