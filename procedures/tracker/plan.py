@@ -151,7 +151,8 @@ class _Planner:
         predicted = self._predicted(solving, solving_target, validation)
         rule = source_rule(solving * self._gear)
         if config.keep_rule:
-            require_kept(rule, solving * self._gear, space.ranges * self._gear[:, None])
+            to_come = np.concatenate([self._done_q[-1:], Q[~held]])  # what is measured stays as it is
+            require_kept(rule.poses, to_come * self._gear, space.ranges * self._gear[:, None], lost)
         self._hold_against_limit(predicted["error_95_max_m"], rule)
         listing = {
             "poses": [self._listed(k, visit) for k, visit in enumerate(visits)],

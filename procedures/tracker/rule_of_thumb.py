@@ -1,11 +1,11 @@
 """The rule of thumb for poses in a plan: 50, and every joint turns by more than 15 degrees to the next."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from calibration.identification.selection import RULE_ANGLE, SourceRule
+from calibration.identification.selection import RULE_ANGLE, RULE_POSES, SourceRule
 from cell.errors import error
 from cell.poses import Array
 from procedures.tracker.visit_order import travel
@@ -35,20 +35,30 @@ def short_steps(links: Array) -> Array:
     return short
 
 
-def require_kept(rule: SourceRule, links: Array, ranges: Array) -> None:
-    """``TRACKER_PLAN_REFUSED`` where it is not kept, with the joint that turns too little most often.
+def require_kept(poses: int, links: Array, ranges: Array, lost: Sequence[Mapping[str, Any]]) -> None:
+    """``TRACKER_PLAN_REFUSED`` where steps still to be made are too short, with the joint that turns too
+    little most often, or where fewer than 50 ``poses`` to solve from are left, with why some were ``lost``.
 
-    ``links`` (n, j) are the poses in their order and ``ranges`` (j, 2) what a joint may be, rad at the links.
+    ``links`` (n, j) are the poses still to come in their order, after the last measured one if there is one,
+    and ``ranges`` (j, 2) what a joint may be, rad at the links.
     """
-    if rule.kept:
-        return
-    worst = int(np.argmax(short_steps(links).sum(axis=0)))
-    raise error(
-        "TRACKER_PLAN_REFUSED",
-        f"keep_rule: {rule_text(rule)}; most often joint {worst + 1}, whose range is "
-        f"{np.degrees(np.ptp(ranges[worst])):.0f} deg: widen joint_ranges_rad or the space that is free and "
-        "seen, or leave keep_rule out",
-    )
+    short = short_steps(links)
+    if count := int(short.any(axis=1).sum()):
+        worst = int(np.argmax(short.sum(axis=0)))
+        range_deg = np.degrees(np.ptp(ranges[worst]))
+        raise error(
+            "TRACKER_PLAN_REFUSED",
+            f"keep_rule: {poses} of {RULE_POSES} poses, {count} steps to come with a joint that moves 15 deg "
+            f"or less; most often joint {worst + 1}, whose range is {range_deg:.0f} deg: widen "
+            "joint_ranges_rad or the space that is free and seen, or leave keep_rule out",
+        )
+    if poses < RULE_POSES:
+        why = f"; {len(lost)} have no free way to them, the first one: {lost[0]['why']}" if lost else ""
+        raise error(
+            "TRACKER_PLAN_REFUSED",
+            f"keep_rule: {poses} of {RULE_POSES} poses to solve from are left{why}. Raise poses, or leave "
+            "keep_rule out",
+        )
 
 
 def rule_cost(path: Array, shortest: Array, limits: Mapping[str, Any] | None) -> dict[str, float]:

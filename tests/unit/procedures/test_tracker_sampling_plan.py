@@ -21,7 +21,7 @@ from procedures.tracker.feasible_poses import Space, make_space
 from procedures.tracker.line_of_sight import REASONS
 from procedures.tracker.plan import PlanRequest, SamplingPlan, plan_sampling
 from procedures.tracker.plan_words import tracker_plan_lines
-from procedures.tracker.visit_order import blocked, shortest, tour
+from procedures.tracker.visit_order import FarSteps, Tour, blocked, shortest, tour
 from tests.kit.tracker_cell import BRISK, nominal_tracker, reflectors, rms
 
 NOISE = {"sigma0": 15e-6, "sigma_per_m": 6e-6}
@@ -252,6 +252,43 @@ def test_a_run_that_is_taken_up_keeps_the_rule_from_its_last_pose_on() -> None:
     Q = np.array([visit.q for visit in (*first, *plan.visits) if not visit.held_out])
     assert len(Q) == 50
     assert np.degrees(np.abs(np.diff(Q, axis=0)).min()) > 15.0
+
+
+def test_a_run_whose_poses_were_measured_in_another_order_is_taken_up_and_does_not_claim_the_rule() -> None:
+    asked = request(poses=63, keep_rule=True)
+    first = plan_sampling(asked).visits[:30]
+    here = np.array(HOME)
+    measured = [first[row] for row in shortest(here, np.array([visit.q for visit in first]))]
+    done = np.array([visit.q for visit in measured if not visit.held_out])
+    assert np.degrees(np.abs(np.diff(done, axis=0)).min()) < 15.0
+    plan = plan_sampling(
+        replace(asked, measured=[(visit.q, visit.reflector, visit.held_out) for visit in measured])
+    )
+    assert not plan.listing["source_rule"]["kept"]
+    to_come = np.array([done[-1], *(visit.q for visit in plan.visits if not visit.held_out)])
+    assert len(done) + len(to_come) - 1 == 50
+    assert np.degrees(np.abs(np.diff(to_come, axis=0)).min()) > 15.0
+
+
+def test_poses_that_are_lost_break_the_rule_by_their_number_and_no_joint_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def losing(*asked: Any) -> Tour:
+        found, far = tour(*asked), asked[-1]
+        if not isinstance(far, FarSteps):
+            return found
+        first = next(k for k, row in enumerate(found.rows) if far.counted[row])
+        rows, via = list(found.rows), list(found.via)
+        del via[first]
+        return Tour(rows, via, {rows.pop(first): "the pillar is in the way"})
+
+    monkeypatch.setattr("procedures.tracker.plan.tour", losing)
+    with pytest.raises(
+        CellError, match=r"49 of 50 poses .* left; 1 have no .*: the pillar is in the way. Raise poses"
+    ) as caught:
+        plan_sampling(request(poses=63, keep_rule=True))
+    assert caught.value.name == "TRACKER_PLAN_REFUSED"
+    assert "joint" not in caught.value.detail
 
 
 def test_a_rule_that_a_joint_cannot_keep_is_refused_with_the_joint() -> None:
