@@ -230,7 +230,7 @@ class _Planner:
 
         A reflector that a person carries is carried once from nest to nest.
         """
-        last = self._done_q[-1] if len(self._done_q) else start
+        last = self._done_q[-1] if len(self._done_q) else None
         least = RULE_ANGLE / np.maximum(self._gear, 1e-12)
         Q, target = poses.q, poses.target
         each = range(len(self._config.reflectors)) if self._config.swap_by_operator else [None]
@@ -254,8 +254,9 @@ class _Planner:
             rows = [row for row, _ in order if not poses.held_out[row]]
             before = self._done_q[-1:]
             short = short_steps(np.concatenate([before, poses.q[rows]]) * self._gear).any(axis=1)
-            steps = np.flatnonzero(short) + 1 - len(before)
-            tried = (self._exchanged(poses, rows, int(k), validation) for k in steps)
+            ends = np.flatnonzero(short) + 1 - len(before)
+            either = [int(k) for k in (*ends, *(ends - 1)) if k >= 0]
+            tried = (self._exchanged(poses, rows, k, validation) for k in either)
             if (other := next((found for found in tried if found is not poses), None)) is None:
                 break
             poses = other

@@ -31,17 +31,20 @@ class Tour:
 @dataclass(frozen=True, eq=False)
 class FarSteps:
     """Every joint shall turn by more than ``least`` (j,) rad from each pose of ``counted`` (n,) to the next
-    one of them, and from ``last`` (j,) to the first. The others come in between, where it is not far."""
+    one of them, and to the first from ``last`` (j,), which was counted before them; None: nothing was. The
+    others come in between, where it is not far."""
 
-    last: Array
+    last: Array | None
     least: Array
     counted: NDArray[np.bool_]
 
-    def order(self, Q: Array) -> list[int]:
-        """An order of ``Q`` (n, j) with little travel, and as few steps that are too short as is found."""
-        points = np.vstack([self.last[None], Q])
-        away = _away(points)
-        away[np.any(np.abs(points[:, None] - points[None]) <= self.least, axis=2)] += _TOO_SHORT_RAD
+    def order(self, start: Array, Q: Array) -> list[int]:
+        """An order of ``Q`` (n, j) with little travel from ``start`` (j,), and as few steps that are too
+        short as is found."""
+        away = _away(np.vstack([start[None], Q]))
+        away[1:, 1:][self._short(Q[:, None], Q[None])] += _TOO_SHORT_RAD
+        if self.last is not None:
+            away[0, 1:][self._short(self.last, Q)] += _TOO_SHORT_RAD
         solving = np.concatenate([[0], np.flatnonzero(self.counted) + 1])
         path = [0, *(int(solving[row + 1]) for row in _order(away[np.ix_(solving, solving)]))]
         for k in np.flatnonzero(~self.counted) + 1:
@@ -50,11 +53,15 @@ class FarSteps:
             path.insert(int(np.argmin(longer)) + 1 if len(longer) else 1, int(k))
         return [k - 1 for k in path[1:]]
 
+    def _short(self, q0: Array, q1: Array) -> NDArray[np.bool_]:
+        short: NDArray[np.bool_] = np.any(np.abs(q0 - q1) <= self.least, axis=-1)
+        return short
+
 
 def tour(start: Array, Q: Array, check: Check, hub: Array, far: FarSteps | None = None) -> Tour:
     """Visit all of ``Q`` (n, j) from ``start`` (j,), straight in joint space or by way of ``hub`` (j,)."""
     here, rows, via, lost = start, list[int](), list[bool](), dict[int, str]()
-    waiting = shortest(start, Q) if far is None else far.order(Q)
+    waiting = shortest(start, Q) if far is None else far.order(start, Q)
     for last_try in (False, True):
         postponed = []
         for row in waiting:

@@ -16,6 +16,7 @@ from cell.poses import Array, from_pose6
 from cell.run_values import RunValues
 from fakes.world.scenario import Scenario
 from fakes.world.world import World
+from procedures.tracker import plan as planning
 from procedures.tracker.config import TrackerSamplingConfig
 from procedures.tracker.feasible_poses import Space, make_space
 from procedures.tracker.line_of_sight import REASONS
@@ -289,6 +290,26 @@ def test_poses_that_are_lost_break_the_rule_by_their_number_and_no_joint_is_name
         plan_sampling(request(poses=63, keep_rule=True))
     assert caught.value.name == "TRACKER_PLAN_REFUSED"
     assert "joint" not in caught.value.detail
+
+
+def test_the_first_step_is_free_where_no_pose_was_measured_before() -> None:
+    start, Q = np.array([0.0]), np.array([[0.1], [1.0], [0.5]])
+    least, counted = np.array([0.3]), np.ones(3, dtype=bool)
+    assert FarSteps(None, least, counted).order(start, Q) == [0, 2, 1]
+    assert FarSteps(start, least, counted).order(start, Q)[0] != 0
+
+
+def test_the_earlier_pose_of_a_short_step_gives_way_where_the_later_one_cannot() -> None:
+    here = np.array(HOME)
+    only, first, later = here - 0.2, here, here + 0.1
+    asked = request(poses=63, keep_rule=True)
+    config = TrackerSamplingConfig.model_validate(asked.config)
+    subject = planning._Planner(asked, config, space_of(asked))
+    subject._candidates = only[None], np.zeros(1, dtype=np.int64)
+    chosen = planning._Poses(np.array([first, later]), np.zeros(2, dtype=np.int64), np.zeros(2, dtype=bool))
+    validation = here + np.linspace(-0.5, 0.5, 5)[:, None]
+    found = subject._with_far_steps(here, chosen, validation)
+    assert found.q.tolist() == [only.tolist(), later.tolist()]
 
 
 def test_a_rule_that_a_joint_cannot_keep_is_refused_with_the_joint() -> None:
