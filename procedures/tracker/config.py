@@ -92,7 +92,7 @@ class TrackerSamplingConfig(Strict):
     keep_rule: bool = Field(
         default=False,
         description="plan by the rule of thumb: at least 50 poses to solve from, and every joint turns by "
-        "more than 15 degrees from one of them to the next; nothing moves where that cannot be had",
+        "more than 15 degrees from one of them to the next; no pose is measured where that cannot be had",
     )
     monument_every: int = Field(default=10, ge=1, le=500, description="poses between looks at the monuments")
     max_drift_m: float = Field(
