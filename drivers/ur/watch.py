@@ -67,7 +67,8 @@ class Watch:
             async with asyncio.timeout(timeout):
                 verdict = await asyncio.shield(self._outcome)
         except TimeoutError:
-            raise error("CALL_TIMEOUT", f"{what} did not end in {timeout:.1f} s") from None
+            late = error("CALL_TIMEOUT", f"{what} did not end in {timeout:.1f} s")
+            raise await self._explained(late) from None
         if verdict is _GONE:
             raise await self._why_gone()
         if isinstance(verdict, CellError):
@@ -112,8 +113,8 @@ class Watch:
             self.end(_GONE)
 
     async def _explained(self, verdict: CellError) -> CellError:
-        """``verdict``; where the arm rests elsewhere because our beat was late, that."""
-        if verdict.name == "ARM_NOT_AT_TARGET":
+        """``verdict``; where the arm rests elsewhere, or did not come, because our beat was late, that."""
+        if verdict.name in ("ARM_NOT_AT_TARGET", "CALL_TIMEOUT"):
             await asyncio.sleep(TOLD_LATE_S)  # a loop that stood still reads what the child told last
             if self._client.withheld or self._script.end is ScriptEnd.OURS:
                 return _watchdog("the daemon's beat" if self._client.withheld else "the motion client")

@@ -55,5 +55,11 @@ def test_one_that_our_late_beat_stopped_did_not() -> None:
     assert outcome(EVERY, end=ScriptEnd.OURS) == "MOTION_WATCHDOG"
 
 
+def test_a_move_that_our_late_beat_stopped_does_not_blame_the_arm_when_its_time_is_over() -> None:
+    """The first thing that a loop finds which stood still for long is that the time is over."""
+    assert outcome([0.01]) == "CALL_TIMEOUT"
+    assert outcome([0.01], withheld_after=1) == "MOTION_WATCHDOG"
+
+
 def test_rest_that_was_not_seen_does_not_count() -> None:
     assert outcome([0.01, 0.01 + 1.5 * STUCK_S]) == "CALL_TIMEOUT"
