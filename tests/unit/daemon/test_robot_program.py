@@ -120,8 +120,13 @@ def test_the_question_is_the_last_act_of_the_program_and_starts_one_check(robot:
     plant = Checked(robot)
 
     async def scene(signals: Signals) -> None:
-        for _ in range(2):
+        for asked in (1, 2):
             await run_program(robot, signals, 'cellward_check_tool()\ntextmsg("went on")')
+            for _ in range(500):  # the server answers a write before it carries out the command
+                if len(plant.commands) == asked:
+                    break
+                await asyncio.sleep(0.01)
+            await signals.exchange()
 
     play(scene, plant)
     assert [(c.code, c.job, c.sequence) for c in plant.commands] == [(1, 3, 1), (1, 3, 2)]

@@ -56,12 +56,12 @@ def test_a_position_that_somebody_sets_is_told_and_no_item_is_met_by_it(tmp_path
         async with picking_cell(picking_config(tmp_path, {"picks": 3})) as cell:
             run_id = await cell.start()
             await cell.until_state("descend")
-            inject(cell, "belt", "wrap", before=20)  # by a jump
+            inject(cell, "belt", "wrap", before=30_000)  # by a jump
             struck = cell.clock.now()
             end = await cell.finished(run_id)
             assert end["outcome"] == "complete"
             (note,) = cell.notes(run_id, "encoder jump")
-            assert note["by_m"] > 0.01
+            assert abs(note["by_m"]) > 0.01
             assert counted(cell, run_id)["lost"] >= 1
             assert np.max(off_since(cell, struck)) < 0.5e-3
             assert "belt.jump" in {w["code"] for w in cell.result(run_id)["warnings"]}
