@@ -1,24 +1,11 @@
 """``cellward audit`` reads the ledger, without a daemon."""
 
 import json
-from pathlib import Path
 
 import pytest
 
 from cell.store.ledger import Ledger
 from tests.kit.cli_harness import CellOnDisk, CommandLine
-
-
-@pytest.fixture
-def cell(tmp_path: Path) -> CellOnDisk:
-    return CellOnDisk(tmp_path)
-
-
-@pytest.fixture
-def subject(
-    cell: CellOnDisk, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> CommandLine:
-    return CommandLine(monkeypatch, capsys, cell.config)
 
 
 @pytest.fixture

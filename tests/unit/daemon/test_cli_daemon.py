@@ -5,7 +5,6 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -52,20 +51,8 @@ class TalkingEngine(RecordingEngine):
 
 
 @pytest.fixture
-def cell(tmp_path: Path) -> CellOnDisk:
-    return CellOnDisk(tmp_path)
-
-
-@pytest.fixture
 def engine() -> TalkingEngine:
     return TalkingEngine()
-
-
-@pytest.fixture
-def subject(
-    cell: CellOnDisk, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> CommandLine:
-    return CommandLine(monkeypatch, capsys, cell.config)
 
 
 def test_status_shows_state_devices_and_what_to_do(

@@ -46,13 +46,6 @@ def cell(tmp_path: Path) -> CellOnDisk:
     return made
 
 
-@pytest.fixture
-def subject(
-    cell: CellOnDisk, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> CommandLine:
-    return CommandLine(monkeypatch, capsys, cell.config)
-
-
 def lines(path: Path) -> list[dict[str, Any]]:
     return pq.read_table(path, use_threads=False).to_pylist()
 

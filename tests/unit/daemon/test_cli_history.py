@@ -16,18 +16,6 @@ from procedures.documents import read_result
 from tests.kit.cli_harness import CellOnDisk, CommandLine, hand_eye_result
 
 
-@pytest.fixture
-def cell(tmp_path: Path) -> CellOnDisk:
-    return CellOnDisk(tmp_path)
-
-
-@pytest.fixture
-def subject(
-    cell: CellOnDisk, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> CommandLine:
-    return CommandLine(monkeypatch, capsys, cell.config)
-
-
 def test_runs_lists_every_run_with_how_it_ended(cell: CellOnDisk, subject: CommandLine) -> None:
     cell.add_run(1, outcome="complete", verdict="pass")
     cell.add_run(2)

@@ -1,7 +1,6 @@
 """The command line about crossed-beam jobs: results, versions and plans in readable words."""
 
 import json
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -58,18 +57,6 @@ def laser_result(x_mm: float = 1.2, tool: str = "pin", **parts: Any) -> dict[str
         "inputs": {"tool": tool},
     }
     return whole(named | parts)
-
-
-@pytest.fixture
-def cell(tmp_path: Path) -> CellOnDisk:
-    return CellOnDisk(tmp_path)
-
-
-@pytest.fixture
-def subject(
-    cell: CellOnDisk, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> CommandLine:
-    return CommandLine(monkeypatch, capsys, cell.config)
 
 
 def test_show_tells_a_measured_tool_in_millimetres_and_degrees(

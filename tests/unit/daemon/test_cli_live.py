@@ -37,11 +37,6 @@ class PickingEngine(RecordingEngine):
 
 
 @pytest.fixture
-def cell(tmp_path: Path) -> CellOnDisk:
-    return CellOnDisk(tmp_path)
-
-
-@pytest.fixture
 def subject(
     cell: CellOnDisk, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> CommandLine:

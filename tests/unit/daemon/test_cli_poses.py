@@ -2,7 +2,6 @@
 
 import stat
 import tomllib
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -26,18 +25,6 @@ class StandingArm(RecordingEngine):
 
     def joints(self) -> dict[str, Any]:
         return {"q": Q, "moving": self.moving}
-
-
-@pytest.fixture
-def cell(tmp_path: Path) -> CellOnDisk:
-    return CellOnDisk(tmp_path)
-
-
-@pytest.fixture
-def subject(
-    cell: CellOnDisk, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> CommandLine:
-    return CommandLine(monkeypatch, capsys, cell.config)
 
 
 def test_where_the_arm_stands_is_written_by_its_name(cell: CellOnDisk, subject: CommandLine) -> None:

@@ -28,13 +28,6 @@ def cell(tmp_path: Path) -> CellOnDisk:
     return cell
 
 
-@pytest.fixture
-def subject(
-    cell: CellOnDisk, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> CommandLine:
-    return CommandLine(monkeypatch, capsys, cell.config)
-
-
 def tear(path: Path) -> None:
     """The last page is lost, which holds indexes: tables before it can still be read."""
     data = path.read_bytes()

@@ -35,13 +35,6 @@ def cell(tmp_path: Path) -> CellOnDisk:
     return found
 
 
-@pytest.fixture
-def subject(
-    cell: CellOnDisk, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> CommandLine:
-    return CommandLine(monkeypatch, capsys, cell.config)
-
-
 def run_of(cell: CellOnDisk) -> RunFolder:
     path = next((cell.state / "runs").glob("*_1"))
     return RunFolder(path, 1, "cone-capture", {})

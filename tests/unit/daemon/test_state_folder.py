@@ -19,18 +19,6 @@ from tests.kit.cli_harness import CellOnDisk, CommandLine
 
 
 @pytest.fixture
-def cell(tmp_path: Path) -> CellOnDisk:
-    return CellOnDisk(tmp_path)
-
-
-@pytest.fixture
-def subject(
-    cell: CellOnDisk, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> CommandLine:
-    return CommandLine(monkeypatch, capsys, cell.config)
-
-
-@pytest.fixture
 def ledger(cell: CellOnDisk) -> Iterator[Ledger]:
     make_state_folder(cell.state)
     opened = Ledger(cell.state / "ledger.sqlite")
