@@ -9,6 +9,7 @@ told in seconds: of the processor for a command, so that a busy machine accuses 
 request.
 """
 
+import argparse
 import contextlib
 import io
 import json
@@ -144,12 +145,18 @@ def measure(count: int, seed: int, folder: Path, names: tuple[str, ...] = ()) ->
 
 
 def main(words: list[str]) -> int:
-    count, seed = (int(words[k]) if len(words) > k else v for k, v in enumerate((COUNT, SEED)))
+    parser = argparse.ArgumentParser(
+        prog="python -m bench.mutations", description=(__doc__ or "").splitlines()[0]
+    )
+    parser.add_argument("count", type=int, nargs="?", default=COUNT)
+    parser.add_argument("seed", type=int, nargs="?", default=SEED)
+    parser.add_argument("kinds", nargs="*", help="such as laser or 'modbus requests'; all without")
+    options = parser.parse_args(words)
     heads = "".join(f"exit {c:<3}" for c in CODES)
     print(f"{'kind':<22}{heads}faults  nonsense  longest s", flush=True)
     wrong = False
     with tempfile.TemporaryDirectory() as folder:
-        for name, tally in measure(count, seed, Path(folder), tuple(words[2:])):
+        for name, tally in measure(options.count, options.seed, Path(folder), tuple(options.kinds)):
             codes = "".join(f"{tally.codes[c]:<8}" for c in CODES)
             print(f"{name:<22}{codes}{len(tally.faults):<8}{len(tally.nonsense):<10}{tally.longest:.1f}")
             lines = [*tally.faults, *tally.nonsense]

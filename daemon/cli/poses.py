@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cell.errors import CellError, error
-from cell.store.files import write_atomic
+from cell.store.files import disk_errors, sync_folder
 from daemon.cli.jobs import connect
 from daemon.cli.options import ConfigOption, config_path
 from daemon.cli.output import out, say
@@ -50,11 +50,16 @@ def save(
     before = path.stat()
     draft = path.with_name(f".{path.name}.pose.tmp")
     try:
-        write_atomic(draft, text.encode("utf-8"))
+        with disk_errors(draft), draft.open("wb") as file:
+            draft.chmod(0o600)  # what cell.toml holds may not be for everybody
+            file.write(text.encode("utf-8"))
+            file.flush()
+            os.fsync(file.fileno())
         _require_loads(draft, path)
         draft.chmod(stat.S_IMODE(before.st_mode))
         os.chown(draft, before.st_uid, before.st_gid)
         draft.replace(path)
+        sync_folder(path.parent)
     finally:
         draft.unlink(missing_ok=True)
     out(line)
