@@ -26,6 +26,7 @@ from procedures.belt.item_tracking import BeltWatch
 from procedures.belt.items import Outcome
 from procedures.belt.live import BeltLive
 from procedures.belt.motion.arm_following import ArmFollowing
+from procedures.belt.motion.grip_alarm import grip_alarm
 from procedures.belt.motion.gripper_times import GripperTimes
 from procedures.belt.motion.gripper_work import STUCK
 from procedures.belt.motion.picker import Picker
@@ -346,7 +347,7 @@ class _Picking:
     async def _alarm(self) -> None:
         """Grip after grip took nothing: somebody has to look, and the arm rests."""
         failed = self.bookkeeping.failed_in_a_row
-        alarm = error("GRIPS_FAILED", f"{failed} in a row")
+        alarm = error("GRIPS_FAILED", grip_alarm(failed, self.arm_following, self.gripper_times))
         if self.config.on_failed_grips == "end":
             raise alarm
         self.run.note("error", **alarm.as_dict())

@@ -15,6 +15,7 @@ from fakes.world.belt.item_truth import GripperTruth
 
 _SPAN_S = 0.002  # over which the motion of tool and item is compared
 _LOOK_BACK_S = 4.0
+_LIFTED_S = 0.1  # a tool that comes down somewhere else has been up for longer
 _TOUCH_M = 0.0005  # this far above an item's face the tool is in contact
 
 
@@ -134,7 +135,7 @@ class Gripper:
         touching, before = t, t
         step = _SPAN_S
         while (off := gap(before))[2] <= _TOUCH_M:  # a controller's cycle pays for this: few looks
-            touching, before, step = before, before - step, 2.0 * step
+            touching, before, step = before, before - step, min(2.0 * step, _LIFTED_S)
             if t - before > _LOOK_BACK_S:
                 break
         if before == t:

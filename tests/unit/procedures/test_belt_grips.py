@@ -1,5 +1,6 @@
 """What picking makes of items and grips that are not as they should be, on virtual time."""
 
+import re
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -58,6 +59,44 @@ def test_fingers_that_refuse_are_counted_and_each_item_is_tried_twice(tmp_path: 
             assert sorted(closings.values()) == [1, 1, 2, 2]
             assert cell.result(run_id)["result"]["success"] == 0.5
             agrees_with_the_world(cell, run_id)
+
+    run_virtual(scene())
+
+
+def test_grip_after_grip_that_takes_nothing_ends_the_job_and_says_what_is_known_of_them(
+    tmp_path: Path,
+) -> None:
+    async def scene() -> None:
+        config = picking_config(tmp_path, {"failed_grips": 2}, {"confirm": "7\nwithin_m = 1e-9"})
+        async with picking_cell(config) as cell:
+            run_id = await cell.start()
+            end = await cell.finished(run_id)
+            assert (end["outcome"], end["error"]["name"]) == ("aborted", "GRIPS_FAILED")
+            assert len(lives(cell, run_id, Outcome.GRIP_FAILED)) == 2
+            off, following, lag = map(float, re.findall(r"([0-9.]+) (?:mm|ms)", end["error"]["text"]))
+            assert off == pytest.approx(1e3 * np.linalg.norm(contact_errors(cell), axis=1).max(), abs=0.3)
+            assert following < 0.5
+            assert 0.0 <= lag < 100.0
+            assert "has not confirmed an item yet" in end["error"]["text"]
+
+    run_virtual(scene())
+
+
+def test_an_alarm_of_grips_that_is_held_counts_from_zero_once_somebody_has_looked(tmp_path: Path) -> None:
+    async def scene() -> None:
+        job = {"failed_grips": 2, "on_failed_grips": "hold", "picks": 1}
+        config = picking_config(tmp_path, job, {"confirm": "7\nwithin_m = 1e-9"})
+        async with picking_cell(config) as cell:
+            run_id, gripper = await cell.start(), gripper_of(cell)
+            await cell.until(lambda: cell.engine.status()["prompt"], "a prompt", 60.0)
+            await cell.clock.sleep(5.0)
+            assert cell.at_rest()
+            assert counted(cell, run_id)["grip failed"] == 2, "nothing is picked meanwhile"
+            await cell.answer()
+            await cell.until(lambda: counted(cell, run_id)["grip failed"] == 3, "one more", 60.0)
+            gripper.truth = gripper.truth.model_copy(update={"within_m": 0.003})
+            end = await cell.finished(run_id)
+            assert (end["outcome"], counted(cell, run_id)["picked"]) == ("complete", 1)
 
     run_virtual(scene())
 
