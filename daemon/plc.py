@@ -28,7 +28,10 @@ COUNTERS = {
     "picks", "misses", "missed_not_detected", "missed_out_of_zone", "missed_lost", "missed_grip_failed",
     "missed_queue_full", "next_place", "place_waits",
 }  # fmt: skip
-OF_NOW = {"belt_speed_m_s", "belt_position_m", "queue_length"}
+OF_NOW = {
+    "belt_speed_m_s", "belt_position_m", "queue_length",
+    "target_x_m", "target_y_m", "target_z_m", "target_yaw_rad",
+}  # fmt: skip
 NOT_AT_WORK = WAITING | {PackML.STOPPING, PackML.ABORTING, PackML.COMPLETING}
 SAFETY_ERRORS = {"ARM_PROTECTIVE_STOP", "ARM_EMERGENCY_STOP", "ARM_SAFEGUARD_STOP"}
 

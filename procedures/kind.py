@@ -227,6 +227,16 @@ _ALL = (
         ),
     ),
     Kind(
+        name="corrected-targets",
+        words="procedures.corrected_targets.words:targets_lines",
+        result="procedures.corrected_targets.result:TargetsResult",
+        data_file="corrected-targets.json",
+        jobs=("procedures.corrected_targets.procedure:HandTargets",),
+        plan="procedures.corrected_targets.words:targets_plan_lines",
+        report="procedures.corrected_targets.report:TARGETS",
+        expectation="procedures.corrected_targets.expectation:targets_expectation",
+    ),
+    Kind(
         name="cross-check",
         words="procedures.cross_check.words:cross_check_lines",
         result="procedures.cross_check.result:CrossCheckResult",

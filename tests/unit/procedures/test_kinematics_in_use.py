@@ -301,7 +301,7 @@ def test_off_is_what_it_was_and_an_accepted_version_changes_nothing(tmp_path: Pa
 
 def test_the_jobs_that_look_at_the_arm_itself_need_no_version(tmp_path: Path) -> None:
     judging = {name for name, job in JOBS.items() if job.judges_arm}
-    assert judging == {"tracker-sampling", "iso9283"}
+    assert judging == {"tracker-sampling", "iso9283", "corrected-targets"}
     config = config_of(tmp_path, True)
 
     async def main() -> None:

@@ -1,0 +1,119 @@
+"""Which joints are asked for at each target, as given and corrected; nothing here touches a device."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from calibration.identification.application import chain_of, goals_from_yaw, reach, yaw_of
+from calibration.kinematics.families import arm_spec
+from calibration.kinematics.serial import SerialChain
+from cell.errors import error
+from cell.formats.corrected_targets import PlannedTarget
+from cell.formats.robot import parse_robot
+from cell.poses import Array, from_pose6, to_pose6
+from cell.run_values import RunValues
+from procedures.corrected_targets.config import CorrectedTargetsConfig
+from procedures.kinematics_in_use import other_arm, other_device, other_load
+
+LEVEL_JOINTS = 4  # such an arm keeps its flange level: a target is x, y, z and a heading
+
+
+def calibrated_of(values: RunValues, config: CorrectedTargetsConfig) -> Mapping[str, Any]:
+    """The accepted kinematics of the observed arm.
+
+    ``OBSERVED_MODEL_MISSING``, ``TARGETS_NO_KINEMATICS`` without any or of another arm, ``PAYLOAD_DIFFERS``;
+    ``ARGUMENT_INVALID`` for a reflector that they do not know.
+    """
+    if not values.observed_robot:
+        raise error("OBSERVED_MODEL_MISSING")
+    found = values.kinematics.get("observed_arm")
+    if found is None:
+        raise error("TARGETS_NO_KINEMATICS", "nothing was accepted yet")
+    if why := other_arm(found, values.observed_robot):
+        raise error("TARGETS_NO_KINEMATICS", why)
+    if config.payload_kg is not None and (why := other_load(found, config.payload_kg)):
+        raise error("PAYLOAD_DIFFERS", why.replace("[robot]", "[job.corrected-targets]"))
+    if config.reflector is not None:
+        place_of(found["robot"], config.reflector)
+    return found
+
+
+def require_same_devices(found: Mapping[str, Any], serials: Mapping[str, str]) -> None:
+    """``TARGETS_NO_KINEMATICS`` where arm or tracker is not that of the calibration ``found``."""
+    for role, serial in serials.items():
+        if why := other_device(found, role, serial):
+            raise error("TARGETS_NO_KINEMATICS", why)
+
+
+def place_of(robot: Mapping[str, Any], reflector: str | None) -> Array:
+    """(3,) m in the flange: the reflector as the ROBOT has it, the flange's own origin without one."""
+    if reflector is None:
+        return np.zeros(3)
+    tools = arm_spec(parse_robot(robot, "robot")).tools
+    if reflector not in tools:
+        known = ", ".join(tools) or "none"
+        raise error(
+            "ARGUMENT_INVALID",
+            f"reflector = '{reflector}' is not known to the calibration of the arm; it knows {known}",
+        )
+    return tools[reflector]
+
+
+def plan_targets(values: RunValues, raw: Mapping[str, Any], q_now: list[float]) -> list[PlannedTarget]:
+    """Joints of every target; ``TARGETS_UNREACHABLE`` names one that a model of the arm cannot reach.
+
+    As given are the joints that the controller's own model has for it, corrected those of the calibrated arm
+    next to them.
+    """
+    config = CorrectedTargetsConfig.model_validate(raw)
+    found = calibrated_of(values, config)
+    controller, calibrated = chain_of(values.observed_robot or {}), chain_of(found["robot"])
+    near = np.array(q_now if config.q_near is None else config.q_near, dtype=float)
+    goals, level = wanted(config, controller.joints)
+    if near.shape != (controller.joints,):
+        raise error("ARGUMENT_INVALID", f"q_near has {near.size} joints; the arm has {controller.joints}")
+    given = joints_of(controller, goals, np.tile(near, (len(goals), 1)), "the controller's own model")
+    corrected = joints_of(calibrated, goals, given, "the calibrated arm")
+    told = controller.flange(corrected)
+    commands = np.column_stack([told[:, :3, 3], yaw_of(told)]) if level else _poses(told)
+    return [
+        PlannedTarget(T_base_flange=pose, given=q, corrected=c, command=command)
+        for pose, q, c, command in zip(
+            _poses(goals).tolist(), given.tolist(), corrected.tolist(), commands.tolist(), strict=True
+        )
+    ]
+
+
+def wanted(config: CorrectedTargetsConfig, joints: int) -> tuple[Array, bool]:
+    """(k, 4, 4) poses of the flange, and whether only the heading is asked for."""
+    level = joints == LEVEL_JOINTS
+    length = LEVEL_JOINTS if level else 6
+    for k, target in enumerate(config.targets):
+        if len(target) != length:
+            numbers = "x, y, z, yaw" if level else "x, y, z, rx, ry, rz"
+            raise error(
+                "ARGUMENT_INVALID",
+                f"targets[{k}] has {len(target)} numbers; an arm with {joints} joints needs {numbers}",
+            )
+    rows = np.array(config.targets, dtype=float)
+    goals = goals_from_yaw(rows) if level else np.array([from_pose6(row).as_matrix() for row in rows])
+    return goals, level
+
+
+def joints_of(chain: SerialChain, goals: Array, near: Array, whose: str) -> Array:
+    """(k, j): joints of ``chain`` for poses (k, 4, 4), each in the branch of ``near`` (k, j)."""
+    found = reach(chain, goals, near, near, level=chain.joints == LEVEL_JOINTS)
+    for k in np.flatnonzero(~found.found):
+        raise error(
+            "TARGETS_UNREACHABLE",
+            f"target {k + 1}: {whose} does not reach it; the best attempt stays {1e3 * found.miss[k]:.1f} mm "
+            "(or mrad) off",
+        )
+    return found.q
+
+
+def _poses(T: Array) -> Array:
+    """(k, 6) of (k, 4, 4)."""
+    return to_pose6(RigidTransform.from_matrix(T))
