@@ -1,5 +1,7 @@
 """What the ledger calls a calibration. A tool's belong to the tool, so a changed tool never inherits them."""
 
+OF_A_TOOL = ("T_flange_tool", "laser_reference")  # sorts that belong to a tool
+
 
 def tool_calibration(tool: str) -> str:
     """``T_flange_tool`` of the tool with this name."""

@@ -7,13 +7,22 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from cell.calibrations import belt_scale, kinematics, laser_reference, time_offset, tool_calibration
+from cell.calibrations import (
+    OF_A_TOOL,
+    belt_scale,
+    kinematics,
+    laser_reference,
+    time_offset,
+    tool_calibration,
+)
 from cell.clock import Clock
 from cell.errors import CellError
 from cell.procedure import Procedure
 from cell.store.ledger import Ledger
+from cell.store.tool_of import ANY_TOOL, ToolOf
 from daemon.config import CellConfig
 from daemon.config.models import DueAfter
+from daemon.tools import tool_names, usual_tool
 from daemon.values import ARM_ROLES, CALIBRATIONS, STAMPED_ROLES
 from procedures.documents import kind_named
 
@@ -59,9 +68,12 @@ class CheckDue:
         self._rules: dict[str, DueAfter] = {}  # by name in the ledger
         self._measuring: dict[str, list[str]] = {}  # jobs that measure it
         self._judging: dict[str, list[str]] = {}  # those of them whose passing says that it still holds
+        self._of: dict[str, ToolOf] = {}  # the runs that count
+        self._asked: dict[str, str | None] = {}  # the tool that a start of these jobs has to name
         for name, sort in calibrations_of(config).items():
             if (rule := rules[sort]) is not None:
                 self._rules[name] = rule
+                self._of[name], self._asked[name] = _tool_of(config, name)
                 self._measuring[name], self._judging[name] = _jobs_for(sort, jobs)
         self.found: list[dict[str, Any]] = []
 
@@ -71,7 +83,8 @@ class CheckDue:
         return bool(self._rules)
 
     def status(self) -> list[dict[str, Any]]:
-        """Of each that is due: ``name``, ``why``, ``job`` (None where no job measures it), its ``Reason``."""
+        """Of each that is due: ``name``, ``why``, its ``Reason``, the ``job`` that measures it (None: no job
+        does), and the ``tool`` that a start of it has to name (None: it need not)."""
         return self.found
 
     async def watch(self) -> None:
@@ -96,7 +109,8 @@ class CheckDue:
         found = []
         for name, rule in self._rules.items():
             if (reason := self._reason(name, rule)) is not None:
-                found.append({"name": name, "why": reason.text, "job": self._job(name), **asdict(reason)})
+                start = {"job": self._job(name), "tool": self._asked[name]}
+                found.append({"name": name, "why": reason.text, **start, **asdict(reason)})
         return found
 
     def outlook(self) -> list[dict[str, Any]]:
@@ -107,7 +121,7 @@ class CheckDue:
         """
         found = []
         for name, rule in self._rules.items():
-            since = self._ledger.checked_at(name, self._judging[name])
+            since = self._ledger.checked_at(name, self._judging[name], self._of[name])
             due_at = runs_left = None
             if since is not None and rule.max_age_h is not None:
                 due_at = since + HOUR_S * rule.max_age_h
@@ -122,11 +136,11 @@ class CheckDue:
         return next(iter(self._measuring[name]), None)
 
     def _runs_since(self, name: str, since: float) -> int:
-        return self._ledger.runs_since(since, self._measuring[name])
+        return self._ledger.runs_since(since, self._measuring[name], self._of[name])
 
     def _reason(self, name: str, rule: DueAfter) -> Reason | None:
         """Why it is due; None when it is not."""
-        since = self._ledger.checked_at(name, self._judging[name])
+        since = self._ledger.checked_at(name, self._judging[name], self._of[name])
         if since is None:
             return Reason("never")
         if rule.max_age_h is not None and (age := (self._wall() - since) / HOUR_S) > rule.max_age_h:
@@ -138,16 +152,25 @@ class CheckDue:
 
 def calibrations_of(config: CellConfig) -> dict[str, str]:
     """The calibrations that this cell has: their names in the ledger, and their keys of ``[check_due]``."""
-    roles, tool = config.robot.roles(), config.robot.tool.name
+    roles, tools = config.robot.roles(), tool_names(config)
     found = {CALIBRATIONS[role][0]: CALIBRATIONS[role][0] for role in CALIBRATIONS if role in roles}
     if "arm" in roles:
-        found[tool_calibration(tool)] = "T_flange_tool"
+        found |= {tool_calibration(tool): "T_flange_tool" for tool in tools}
     if "beams" in roles:
-        found[laser_reference(tool)] = "laser_reference"
+        found |= {laser_reference(tool): "laser_reference" for tool in tools}
     if "belt" in roles:
         found[belt_scale(roles["belt"])] = "belt"
     found |= {kinematics(roles[role]): "kinematics" for role in ARM_ROLES if role in roles}
     return found | {time_offset(roles[role]): "time_offset_s" for role in STAMPED_ROLES if role in roles}
+
+
+def _tool_of(config: CellConfig, name: str) -> tuple[ToolOf, str | None]:
+    """The runs that count for a calibration, and the tool that a start has to name to measure it."""
+    sort, _, owner = name.partition(".")
+    if sort not in OF_A_TOOL:
+        return ANY_TOOL, None
+    usual, plain = usual_tool(config), config.robot.tool.name if config.robot.plain_tool else None
+    return ToolOf(owner, unnamed=owner == plain), None if usual and usual.name == owner else owner
 
 
 def _jobs_for(sort: str, jobs: Mapping[str, type[Procedure]]) -> tuple[list[str], list[str]]:

@@ -2,10 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 
-from cell.calibrations import sort_of, tool_calibration
+from cell.calibrations import OF_A_TOOL, sort_of, tool_calibration
 from cell.store.versions_now import VersionsNow
 from daemon.config import CellConfig
 from daemon.modbus import register_table
+from daemon.tools import tools_of, usual_tool
 
 AXES = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 HIGHEST = 0xFFFF  # of a register
@@ -13,11 +14,11 @@ HIGHEST = 0xFFFF  # of a register
 
 def committed_registers(config: CellConfig, now: VersionsNow) -> dict[str, float]:
     """By register name; poses are m and rad. One state of the ledger, so that all of it belongs together."""
-    configured, tool = _configured_poses(config), tool_calibration(config.robot.tool.name)
-    found: dict[str, float] = {
-        "tool_version": now.versions.get(tool, 0),
-        **_pose("tool", tool, now, configured),
-    }
+    configured, usual = _configured_poses(config), usual_tool(config)
+    found: dict[str, float] = {}
+    if usual is not None:
+        tool = tool_calibration(usual.name)
+        found = {"tool_version": now.versions.get(tool, 0), **_pose("tool", tool, now, configured)}
     if (change := now.change) is None:
         return found
     count = (change.count - 1) % HIGHEST + 1
@@ -25,6 +26,7 @@ def committed_registers(config: CellConfig, now: VersionsNow) -> dict[str, float
         "change_count": count,
         "changed_calibration": register_table().register("changed_calibration").number(sort_of(change.name)),
         "changed_version": now.versions.get(change.name, 0),
+        "changed_changer": _changer(config, change.name),
         "changed_at_s": change.at,
         **_pose("changed", change.name, now, configured),
         "change_count_again": count,
@@ -37,8 +39,15 @@ def _configured_poses(config: CellConfig) -> Mapping[str, Sequence[float] | None
     return {
         "T_flange_camera": robot.T_flange_camera_nominal,
         "T_base_camera": robot.T_base_camera_nominal,
-        tool_calibration(robot.tool.name): robot.tool.T_flange_tool,
+        **{tool_calibration(name): list(tool.T_flange_tool) for name, tool in tools_of(config).items()},
     }
+
+
+def _changer(config: CellConfig, name: str) -> int:
+    """The changer number of the tool whose calibration this is; 0: of no tool that has one."""
+    sort, _, owner = name.partition(".")
+    tool = tools_of(config).get(owner) if sort in OF_A_TOOL else None
+    return (tool.changer or 0) if tool is not None else 0
 
 
 def _pose(

@@ -1,13 +1,14 @@
 """What a decision on a calibration means for this cell: may it be made, what uses it, what warned of it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from cell.calibrations import kinematics, on_flange, tool_calibration
+from cell.calibrations import OF_A_TOOL, kinematics
 from cell.errors import error
 from cell.procedure import Procedure, Run
 from cell.store.ledger import Ledger
 from daemon.config import CellConfig
+from daemon.tools import tool_names
 
 
 def warnings_of(row: Mapping[str, Any]) -> list[str]:
@@ -59,11 +60,21 @@ def use_of(config: CellConfig, name: str, version: Any) -> str:
             f"{it} is in effect from the next job on: moves and poses go by it. Values that were calibrated "
             "with another model no longer fit; 'cellward check' lists them."
         )
-    if kind in ("T_flange_tool", "laser_reference") and owner != config.robot.tool.name:
-        return f"{it} is accepted and not used: the tool of [robot] is '{config.robot.tool.name}'."
+    tools = tool_names(config)
+    if kind in OF_A_TOOL and owner not in tools:
+        there = (
+            f"the tool of [robot] is '{tools[0]}'" if len(tools) == 1 else _in_a_row("the tools are", tools)
+        )
+        return f"{it} is accepted and not used: {there}."
     if kind in ("belt", "time_offset_s") and owner not in roles.values():
         return f"{it} is accepted and not used: no role of [robot] names '{owner}'."
     more = ""
-    if on_flange(name) and name == tool_calibration(config.robot.tool.name):
+    if kind == "T_flange_tool":
         more = ": the arm moves by the new tool's point"
+        if others := [tool for tool in tools if tool != owner]:
+            more += f" while '{owner}' is on the flange; {_in_a_row('nothing changes for', others)}"
     return f"{it} is in effect from the next job on{more}."
+
+
+def _in_a_row(words: str, names: Sequence[str]) -> str:
+    return f"{words} {' and '.join(repr(name) for name in names)}"

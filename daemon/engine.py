@@ -20,11 +20,11 @@ from cell.store.signatures import Statement, sign
 from daemon.adoption import adoptable
 from daemon.arm_joints import arm_joints
 from daemon.cell_context import CellContext
-from daemon.config.load import NO_PART_OF_A_RUN
 from daemon.decisions import check_confirmed, check_decidable, require_read, use_of
 from daemon.job_config import make_procedure
 from daemon.losses import Losses
 from daemon.movable import ASKED_BY_S, require_movable
+from daemon.recipes import arguments_of_recipe, with_recipe
 from daemon.results import note_arm_model, propose_results
 from daemon.run_end import main_figure_of, shown_of, write_end
 from daemon.run_making import make_run, withdraw_run
@@ -33,6 +33,7 @@ from daemon.run_timing import RunTiming
 from daemon.start_request import StartRequest
 from daemon.state_folder import folder_lost
 from daemon.status import live_of, status_of
+from daemon.tools import ARGUMENT, CellTool, asked_tool, told_tool
 from daemon.values import recorded, resolve_values, tell_configured, with_arm_model
 from procedures.arm_setup import arm_models, with_job_limits
 
@@ -74,6 +75,7 @@ class Engine:
             raise error("BUSY", f"{run.procedure.name}, run {run.id}")
         if self._starting:
             raise error("BUSY", f"{self._starting} is being started")
+        request = with_recipe(self.context.config, request)
         self._starting, self._ending, self._hold_by = request.job, None, ""
         try:
             return await self._start(request)
@@ -83,16 +85,19 @@ class Engine:
                 self._ending = None
 
     async def _start(self, request: StartRequest) -> dict[str, Any]:
-        procedure = self._make_procedure(request.job, request.params)
+        recipe = arguments_of_recipe(self.context.config, request)
+        procedure = self._make_procedure(request.job, request.params, recipe)
+        tool = self._tool_of(procedure, request.params.get(ARGUMENT, recipe.get(ARGUMENT)))
         devices = await self._devices_of(procedure, ASKED_BY_S)
         context = self.context
         if context.broker.latched is not None and not request.dry_run:
             raise error("MOTION_LATCHED", f"the last fault was: {context.broker.latched}")
-        values = await self._values_of(procedure)
+        values = await self._values_of(procedure, tool)
         models = await asyncio.to_thread(arm_models, values)
         conditions = {
-            "config": context.config.model_dump(mode="json", exclude=set(NO_PART_OF_A_RUN)),
+            "config": context.config.part_of_a_run(),
             "parameters": dict(request.params),
+            "recipe": request.recipe or None,
             "job_config": procedure.config.model_dump(mode="json"),
             "values": recorded(values),
             "identities": self._identities(devices),
@@ -100,7 +105,15 @@ class Engine:
         }
         adopted = adoptable(self.runs, request.adopt, procedure.name, conditions)
         started_by = None if request.dry_run else (request.who, request.channel)
-        folder = await make_run(self.runs, self.ledger, request.job, conditions, context.clock, started_by)
+        folder = await make_run(
+            self.runs,
+            self.ledger,
+            request.job,
+            conditions,
+            context.clock,
+            started_by,
+            tool.name if tool is not None and "arm" in procedure.uses() else None,
+        )
         try:
             run = Run(
                 folder.run_id, procedure, context, folder.path, folder, values, self._publish, adopted, models
@@ -117,20 +130,28 @@ class Engine:
         self._publish()
         return {"run_id": run.id, "folder": folder.path.name}
 
-    async def _values_of(self, procedure: Procedure) -> RunValues:
+    def _tool_of(self, procedure: Procedure, asked: str | None) -> CellTool | None:
+        """The tool that a start asks for; a job that moves the arm has to know what is on the flange."""
+        return asked_tool(self.context.config, procedure.name, asked, "arm" in procedure.uses())
+
+    async def _values_of(self, procedure: Procedure, tool: CellTool | None) -> RunValues:
         """The values that the job works with now; refused where they cannot be used."""
-        config, supervisor = self.context.config, self.context.supervisor
-        values = await asyncio.to_thread(resolve_values, config, self.ledger, supervisor, procedure.uses())
+        config, supervisor, roles = self.context.config, self.context.supervisor, procedure.uses()
+        values = await asyncio.to_thread(resolve_values, config, self.ledger, supervisor, roles, tool)
         values = with_job_limits(values, getattr(procedure.config, "limits", None))
         values = with_arm_model(values, procedure, config, supervisor)
         procedure.check(values)
         return values
 
-    async def obstacle(self, job: str) -> CellError | None:
-        """Why a start of this job would be refused now, as far as it is seen without planning it."""
+    async def obstacle(self, name: str, tool: str | None = None) -> CellError | None:
+        """Why a start of this job or recipe with this tool would be refused now, as far as it is seen
+        unplanned."""
         try:
-            await self._devices_of(procedure := self._make_procedure(job, {}))
-            await self._values_of(procedure)
+            config = self.context.config
+            request = with_recipe(config, StartRequest(name, {}, "", ""))
+            recipe = arguments_of_recipe(config, request)
+            await self._devices_of(procedure := self._make_procedure(request.job, {}, recipe))
+            await self._values_of(procedure, self._tool_of(procedure, tool or recipe.get(ARGUMENT)))
             return None
         except CellError as refusal:
             return refusal
@@ -294,11 +315,12 @@ class Engine:
 
     # -- how a run is made and ends
 
-    def _make_procedure(self, job: str, params: Mapping[str, str]) -> Procedure:
-        cls = self.jobs.get(job)
+    def _make_procedure(self, job: str, params: Mapping[str, str], recipe: Mapping[str, Any]) -> Procedure:
+        cls, config = self.jobs.get(job), self.context.config
         if cls is None:
-            raise error("UNKNOWN_JOB", f"'{job}'; there is {', '.join(sorted(self.jobs))}")
-        return make_procedure(cls, self.context.config, params)
+            known = ", ".join([*sorted(self.jobs), *config.recipe])
+            raise error("UNKNOWN_JOB", f"'{job}'; there is {known}")
+        return make_procedure(cls, config, params, recipe)
 
     async def _devices_of(self, procedure: Procedure, patience_s: float = 0.0) -> list[str]:
         """Names of the devices the job uses; refused unless all are READY.
@@ -402,6 +424,7 @@ class Engine:
         self.last = {
             "run_id": run.id,
             "job": run.procedure.name,
+            "tool": told_tool(self.context.config, run.values.tool),
             "result": shown,
             "steps_taken_again": len(run.steps_taken.taken_again),
             **end,

@@ -2,14 +2,16 @@
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from cell.errors import error
 from cell.procedure import Procedure
+from daemon.tools import ARGUMENT
 from procedures.documents import kind_named
 from procedures.kind import Argument
 
 PLACES = 3
+TOOL_PLACE = 3  # of the tool's changer number
 
 
 def arguments_of(job: type[Procedure]) -> tuple[Argument, ...]:
@@ -17,20 +19,33 @@ def arguments_of(job: type[Procedure]) -> tuple[Argument, ...]:
     return kind_named(job.kind, "job").arguments if job.kind else ()
 
 
-def given_params(job: type[Procedure], words: Sequence[int]) -> dict[str, str]:
+def given_params(
+    job: type[Procedure], words: Sequence[int], tools: Mapping[int, str] | None = None
+) -> dict[str, str]:
     """The parameters of a start; ``words`` (3,) are the arguments as uint32, 0 where nothing is asked for.
 
-    ``NOT_IN_VERSION`` for one that the job does not take, ``ARGUMENT_INVALID`` for a number that stands for
-    nothing. Whether a number is within its bounds is told when the run is made.
+    ``tools`` are those of the cell by their changer number, which is the third argument of every job that has
+    none of its own there. ``NOT_IN_VERSION`` for an argument that the job does not take, ``ARGUMENT_INVALID``
+    for a number that stands for nothing. Whether one is within its bounds is told when the run is made.
     """
     taken = {argument.place: argument for argument in arguments_of(job)}
     params = {}
     for place, word in enumerate(words, 1):
+        if word and tools and place == TOOL_PLACE and place not in taken:
+            params[ARGUMENT] = _tool(word, tools)
+            continue
         if word and place not in taken:
             raise error("NOT_IN_VERSION", f"{job.name} takes no argument_{place}, which must be 0")
         if word and (text := _text(taken[place], word)):
             params[taken[place].key] = text
     return params
+
+
+def _tool(number: int, tools: Mapping[int, str]) -> str:
+    if number not in tools:
+        known = ", ".join(f"{changer} {name}" for changer, name in sorted(tools.items()))
+        raise error("ARGUMENT_INVALID", f"argument_{TOOL_PLACE} (tool) is {number}; there is {known}")
+    return tools[number]
 
 
 def _text(argument: Argument, word: int) -> str:

@@ -10,16 +10,26 @@ from cell.procedure import Procedure
 from daemon.config import CellConfig
 from daemon.config.checks import check_units
 from daemon.config.findings import Findings, did_you_mean
+from daemon.tools import ARGUMENT
 
 
-def make_procedure(cls: type[Procedure], config: CellConfig, params: Mapping[str, str]) -> Procedure:
-    """The job with its configuration; ``ARGUMENT_INVALID`` names each parameter that is wrong and why,
-    ``CONFIG_INVALID`` says that the job has no section and needs one."""
+def make_procedure(
+    cls: type[Procedure],
+    config: CellConfig,
+    params: Mapping[str, str],
+    recipe: Mapping[str, Any] | None = None,
+) -> Procedure:
+    """The job with its configuration, the tool apart: ``params`` over a ``recipe`` over the job's section.
+
+    ``ARGUMENT_INVALID`` names each parameter that is wrong
+    and why, ``CONFIG_INVALID`` says that the job has no section and needs one."""
     job, fields = cls.name, cls.Config.model_fields
+    params = {key: value for key, value in params.items() if key != ARGUMENT}
     if unknown := sorted(set(params) - set(fields)):
-        hint = did_you_mean(unknown[0], fields) or f"; it has {', '.join(sorted(fields)) or 'none'}"
+        hint = did_you_mean(unknown[0], fields) or f"; it has {', '.join(sorted({*fields, ARGUMENT}))}"
         raise error("ARGUMENT_INVALID", f"{job} has no parameter '{unknown[0]}'{hint}")
-    given: dict[str, Any] = {**_inherited(cls, config), **config.job_section(job), **params}
+    prepared = {key: value for key, value in (recipe or {}).items() if key != ARGUMENT}
+    given: dict[str, Any] = {**_inherited(cls, config), **config.job_section(job), **prepared, **params}
     try:
         return cls(cls.Config.model_validate(given))
     except ValidationError as exc:

@@ -4,6 +4,7 @@ import asyncio
 import logging
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -16,7 +17,9 @@ from daemon.config.roles import ROLES
 from daemon.engine import WAITING, Engine
 from daemon.job_arguments import PLACES, given_params
 from daemon.modbus import Command, register_table
+from daemon.recipes import recipes_by_number, with_recipe
 from daemon.start_request import StartRequest
+from daemon.tools import tools_by_changer
 from daemon.warning_bits import WarningContext, warning_bits
 
 log = logging.getLogger("cellward.plc")
@@ -60,12 +63,14 @@ class PlcFace:
         match command.code:
             case 1:
                 names = {job.number: name for name, job in engine.jobs.items()}
+                names |= recipes_by_number(self._config)
                 if command.job not in names:
                     raise error("UNKNOWN_JOB", f"number {command.job}")
-                name = names[command.job]
+                asked = StartRequest(names[command.job], {}, who, command.channel)
+                job = engine.jobs[with_recipe(self._config, asked).job]
                 words = [command.argument_as_uint32(index) for index in range(PLACES)]
-                params = given_params(engine.jobs[name], words)
-                await engine.start(StartRequest(name, params, who, command.channel))
+                params = given_params(job, words, tools_by_changer(self._config))
+                await engine.start(replace(asked, params=params))
             case 2:
                 await engine.finish(who)
             case 3:

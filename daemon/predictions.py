@@ -1,5 +1,6 @@
 """What is expected of each job before anything moves: ``cellward check`` and the page tell it."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +8,7 @@ from pydantic import BaseModel
 
 from cell.errors import CellError
 from daemon.config import CellConfig
+from daemon.tools import CellTool, tools_of, usual_tool
 from daemon.values import configured_values
 from procedures.documents import kind_named
 from procedures.kind import load
@@ -22,17 +24,25 @@ def predictions(config: CellConfig) -> list[dict[str, Any]]:
     ``problems`` keep the job from succeeding, ``cautions`` do not; each is a sentence with its fix. Each of
     ``limits`` has a figure (``name``, ``value``, SI) and the ``limit`` that ``job`` will hold it against.
     """
-    setup, sections = setup_of(config), _sections(config)
-    return [made for job, section in sections.items() if (made := _prediction(setup, job, section))]
+    found = []
+    for job, section in _sections(config).items():
+        usual = usual_tool(config, job)
+        for tool in [usual] if usual is not None else tools_of(config).values():
+            if made := _prediction(setup_of(config, tool), job, section):
+                found.append(made | ({} if usual is not None else {"tool": tool.name}))
+    return found
 
 
-def prediction_of(config: CellConfig, job: str) -> dict[str, Any] | None:
-    """What :func:`predictions` tells of one job, with its own limits alone; None where nothing can be told.
+def prediction_of(config: CellConfig, job: str, tool: str | None = None) -> dict[str, Any] | None:
+    """What :func:`predictions` tells of one job with its own limits alone; None where nothing can be told.
+
+    ``tool`` is on the flange, by its name; None: the one of a start that names none.
 
     A job that is expected of nothing by itself goes by the section of another one, as a check of a tool by
     that of its reference.
     """
-    setup, sections = setup_of(config), _sections(config)
+    found = usual_tool(config, job) if tool is None else tools_of(config)[tool]
+    setup, sections = setup_of(config, found), _sections(config)
     for name in (job, *(other.name for other in JOBS[job].inherits)):
         if name in sections and (made := _prediction(setup, name, sections[name])):
             return made | {"limits": [one for one in made.get("limits", ()) if one["job"] == job]}
@@ -50,15 +60,21 @@ def _prediction(setup: Setup, job: str, section: BaseModel) -> dict[str, Any] | 
 
 def found_in(predictions: list[dict[str, Any]], kind: str) -> list[str]:
     """The ``problems`` (a job cannot succeed) or ``cautions`` of all predictions, each with its job."""
-    return [f"{job['job']}: {text}" for job in predictions for text in job.get(kind, [])]
+    return [f"{named(job)}: {text}" for job in predictions for text in job.get(kind, [])]
 
 
-def setup_of(config: CellConfig) -> Setup:
-    """The cell as a job's expectation sees it."""
+def named(prediction: Mapping[str, Any]) -> str:
+    """Its job, and the tool that it is for where there is one such for each."""
+    job, tool = str(prediction["job"]), prediction.get("tool")
+    return job if tool is None else f"{job} of tool '{tool}'"
+
+
+def setup_of(config: CellConfig, tool: CellTool | None = None) -> Setup:
+    """The cell as a job's expectation sees it, with ``tool`` on the flange."""
     return Setup(
         config.robot.roles(),
         config.device,
-        configured_values(config),
+        configured_values(config, tool),
         {key: getattr(config.robot, key) for key in NOMINAL},
         list(_sections(config).values()),
         lambda: ledger_rows(config),

@@ -26,14 +26,18 @@ async def make_run(
     conditions: Mapping[str, Any],
     clock: Clock,
     started_by: tuple[str, str] | None,
+    tool: str | None,
 ) -> RunFolder:
-    """The folder of a new run; ``started_by`` is who and on which channel, None for a run that only plans."""
+    """The folder of a new run; ``started_by`` is who and on which channel, None for a run that only plans.
+
+    ``tool`` is the name of what is on the flange, None where that plays no part.
+    """
 
     def make() -> RunFolder:
         folder = RunFolder.create(runs, job, ledger.next_run_id(), conditions, clock)
         if started_by is not None:
             try:
-                ledger.start_run(folder.run_id, job, folder.path.name, *started_by)
+                ledger.start_run(folder.run_id, job, folder.path.name, *started_by, tool)
             except BaseException:
                 _withdraw(folder, ledger)
                 raise

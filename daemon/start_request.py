@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class StartRequest:
-    """A job by its name, with ``params`` over its config section.
+    """A job or a recipe by its name, with ``params`` over its config section.
 
     ``who`` asks, over ``channel`` (as ``control`` or ``modbus``). ``dry_run`` lists the plan and moves
     nothing; ``adopt`` is the number of an earlier run whose finished poses are taken over.
@@ -18,3 +18,4 @@ class StartRequest:
     channel: str
     dry_run: bool = False
     adopt: int | None = None
+    recipe: str = ""  # the name of what is started where it is one; ``job`` is then its job

@@ -9,6 +9,7 @@ from cell.procedure import Run
 from cell.store.ledger import Ledger
 from cell.store.summary import summary
 from daemon.cell_context import CellContext
+from daemon.tools import told_tool
 
 LIVE_ROWS = 250  # of a trace in one answer: more would hold up a loop that decides every 20 ms
 
@@ -42,6 +43,7 @@ def status_of(engine: Shown) -> dict[str, Any]:
         "packml_number": int(engine.packml),
         "job": run.procedure.name if run else None,
         "job_number": run.procedure.number if run else 0,
+        "tool": told_tool(context.config, run.values.tool) if run else None,
         "run_id": run.id if run else None,
         "state": run.state.value if run and run.state else None,
         "step": run.step if run else 0,

@@ -15,6 +15,7 @@ from cell.run_values import CONTROLLER, RunValues
 from cell.store.ledger import Ledger
 from daemon.config import CellConfig
 from daemon.supervisor import Supervisor
+from daemon.tools import CellTool, tools_of, usual_tool
 from procedures.kinematics_in_use import choose_model
 
 STAMPED_ROLES = ("beams", "flange_camera", "fixed_camera", "belt")  # whose time offset a job can measure
@@ -31,16 +32,19 @@ CALIBRATIONS = {
 }
 
 
-def configured_values(config: CellConfig) -> RunValues:
-    """Arms, tool, payload, limits, poses and targets as the configuration alone has them."""
-    robot = config.robot
+def configured_values(config: CellConfig, tool: CellTool | None = None) -> RunValues:
+    """Arms, tool, payload, limits, poses and targets as the configuration alone has them.
+
+    ``tool`` is what is on the flange; None: that of a start that names none, or nothing that is known of.
+    """
+    robot, tool = config.robot, tool or usual_tool(config)
     return RunValues(
         robot=robot.robot_spec(),
         observed_robot=robot.observed_robot_spec(),
-        tool=robot.tool.model_dump(mode="json"),
+        tool={} if tool is None else tool.section(),
         use_kinematics=robot.use_kinematics,
-        payload_kg=robot.payload_kg,
-        centre_of_mass_m=list(robot.centre_of_mass_m),
+        payload_kg=robot.payload_kg if tool is None else tool.payload_kg,
+        centre_of_mass_m=list(robot.centre_of_mass_m if tool is None else tool.centre_of_mass_m),
         limits=config.limits.model_dump(mode="json"),
         poses={name: list(q) for name, q in config.poses.items()},
         targets={name: dict(spec) for name, spec in config.target.items()},
@@ -49,24 +53,27 @@ def configured_values(config: CellConfig) -> RunValues:
 
 
 def resolve_values(
-    config: CellConfig, ledger: Ledger, supervisor: Supervisor, uses: Collection[str]
+    config: CellConfig,
+    ledger: Ledger,
+    supervisor: Supervisor,
+    uses: Collection[str],
+    tool: CellTool | None,
 ) -> RunValues:
-    """The values of a run that uses these roles: the tool, the arm, and what is calibrated of the roles.
+    """The values of a run that uses these roles: the ``tool``, the arm, and what is calibrated of the roles.
 
     ``RESULT_CONFLICT`` when a configured value of those was edited under a committed one.
     """
-    effect, tool = _InEffect(ledger), config.robot.tool
+    effect = _InEffect(ledger)
     roles = {role: name for role, name in config.robot.roles().items() if role in {"arm", *uses}}
-    values = configured_values(config)
-    pose = effect.value(tool_calibration(tool.name), list(tool.T_flange_tool))
+    values = configured_values(config, tool)
     return replace(
         values,
         robot=robot_spec(config, supervisor),
-        tool={**values.tool, "T_flange_tool": pose},
+        tool=values.tool if tool is None else _tool_in_effect(tool, effect),
         calibration=dict(
             _hand_eye(config, effect, *known) for role, known in CALIBRATIONS.items() if role in roles
         ),
-        laser_reference=effect.value(laser_reference(tool.name), None) if "beams" in roles else None,
+        laser_reference=effect.value(laser_reference(tool.name), None) if tool and "beams" in roles else None,
         belt=effect.value(belt_scale(roles["belt"]), values.belt) if "belt" in roles else None,
         time_offset_s={role: _offset(config, effect, roles[role]) for role in STAMPED_ROLES if role in roles},
         # Where the true flange is; a run goes by it when ``use_kinematics`` says so.
@@ -123,6 +130,11 @@ def _hand_eye(
     return setup, {**poses, "X": X} if X is not None else poses or None
 
 
+def _tool_in_effect(tool: CellTool, effect: _InEffect) -> dict[str, Any]:
+    pose = effect.value(tool_calibration(tool.name), list(tool.T_flange_tool))
+    return {**tool.section(), "T_flange_tool": pose}
+
+
 def _nominal_belt(config: CellConfig) -> dict[str, Any] | None:
     nominal = config.robot.belt_nominal
     return None if nominal is None else {"m_per_count": nominal.scale, "dir": nominal.dir}
@@ -166,9 +178,9 @@ def tell_configured(config: CellConfig, ledger: Ledger) -> None:
     """Let the ledger know the configured values of today, against which it judges a decision."""
     for name, _, nominal_keys in CALIBRATIONS.values():
         ledger.effective(name, _nominal(config, nominal_keys).get("X"))
-    tool = config.robot.tool
-    ledger.effective(tool_calibration(tool.name), list(tool.T_flange_tool))
-    ledger.effective(laser_reference(tool.name), None)
+    for tool in tools_of(config).values():
+        ledger.effective(tool_calibration(tool.name), list(tool.T_flange_tool))
+        ledger.effective(laser_reference(tool.name), None)
     if (belt := config.robot.roles().get("belt")) is not None:
         ledger.effective(belt_scale(belt), _nominal_belt(config))
     for role in ARM_ROLES:

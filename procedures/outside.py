@@ -41,6 +41,8 @@ def job_class(name: str, reference: str, jobs: Mapping[str, Any]) -> type[Proced
         raise LookupError(f"job '{reference}' has no Config model, so it is no job")
     if found.name != name:
         raise LookupError(f"the job of '{reference}' is called '{found.name}'; write [job.{found.name}]")
+    if "tool" in found.Config.model_fields:
+        raise LookupError(f"job '{reference}': every job has the key 'tool', so its Config must call it else")
     _check_number(found, reference, jobs)
     try:
         add_outside(found.kind)

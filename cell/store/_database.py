@@ -9,12 +9,13 @@ from cell.store.files import set_aside, sync_folder
 from cell.store.migrations import MISSING, STEPS
 from cell.version import software
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 _SCHEMA = """
 CREATE TABLE state (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE runs (
     run_id INTEGER PRIMARY KEY, job TEXT NOT NULL, folder TEXT NOT NULL, who TEXT NOT NULL,
-    channel TEXT NOT NULL, started REAL NOT NULL, ended REAL, outcome TEXT, verdict TEXT);
+    channel TEXT NOT NULL, started REAL NOT NULL, ended REAL, outcome TEXT, verdict TEXT,
+    tool TEXT);
 CREATE TABLE calibrations (
     id INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL, state TEXT NOT NULL, version INTEGER,
     value TEXT NOT NULL, result TEXT NOT NULL, run_id INTEGER NOT NULL, config_value TEXT NOT NULL,

@@ -21,6 +21,7 @@ from cell.store.records import Records
 from cell.store.recovery import bring_back
 from cell.store.runs import highest_run_id
 from cell.store.summary import summary
+from cell.store.tool_of import ANY_TOOL, ToolOf
 from cell.store.versions_now import LastChange, VersionsNow
 
 CHANGE_KEY = "last_change"
@@ -130,11 +131,15 @@ class Ledger(Records):
             self.set_state("run_id", run_id)
         return run_id
 
-    def start_run(self, run_id: int, job: str, folder: str, who: str, channel: str) -> None:
+    def start_run(
+        self, run_id: int, job: str, folder: str, who: str, channel: str, tool: str | None = None
+    ) -> None:
+        """``tool`` is what was on the flange, None where that plays no part."""
         with self._transaction() as db:
             db.execute(
-                "INSERT INTO runs (run_id, job, folder, who, channel, started) VALUES (?, ?, ?, ?, ?, ?)",
-                (run_id, job, folder, who, channel, self._wall()),
+                "INSERT INTO runs (run_id, job, folder, who, channel, started, tool)"
+                " VALUES (?, ?, ?, ?, ?, ?, ?)",
+                (run_id, job, folder, who, channel, self._wall(), tool),
             )
 
     def end_run(self, run_id: int, outcome: str, verdict: str | None) -> None:
@@ -153,24 +158,26 @@ class Ledger(Records):
         """The newest runs first."""
         return self._rows("SELECT * FROM runs ORDER BY run_id DESC LIMIT ?", limit)
 
-    def runs_since(self, t: float, without: Collection[str]) -> int:
-        """How many runs began after ``t`` (time of day, s), those of the jobs ``without`` left out."""
+    def runs_since(self, t: float, without: Collection[str], of: ToolOf = ANY_TOOL) -> int:
+        """How many runs ``of`` a tool began after ``t`` (time of day, s), without those of some jobs."""
         marks = ", ".join("?" for _ in without)
-        query = f"SELECT COUNT(*) AS n FROM runs WHERE started > ? AND job NOT IN ({marks})"
-        return int(self._rows(query, t, *without)[0]["n"])
+        query = f"SELECT COUNT(*) AS n FROM runs WHERE started > ? AND job NOT IN ({marks}) AND {of.sql}"
+        return int(self._rows(query, t, *without, *of.values)[0]["n"])
 
     # -- calibrations
 
-    def checked_at(self, name: str, judging: Collection[str]) -> float | None:
-        """When the version in effect was measured, or later a run of the jobs ``judging`` passed: time of
-        day, s. None when no version is in effect and no such run passed."""
+    def checked_at(self, name: str, judging: Collection[str], of: ToolOf = ANY_TOOL) -> float | None:
+        """When the version in effect was measured, or later a run of the jobs ``judging`` passed ``of`` a
+        tool: time of day, s. None when no version is in effect and no such run passed."""
         marks = ", ".join("?" for _ in judging)
         rows = self._rows(
             "SELECT MAX(t) AS t FROM ("
             "SELECT proposed AS t FROM calibrations WHERE name = ? AND state = 'committed' UNION ALL "
-            f"SELECT ended FROM runs WHERE outcome = 'complete' AND verdict = 'pass' AND job IN ({marks}))",
+            "SELECT ended FROM runs WHERE outcome = 'complete' AND verdict = 'pass'"
+            f" AND job IN ({marks}) AND {of.sql})",
             name,
             *judging,
+            *of.values,
         )
         found: float | None = rows[0]["t"]
         return found

@@ -31,6 +31,14 @@ def misfit(fields: Mapping[str, Any], content: Mapping[str, Any]) -> str | None:
     return None
 
 
+def tool_on_flange(info: Mapping[str, Any]) -> str | None:
+    """The name of the tool that a run worked with, by its ``run.json``; None where it says none."""
+    values = info.get("values")
+    tool = values.get("tool") if isinstance(values, Mapping) else None
+    name = tool.get("name") if isinstance(tool, Mapping) else None
+    return name if isinstance(name, str) else None
+
+
 def _is_stamp(text: str) -> bool:
     try:
         datetime.fromisoformat(text)

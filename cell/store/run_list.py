@@ -8,6 +8,7 @@ from typing import Any
 from cell.errors import CellError
 from cell.formats.main_figure import MainFigure, read_main_figure
 from cell.store.ledger import Ledger
+from cell.store.run_fields import tool_on_flange
 from cell.store.runs import RunFolder, list_runs
 from cell.store.signatures import Checked, check_signatures
 
@@ -18,11 +19,13 @@ REPORT_FILE = "report.html"
 class ListedRun:
     """One run; stamps are ISO text. ``outcome`` is None while it goes on or was interrupted.
 
-    ``cause`` says why it failed; ``decided`` are the ledger's rows about its results, without their values.
+    ``tool`` is what was on the flange, where ``run.json`` says it; ``cause`` says why it failed; ``decided``
+    are the ledger's rows about its results, without their values.
     """
 
     run_id: int
     job: str
+    tool: str | None
     folder: str
     twin: bool
     started: str | None
@@ -58,6 +61,7 @@ def _listed(run: RunFolder, who: str | None, decided: Sequence[Mapping[str, Any]
     return ListedRun(
         run_id=run.run_id,
         job=run.job,
+        tool=tool_on_flange(run.info),
         folder=run.path.name,
         twin=bool(isinstance(cell, Mapping) and cell.get("twin")),
         started=run.info.get("started"),

@@ -50,8 +50,9 @@ def check(
     from daemon.cli.machine import machine as measure
     from daemon.config import load_config
     from daemon.disk_space import capture_bytes
-    from daemon.predictions import found_in, predictions
+    from daemon.predictions import found_in, named, predictions
     from daemon.service.network import not_permitted
+    from daemon.tool_references import without_reference
 
     if drivers or jobs:
         from daemon.cli.installed import list_installed
@@ -70,6 +71,7 @@ def check(
     problems = [*loaded.problems, *found_in(expected, "problems")]
     arm = arm_in_use(loaded)
     doubts = [f"arm: {text}" for text in arm["cautions"]] if arm else []
+    doubts += without_reference(loaded)
     full = low_space(loaded)
     barred = not_permitted(loaded) if loaded.source == str(DEFAULT_CONFIG) else []
     cautions = found_in(expected, "cautions")
@@ -104,7 +106,7 @@ def check(
         if arm is not None:
             out(f"arm: {arm['text']}")
         for job in expected:
-            out(_clauses(job["job"], job["text"]))
+            out(_clauses(named(job), job["text"]))
         if probe:
             columns = ("device", "answer", "model", "serial")
             out(table(columns, ([d["device"], d["answer"], d["model"], d["serial"]] for d in found)))

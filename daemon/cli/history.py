@@ -8,6 +8,7 @@ import typer
 
 from cell.errors import CellError, error
 from cell.store.fingerprint import SIGNATURES_FILE
+from cell.store.run_fields import tool_on_flange
 from daemon.cli.damaged import reading
 from daemon.cli.failures import FAILED
 from daemon.cli.options import CellPaths, ConfigOption, JsonOption, cell_paths, know_configured_jobs
@@ -57,8 +58,11 @@ def runs(
     elif not found:
         say("There are no runs yet; 'cellward start cone-capture' makes one.")
     else:
-        columns = ("run", "job", "started", "outcome", "verdict")
-        rows = ([r["run_id"], r["job"], local_time(r["started"]), r["outcome"], r["verdict"]] for r in found)
+        columns = ("run", "job", "tool", "started", "outcome", "verdict")
+        rows = (
+            [r["run_id"], r["job"], r["tool"], local_time(r["started"]), r["outcome"], r["verdict"]]
+            for r in found
+        )
         out(table(columns, rows))
 
 
@@ -67,6 +71,7 @@ def _row(run: Any) -> dict[str, Any]:
     return {
         "run_id": run.run_id,
         "job": run.job,
+        "tool": tool_on_flange(run.info),
         "started": run.info.get("started"),
         "outcome": end.get("outcome"),
         "verdict": end.get("verdict"),
@@ -102,7 +107,9 @@ def _show(folder: Any, as_json: bool) -> None:
     from daemon.cli.pruned_text import removed_pictures
     from daemon.cli.result_text import result_text
 
-    out(f"run {folder.run_id}: {folder.job}, started {local_time(folder.info.get('started'))}")
+    tool = tool_on_flange(folder.info)
+    told = f" of tool '{tool}'" if tool else ""
+    out(f"run {folder.run_id}: {folder.job}{told}, started {local_time(folder.info.get('started'))}")
     out(f"folder  {folder.path}")
     for line in removed_pictures(folder.path.parent, folder.run_id):
         out(line)

@@ -54,7 +54,9 @@ def watch(config: ConfigOption = None, as_json: JsonOption = False) -> None:
 
 
 def start(
-    job: Annotated[str, typer.Argument(help="The job, for instance cone-capture.", show_default=False)],
+    job: Annotated[
+        str, typer.Argument(help="The job, for instance cone-capture, or a recipe.", show_default=False)
+    ],
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="List the plan with every check; nothing moves.")
     ] = False,
@@ -91,7 +93,8 @@ def adopt(
     from cell.store.runs import load_run
 
     old = load_run(cell_paths(config).runs, run)
-    _start(config, wait, as_json, {"job": old.job, "params": old.info.get("parameters") or {}, "adopt": run})
+    asked = {"job": old.info.get("recipe") or old.job, "params": old.info.get("parameters") or {}}
+    _start(config, wait, as_json, {**asked, "adopt": run})
 
 
 def _start(config: Path | None, wait: bool, as_json: bool, request: dict[str, Any]) -> None:

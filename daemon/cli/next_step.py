@@ -14,9 +14,14 @@ def next_commands(end: Mapping[str, Any], waiting: Sequence[Mapping[str, Any]]) 
     answer = (end.get("result") or {}).get("result") or {}
     lines = []
     if (answer.get("moved") or {}).get("moved"):
-        lines.append("The tool has moved. To correct its frame: cellward start laser-update.")
+        lines.append(f"The tool has moved. To correct its frame: {start_of('laser-update', end)}.")
     own = [entry for entry in waiting if entry["run_id"] == end["run_id"]]
     return lines + [to_decide(entry, end.get("verdict")) for entry in own]
+
+
+def start_of(job: str, said: Mapping[str, Any]) -> str:
+    """The command that starts ``job`` with the tool that a status or one of its entries names, if it does."""
+    return f"cellward start {job}" + (f" -p tool={said['tool']}" if said.get("tool") else "")
 
 
 def to_decide(entry: Mapping[str, Any], verdict: str | None = None) -> str:

@@ -21,6 +21,7 @@ def rehearse(
     job: Annotated[str, typer.Argument(help="The job, as its section [job.NAME] is called.")],
     seed: Annotated[int, typer.Option("--seed", min=0, help="Draws the first twin.")] = 1,
     times: Annotated[int, typer.Option("--times", min=1, max=1000, help="So many twins, one by one.")] = 1,
+    tool: Annotated[str | None, typer.Option("--tool", help="The tool, where the cell has several.")] = None,
     output: Annotated[Path, typer.Option("--out", help="Folder for the files.")] = Path("rehearsal-out"),
     config: ConfigOption = None,
     as_json: JsonOption = False,
@@ -43,7 +44,7 @@ def rehearse(
         folder = (output / f"{job}-{number}").absolute()
         begin_in(folder, STATE)
         logging.basicConfig(filename=folder / "rehearsal.log", level=logging.INFO, force=True)
-        outcome = play(loaded, path, job, number, folder)
+        outcome = play(loaded, path, job, number, folder, tool)
         outcomes.append(outcome)
         if not as_json:
             for line in outcome_lines(job, outcome):

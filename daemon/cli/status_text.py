@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from daemon.cli.next_step import next_commands, possible, to_decide
+from daemon.cli.next_step import next_commands, possible, start_of, to_decide
 from procedures.words import table
 
 
@@ -41,7 +41,7 @@ def status_text(status: Mapping[str, Any]) -> str:
 def due_words(due: Sequence[Mapping[str, Any]]) -> list[str]:
     """A sentence for each calibration that wants to be checked, with the command that does it."""
     return [
-        f"{entry['name']}: {entry['why']}" + (f"; cellward start {entry['job']}" if entry["job"] else "")
+        f"{entry['name']}: {entry['why']}" + (f"; {start_of(entry['job'], entry)}" if entry["job"] else "")
         for entry in due
     ]
 
@@ -50,7 +50,12 @@ def job_text(status: Mapping[str, Any]) -> str:
     """The job, its state and how far it is."""
     steps = f", {status['step']} of {status['steps']}" if status.get("steps") else ""
     where = f"{status.get('state') or 'starting'}{steps}{again_text(status)}"
-    return f"{status['job']}, run {status['run_id']}: {where}"
+    return f"{status['job']}{tool_text(status)}, run {status['run_id']}: {where}"
+
+
+def tool_text(said: Mapping[str, Any]) -> str:
+    """Which tool it is of, in a cell that has several."""
+    return f" of tool '{said['tool']}'" if said.get("tool") else ""
 
 
 def again_text(status: Mapping[str, Any]) -> str:
@@ -82,7 +87,7 @@ def without_state(status: Mapping[str, Any]) -> str:
 
 
 def _last_run(last: Mapping[str, Any]) -> str:
-    text = f"{last['run_id']} ({last['job']}): {last['outcome']}"
+    text = f"{last['run_id']} ({last['job']}{tool_text(last)}): {last['outcome']}"
     if last.get("verdict"):
         text += f", verdict {last['verdict']}"
     return f"{text}{again_text(last)}; cellward show {last['run_id']}"

@@ -45,17 +45,16 @@ def check_names(raw: Mapping[str, Any], findings: Findings) -> None:
     for role, name in _table(raw, "robot").items():
         if role in ROLES and isinstance(name, str) and name not in devices:
             findings.add(("robot", role), f"there is no [device.{name}]{did_you_mean(name, devices)}")
-    for job, section in _table(raw, "job").items():
-        for key, name in section.items() if isinstance(section, dict) else ():
+    for place, section in _job_sections(raw):
+        for key, name in section.items():
             if key == "target" and isinstance(name, str) and name not in targets:
-                findings.add(("job", job, key), f"there is no [target.{name}]{did_you_mean(name, targets)}")
+                findings.add((*place, key), f"there is no [target.{name}]{did_you_mean(name, targets)}")
             if key.endswith("_pose") and isinstance(name, str) and name not in poses:
-                findings.add(("job", job, key), f"there is no '{name}' in [poses]{did_you_mean(name, poses)}")
+                findings.add((*place, key), f"there is no '{name}' in [poses]{did_you_mean(name, poses)}")
             aux = name.get("aux") if isinstance(name, dict) else None
             if isinstance(aux, str) and aux not in poses:
-                findings.add(
-                    ("job", job, key, "aux"), f"there is no '{aux}' in [poses]{did_you_mean(aux, poses)}"
-                )
+                text = f"there is no '{aux}' in [poses]{did_you_mean(aux, poses)}"
+                findings.add((*place, key, "aux"), text)
     _check_inputs(raw, findings)
 
 
@@ -66,12 +65,12 @@ def _check_inputs(raw: Mapping[str, Any], findings: Findings) -> None:
     if not isinstance(section, dict):
         return
     inputs = section.get("inputs")
-    for job, keys in _table(raw, "job").items():
-        for key, value in keys.items() if isinstance(keys, dict) else ():
+    for place, keys in _job_sections(raw):
+        for key, value in keys.items():
             name = value.get("input") if isinstance(value, dict) else None
             if isinstance(name, str) and isinstance(inputs, dict) and name not in inputs:
                 findings.add(
-                    ("job", job, key, "input"),
+                    (*place, key, "input"),
                     f"[device.{device}] has no input '{name}'; it has {', '.join(inputs) or 'none'}",
                 )
 
@@ -182,13 +181,13 @@ def _check_limits(raw: Mapping[str, Any], findings: Findings) -> None:
         findings.add(("limits",), "no workspace is given; an arm needs one box at least to stay within")
     if limits.get("allow_job_override") is True:
         return
-    for job, section in _table(raw, "job").items():
-        wanted = section.get("limits") if isinstance(section, dict) else None
+    for place, section in _job_sections(raw):
+        wanted = section.get("limits")
         for key, high in wanted.items() if isinstance(wanted, dict) else ():
             allowed = limits.get(key)
             if _is_number(high) and _is_number(allowed) and high > allowed:
                 findings.warn(
-                    ("job", job, "limits", key),
+                    (*place, "limits", key),
                     f"{high:g} is above {allowed:g} of [limits], and allow_job_override is false",
                 )
 
@@ -220,6 +219,14 @@ def _is_angle(path: Path, key: str, names: list[str]) -> bool:
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _job_sections(raw: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], dict[str, Any]]]:
+    """Each table with arguments of a job, ``[job.NAME]`` and ``[recipe.NAME]``, with its place."""
+    for kind in ("job", "recipe"):
+        for name, section in _table(raw, kind).items():
+            if isinstance(section, dict):
+                yield (kind, name), section
 
 
 def _table(raw: Mapping[str, Any], key: str) -> dict[str, Any]:

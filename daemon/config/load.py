@@ -37,7 +37,9 @@ from daemon.config.moved import put_in_place
 from daemon.config.mqtt_section import MqttSection
 from daemon.config.not_in_version import take_out
 from daemon.config.plausible import check_plausible
+from daemon.config.recipes import Recipe, check_recipes
 from daemon.config.roles import ROLES, devices_by_role, kind_of
+from daemon.config.tools import NamedToolSection, check_tools, has_plain_tool
 
 MAX_BYTES = 2**20
 DEEPEST = 16  # tables and arrays in each other
@@ -50,6 +52,7 @@ class ResolvedRobot(RobotSection):
     spec: dict[str, Any] = Field(default_factory=dict, description="the ROBOT of the data formats")
     observed_spec: dict[str, Any] | None = Field(default=None, description="the same of the observed arm")
     devices: dict[str, str] = Field(default_factory=dict, description="device by role")
+    plain_tool: bool = Field(default=True, exclude=True, description="whether 'tool' is one of the cell's")
 
     def roles(self) -> dict[str, str]:
         """The device that plays each role; a role nobody was named for goes to the device of its name."""
@@ -65,6 +68,8 @@ class ResolvedRobot(RobotSection):
 
 
 NO_PART_OF_A_RUN = frozenset({"http", "mqtt", "check_due"})  # sections that change nothing of what a run does
+LATER = frozenset({"tool", "recipe"})  # a file without these tables keeps the digest that it always had
+OF_EVERY_JOB = frozenset({"procedure", "tool"})  # keys of [job.NAME] that are not its class's
 
 
 class CellConfig(BaseModel):
@@ -78,6 +83,7 @@ class CellConfig(BaseModel):
     robot: ResolvedRobot
     limits: LimitsSection
     poses: dict[str, list[float]]
+    tool: dict[str, NamedToolSection]
     device: dict[str, SerializeAsAny[DeviceSection]]
     target: dict[str, dict[str, Any]]
     modbus: ModbusSection
@@ -86,12 +92,18 @@ class CellConfig(BaseModel):
     check_due: CheckDueSection
     mqtt: MqttSection
     job: dict[str, dict[str, Any]]
+    recipe: dict[str, Recipe]
     warnings: list[str] = Field(default_factory=list, exclude=True)
     problems: list[str] = Field(default_factory=list, exclude=True)  # each keeps one job from succeeding
 
     def job_section(self, job: str) -> dict[str, Any]:
         """The job's own keys of ``[job.NAME]`` as written; empty when the file has no such section."""
-        return {key: value for key, value in self.job.get(job, {}).items() if key != "procedure"}
+        return {key: value for key, value in self.job.get(job, {}).items() if key not in OF_EVERY_JOB}
+
+    def part_of_a_run(self) -> dict[str, Any]:
+        """What ``run.json`` keeps of it: all that may change what a run does."""
+        content = self.model_dump(mode="json", exclude=set(NO_PART_OF_A_RUN))
+        return {key: value for key, value in content.items() if value or key not in LATER}
 
     @property
     def checksum(self) -> int:
@@ -105,7 +117,8 @@ class CellConfig(BaseModel):
         return hashlib.sha256(self._in_effect()).hexdigest()
 
     def _in_effect(self) -> bytes:
-        content = self.model_dump(mode="json", exclude={"source", *NO_PART_OF_A_RUN})
+        content = self.part_of_a_run()
+        del content["source"]
         return to_json(_sorted(content)).encode()
 
 
@@ -145,6 +158,7 @@ def check_config(
     raw = put_in_place(take_out(raw, findings), findings)
     check_units(raw, findings)
     check_names(raw, findings)
+    check_tools(raw, findings)
     check_contradictions(raw, findings)
     check_plausible(raw, findings)
     devices = {
@@ -157,6 +171,7 @@ def check_config(
     roles = devices_by_role(robot_section if isinstance(robot_section, dict) else {}, devices)
     for name, section in _tables(raw, "job"):
         _check_job(name, section, findings, jobs, roles)
+    recipes = check_recipes(raw, {**jobs, **_configured_jobs(raw)}, findings)
     fixed = _validated(FixedSections, raw, (), findings)
     spec = _robot_spec(raw, findings, path)
     observed = _observed_spec(raw, devices, findings, path)
@@ -166,10 +181,11 @@ def check_config(
         spec=spec,
         observed_spec=observed,
         devices=devices_by_role(dict(fixed.robot), devices),
+        plain_tool=has_plain_tool(raw),
     )
     sections = {key: getattr(fixed, key) for key in CellConfig.model_fields if hasattr(fixed, key)}
     return CellConfig.model_construct(
-        **{**sections, "robot": robot, "device": devices, "target": targets},
+        **{**sections, "robot": robot, "device": devices, "target": targets, "recipe": recipes},
         source=str(path),
         warnings=findings.warnings,
         problems=findings.problems,
@@ -338,6 +354,7 @@ def _check_job(
     """The job's keys; and whether there is a device for each role that it uses with them."""
     section = dict(section)
     reference = section.pop("procedure", None)
+    section.pop("tool", None)  # check_tools looks at it
     if reference is not None:
         job = _outside_job(name, reference, findings, jobs)
         if job is None:
@@ -352,6 +369,13 @@ def _check_job(
         if role not in roles:
             fix = f"add a device and name it in [robot] {role}, or remove the section"
             findings.add_problem(("job", name), f"the job needs {ROLES[role].kind} as '{role}'; {fix}")
+
+
+def _configured_jobs(raw: Mapping[str, Any]) -> dict[str, Any]:
+    """The jobs of other packages that ``[job.NAME] procedure`` names, as far as they could be loaded."""
+    from procedures.registry import JOBS
+
+    return {n: JOBS[n] for n, section in _tables(raw, "job") if "procedure" in section and n in JOBS}
 
 
 def _outside_job(name: str, reference: Any, findings: Findings, jobs: Mapping[str, Any]) -> Any:

@@ -8,7 +8,10 @@ from pydantic import AfterValidator, Field, model_validator
 
 from cell.errors import present
 from daemon.config.mqtt_section import MqttSection
-from daemon.config.section import Section, absolute
+from daemon.config.recipes import NAME as RECIPE_NAME
+from daemon.config.section import Point, Pose6, Section, absolute
+from daemon.config.tools import NAME as TOOL_NAME
+from daemon.config.tools import NamedToolSection
 from drivers.can_bus.address import parse_bus
 
 UR_MODELS = (
@@ -67,9 +70,7 @@ def _bus(value: str) -> str:
 
 CanId = Annotated[int, Field(ge=0x001, le=0x7FF)]
 Bind = Annotated[str, AfterValidator(_bind)]
-Pose6 = Annotated[list[float], Field(min_length=6, max_length=6)]
 Joints = Annotated[list[float], Field(min_length=6, max_length=6)]
-Point = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
 class KeepSection(Section):
@@ -447,8 +448,10 @@ class CheckDueSection(Section):
 
     T_flange_camera: DueAfter | None = Field(default=None, description="pose of the camera on the flange")
     T_base_camera: DueAfter | None = Field(default=None, description="pose of the camera in the cell")
-    T_flange_tool: DueAfter | None = Field(default=None, description="tool frame of the tool in [robot]")
-    laser_reference: DueAfter | None = Field(default=None, description="reference of the crossed beams")
+    T_flange_tool: DueAfter | None = Field(default=None, description="tool frame of each tool")
+    laser_reference: DueAfter | None = Field(
+        default=None, description="reference of each tool in the crossed beams"
+    )
     kinematics: DueAfter | None = Field(default=None, description="of each arm")
     belt: DueAfter | None = Field(default=None, description="scale and direction of the belt")
     time_offset_s: DueAfter | None = Field(
@@ -476,6 +479,9 @@ class FixedSections(Section):
         default_factory=lambda: CheckDueSection(), description="when a calibration wants to be checked again"
     )
     mqtt: MqttSection = Field(default_factory=lambda: MqttSection(), description="the broker of a plant")
+    tool: dict[Annotated[str, Field(pattern=TOOL_NAME)], NamedToolSection] = Field(
+        default_factory=dict, description="one table a tool, [tool.NAME], in a cell that has several"
+    )
     device: dict[str, dict[str, Any]] = Field(
         default_factory=dict, description="one table a device, [device.NAME]"
     )
@@ -483,3 +489,6 @@ class FixedSections(Section):
         default_factory=dict, description="one table a calibration target, [target.NAME]"
     )
     job: dict[str, dict[str, Any]] = Field(default_factory=dict, description="one table a job, [job.NAME]")
+    recipe: dict[Annotated[str, Field(pattern=RECIPE_NAME)], dict[str, Any]] = Field(
+        default_factory=dict, description="one table a recipe, [recipe.NAME]"
+    )

@@ -68,10 +68,14 @@ def _impossible_address(host: str) -> str | None:
 def _check_payload(raw: Mapping[str, Any], findings: Findings) -> None:
     robot = raw.get("robot")
     section = robot if isinstance(robot, dict) else {}
-    mass, model = section.get("payload_kg"), section.get("model", "ur10e")
+    model = section.get("model", "ur10e")
     most = PAYLOAD_KG.get(model) if isinstance(model, str) else None
-    if most is not None and isinstance(mass, int | float) and mass > most:
-        findings.add(("robot", "payload_kg"), f"{mass:g} kg is more than a {model} carries ({most:g} kg)")
+    loads = {("robot",): section} | {("tool", n): s for n, s in _tables(raw.get("tool")).items()}
+    for place, load in loads.items():
+        mass = load.get("payload_kg")
+        if most is not None and isinstance(mass, int | float) and mass > most:
+            text = f"{mass:g} kg is more than a {model} carries ({most:g} kg)"
+            findings.add((*place, "payload_kg"), text)
 
 
 def _check_poses(raw: Mapping[str, Any], findings: Findings) -> None:

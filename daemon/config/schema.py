@@ -11,6 +11,14 @@ from cell.formats.capture import TARGETS
 from daemon.config.drivers import DRIVERS, driver_class
 from daemon.config.load import device_model
 from daemon.config.models import FixedSections
+from daemon.config.recipes import NAME as RECIPE_NAME
+from daemon.config.recipes import RecipeSection
+
+TOOL_OF_A_JOB = {
+    "type": "string",
+    "title": "Tool",
+    "description": "the tool of a start of this job that names none",
+}
 
 
 class SchemaWithDefaults(GenerateJsonSchema):
@@ -49,6 +57,9 @@ def json_schema(jobs: Mapping[str, Any], drivers: Mapping[str, str] = DRIVERS) -
     choices = [*(ref(m) for m in devices.values()), {"type": "object", **named}]
     root["properties"]["device"]["additionalProperties"] = {"anyOf": choices}
     root["properties"]["target"]["additionalProperties"] = {"anyOf": [ref(m) for m in TARGETS.values()]}
+    for model in configs.values():
+        definition = definitions[ref(model)["$ref"].rpartition("/")[2]]
+        definition.setdefault("properties", {})["tool"] = TOOL_OF_A_JOB
     root["properties"]["job"] = {
         "type": "object",
         "title": "Job",
@@ -58,6 +69,11 @@ def json_schema(jobs: Mapping[str, Any], drivers: Mapping[str, str] = DRIVERS) -
             "properties": {"procedure": {"type": "string", "pattern": ":"}},
             "required": ["procedure"],
         },
+    }
+    recipe = RecipeSection.model_json_schema()
+    recipe["properties"]["tool"] = TOOL_OF_A_JOB
+    root["properties"]["recipe"]["patternProperties"] = {
+        RECIPE_NAME: {**recipe, "additionalProperties": True}
     }
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

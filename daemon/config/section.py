@@ -1,6 +1,11 @@
 """What every section of ``cell.toml`` is."""
 
-from pydantic import BaseModel, ConfigDict
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Pose6 = Annotated[list[float], Field(min_length=6, max_length=6)]
+Point = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
 class Section(BaseModel):

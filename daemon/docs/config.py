@@ -9,7 +9,9 @@ from pydantic import BaseModel
 from cell.formats.capture import TARGETS
 from daemon.config.drivers import DRIVERS, driver_class
 from daemon.config.models import FixedSections
+from daemon.config.recipes import RecipeSection
 from daemon.config.schema import SchemaWithDefaults
+from daemon.config.tools import NamedToolSection
 from daemon.docs.page import cell, page
 
 HEAD = """
@@ -33,6 +35,12 @@ reports show it beside the serial number.
 Lengths are in metres, angles in radians. A pose is `[x, y, z, rx, ry, rz]`: translation and rotation vector.
 """
 
+TOOLS = """
+`[robot] tool` is a tool, too, where it is written: the one of a start that names none. `[job.NAME]` may have
+`tool = "NAME"`, the tool of a start of this job that names none. Without either, a start has to name it;
+[several tools](tools.md).
+"""
+
 
 def config_page(jobs: Mapping[str, Any]) -> str:
     """The text of ``docs/config.md``."""
@@ -41,12 +49,14 @@ def config_page(jobs: Mapping[str, Any]) -> str:
         if isinstance(info.annotation, type) and issubclass(info.annotation, BaseModel):
             lines += _section(f"[{info.alias or name}]", info.annotation)
     lines += ["## [poses]", "", "Named safe poses, always as six joints in radians.", ""]
+    lines += [*_section("[tool.NAME]", NamedToolSection), *TOOLS.strip().splitlines(), ""]
     for name in sorted(DRIVERS):
         lines += _section(f'[device.NAME] with driver = "{name}"', driver_class(name).Config)
     for name, model in TARGETS.items():
         lines += _section(f'[target.NAME] with type = "{name}"', model)
     for name in sorted(jobs):
         lines += _section(f"[job.{name}]", jobs[name].Config)
+    lines += [*_section("[recipe.NAME]", RecipeSection)]
     return page(HEAD, lines)
 
 

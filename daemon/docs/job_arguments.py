@@ -15,6 +15,9 @@ HEAD = """
 0 leaves a parameter as `[job.NAME]` has it; another number is for that run alone, and `run.json` keeps it.
 `cellward start NAME -p KEY=VALUE` gives the same parameter from the command line.
 
+Registers 8-9 (uint32) of a job that has no third argument are the changer number of the tool on the flange,
+as `[tool.NAME] changer` gives it ([several tools](tools.md)); 0 is the tool of a start that names none.
+
 | job | registers | type | parameter | bounds | if not configured | meaning |
 |---|---|---|---|---|---|---|
 """

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, cast
 
-from cell.errors import CellError, error
+from cell.errors import CellError, error, present
 from cell.known_cell import KnownCell
 from daemon.config import CellConfig
 from daemon.config.drivers import DRIVERS
@@ -18,6 +18,7 @@ from daemon.config.findings import Findings
 from daemon.config.load import check_config
 from daemon.job_config import make_procedure
 from daemon.predictions import setup_of
+from daemon.tools import ARGUMENT, CellTool, asked_tool
 from procedures.documents import kind_named
 from procedures.kind import load
 from procedures.registry import JOBS
@@ -25,7 +26,7 @@ from procedures.rehearsal import Rehearsal
 
 TWIN = "fakes.likely"
 # A rehearsal has no use for who may watch and trigger the daemon, and for how late a computer may be.
-LEFT_OUT = ("modbus", "http", "mqtt", "can", "supervisor")
+LEFT_OUT = ("modbus", "http", "mqtt", "can", "supervisor", "tool", "recipe")
 
 
 class Twin(Protocol):
@@ -46,27 +47,32 @@ class RehearsedCell:
     rehearsal: Rehearsal
 
 
-def rehearsed_cell(config: CellConfig, path: Path, job: str, seed: int, folder: Path) -> RehearsedCell:
+def rehearsed_cell(
+    config: CellConfig, path: Path, job: str, seed: int, folder: Path, tool: str | None = None
+) -> RehearsedCell:
     """A cell drawn by ``seed`` around the configuration ``path``, with its files in ``folder``.
+
+    ``tool`` is on the flange, by its name; None: the one of a start that names none.
 
     ``UNKNOWN_JOB``; ``CONFIG_INVALID`` says what the job or a twin of this cell lacks.
     """
-    rehearsal = rehearsal_of(config, job)
+    on_flange = present(asked_tool(config, job, tool, needed=True), "tool")
+    rehearsal = rehearsal_of(config, job, on_flange)
     twin = cast(Twin, importlib.import_module(TWIN))
     try:
-        text = twin.likely_scenario(_known(config, rehearsal), seed)
+        text = twin.likely_scenario(_known(config, rehearsal, on_flange), seed)
     except ValueError as exc:
         raise error("CONFIG_INVALID", f"{path}: no twin can be made for it: {exc}") from exc
     scenario = folder / "scenario.toml"
     scenario.write_text(text, "utf-8")
     jobs = (*rehearsal.before, job)
     raw = tomllib.loads(path.read_text("utf-8-sig"))
-    tables = _with_objects(config, raw, jobs, twin, folder)
+    tables = _with_objects(config, raw, jobs, on_flange, twin, folder)
     made = check_config(tables, Findings(f"the twin of {path}"), JOBS, DRIVERS, path)
     return RehearsedCell(made, jobs, rehearsal)
 
 
-def rehearsal_of(config: CellConfig, job: str) -> Rehearsal:
+def rehearsal_of(config: CellConfig, job: str, tool: CellTool | None = None) -> Rehearsal:
     """What ``job`` needs of a twin; ``UNKNOWN_JOB`` or ``CONFIG_INVALID`` when it cannot be rehearsed."""
     reference = kind_named(JOBS[job].kind).rehearsal if job in JOBS else ""
     if not reference:
@@ -74,17 +80,17 @@ def rehearsal_of(config: CellConfig, job: str) -> Rehearsal:
         raise error("UNKNOWN_JOB", f"there is no job '{job}' that can be rehearsed; there is {known}")
     try:
         procedure = make_procedure(JOBS[job], config, {})
-        found: Rehearsal = load(reference)(setup_of(config), procedure.config)
+        found: Rehearsal = load(reference)(setup_of(config, tool), procedure.config)
     except CellError as exc:
         raise error("CONFIG_INVALID", f"{job} cannot be rehearsed: {exc.detail}") from exc
     return found
 
 
-def _known(config: CellConfig, rehearsal: Rehearsal) -> KnownCell:
+def _known(config: CellConfig, rehearsal: Rehearsal, tool: CellTool) -> KnownCell:
     return KnownCell(
         robot=config.robot.robot_spec(),
-        tool=config.robot.tool.model_dump(),
-        payload_kg=config.robot.payload_kg,
+        tool=tool.section(),
+        payload_kg=tool.payload_kg,
         q_start=config.poses[rehearsal.look],
         camera=rehearsal.camera,
         beams=rehearsal.beams,
@@ -95,7 +101,12 @@ def _known(config: CellConfig, rehearsal: Rehearsal) -> KnownCell:
 
 
 def _with_objects(
-    config: CellConfig, raw: Mapping[str, Any], jobs: tuple[str, ...], twin: Twin, folder: Path
+    config: CellConfig,
+    raw: Mapping[str, Any],
+    jobs: tuple[str, ...],
+    tool: CellTool,
+    twin: Twin,
+    folder: Path,
 ) -> dict[str, Any]:
     """The tables of ``raw`` with the devices that ``jobs`` use as objects, and without all others."""
     # A twin has an arm, whether the job moves it or not.
@@ -107,7 +118,8 @@ def _with_objects(
     }
     unused = {*config.robot.roles(), "observed_model"} - set(roles)
     # The twin's arm was never calibrated, so its moves go by its controller's model.
-    robot = {k: v for k, v in raw["robot"].items() if k not in unused} | {"use_kinematics": False, **roles}
+    kept_keys = {k: v for k, v in raw["robot"].items() if k not in unused}
+    robot = {**kept_keys, "use_kinematics": False, **roles, "tool": tool.section(), **tool.load()}
     kept = {k: v for k, v in raw.items() if k not in LEFT_OUT}
     return {
         **kept,
@@ -126,7 +138,7 @@ def _with_objects(
 
 def _section(raw: Mapping[str, Any], name: str, accepted: bool) -> dict[str, Any]:
     """``[job.NAME]``; the result of an ``accepted`` one is what the next job stands on."""
-    section = dict(raw["job"][name])
+    section = {key: value for key, value in raw["job"][name].items() if key != ARGUMENT}
     if accepted:
         section["accept"] = {**section.get("accept", {}), "auto": True}
     return section

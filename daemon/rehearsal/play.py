@@ -46,9 +46,12 @@ class RehearsedRun:
         return {**asdict(self), "succeeded": self.succeeded}
 
 
-def rehearse(config: CellConfig, path: Path, job: str, seed: int, folder: Path) -> RehearsedRun:
-    """``job`` in a twin drawn by ``seed``; its files stay in ``folder``. Errors as of ``rehearsed_cell``."""
-    cell = rehearsed_cell(config, path, job, seed, folder)
+def rehearse(
+    config: CellConfig, path: Path, job: str, seed: int, folder: Path, tool: str | None = None
+) -> RehearsedRun:
+    """``job`` with ``tool`` in a twin drawn by ``seed``; its files stay in ``folder``. Errors as of
+    ``rehearsed_cell``."""
+    cell = rehearsed_cell(config, path, job, seed, folder, tool)
     runs, _ = run_objects(cell.config, _steps(cell))
     where = Path(cell.config.cell.state_dir) / "runs"
     for run_id, _truth in runs[:-1]:

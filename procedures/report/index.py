@@ -16,7 +16,7 @@ from procedures.report.html import Html, absent, bullets, document, el, join, no
 from procedures.report.numbers import DASH
 
 FILE_NAME = "reports.html"
-HEAD = ("run", "job", "started", "verdict", "main figure", "decision", "signed", "report")
+HEAD = ("run", "job", "tool", "started", "verdict", "main figure", "decision", "signed", "report")
 _DECIDED = {
     "proposed": "waits for a decision",
     "accepted": "accepted",
@@ -69,6 +69,7 @@ def _row(run: ListedRun, runs: Path, beside: Path) -> tuple[object, ...]:
     return (
         str(run.run_id),
         join([run.job, " ", el("b", "TWIN") if run.twin else None]),
+        run.tool or DASH,
         moment(run.started),
         _verdict(run),
         DASH if figure is None else join([el("b", figure.text()), " ", figure.words]),

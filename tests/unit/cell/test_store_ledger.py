@@ -66,7 +66,9 @@ def test_a_version_notes_with_which_model_of_the_arm_it_was_made(subject: Ledger
 
 
 @pytest.mark.parametrize(
-    ("version", "missing"), [(1, ("arm_model", "folder")), (2, ("folder",))], ids=["schema 1", "schema 2"]
+    ("version", "missing"),
+    [(1, ("arm_model", "folder")), (2, ("folder",)), (3, ())],
+    ids=["schema 1", "schema 2", "schema 3"],
 )
 def test_a_ledger_of_an_earlier_schema_is_read_as_it_is_and_taken_over(
     tmp_path: Path, version: int, missing: tuple[str, ...]
@@ -79,12 +81,14 @@ def test_a_ledger_of_an_earlier_schema_is_read_as_it_is_and_taken_over(
     database = sqlite3.connect(path)
     for column in missing:
         database.execute(f"ALTER TABLE calibrations DROP COLUMN {column}")
+    database.execute("ALTER TABLE runs DROP COLUMN tool")
     database.executescript(f"PRAGMA user_version = {version};")
     database.close()
     looking = Ledger(path, read_only=True)
     assert [(row["name"], row["arm_model"], row["folder"]) for row in looking.results()] == [
         (NAME, None, None)
     ]
+    assert [row["run_id"] for row in looking.runs()] == [1]
     assert looking.effective(NAME, CONFIG).version == 1
     looking.close()
     database = sqlite3.connect(path)
@@ -96,7 +100,9 @@ def test_a_ledger_of_an_earlier_schema_is_read_as_it_is_and_taken_over(
         [1.0, 0, 0, 0, 0, 0], 1, False, 1, None, {"verdict": "pass"}
     )
     assert subject.result(1)["result"] == {"verdict": "pass"}
-    assert subject.result(1)["folder"] == "20260101T000000Z_cone-capture_1"
+    taken_over = "20260101T000000Z_cone-capture_1" if "folder" in missing else None
+    assert subject.result(1)["folder"] == taken_over
+    assert subject.runs()[0]["tool"] is None
     subject.accept(subject.propose(NAME, CONFIG, {}, 1, CONFIG, {"name": "controller"}), "test")
     assert subject.effective(NAME, CONFIG).arm_model == {"name": "controller"}
     subject.close()
@@ -268,6 +274,7 @@ def test_the_form_before_is_kept_and_can_be_put_back(tmp_path: Path) -> None:
     old.close()
     database = sqlite3.connect(path)
     database.execute("ALTER TABLE calibrations DROP COLUMN folder")
+    database.execute("ALTER TABLE runs DROP COLUMN tool")
     database.executescript("PRAGMA user_version = 2;")
     database.close()
     subject = Ledger(path)
@@ -294,6 +301,7 @@ def test_a_change_that_fails_leaves_the_ledger_as_it_was(
     old.close()
     database = sqlite3.connect(path)
     database.execute("ALTER TABLE calibrations DROP COLUMN folder")
+    database.execute("ALTER TABLE runs DROP COLUMN tool")
     database.executescript("PRAGMA user_version = 2;")
     database.close()
     monkeypatch.setitem(_database.STEPS, 2, _database.STEPS[2] + "SELECT 1 FROM nowhere;")
@@ -311,7 +319,7 @@ def test_a_ledger_of_a_newer_program_is_left_alone(tmp_path: Path, subject: Ledg
     with sqlite3.connect(path) as db:
         db.execute("PRAGMA user_version = 9")
     db.close()
-    with pytest.raises(CellError, match=r"newer cellward .*\(schema 9\).*ledger.sqlite.schema-3") as caught:
+    with pytest.raises(CellError, match=r"newer cellward .*\(schema 9\).*ledger.sqlite.schema-4") as caught:
         Ledger(path)
     assert caught.value.name == "STORE_NEWER"
     assert list(tmp_path.glob("*.corrupt*")) == []

@@ -26,9 +26,10 @@ def cell(use_kinematics: bool = False, tool: str = "pin") -> Any:
     robot = SimpleNamespace(
         use_kinematics=use_kinematics,
         tool=SimpleNamespace(name=tool),
+        plain_tool=True,
         roles=lambda: {"arm": "arm", "beams": "io", "belt": "encoder"},
     )
-    return SimpleNamespace(robot=robot)
+    return SimpleNamespace(robot=robot, tool={})
 
 
 @pytest.mark.parametrize(
