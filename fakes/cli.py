@@ -153,6 +153,12 @@ def empty(folder: Folder) -> None:
     out.print("it held nothing" if held is None else f"item {held}")
 
 
+@operator_app.command()
+def block(folder: Folder) -> None:
+    """Put something on the place where items are put down; it is carried off as items are."""
+    out.print(f"carried off in {ask(folder, {'do': 'operator', 'block': True}):g} s")
+
+
 @app.command(context_settings={"ignore_unknown_options": True})  # a negative number is no option
 def jog(
     joints: Annotated[str, typer.Argument(help="Joints of the observed arm in rad, as in 0.1,1.5,-1.5,0")],

@@ -22,6 +22,7 @@ from fakes.twin.encoder import TwinEncoder
 from fakes.twin.gripper import TwinGripper
 from fakes.twin.inputs import TwinInputs
 from fakes.twin.palletizer import TwinObserved
+from fakes.twin.place_inputs import TwinPlaceInputs
 from fakes.twin.tracker import TwinTracker
 from fakes.ur import dashboard, primary, rtde
 from fakes.ur.build import controller_for
@@ -86,6 +87,8 @@ class Twin:
             devices[OBSERVED] = TwinObserved(world.observed, *where)
         if world.gripper is not None and self.scenario.fakes.gripper_by != "arm":
             devices["gripper"] = TwinGripper(world.gripper, *where)
+        if world.place is not None:
+            devices["place_inputs"] = TwinPlaceInputs(world.place, *where, self.controller.ticker.catch_up)
         if world.tracker is not None:
             devices["tracker"] = TwinTracker(world.tracker, *where)
         if self.scenario.world.camera is not None:  # last: it draws as soon as it listens
@@ -172,6 +175,11 @@ class Twin:
                 return {name: sorted(d.offers()) for name, d in self.switchboard.devices.items()}
             case {"do": "truth"}:
                 return self.truth()
+            case {"do": "operator", "block": True}:
+                if self.world.place is None:
+                    raise error("ARGUMENT_INVALID", "this twin's scenario has no [world.place]")
+                self.world.place.block(self.controller.now())
+                return self.world.place.truth.carried_off_s
             case {"do": "operator"} if "camera" not in self._devices:
                 raise error("ARGUMENT_INVALID", "this twin's scenario has no target that could be moved")
             case {"do": "operator", "place": int(number)}:

@@ -204,6 +204,9 @@ class FakeAddresses(Strict):
     gripper_port: int = Field(
         default=5504, ge=1024, le=65535, description="TCP port of a gripper with a link of its own"
     )
+    place_port: int = Field(
+        default=5505, ge=1024, le=65535, description="Modbus TCP port of the input of [world.place]"
+    )
     observed_by: Literal["registers", "file"] = Field(
         default="registers", description="file: the arm's program appends each rest to joints.csv instead"
     )

@@ -215,3 +215,35 @@ def test_the_control_cycles_of_the_past_are_done_before_an_answer(
             assert due_by_then[0] - before >= 20
 
     twin(tmp_path, script)
+
+
+def test_the_place_is_served_as_an_input_that_a_user_can_block(tmp_path: Path) -> None:
+    text = f"""
+schema = "cellward.scenario/1"
+[world.arm]
+model = "ur10e"
+q_start = [0.0, -1.8, 1.8, -1.57, -1.57, 0.0]
+[world.gripper]
+[world.place]
+input = "free"
+carried_off_s = 0.4
+[fakes]
+bind = "{HOST}"
+place_port = 5514
+"""
+
+    async def script(subject: Twin) -> None:
+        cell = tomllib.loads(subject.cell_toml.read_text("utf-8"))
+        assert cell["robot"]["place_inputs"] == "place_inputs"
+        section = InputsConfig.model_validate(
+            {k: v for k, v in cell["device"]["place_inputs"].items() if k != "driver"}
+        )
+        assert section.inputs["free"].address == 0
+        async with await RawClient.open((HOST, 5514)) as client:
+            assert await client.ask("0200000001") == "020101"
+            carried_off_s = await asyncio.to_thread(ask, subject.folder, {"do": "operator", "block": True})
+            assert await client.ask("0200000001") == "020100"
+            await asyncio.sleep(carried_off_s + 0.1)
+            assert await client.ask("0200000001") == "020101"
+
+    twin(tmp_path, script, text)
