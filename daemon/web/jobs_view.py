@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 from aiohttp import web
@@ -10,6 +11,8 @@ from cell.errors import CellError, error
 from daemon.engine import Engine
 from daemon.job_config import make_procedure
 from daemon.predictions import prediction_of
+from daemon.startable import Startable, startables
+from daemon.tools import asked_tool, tool_names
 from daemon.web.answers import Visitors, json_answer
 
 LOOKED_BACK = 500  # runs
@@ -22,7 +25,8 @@ class JobsView:
     def __init__(self, engine: Engine, visitors: Visitors) -> None:
         self._engine, self._visitors = engine, visitors
         self._predicting = asyncio.Lock()
-        self._expected: dict[str, tuple[float, dict[str, Any] | None]] = {}  # with the time when it was made
+        # by job and tool, with the time when it was made
+        self._expected: dict[tuple[str, str | None], tuple[float, dict[str, Any] | None]] = {}
 
     def routes(self) -> list[web.RouteDef]:
         return [
@@ -32,25 +36,31 @@ class JobsView:
         ]
 
     async def jobs(self, request: web.Request) -> web.Response:
-        """Every job with what is missing for it, and how its last runs ended."""
+        """Every job and recipe with what is missing for it, and how the last runs of the job ended."""
         self._visitors.require_look(request)
         engine = self._engine
         runs = await asyncio.to_thread(engine.ledger.runs, LOOKED_BACK)
         found = []
-        for name, job in sorted(engine.jobs.items(), key=lambda entry: entry[1].number):
-            own = [run for run in runs if run["job"] == name]
-            obstacle = await engine.obstacle(name)
+        for one in startables(engine.context.config, engine.jobs):
+            own = [run for run in runs if run["job"] == one.job]
+            obstacle = await self._obstacle(one)
             found.append(
                 {
-                    "name": name,
-                    "number": job.number,
-                    "configured": self._configured(name),
+                    **asdict(one),
+                    "configured": one.recipe or self._configured(one.job),
                     "obstacle": obstacle.as_dict() if obstacle is not None else None,
                     "last": _shown(own[0]) if own else None,
                     "seconds": _seconds(own),
                 }
             )
         return json_answer(found)
+
+    async def _obstacle(self, one: Startable) -> CellError | None:
+        """Why it cannot be started; with no tool where a start has to name one."""
+        if one.tool is not None or not one.tools:
+            return await self._engine.obstacle(one.name)
+        found = [await self._engine.obstacle(one.name, tool) for tool in one.tools]
+        return None if None in found else found[0]
 
     def _configured(self, name: str) -> bool:
         """Whether this cell is meant to do the job: cell.toml has what it needs, and names its devices."""
@@ -62,19 +72,23 @@ class JobsView:
         return set(procedure.uses()) <= config.robot.roles().keys()
 
     async def expected(self, request: web.Request) -> web.Response:
-        """``expected``: what ``cellward check`` tells of a job, null for nothing; ``BUSY`` during a run."""
+        """``expected``: what ``cellward check`` tells of a job with the ``tool`` of the query, null for
+        nothing; ``BUSY`` during a run."""
         self._visitors.require_look(request)
         engine, job = self._engine, request.match_info["job"]
         if job not in engine.jobs:
             raise error("NOT_FOUND", f"job '{job[:50]}'")
+        config, asked = engine.context.config, request.query.get("tool")
+        tool = asked_tool(config, job, asked, needed=len(tool_names(config)) > 1)
+        key = job, None if tool is None else tool.name
         async with self._predicting:
             now = engine.context.clock.now()
-            made, answer = self._expected.get(job, (-EXPECTED_FOR_S, None))
+            made, answer = self._expected.get(key, (-EXPECTED_FOR_S, None))
             if now - made >= EXPECTED_FOR_S:
                 if (run := engine.running) is not None:  # the worker is the run's
                     raise error("BUSY", f"{run.procedure.name}, run {run.id}")
-                answer = await engine.context.worker.call(prediction_of, engine.context.config, job)
-                self._expected[job] = (now, answer)
+                answer = await engine.context.worker.call(prediction_of, config, *key)
+                self._expected[key] = (now, answer)
         return json_answer({"expected": answer})
 
     async def joints(self, request: web.Request) -> web.Response:

@@ -9,6 +9,7 @@ from typing import Any
 from aiohttp import web
 
 from cell.errors import CellError, error
+from cell.store.run_fields import tool_on_flange
 from cell.store.run_list import ListedRun, listed_runs
 from cell.store.runs import RunFolder, load_run
 from daemon.cli.journal_text import timeline
@@ -69,6 +70,8 @@ class RunsView:
             **row,
             "error": end.get("error"),
             "parameters": folder.info.get("parameters") or {},
+            "recipe": folder.info.get("recipe"),
+            "tool": tool_on_flange(folder.info),
             "journal": timeline(_newest(journal)),
             "result": self._result(folder),
             "report": (folder.path / "report.html").exists(),

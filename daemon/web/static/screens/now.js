@@ -10,6 +10,10 @@ import { t, textOr } from "../texts.js";
 export const dueWords = ({ cause, value, limit }) =>
   t(`due.${cause}`, { value: number(value, cause === "age" ? 1 : 0), limit: asWritten(limit) });
 export const jobName = (job) => textOr(`job.${job}`, job);
+// Of a running or ended job, with its tool where the cell has several.
+const jobAndTool = ({ job, tool }) => (tool ? `${jobName(job)} (${tool})` : jobName(job));
+// The start screen of what measures a calibration that is due.
+export const dueStart = ({ job, tool }) => (tool ? `#start/${job}/${tool}` : `#start/${job}`);
 const HELD = new Set(["HELD", "HOLDING", "SUSPENDED"]);
 const ENDING = new Set(["STOPPING", "ABORTING", "COMPLETING", "CLEARING"]);
 
@@ -25,7 +29,7 @@ export function Now({ state }) {
     ${status.ledger_damage && html`<${Damage} />`}
     ${status.due.map((due) => html`<${Card} wide kind="state wait" key=${due.name}>
       <p class="big">${t("now.due", { name: calibrationName(due.name) })}</p>
-      <p>${dueWords(due)}${due.job && html` <a href=${`#start/${due.job}`}>${t("now.due_do", { job: jobName(due.job) })}</a>`}</p></${Card}>`)}
+      <p>${dueWords(due)}${due.job && html` <a href=${dueStart(due)}>${t("now.due_do", { job: jobName(due.job) })}</a>`}</p></${Card}>`)}
     ${status.disk && status.disk.warning && html`<${Card} wide kind="state wait"><p class="big">${t("now.disk")}</p>
       <p>${status.disk.warning}</p></${Card}>`}
     <${Devices} devices=${status.devices} />
@@ -40,7 +44,7 @@ function What({ state }) {
   const last = status.last_run;
   return html`<${Card} wide kind="state">
     <p class="big">${t("now.ready")}</p>
-    ${last && html`<p>${t("now.last", { run: last.run_id, job: jobName(last.job) })} <${Outcome} last=${last} />
+    ${last && html`<p>${t("now.last", { run: last.run_id, job: jobAndTool(last) })} <${Outcome} last=${last} />
       ${" "}<a href=${`#runs/${last.run_id}`}>${t("now.show_run")}</a></p>`}
     <div class="actions"><a class="button go" href="#start">${t("now.start")}</a></div>
   </${Card}>`;
@@ -73,7 +77,7 @@ export function Running({ state, watched = false }) {
   const ending = ENDING.has(status.packml);
   const words = ending ? "now.ending" : held ? "now.held" : "now.moves";
   return html`<${Card} wide kind=${`state ${held ? "wait" : "busy"}`}>
-    <p class="big">${t(words, { job: jobName(status.job) })}</p>
+    <p class="big">${t(words, { job: jobAndTool(status) })}</p>
     <${Progress} state=${state} />
     ${!ending && html`<${Actions}>${(telling) => html`
       ${held
@@ -112,7 +116,7 @@ function Fault({ status }) {
 function Waiting({ result, last }) {
   const verdict = last && last.run_id === result.run_id ? last.verdict : null;
   return html`<${Card} wide kind="state wait">
-    <p class="big">${t("now.decide", { name: textOr(`calibration.${result.name.split(".")[0]}`, result.name) })}</p>
+    <p class="big">${t("now.decide", { name: calibrationName(result.name) })}</p>
     <p>${t("now.from_run", { run: result.run_id })} <${Verdict} verdict=${verdict} /></p>
     <div class="actions"><a class="button go" href=${`#result/${result.id}`}>${t("now.look_decide")}</a></div>
   </${Card}>`;

@@ -18,6 +18,7 @@ function AllRuns({ state }) {
   const [chosen, choose] = useState([]);
   if (!got.content) return html`<${Loading} got=${got} />`;
   const jobs = [...new Set(got.content.map((run) => run.job))].sort();
+  const tools = new Set(got.content.map((run) => run.tool).filter(Boolean)).size;
   const shown = got.content.filter((run) => !job || run.job === job);
   const compared = got.content.filter((run) => chosen.includes(run.run_id));
   const rows = shown.map((run) => ({
@@ -25,7 +26,7 @@ function AllRuns({ state }) {
     cells: [
       html`<a href=${`#runs/${run.run_id}`}>${run.run_id}</a>`,
       run.compared_as ? html`<${Choice} run=${run} chosen=${compared} choose=${choose} />` : "–",
-      jobName(run.job),
+      html`${jobName(run.job)}${tools > 1 && run.tool && html`<small>${run.tool}</small>`}`,
       html`${moment(run.started)}${run.who && html`<small>${run.who}</small>`}`,
       run.outcome === "complete" && run.verdict ? html`<${Verdict} verdict=${run.verdict} />` : html`<${HowItEnded} run=${run} />`,
       run.figure ? html`<b class="num">${figureText(run.figure)}</b><small>${textOr(`figure.${run.figure.name}`, run.figure.words)}</small>` : "–",
@@ -79,6 +80,8 @@ function OneRun({ state, number }) {
     <${Card} title=${t("runs.facts")}>
       <${Facts} rows=${[
         [t("column.job"), run.job],
+        run.recipe && [t("runs.recipe"), run.recipe],
+        run.tool && [t("runs.tool"), run.tool],
         [t("column.started"), moment(run.started)],
         took !== null && [t("runs.took"), span(took)],
         [t("column.outcome"), run.running ? t("runs.goes_on") : outcomeWords(run)],
@@ -102,7 +105,7 @@ function OneRun({ state, number }) {
 
 // What an interrupted run has finished can be taken over; the arm moves then.
 function Adopt({ run }) {
-  const adopt = () => ask("start", { job: run.job, params: run.parameters, adopt: run.run_id });
+  const adopt = () => ask("start", { job: run.recipe || run.job, params: run.parameters, adopt: run.run_id });
   return html`<p>${t("runs.adopt_means")}</p><${Actions}>${(telling) => html`<${Action} kind="go" disabled=${!may("operator")}
     run=${telling(() => adopt().then(() => (location.hash = "#run")))}>${t("runs.adopt")}</${Action}>`}</${Actions}>`;
 }

@@ -1,0 +1,81 @@
+"""What the page offers to start in a cell with several tools, and with recipes."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from cell.errors import CellError
+from daemon.config import CellConfig, load_config
+from daemon.startable import Startable, startables
+from daemon.web import jobs_view
+from daemon.web.jobs_view import JobsView
+from fakes.object import run_virtual
+from procedures.registry import JOBS
+from tests.kit.laser_cell import laser_config
+from tests.kit.object_cell import on_disk, open_cell
+
+POSE = [0.0, 0.0, 0.2, 0.0, 0.0, 0.0]
+TOOLS: dict[str, Any] = {
+    "gripper": {"T_flange_tool": POSE},
+    "needle": {"T_flange_tool": POSE, "radius_m": 0.01},
+}
+BOTH = ("gripper", "needle")
+RECIPES = {
+    "quick": {"job": "laser-reference", "tool": "needle", "number": 101},
+    "any": {"job": "laser-check"},
+}
+
+
+def two_tools(folder: Path) -> CellConfig:
+    """The crossed-beam cell where every start has to say which of two tools is on the flange."""
+    path = Path(laser_config(folder, tool=TOOLS, recipe=RECIPES).source)
+    head, _, rest = path.read_text("utf-8").partition("[robot.tool]")
+    path.write_text(head + "[" + rest.partition("\n[")[2], "utf-8")
+    return load_config(path)
+
+
+def of(config: CellConfig, name: str) -> Startable:
+    return next(one for one in startables(config, JOBS) if one.name == name)
+
+
+def test_jobs_come_with_the_tools_to_choose_from_and_recipes_after_them(tmp_path: Path) -> None:
+    config = two_tools(tmp_path)
+    assert of(config, "laser-check") == Startable("laser-check", "laser-check", 3, False, BOTH, None)
+    assert of(config, "quick") == Startable("quick", "laser-reference", 101, True, BOTH, "needle")
+    assert of(config, "any") == Startable("any", "laser-check", None, True, BOTH, None)
+    assert of(config, "belt-tracking").tools == (), "it has no section, so nothing can be chosen for it"
+    assert [one.name for one in startables(config, JOBS)][-2:] == ["quick", "any"]
+
+
+def test_one_tool_alone_leaves_no_choice(tmp_path: Path) -> None:
+    assert of(laser_config(tmp_path), "laser-check") == Startable(
+        "laser-check", "laser-check", 3, False, (), "pin"
+    )
+
+
+def test_the_page_lists_them_and_predicts_for_the_tool_that_was_chosen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(jobs_view, "prediction_of", lambda config, job, tool: {"of": [job, tool]})
+
+    async def main() -> None:
+        async with open_cell(two_tools(tmp_path), job="laser-reference") as cell:
+            on_disk(cell.ledger.start_run, 7, "laser-reference", "folder", "anna", "web", "needle")
+            visitors: Any = SimpleNamespace(require_look=lambda request: None)
+            subject = JobsView(cell.engine, visitors)
+            request: Any = SimpleNamespace(match_info={"job": "laser-reference"}, query={})
+            listed = {one["name"]: one for one in json.loads((await subject.jobs(request)).body)}
+            assert listed["laser-reference"]["obstacle"] is None, "with one of the tools it can be started"
+            assert "no reference for this tool" in listed["any"]["obstacle"]["text"]
+            assert (listed["quick"]["configured"], listed["quick"]["last"]["run_id"]) == (True, 7)
+            with pytest.raises(CellError, match="tool=gripper or tool=needle"):
+                await subject.expected(request)
+            for tool in BOTH:
+                request.query = {"tool": tool}
+                answer = json.loads((await subject.expected(request)).body)
+                assert answer == {"expected": {"of": ["laser-reference", tool]}}
+
+    run_virtual(main())
