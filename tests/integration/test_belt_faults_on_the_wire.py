@@ -106,7 +106,8 @@ class Picking:
         def look() -> bool:
             status = self.cell.status()
             if status["run_id"] != run_id:
-                raise Ended(status["last_run"], what)
+                closings = ask(self.cell.folder, {"do": "truth"})["gripper"]["contacts"]
+                raise Ended(status["last_run"], f"{what}; the last closings were {closings[-4:]}")
             return bool(condition(status))
 
         wait_for(look, what, timeout)
