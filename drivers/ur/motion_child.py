@@ -26,6 +26,7 @@ from typing import Any, ClassVar, Protocol
 from cell.priority import SETPOINTS, stay_in_real_time
 from drivers.ur.following import Follower, Piece
 from drivers.ur.framing import Message, Unframer, encode
+from drivers.ur.pace import Pace
 
 BEAT_LIMIT_S = 0.1
 KICK_PERIOD_S = 0.02
@@ -112,13 +113,12 @@ class MotionChild:
         self._follower: Follower | None = None
         self._servo = (0.0, 0.0, 0.0)  # look-ahead, gain, deceleration
         self._servoing = self._broken_off = False
-        self._next_setpoint = 0.0
-        self._servo_period_s = SERVO_PERIOD_S
+        self._pace = Pace(SERVO_PERIOD_S)
 
     def run(self) -> None:
         """The loop: read from the daemon, serve one command, keep the watchdog or the set-points going."""
         while True:
-            due = self._next_setpoint if self._follower is not None else self._next_kick
+            due = self._pace.due if self._follower is not None else self._next_kick
             self._hear(min(max(due - time.monotonic(), 0.0), KICK_PERIOD_S))
             if self._inbox:
                 self._serve(self._inbox.popleft())
@@ -202,11 +202,9 @@ class MotionChild:
 
     def _follow(self, control: Control, follower: Follower) -> None:
         now = time.monotonic()
-        if now < self._next_setpoint:
+        if now < self._pace.due:
             return
-        # Missed periods are dropped, not caught up: each set-point is computed for its own instant.
-        self._next_setpoint = max(self._next_setpoint + self._servo_period_s, now)
-        q = follower.setpoint(now, self._beat)
+        q = follower.setpoint(self._pace.take(now), self._beat)
         if q is None:
             if now >= self._next_kick:
                 self._kick(control)
@@ -230,7 +228,7 @@ class MotionChild:
         if time.monotonic() - self._told >= KICK_PERIOD_S:
             self._tell_kick()  # a set-point is a kick; one in ten is told
         with self._limit.within(SERVO_CALL_LIMIT_S, "servoJ"):
-            return control.servoJ(q, 0.0, 0.0, self._servo_period_s, lookahead, gain)
+            return control.servoJ(q, 0.0, 0.0, self._pace.period_s, lookahead, gain)
 
     def _end_following(self, end: str) -> None:
         self._follower = None
@@ -240,7 +238,7 @@ class MotionChild:
     # Commands. Each returns what the reply carries.
 
     def _open(self, host: str, watchdog_hz: float, servo_period_s: float = SERVO_PERIOD_S) -> bool:
-        self._servo_period_s = servo_period_s
+        self._pace = Pace(servo_period_s)
         self._control = self._connect(host)
         if not self._control.isProgramRunning():
             raise RuntimeError("the control script did not start")
@@ -278,10 +276,14 @@ class MotionChild:
         self._follower = Follower(min(horizon_s, BEAT_LIMIT_S), ramp, 4.0 * lookahead + 0.04, gap_s=lookahead)
         self._servo = (lookahead, gain, decel)
         self._servoing = self._broken_off = False
-        self._next_setpoint = time.monotonic()
+        self._pace.begin(time.monotonic())
         return True
 
-    def _piece(self, t0: float, t1: float, coefficients: list[list[float]]) -> bool:
+    def _piece(
+        self, t0: float, t1: float, coefficients: list[list[float]], cycle: float | None = None
+    ) -> bool:
+        if cycle is not None:
+            self._pace.keep_to(cycle)
         if self._follower is not None:
             self._follower.add(Piece(t0, t1, [_six(row) for row in coefficients]))
         return self._follower is not None

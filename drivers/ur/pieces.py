@@ -89,7 +89,9 @@ class Following:
             step = float(np.max(np.abs(rows[0] - begins_at)))
             if step > MAX_START_STEP_RAD:
                 raise error("MOTION_LIMIT", f"the trajectory begins {step:.3f} rad from where the arm is")
-        self._client.post("piece", t0=piece.t0, t1=piece.t1, coefficients=rows.tolist())
+        state = self._arm.state.last()
+        cycle = None if state is None else state.t
+        self._client.post("piece", t0=piece.t0, t1=piece.t1, coefficients=rows.tolist(), cycle=cycle)
 
     def _hear(self, event: Message) -> None:
         if event["event"] == "followed":

@@ -57,7 +57,13 @@ class WireCell:
     def start_twin(self) -> None:
         command = [BIN / "cellward-twin", "--scenario", self.scenario, "--bind", self.bind]
         self.twin = self._spawn([*command, "--out", self.folder, "--with-parent"], "twin.log")
-        wait_for((self.folder / "cell.toml").exists, "the twin's cell.toml", 120.0)
+        twin = self.twin
+
+        def begun() -> bool:
+            assert twin.poll() is None, "the twin ended while it started"
+            return (self.folder / "cell.toml").exists()
+
+        wait_for(begun, "the twin's cell.toml", 120.0)
         self._set_limits()
 
     def _set_limits(self) -> None:

@@ -7,11 +7,13 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
 from drivers.ur import motion_child
 from drivers.ur.framing import Message, Unframer, encode
 from drivers.ur.motion_child import CallLimit, MotionChild
+from drivers.ur.pace import SENT_AT
 
 pytestmark = pytest.mark.wire  # the child's limits are in real time
 _OPEN = {"host": "h", "watchdog_hz": 10.0}
@@ -276,6 +278,23 @@ def test_set_points_follow_the_polynomial_until_the_end(subject: Daemon) -> None
     assert all(args[0] == [0.5] * 6 for args in sent)
     assert subject.control.calls[-1][0] in ("servoStop", "kickWatchdog")
     assert subject.control.count("servoStop") == 1
+
+
+def test_set_points_are_for_instants_in_step_with_the_controllers_cycles(subject: Daemon) -> None:
+    subject.open()
+    subject.beat()
+    subject.ask("follow", horizon_s=0.1, ramp=8.0, lookahead=0.03, gain=500.0, decel=5.0)
+    t0 = time.monotonic()
+    rows = [[0.0] * 6, [1.0] * 6]  # whose joints tell the instant
+    subject.ask("piece", t0=t0, t1=t0 + 0.1, coefficients=rows, cycle=t0 - 0.0123)
+    subject.beating(0.08)
+    subject.ask("stop", decel=1.0)
+    instants = np.array([args[0][0] for name, args in subject.control.calls if name == "servoJ"])
+    followed = instants[(instants > 0.004) & (instants < 0.05)]
+    assert len(followed) > 5
+    period = motion_child.SERVO_PERIOD_S
+    into = (followed + 0.0123) / period - SENT_AT
+    assert into == pytest.approx(np.round(into), abs=1e-4)
 
 
 def test_an_older_controller_gets_a_set_point_in_each_of_its_own_cycles(subject: Daemon) -> None:
