@@ -37,6 +37,10 @@ class Setup:
         """The configured job whose section is of this model, None without one."""
         return next((job for job in self.jobs if isinstance(job, section)), None)
 
+    def without_depth(self, role: str) -> bool:
+        """Whether the camera of this role is configured to be one without depth."""
+        return getattr(self.devices.get(self.roles.get(role, "")), "depth", True) is False
+
     def missing(self, *roles: str) -> list[str]:
         """One sentence for each of these roles that no device plays."""
         return [

@@ -7,6 +7,9 @@ from depth, and its rim is moved to the edge that colour shows (:mod:`calibratio
 Depth is off by a per cent of the distance on many cameras, and that would be more than the height of many
 items. Where the belt is, the calibrated camera pose says better, so heights are counted from the belt as
 depth has it: over the whole picture to tell items from it, and beside each item to measure it.
+
+A camera without depth finds what differs from the belt in colour (:mod:`calibration.items.by_colour`), and
+the height of all items has to be known.
 """
 
 from collections.abc import Iterator, Mapping
@@ -18,6 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.items.by_colour import away_from, belt_without_items, face_of, silhouette, stands_out
 from calibration.items.face import face_in_colour, filled, height_sigma, mostly, spread, without_holes
 from calibration.items.rim import measured_rim
 from calibration.items.shape import Outline, outline
@@ -43,6 +47,7 @@ class ItemSpec:
     """What to look for. ``plane`` is the belt in the camera: unit normal towards the camera (3,) and its
     product with any point of the belt (m). ``region`` (k, 3) m, in the camera, bounds the part of the belt
     that is looked at, or None. Heights are above the belt; ``size_m`` bounds an item's longer side.
+    ``height_m`` is the known height of all items, to ``height_sigma_m``; needed where there is no depth.
     """
 
     normal: tuple[float, float, float]
@@ -51,12 +56,14 @@ class ItemSpec:
     max_height_m: float
     size_m: tuple[float, float]
     region: tuple[tuple[float, float, float], ...] | None = None
+    height_m: float | None = None
+    height_sigma_m: float = 0.0
 
     @classmethod
     def from_mapping(cls, raw: Mapping[str, Any]) -> "ItemSpec":
         """From plain values as they cross the pipe to the vision child; ``ARGUMENT_INVALID``."""
         try:
-            region = raw.get("region")
+            region, height = raw.get("region"), raw.get("height_m")
             spec = cls(
                 tuple(float(v) for v in raw["normal"]),  # type: ignore[arg-type]
                 float(raw["offset_m"]),
@@ -64,6 +71,8 @@ class ItemSpec:
                 float(raw["max_height_m"]),
                 (float(raw["size_m"][0]), float(raw["size_m"][1])),
                 None if region is None else tuple(tuple(float(v) for v in p) for p in region),  # type: ignore[misc]
+                None if height is None else float(height),
+                float(raw.get("height_sigma_m") or 0.0),
             )
         except (KeyError, TypeError, ValueError, IndexError) as exc:
             raise error("ARGUMENT_INVALID", f"items: {type(exc).__name__} {exc}") from exc
@@ -71,6 +80,8 @@ class ItemSpec:
             raise error("ARGUMENT_INVALID", "items.normal is no unit vector")
         if not 0.0 < spec.min_height_m < spec.max_height_m or not 0.0 < spec.size_m[0] < spec.size_m[1]:
             raise error("ARGUMENT_INVALID", "items: heights and sizes must be positive and grow")
+        if spec.height_m is not None and not spec.min_height_m <= spec.height_m <= spec.max_height_m:
+            raise error("ARGUMENT_INVALID", "items.height_m is not between min_height_m and max_height_m")
         return spec
 
 
@@ -94,8 +105,13 @@ class ItemDetector:
         xy = cv2.undistortPoints(pixels.reshape(-1, 1, 2), self._K, self._dist).reshape(-1, 2)
         return np.column_stack([xy, np.ones(len(xy))])
 
-    def find(self, colour: Image, depth: Depth) -> tuple[ItemView, ...]:
-        """Items in ``colour`` (h, w, 3) BGR with ``depth`` (h, w) in mm aligned to it, 0 = invalid."""
+    def find(self, colour: Image, depth: Depth | None) -> tuple[ItemView, ...]:
+        """Items in ``colour`` (h, w, 3) BGR with ``depth`` (h, w) in mm aligned to it, 0 = invalid.
+
+        Without depth by colour alone, at the known height; ``CAMERA_FAULT`` where none is known.
+        """
+        if depth is None:
+            return self._find_by_colour(colour)
         level = self._level(depth)
         found = (self._measure(box, colour, depth, level) for box in self._candidates(depth, level))
         return tuple(item for item in found if item is not None)
@@ -113,6 +129,10 @@ class ItemDetector:
         height = self._heights(coarse, self._slope) - level
         low, high = 0.5 * self.spec.min_height_m, self.spec.max_height_m + _BAND_M
         mask = ((height > low) & (height < high) & (coarse > 0) & self._inside).astype(np.uint8)
+        return self._boxes(mask)
+
+    def _boxes(self, mask: NDArray[np.uint8]) -> Iterator[tuple[int, int, int, int]]:
+        """Boxes x0, y0, x1, y1 (px) around what is connected in a coarse ``mask``."""
         mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
         count, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
         for x, y, w, h, _ in stats[1:count]:
@@ -146,15 +166,51 @@ class ItemDetector:
         top = float(np.mean(height[inner])) - self._beside(height, window > 0, mostly(valid) | face)
         if not self.spec.min_height_m <= top <= self.spec.max_height_m:
             return None
-        rim = measured_rim(picture, face, partial(self._foot, np.array([x0, y0]), top))
+        return self._seen(picture, np.array([x0, y0]), face, top, height_sigma(height, inner, top))
+
+    def _find_by_colour(self, colour: Image) -> tuple[ItemView, ...]:
+        spec = self.spec
+        if spec.height_m is None:
+            raise error(
+                "CAMERA_FAULT",
+                "items are looked for by depth, and this camera has none; give items.height_m, the known "
+                "height of all items, and they are looked for by colour",
+            )
+        coarse = np.ascontiguousarray(colour[::_COARSE, ::_COARSE])
+        px_per_m = float(self._K[0, 0]) * float(self._slope.max()) / spec.offset_m
+        belt = belt_without_items(coarse, spec.size_m[1] * px_per_m / _COARSE)
+        mask = stands_out(away_from(coarse, belt)) * self._inside.astype(np.uint8)
+        found = (self._by_colour(box, colour, belt, spec.height_m) for box in self._boxes(mask))
+        return tuple(item for item in found if item is not None)
+
+    def _by_colour(
+        self, box: tuple[int, int, int, int], colour: Image, belt: Image, height_m: float
+    ) -> ItemView | None:
+        x0, y0, x1, y1 = box
+        picture, corner = colour[y0:y1, x0:x1], np.array([x0, y0])
+        beside = belt[y0 // _COARSE : -(-y1 // _COARSE), x0 // _COARSE : -(-x1 // _COARSE)]
+        whole = silhouette(away_from(picture, cv2.resize(beside, (x1 - x0, y1 - y0))))
+        if whole is None:
+            return None
+        face = face_of(whole, partial(self._foot, corner, height_m))
+        if face.sum() < _FEWEST_PX:
+            return None
+        return self._seen(picture, corner, face, height_m, self.spec.height_sigma_m)
+
+    def _seen(
+        self, picture: Image, corner: Array, face: NDArray[np.bool_], top: float, sigma_m: float
+    ) -> ItemView | None:
+        """The item whose upper ``face`` is in a window at ``corner`` px, ``top`` (m) over the belt, to
+        ``sigma_m``."""
+        rim = measured_rim(picture, face, partial(self._foot, corner, top))
         if rim is None:
             return None
-        pixels = rim.points + np.array([x0, y0])
+        pixels = rim.points + corner
         edge = np.array([self.camera.width, self.camera.height]) - 1.0 - _RIM_PX
         if np.any(pixels < _RIM_PX) or np.any(pixels > edge):
             return None
         shape = outline(self._on_face(pixels, top), self._normal)
-        return self._view(shape, top, rim.sigma_px, height_sigma(height, inner, top))
+        return self._view(shape, top, rim.sigma_px, sigma_m)
 
     def _beside(self, height: Array, seen: NDArray[np.bool_], stands: NDArray[np.bool_]) -> float:
         """The height (m) that depth gives to the belt around what ``stands`` out; 0 where it shows none."""

@@ -60,9 +60,10 @@ class Detector(Protocol):
 
 
 class ItemFinder(Protocol):
-    """Looks for items in a colour image (h, w, 3) BGR with aligned depth (h, w) in mm."""
+    """Looks for items in a colour image (h, w, 3) BGR with aligned depth (h, w) in mm, None of a camera
+    without; then ``CAMERA_FAULT`` where depth is needed."""
 
-    def find(self, colour: NDArray[np.uint8], depth: NDArray[np.uint16]) -> tuple[ItemView, ...]: ...
+    def find(self, colour: NDArray[np.uint8], depth: NDArray[np.uint16] | None) -> tuple[ItemView, ...]: ...
 
 
 @dataclass(frozen=True)
@@ -239,8 +240,6 @@ class VisionChild:
     def _items(self, shot: "Shot") -> tuple[ItemView, ...] | None:
         if self._finder_for is None:
             return None
-        if shot.depth is None:
-            raise error("CAMERA_FAULT", "items are looked for by depth, and this camera has none")
         if self._finder is None or self._finder[0] != shot.intrinsics:
             self._finder = shot.intrinsics, self._finder_for(shot.intrinsics)
         return self._finder[1].find(shot.colour, shot.depth)

@@ -39,6 +39,10 @@ class OakConfig(Strict):
         le=0.5,
         description="colour and depth of one frame are exposed no further apart; raise it where none are",
     )
+    depth: bool = Field(
+        True,
+        description="false: of a camera without a stereo pair, as an OAK-1, or depth that nobody wants",
+    )
     stereo_preset: Literal["accuracy", "default", "density", "high_detail", "robotics"] | None = Field(
         None, description="of depthai's stereo node, with its filters; absent: the node's own"
     )

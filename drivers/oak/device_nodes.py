@@ -51,7 +51,7 @@ def open_device(config: OakConfig) -> Any:
 
 def check_usb(device: Any, config: OakConfig) -> None:
     """``CAMERA_FAULT`` when the pictures that are asked for do not fit the cable."""
-    speed, depth = device.getUsbSpeed().name, _pair_of(device)
+    speed, depth = device.getUsbSpeed().name, _pair_of(device) if config.depth else None
     a_pixel = _BYTES_A_PIXEL + (_OF_DEPTH if depth else 0)
     needs = config.width * config.height * a_pixel * config.fps
     if speed in _SLOW and needs > _USB2_BYTES_S:
@@ -88,8 +88,8 @@ def colour_camera(pipeline: Any, device: Any, config: OakConfig) -> ColourCamera
 
 
 def depth_nodes(pipeline: Any, device: Any, colour: Any, config: OakConfig) -> Any | None:
-    """The output of depth aligned to ``colour``; None of a device without a stereo pair."""
-    pair = _pair_of(device)
+    """The output of depth aligned to ``colour``; None of a device without a stereo pair, or unwanted."""
+    pair = _pair_of(device) if config.depth else None
     if pair is None:
         return None
     left, right = (

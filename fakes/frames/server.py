@@ -241,11 +241,12 @@ class FrameServer:
                 "K": self._told.K,
                 "dist": self._told.dist,
                 "colour": "bgr8",
-                "depth": "u16mm",
+                "depth": "u16mm" if camera.depth else None,
                 "serial": self.faults.serial or camera.serial,
             }
         ).encode()
-        colour, depth = picture.colour.tobytes(), picture.depth.astype("<u2", copy=False).tobytes()
+        colour = picture.colour.tobytes()
+        depth = picture.depth.astype("<u2", copy=False).tobytes() if camera.depth else b""
         return b"".join((struct.pack("<I", len(header)), header, colour, depth))
 
     def _accept(self) -> None:

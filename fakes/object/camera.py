@@ -72,7 +72,9 @@ class ObjectCamera(ObjectDevice):
         self._target = None if target is None else dict(target)
 
     async def set_items(self, spec: dict[str, Any] | None) -> None:
-        """Look for items by this table from now on."""
+        """Look for items by this table from now on; ``CAMERA_FAULT`` without depth and without a height."""
+        if spec is not None and not self.world.camera.depth and spec.get("height_m") is None:
+            raise error("CAMERA_FAULT", "items are looked for by depth, and this camera has none")
         self.frames.fill()
         self._items = None if spec is None else dict(spec)
 
@@ -97,10 +99,12 @@ class ObjectCamera(ObjectDevice):
     def _drawn(self, frame: Frame, folder: Path, stem: str) -> Frame:
         """``frame`` with its pictures on disk; blocks."""
         colour, depth = self.head.pictures(frame.t_exposure - self.world.camera.stamp_late_s, frame.seq)
-        files = folder / f"{stem}.png", folder / f"{stem}-depth.png"
-        for path, picture in zip(files, (colour, depth), strict=True):
-            cv2.imwrite(str(path), picture)
-        return replace(frame, colour_file=files[0], depth_file=files[1])
+        colour_file, depth_file = folder / f"{stem}.png", folder / f"{stem}-depth.png"
+        cv2.imwrite(str(colour_file), colour)
+        if not self.world.camera.depth:
+            return replace(frame, colour_file=colour_file)
+        cv2.imwrite(str(depth_file), depth)
+        return replace(frame, colour_file=colour_file, depth_file=depth_file)
 
     def inject(self, kind: str, **arguments: object) -> None:
         """Begin a fault of the camera, by its name in the vocabulary."""

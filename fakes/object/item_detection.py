@@ -40,13 +40,17 @@ def items_seen(
             continue
         if not _within(top.translation, spec.get("region"), normal):
             continue
+        middle = top.translation
+        if not look.camera.depth:  # on the sight, where it is as high as is said
+            height = float(spec["height_m"])
+            middle = middle * (float(spec["offset_m"]) + height) / float(normal @ middle)
         rng = np.random.default_rng([look.seed, look.tick, number, 0x5EE])
         sigma = _SIGMA_M if look.camera.stereo is None else _SIGMA_STEREO_M
         off = sigma * rng.standard_normal(3)
         turn = _SIGMA_RAD * rng.standard_normal()
         axis = top.rotation.apply([np.cos(turn), np.sin(turn), 0.0])
         length, width = sorted(size_m[:2], reverse=True)
-        found.append(ItemView(top.translation + off, axis, (length, width), height, sigma))
+        found.append(ItemView(middle + off, axis, (length, width), height, sigma))
     return tuple(found)
 
 

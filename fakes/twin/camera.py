@@ -57,7 +57,8 @@ class TwinCamera:
         Pictures are drawn on the cores that also look at them: ten may be missed.
         """
         timeout = max(2.5, 10.0 * self._world.camera.period_s)
-        return {"driver": "oak", "source": self.addresses()["camera frames"], "frame_timeout_s": timeout}
+        section = {"driver": "oak", "source": self.addresses()["camera frames"], "frame_timeout_s": timeout}
+        return section if self._world.camera.depth else {**section, "depth": False}
 
     def _new_process(self) -> FrameProcess:
         return FrameProcess(str(self.socket), self._scenario, self._world)

@@ -51,6 +51,8 @@ class CameraToBelt:
             "min_height_m": look.min_height_m,
             "max_height_m": look.max_height_m,
             "size_m": [look.min_size_m, look.max_size_m],
+            "height_m": look.height_m,
+            "height_sigma_m": look.height_sigma_m,
         }
 
     def seen(self, views: Sequence[ItemView]) -> list[SeenItem]:

@@ -20,11 +20,24 @@ class ItemLook(Strict):
     max_height_m: Length = Field(default=0.05, description="higher things above the belt are no items")
     min_size_m: Length = Field(default=0.01, description="smaller things are no items")
     max_size_m: Length = Field(default=0.3, description="larger things are no items")
+    height_m: Length | None = Field(
+        default=None,
+        description="known height of all items above the belt: a camera without depth needs it, and finds "
+        "them by their colour; one with depth measures it",
+    )
+    height_sigma_m: float = Field(
+        default=0.0005, ge=0, le=0.1, description="standard deviation of height_m from item to item"
+    )
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
         if self.min_height_m >= self.max_height_m or self.min_size_m >= self.max_size_m:
             raise ValueError("min_height_m and min_size_m must be smaller than max_height_m and max_size_m")
+        if self.height_m is not None and not self.min_height_m <= self.height_m <= self.max_height_m:
+            raise ValueError(
+                f"height_m = {self.height_m:g} should be between min_height_m = {self.min_height_m:g} and "
+                f"max_height_m = {self.max_height_m:g}"
+            )
         return self
 
 

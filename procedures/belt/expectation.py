@@ -13,7 +13,7 @@ from procedures.arm_setup import with_job_limits
 from procedures.belt.config import BeltTrackingConfig
 from procedures.belt.motion.cycle_estimate import SPEEDS_M_S, CycleEstimate, ExpectedCycle, ZoneTimes, slides
 from procedures.belt.motion.tool_joints import ToolJoints
-from procedures.belt.setup_checks import belt_setup
+from procedures.belt.setup_checks import belt_setup, needs_depth
 from procedures.belt.tracking import UPRIGHT_RAD
 from procedures.setup import Setup
 
@@ -25,6 +25,7 @@ def belt_expectation(setup: Setup, job: BeltTrackingConfig) -> dict[str, Any]:
     or something looks mistaken.
     """
     problems = [*setup.missing(*job.roles()), *_poses(setup, job), *_place_input(setup, job)]
+    problems += needs_depth(setup, "belt-tracking", job.items)
     values = setup.values
     try:
         values = with_job_limits(values, job.limits)

@@ -6,7 +6,7 @@ import numpy as np
 
 from cell.poses import Array, from_pose6
 from procedures.belt.calibrating.config import BeltCalibrationConfig
-from procedures.belt.config import BeltTrackingConfig
+from procedures.belt.config import BeltTrackingConfig, ItemLook
 from procedures.setup import Setup
 
 _COARSE_M = 0.5e-3  # RMS of a count's rounding; the arm meets items that well at best
@@ -29,6 +29,17 @@ def belt_setup(setup: Setup, job: BeltTrackingConfig) -> Iterator[str]:
         yield (
             f"belt_z_m is {job.belt_z_m:g} m here and {z:g} m in [job.belt-calibration]; it is the "
             "height of one belt in the base"
+        )
+    if other is not None and other.source == "camera":
+        yield from needs_depth(setup, "belt-calibration", other.items)
+
+
+def needs_depth(setup: Setup, job: str, items: ItemLook) -> Iterator[str]:
+    """That a camera without depth cannot find the items of ``job``, whose height is not known."""
+    if setup.without_depth("fixed_camera") and items.height_m is None:
+        yield (
+            f"[device.{setup.roles['fixed_camera']}] has depth = false, and items are found by depth: give "
+            f"[job.{job}.items] height_m, the known height of all items, or use a camera with depth"
         )
 
 

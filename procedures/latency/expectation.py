@@ -5,6 +5,7 @@ from typing import Any
 from calibration.targets import make_target
 from cell.calibrations import time_offset
 from cell.errors import CellError
+from procedures.belt.setup_checks import needs_depth
 from procedures.latency.camera import PLACES_OF_SETUP, FixedCamera, FlangeCamera
 from procedures.latency.config import LatencyCalibrationConfig
 from procedures.latency.encoder import CAMERA
@@ -19,6 +20,7 @@ def delay_expectation(setup: Setup, job: LatencyCalibrationConfig) -> dict[str, 
     cautions: list[str] = []
     if job.source == "belt":
         problems = setup.missing("belt", CAMERA)
+        problems += needs_depth(setup, "latency-calibration", job.items)
         text = (
             f"items seen by the camera over {job.changes} starts and stops of the belt; nothing is moved, so "
             "somebody has to start and stop it"

@@ -17,6 +17,11 @@ def slot_expectation(setup: Setup, job: SlotInsertionConfig) -> dict[str, Any]:
     Hand-eye and arm are only known when the job starts; what part and rack alone leave open is known now.
     """
     problems = setup.missing("arm", "flange_camera", "gripper")
+    if setup.without_depth("flange_camera"):
+        problems.append(
+            f"[device.{setup.roles['flange_camera']}] has depth = false, and the job looks into a slot by "
+            "depth: use a camera with depth"
+        )
     for key in ("start_pose", "fetch_pose", "put_down_pose"):
         name = getattr(job, key)
         if name is not None and name not in setup.poses:

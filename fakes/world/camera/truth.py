@@ -66,6 +66,7 @@ class CameraTruth(Strict):
     autofocus: bool = Field(
         default=False, description="the lens moves all the time, and with it what it makes of the picture"
     )
+    depth: bool = Field(default=True, description="false: a camera that gives colour alone, as an OAK-1")
     stereo: StereoTruth | None = Field(default=None, description="absent: depth with a millimetre of noise")
     exposure_s: float = Field(default=0.008, gt=0, le=1)
     period_s: float = Field(default=0.1, gt=0, le=10)
@@ -76,6 +77,8 @@ class CameraTruth(Strict):
     def _checked(self) -> Self:
         if (self.T_flange_camera is None) == (self.T_base_camera is None):
             raise ValueError("give either T_flange_camera (eye-in-hand) or T_base_camera (eye-to-hand)")
+        if not self.depth and self.stereo is not None:
+            raise ValueError("depth = false has no stereo pair: leave [world.camera.stereo] out, or depth")
         for name, dist in (("dist", self.dist), ("told.dist", self.told.dist)):
             if len(dist) not in _MODELS:
                 raise ValueError(f"{name} has {len(dist)} entries; OpenCV's models have 0, 4, 5, 8, 12 or 14")

@@ -128,3 +128,45 @@ def test_only_the_region_is_looked_at(scene: Scene) -> None:
 def test_a_description_that_makes_no_sense_is_refused(scene: Scene, changes: dict[str, object]) -> None:
     with pytest.raises(CellError, match="items"):
         scene.spec(**changes)
+
+
+def test_without_depth_an_item_of_known_height_is_found_by_its_colour(scene: Scene) -> None:
+    detector = scene.detector(height_m=0.03, height_sigma_m=0.0003)
+    dark_sides = [(-0.24, -0.68, 2.52), (-0.21, -0.61, 1.68)]
+    errors, stated = [], []
+    for x, y, yaw in [*PLACES, *dark_sides]:
+        (item,) = detector.find(scene.picture([(x, y, yaw)], 0.15)[0], None)
+        errors.append(T_BASE_CAMERA.apply(item.point) - [x, y, 0.03])
+        stated.append(item.sigma_m)
+        assert item.size_m == pytest.approx((0.06, 0.04), abs=0.0015)
+    assert np.abs(errors).max() < 0.4e-3
+    assert np.sqrt(np.mean(np.square(errors), axis=0))[:2].max() < 1.5 * np.mean(stated)
+
+
+def test_by_colour_all_items_are_found_in_uneven_light_and_neither_floor_nor_what_has_another_size(
+    scene: Scene,
+) -> None:
+    colour = scene.picture([*PLACES, (0.1, -0.62, 0.0)])[0].astype(float)
+    down, across = np.mgrid[-1:1:800j, -1:1:1280j]
+    colour *= (1.0 - 0.15 * (down**2 + across**2))[..., None]  # 30 % less light in the corners
+    colour[:60] = 150.0  # beside the belt
+    found = scene.detector(height_m=0.03).find(colour.astype(np.uint8), None)
+    at = np.array([T_BASE_CAMERA.apply(item.point)[:2] for item in found])
+    assert len(found) == 7
+    for x, y, _ in [*PLACES, (0.1, -0.62, 0.0)]:
+        assert np.linalg.norm(at - [x, y], axis=1).min() < 0.4e-3
+    assert scene.detector(height_m=0.03, size_m=[0.08, 0.15]).find(colour.astype(np.uint8), None) == ()
+    assert scene.detector(height_m=0.03).find(scene.picture([])[0], None) == ()
+
+
+def test_a_height_that_is_wrong_is_in_the_stated_uncertainty(scene: Scene) -> None:
+    x, y = -0.25, -0.5  # seen at a slant
+    (item,) = scene.detector(height_m=0.033, height_sigma_m=0.003).find(scene.picture([(x, y, 0.3)])[0], None)
+    off = T_BASE_CAMERA.apply(item.point)[:2] - [x, y]
+    assert 0.3e-3 < np.linalg.norm(off) < 2.0 * item.sigma_m
+
+
+def test_without_depth_and_without_a_known_height_it_is_said_what_to_give(scene: Scene) -> None:
+    with pytest.raises(CellError, match="known height of all items") as caught:
+        scene.detector().find(scene.picture([])[0], None)
+    assert caught.value.name == "CAMERA_FAULT"

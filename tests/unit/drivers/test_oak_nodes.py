@@ -88,6 +88,7 @@ CASES: dict[str, dict[str, Any]] = {
     "autofocus": {"cameras": OAK_D, "autofocus": ["CAM_A"], "config": {"stereo_preset": "robotics"}},
     "fixed focus": {"cameras": OAK_D | {"CAM_A": "OV9782"}, "config": {"focus": 80}},
     "no stereo": {"cameras": {"CAM_A": "a new sensor"}, "usb": "HIGH"},
+    "unwanted": {"cameras": OAK_D, "config": {"depth": False}},
 }
 Answers = dict[str, dict[str, Any]]
 
@@ -132,6 +133,7 @@ def test_a_lens_that_can_move_is_put_where_it_was_calibrated_and_watched(answere
 def test_a_device_without_a_stereo_pair_gives_colour_alone_and_a_slow_cable_is_refused(
     answered: Answers,
 ) -> None:
+    assert not answered["unwanted"]["depth"]
     found = answered["no stereo"]
     assert not found["depth"]
     assert found["row_time_s"] is None
