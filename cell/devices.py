@@ -239,6 +239,22 @@ class Arm(Device, Protocol):
         ...
 
 
+class StartsPrograms(Device, Protocol):
+    """An arm whose controller starts a program of its own when it is told to.
+
+    Only for an arm that asked for a check by such a program, while nothing else moves it; no lease guards
+    what the program does.
+    """
+
+    async def load_program(self, program: str) -> None:
+        """Load ``program``, which moves nothing; ``ARM_PROGRAM_NOT_STARTED`` when the controller has none."""
+        ...
+
+    async def play_program(self) -> None:
+        """Start what is loaded; whether the arm may move, and no program runs, is asked anew right before."""
+        ...
+
+
 @dataclass(frozen=True)
 class Intrinsics:
     """Pinhole camera with OpenCV's distortion; pixel centres at integer coordinates."""

@@ -200,6 +200,7 @@ class Run:
         self._notebook, self._publish = notebook, publish
         self._devices: dict[str, Device] = {}
         self.work_wanted = True  # no new item is begun while it is not
+        self.steered = False  # somebody held it, finished it early, or answered a question of it
         self._finish = False
         self._hold_wanted = False
         self._released = asyncio.Event()
@@ -404,18 +405,19 @@ class Run:
             waiting = f"prompt {self.prompt[0]} is open" if self.prompt else "no prompt is open"
             raise error("NOT_NOW", f"prompt {prompt_id} is not open, {waiting}")
         self.note("operator", event=event, prompt=prompt_id, who=who)
+        self.steered = True
         self.prompt, self._skipped = None, event == "skip"
         self._answered.set()
 
     def finish(self) -> None:
         """End at the next checkpoint and keep the data."""
-        self._finish = True
+        self._finish = self.steered = True
         self._answered.set()
         self.resume()
 
     def pause(self) -> None:
         """Hold at the next checkpoint."""
-        self._hold_wanted = True
+        self._hold_wanted = self.steered = True
         self._released.clear()
         if self.packml is not PackML.HELD:
             self._set_packml(PackML.HOLDING)

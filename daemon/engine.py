@@ -24,9 +24,10 @@ from daemon.decisions import check_confirmed, check_decidable, require_read, use
 from daemon.job_config import make_procedure
 from daemon.losses import Losses
 from daemon.movable import ASKED_BY_S, require_movable
+from daemon.program_start import ProgramStart
 from daemon.recipes import arguments_of_recipe, with_recipe
 from daemon.results import note_arm_model, propose_results
-from daemon.run_end import main_figure_of, shown_of, write_end
+from daemon.run_end import failure_of, main_figure_of, shown_of, write_end
 from daemon.run_making import make_run, withdraw_run
 from daemon.run_origin import origin
 from daemon.run_timing import RunTiming
@@ -66,6 +67,7 @@ class Engine:
         self._hold_by = ""  # who asked to hold the run that is still being made
         self._closing = False  # the end is being written: nothing can be asked of the run any more
         self._listeners: list[Callable[[], None]] = []
+        self.program_start = ProgramStart(context, self._publish)
 
     # -- what outside asks for
 
@@ -75,6 +77,7 @@ class Engine:
             raise error("BUSY", f"{run.procedure.name}, run {run.id}")
         if self._starting:
             raise error("BUSY", f"{self._starting} is being started")
+        self.program_start.require_idle()
         request = with_recipe(self.context.config, request)
         self._starting, self._ending, self._hold_by = request.job, None, ""
         try:
@@ -126,6 +129,7 @@ class Engine:
                 await withdraw_run(folder, self.ledger)
             raise
         self.run, self.error = run, None
+        self.program_start.asked(run, request)
         self._task = asyncio.create_task(self._execute(run, folder, devices), name=f"run {run.id}")
         self._publish()
         return {"run_id": run.id, "folder": folder.path.name}
@@ -192,6 +196,8 @@ class Engine:
         """Hold at the next checkpoint, with the arm at rest; a run that is being made, at its first."""
         if self._starting and self._task is None:
             self._hold_by = who
+            return
+        if self.program_start.withdraw(who):
             return
         run = self._active()
         run.note("operator", event="pause", who=who)
@@ -312,6 +318,7 @@ class Engine:
         if self._task is not None:
             self._end_with(PackML.ABORTING, "shutdown", "daemon")
             await asyncio.wait([self._task])
+        await self.program_start.close()
 
     # -- how a run is made and ends
 
@@ -375,7 +382,7 @@ class Engine:
                 run.note("error", **failure.as_dict())
                 self._publish()
             await asyncio.wait([job])
-            failure = failure or self._told_by_loss(_failure_of(job), devices)
+            failure = failure or self._told_by_loss(failure_of(job), devices)
             # While the data are on disk nothing about them may fail the run silently.
             if failure is None and not job.cancelled():
                 self._set_ending(PackML.COMPLETING)
@@ -438,6 +445,7 @@ class Engine:
         self._publish()
         if run.result is None:
             self.report_wanted(folder.path)
+        self.program_start.ended(run, folder, end, failure)
 
     def _told_by_loss(self, failure: CellError | None, devices: list[str]) -> CellError | None:
         """A job may find a device gone a moment before the watch does; the loss is the cause to name."""
@@ -450,6 +458,8 @@ class Engine:
         """Stop first, and write it down after: a full disk must not keep anybody from stopping."""
         if self._starting and self._task is None:
             self._ending = self._ending or ending  # the run that is being made ends before it begins
+            return
+        if self.program_start.withdraw(who):
             return
         run = self._active()
         if self._ending is None:
@@ -471,13 +481,3 @@ class Engine:
     def _publish(self) -> None:
         for listener in tuple(self._listeners):
             listener()
-
-
-def _failure_of(job: asyncio.Task[None]) -> CellError | None:
-    """The coded error that ended a job; None when it returned or was cancelled on request."""
-    if job.cancelled() or (exc := job.exception()) is None:
-        return None
-    if isinstance(exc, CellError):
-        return exc
-    log.error("a job failed in an unexpected way", exc_info=exc)
-    return error("INTERNAL", f"{type(exc).__name__}: {exc}")

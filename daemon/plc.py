@@ -66,7 +66,7 @@ class PlcFace:
                 names |= recipes_by_number(self._config)
                 if command.job not in names:
                     raise error("UNKNOWN_JOB", f"number {command.job}")
-                asked = StartRequest(names[command.job], {}, who, command.channel)
+                asked = StartRequest(names[command.job], {}, who, command.channel, client=command.client)
                 job = engine.jobs[with_recipe(self._config, asked).job]
                 words = [command.argument_as_uint32(index) for index in range(PLACES)]
                 params = given_params(job, words, tools_by_changer(self._config))

@@ -59,3 +59,13 @@ def shown_of(run: Run) -> tuple[Figures, dict[str, Any] | None]:
         log.error("registers show nothing of the result: %s", exc)
         figures = NO_FIGURES
     return figures, summary_of(document)
+
+
+def failure_of(job: asyncio.Task[None]) -> CellError | None:
+    """The coded error that ended a job; None when it returned or was cancelled on request."""
+    if job.cancelled() or (exc := job.exception()) is None:
+        return None
+    if isinstance(exc, CellError):
+        return exc
+    log.error("a job failed in an unexpected way", exc_info=exc)
+    return error("INTERNAL", f"{type(exc).__name__}: {exc}")

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 class StartRequest:
     """A job or a recipe by its name, with ``params`` over its config section.
 
-    ``who`` asks, over ``channel`` (as ``control`` or ``modbus``). ``dry_run`` lists the plan and moves
-    nothing; ``adopt`` is the number of an earlier run whose finished poses are taken over.
+    ``who`` asks, over ``channel`` (as ``control`` or ``modbus``), from the address ``client`` where the
+    channel has addresses. ``dry_run`` lists the plan and moves nothing; ``adopt`` is the number of an
+    earlier run whose finished poses are taken over.
     """
 
     job: str
@@ -19,3 +20,4 @@ class StartRequest:
     dry_run: bool = False
     adopt: int | None = None
     recipe: str = ""  # the name of what is started where it is one; ``job`` is then its job
+    client: str = ""

@@ -9,6 +9,7 @@ from cell.procedure import Run
 from cell.store.ledger import Ledger
 from cell.store.summary import summary
 from daemon.cell_context import CellContext
+from daemon.program_start import ProgramStart
 from daemon.tools import told_tool
 
 LIVE_ROWS = 250  # of a trace in one answer: more would hold up a loop that decides every 20 ms
@@ -26,6 +27,7 @@ class Shown(Protocol):
     loop_lag: Callable[[], dict[str, float]]
     disk: Callable[[], dict[str, Any]]
     due: Callable[[], list[dict[str, Any]]]
+    program_start: ProgramStart
 
     @property
     def packml(self) -> PackML: ...
@@ -60,6 +62,7 @@ def status_of(engine: Shown) -> dict[str, Any]:
         "disk": engine.disk(),
         "due": engine.due(),
         "waiting": engine.waiting,
+        "program_start": engine.program_start.told,
         "devices": context.supervisor.status(),
         "loop_lag": engine.loop_lag(),
     }

@@ -49,6 +49,7 @@ def check(
     from daemon.cli.machine import low_space
     from daemon.cli.machine import machine as measure
     from daemon.config import load_config
+    from daemon.config.program_after import program_after_words
     from daemon.disk_space import capture_bytes
     from daemon.predictions import found_in, named, predictions
     from daemon.service.network import not_permitted
@@ -89,6 +90,7 @@ def check(
     for doubt in (text for one in found for text in one["doubts"]):
         warnings.append(doubt)
         say(f"Warning: {doubt}")
+    by_itself = program_after_words(loaded)
     if as_json:
         shown = {
             "config": str(path),
@@ -97,6 +99,7 @@ def check(
             "problems": problems,
             "warnings": warnings,
             "arm": arm,
+            "program_after": by_itself,
         }
         out_json({**shown, "predictions": expected, "devices": found, "machine": measured})
     else:
@@ -107,6 +110,8 @@ def check(
             out(f"arm: {arm['text']}")
         for job in expected:
             out(_clauses(named(job), job["text"]))
+        if by_itself is not None:
+            out(_clauses("program_after", by_itself))
         if probe:
             columns = ("device", "answer", "model", "serial")
             out(table(columns, ([d["device"], d["answer"], d["model"], d["serial"]] for d in found)))

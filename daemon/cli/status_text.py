@@ -22,6 +22,10 @@ def status_text(status: Mapping[str, Any]) -> str:
         lines.append(f"last run  {_last_run(last)}")
         lines += [f"          {reason}" for reason in ((last.get("result") or {}).get("reasons") or [])[:1]]
         lines += [f"          {text}" for text in next_commands(last, status.get("waiting", []))]
+    if (told := status.get("program_start")) is not None:
+        lines.append(f"program   {told['text']}")
+        if told["state"] == "starting":
+            lines.append("          to keep it from starting: cellward halt")
     seen = last["run_id"] if last else None
     others = [entry for entry in status.get("waiting", []) if entry["run_id"] != seen]
     lines += [f"waits     {to_decide(entry)}" for entry in others]

@@ -37,6 +37,7 @@ from daemon.config.moved import put_in_place
 from daemon.config.mqtt_section import MqttSection
 from daemon.config.not_in_version import take_out
 from daemon.config.plausible import check_plausible
+from daemon.config.program_after import check_program_after
 from daemon.config.recipes import Recipe, check_recipes
 from daemon.config.roles import ROLES, devices_by_role, kind_of
 from daemon.config.tools import NamedToolSection, check_tools, has_plain_tool
@@ -171,6 +172,7 @@ def check_config(
     roles = devices_by_role(robot_section if isinstance(robot_section, dict) else {}, devices)
     for name, section in _tables(raw, "job"):
         _check_job(name, section, findings, jobs, roles)
+    check_program_after(raw, devices, roles, findings, drivers)
     recipes = check_recipes(raw, {**jobs, **_configured_jobs(raw)}, findings)
     fixed = _validated(FixedSections, raw, (), findings)
     spec = _robot_spec(raw, findings, path)

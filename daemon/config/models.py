@@ -8,6 +8,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from cell.errors import present
 from daemon.config.mqtt_section import MqttSection
+from daemon.config.program_after import ProgramAfter
 from daemon.config.recipes import NAME as RECIPE_NAME
 from daemon.config.section import Point, Pose6, Section, absolute
 from daemon.config.tools import NAME as TOOL_NAME
@@ -250,6 +251,10 @@ class RobotSection(Section):
         default_factory=lambda: [0.0] * 3, description="centre of mass of the payload, in the flange, m"
     )
     tool: ToolSection = Field(default_factory=lambda: ToolSection(), description="the tool on the flange")
+    program_after: ProgramAfter | None = Field(
+        default=None,
+        description="the arm's own program that is started again after a check it asked for",
+    )
 
 
 class Box(Section):

@@ -5,7 +5,7 @@ import socket
 from typing import Any
 
 from cell.clock import Clock
-from cell.devices import Arm, ArmState, Identity, ToolSettings
+from cell.devices import Arm, ArmState, Identity, StartsPrograms, ToolSettings
 from cell.errors import CellError, error
 from cell.own_delay import busy_words
 from cell.poses import Array
@@ -30,6 +30,7 @@ POLYSCOPE_X = 10  # first number of its versions
 SILENCE_CHECK_S = 0.01
 REMOTE_POLL_S = 0.1
 DASHBOARD_DEADLINE_S = 1.0
+LOAD_DEADLINE_S = 10.0  # of a program; a large one takes a controller seconds
 # After the TCP was set, the primary port may still report the old one from its queue.
 TCP_SETTLE_S = 0.5
 
@@ -38,7 +39,7 @@ class UrArm(SampledDevice):
     """One arm. Reconnecting is the supervisor's business: after an error ``close`` and ``open`` again."""
 
     Config = UrConfig
-    PLAYS = (Arm,)
+    PLAYS = (Arm, StartsPrograms)
 
     def __init__(self, name: str, config: UrConfig, clock: Clock) -> None:
         self.state: Stream[ArmState] = Stream(name, clock)
@@ -231,6 +232,20 @@ class UrArm(SampledDevice):
         async with dashboard(self._config.host, DASHBOARD_DEADLINE_S) as link:
             await link.stop(DASHBOARD_DEADLINE_S)
 
+    async def load_program(self, program: str) -> None:
+        """Load a program of the robot's own, which moves nothing; ``ARM_PROGRAM_NOT_STARTED``."""
+        async with dashboard(self._config.host, self._config.connect_timeout_s) as link:
+            await link.load(program, LOAD_DEADLINE_S)
+
+    async def play_program(self) -> None:
+        """Start the loaded program: the arm moves by it. Whether it may is asked anew right before."""
+        if self._port is not None:
+            raise error("MOTION_BUSY", f"{self.name} has a motion client")
+        async with dashboard(self._config.host, self._config.connect_timeout_s) as link:
+            await self._require_free(link)
+            self.check_movable()
+            await link.play(DASHBOARD_DEADLINE_S)
+
     async def _connect(self) -> None:
         config, timeout = self._config, self._config.connect_timeout_s
         self._link = await RtdeLink.connect(config.host, self._clock, self._lose, timeout)
@@ -275,9 +290,12 @@ class UrArm(SampledDevice):
     async def _ask_permission(self) -> None:
         """The two questions that only the dashboard answers, asked right before the script is uploaded."""
         async with dashboard(self._config.host, self._config.connect_timeout_s) as link:
-            if not await link.in_remote_control(DASHBOARD_DEADLINE_S):
-                raise error("ARM_LOCAL_MODE", f"the dashboard of {self.name} says so")
-            answer = await link.ask("running", DASHBOARD_DEADLINE_S)
+            await self._require_free(link)
+
+    async def _require_free(self, link: Dashboard) -> None:
+        if not await link.in_remote_control(DASHBOARD_DEADLINE_S):
+            raise error("ARM_LOCAL_MODE", f"the dashboard of {self.name} says so")
+        answer = await link.ask("running", DASHBOARD_DEADLINE_S)
         if "true" in answer.lower():
             raise error("ARM_PROGRAM_RUNNING", f"the dashboard of {self.name} says '{answer}'")
 

@@ -102,6 +102,18 @@ class Dashboard:
         if not answer.lower().startswith("stopped"):
             raise error("CALL_TIMEOUT", f"dashboard stop on {self._host} answered {answer!r}")
 
+    async def load(self, program: str, timeout: float) -> None:
+        """Load a program; ``ARM_PROGRAM_NOT_STARTED`` with the controller's words."""
+        answer = await self.ask(f"load {program}", timeout)
+        if not answer.lower().startswith("loading program"):
+            raise error("ARM_PROGRAM_NOT_STARTED", f"'load {program}' on {self._host} answered {answer!r}")
+
+    async def play(self, timeout: float) -> None:
+        """Start the loaded program; ``ARM_PROGRAM_NOT_STARTED`` with the controller's words."""
+        answer = await self.ask("play", timeout)
+        if not answer.lower().startswith("starting program"):
+            raise error("ARM_PROGRAM_NOT_STARTED", f"'play' on {self._host} answered {answer!r}")
+
     def close(self) -> None:
         """Drop the connection at once."""
         _abort(self._writer)

@@ -8,7 +8,7 @@ from pydantic import Field
 from scipy.spatial.transform import RigidTransform
 
 from cell.clock import Clock
-from cell.devices import Arm, ArmState, Identity, ToolSettings
+from cell.devices import Arm, ArmState, Identity, StartsPrograms, ToolSettings
 from cell.errors import error
 from cell.formats.reading import Strict
 from cell.poses import to_pose6
@@ -21,6 +21,7 @@ from fakes.world.arm.kinematics import rotation_vector
 from fakes.world.arm.segments import Segment
 
 OPEN_TIMEOUT_S = 1.0
+LOAD_S = 0.3  # what a controller takes to load a program
 
 
 class ObjectArmConfig(Strict):
@@ -40,7 +41,7 @@ class ObjectArm(ObjectDevice):
     """``cell.devices.Arm`` on virtual time. State samples are made when somebody looks at them."""
 
     Config = ObjectArmConfig
-    PLAYS = (Arm,)
+    PLAYS = (Arm, StartsPrograms)
 
     def __init__(self, name: str, config: ObjectArmConfig, clock: Clock) -> None:
         self._cell = cell_of(config.scenario, clock)
@@ -132,6 +133,18 @@ class ObjectArm(ObjectDevice):
     async def stop_program(self) -> None:
         """The dashboard's stop."""
         await self._stop_over_another_link()
+
+    async def load_program(self, program: str) -> None:
+        """The dashboard's load; this controller has every program whose name ends in .urp."""
+        await self.clock.sleep(LOAD_S)
+        if not program.endswith(".urp"):
+            raise error("ARM_PROGRAM_NOT_STARTED", f"{self.name} has no program {program}")
+        self.controller.loaded_program = program
+
+    async def play_program(self) -> None:
+        """The dashboard's play; the program runs and does nothing."""
+        self.check_movable()
+        self.controller.start_foreign()
 
     def inject(self, kind: str, **arguments: object) -> None:
         """Begin a fault of the controller or of the link, by its name in the vocabulary."""

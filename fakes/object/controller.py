@@ -37,6 +37,7 @@ class Controller(Plant):
         self.safety_mode = SafetyMode.NORMAL
         self.remote = True
         self.program = Program.NONE
+        self.loaded_program = ""
         self.registers_free = True
         self.T_flange_tcp = RigidTransform.identity()
         self.payload_kg = 0.0
@@ -86,6 +87,12 @@ class Controller(Plant):
         self.program, self.died_of = Program.OURS, None
         self._run += 1
         return self._run
+
+    def start_foreign(self) -> None:
+        """The loaded program starts."""
+        self.settle_past()
+        self.program = Program.FOREIGN
+        self.announce()
 
     def runs(self, run: int) -> bool:
         """True while the run of our script with this number is the program."""

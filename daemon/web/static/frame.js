@@ -16,7 +16,7 @@ export function Frame({ screen, screens = [], children }) {
       <span class="space"></span>
       <${Age} />
       <${User} screen=${screen} />
-      ${status && html`<${Stop} running=${status.job !== null} />`}
+      ${status && html`<${Stop} running=${status.job !== null || programStarts(status)} />`}
       ${screens.length > 0 &&
       html`<nav aria-label=${t("page.screens")}>
         ${screens.map(
@@ -38,6 +38,9 @@ export function Frame({ screen, screens = [], children }) {
       </label>
     </footer>`;
 }
+
+// The arm's own program is being started after a check that it asked for: Stop run keeps it from starting.
+const programStarts = ({ program_start: told }) => Boolean(told) && told.state === "starting";
 
 function toMain(event) {
   event.preventDefault(); // "#main" is no screen

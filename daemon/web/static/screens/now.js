@@ -21,6 +21,7 @@ export function Now({ state }) {
   const { status } = state;
   return html`<h1 class="hidden">${t("screen.now")}</h1>
     <${What} state=${state} />
+    ${status.program_start && html`<${ProgramStart} told=${status.program_start} />`}
     ${status.waiting.map((result) => html`<${Waiting} key=${result.id} result=${result} last=${status.last_run} />`)}
     ${status.interrupted.map((run) => html`<${Card} wide kind="state wait" key=${run}>
       <p class="big">${t("now.interrupted", { run })}</p><p>${t("now.interrupted_do")}</p></${Card}>`)}
@@ -120,6 +121,13 @@ function Waiting({ result, last }) {
     <p>${t("now.from_run", { run: result.run_id })} <${Verdict} verdict=${verdict} /></p>
     <div class="actions"><a class="button go" href=${`#result/${result.id}`}>${t("now.look_decide")}</a></div>
   </${Card}>`;
+}
+
+// The arm's own program after a check that it asked for: nobody may be surprised by what moves the arm.
+function ProgramStart({ told }) {
+  const kind = { "not started": "state wait", started: "state" }[told.state] || "state busy";
+  return html`<${Card} wide kind=${kind}><p class="big">${t(`program.${told.state.replace(" ", "_")}`, { program: told.program })}</p>
+    <p>${told.text}</p></${Card}>`;
 }
 
 function Damage() {
