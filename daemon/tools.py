@@ -6,7 +6,6 @@ from typing import Any
 
 from cell.errors import error
 from daemon.config import CellConfig
-from daemon.config.findings import did_you_mean
 
 ARGUMENT = "tool"
 
@@ -89,8 +88,7 @@ def asked_tool(config: CellConfig, job: str, asked: str | None, needed: bool) ->
             raise error("ARGUMENT_INVALID", text)
         return tool
     if asked not in tools:
-        hint = did_you_mean(asked, tools) or f"; there is {', '.join(tools)}"
-        raise error("ARGUMENT_INVALID", f"there is no tool '{asked}'{hint}")
+        raise error("ARGUMENT_INVALID", f"there is no tool '{asked}'; there is {', '.join(tools)}")
     return tools[asked]
 
 

@@ -2,6 +2,7 @@
 
 import signal
 from collections.abc import Awaitable, Callable
+from typing import Any
 
 import pytest
 from aiohttp import web
@@ -81,6 +82,41 @@ def test_two_runs_are_chosen_and_seen_beside_each_other(subject: PageCell) -> No
         await visitor.show("results")
         link = visitor.page.get_by_role("link", name="mit dem geltenden")
         assert await link.get_attribute("href") == "#compare/1/3"
+        assert visitor.complaints == []
+
+    in_browser(use)
+
+
+LASER_CHECK = {
+    "name": "laser-check", "job": "laser-check", "number": 3, "recipe": False, "configured": True,
+    "tools": ["gripper", "needle"], "tool": None, "obstacle": None, "last": None, "seconds": None,
+}  # fmt: skip
+
+
+def test_a_job_is_started_once_somebody_has_said_which_tool_is_on_the_flange(subject: PageCell) -> None:
+    asked: list[Any] = []
+
+    async def refuse(route: Any) -> None:
+        asked.append(route.request.post_data_json)
+        await route.fulfill(status=409, json={"error": {"name": "BUSY", "text": "not now", "hint": ""}})
+
+    async def use(browser: Browser) -> None:
+        visitor = await Visitor.at(browser, subject.url, locale="en-GB")
+        await visitor.login(TOKENS["otto"])
+        page = visitor.page
+        await page.route("**/api/jobs", lambda route: route.fulfill(json=[LASER_CHECK]))
+        await page.route("**/expected?tool=needle", lambda route: route.fulfill(json={"expected": None}))
+        await page.route("**/api/do/start", refuse)
+        await visitor.show("start/laser-check")
+        await page.get_by_label("Nobody is within reach").check()
+        assert await visitor.button("Start: the arm will move").is_disabled()
+        await page.get_by_label("Tool on the flange").select_option("needle")
+        await page.get_by_label("Nobody is within reach").check()
+        await visitor.press("Start: the arm will move")
+        await visitor.sees("not now")
+        assert asked == [{"job": "laser-check", "params": {"tool": "needle"}}]
+        never = await page.evaluate("import('/static/format.js').then((format) => format.asWritten(null))")
+        assert never == "–", "of a calibration that was never measured"
         assert visitor.complaints == []
 
     in_browser(use)

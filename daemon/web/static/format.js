@@ -11,8 +11,9 @@ export function number(value, digits) {
   return text.replace(/^-(?=[0.,]*$)/, "").replace("-", "−"); // no minus before a zero; a true minus sign
 }
 
-// With as many digits as it has, two at most: a limit that somebody has written.
-export const asWritten = (value) => number(value, [0, 1].find((n) => Math.abs(value - value.toFixed(n)) < 1e-9) ?? 2);
+// With as many digits as it has, two at most: a limit that somebody has written, if there is one.
+export const asWritten = (value) =>
+  number(value, value === null ? 0 : [0, 1].find((n) => Math.abs(value - value.toFixed(n)) < 1e-9) ?? 2);
 
 export const mm = (metres, digits = 2) => `${number(metres === null ? null : 1e3 * metres, digits)} mm`;
 export const degrees = (radians, digits = 2) =>

@@ -77,7 +77,7 @@ def test_without_a_plain_tool_a_start_has_to_name_one_and_is_told_which_there_ar
         asked_tool(subject, "laser-check", None, needed=True)
     with pytest.raises(CellError, match="no tool 'lance'; there is gripper, needle"):
         asked_tool(subject, "laser-check", "lance", needed=True)
-    with pytest.raises(CellError, match="no tool 'nedle', did you mean 'needle'"):
+    with pytest.raises(CellError, match="no tool 'nedle'; there is gripper, needle"):
         asked_tool(subject, "laser-check", "nedle", needed=True)
     assert asked_tool(subject, "tracker-sampling", None, needed=False) is None
 
