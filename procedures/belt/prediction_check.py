@@ -11,7 +11,7 @@ def with_predictions(picked: BeltTrackingResult, path: Path) -> BeltTrackingResu
     """``picked`` with residuals and held-out errors as ``cellward solve intercept`` has them for the
     ``intercept.json`` at ``path``: the part of a run's result that its data give again. Raises ``InputError``
     as that does."""
-    solved = solve_intercept(path)
+    solved = solve_intercept(path, calls=1)
     if isinstance(solved, InterceptResult):
         return picked.changed(residuals=solved.residuals, heldout=solved.heldout)
     return picked.changed(residuals=Empty(), heldout=Empty())

@@ -39,7 +39,7 @@ _P95 = float(np.sqrt(chdtri(3, 0.05) / 3.0))  # 95 % of 3D errors stay below so 
 
 def solve_within_limits(path: Path, limit_m: float, method: str | None = None) -> KincalResult | Result:
     """The result of a run's ``kincal.json``, judged; for the worker process."""
-    return judged(solve_kincal(path, method=method), path, limit_m)
+    return judged(solve_kincal(path, method=method, calls=1), path, limit_m)
 
 
 def judged(found: KincalResult | Result, path: Path, limit_m: float) -> KincalResult | Result:

@@ -17,13 +17,14 @@ ADAPTIVE, CLASSIC = "adaptive", "classic"
 
 @within_limits
 def solve_intercept(
-    path: Path, *, method: str | None = None, progress: Progress | None = None
+    path: Path, *, method: str | None = None, progress: Progress | None = None, calls: int = 2
 ) -> InterceptResult | Result:
     """The result of an intercept data set: its JSON file, or a folder with one.
 
     ``method`` is ``adaptive`` (the default) or ``classic``. Each answer is made of data
-    stamped at or before its query. Bad input raises an ``InputError``; data that cannot determine the
-    answers give a result with verdict ``fail``.
+    stamped at or before its query. ``calls``: how often it is solved to tell its time; a job, which nobody
+    compares by it, needs one. Bad input raises an ``InputError``; data that cannot determine the answers
+    give a result with verdict ``fail``.
     """
     chosen = method or ADAPTIVE
     if chosen not in (ADAPTIVE, CLASSIC):
@@ -34,7 +35,7 @@ def solve_intercept(
         return refused
     solve = solve_adaptive if chosen == ADAPTIVE else solve_classic
     show = None if progress is None else partial(_show, progress, len(loaded.queries))
-    solved, seconds = timed(lambda: solve(loaded, show))
+    solved, seconds = timed(lambda: solve(loaded, show), calls)
     return fill_result(loaded, solved, chosen, seconds)
 
 

@@ -37,13 +37,15 @@ def solve_kincal(
     targets: Path | None = None,
     robot: Path | None = None,
     progress: Progress | None = None,
+    calls: int = 2,
 ) -> KincalResult | Result:
     """The result of tracker points: a folder with kincal.json, JSON, CSV or MATLAB.
 
     ``method`` is ``adjustment`` (weighted maximum likelihood by variable projection of geometry, gears and
     sag, the default), ``ml`` (of the geometry alone) or ``classic``.
     ``predict`` is a file with joints whose readings are wanted, ``targets`` one with wanted poses,
-    ``robot`` one with the ROBOT. Bad input raises an ``InputError``; data that cannot determine the arm give
+    ``robot`` one with the ROBOT. ``calls``: how often it is solved to tell its time; a job, which nobody
+    compares by it, needs one. Bad input raises an ``InputError``; data that cannot determine the arm give
     a result with verdict ``fail``.
     """
     chosen = method or ADJUSTMENT
@@ -55,14 +57,14 @@ def solve_kincal(
     wanted = None if targets is None else load_targets(Path(targets), loaded)
     if progress is not None:
         progress("solve", 0, 1)
-    result = _solve(loaded, chosen, query, wanted)
+    result = _solve(loaded, chosen, query, wanted, calls)
     if progress is not None:
         progress("solve", 1, 1)
     return result
 
 
 def _solve(
-    loaded: KincalSet, method: str, query: Query | None, wanted: Wanted | None
+    loaded: KincalSet, method: str, query: Query | None, wanted: Wanted | None, calls: int
 ) -> KincalResult | Result:
     inputs: dict[str, Any] = {
         "method": method,
@@ -77,7 +79,7 @@ def _solve(
         words = f"{loaded.problem.n} of {len(loaded.data.samples)} samples have a reading of their own"
         name = "poses-not-distinct" if loaded.copies else "too-few-poses"
         return _refused(loaded, Refusal(name, words), None, inputs)
-    found, inputs["solve_seconds"] = timed(partial(_estimate, loaded, method))
+    found, inputs["solve_seconds"] = timed(partial(_estimate, loaded, method), calls)
     classic = None if isinstance(found, Solution) else found
     solution = _of_classic(loaded, found) if isinstance(found, Classic) else found
     observed = _observed(solution)

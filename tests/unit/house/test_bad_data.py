@@ -5,6 +5,7 @@ import struct
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -164,6 +165,28 @@ def test_an_answer_that_takes_long_is_not_computed_twice(
     (tmp_path / "intercept.json").write_text(json.dumps(make("wrap", 3, seconds=6.0, queries=2).data))
     solve_intercept(tmp_path)
     assert len(calls) == 1
+
+
+def test_a_job_that_nobody_compares_by_its_time_computes_its_answer_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from bench.intercept import make
+    from procedures import timed
+    from procedures.belt import prediction_check
+    from procedures.belt.solve import solver as intercept
+    from procedures.tracker import judging
+    from procedures.tracker.solve import solver as kincal
+
+    calls = []
+    solve_adaptive, estimate = intercept.solve_adaptive, kincal._estimate
+    monkeypatch.setattr(timed, "LONG_S", np.inf)
+    monkeypatch.setattr(intercept, "solve_adaptive", lambda *a: calls.append("belt") or solve_adaptive(*a))
+    monkeypatch.setattr(kincal, "_estimate", lambda *a: calls.append("tracker") or estimate(*a))
+    monkeypatch.setattr(judging, "judged", lambda found, *_: found)
+    (tmp_path / "intercept.json").write_text(json.dumps(make("wrap", 3, seconds=6.0, queries=2).data))
+    prediction_check.with_predictions(SimpleNamespace(changed=dict), tmp_path)
+    judging.solve_within_limits(kincal_scene.make_scene("ur10e", 2, 40).write(tmp_path), 1.0)
+    assert calls == ["belt", "tracker"]
 
 
 @pytest.fixture
