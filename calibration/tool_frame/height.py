@@ -7,6 +7,7 @@ What is not known beside the height is walked through: the shape of the end, and
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
@@ -26,6 +27,7 @@ _FAR_LOG = 14.0  # of the logarithm of the density: what is less likely is left 
 _AT_ONCE = 50_000  # numbers that are worked on together, so that they stay near the processor
 _MOST_AT_ONCE = 32  # passes whose product is taken; none is less likely than LOST squared
 _NARROW = 0.05  # points of the grid: as good as no normal at all
+_NOTHING = 1e-25  # a share so small is rounded away beside LOST squared
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,10 +105,12 @@ def log_likelihood(
         own = _Blur(np.sqrt(1.0 - SHARED) * points if ways > 1 else points, len(grid))
         shared = _Blur(np.sqrt(SHARED) * points, len(grid)) if ways > 1 else None
         groups = np.array([group for group in together.values() if len(group) == ways])
-        at_once = min(max(_AT_ONCE // (groups[0].size * len(points)), 1), _MOST_AT_ONCE)
-        for k in range(0, len(groups), at_once):
-            seen = np.prod(own.of(groups[None, k : k + at_once]), axis=2)
-            found += np.log(np.prod(seen if shared is None else shared.of(seen), axis=1))
+        few = max(_AT_ONCE // (ways * len(grid) * len(points)), 1)
+        at_once = min(max(few // len(ends), 1), _MOST_AT_ONCE)
+        for k, e in product(range(0, len(groups), at_once), range(0, len(ends), few)):
+            some = slice(e, e + few)
+            seen = np.prod(own.of(groups[None, k : k + at_once, :, some]), axis=2)
+            found[:, some] += np.log(np.prod(seen if shared is None else shared.of(seen), axis=1))
     return found.swapaxes(0, 1)
 
 
@@ -146,22 +150,23 @@ class _Blur:
         around = np.zeros((len(points), self._size))
         around[:, np.arange(1 - n, n)] = kernel
         self._transfer = rfft(around)
-        self._before = below[:, n - 1 :: -1]
-        self._after = below[:, :n]
+        reach = max(int(np.count_nonzero(below[:, :n].max(axis=0) > _NOTHING)), 1)
+        self._before = below[:, n - 1 :: -1][:, :reach]
+        self._after = below[:, n - reach : n]
 
     def of(self, values: Array) -> Array:
         """(S, ..., n) of ``values`` (S, ..., n) or (1, ..., n)."""
-        n, (transfer, before, after) = (
-            values.shape[-1],
-            (
-                each.reshape(len(each), *[1] * (values.ndim - 2), -1)
-                for each in (self._transfer, self._before, self._after)
-            ),
+        n = values.shape[-1]
+        transfer, before, after = (
+            each.reshape(len(each), *[1] * (values.ndim - 2), -1)
+            for each in (self._transfer, self._before, self._after)
         )
         found: Array = irfft(rfft(values, self._size) * transfer, self._size)[..., :n]
-        found += values[..., :1] * before
-        found += values[..., -1:] * after
-        return np.clip(found, LOST**2, 1.0, out=found)
+        reach = before.shape[-1]
+        found[..., :reach] += values[..., :1] * before
+        found[..., -reach:] += values[..., -1:] * after
+        np.maximum(found, LOST**2, out=found)  # NumPy's clip takes three times as long
+        return np.minimum(found, 1.0, out=found)
 
 
 def mixed(

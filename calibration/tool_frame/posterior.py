@@ -166,7 +166,7 @@ class _Walks:
         chance = b - a
         if self.known is None:
             other = self.sigma * np.exp(_STEP * self.rng.standard_normal(self.count))
-            a1, b1, flip1, s1 = self._cut(u, np.clip(other, self.least, self.most))
+            a1, b1, flip1, s1 = self._cut(u, _within(other, self.least, self.most))
             chance1 = b1 - a1
             gain = np.sum(np.log(np.maximum(chance1, 1e-300) / np.maximum(chance, 1e-300)), axis=0)
             gain += self._noise_prior(other) - self._noise_prior(self.sigma)
@@ -176,8 +176,8 @@ class _Walks:
             flip, s = np.where(take, flip1, flip), np.where(take, s1, s)
         elif self.sigma[0] > self.known:
             self.sigma = np.maximum(0.6 * self.sigma, self.known)
-        z = ndtri(np.clip(a + chance * self.rng.random(a.shape), 1e-300, 1.0 - 1e-16))
-        return s, np.clip(u + flip * s * z, self.low, self.high)
+        z = ndtri(_within(a + chance * self.rng.random(a.shape), 1e-300, 1.0 - 1e-16))
+        return s, _within(u + flip * s * z, self.low, self.high)
 
     def _cut(self, u: Array, sigma: Array) -> tuple[Array, Array, Array, Array]:
         """The normal distribution at both ends of the intervals, mirrored into the lower tail; the mirror's
@@ -232,7 +232,7 @@ class _Walks:
                 ahead[~felt[:, k]] = behind[~felt[:, k]] = np.inf
             t = self._on_line(direction, -behind.min(axis=0), ahead.min(axis=0))
             self.theta += direction[:, None] * t
-            np.clip(room[0] - step[:, None] * t, 0.0, width, out=room[0])
+            room[0] = _within(room[0] - step[:, None] * t, 0.0, width)
             np.subtract(width, room[0], out=room[1])
 
     def _on_line(self, direction: Array, bottom: Array, top: Array) -> Array:
@@ -245,6 +245,12 @@ class _Walks:
             new = old + there[self.trusted] / self.trust
             gain += np.sum(np.log1p(old**2) - np.log1p(new**2), axis=0)
         return np.where(np.log(self.rng.random(self.count)) < gain, t, 0.0)
+
+
+def _within(x: Array, low: Array | float, high: Array | float) -> Array:
+    """``x`` between the bounds; NumPy's clip takes three times as long."""
+    out: Array = np.minimum(np.maximum(x, low), high)
+    return out
 
 
 def _root(cov: Array) -> Array:

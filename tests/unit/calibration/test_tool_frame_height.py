@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 
+from calibration.tool_frame import height
 from calibration.tool_frame.glimpse import LOST, glimpse
-from calibration.tool_frame.height import first_contact, weights
+from calibration.tool_frame.height import first_contact, log_likelihood, weights
 from calibration.tool_frame.height_search import HeightSearch, sought
 from calibration.tool_frame.repeatability import scatter_of
 from calibration.tool_frame.solution import solve
 from calibration.tool_frame.tip import ENDS, TipShape
 from cell.formats.laser import parse_laser
+from cell.poses import Array
 from procedures.laser.solve.data import scene_of
 from tests.kit.height_scene import (
     CHORD_M,
@@ -88,6 +90,28 @@ def test_one_pass_that_is_not_what_it_seems_does_not_move_the_height() -> None:
     good, bad = (first_contact(g, VIEW, ENDS, scatter, -3e-4, 3e-4) for g in (seen, seen + lost))
     k = np.unravel_index(int(np.argmax(good.evidence)), good.evidence.shape)
     assert bad.mean[k] == pytest.approx(good.mean[k], abs=2e-6)
+
+
+def test_ends_are_looked_at_a_few_at_a_time_and_say_what_each_says_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """More numbers than stay near the processor take twice the time."""
+    scatter, folded = scatter_of(None), []
+    blur = height._Blur.of
+
+    def counted(self: height._Blur, values: Array) -> Array:
+        folded.append(len(scatter.sigmas) * values[0].size)
+        return blur(self, values)
+
+    seen = pairs_at(np.random.default_rng(5), ROUND_END, 0.0, NEAR, SIGMA)
+    grid = np.linspace(-3e-4, 3e-4, 101)
+    monkeypatch.setattr(height, "_AT_ONCE", 5_000)
+    monkeypatch.setattr(height._Blur, "of", counted)
+    together = log_likelihood(seen, VIEW, ENDS, scatter, grid)
+    assert max(folded) <= 5_000
+    for k in (0, 1, len(ENDS) - 1):
+        alone = log_likelihood(seen, VIEW, ENDS[k : k + 1], scatter, grid)
+        assert together[k] == pytest.approx(alone[0], rel=1e-9)
 
 
 @pytest.mark.parametrize("end", [ROUND_END, FLAT_END], ids=["round", "flat"])
