@@ -42,6 +42,7 @@ class Items:
         self.listeners: list[Callable[[int, float], None]] = []
         self._taken: dict[int, float] = {}
         self._lying: dict[int, Lying] = {}
+        self._turned: dict[int, Rotation] = {}
         self._T_base_belt: Array = belt.T_base_belt.as_matrix()
 
     def lying(self, number: int) -> Lying:
@@ -99,8 +100,10 @@ class Items:
 
     def pose(self, number: int, t: float) -> RigidTransform:
         """``T_base_top`` of an item that lies on the belt: the middle of its upper face, z up."""
-        turned = self.belt.T_base_belt.rotation * Rotation.from_rotvec([0.0, 0.0, self.lying(number).yaw])
-        return RigidTransform.from_components(self.grasp_point(number, t), turned)
+        if number not in self._turned:  # it does not turn on the belt, and every picture asks
+            yaw = Rotation.from_rotvec([0.0, 0.0, self.lying(number).yaw])
+            self._turned[number] = self.belt.T_base_belt.rotation * yaw
+        return RigidTransform.from_components(self.grasp_point(number, t), self._turned[number])
 
     def grasp_point(self, number: int, t: float) -> Array:
         """(3,) the middle of its upper face, in the base."""

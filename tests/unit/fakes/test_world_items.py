@@ -63,6 +63,14 @@ def test_items_ride_with_the_belt_and_stay_where_they_lie_on_it(items: Items) ->
     assert (early.rotation.inv() * late.rotation).magnitude() < 1e-12
 
 
+def test_how_an_item_is_turned_is_worked_out_once(items: Items) -> None:
+    """A picture asks for each item in sight, and every picture for the same ones."""
+    before = items.pose(2, 1.0)
+    items.belt = None  # type: ignore[assignment]
+    items.grasp_point = lambda number, t: np.zeros(3)  # type: ignore[method-assign]
+    assert items.pose(2, 3.5).rotation.as_quat() == pytest.approx(before.rotation.as_quat(), abs=0.0)
+
+
 def test_every_item_within_a_stretch_is_listed_and_no_other(items: Items) -> None:
     for t in (0.0, 2.0, 7.7, 30.0):
         along = {n: float(T_BASE_BELT.inv().apply(items.pose(n, t).translation)[0]) for n in range(60)}
