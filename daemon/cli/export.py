@@ -51,12 +51,25 @@ def export(
             show_default=False,
         ),
     ] = None,
+    mcap: Annotated[
+        Path | None,
+        typer.Option(
+            "--mcap",
+            metavar="FILE",
+            help="Instead: the run whose number is given as NAME, as a recording that Foxglove opens.",
+            show_default=False,
+        ),
+    ] = None,
     config: ConfigOption = None,
 ) -> None:
     """A calibration in effect for another program: with its direction, version, date and uncertainty.
 
-    Or, with --parquet, every run and result of the cell for the tools of a plant.
+    Or, with --parquet, every run and result of the cell for the tools of a plant; with --mcap, one run.
     """
+    if mcap is not None:
+        if form or output or parquet:
+            raise error("ARGUMENT_INVALID", "--mcap is of one run: leave out -f, -o and --parquet")
+        return _recording(name, mcap, cell_paths(config))
     if parquet is not None:
         if name or form or output:
             raise error("ARGUMENT_INVALID", "--parquet is of the whole store: leave out NAME, -f and -o")
@@ -94,6 +107,21 @@ def export(
 def _require_folder(file: Path) -> None:
     if not (folder := file.absolute().parent).is_dir():
         raise error("ARGUMENT_INVALID", f"{file}: the folder {folder} does not exist")
+
+
+def _recording(name: str | None, file: Path, paths: CellPaths) -> None:
+    if name is None:
+        raise error("ARGUMENT_INVALID", "--mcap is of one run: give its number")
+    if not name.isascii() or not name.isdigit():
+        raise error("ARGUMENT_INVALID", f"'{name}' is no number of a run; 'cellward runs' lists them")
+    _require_folder(file)
+    from cell.store.runs import load_run
+    from daemon.cli.run_mcap import write_mcap
+
+    folder = load_run(paths.runs, int(name))
+    with reading(folder.path):
+        counts = write_mcap(folder, file)
+    say(f"{file} has {sum(counts.values())} messages in {len(counts)} topics.")
 
 
 def _tables(file: Path, paths: CellPaths) -> None:

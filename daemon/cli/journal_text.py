@@ -18,11 +18,12 @@ def timeline(journal: Iterable[Mapping[str, Any]]) -> str:
             lines.append(f"            journal opened {again}at {entry['wall']}")
             continue
         seconds = entry["t"] - (entry["t"] if origin is None else origin)
-        lines.append(f"{seconds:9.3f} s  {entry['kind']:<9} {_what(entry)}")
+        lines.append(f"{seconds:9.3f} s  {entry['kind']:<9} {what(entry)}")
     return "\n".join(lines)
 
 
-def _what(entry: Mapping[str, Any]) -> str:
+def what(entry: Mapping[str, Any]) -> str:
+    """What one entry tells, on one line."""
     if entry.get("terminal"):
         return _end(entry)
     parts = [str(entry[key]) for key in ("state", "event", "why") if entry.get(key)]
