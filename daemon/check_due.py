@@ -73,8 +73,8 @@ class CheckDue:
         for name, sort in calibrations_of(config).items():
             if (rule := rules[sort]) is not None:
                 self._rules[name] = rule
-                self._of[name], self._asked[name] = _tool_of(config, name)
                 self._measuring[name], self._judging[name] = _jobs_for(sort, jobs)
+                self._of[name], self._asked[name] = _tool_of(config, name, self._job(name))
         self.found: list[dict[str, Any]] = []
 
     @property
@@ -164,12 +164,12 @@ def calibrations_of(config: CellConfig) -> dict[str, str]:
     return found | {time_offset(roles[role]): "time_offset_s" for role in STAMPED_ROLES if role in roles}
 
 
-def _tool_of(config: CellConfig, name: str) -> tuple[ToolOf, str | None]:
-    """The runs that count for a calibration, and the tool that a start has to name to measure it."""
+def _tool_of(config: CellConfig, name: str, job: str | None) -> tuple[ToolOf, str | None]:
+    """The runs that count for a calibration, and the tool that ``job`` has to be told to measure it."""
     sort, _, owner = name.partition(".")
     if sort not in OF_A_TOOL:
         return ANY_TOOL, None
-    usual, plain = usual_tool(config), config.robot.tool.name if config.robot.plain_tool else None
+    usual, plain = usual_tool(config, job or ""), config.robot.tool.name if config.robot.plain_tool else None
     return ToolOf(owner, unnamed=owner == plain), None if usual and usual.name == owner else owner
 
 

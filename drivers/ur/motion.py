@@ -184,7 +184,10 @@ class UrMotion:
             "gain": config.servo_gain,
             "decel": config.stop_decel_m_s2,
         }
-        with self._watch(lambda sample: None) as watch, Following(self.client, self._arm, watch) as following:
+        with (
+            self._watch(lambda sample: None) as watch,
+            Following(self.client, self._arm, watch, config.time_offset_s) as following,
+        ):
             try:
                 await self._ask(watch, "follow", how)
                 last = await following.send(pieces, lambda: self._newest().value.q)

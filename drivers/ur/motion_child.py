@@ -204,7 +204,8 @@ class MotionChild:
         now = time.monotonic()
         if now < self._pace.due:
             return
-        q = follower.setpoint(self._pace.take(now), self._beat)
+        instant = self._pace.take(now)
+        q = follower.setpoint(instant, self._beat)
         if q is None:
             if now >= self._next_kick:
                 self._kick(control)
@@ -216,7 +217,7 @@ class MotionChild:
         if (why := follower.broken_off) is not None and not self._broken_off:
             self._broken_off = True
             self._tell({"event": "broken off", "why": why.value})
-        end = follower.ended(now, self._beat)
+        end = follower.ended(instant, self._beat)
         if end is not None:
             if self._servoing:
                 with self._limit.within(1.0, "servoStop"):

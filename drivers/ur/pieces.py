@@ -27,7 +27,8 @@ class Following:
     Use as a context manager around the motion.
     """
 
-    def __init__(self, client: MotionClient, arm: ArmView, watch: Watch) -> None:
+    def __init__(self, client: MotionClient, arm: ArmView, watch: Watch, time_offset_s: float) -> None:
+        self._time_offset_s = time_offset_s  # that states are shifted by, and set-points are not
         self._client, self._arm, self._watch, self._clock = client, arm, watch, client.clock
         self._broken_off: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
@@ -90,7 +91,7 @@ class Following:
             if step > MAX_START_STEP_RAD:
                 raise error("MOTION_LIMIT", f"the trajectory begins {step:.3f} rad from where the arm is")
         state = self._arm.state.last()
-        cycle = None if state is None else state.t
+        cycle = None if state is None else state.t + self._time_offset_s
         self._client.post("piece", t0=piece.t0, t1=piece.t1, coefficients=rows.tolist(), cycle=cycle)
 
     def _hear(self, event: Message) -> None:

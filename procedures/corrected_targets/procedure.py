@@ -46,7 +46,10 @@ class HandTargets(Procedure):
     async def dry_run(self, run: Run) -> dict[str, Any]:
         """Every target with what to command for it; nothing is asked of the arm."""
         planned = await TargetsRun(self.config, run).plan()
-        listed = [{**t.model_dump(), "shift_m": _shift(t.T_base_flange, t.command)} for t in planned]
+        listed = [
+            {"number": k, **t.model_dump(), "shift_m": _shift(t.T_base_flange, t.command)}
+            for k, t in enumerate(planned, 1)
+        ]
         return {"targets": listed}
 
     @classmethod

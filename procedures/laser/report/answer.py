@@ -8,7 +8,7 @@ from procedures.laser.report.checks import ms
 from procedures.laser.report.source import LaserSource
 from procedures.laser.result import MovedTest
 from procedures.report.html import Html, absent, el, note, paragraph, section, table
-from procedures.report.numbers import DASH, K95, deg, degs, mm, mms
+from procedures.report.numbers import DASH, K95, deg, degs, dig, mm, mms
 from procedures.report.verdict import banner, cards
 
 _BENT = (
@@ -17,10 +17,9 @@ _BENT = (
 )
 _MOVED = (
     "The beams show another tool than the frame in effect. Look at the tool and at its fixture, then correct "
-    "the frame: cellward start laser-update."
+    "the frame: cellward start laser-update{}."
 )
 _REMEDY = {
-    MOVED: _MOVED,
     "bent tool": _BENT,
     "bent-tool": _BENT,
     "second scan": "Nothing was changed. See that tool, beams and fixture are tight, and measure again.",
@@ -35,7 +34,9 @@ _OTHERWISE = "Correct what the reason names, and measure again."
 
 def verdict_section(source: LaserSource) -> Html:
     """The verdict, why, and four figures to take away."""
-    top = banner(source, _REMEDY, _OTHERWISE, _became(source))
+    tool = dig(source.run, "values", "tool", "name")  # of several, another one may be the usual one
+    moved = _MOVED.format(f" -p tool={tool}" if tool else "")
+    top = banner(source, {MOVED: moved, **_REMEDY}, _OTHERWISE, _became(source))
     if source.found is None:
         return top
     return Html(top + (_reference_cards(source) if source.is_reference else _cards(source)))

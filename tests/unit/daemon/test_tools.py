@@ -204,6 +204,19 @@ def test_a_check_of_one_tool_is_none_of_another(tmp_path: Path) -> None:
     ledger.close()
 
 
+def test_a_due_check_names_its_tool_where_the_job_has_another_usual_one(tmp_path: Path) -> None:
+    ledger = Ledger(tmp_path / "due.sqlite")
+    due_after = {"T_flange_tool": {"max_runs": 1}}
+    config = cell(tmp_path, plain=True, check={"tool": "needle"}, check_due=due_after)
+    asked = {one["name"]: one["tool"] for one in CheckDue(config, ledger, JOBS, VirtualClock()).due()}
+    assert asked == {
+        "T_flange_tool.pin": "pin",
+        "T_flange_tool.gripper": "gripper",
+        "T_flange_tool.needle": None,
+    }
+    ledger.close()
+
+
 def test_a_tool_without_a_reference_is_told_with_the_command_for_it(tmp_path: Path) -> None:
     config = cell(tmp_path)
     state = Path(config.cell.state_dir)

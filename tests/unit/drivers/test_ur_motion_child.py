@@ -251,9 +251,11 @@ def test_a_command_before_open_is_refused(subject: Daemon) -> None:
     assert not subject.ask("stop", decel=1.0)["ok"]
 
 
-def follow_to_the_end(subject: Daemon, seconds: float) -> float:
-    """Follow a constant piece to its end, and again where this machine paused for longer than a beat may be
-    late; returns when the following that came to its end began."""
+def follow_to_the_end(
+    subject: Daemon, seconds: float, speed: float = 0.0, after_cycle_s: float = 0.0
+) -> float:
+    """Follow a piece of this ``speed``, which begins so long after a cycle of the controller, to its end, and
+    again where this machine paused for longer than a beat may be late; returns when that following began."""
     for _ in range(10):
         subject.control.calls.clear()
         began = time.monotonic()
@@ -261,7 +263,9 @@ def follow_to_the_end(subject: Daemon, seconds: float) -> float:
         assert subject.ask("follow", horizon_s=0.1, ramp=8.0, lookahead=0.03, gain=500.0, decel=5.0)["ok"]
         assert not subject.ask("move_joints", q=[0.1] * 6, speed=0.5, accel=1.0)["ok"]
         t0 = time.monotonic() + 0.02
-        piece = subject.ask("piece", t0=t0, t1=t0 + seconds, coefficients=[[0.5] * 6, [0.0] * 6])
+        rows = [[0.5] * 6, [speed] * 6]
+        how = {"t0": t0, "t1": t0 + seconds, "coefficients": rows, "cycle": t0 - after_cycle_s}
+        piece = subject.ask("piece", **how)
         subject.ask("finish")
         subject.beating(seconds + 0.2)
         if subject.next(lambda m: m.get("event") == "followed")["end"] == "done":
@@ -282,18 +286,11 @@ def test_set_points_follow_the_polynomial_until_the_end(subject: Daemon) -> None
 
 def test_set_points_are_for_instants_in_step_with_the_controllers_cycles(subject: Daemon) -> None:
     subject.open()
-    subject.beat()
-    subject.ask("follow", horizon_s=0.1, ramp=8.0, lookahead=0.03, gain=500.0, decel=5.0)
-    t0 = time.monotonic()
-    rows = [[0.0] * 6, [1.0] * 6]  # whose joints tell the instant
-    subject.ask("piece", t0=t0, t1=t0 + 0.1, coefficients=rows, cycle=t0 - 0.0123)
-    subject.beating(0.08)
-    subject.ask("stop", decel=1.0)
-    instants = np.array([args[0][0] for name, args in subject.control.calls if name == "servoJ"])
-    followed = instants[(instants > 0.004) & (instants < 0.05)]
-    assert len(followed) > 5
-    period = motion_child.SERVO_PERIOD_S
-    into = (followed + 0.0123) / period - SENT_AT
+    follow_to_the_end(subject, 0.2, speed=1.0, after_cycle_s=0.0123)  # joints that tell the instant
+    instants = np.array([args[0][0] for name, args in subject.control.calls if name == "servoJ"]) - 0.5
+    followed = instants[(instants > 0.004) & (instants < 0.19)]
+    assert len(followed) > 2
+    into = (followed + 0.0123) / motion_child.SERVO_PERIOD_S - SENT_AT
     assert into == pytest.approx(np.round(into), abs=1e-4)
 
 

@@ -37,7 +37,9 @@ class OpenWatch:
         return True
 
 
-def test_each_piece_carries_the_stamp_of_the_newest_state_for_the_pace_of_set_points() -> None:
+def test_each_piece_carries_when_the_newest_state_was_made_for_the_pace_of_set_points() -> None:
+    """Its stamp without the configured offset of 1.3 ms."""
+
     async def scene() -> None:
         client = NotingClient()
         state: Stream[Any] = Stream("arm", client.clock)
@@ -49,9 +51,9 @@ def test_each_piece_carries_the_stamp_of_the_newest_state_for_the_pace_of_set_po
                 yield TrajectoryPiece(now, now + 0.1, np.zeros((1, 6)))
 
         arm: Any = SimpleNamespace(state=state)
-        with Following(client, arm, OpenWatch()) as subject:  # type: ignore[arg-type]
+        with Following(client, arm, OpenWatch(), 0.0013) as subject:  # type: ignore[arg-type]
             await subject.send(pieces(), lambda: np.zeros(6))
         cycles = [arguments["cycle"] for do, arguments in client.posted if do == "piece"]
-        assert cycles == [now, now + 0.002]
+        assert cycles == [now + 0.0013, now + 0.0033]
 
     asyncio.run(scene())

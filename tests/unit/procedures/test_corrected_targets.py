@@ -11,6 +11,7 @@ import pytest
 from calibration.identification.application import chain_of
 from cell.calibrations import kinematics
 from cell.poses import from_pose6
+from daemon.cli.plan_text import plan_text
 from daemon.config import CellConfig
 from daemon.plc import PlcFace
 from daemon.predictions import setup_of
@@ -76,6 +77,8 @@ def test_targets_are_asked_for_as_given_and_corrected_and_what_remains_is_true(t
         async with open_cell(targets_config(tmp_path, {"max_error_m": 0.0005}), job=JOB) as cell:
             assert (await refused(cell.start())).name == "TARGETS_NO_KINEMATICS"
             commit(cell, true_kinematics())
+            planned = plan_text((await cell.dry_run())["plan"])
+            assert "4       x 1" in planned.replace("\n", " "), planned
             end = await cell.run_job()
             assert (end["outcome"], end["verdict"]) == ("complete", "pass"), end
             run_id = cell.engine.last["run_id"] if cell.engine.last else 0

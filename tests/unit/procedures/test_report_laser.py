@@ -132,7 +132,7 @@ def test_a_check_says_moved_or_not_moved_first_and_what_to_do(
     assert (
         "tool moved: the tool's point has moved by 1.48 mm (uncertainty 0.023 mm, tolerance 0.10 mm)" in moved
     )
-    assert "cellward start laser-update" in moved
+    assert "cellward start laser-update -p tool=pin." in moved
     assert "point off the frame in effect, to count as moved 1.476 mm 0.100 mm beyond" in moved
     (tmp_path / "good").mkdir()
     good = page_of(make_run(tmp_path / "good", check_of((2e-5, 0.0, 0.0)), few(data), job="laser-check")).text
