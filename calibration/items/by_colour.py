@@ -40,16 +40,22 @@ def stands_out(away: Array) -> NDArray[np.uint8]:
     return (away > _CONTRAST).astype(np.uint8)
 
 
-def silhouette(away: Array) -> Mask | None:
-    """The largest thing that stands out in a window, with the blur of its edge; None where there is none.
+def silhouette(away: Array, margin_px: int) -> Mask | None:
+    """What stands out most within a window less its margin, with the blur of its edge; None where nothing
+    does, or where it goes on beyond the window, as things do that lie against each other.
 
-    A side in shadow may differ little from a dark belt, so whatever differs at all belongs to it.
+    The window was made around one thing, and its margin may show a larger one beside it. A side in shadow may
+    differ little from a dark belt, so whatever differs at all belongs to it.
     """
     mask = cv2.morphologyEx(stands_out(away), cv2.MORPH_CLOSE, np.ones((_CLOSE, _CLOSE), np.uint8))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    if count < 2:
+    count, labels = cv2.connectedComponents(mask, connectivity=8)
+    inner = labels[margin_px:-margin_px, margin_px:-margin_px]
+    areas = np.bincount(inner.ravel(), minlength=count)[1:]
+    if not areas.any():
         return None
-    one = (labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))).astype(np.uint8)
+    one = (labels == 1 + int(np.argmax(areas))).astype(np.uint8)
+    if one[[0, -1]].any() or one[:, [0, -1]].any():
+        return None
     contours, _ = cv2.findContours(one, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     cv2.drawContours(one, contours, -1, 1, thickness=cv2.FILLED)
     return np.asarray(one > 0)

@@ -189,7 +189,7 @@ class ItemDetector:
         x0, y0, x1, y1 = box
         picture, corner = colour[y0:y1, x0:x1], np.array([x0, y0])
         beside = belt[y0 // _COARSE : -(-y1 // _COARSE), x0 // _COARSE : -(-x1 // _COARSE)]
-        whole = silhouette(away_from(picture, cv2.resize(beside, (x1 - x0, y1 - y0))))
+        whole = silhouette(away_from(picture, cv2.resize(beside, (x1 - x0, y1 - y0))), _MARGIN)
         if whole is None:
             return None
         face = face_of(whole, partial(self._foot, corner, height_m))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from calibration.items.by_colour import silhouette
 from cell.errors import CellError
 from tests.kit.item_scene import BELT_GREY, T_BASE_CAMERA, Scene
 
@@ -170,3 +171,14 @@ def test_without_depth_and_without_a_known_height_it_is_said_what_to_give(scene:
     with pytest.raises(CellError, match="known height of all items") as caught:
         scene.detector().find(scene.picture([])[0], None)
     assert caught.value.name == "CAMERA_FAULT"
+
+
+def test_a_larger_thing_in_the_margin_of_a_window_is_not_taken_for_the_item() -> None:
+    away = np.zeros((70, 120))
+    away[28:44, 50:66] = 100.0
+    away[:12] = 100.0  # of something beside it
+    whole = silhouette(away, 20)
+    assert whole is not None
+    assert (whole.sum(), whole[:20].any()) == (16 * 16, False)
+    away[12:28, 55:60] = 100.0  # they lie against each other
+    assert silhouette(away, 20) is None
