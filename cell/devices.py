@@ -3,7 +3,7 @@
 All quantities are SI; poses are ``RigidTransform`` ``T_a_b`` unless a name ends in ``pose6``.
 """
 
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 from pathlib import Path
@@ -250,8 +250,11 @@ class StartsPrograms(Device, Protocol):
         """Load ``program``, which moves nothing; ``ARM_PROGRAM_NOT_STARTED`` when the controller has none."""
         ...
 
-    async def play_program(self) -> None:
-        """Start what is loaded; whether the arm may move, and no program runs, is asked anew right before."""
+    async def play_program(self, program: str, last_look: Callable[[], None]) -> None:
+        """Start what is loaded; refused unless it is ``program``, the arm may move, and no program runs.
+
+        ``last_look`` is called right before the controller is told; what it raises keeps it from being told.
+        """
         ...
 
 

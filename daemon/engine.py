@@ -65,6 +65,7 @@ class Engine:
         self._ending: PackML | None = None
         self._work_barred_by = ""  # who wants no new items begun, in this run or the next
         self._hold_by = ""  # who asked to hold the run that is still being made
+        self._finish_by = ""  # who asked to finish it, which it cannot yet: the arm's program is not started
         self._closing = False  # the end is being written: nothing can be asked of the run any more
         self._listeners: list[Callable[[], None]] = []
         self.program_start = ProgramStart(context, self._publish)
@@ -79,7 +80,7 @@ class Engine:
             raise error("BUSY", f"{self._starting} is being started")
         self.program_start.require_idle()
         request = with_recipe(self.context.config, request)
-        self._starting, self._ending, self._hold_by = request.job, None, ""
+        self._starting, self._ending, self._hold_by, self._finish_by = request.job, None, "", ""
         try:
             return await self._start(request)
         finally:
@@ -130,6 +131,8 @@ class Engine:
             raise
         self.run, self.error = run, None
         self.program_start.asked(run, request)
+        if self._finish_by:
+            self.program_start.withdraw(self._finish_by)
         self._task = asyncio.create_task(self._execute(run, folder, devices), name=f"run {run.id}")
         self._publish()
         return {"run_id": run.id, "folder": folder.path.name}
@@ -179,6 +182,11 @@ class Engine:
         self._active().skip(prompt_id, who)
 
     async def finish(self, who: str) -> None:
+        """End at the next checkpoint and keep the data; refused while the run is still being made."""
+        if self._starting and self._task is None:
+            self._finish_by = who
+        if self._only_a_program(who):
+            return
         run = self._active()
         run.note("operator", event="finish", who=who)
         run.finish()
@@ -197,7 +205,7 @@ class Engine:
         if self._starting and self._task is None:
             self._hold_by = who
             return
-        if self.program_start.withdraw(who):
+        if self._only_a_program(who):
             return
         run = self._active()
         run.note("operator", event="pause", who=who)
@@ -363,7 +371,7 @@ class Engine:
         """Run the procedure to whichever end, then write that end down once."""
         failure: CellError | None = None
         timing = RunTiming(self.context.lag_into, self._arm())
-        job = self._job = asyncio.create_task(run.procedure.run(run), name=run.procedure.name)
+        job = self._job = asyncio.create_task(self._work(run), name=run.procedure.name)
         arm = self._arm()
         watched = arm if arm is not None and arm.name in devices else None
         losses = Losses(self.context.supervisor, self.context.broker, devices, watched)
@@ -400,6 +408,11 @@ class Engine:
             with suppress(CellError):  # a folder that cannot be written: the end says so
                 run.note("device", device="cell PC", event="timing", **timing.end())
             await self._close(run, folder, job, failure)
+
+    async def _work(self, run: Run) -> None:
+        """The procedure; what is to follow it by itself watches the arm from its end on, without a gap."""
+        await run.procedure.run(run)
+        self.program_start.procedure_over(run)
 
     async def _close(
         self, run: Run, folder: RunFolder, job: asyncio.Task[None], failure: CellError | None
@@ -459,7 +472,7 @@ class Engine:
         if self._starting and self._task is None:
             self._ending = self._ending or ending  # the run that is being made ends before it begins
             return
-        if self.program_start.withdraw(who):
+        if self._only_a_program(who):
             return
         run = self._active()
         if self._ending is None:
@@ -468,6 +481,10 @@ class Engine:
                 self._job.cancel()
             run.note("operator", event=verb, who=who)
             self._publish()
+
+    def _only_a_program(self, who: str) -> bool:
+        """The arm's own program is not started for this run; True where nothing but that can be stopped."""
+        return self.program_start.withdraw(who) and (self._task is None or self._closing)
 
     def _set_ending(self, state: PackML) -> None:
         self._ending = state

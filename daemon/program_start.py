@@ -8,22 +8,19 @@ import asyncio
 import ipaddress
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
+from contextlib import suppress
+from typing import Any, Self
 
 from cell.devices import Arm, ArmState, StartsPrograms
 from cell.errors import CellError, error
 from cell.kinds import as_kind
 from cell.motion import MAX_STATE_AGE_S
-from cell.poses import Array
 from cell.procedure import Run
 from cell.samples import Sample
 from cell.standstill import measured_standstill
 from cell.store.runs import RunFolder
 from cell.to_its_end import run_to_its_end
-from cell.where_left import STAYED_RAD
+from daemon.arm_since import ArmSince
 from daemon.cell_context import CellContext
 from daemon.config.program_after import JOB
 from daemon.start_request import StartRequest
@@ -36,28 +33,9 @@ ENDED_WITHIN_S = 0.5  # of its run a program of ours is still seen
 REST_S = 2.0
 SEEN_S = 5.0  # a controller shows so soon that the program runs
 STOP_S = 2.0
+SETTLES_S = 0.5  # so soon after a stop the states show it
+STOPPED_WITHIN_S = 10.0  # or it is told that it may run; the daemon's end waits for it
 FRESH_WITHIN_S = 0.5
-
-
-@dataclass(frozen=True)
-class _Left:
-    """How the run left the arm."""
-
-    q: Array  # (6,) rad
-    t: float  # of that state
-    epoch: int  # of the arm's states
-
-    def require_still(self, arm: Arm) -> None:
-        """Refused unless the arm was seen all the time since, and stands where it stood."""
-        state = arm.state.latest(MAX_STATE_AGE_S).value
-        if arm.state.epoch != self.epoch:
-            raise error("DEVICE_LOST", f"{arm.name} was connected anew since the run's end")
-        if (gap := arm.state.last_gap) is not None and gap[1] > self.t:
-            raise error(
-                "STALE_DATA", f"{arm.name} gave no state for {gap[1] - gap[0]:.3f} s since the run's end"
-            )
-        if (turned := float(np.max(np.abs(state.q - self.q)))) > STAYED_RAD:
-            raise error("ARM_MOVED", f"{arm.name}: a joint turned by {turned:.4f} rad since the run's end")
 
 
 class ProgramStart:
@@ -75,7 +53,10 @@ class ProgramStart:
         self._idle_since = float("-inf")  # our own programs ran until then
         self._task: asyncio.Task[None] | None = None
         self._sent = False  # the controller may have been told to start
-        self._withdrawn_by = ""
+        self._begun = False  # to start it
+        self._objected_by = ""  # who stopped or held since the run was asked for
+        self._since: ArmSince | None = None  # the job was done
+        self._aftermath = ""  # of a start that was taken back
 
     # -- what the engine says
 
@@ -86,11 +67,15 @@ class ProgramStart:
 
     def asked(self, run: Run, request: StartRequest) -> None:
         """``run`` begins as ``request`` has it: whether a program of the robot asks."""
-        self.told = None
+        self.told, self._refused = None, None
+        self._objected_by = self._aftermath = ""
+        self._sent = self._begun = False
+        if self._since is not None:
+            self._since.end()
+            self._since = None
         section = self._section
         if section is None or request.channel != "modbus" or not _same(request.client, section.asked_from):
             return
-        self._refused = None
         if request.job != JOB:
             self._refused = f"it was a {request.job}, and only after a {JOB} a program is started"
         elif not self._program_ended():
@@ -101,23 +86,43 @@ class ProgramStart:
         text = f"when run {run.id} has passed, the arm's own program {section.program} is started"
         self._tell(run.id, "asked", f"{text}: the arm moves")
 
+    def procedure_over(self, run: Run) -> None:
+        """The job is done, and soon nobody watches for its devices' losses: the arm is watched here."""
+        if self.told is None or self.told["run_id"] != run.id or self._is_told():
+            return
+        try:
+            self._since = ArmSince(as_kind(self._named(), Arm))
+        except CellError as exc:
+            self._refused = str(exc)
+
     def ended(self, run: Run, folder: RunFolder, end: Mapping[str, Any], failure: CellError | None) -> None:
         """The run's end is written, and the next may begin."""
         self._idle_since = self._context.clock.now() + ENDED_WITHIN_S
         if self.told is None or self.told["run_id"] != run.id:
             return
         why = self._refused or _objection(run, end, failure)
-        self._sent, self._withdrawn_by = False, ""
-        work = self._refuse(run.id, folder, why) if why else self._start(run.id, folder)
+        if why is None and self._objected_by:
+            why = f"stopped by {self._objected_by}"
+        since, self._since = self._since, None
+        if why is None and since is not None:
+            work = self._start(run.id, folder, since)
+        else:
+            if since is not None:
+                since.end()
+            work = self._refuse(run.id, folder, why or "the arm was not watched since the job was done")
         self._task = asyncio.create_task(work, name=f"program after run {run.id}")
         self._task.add_done_callback(self._over)
 
     def withdraw(self, who: str) -> bool:
-        """Somebody stops or holds: what is being started is not, or is stopped. Whether anything was."""
-        if self._task is None or self._is_told():
+        """Somebody stops or holds, at any time since the run was asked for: no program is started.
+
+        One that is being started is stopped. False where none is asked for, or it is decided already.
+        """
+        if self.told is None or self._is_told():
             return False
-        self._withdrawn_by = self._withdrawn_by or who
-        self._task.cancel()
+        first, self._objected_by = not self._objected_by, self._objected_by or who
+        if first and self._task is not None and self._begun:  # else it looks before its first step
+            self._task.cancel()
         return True
 
     async def close(self) -> None:
@@ -149,36 +154,60 @@ class ProgramStart:
     async def _refuse(self, run_id: int, folder: RunFolder, why: str) -> None:
         await self._told(run_id, folder, "not started", f"{self._not_started(run_id)}: {why}")
 
-    async def _start(self, run_id: int, folder: RunFolder) -> None:
+    async def _start(self, run_id: int, folder: RunFolder, since: ArmSince) -> None:
         """Start it. Whatever comes in between is told, and a start half made is undone."""
+        self._begun = True
         program = self._program
         try:
             arm = self._arm()
+            self._require_wanted(since)
             await arm.wait_fresh(FRESH_WITHIN_S)
-            now = arm.state.latest(MAX_STATE_AGE_S)
-            left = _Left(now.value.q, now.t, arm.state.epoch)
             text = f"run {run_id} has passed: the arm's own program {program} is being started"
             await self._told(run_id, folder, "starting", text)
-            await self._lent(arm, left)
+            await self._lent(arm, since)
         except asyncio.CancelledError:
-            await run_to_its_end(self._undo(run_id, folder, f"stopped by {self._withdrawn_by}"))
+            why = f"stopped by {self._objected_by or 'the end of the daemon'}"
         except CellError as exc:
-            await run_to_its_end(self._undo(run_id, folder, str(exc)))
+            why = f"stopped by {self._objected_by}" if self._objected_by else str(exc)
         except Exception as exc:
             log.exception("the program after run %d", run_id)
-            await run_to_its_end(self._undo(run_id, folder, f"{type(exc).__name__}: {exc}"))
+            why = f"{type(exc).__name__}: {exc}"
         else:
             text = f"after run {run_id} the arm's own program {program} was started; it moves the arm"
             await self._told(run_id, folder, "started", text)
+            return
+        finally:
+            since.end()
+        await self._refuse(run_id, folder, why + self._aftermath)
 
-    async def _lent(self, arm: Arm, left: _Left) -> None:
-        """Load and play while no job can get the arm, and no package of it shows a fault."""
+    def _require_wanted(self, since: ArmSince) -> None:
+        """Refused once somebody has objected, the arm was touched, or nobody expects it any more."""
+        if self._objected_by:
+            raise error("NOT_NOW", f"stopped by {self._objected_by}")
+        if self._context.clock.now() - since.began > WITHIN_S:
+            raise error("CALL_TIMEOUT", f"{self._program} was not started within {WITHIN_S:g} s")
+        since.require_untouched()
+
+    async def _lent(self, arm: Arm, since: ArmSince) -> None:
+        """Load and play while no job can get the arm; a start half made is undone before one can."""
         broker = self._context.broker
         broker.acquire(arm)
-        fault = asyncio.create_task(broker.first_fault(arm), name="watch the arm")
-        work = asyncio.create_task(self._load_and_play(arm, left), name="load and play")
         try:
-            await asyncio.wait([fault, work], timeout=WITHIN_S, return_when=asyncio.FIRST_COMPLETED)
+            try:
+                await self._guarded(arm, since)
+            except BaseException:
+                await run_to_its_end(self._take_back(arm))
+                raise
+        finally:
+            broker.release(arm)
+
+    async def _guarded(self, arm: Arm, since: ArmSince) -> None:
+        """Load and play while no package of the arm shows a fault."""
+        left_s = since.began + WITHIN_S - self._context.clock.now()
+        fault = asyncio.create_task(since.first_fault(), name="watch the arm")
+        work = asyncio.create_task(self._load_and_play(arm, since), name="load and play")
+        try:
+            await asyncio.wait([fault, work], timeout=left_s, return_when=asyncio.FIRST_COMPLETED)
             if fault.done():
                 raise fault.result()
             if not work.done():
@@ -188,44 +217,53 @@ class ProgramStart:
             fault.cancel()
             work.cancel()
             await asyncio.wait([fault, work])
-            broker.release(arm)
 
-    async def _load_and_play(self, arm: Arm, left: _Left) -> None:
+    async def _load_and_play(self, arm: Arm, since: ArmSince) -> None:
         starter = as_kind(arm, StartsPrograms)
         arm.check_movable()
         await starter.load_program(self._program)
         if not await measured_standstill(arm, REST_S):
             raise error("ARM_MOVED", f"{arm.name} was not seen at rest")
         self._arm()  # still READY
-        left.require_still(arm)
-        runs = asyncio.Event()
 
-        def look(sample: Sample[ArmState]) -> None:
-            if sample.value.program_running:
-                runs.set()
-
-        unsubscribe = arm.state.subscribe(look)
-        try:
+        def last_look() -> None:
+            self._require_wanted(since)
             self._sent = True
-            await starter.play_program()
-            async with asyncio.timeout(SEEN_S):
-                await runs.wait()
-        except TimeoutError:
-            text = f"{arm.name} shows no program that runs {SEEN_S:g} s after it was told to"
-            raise error("ARM_PROGRAM_NOT_STARTED", text) from None
-        finally:
-            unsubscribe()
 
-    async def _undo(self, run_id: int, folder: RunFolder, why: str) -> None:
-        """A program that may have been started is stopped: nobody expects it to start later."""
-        if self._sent:
-            try:
-                async with asyncio.timeout(STOP_S):
-                    await as_kind(self._named(), Arm).stop_program()
-                why += "; the arm's program was stopped"
-            except Exception as exc:
-                why += f"; the stop of the arm's program failed ({exc}): look at the arm, it may run"
-        await self._refuse(run_id, folder, why)
+        async with _Running(arm) as running:
+            await starter.play_program(self._program, last_look)
+            if not await running.seen_within(SEEN_S):
+                text = f"{arm.name} shows no program that runs {SEEN_S:g} s after it was told to"
+                raise error("ARM_PROGRAM_NOT_STARTED", text)
+
+    async def _take_back(self, arm: Arm) -> None:
+        """Stop a program that may have been started, and again while one runs: a late start is overtaken.
+
+        What becomes of it is kept as the end of the sentence that says why nothing is started.
+        """
+        if not self._sent:
+            return
+        clock = self._context.clock
+        give_up = clock.now() + STOPPED_WITHIN_S
+        async with _Running(arm) as running:
+            while True:
+                failure = await _stop(arm)
+                await clock.sleep(SETTLES_S)  # until then the states may still show what was stopped
+                running.seen.clear()
+                if failure is None and not running.now and not await running.seen_within(SEEN_S):
+                    break
+                if clock.now() > give_up:
+                    break
+            still = running.now
+        if failure is not None:
+            self._aftermath = (
+                f"; the stop of the arm's program failed ({failure}): look at the arm, it may run"
+            )
+        elif still is not False:
+            known = "runs though it was told to stop" if still else "is not seen"
+            self._aftermath = f"; the arm's program {known}: look at the arm"
+        else:
+            self._aftermath = "; the arm's program was stopped"
 
     def _named(self) -> Any:
         """The arm in whatever state it is."""
@@ -250,12 +288,52 @@ class ProgramStart:
     def _not_started(self, run_id: int) -> str:
         return f"after run {run_id} the arm's own program {self._program} is not started"
 
-    def _over(self, task: asyncio.Task[None]) -> None:
+    def _over(self, _: asyncio.Task[None]) -> None:
         self._task = None
-        if task.cancelled() and self.told is not None and not self._is_told():  # before its first step
-            run_id = self.told["run_id"]
-            self._tell(run_id, "not started", f"{self._not_started(run_id)}: stopped by {self._withdrawn_by}")
         self._publish()
+
+
+class _Running:
+    """Whether the arm shows a program that runs, while the block lasts."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+        self.seen = asyncio.Event()  # a state with one has come
+
+    async def __aenter__(self) -> Self:
+        self._unsubscribe = self._arm.state.subscribe(self._look)
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._unsubscribe()
+
+    async def seen_within(self, timeout: float) -> bool:
+        with suppress(TimeoutError):
+            async with asyncio.timeout(timeout):
+                await self.seen.wait()
+        return self.seen.is_set()
+
+    @property
+    def now(self) -> bool | None:
+        """None while the arm gives no fresh state."""
+        try:
+            return bool(self._arm.state.latest(MAX_STATE_AGE_S).value.program_running)
+        except CellError:
+            return None
+
+    def _look(self, sample: Sample[ArmState]) -> None:
+        if sample.value.program_running:
+            self.seen.set()
+
+
+async def _stop(arm: Arm) -> Exception | None:
+    """Stop what runs on the arm; why it could not be told."""
+    try:
+        async with asyncio.timeout(STOP_S):
+            await arm.stop_program()
+    except Exception as exc:
+        return exc
+    return None
 
 
 def _objection(run: Run, end: Mapping[str, Any], failure: CellError | None) -> str | None:

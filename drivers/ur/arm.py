@@ -2,6 +2,7 @@
 
 import asyncio
 import socket
+from collections.abc import Callable
 from typing import Any
 
 from cell.clock import Clock
@@ -237,13 +238,18 @@ class UrArm(SampledDevice):
         async with dashboard(self._config.host, self._config.connect_timeout_s) as link:
             await link.load(program, LOAD_DEADLINE_S)
 
-    async def play_program(self) -> None:
-        """Start the loaded program: the arm moves by it. Whether it may is asked anew right before."""
+    async def play_program(self, program: str, last_look: Callable[[], None]) -> None:
+        """Start the loaded program: the arm moves by it. Whether it may is asked anew right before.
+
+        What is loaded is asked, too: another client of the dashboard may have loaded something else.
+        """
         if self._port is not None:
             raise error("MOTION_BUSY", f"{self.name} has a motion client")
         async with dashboard(self._config.host, self._config.connect_timeout_s) as link:
             await self._require_free(link)
+            await link.require_loaded(program, DASHBOARD_DEADLINE_S)
             self.check_movable()
+            last_look()
             await link.play(DASHBOARD_DEADLINE_S)
 
     async def _connect(self) -> None:

@@ -108,6 +108,16 @@ class Dashboard:
         if not answer.lower().startswith("loading program"):
             raise error("ARM_PROGRAM_NOT_STARTED", f"'load {program}' on {self._host} answered {answer!r}")
 
+    async def require_loaded(self, program: str, timeout: float) -> None:
+        """``ARM_PROGRAM_NOT_STARTED`` unless ``program`` is what is loaded.
+
+        A controller may answer with the whole path; its programs are in a folder ``programs``.
+        """
+        answer = await self.ask("get loaded program", timeout)
+        loaded = answer.removeprefix("Loaded program:").strip()
+        if loaded != program and not loaded.endswith(f"/programs/{program}"):
+            raise error("ARM_PROGRAM_NOT_STARTED", f"{program} is not what is loaded: {answer!r}")
+
     async def play(self, timeout: float) -> None:
         """Start the loaded program; ``ARM_PROGRAM_NOT_STARTED`` with the controller's words."""
         answer = await self.ask("play", timeout)

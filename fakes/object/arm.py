@@ -1,5 +1,6 @@
 """The arm of the object face: the driver's Protocol attached straight to the world."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from weakref import ref
 
@@ -141,9 +142,12 @@ class ObjectArm(ObjectDevice):
             raise error("ARM_PROGRAM_NOT_STARTED", f"{self.name} has no program {program}")
         self.controller.loaded_program = program
 
-    async def play_program(self) -> None:
+    async def play_program(self, program: str, last_look: Callable[[], None]) -> None:
         """The dashboard's play; the program runs and does nothing."""
+        if self.controller.loaded_program != program:
+            raise error("ARM_PROGRAM_NOT_STARTED", f"{self.name} has loaded {self.controller.loaded_program}")
         self.check_movable()
+        last_look()
         self.controller.start_foreign()
 
     def inject(self, kind: str, **arguments: object) -> None:

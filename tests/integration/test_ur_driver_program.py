@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from ur_driver_rig import Rig, until
 
-from cell.errors import CellError
+from cell.errors import CellError, error
 from cell.motion import MotionBroker
 from cell.store.runs import RunFolder
 from daemon.config.program_after import ProgramAfter
@@ -20,6 +20,11 @@ from drivers.ur import UrArm
 pytestmark = pytest.mark.wire
 
 ROBOT = "192.168.1.20"
+WORK, NEVER = ("work.urp", lambda: None), ("never.urp", lambda: None)
+
+
+def too_late() -> None:
+    raise error("NOT_NOW", "somebody stopped it")
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +48,7 @@ async def refusal(work: Any) -> CellError:
 def test_a_program_is_loaded_and_started_and_refusals_have_the_controllers_words(rig: Rig) -> None:
     async def nothing_loaded() -> None:
         async with rig.connected() as subject:
-            assert "'Failed to execute: play'" in str(await refusal(subject.play_program()))
+            assert "never.urp is not what is loaded" in str(await refusal(subject.play_program(*NEVER)))
 
     async def scenario() -> None:
         async with rig.connected() as subject:
@@ -51,10 +56,16 @@ def test_a_program_is_loaded_and_started_and_refusals_have_the_controllers_words
             assert (missing.name, "File not found" in str(missing)) == ("ARM_PROGRAM_NOT_STARTED", True)
             await subject.load_program("work.urp")
             assert rig.truth()["program"] is None, "loading starts nothing"
-            await subject.play_program()
+            await subject.load_program("other.urp")
+            assert "other.urp" in str(await refusal(subject.play_program(*WORK)))
+            assert rig.truth()["program"] is None, "another client loaded another one"
+            await subject.load_program("work.urp")
+            assert (await refusal(subject.play_program("work.urp", too_late))).name == "NOT_NOW"
+            assert rig.truth()["program"] is None
+            await subject.play_program(*WORK)
             await until(lambda: subject.state.latest(1.0).value.program_running)
             assert rig.truth()["program"] == "work.urp"
-            assert (await refusal(subject.play_program())).name == "ARM_PROGRAM_RUNNING"
+            assert (await refusal(subject.play_program(*WORK))).name == "ARM_PROGRAM_RUNNING"
 
     asyncio.run(nothing_loaded())
     rig.play(scenario)
@@ -69,7 +80,7 @@ def test_an_arm_that_may_not_move_is_told_nothing(rig: Rig, fault: str, code: st
             await subject.load_program("work.urp")
             rig.inject(fault)
             await until(lambda: subject.fault() is not None)
-            assert (await refusal(subject.play_program())).name == code
+            assert (await refusal(subject.play_program(*WORK))).name == code
             assert rig.truth()["program"] is None
 
     rig.play(scenario)
@@ -89,6 +100,7 @@ def test_the_daemon_starts_it_after_a_pass_and_not_after_a_safety_event(
             subject.asked(run, StartRequest("laser-check", {}, "robot", "modbus", client=ROBOT))
             assert subject.told is not None
             assert subject.told["state"] == "asked"
+            subject.procedure_over(run)
             subject.ended(run, folder, {"outcome": "complete", "verdict": "pass"}, None)
             if fault is not None:
                 rig.inject(fault)

@@ -11,6 +11,7 @@ from pydantic import BaseModel
 
 from cell.errors import error
 from cell.procedure import Procedure, Run
+from daemon import engine
 from daemon.cli.status_text import status_text
 from daemon.config import CellConfig, ConfigInvalid, load_config
 from daemon.config.program_after import program_after_words
@@ -126,6 +127,17 @@ def not_started(cell: ObjectCell, run_id: int, why: str) -> None:
     assert line["why"] == told["text"]
     assert cell.notes(run_id, "program of the arm started") == []
     assert cell.plant.controller.program is not Program.FOREIGN
+
+
+def before(monkeypatch: pytest.MonkeyPatch, name: str, act: Callable[[], Awaitable[Any]]) -> None:
+    """``act`` happens right before the engine calls its function ``name``."""
+    function = getattr(engine, name)
+
+    async def wrapped(*args: Any) -> Any:
+        await act()
+        return await function(*args)
+
+    monkeypatch.setattr(f"daemon.engine.{name}", wrapped)
 
 
 def with_check(**how: Any) -> type[Check]:
@@ -452,8 +464,8 @@ def test_a_stop_right_after_the_controller_was_told_stops_the_program(
 ) -> None:
     play, told = ObjectArm.play_program, asyncio.Event()
 
-    async def slow(self: ObjectArm) -> None:
-        await play(self)
+    async def slow(self: ObjectArm, program: str, last_look: Callable[[], None]) -> None:
+        await play(self, program, last_look)
         told.set()
         await self.clock.sleep(1.0)
 
@@ -467,6 +479,184 @@ def test_a_stop_right_after_the_controller_was_told_stops_the_program(
         await over(cell)
         not_started(cell, run_id, "the arm's program was stopped")
 
+    scene(tmp_path, act)
+
+
+@pytest.mark.parametrize(
+    ("meanwhile", "verb"),
+    [
+        ("propose_results", "halt"),
+        ("propose_results", "abort"),
+        ("write_end", "halt"),
+        ("write_end", "abort"),
+        ("write_end", "finish"),
+        ("write_end", "pause"),
+        ("write_end", "heartbeat"),
+    ],
+)
+def test_a_stop_while_the_end_is_being_made_is_taken_and_keeps_it_from_starting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, meanwhile: str, verb: str
+) -> None:
+    async def act(cell: ObjectCell) -> None:
+        async def stop() -> None:
+            if verb == "heartbeat":
+                PlcFace(cell.config, cell.engine).heartbeat_changed(False)
+            else:
+                await getattr(cell.engine, verb)("the operator")
+
+        before(monkeypatch, meanwhile, stop)
+        by = "the PLC's heartbeat" if verb == "heartbeat" else "the operator"
+        await ends(cell, f"stopped by {by}")
+        assert cell.plant.controller.loaded_program == ""
+
+    scene(tmp_path, act)
+
+
+def test_a_stop_right_after_the_last_act_of_the_job_keeps_it_from_starting(tmp_path: Path) -> None:
+    async def act(cell: ObjectCell) -> None:
+        stops: list[asyncio.Task[None]] = []
+
+        class Last(Check):
+            async def run(self, run: Run) -> None:
+                await super().run(run)
+                stops.append(asyncio.create_task(cell.engine.halt("the operator")))
+
+        await ends(cell, "stopped by the operator", Last)
+        await stops[0]
+
+    scene(tmp_path, act)
+
+
+def test_a_finish_that_comes_before_the_run_can_be_finished_keeps_it_from_starting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def act(cell: ObjectCell) -> None:
+        before(monkeypatch, "make_run", lambda: refused(cell.engine.finish("the operator")))
+        await ends(cell, "stopped by the operator")
+
+    scene(tmp_path, act)
+
+
+@pytest.mark.parametrize(("fault", "why"), [("safeguard-stop", "Safeguard"), ("local-mode", "local mode")])
+def test_a_fault_that_passes_while_the_end_is_written_keeps_it_from_starting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str, why: str
+) -> None:
+    async def act(cell: ObjectCell) -> None:
+        async def passing() -> None:
+            cell.plant.controller.inject(fault)
+            await cell.clock.sleep(0.2)
+            cell.plant.controller.clear()
+            await cell.clock.sleep(0.2)
+
+        before(monkeypatch, "write_end", passing)
+        await ends(cell, why)
+
+    scene(tmp_path, act)
+
+
+def test_an_end_that_takes_too_long_to_write_starts_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def act(cell: ObjectCell) -> None:
+        before(monkeypatch, "write_end", lambda: cell.clock.sleep(20.5))
+        await ends(cell, "was not started within 20 s")
+
+    scene(tmp_path, act)
+
+
+def test_what_is_too_late_right_before_the_controller_is_told_is_not_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    played: list[bool] = []
+
+    async def at_once(self: ObjectArm, program: str, last_look: Callable[[], None]) -> None:
+        monkeypatch.setattr("daemon.program_start.WITHIN_S", 0.1)
+        last_look()
+        played.append(True)
+
+    monkeypatch.setattr(ObjectArm, "play_program", at_once)
+    scene(tmp_path, lambda cell: ends(cell, "was not started within 0.1 s"))
+    assert played == []
+
+
+def test_what_another_client_loads_meanwhile_is_neither_started_nor_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    load, stops = ObjectArm.load_program, []
+
+    async def other(self: ObjectArm, program: str) -> None:
+        await load(self, program)
+        self.controller.loaded_program = "other.urp"
+
+    async def stop(self: ObjectArm) -> None:
+        stops.append(self.clock.now())
+
+    monkeypatch.setattr(ObjectArm, "load_program", other)
+    monkeypatch.setattr(ObjectArm, "stop_program", stop)
+    scene(tmp_path, lambda cell: ends(cell, "has loaded other.urp"))
+    assert stops == []
+
+
+def test_a_late_start_that_a_stop_overtakes_is_stopped_and_no_job_begins_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def late(self: ObjectArm, program: str, last_look: Callable[[], None]) -> None:
+        last_look()
+        self.controller.later(3.0, self.controller.start_foreign)
+        raise error("CALL_TIMEOUT", "dashboard 'play'")
+
+    async def act(cell: ObjectCell) -> None:
+        run_id = await ask(cell)
+        await cell.until(lambda: cell.plant.controller.program is Program.FOREIGN, "the late start")
+        assert (await refused(cell.engine.start(StartRequest(JOB, {}, WHO, "control")))).name == "BUSY"
+        await over(cell)
+        not_started(cell, run_id, "dashboard 'play'; the arm's program was stopped")
+        await cell.engine.start(StartRequest(JOB, {}, WHO, "control"))
+
+    monkeypatch.setattr(ObjectArm, "play_program", late)
+    scene(tmp_path, act)
+
+
+def test_a_program_that_goes_on_though_it_was_told_to_stop_is_not_told_as_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def act(cell: ObjectCell) -> None:
+        async def deaf(self: ObjectArm) -> None: ...
+
+        await ask(cell)
+        monkeypatch.setattr(ObjectArm, "stop_program", deaf)
+        await cell.until(lambda: cell.plant.controller.program is Program.FOREIGN, "the start")
+        await cell.engine.halt("the operator")
+        await over(cell)
+        told = cell.engine.status()["program_start"]
+        assert (told["state"], "runs though it was told to stop" in told["text"]) == ("not started", True)
+
+    scene(tmp_path, act)
+
+
+def test_a_second_stop_while_it_is_taken_back_leaves_the_arm_free(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = asyncio.Event()
+
+    async def clings(self: ObjectArm, program: str, last_look: Callable[[], None]) -> None:
+        told.set()
+        try:
+            await self.clock.sleep(9.0)
+        finally:
+            await self.clock.sleep(0.5)
+
+    async def act(cell: ObjectCell) -> None:
+        run_id = await ask(cell)
+        await told.wait()
+        await cell.engine.halt("the operator")
+        await cell.clock.sleep(0.1)
+        await cell.engine.halt("another")
+        await over(cell)
+        not_started(cell, run_id, "stopped by the operator")
+        cell.context.broker.acquire(cell.supervisor.devices["arm"].device)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(ObjectArm, "play_program", clings)
     scene(tmp_path, act)
 
 
