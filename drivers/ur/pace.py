@@ -8,7 +8,7 @@ shakes for as long as both clocks stand so. Half a cycle off, a set-point may be
 from math import ceil, floor
 
 # Of a cycle, after the stamp of a state. A state is seen some tenths of a millisecond late and a set-point
-# takes as long, so it arrives near the middle. Least cycles without a new one: at 0.25 to 0.5 (twin, 500 Hz).
+# takes as long, so it arrives near the middle. ``python -m bench.setpoints`` prints what other places cost.
 SENT_AT = 0.35
 
 
