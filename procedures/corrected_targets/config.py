@@ -4,12 +4,12 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from cell.formats.reading import Strict
+from procedures.laser_tracker.looking import Looking
 
 Target = Annotated[list[float], Field(min_length=4, max_length=6)]
 
 
-class CorrectedTargetsConfig(Strict):
+class CorrectedTargetsConfig(Looking):
     """``[job.corrected-targets]``."""
 
     targets: list[Target] = Field(
@@ -48,20 +48,6 @@ class CorrectedTargetsConfig(Strict):
         gt=0,
         le=1.0,
         description="an arm that rests further from the joints asked for is measured all the same, and told",
-    )
-    settle_s: float = Field(default=0.5, ge=0, le=60, description="wait at rest before a measurement")
-    window_s: float = Field(
-        default=1.0, gt=0, le=60, description="length of the window whose readings make one stable point"
-    )
-    max_scatter_m: float = Field(
-        default=0.0002, gt=0, le=0.01, description="largest scatter of the readings in the window"
-    )
-    measure_timeout_s: float = Field(
-        default=10.0, gt=0, le=300, description="longest wait for one stable point"
-    )
-    find_timeout_s: float = Field(default=15.0, gt=0, le=300, description="longest search for the reflector")
-    reacquire_wait_s: float = Field(
-        default=1.0, ge=0, le=60, description="before a lost reflector is searched for"
     )
     retries_per_target: int = Field(
         default=2, ge=0, le=10, description="further tries at a target that was not measured"

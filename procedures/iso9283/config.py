@@ -6,6 +6,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from cell.formats.reading import Strict
+from procedures.laser_tracker.looking import Looking
 
 Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 Six = Annotated[list[float], Field(min_length=6, max_length=6)]
@@ -22,7 +23,7 @@ class Cube(Strict):
     )
 
 
-class Iso9283Config(Strict):
+class Iso9283Config(Looking):
     """``[job.iso9283]``: exactly one of ``cube`` and ``poses``."""
 
     reflector: str = Field(min_length=1, description="as the tracker's 'reflectors' name it")
@@ -46,19 +47,8 @@ class Iso9283Config(Strict):
     T_base_tracker_nominal: Six | None = Field(
         default=None, description="the tracker in the base, to 0.1 m and 2 deg; else a person points it"
     )
-    settle_s: float = Field(default=0.5, ge=0, le=60, description="wait at rest before a measurement")
     window_s: float = Field(
         default=0.5, gt=0, le=60, description="length of the window whose readings make one stable point"
-    )
-    max_scatter_m: float = Field(
-        default=0.0002, gt=0, le=0.01, description="largest scatter of the readings in the window"
-    )
-    measure_timeout_s: float = Field(
-        default=10.0, gt=0, le=300, description="longest wait for one stable point"
-    )
-    find_timeout_s: float = Field(default=15.0, gt=0, le=300, description="longest search for the reflector")
-    reacquire_wait_s: float = Field(
-        default=1.0, ge=0, le=60, description="wait before a lost reflector is looked for again"
     )
     retries_per_pose: int = Field(
         default=2, ge=0, le=10, description="further tries at a pose that was not measured"

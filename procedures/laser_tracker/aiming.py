@@ -1,7 +1,5 @@
 """The tracker as a sampling uses it: aim where the reflector should be, measure, believe it only there."""
 
-from typing import Protocol
-
 import numpy as np
 
 from cell.devices import StablePoint
@@ -9,6 +7,7 @@ from cell.errors import CellError, error
 from cell.poses import Array
 from cell.procedure import Run
 from cell.samples import Sample
+from procedures.laser_tracker.looking import Looking
 
 LOST = (
     "TRACKER_NO_TARGET",
@@ -18,21 +17,6 @@ LOST = (
 AGAIN = (*LOST, "TRACKER_UNSTABLE", "POSE_UNSTABLE")  # the pose can be tried again
 _FOLLOWED_M = 0.03  # it still looks at the reflector that it followed
 _FRESH_S = 0.5
-
-
-class Looking(Protocol):
-    """How a job looks at reflectors: keys of its own config."""
-
-    @property
-    def window_s(self) -> float: ...
-    @property
-    def max_scatter_m(self) -> float: ...
-    @property
-    def measure_timeout_s(self) -> float: ...
-    @property
-    def find_timeout_s(self) -> float: ...
-    @property
-    def reacquire_wait_s(self) -> float: ...
 
 
 class Eye:

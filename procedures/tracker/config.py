@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from calibration.identification.selection import RULE_POSES
 from cell.formats.reading import Strict
+from procedures.laser_tracker.looking import Looking
 
 Two = Annotated[list[float], Field(min_length=2, max_length=2)]
 Three = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -77,7 +78,7 @@ class Acceptance(Strict):
     auto: bool = Field(default=False, description="accept a passing result without asking")
 
 
-class TrackerSamplingConfig(Strict):
+class TrackerSamplingConfig(Looking):
     """``[job.tracker-sampling]``."""
 
     arm: Literal["arm", "observed_arm"] = Field(
@@ -117,10 +118,6 @@ class TrackerSamplingConfig(Strict):
         default_factory=lambda: SightLimits(),
         description="where the tracker must be able to see the reflectors",
     )
-    settle_s: float = Field(default=0.5, ge=0, le=60, description="wait at rest before a measurement")
-    window_s: float = Field(
-        default=1.0, gt=0, le=60, description="length of the window whose readings make one stable point"
-    )
     constant_sigma_m: float = Field(
         default=0.00001,
         ge=0,
@@ -128,18 +125,8 @@ class TrackerSamplingConfig(Strict):
         description="how well the reflectors' constant is known: makers state 3 to 10 um for a ball, up to "
         "1 mm for a prism",
     )
-    max_scatter_m: float = Field(
-        default=0.0002, gt=0, le=0.01, description="largest scatter of the readings in the window"
-    )
-    measure_timeout_s: float = Field(
-        default=10.0, gt=0, le=300, description="longest wait for one stable point"
-    )
-    find_timeout_s: float = Field(default=15.0, gt=0, le=300, description="longest search for a reflector")
     retries_per_pose: int = Field(
         default=2, ge=0, le=10, description="further tries at a pose that was not measured"
-    )
-    reacquire_wait_s: float = Field(
-        default=1.0, ge=0, le=60, description="before a lost reflector is searched for"
     )
     max_surprise_m: float = Field(
         default=0.05,
