@@ -147,10 +147,19 @@ def _positions(arm: ArmKnown, Q: Array) -> Array:
 
 
 def _root(cov: Array) -> Array:
-    """A with ``A A^T = cov``, for a covariance that rounding may have made indefinite."""
+    """A with ``A A^T = cov``, for a covariance that rounding may have made indefinite.
+
+    The symmetric root of the correlations: it follows the covariance continuously, so figures from seeded
+    draws do not hang on the signs and the order of eigenvectors, which differ between processors.
+    """
     s = np.sqrt(np.maximum(np.diag(cov), 1e-300))
-    values, vectors = np.linalg.eigh(cov / np.outer(s, s))
-    return np.asarray(s[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+    return np.asarray(s[:, None] * symmetric_root(cov / np.outer(s, s)))
+
+
+def symmetric_root(cov: Array) -> Array:
+    """A (n, n) with ``A A = cov`` and ``A = A^T``; what rounding made of a variance below 0 is taken as 0."""
+    values, vectors = np.linalg.eigh(cov)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
 
 
 def _flange_error(error: Array, spread: Array) -> FlangeError:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.adjustment.arm_accuracy import arm_columns, arm_numbers
+from calibration.adjustment.arm_accuracy import arm_columns, arm_numbers, symmetric_root
 from calibration.adjustment.hand_eye import Adjusted
 from calibration.adjustment.unknowns import ArmKnown
 from calibration.hand_eye import se3
@@ -48,9 +48,8 @@ def task_accuracy(found: Adjusted, arm: ArmKnown, q: Array, distance_m: float) -
     of_camera = found.X[:3, :3] @ np.concatenate([np.eye(3), -se3.hat(seen)], axis=1)
     mixed = of_camera @ found.cross[:, part] @ of_arm.T
     cov = of_camera @ found.cov @ of_camera.T + of_arm @ found.cov_numbers[part, part] @ of_arm.T
-    values, vectors = np.linalg.eigh(cov + mixed + mixed.T)
     z = np.random.default_rng(_SEED).normal(size=(3, _DRAWS))
-    drawn = (vectors * np.sqrt(np.maximum(values, 0.0))) @ z
+    drawn = symmetric_root(cov + mixed + mixed.T) @ z
 
     def below(off: Array) -> float:
         return float(np.quantile(np.linalg.norm(off[:, None] + drawn, axis=0), _EXPECTED))

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from calibration.adjustment.arm_accuracy import arm_columns, arm_numbers
+from calibration.adjustment.arm_accuracy import arm_columns, arm_numbers, symmetric_root
 from calibration.adjustment.hand_eye import Adjusted, adjust
 from calibration.adjustment.task_accuracy import task_accuracy
 from calibration.adjustment.unknowns import ArmKnown
@@ -86,3 +86,9 @@ def test_the_length_is_that_of_errors_drawn_from_the_joint_covariance() -> None:
     length = float(np.quantile(np.linalg.norm((moved - still)[:, :3], axis=1), 0.95))
     assert subject.corrected95 == pytest.approx(length, rel=0.05)
     assert subject.configured95 > subject.corrected95
+
+
+def test_a_root_follows_the_covariance_though_its_axes_do_not() -> None:
+    """Rounding that turns the axes of equal variances, as another processor's would, leaves the draws."""
+    turned = np.array([[2.0, 1e-13, 0.0], [1e-13, 2.0, 0.0], [0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(symmetric_root(turned), np.diag([2.0, 2.0, 1.0]) ** 0.5, rtol=0.0, atol=1e-12)

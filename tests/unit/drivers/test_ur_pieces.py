@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from cell.clock import MonotonicClock
 from cell.devices import TrajectoryPiece
@@ -54,6 +55,8 @@ def test_each_piece_carries_when_the_newest_state_was_made_for_the_pace_of_set_p
         with Following(client, arm, OpenWatch(), 0.0013) as subject:  # type: ignore[arg-type]
             await subject.send(pieces(), lambda: np.zeros(6))
         cycles = [arguments["cycle"] for do, arguments in client.posted if do == "piece"]
-        assert cycles == [now + 0.0013, now + 0.0033]
+        assert cycles == pytest.approx(
+            [now + 0.0013, now + 0.0033], rel=0.0, abs=1e-9
+        )  # s since the machine's start
 
     asyncio.run(scene())
