@@ -324,7 +324,8 @@ class Engine:
     async def shutdown(self) -> None:
         """End a running job as ``halt`` does and wait for its standstill."""
         if self._task is not None:
-            self._end_with(PackML.ABORTING, "shutdown", "daemon")
+            if not self._closing:
+                self._end_with(PackML.ABORTING, "shutdown", "daemon")
             await asyncio.wait([self._task])
         await self.program_start.close()
 

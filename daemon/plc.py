@@ -113,7 +113,7 @@ class PlcFace:
         if alive:
             return
         with suppress(RefusedError):  # no job, or one that is just writing its end
-            self._engine.hold("the PLC's heartbeat is lost")
+            self._engine.hold("the lost heartbeat of the PLC")
             log.warning("the PLC's heartbeat is lost: the job holds")
 
     def picks_wanted_changed(self, wanted: bool, client: str) -> None:

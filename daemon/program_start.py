@@ -8,21 +8,19 @@ import asyncio
 import ipaddress
 import logging
 from collections.abc import Callable, Mapping
-from contextlib import suppress
-from typing import Any, Self
+from typing import Any
 
-from cell.devices import Arm, ArmState, StartsPrograms
+from cell.devices import Arm, StartsPrograms
 from cell.errors import CellError, error
 from cell.kinds import as_kind
-from cell.motion import MAX_STATE_AGE_S
 from cell.procedure import Run
-from cell.samples import Sample
 from cell.standstill import measured_standstill
 from cell.store.runs import RunFolder
 from cell.to_its_end import run_to_its_end
 from daemon.arm_since import ArmSince
 from daemon.cell_context import CellContext
 from daemon.config.program_after import JOB
+from daemon.program_seen import SEEN_S, ProgramSeen, stop_until_seen
 from daemon.start_request import StartRequest
 
 log = logging.getLogger("cellward.program_start")
@@ -31,10 +29,6 @@ ASKED_WITHIN_S = 3.0  # the program that asks ended so shortly before its run be
 WITHIN_S = 20.0  # of the run's end: later nobody expects the arm to move
 ENDED_WITHIN_S = 0.5  # of its run a program of ours is still seen
 REST_S = 2.0
-SEEN_S = 5.0  # a controller shows so soon that the program runs
-STOP_S = 2.0
-SETTLES_S = 0.5  # so soon after a stop the states show it
-STOPPED_WITHIN_S = 10.0  # or it is told that it may run; the daemon's end waits for it
 FRESH_WITHIN_S = 0.5
 
 
@@ -230,40 +224,16 @@ class ProgramStart:
             self._require_wanted(since)
             self._sent = True
 
-        async with _Running(arm) as running:
+        async with ProgramSeen(arm) as running:
             await starter.play_program(self._program, last_look)
             if not await running.seen_within(SEEN_S):
                 text = f"{arm.name} shows no program that runs {SEEN_S:g} s after it was told to"
                 raise error("ARM_PROGRAM_NOT_STARTED", text)
 
     async def _take_back(self, arm: Arm) -> None:
-        """Stop a program that may have been started, and again while one runs: a late start is overtaken.
-
-        What becomes of it is kept as the end of the sentence that says why nothing is started.
-        """
-        if not self._sent:
-            return
-        clock = self._context.clock
-        give_up = clock.now() + STOPPED_WITHIN_S
-        async with _Running(arm) as running:
-            while True:
-                failure = await _stop(arm)
-                await clock.sleep(SETTLES_S)  # until then the states may still show what was stopped
-                running.seen.clear()
-                if failure is None and not running.now and not await running.seen_within(SEEN_S):
-                    break
-                if clock.now() > give_up:
-                    break
-            still = running.now
-        if failure is not None:
-            self._aftermath = (
-                f"; the stop of the arm's program failed ({failure}): look at the arm, it may run"
-            )
-        elif still is not False:
-            known = "runs though it was told to stop" if still else "is not seen"
-            self._aftermath = f"; the arm's program {known}: look at the arm"
-        else:
-            self._aftermath = "; the arm's program was stopped"
+        """Stop a program that may have been started; what becomes of it ends the sentence that says why."""
+        if self._sent:
+            self._aftermath = f"; {await stop_until_seen(arm, self._context.clock)}"
 
     def _named(self) -> Any:
         """The arm in whatever state it is."""
@@ -291,49 +261,6 @@ class ProgramStart:
     def _over(self, _: asyncio.Task[None]) -> None:
         self._task = None
         self._publish()
-
-
-class _Running:
-    """Whether the arm shows a program that runs, while the block lasts."""
-
-    def __init__(self, arm: Arm) -> None:
-        self._arm = arm
-        self.seen = asyncio.Event()  # a state with one has come
-
-    async def __aenter__(self) -> Self:
-        self._unsubscribe = self._arm.state.subscribe(self._look)
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        self._unsubscribe()
-
-    async def seen_within(self, timeout: float) -> bool:
-        with suppress(TimeoutError):
-            async with asyncio.timeout(timeout):
-                await self.seen.wait()
-        return self.seen.is_set()
-
-    @property
-    def now(self) -> bool | None:
-        """None while the arm gives no fresh state."""
-        try:
-            return bool(self._arm.state.latest(MAX_STATE_AGE_S).value.program_running)
-        except CellError:
-            return None
-
-    def _look(self, sample: Sample[ArmState]) -> None:
-        if sample.value.program_running:
-            self.seen.set()
-
-
-async def _stop(arm: Arm) -> Exception | None:
-    """Stop what runs on the arm; why it could not be told."""
-    try:
-        async with asyncio.timeout(STOP_S):
-            await arm.stop_program()
-    except Exception as exc:
-        return exc
-    return None
 
 
 def _objection(run: Run, end: Mapping[str, Any], failure: CellError | None) -> str | None:

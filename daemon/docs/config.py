@@ -64,8 +64,16 @@ def _section(title: str, model: type[BaseModel]) -> list[str]:
     schema = model.model_json_schema(schema_generator=SchemaWithDefaults)
     first = (model.__doc__ or "").strip().split("\n\n")[0].replace("\n    ", " ")
     rows = ["| key | type | default | limits | meaning |", "|---|---|---|---|---|"]
-    rows += _rows(schema, schema.get("$defs", {}), "")
+    rows += _rows({**schema, "properties": _in_order(model, schema)}, schema.get("$defs", {}), "")
     return [f"## {title}", "", first, "", *rows, ""]
+
+
+def _in_order(model: type[BaseModel], schema: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys of ``schema``: those that are required, those of the model itself, those that it inherits."""
+    fields, required = model.model_fields, schema.get("required", ())
+    names = [name for cls in model.__mro__ for name in vars(cls).get("__annotations__", {}) if name in fields]
+    keys = dict.fromkeys(fields[name].alias or name for name in names)
+    return {key: schema["properties"][key] for key in sorted(keys, key=lambda key: key not in required)}
 
 
 def _rows(

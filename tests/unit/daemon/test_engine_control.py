@@ -8,6 +8,7 @@ import pytest
 
 from cell.errors import CellError, error
 from cell.packml import PackML
+from daemon.run_end import write_end
 from fakes.object import run_virtual
 from tests.kit.hand_eye_made import quick_solver
 from tests.kit.object_cell import JOB, WHO, no_report, open_cell, refused, write_config
@@ -373,5 +374,27 @@ def test_the_end_of_the_daemon_halts_the_job_first(tmp_path: Path) -> None:
             await cell.engine.shutdown()
             assert cell.at_rest()
             assert cell.end(run_id)["outcome"] == "halted"
+
+    run_virtual(main())
+
+
+def test_the_end_of_the_daemon_waits_for_an_end_that_is_being_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def main() -> None:
+        async with open_cell(write_config(tmp_path)) as cell:
+            shut: list[asyncio.Task[None]] = []
+
+            async def written(*args: Any) -> Any:
+                shut.append(asyncio.create_task(cell.engine.shutdown()))
+                await asyncio.sleep(0)
+                return await write_end(*args)
+
+            monkeypatch.setattr("daemon.engine.write_end", written)
+            run_id = await cell.start()
+            await cell.until_state("move")
+            await cell.engine.abort("the operator")
+            assert (await cell.finished(run_id))["outcome"] == "stopped"
+            await shut[0]
 
     run_virtual(main())
