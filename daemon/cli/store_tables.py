@@ -23,6 +23,8 @@ UNCERTAINTY = ("error_95_m", "error_95_rad", "predicted_error_95_m", "held_out_r
 CELL = {"cell": "string", "twin": "bool", "config_sha256": "string", "software": "string", "run_id": "int64"}
 RUNS = CELL | {
     "job": "string",
+    "recipe": "string",
+    "tool": "string",
     "started": "time",
     "ended": "time",
     "outcome": "string",
@@ -98,6 +100,8 @@ def _runs(paths: CellPaths) -> Iterator[dict[str, Any]]:
         yield _cell(paths, folder) | {
             "run_id": run.run_id,
             "job": run.job,
+            "recipe": folder.info.get("recipe"),
+            "tool": run.tool,
             "started": _moment(run.started),
             "ended": _moment(run.ended),
             "outcome": run.outcome,

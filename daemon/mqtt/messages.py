@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
+from cell.store.run_fields import tool_on_flange
 from cell.store.runs import RunFolder
 from cell.store.summary import summary
 from cell.version import software
@@ -13,7 +14,7 @@ STATE_SCHEMA, RUN_SCHEMA, ALARM_SCHEMA = (
     "cellward.mqtt-run/1",
     "cellward.mqtt-alarm/1",
 )
-_SHOWN = ("cell", "twin", "packml", "job", "run_id", "state", "step", "steps", "latched")
+_SHOWN = ("cell", "twin", "packml", "job", "tool", "run_id", "state", "step", "steps", "latched")
 
 
 def state_message(status: Mapping[str, Any]) -> dict[str, Any]:
@@ -47,6 +48,8 @@ def run_message(folder: RunFolder, end: Mapping[str, Any]) -> dict[str, Any]:
         "schema": RUN_SCHEMA,
         "run_id": folder.run_id,
         "job": folder.job,
+        "recipe": folder.info.get("recipe"),
+        "tool": tool_on_flange(folder.info),
         "folder": folder.path.name,
         "started": folder.info.get("started"),
         "ended": end.get("ended"),

@@ -28,6 +28,8 @@ def cell(tmp_path: Path) -> CellOnDisk:
         "config_digest": DIGEST,
         "versions": {"cellward": "0.1.0"},
         "started_by": {"who": "anna", "channel": "web"},
+        "recipe": "left-bay",
+        "values": {"tool": {"name": "needle"}},
     }
     lost = {"code": 3001, "text": "The arm is lost", "hint": "Look."}
     for number, result, end in (
@@ -58,6 +60,7 @@ def test_runs_and_results_are_typed_tables_that_name_their_cell(subject: Command
     found, failed = lines(tmp_path / "bay-3.runs.parquet")
     assert (found["cell"], found["twin"], found["config_sha256"]) == ("bay-3", True, DIGEST)
     assert (found["job"], found["kind"], found["verdict"]) == ("cone-capture", "hand-eye", "pass")
+    assert (found["recipe"], found["tool"]) == ("left-bay", "needle")
     assert (found["figure"], found["figure_value"], found["figure_unit"]) == ("error95_t_m", 2.8e-4, "m")
     assert dict(found["figures"])["residuals.reprojection_rms_px"] == 0.123
     assert abs(datetime.now(UTC) - found["started"]).total_seconds() < 3600.0

@@ -21,6 +21,7 @@ from pydantic import ValidationError
 from cell.clock import MonotonicClock
 from cell.store.runs import RunFolder, load_run
 from daemon.config.mqtt_section import MqttSection
+from daemon.mqtt.messages import run_message
 from daemon.mqtt.outbox import FILE, Outbox
 from daemon.mqtt.publisher import Publisher
 
@@ -48,8 +49,8 @@ class Engine:
 
     def status(self) -> dict[str, Any]:
         return {
-            "cell": "bay 3", "twin": True, "packml": "IDLE", "job": None, "run_id": None, "state": None,
-            "step": 0, "steps": 0, "latched": False, "prompt": None, "error": self.error, "waiting": [],
+            "cell": "bay 3", "twin": True, "packml": "IDLE", "job": None, "tool": None, "run_id": None,
+            "state": None, "step": 0, "steps": 0, "latched": False, "prompt": None, "error": self.error, "waiting": [],
             "devices": {"arm": {"state": "READY"}},
         }  # fmt: skip
 
@@ -282,3 +283,11 @@ def test_a_broker_without_the_library_is_refused(monkeypatch: pytest.MonkeyPatch
 def test_a_section_that_cannot_be_meant_is_refused(keys: dict[str, Any], says: str) -> None:
     with pytest.raises(ValidationError, match=says):
         MqttSection.model_validate(keys)
+
+
+def test_a_run_tells_the_recipe_and_the_tool_that_it_worked_with(tmp_path: Path) -> None:
+    info = {"recipe": "left-bay", "values": {"tool": {"name": "needle"}}}
+    run = RunFolder.create(tmp_path, "laser-check", 4, info, MonotonicClock())
+    run.close()
+    told = run_message(run, {"outcome": "stopped"})
+    assert (told["job"], told["recipe"], told["tool"]) == ("laser-check", "left-bay", "needle")
