@@ -50,7 +50,8 @@ class Engine:
     def status(self) -> dict[str, Any]:
         return {
             "cell": "bay 3", "twin": True, "packml": "IDLE", "job": None, "tool": None, "run_id": None,
-            "state": None, "step": 0, "steps": 0, "latched": False, "prompt": None, "error": self.error, "waiting": [],
+            "state": None, "step": 0, "steps": 0, "latched": False, "prompt": None,
+            "error": self.error, "waiting": [],
             "devices": {"arm": {"state": "READY"}},
         }  # fmt: skip
 
