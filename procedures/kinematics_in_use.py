@@ -15,6 +15,7 @@ from cell.run_values import CONTROLLER, RunValues
 
 R = TypeVar("R", bound=Envelope)
 SAME_LOAD_KG = 1e-3  # an arm bends under its load: a calibration holds for the one it was made with
+LOAD_OF_A_RUN = "payload_kg with this tool"  # in the configuration of the tool, else of the arm
 DIFFER, LOAD = "kinematics.differ", "kinematics.payload"  # codes of warnings in results
 
 
@@ -76,12 +77,13 @@ def other_device(found: Mapping[str, Any], role: str, serial: str | None) -> str
     return f"the kinematics in effect were measured with {role} {then}, and this is {role} {serial}"
 
 
-def other_load(found: Mapping[str, Any], payload_kg: float) -> str | None:
-    """Why they hold for another load than the arm has now; None when they do not say or it is the same."""
+def other_load(found: Mapping[str, Any], payload_kg: float, key: str) -> str | None:
+    """Why they hold for another load than the arm has now, by the ``key`` of its configuration; None when
+    they do not say or it is the same."""
     load = found.get("payload_kg")
     if load is None or abs(load - payload_kg) <= SAME_LOAD_KG:
         return None
-    return f"the kinematics in effect were measured with {load:g} kg, [robot] payload_kg is {payload_kg:g} kg"
+    return f"the kinematics in effect were measured with {load:g} kg, {key} is {payload_kg:g} kg"
 
 
 def _differ(a: Mapping[str, Any], b: Mapping[str, Any]) -> bool:
@@ -135,7 +137,7 @@ def with_model(result: R, values: RunValues, renewed: set[str]) -> R:
         (DIFFER, text) for name, text in misfits(values).items() if on_flange(name) and name not in renewed
     ]
     if in_use(values) is not None:
-        load = other_load(_measured(values), values.payload_kg)
+        load = other_load(_measured(values), values.payload_kg, LOAD_OF_A_RUN)
         found += [(LOAD, load)] if load else []
     new = [warning for warning in Warning_.each(found) if warning not in result.warnings]
     named = result.with_inputs(arm_model=ModelInUse.model_validate(dict(values.arm_model)))

@@ -8,6 +8,7 @@ from cell.errors import CellError
 from cell.run_values import CONTROLLER, RunValues
 from daemon.config import CellConfig
 from daemon.predictions import ledger_rows
+from daemon.tools import tools_of
 from procedures.kinematics_in_use import in_words, misfits, other_arm, other_device, other_load
 
 SWITCH = "[robot] use_kinematics"
@@ -84,6 +85,15 @@ def _unfit(config: CellConfig, device: str, value: Mapping[str, Any]) -> list[st
     why = (
         other_arm(value, config.robot.robot_spec()),
         other_device(value, "arm", serial),
-        other_load(value, config.robot.payload_kg),
+        *_other_loads(config, value),
     )
     return [text for text in why if text]
+
+
+def _other_loads(config: CellConfig, value: Mapping[str, Any]) -> list[str | None]:
+    """Of each tool of the cell, for each may be on the flange; of a key that several share, once."""
+    loads = {}
+    for name, tool in tools_of(config).items():
+        own = name in config.tool and config.tool[name].payload_kg is not None
+        loads[f"[tool.{name}] payload_kg" if own else "[robot] payload_kg"] = tool.payload_kg
+    return [other_load(value, load, key) for key, load in loads.items()]

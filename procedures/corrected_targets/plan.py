@@ -17,6 +17,7 @@ from cell.run_values import RunValues
 from procedures.corrected_targets.config import CorrectedTargetsConfig
 from procedures.kinematics_in_use import other_arm, other_device, other_load
 
+_LOAD = "[job.corrected-targets] payload_kg"
 LEVEL_JOINTS = 4  # such an arm keeps its flange level: a target is x, y, z and a heading
 
 
@@ -33,8 +34,8 @@ def calibrated_of(values: RunValues, config: CorrectedTargetsConfig) -> Mapping[
         raise error("TARGETS_NO_KINEMATICS", "nothing was accepted yet")
     if why := other_arm(found, values.observed_robot):
         raise error("TARGETS_NO_KINEMATICS", why)
-    if config.payload_kg is not None and (why := other_load(found, config.payload_kg)):
-        raise error("PAYLOAD_DIFFERS", why.replace("[robot]", "[job.corrected-targets]"))
+    if config.payload_kg is not None and (why := other_load(found, config.payload_kg, _LOAD)):
+        raise error("PAYLOAD_DIFFERS", why)
     if config.reflector is not None:
         place_of(found["robot"], config.reflector)
     return found

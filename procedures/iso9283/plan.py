@@ -17,7 +17,7 @@ from cell.poses import Array, from_pose6, to_pose6
 from cell.run_values import RunValues
 from procedures.arm_setup import lease_settings
 from procedures.iso9283.config import Iso9283Config
-from procedures.kinematics_in_use import other_arm, other_device, other_load
+from procedures.kinematics_in_use import LOAD_OF_A_RUN, other_arm, other_device, other_load
 
 ORDER = ("P5", "P4", "P3", "P2", "P1")  # one cycle: every pose is always reached from the same one
 
@@ -54,7 +54,7 @@ def kinematics_of(values: RunValues, config: Iso9283Config) -> Mapping[str, Any]
     if found is None:
         wanted = "corrected = true" if corrected else "registration = 'kinematics'"
         raise error("ISO9283_NO_KINEMATICS", f"{wanted}, and no kinematics of the arm is in effect")
-    if why := other_load(found, float(values.payload_kg)):
+    if why := other_load(found, float(values.payload_kg), LOAD_OF_A_RUN):
         raise error("PAYLOAD_DIFFERS", why)
     if why := other_arm(found, values.robot):
         raise error("ISO9283_NO_KINEMATICS", why)

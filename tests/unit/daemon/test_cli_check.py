@@ -136,6 +136,20 @@ def test_it_warns_of_accepted_kinematics_that_are_not_of_this_arm(
     assert f"Warning: arm: {told}" in subject("check", "-c", objects).err
 
 
+def test_accepted_kinematics_are_held_against_the_load_of_each_tool(
+    subject: CommandLine, objects: Path, ledger: Ledger
+) -> None:
+    value = {"robot": {"model": "ur10e"}, "payload_kg": load_config(objects).robot.payload_kg}
+    ledger.accept(ledger.propose("kinematics.arm", value, {}, 0, None), "test")
+    use_kinematics(objects)
+    pose = "T_flange_tool = [0.0, 0.0, 0.2, 0.0, 0.0, 0.0]"
+    with objects.open("a") as file:
+        file.write(f"\n[tool.as-before]\n{pose}\n\n[tool.heavy]\n{pose}\npayload_kg = 3.0\n")
+    told = [line for line in subject("check", "-c", objects).err.splitlines() if "were measured with" in line]
+    assert len(told) == 1
+    assert told[0].endswith("[tool.heavy] payload_kg is 3 kg")
+
+
 def test_the_switch_without_an_arm_is_a_mistake(subject: CommandLine, tmp_path: Path) -> None:
     path = tmp_path / "armless.toml"
     path.write_text("schema = 1\n[robot]\nuse_kinematics = true\n")

@@ -58,7 +58,7 @@ def test_kinematics_of_another_payload_do_not_correct() -> None:
     measured = {"arm": {"payload_kg": 2.0, "robot": {"model": "ur10e"}}}
     values = RunValues({"model": "ur10e"}, kinematics=measured, payload_kg=2.0)
     assert kinematics_of(values, config) is measured["arm"]
-    with pytest.raises(CellError, match=r"measured with 2 kg, \[robot\] payload_kg is 5\.5 kg") as caught:
+    with pytest.raises(CellError, match=r"measured with 2 kg, payload_kg with this tool is 5") as caught:
         kinematics_of(replace(values, payload_kg=5.5), config)
     assert caught.value.name == "PAYLOAD_DIFFERS"
 
