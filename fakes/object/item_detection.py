@@ -21,26 +21,25 @@ def items_seen(
     items: Items, T_base_camera: RigidTransform, t: float, spec: Mapping[str, Any], look: "Look"
 ) -> tuple[ItemView, ...]:
     """Those that lie wholly in the picture and are what ``spec`` (``ItemSpec`` as a table) asks for."""
-    T_camera_base, normal = T_base_camera.inv(), np.array(spec["normal"], dtype=float)
+    T_camera_base, normal = T_base_camera.inv().as_matrix(), np.array(spec["normal"], dtype=float)
     below = float(items.belt.T_base_belt.inv().apply(T_base_camera.translation)[0])
     found = []
-    for number, T_base_top in items.on_belt(t, below - _LOOK_M, below + _LOOK_M):
-        top = T_camera_base * T_base_top
+    for number in items.numbers(t, below - _LOOK_M, below + _LOOK_M):
+        top = T_camera_base @ items.matrix(number, t)
         if look.camera.row_time_s:  # where it is when its row is exposed
-            late = float(look.camera.row_delay_s(top.translation))
-            top = T_camera_base * items.pose(number, t + late)
-        size_m = items.lying(number).size_m
-        corners = top.apply(_corners(size_m))
+            late = float(look.camera.row_delay_s(top[:3, 3]))
+            top = T_camera_base @ items.matrix(number, t + late)
+        middle, size_m = top[:3, 3], items.lying(number).size_m
+        corners = _corners(size_m) @ top[:3, :3].T + middle
         if corners[:, 2].min() < 0.05 or not look.holds(corners):
             continue
-        height = float(normal @ top.translation) - float(spec["offset_m"])
+        height = float(normal @ middle) - float(spec["offset_m"])
         if not spec["min_height_m"] <= height <= spec["max_height_m"]:
             continue
         if not spec["size_m"][0] <= max(size_m[:2]) <= spec["size_m"][1]:
             continue
-        if not _within(top.translation, spec.get("region"), normal):
+        if not _within(middle, spec.get("region"), normal):
             continue
-        middle = top.translation
         if not look.camera.depth:  # on the sight, where it is as high as is said
             height = float(spec["height_m"])
             middle = middle * (float(spec["offset_m"]) + height) / float(normal @ middle)
@@ -48,7 +47,7 @@ def items_seen(
         sigma = _SIGMA_M if look.camera.stereo is None else _SIGMA_STEREO_M
         off = sigma * rng.standard_normal(3)
         turn = _SIGMA_RAD * rng.standard_normal()
-        axis = top.rotation.apply([np.cos(turn), np.sin(turn), 0.0])
+        axis = top[:3, :3] @ [np.cos(turn), np.sin(turn), 0.0]
         length, width = sorted(size_m[:2], reverse=True)
         found.append(ItemView(middle + off, axis, (length, width), height, sigma))
     return tuple(found)

@@ -42,7 +42,7 @@ class Items:
         self.listeners: list[Callable[[int, float], None]] = []
         self._taken: dict[int, float] = {}
         self._lying: dict[int, Lying] = {}
-        self._turned: dict[int, Rotation] = {}
+        self._turned: dict[int, Array] = {}
         self._T_base_belt: Array = belt.T_base_belt.as_matrix()
 
     def lying(self, number: int) -> Lying:
@@ -100,10 +100,18 @@ class Items:
 
     def pose(self, number: int, t: float) -> RigidTransform:
         """``T_base_top`` of an item that lies on the belt: the middle of its upper face, z up."""
-        if number not in self._turned:  # it does not turn on the belt, and every picture asks
-            yaw = Rotation.from_rotvec([0.0, 0.0, self.lying(number).yaw])
-            self._turned[number] = self.belt.T_base_belt.rotation * yaw
-        return RigidTransform.from_components(self.grasp_point(number, t), self._turned[number])
+        return RigidTransform(self.matrix(number, t), normalize=False, copy=False)
+
+    def matrix(self, number: int, t: float) -> Array:
+        """:meth:`pose` as (4, 4): every picture asks for that of every item."""
+        if number not in self._turned:  # it does not turn on the belt
+            turn = Rotation.from_rotvec([0.0, 0.0, self.lying(number).yaw]).as_matrix()
+            T = np.eye(4)
+            T[:3, :3] = self._T_base_belt[:3, :3] @ turn
+            self._turned[number] = T
+        T_base_top = self._turned[number].copy()
+        T_base_top[:3, 3] = self.grasp_point(number, t)
+        return T_base_top
 
     def grasp_point(self, number: int, t: float) -> Array:
         """(3,) the middle of its upper face, in the base."""
